@@ -2,20 +2,22 @@
 
     python -m tools.write_results RUN... [--bench FILE]
 
-RUN is a folder that `mdrive-sumo eval --suite mdrive --agent NAME` wrote. Its scores replace the row of that agent in
-`docs/results/baselines.json`; `--bench` copies the figures of `make bench` to `docs/results/speed.json`. Without
-arguments the tables are written again from these two files, which a test compares with the pages.
+RUN is a folder that `mdrive-sumo eval --suite mdrive --agent NAME --seed N` wrote. All runs of an agent, one a seed,
+replace its row in `docs/results/baselines.json` by their means; `--bench` copies the figures of `make bench` to
+`docs/results/speed.json`. Without arguments the tables are written again from these two files, which a test compares
+with the pages.
 """
 
 import argparse
 import json
 import operator
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.scoring import Results, load_results
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scoring import Means, Results, compute_bucket_means, compute_overall, load_results
 
 ROOT = Path(__file__).parents[1]
 BASELINES = Path("docs/results/baselines.json")
@@ -27,6 +29,7 @@ BUCKETS = ("InterDrive", "Interaction", "V2XPnP")
 DESCRIPTION_BY_AGENT: Mapping[str, str] = {
     "stationary": "stands still: the lower bound",
     "constant-speed": "blind, 8 m/s",
+    "take-turns": "waits for the number in its id, then drives blindly: a schedule, to be beaten",
     "perception-swap:attfuse": "hazard rule of CARLA's BasicAgent behind a surrogate detector",
     "perception-swap:disconet": "the same, another detector",
     "perception-swap:fcooper": "the same, another detector",
@@ -39,32 +42,101 @@ DESCRIPTION_BY_AGENT: Mapping[str, str] = {
     "omniscient": "privileged, every state and plan: the upper bound",
 }
 """Rows of the tables, in this order."""
-README_AGENTS = ("constant-speed", "idm", "single", "sharing", "sharing+negotiation", "omniscient")
+README_AGENTS = ("constant-speed", "take-turns", "idm", "single", "sharing", "sharing+negotiation", "omniscient")
 
 
-def build_row(results: Results) -> dict[str, Any]:
-    """Return DS and SR [%] of a run by bucket and overall (mean of the buckets), and its provenance."""
-    means = {bucket: results.buckets[bucket] for bucket in BUCKETS} | {"overall": results.overall.bucket_mean}
-    run = results.run
+SCORES = ("ds", "sr", "efficient_sr", "time_ratio")
+
+
+def build_rows(runs: Iterable[Results]) -> dict[str, Any]:
+    """Return a row for every agent from its runs, one a seed. Raises InputError."""
+    by_agent: dict[str, list[Results]] = {}
+    for results in runs:
+        by_agent.setdefault(results.run.agent, []).append(results)
+    return {agent: build_row(found) for agent, found in by_agent.items()}
+
+
+def build_row(runs: Sequence[Results]) -> dict[str, Any]:
+    """Return the scores of an agent by bucket and overall (mean of the buckets) over its seeds, and their provenance.
+
+    runs: one a seed. Every scenario and seed has the same weight in its bucket. Raises InputError for runs that do not
+    belong together.
+    """
+    _check_runs(runs)
+    scenarios = [scenario for results in runs for scenario in results.scenarios]
+    buckets = compute_bucket_means(scenarios)
+    overall = compute_overall(scenarios)
+    run = runs[0].run
     return {
-        "scores": {name: {"ds": round(mean.ds, 2), "sr": round(mean.sr, 2)} for name, mean in means.items()},
-        "scenarios": len(results.scenarios),
-        "void": results.void,
-        "seed": run.seed,
+        "scores": {name: _round_scores(buckets[name]) for name in BUCKETS}
+        | {"overall": _round_scores(overall.bucket_mean)},
+        "scenarios": len(runs[0].scenarios),
+        "episodes": len(scenarios),
+        "timed": overall.timed,
+        "void": sum(results.void for results in runs),
+        "seeds": sorted(results.run.seed for results in runs),
         "channel": run.comm.get("preset", "ideal"),
         "versions": run.versions,
     }
 
 
+def _round_scores(means: Means) -> dict[str, float | None]:
+    values = {name: getattr(means, name) for name in SCORES}
+    return {name: None if value is None else round(value, 2) for name, value in values.items()}
+
+
+def _check_runs(runs: Sequence[Results]) -> None:
+    """Raise InputError unless the runs differ in their seed alone."""
+    first = runs[0]
+    seeds = [results.run.seed for results in runs]
+    if len(set(seeds)) < len(seeds):
+        raise InputError(f"agent {first.run.agent}: expected one run a seed, found the seeds {sorted(seeds)}")
+    if missing := [bucket for bucket in BUCKETS if bucket not in first.buckets]:
+        raise InputError(
+            f"agent {first.run.agent}: expected a run of --suite mdrive, found none of bucket {missing[0]}"
+        )
+    for results in runs[1:]:
+        for name in sorted({*type(first.run).model_fields} - {"seed", "command"}):
+            ours, theirs = getattr(first.run, name), getattr(results.run, name)
+            if ours != theirs:
+                raise InputError(f"agent {first.run.agent}: expected runs with one {name}, found {ours} and {theirs}")
+        if {one.id for one in results.scenarios} != {one.id for one in first.scenarios}:
+            raise InputError(f"agent {first.run.agent}: expected runs of the same scenarios, found others")
+
+
 def format_baselines(rows: Mapping[str, Any], agents: Iterable[str]) -> str:
-    """Return the Markdown table of the agents that have a row."""
-    lines = [f"| Agent | What it does | {' | '.join(BUCKETS)} | Overall |", "|---|---|" + "---|" * (len(BUCKETS) + 1)]
-    for agent in agents:
-        if agent in rows:
-            scores = rows[agent]["scores"]
-            cells = [f"{scores[name]['ds']:.2f} / {scores[name]['sr']:.2f}" for name in (*BUCKETS, "overall")]
-            lines.append(f"| `{agent}` | {DESCRIPTION_BY_AGENT[agent]} | {' | '.join(cells)} |")
+    """Return the Markdown table of the agents that have a row: DS / SR by bucket, and what they say of time."""
+    header = ("Agent", "What it does", *BUCKETS, "Overall", "Efficient SR", "Time ratio")
+    lines = _format_header(header)
+    for agent in (agent for agent in agents if agent in rows):
+        scores = rows[agent]["scores"]
+        cells = [f"{scores[name]['ds']:.2f} / {scores[name]['sr']:.2f}" for name in (*BUCKETS, "overall")]
+        cells += [_format_score(scores["overall"], name) for name in ("efficient_sr", "time_ratio")]
+        lines.append(f"| `{agent}` | {DESCRIPTION_BY_AGENT[agent]} | {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def format_times(rows: Mapping[str, Any], agents: Iterable[str]) -> str:
+    """Return the Markdown table of efficient SR / time ratio by bucket, with the episodes that the ratio is over."""
+    lines = _format_header(("Agent", *BUCKETS, "Overall", "Timed", "Seeds"))
+    for agent in (agent for agent in agents if agent in rows):
+        row = rows[agent]
+        cells = [
+            " / ".join(_format_score(row["scores"][name], score) for score in ("efficient_sr", "time_ratio"))
+            for name in (*BUCKETS, "overall")
+        ]
+        timed = f"{row['timed']} of {row['episodes']}" if row["timed"] is not None else "-"
+        lines.append(f"| `{agent}` | {' | '.join(cells)} | {timed} | {', '.join(map(str, row['seeds']))} |")
+    return "\n".join(lines)
+
+
+def _format_header(header: Sequence[str]) -> list[str]:
+    return [f"| {' | '.join(header)} |", "|" + "---|" * len(header)]
+
+
+def _format_score(scores: Mapping[str, float | None], name: str) -> str:
+    value = scores[name]
+    return "-" if value is None else f"{value:.2f}"
 
 
 def format_speed(figures: Mapping[str, Any]) -> str:
@@ -99,6 +171,7 @@ def render_pages(root: Path) -> dict[Path, str]:
     speed = json.loads((root / SPEED).read_text("utf-8"))
     readme, results = ((root / page).read_text("utf-8") for page in (README, RESULTS_PAGE))
     results = replace_block(results, "baselines", format_baselines(rows, DESCRIPTION_BY_AGENT))
+    results = replace_block(results, "times", format_times(rows, DESCRIPTION_BY_AGENT))
     return {
         README: replace_block(readme, "baselines", format_baselines(rows, README_AGENTS)),
         RESULTS_PAGE: replace_block(results, "speed", format_speed(speed)),
@@ -112,9 +185,10 @@ def main() -> None:
     parser.add_argument("--bench", type=Path, metavar="FILE", help="bench.json of `make bench`")
     options = parser.parse_args()
     rows = json.loads((ROOT / BASELINES).read_text("utf-8")) if (ROOT / BASELINES).is_file() else {}
-    for folder in options.runs:
-        results = load_results(folder / "results.json")
-        rows[results.run.agent] = build_row(results)
+    try:
+        rows |= build_rows([load_results(folder / "results.json") for folder in options.runs])
+    except InputError as error:
+        parser.error(str(error))
     ordered = {name: rows[name] for name in DESCRIPTION_BY_AGENT if name in rows}
     (ROOT / BASELINES).write_text(json.dumps(ordered, indent=1) + "\n")
     if options.bench:

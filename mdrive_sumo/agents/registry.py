@@ -13,12 +13,14 @@ from mdrive_sumo.agents.sharing import SharingAgent
 from mdrive_sumo.agents.sharing_negotiation import SharingNegotiationAgent
 from mdrive_sumo.agents.single import SingleAgent
 from mdrive_sumo.agents.stationary import StationaryAgent
+from mdrive_sumo.agents.take_turns import TakeTurnsAgent
 from mdrive_sumo.contract.agent_options import AgentFactory
 
 AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
     {
         "stationary": StationaryAgent,
         "constant-speed": ConstantSpeedAgent,
+        "take-turns": TakeTurnsAgent,
         "idm": IdmAgent,
         "single": SingleAgent,
         "sharing": SharingAgent,

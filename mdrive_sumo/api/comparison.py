@@ -7,7 +7,7 @@ from mdrive_sumo.api.run import Run, load_run
 from mdrive_sumo.runs.compare import RunComparison
 from mdrive_sumo.runs.compare import compare as compare_results
 from mdrive_sumo.scoring import Results, ScenarioResult
-from mdrive_sumo.scoring.score_mode import compute_mean
+from mdrive_sumo.scoring.summary import compute_means
 
 
 def compare(run: Run | str | Path, other: Run | str | Path) -> RunComparison:
@@ -33,6 +33,4 @@ def _average_seeds(run: Run) -> Results:
 def _average(results: list[ScenarioResult]) -> ScenarioResult:
     if void := next((result for result in results if result.status == "void"), None):
         return void
-    return results[0].model_copy(
-        update={name: compute_mean(getattr(result, name) for result in results) for name in ("ds", "sr", "rc", "ip")}
-    )
+    return results[0].model_copy(update=compute_means(results).model_dump())

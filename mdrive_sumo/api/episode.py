@@ -16,6 +16,7 @@ from mdrive_sumo.episode import EpisodeRecord, save_episode
 from mdrive_sumo.episode import load_episode as load_record
 from mdrive_sumo.report.replay_page import ReplayPage
 from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.reference_times import NO_REFERENCE, find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
@@ -35,6 +36,8 @@ class Episode:
     """As the seed drew it; `scenario.as_written` is that of the suite."""
     roads: RoadMap
     seed: int = 0
+    suite_folder: Path | None = None
+    """Folder of the scenario's suite, which has the reference times; None: of no suite."""
 
     def __len__(self) -> int:
         """Number of recorded ticks (20 per second)."""
@@ -56,7 +59,9 @@ class Episode:
 
     def score(self, mode: ScoreMode | str) -> ScenarioResult:
         """Return the scores in a score mode, without simulating."""
-        return score_episode(self.record, self.scenario, self.roads, ScoreMode(mode), self.seed)
+        folder = self.suite_folder
+        reference = find_reference_times(self.scenario, folder) if folder is not None else NO_REFERENCE
+        return score_episode(self.record, self.scenario, self.roads, ScoreMode(mode), self.seed, reference)
 
     def to_frame(self) -> "pd.DataFrame":
         """Return one row per tick and road user that is present: poses in the world frame [m, rad, m/s].
@@ -144,5 +149,5 @@ def load_episode(path: str | Path, suite: str | Suite | None = None) -> Episode:
 
         suite = load_stored_run(path.parent.parent).run.suite
     seed = int(record.about.get("seed", 0))
-    scenario, roads = find_scenario(record.scenario, suite, seed)
-    return Episode(record, scenario, roads, seed)
+    scenario, roads, folder = find_scenario(record.scenario, suite, seed)
+    return Episode(record, scenario, roads, seed, folder)

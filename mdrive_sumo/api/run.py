@@ -9,7 +9,7 @@ from mdrive_sumo.api.episode import Episode, load_episode
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
-from mdrive_sumo.report.result_tables import format_scores, format_summary
+from mdrive_sumo.report.result_tables import SCORE_HEADER, format_optional, format_scores, format_summary
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.prepared_run import recording_path
 from mdrive_sumo.runs.process_pool import count_available_cores
@@ -22,7 +22,15 @@ from mdrive_sumo.scoring.summary import compute_means
 if TYPE_CHECKING:
     import pandas as pd
 
-SCORE_COLUMNS = ("scenario", "seed", "bucket", "category", "status", "ds", "sr", "rc", "ip", "min_ttc", "ticks")
+SCORE_COLUMNS = (
+    *("scenario", "seed", "bucket", "category", "status"),
+    *("ds", "sr", "efficient_sr", "time_ratio", "rc", "ip", "min_ttc", "ticks"),
+)
+
+CAV_COLUMNS = (
+    *("scenario", "seed", "cav", "outcome", "reason"),
+    *("ds", "rc", "ip", "ticks", "time_ratio", "infractions"),
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -32,7 +40,7 @@ class Scores(Sequence[ScenarioResult]):
     results: tuple[ScenarioResult, ...]
 
     def __repr__(self) -> str:
-        header = ("scenario", "seed", "DS", "SR", "RC", "IP")
+        header = ("scenario", "seed", *SCORE_HEADER)
         rows = ((result.id, str(result.seed), *format_scores(result)) for result in self.results)
         return format_text_table(header, (*rows, ("mean", "", *format_scores(self.mean))))
 
@@ -51,7 +59,10 @@ class Scores(Sequence[ScenarioResult]):
 
     @property
     def mean(self) -> Means:
-        """Mean DS, SR, RC and IP, every scenario with the same weight. Void scenarios count as DS 0."""
+        """Mean of all scores, every scenario with the same weight. Void scenarios count as DS 0.
+
+        Time ratio and efficient SR are means over the scenarios that have one.
+        """
         return compute_means(self.results)
 
     def to_frame(self) -> "pd.DataFrame":
@@ -60,8 +71,7 @@ class Scores(Sequence[ScenarioResult]):
 
     def cavs_to_frame(self) -> "pd.DataFrame":
         """Return one row per CAV: how it ended, its scores and the kinds of its infractions. Needs pandas."""
-        columns = ("scenario", "seed", "cav", "outcome", "reason", "ds", "rc", "ip", "infractions")
-        return build_data_frame((row for result in self.results for row in _describe_cavs(result)), columns)
+        return build_data_frame((row for result in self.results for row in _describe_cavs(result)), CAV_COLUMNS)
 
 
 def _describe_result(result: ScenarioResult) -> dict[str, object]:
@@ -82,6 +92,8 @@ def _describe_cavs(result: ScenarioResult) -> Iterator[dict[str, object]]:
             "ds": ego.ds,
             "rc": ego.rc,
             "ip": ego.ip,
+            "ticks": ego.ticks,
+            "time_ratio": ego.time_ratio,
             "infractions": kinds,
         }
 
@@ -111,7 +123,8 @@ class Run:
         info, mean = self.results[0].run, self.scores.mean
         return (
             f"Run(suite {info.suite!r}, agent {info.agent!r}, seeds {list(self.seeds)},"
-            f" {len(self.scores)} episodes, DS {mean.ds:.2f}, SR {mean.sr:.2f})"
+            f" {len(self.scores)} episodes, DS {mean.ds:.2f}, SR {mean.sr:.2f},"
+            f" efficient SR {format_optional(mean.efficient_sr)}, time ratio {format_optional(mean.time_ratio)})"
         )
 
     def worst(self, count: int = 10) -> Scores:

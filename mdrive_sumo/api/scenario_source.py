@@ -1,6 +1,7 @@
 """Find the scenario that a user names, and its road network."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
@@ -9,31 +10,38 @@ from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, list_packaged_suite
 from mdrive_sumo.scenario.variation import vary_scenario
 
 
-def find_scenario(
-    scenario: str | Scenario, suite: str | Suite | None = None, seed: int = 0
-) -> tuple[Scenario, RoadMap]:
-    """Return a scenario as a seed draws it (seed 0: as written), and its network.
+class ScenarioSource(NamedTuple):
+    """A scenario, its network, and the folder of the suite that it lies in; None: of no suite."""
+
+    scenario: Scenario
+    roads: RoadMap
+    suite_folder: Path | None
+
+
+def find_scenario(scenario: str | Scenario, suite: str | Suite | None = None, seed: int = 0) -> ScenarioSource:
+    """Return a scenario as a seed draws it (seed 0: as written), with its network and the folder of its suite.
 
     scenario: an id, or a scenario itself. suite: a suite, its name or its folder; None: the packaged suites. A scenario
     whose network belongs to a suite of one's own needs that suite. Raises InputError.
     """
-    found, roads = _find_written(scenario, suite)
-    return vary_scenario(found, roads, seed), roads
+    written = _find_written(scenario, suite)
+    return written._replace(scenario=vary_scenario(written.scenario, written.roads, seed))
 
 
-def _find_written(scenario: str | Scenario, suite: str | Suite | None) -> tuple[Scenario, RoadMap]:
+def _find_written(scenario: str | Scenario, suite: str | Suite | None) -> ScenarioSource:
     if suite is not None:
         owner = load_suite(suite) if isinstance(suite, str) else suite
         found = scenario if isinstance(scenario, Scenario) else _find_in(owner, scenario)
-        return found, load_road_map(find_network_folder(found.network, owner.find_folder(found.id)))
+        folder = owner.find_folder(found.id)
+        return ScenarioSource(found, load_road_map(find_network_folder(found.network, folder)), folder)
     scenario_id = scenario.id if isinstance(scenario, Scenario) else scenario
     folder = _find_packaged_suite(scenario_id)
     if isinstance(scenario, Scenario):
-        return scenario, load_road_map(find_network_folder(scenario.network, folder))
+        return ScenarioSource(scenario, load_road_map(find_network_folder(scenario.network, folder)), folder)
     if folder is None:
         raise InputError(f"scenario {scenario!r}: expected the id of a scenario in a packaged suite, found none")
     found = load_scenario(folder / scenario / SCENARIO_FILE)
-    return found, load_road_map(find_network_folder(found.network, folder))
+    return ScenarioSource(found, load_road_map(find_network_folder(found.network, folder)), folder)
 
 
 def _find_in(suite: Suite, scenario_id: str) -> Scenario:

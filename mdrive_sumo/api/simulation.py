@@ -45,7 +45,7 @@ def simulate(
 
     Raises InputError, WorldError and AgentFailure.
     """
-    found, roads = find_scenario(scenario, suite, seed)
+    found, roads, folder = find_scenario(scenario, suite, seed)
     spec = AgentSpec(agent, agent_config or {})
     config = _make_config(found, roads, seed, spec.resolve().name, options)
     Simulation.close_open()
@@ -58,7 +58,7 @@ def simulate(
             raise AgentFailure(error.failure.failure, f"CAV {error.ego}: {error.failure.text}") from (
                 error.failure.__cause__
             )
-    return Episode(record, found, roads, seed)
+    return Episode(record, found, roads, seed, folder)
 
 
 def _make_config(
@@ -137,7 +137,7 @@ class Simulation:
 
         There is no agent clock here: the caller may think as long as it likes. Raises InputError.
         """
-        self.scenario, self.roads = find_scenario(scenario, suite, seed)
+        self.scenario, self.roads, self._suite_folder = find_scenario(scenario, suite, seed)
         self.seed = seed
         egos = [ego.id for ego in self.scenario.egos]
         by_ego = sensors if isinstance(sensors, Mapping) else dict.fromkeys(egos, sensors)
@@ -182,7 +182,7 @@ class Simulation:
     @property
     def episode(self) -> Episode:
         """The recorded episode. Raises RuntimeError before the episode is done."""
-        return Episode(self._simulation.finish(), self.scenario, self.roads, self.seed)
+        return Episode(self._simulation.finish(), self.scenario, self.roads, self.seed, self._suite_folder)
 
     def reset(self) -> dict[str, Observation]:
         """Start the episode, or start it anew, and return the first observations by CAV id. Raises WorldError."""

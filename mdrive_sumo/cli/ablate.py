@@ -14,6 +14,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.episode import load_episode
+from mdrive_sumo.report.result_tables import format_optional
 from mdrive_sumo.runs.prepared_run import PreparedRun, recording_path
 from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scoring import Results, ScenarioResult
@@ -26,7 +27,10 @@ from mdrive_sumo.study.ablation import (
     rank_effects,
 )
 
-HEADER = ("without", "messages", "DS", "change", "SR", "min TTC [s]", "change", "parts at tick")
+HEADER = (
+    *("without", "messages", "DS", "change", "SR", "efficient SR", "time ratio"),
+    *("min TTC [s]", "change", "parts at tick"),
+)
 
 
 @click.command("ablate")
@@ -85,23 +89,27 @@ def _collect_effects(effects: Iterator[MuteEffect], total: int) -> list[MuteEffe
 def format_ablation_table(found: AblationResult) -> str:
     """Return the table for the terminal: the recorded episode, then every effect."""
     was = found.recorded
-    rows = [("nothing", "0", f"{was.ds:.2f}", "", f"{was.sr:.2f}", _format_seconds(was.min_ttc), "", "")]
+    rows = [("nothing", "0", f"{was.ds:.2f}", "", *_format_success(was), _format_seconds(was.min_ttc), "", "")]
     rows += [_format_cells(was, effect) for effect in found.effects]
     return f"{was.id}: {was.ticks} ticks\n\n" + format_text_table(HEADER, rows)
 
 
-def _format_cells(was: ScenarioResult, effect: MuteEffect) -> tuple[str, str, str, str, str, str, str, str]:
+def _format_cells(was: ScenarioResult, effect: MuteEffect) -> tuple[str, ...]:
     now, change = effect.result, compute_ttc_change(was, effect.result)
     return (
         " ".join(effect.mute),
         str(effect.messages),
         f"{now.ds:.2f}",
         f"{now.ds - was.ds:+.2f}",
-        f"{now.sr:.2f}",
+        *_format_success(now),
         _format_seconds(now.min_ttc),
         "" if change is None else f"{change:+.2f}",
         "never" if effect.parted is None else f"{effect.parted} ({effect.parted * DT:.2f} s)",
     )
+
+
+def _format_success(result: ScenarioResult) -> tuple[str, str, str]:
+    return f"{result.sr:.2f}", format_optional(result.efficient_sr), format_optional(result.time_ratio)
 
 
 def _format_seconds(value: float | None) -> str:
@@ -115,7 +123,7 @@ def format_ablation_json(found: AblationResult) -> str:
         "format": "mdrive-sumo/ablation/1",
         "scenario": was.id,
         "seed": was.seed,
-        "recorded": {"ds": was.ds, "sr": was.sr, "min_ttc": was.min_ttc, "ticks": was.ticks, "digest": was.digest},
+        "recorded": was.model_dump(include={"ds", "sr", "efficient_sr", "time_ratio", "min_ttc", "ticks", "digest"}),
         "effects": [_effect_to_dict(was, effect) for effect in found.effects],
     }
     return json.dumps(page, indent=1, allow_nan=False)
@@ -130,6 +138,8 @@ def _effect_to_dict(was: ScenarioResult, effect: MuteEffect) -> dict[str, object
         "ds_change": round(now.ds - was.ds, 6),
         "sr": now.sr,
         "sr_change": round(now.sr - was.sr, 6),
+        "efficient_sr": now.efficient_sr,
+        "time_ratio": now.time_ratio,
         "min_ttc": now.min_ttc,
         "min_ttc_change": None if change is None else round(change, 6),
         "ticks": now.ticks,

@@ -22,6 +22,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "compare": ("compare", "Compare two runs scenario by scenario."),
     "study": ("study", "Measure cooperation: worse channels, the value of messages."),
     "validate": ("validate", "Check that a suite is sound, difficult and solvable."),
+    "reference-times": ("reference_times", "Write when `omniscient` arrived in a run, beside its suite."),
     "generate": ("generate", "Generate scenarios: proposed, placed, checked, driven."),
     "schema": ("schema", "Print a file format as JSON Schema."),
     "doctor": ("doctor", "Show what is installed and what is missing for which command."),

@@ -14,8 +14,9 @@ from mdrive_sumo.scoring import load_results
 def command(run_a: Path, run_b: Path) -> None:
     """Compare two runs scenario by scenario: B minus A.
 
-    Mean paired differences of DS and SR come with 95 % bootstrap confidence intervals over the scenarios that
-    both runs have. RUN_A and RUN_B are folders written by `eval`, or results files.
+    Mean paired differences of DS, SR, efficient SR and time ratio come with 95 % bootstrap confidence intervals over
+    the scenarios that both runs have; those of the time ratio over the scenarios in which every CAV arrives in both
+    runs. RUN_A and RUN_B are folders written by `eval`, or results files.
     """
     click.echo(comparison_table(compare(load_results(results_file(run_a)), load_results(results_file(run_b)))))
 

@@ -10,6 +10,7 @@ from mdrive_sumo import contract
 from mdrive_sumo.episode import build_episode_schema
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.roads import NetworkFile
+from mdrive_sumo.scenario.reference_times import ReferenceTimesFile
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import SuiteFile
 from mdrive_sumo.scoring import build_results_schema
@@ -21,6 +22,7 @@ SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
     "network": NetworkFile.model_json_schema,
     "proposal": Proposal.model_json_schema,
     "suite": SuiteFile.model_json_schema,
+    "reference-times": ReferenceTimesFile.model_json_schema,
     "episode": build_episode_schema,
 }
 

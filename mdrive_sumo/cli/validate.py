@@ -1,10 +1,12 @@
 """`mdrive-sumo validate`."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import click
 
 from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.validation import (
     ScenarioValidation,
     describe_rules,
@@ -14,8 +16,19 @@ from mdrive_sumo.generate.validation import (
     validate_scenarios,
 )
 from mdrive_sumo.runs.evaluate import report_write_errors
+from mdrive_sumo.scenario.reference_times import (
+    REFERENCE_TIMES_FILE,
+    list_unmeasured,
+    save_reference_times,
+)
+from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
-from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificateFile, save_certificates
+from mdrive_sumo.study.occlusion_certificate import (
+    CERTIFICATE_FILE,
+    OcclusionCertificateFile,
+    read_certificates,
+    save_certificates,
+)
 
 
 @click.command("validate")
@@ -26,10 +39,16 @@ from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionC
     metavar="N",
     help="Drive only N scenarios, always the same ones, of a suite's parts in proportion.",
 )
-@click.option("--write", is_flag=True, help="Write the occlusion certificates beside the suite or each of its parts.")
+@click.option("--scenario", default="*", metavar="GLOB", help="Drive only scenarios whose id or category matches.")
+@click.option(
+    "--write",
+    is_flag=True,
+    help="Write occlusion certificates and reference times beside the suite or each of its parts; with --scenario only"
+    " those of the scenarios that are driven.",
+)
 @workers_option
 @click.pass_context
-def command(ctx: click.Context, suite: str, sample: int | None, write: bool, workers: int) -> None:
+def command(ctx: click.Context, suite: str, sample: int | None, scenario: str, write: bool, workers: int) -> None:
     """Check a suite, a name or a folder. Every file must be readable and as it was sealed.
 
     \b
@@ -40,22 +59,28 @@ def command(ctx: click.Context, suite: str, sample: int | None, write: bool, wor
     For recordings (buckets V2XPnP, Real2Sim) difficulty is reported, not required, and solvable means RC 100.
 
     Suites named as the paper's are compared with its tables: scenarios, CAVs, routes, actors, categories, weather, and
-    how many conflicts are hidden until late. Kept certificates and recipes must belong to the scenarios. The rules that
-    scenarios exercise are counted (a stop sign on a route, a pedestrian in its way ...); those that none exercises are
-    listed, and fail the whole packaged suite.
+    how many conflicts are hidden until late. Kept certificates, reference times (when `omniscient` arrives) and recipes
+    must belong to the scenarios. The rules that scenarios exercise are counted (a stop sign on a route, a pedestrian in
+    its way ...); those that none exercises are listed, and fail the whole packaged suite.
 
     Exit codes: 0 everything passes, 1 something fails, 2 unusable input.
     """
     if write and sample:
         raise click.UsageError("--write needs all scenarios, so it does not go with --sample")
+    if sample and scenario != "*":
+        raise click.UsageError("--sample draws from all scenarios, so it does not go with --scenario")
     loaded = load_suite(suite)
+    chosen = loaded.select(scenario)
+    written = [part for part in loaded.parts or (loaded,) if write and any(s in chosen for s in part.scenarios)]
+    for part in written:
+        _check_unchanged(part, chosen)
     found: list[ScenarioValidation] = []
-    for one in validate_scenarios(loaded, sample_scenarios(loaded, sample), workers):
+    for one in validate_scenarios(loaded, sample_scenarios(replace(loaded, scenarios=chosen), sample), workers):
         found.append(one)
         click.echo(_format_validation(one))
-    if write:
-        for part in loaded.parts or (loaded,):
-            _write_certificates(part, found)
+    for part in written:
+        _write_certificates(part, found)
+        _write_reference_times(part, found)
     whole = find_suite_problems(loaded, found)
     for sentence in (*whole, *describe_suite(loaded), *describe_rules(loaded)):
         click.echo(sentence)
@@ -71,9 +96,28 @@ def _format_validation(one: ScenarioValidation) -> str:
 
 
 def _write_certificates(suite: Suite, found: Sequence[ScenarioValidation]) -> None:
-    """Certificates in the order of the suite, of all its scenarios that could be driven."""
-    by_name = {one.scenario: one.certificate for one in found}
+    """Write certificates in the order of the suite, of all its scenarios that could be driven now or before."""
+    before = read_certificates(suite.folder)
+    by_name = {one.scenario: one for one in before.certificates} if before else {}
+    by_name |= {one.scenario: one.certificate for one in found}
     kept = tuple(c for c in (by_name.get(scenario.id) for scenario in suite.scenarios) if c is not None)
     with report_write_errors(suite.folder / CERTIFICATE_FILE):
         save_certificates(suite.folder, OcclusionCertificateFile(suite_checksum=suite.checksum(), certificates=kept))
     click.echo(f"{suite.folder / CERTIFICATE_FILE}  {len(kept)} certificates")
+
+
+def _write_reference_times(suite: Suite, found: Sequence[ScenarioValidation]) -> None:
+    measured = {one.scenario: one.reference for one in found if one.reference is not None}
+    with report_write_errors(suite.folder / REFERENCE_TIMES_FILE):
+        count = save_reference_times(suite, measured)
+    click.echo(f"{suite.folder / REFERENCE_TIMES_FILE}  times of {count} scenarios")
+
+
+def _check_unchanged(suite: Suite, chosen: Sequence[Scenario]) -> None:
+    """Raise InputError if a scenario that is not driven changed since the files were written: they keep its entries."""
+    driven = {scenario.id for scenario in chosen}
+    if changed := [name for name in list_unmeasured(suite) if name not in driven]:
+        raise InputError(
+            f"--write: expected {REFERENCE_TIMES_FILE} with every scenario outside --scenario as it is,"
+            f" found none for {changed[0]}; --scenario has to include it"
+        )

@@ -7,8 +7,15 @@ from dataclasses import dataclass
 from mdrive_sumo.core.tables import TableRow, format_text_table
 from mdrive_sumo.scoring import Means, Results, ScenarioResult
 
-SCORE_HEADER: TableRow = ("DS", "SR", "RC", "IP")
+SCORE_HEADER: TableRow = ("DS", "SR", "efficient SR", "time ratio", "RC", "IP")
+TIMED_HEADER = "timed"
+"""Scenarios over which the time ratio is a mean."""
 CAPTURED_HEADER = "captured [%]"
+COLLISION_PREFIX = "collision-"
+SLOW_IMPACT, FAST_IMPACT = 1.0, 5.0
+"""Impact speeds [m/s] that separate the classes of severity (issue G): a touch at walking pace, and what injures."""
+UNKNOWN_SPEED = "unknown"
+SEVERITIES = ("below 1 m/s", "1 to 5 m/s", "above 5 m/s", UNKNOWN_SPEED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,8 +35,21 @@ def format_captured(value: float | None) -> str:
 
 
 def format_scores(means: Means | ScenarioResult) -> TableRow:
-    """Return DS, SR and RC in percent and IP, formatted as in every table."""
-    return (f"{means.ds:.2f}", f"{means.sr:.2f}", f"{means.rc:.2f}", f"{means.ip:.3f}")
+    """Return the cells below `SCORE_HEADER`: DS, SR, efficient SR and RC in percent, time ratio and IP as factors."""
+    times = (format_optional(means.efficient_sr), format_optional(means.time_ratio))
+    return (f"{means.ds:.2f}", f"{means.sr:.2f}", *times, f"{means.rc:.2f}", f"{means.ip:.3f}")
+
+
+def format_optional(value: float | None) -> str:
+    """Return a number with two decimals; "-" where it is undefined."""
+    return "-" if value is None else f"{value:.2f}"
+
+
+def describe_missing_reference(results: Results) -> str:
+    """Return how many scenarios lack reference times and what to do, in at most 87 characters; "" if none does."""
+    missing = sum(scenario.efficient_sr is None for scenario in results.scenarios)
+    what = f"none for {missing} scenarios: `mdrive-sumo validate SUITE --write`, `mdrive-sumo rescore RUN`"
+    return what if missing else ""
 
 
 def describe_agent(results: Results) -> str:
@@ -58,6 +78,29 @@ def count_infractions(results: Results) -> Counter[str]:
     )
 
 
+def count_collisions_by_severity(results: Results) -> dict[str, int]:
+    """Count the collisions by impact speed, the slowest class first; empty if there are none.
+
+    Collisions of result files without impact speeds are "unknown".
+    """
+    speeds = [
+        infraction.impact_speed
+        for scenario in results.scenarios
+        for ego in scenario.egos
+        for infraction in ego.infractions
+        if infraction.kind.startswith(COLLISION_PREFIX)
+    ]
+    counts = Counter(_name_severity(speed) for speed in speeds)
+    return {name: counts[name] for name in SEVERITIES if speeds and (counts[name] or name != UNKNOWN_SPEED)}
+
+
+def _name_severity(speed: float | None) -> str:
+    below, between, above, unknown = SEVERITIES
+    if speed is None:
+        return unknown
+    return below if speed < SLOW_IMPACT else above if speed > FAST_IMPACT else between
+
+
 def count_notes(results: Results) -> Counter[str]:
     """Count the notes of the agents by kind, most frequent first, e.g. fallbacks of a language model."""
     return _sorted(kind for scenario in results.scenarios for kind in Counter(scenario.notes).elements())
@@ -72,11 +115,13 @@ def build_score_rows(results: Results, captured: CapturedCooperation | None = No
     """Return header and rows: the buckets, then both overall means; with captured cooperation if given."""
     overall = results.overall
     rows: list[TableRow] = [
-        (name, str(bucket.scenarios), *format_scores(bucket)) for name, bucket in results.buckets.items()
+        (name, str(bucket.scenarios), *format_scores(bucket), str(bucket.timed))
+        for name, bucket in results.buckets.items()
     ]
-    rows.append(("bucket mean", str(len(results.buckets)), *format_scores(overall.bucket_mean)))
-    rows.append(("scenario mean", str(len(results.scenarios)), *format_scores(overall.scenario_mean)))
-    header: TableRow = ("bucket", "scenarios", *SCORE_HEADER)
+    timed = str(overall.timed)
+    rows.append(("bucket mean", str(len(results.buckets)), *format_scores(overall.bucket_mean), timed))
+    rows.append(("scenario mean", str(len(results.scenarios)), *format_scores(overall.scenario_mean), timed))
+    header: TableRow = ("bucket", "scenarios", *SCORE_HEADER, TIMED_HEADER)
     if captured is None:
         return header, rows
     shares = (*(captured.buckets.get(name) for name in results.buckets), captured.bucket_mean, captured.scenario_mean)
@@ -90,8 +135,10 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
     facts = (
         ("outcomes", _listed(count_outcomes(results))),
         ("infractions", _listed(count_infractions(results))),
+        ("severity", _listed(count_collisions_by_severity(results))),
         ("void", str(results.void)),
         *((("notes", _listed(notes)),) if notes else ()),
+        *((("times", missing),) if (missing := describe_missing_reference(results)) else ()),
     )
     return "\n".join(
         (
@@ -105,5 +152,5 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
     )
 
 
-def _listed(counts: Counter[str]) -> str:
+def _listed(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.items()) or "none"

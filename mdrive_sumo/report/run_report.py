@@ -9,12 +9,15 @@ from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import (
     CAPTURED_HEADER,
     SCORE_HEADER,
+    TIMED_HEADER,
     CapturedCooperation,
     build_score_rows,
+    count_collisions_by_severity,
     count_infractions,
     count_notes,
     count_outcomes,
     describe_agent,
+    describe_missing_reference,
     format_captured,
     format_scores,
 )
@@ -31,11 +34,13 @@ from mdrive_sumo.scoring.metrics import ScalarMetric, list_scalar_metrics
 
 REPORT_FILE = "report.md"
 HOW_TO_READ = """\
-DS, RC and SR are percentages, IP is a factor: the driving score of a CAV is DS = RC x IP, it succeeds with
-DS > 99.95. In score mode `mdrive` a scenario counts the mean over its CAVs; a bucket is the mean over its
-scenarios. The bucket mean weighs every bucket alike, the scenario mean every scenario. Void scenarios (our
-failure or the simulator's, never the agent's) count as DS 0 and are listed apart. H is the harmonic mean
-of DS and SR. IC, LM and LC are InterDrive's groups: intersection crossing, lane merge, lane change;
+DS, SR, efficient SR and RC are percentages, IP and the time ratio are factors. The driving score of a CAV is
+DS = RC x IP, it succeeds with DS > 99.95. The time ratio is the time that a CAV needs divided by that of
+`omniscient`; it is a mean over the scenarios in which every CAV arrives (column "timed"). Efficient SR counts the
+successes whose time ratio is at most 2. In score mode `mdrive` a scenario counts the mean over its CAVs; a bucket is
+the mean over its scenarios. The bucket mean weighs every bucket alike, the scenario mean every scenario. Void
+scenarios (our failure or the simulator's, never the agent's) count as DS 0 and are listed apart. H is the harmonic
+mean of DS and SR. IC, LM and LC are InterDrive's groups: intersection crossing, lane merge, lane change;
 static-avoidance, dynamic-avoidance and dynamic-coordination are the interactivity levels of Interaction."""
 
 MEANS = ("bucket mean", "scenario mean")
@@ -52,11 +57,13 @@ def build_run_report(results: Results, captured: CapturedCooperation | None = No
         _facts(results),
         HOW_TO_READ,
         CAPTURED if captured else "",
+        _reference_note(results),
         "## Scores",
         _score_table(results, captured),
         "## How it ended",
         _counts("outcome", "CAVs", count_outcomes(results).items()),
         _counts("infraction", "times", count_infractions(results).items()),
+        _counts("impact speed", "collisions", count_collisions_by_severity(results).items(), "No collisions."),
         *((_counts("note", "times", count_notes(results).items()),) if count_notes(results) else ()),
         _void_list(results),
         "## Categories",
@@ -89,14 +96,20 @@ def _facts(results: Results) -> str:
     return "\n".join(f"- {name}: {value}" for name, value in facts.items())
 
 
+def _reference_note(results: Results) -> str:
+    missing = describe_missing_reference(results)
+    text = "Reference times, without which time ratio and efficient SR are undefined (-):"
+    return f"{text} {missing}." if missing else ""
+
+
 def _score_table(results: Results, captured: CapturedCooperation | None) -> str:
     header, rows = build_score_rows(results, captured)
     return format_markdown_table(header, [(f"**{row[0]}**" if row[0] in MEANS else row[0], *row[1:]) for row in rows])
 
 
-def _counts(name: str, unit: str, counts: Iterable[tuple[str, int]]) -> str:
+def _counts(name: str, unit: str, counts: Iterable[tuple[str, int]], empty: str = "") -> str:
     rows = [(kind, str(count)) for kind, count in counts]
-    return format_markdown_table((name, unit), rows) if rows else f"No {name}s."
+    return format_markdown_table((name, unit), rows) if rows else empty or f"No {name}s."
 
 
 def _void_list(results: Results) -> str:
@@ -106,10 +119,10 @@ def _void_list(results: Results) -> str:
 def _category_table(results: Results, captured: CapturedCooperation | None) -> str:
     groups = compute_category_group_means(results.scenarios, ScoreMode(results.run.score_mode))
     rows: list[TableRow] = [
-        (name, str(group.scenarios), *format_scores(group), f"{compute_harmonic_mean(group):.2f}")
+        (name, str(group.scenarios), *format_scores(group), str(group.timed), f"{compute_harmonic_mean(group):.2f}")
         for name, group in (compute_category_means(results.scenarios) | groups).items()
     ]
-    header: TableRow = ("category", "scenarios", *SCORE_HEADER, "H")
+    header: TableRow = ("category", "scenarios", *SCORE_HEADER, TIMED_HEADER, "H")
     if captured is None:
         return format_markdown_table(header, rows)
     shares = captured.categories

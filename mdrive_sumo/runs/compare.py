@@ -1,6 +1,6 @@
 """Compare two runs: differences paired by scenario, with bootstrap confidence intervals."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,8 @@ from mdrive_sumo.scoring import Results, ScenarioResult
 if TYPE_CHECKING:
     import pandas as pd
 
+OPTIONAL_SCORES = ("efficient_sr", "time_ratio")
+"""Scores of a scenario that may be undefined."""
 TIE = 0.005
 """Driving scores closer than this are a tie: half of the last digit that tables show."""
 
@@ -27,6 +29,9 @@ class ScenarioPair:
     category: str
     ds: tuple[float, float]
     sr: tuple[float, float]
+    efficient_sr: tuple[float | None, float | None] = (None, None)
+    time_ratio: tuple[float | None, float | None] = (None, None)
+    """Undefined (None) where not every CAV arrived."""
 
     @property
     def ds_difference(self) -> float:
@@ -43,6 +48,12 @@ class RunComparison:
     """Sorted by difference, B's worst losses first."""
     ds: ConfidenceInterval
     sr: ConfidenceInterval
+    efficient_sr: ConfidenceInterval | None
+    """None without reference times."""
+    time_ratio: ConfidenceInterval | None
+    """Over the `timed` pairs; None if there are none."""
+    timed: int
+    """Pairs in which every CAV arrived in both runs."""
     left_out: tuple[str, ...]
     """Scenarios that could not be paired, each with the reason."""
     warnings: tuple[str, ...]
@@ -64,6 +75,8 @@ class RunComparison:
                 "scenario": pair.scenario,
                 "category": pair.category,
                 **{"ds_a": pair.ds[0], "ds_b": pair.ds[1], "sr_a": pair.sr[0], "sr_b": pair.sr[1]},
+                **{"efficient_sr_a": pair.efficient_sr[0], "efficient_sr_b": pair.efficient_sr[1]},
+                **{"time_ratio_a": pair.time_ratio[0], "time_ratio_b": pair.time_ratio[1]},
                 "ds_difference": pair.ds_difference,
             }
             for pair in self.pairs
@@ -85,11 +98,15 @@ def compare(a: Results, b: Results) -> RunComparison:
     if not common:
         raise InputError("compare: expected runs with scenarios in common that are not void, found none")
     pairs = [_make_pair(first[name], second[name]) for name in common]
+    efficient, ratios = (_list_differences(getattr(pair, name) for pair in pairs) for name in OPTIONAL_SCORES)
     return RunComparison(
         names=(a.run.agent, b.run.agent),
         pairs=tuple(sorted(pairs, key=lambda pair: (pair.ds_difference, pair.scenario))),
         ds=bootstrap_mean(np.array([pair.ds_difference for pair in pairs])),
         sr=bootstrap_mean(np.array([pair.sr[1] - pair.sr[0] for pair in pairs])),
+        efficient_sr=_compute_interval(efficient),
+        time_ratio=_compute_interval(ratios),
+        timed=len(ratios),
         left_out=(
             *(f"{name}: only in A" for name in first if name not in second),
             *(f"{name}: only in B" for name in second if name not in first),
@@ -104,7 +121,17 @@ def _has_scores(a: ScenarioResult, b: ScenarioResult) -> bool:
 
 
 def _make_pair(a: ScenarioResult, b: ScenarioResult) -> ScenarioPair:
-    return ScenarioPair(a.id, a.category, (a.ds, b.ds), (a.sr, b.sr))
+    efficient, ratios = ((getattr(a, name), getattr(b, name)) for name in OPTIONAL_SCORES)
+    return ScenarioPair(a.id, a.category, (a.ds, b.ds), (a.sr, b.sr), efficient, ratios)
+
+
+def _list_differences(values: Iterable[tuple[float | None, float | None]]) -> list[float]:
+    """Return B - A of the pairs in which both are defined."""
+    return [b - a for a, b in values if a is not None and b is not None]
+
+
+def _compute_interval(differences: Sequence[float]) -> ConfidenceInterval | None:
+    return bootstrap_mean(np.array(differences)) if differences else None
 
 
 def _find_warnings(a: Results, b: Results) -> list[str]:
@@ -122,13 +149,18 @@ def comparison_table(comparison: RunComparison) -> str:
     wins, ties, losses = comparison.count_wins_ties_losses()
     means = format_text_table(
         ("B - A", "mean", "95 % from", "to"),
-        [_format_interval("DS", comparison.ds), _format_interval("SR", comparison.sr)],
+        [
+            _format_interval("DS", comparison.ds),
+            _format_interval("SR", comparison.sr),
+            _format_interval("efficient SR", comparison.efficient_sr),
+            _format_interval(f"time ratio (of {comparison.timed})", comparison.time_ratio),
+        ],
     )
     rows = [
-        (p.scenario, p.category, *(f"{v:.2f}" for v in (*p.ds, *p.sr)), f"{p.ds_difference:+.2f}")
+        (p.scenario, p.category, *map(_format_score, (*p.ds, *p.sr, *p.time_ratio)), f"{p.ds_difference:+.2f}")
         for p in comparison.pairs
     ]
-    header = ("scenario", "category", "DS A", "DS B", "SR A", "SR B", "DS B - A")
+    header = ("scenario", "category", "DS A", "DS B", "SR A", "SR B", "time A", "time B", "DS B - A")
     return "\n".join(
         (
             f"A = {comparison.names[0]}, B = {comparison.names[1]}, {len(rows)} scenarios in both",
@@ -143,7 +175,13 @@ def comparison_table(comparison: RunComparison) -> str:
     )
 
 
-def _format_interval(name: str, interval: ConfidenceInterval) -> Sequence[str]:
+def _format_score(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
+
+
+def _format_interval(name: str, interval: ConfidenceInterval | None) -> Sequence[str]:
+    if interval is None:
+        return (name, "-", "-", "-")
     return (name, f"{interval.mean:+.2f}", f"{interval.low:+.2f}", f"{interval.high:+.2f}")
 
 

@@ -13,6 +13,7 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import RejectedError, open_agents
 from mdrive_sumo.runs.transcript import save_transcript, transcript_path
+from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scenario.variation import load_varied_scenario
@@ -52,7 +53,14 @@ def run_job(job: EpisodeJob) -> ScenarioResult:
         save_episode(episode, job.recording)
     if job.transcripts:
         save_transcript(episode, job.transcripts)
-    return score_episode(episode, scenario, roads, job.score_mode, job.seed)
+    return score_job_episode(job, episode)
+
+
+def score_job_episode(job: EpisodeJob, episode: EpisodeRecord) -> ScenarioResult:
+    """Return the score of an episode of a job's scenario, with the suite's reference times. Raises InputError."""
+    scenario, roads = load_job_scenario(job)
+    reference = find_reference_times(scenario, _load_suite_once(job.suite_folder).find_folder(scenario.id))
+    return score_episode(episode, scenario, roads, job.score_mode, job.seed, reference)
 
 
 def reexecute(job: EpisodeJob) -> EpisodeRecord:
@@ -83,8 +91,7 @@ def make_reexecution(job: EpisodeJob, recorded: EpisodeRecord) -> EpisodeJob:
 def rescore(job: EpisodeJob) -> ScenarioResult:
     """Score the recording of a job without simulation. Raises InputError."""
     assert job.recording is not None, "a job with a recording"
-    scenario, roads = load_job_scenario(job)
-    return score_episode(load_episode(job.recording), scenario, roads, job.score_mode, job.seed)
+    return score_job_episode(job, load_episode(job.recording))
 
 
 def load_job_scenario(job: EpisodeJob) -> tuple[Scenario, RoadMap]:

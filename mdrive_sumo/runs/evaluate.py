@@ -61,7 +61,7 @@ def evaluate(run: PreparedRun, progress: Progress) -> Results:
                 journal.add_result(result.model_dump(mode="json"))
                 found[result.id] = result
                 progress.done(result)
-        whole = summarize_run(run.info, [found[scenario.id] for scenario in run.scenarios])
+        whole = summarize_run(run.info, [run.apply_reference_times(one, found[one.id]) for one in run.scenarios])
         with report_write_errors(run.folder / RESULTS_FILE):
             save_results(whole, run.folder / RESULTS_FILE)
             _write_whole_transcript(run)

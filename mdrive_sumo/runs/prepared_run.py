@@ -17,9 +17,10 @@ from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor
 from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig
 from mdrive_sumo.scenario.checks import check_scenario
+from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
-from mdrive_sumo.scoring import RunInfo
+from mdrive_sumo.scoring import RunInfo, ScenarioResult, apply_reference_times
 from mdrive_sumo.scoring.labels import JOINT, PRIVILEGED, UNSANDBOXED
 from mdrive_sumo.v2x.comm_settings import describe_comm
 from mdrive_sumo.v2x.messages import TYPES
@@ -61,6 +62,11 @@ class PreparedRun:
             transcripts=self.folder / TRANSCRIPTS_FOLDER,
             logs=None if config.agent.is_builtin else self.folder / LOGS_FOLDER,
         )
+
+    def apply_reference_times(self, scenario: Scenario, result: ScenarioResult) -> ScenarioResult:
+        """Return a result compared with the suite's present reference times, as a journal may hold an older state."""
+        reference = find_reference_times(scenario, self.suite.find_folder(scenario.id))
+        return apply_reference_times(result, reference, self.config.score_mode)
 
     def make_folders(self) -> None:
         """Create the folders that the jobs write into. Raises OSError."""

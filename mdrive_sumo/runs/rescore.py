@@ -18,7 +18,7 @@ def rescore_run(run: PreparedRun, results: Results, mode: ScoreMode) -> Results:
 
     def rescore_result(result: ScenarioResult) -> ScenarioResult:
         if result.status == "void":
-            return result
+            return run.apply_reference_times(scenarios[result.id], result)
         return rescore(replace(run.make_job(scenarios[result.id]), score_mode=mode))
 
     info = results.run.model_copy(update={"score_mode": str(mode)})

@@ -5,6 +5,7 @@ from mdrive_sumo.scoring.category_groups import (
     compute_interdrive_means,
     compute_level_means,
 )
+from mdrive_sumo.scoring.efficiency import EFFICIENT_RATIO, apply_reference_times, find_arrival_ticks
 from mdrive_sumo.scoring.results import (
     BucketResult,
     EgoResult,
@@ -30,6 +31,9 @@ __all__ = [
     "ScoreMode",
     "score_episode",
     "make_void_result",
+    "apply_reference_times",
+    "EFFICIENT_RATIO",
+    "find_arrival_ticks",
     "compute_scenario_means",
     "summarize_run",
     "compute_overall",

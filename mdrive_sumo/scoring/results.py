@@ -6,7 +6,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from mdrive_sumo.core.state import End
 
-FORMAT = "mdrive-sumo/results/2"
+FORMAT = "mdrive-sumo/results/3"
+READABLE_FORMATS = (FORMAT, "mdrive-sumo/results/2")
+"""Version 2 has no times: its time ratios and efficient success rates are undefined."""
 
 
 def _six_decimals(value: float) -> float:
@@ -30,6 +32,8 @@ class Infraction(_Part):
     factor: Number
     other: str
     """Id of what it concerns, "" where there is none."""
+    impact_speed: Number | None = Field(default=None, exclude_if=lambda speed: speed is None)
+    """Of a collision: relative speed [m/s] in the tick before the contact. Absent for everything else."""
 
 
 class EgoResult(_Part):
@@ -42,16 +46,24 @@ class EgoResult(_Part):
     ds: Number
     rc: Number
     ip: Number
+    ticks: int | None = None
+    """Ticks from the start to its end; null in files of version 2."""
+    time_ratio: Number | None = None
+    """Its ticks divided by those of `omniscient`; null unless both arrived."""
     infractions: tuple[Infraction, ...]
 
 
 class Means(_Part):
-    """Driving score [%], success rate [%], route completion [%], infraction penalty [0, 1]."""
+    """Driving score [%], success rates [%], route completion [%], infraction penalty [0, 1], time ratio."""
 
     ds: Number
     sr: Number
     rc: Number
     ip: Number
+    efficient_sr: Number | None = None
+    """Success rate [%] that counts successes within 2 x `omniscient`'s time; null without reference times."""
+    time_ratio: Number | None = None
+    """Time needed divided by `omniscient`'s time; null unless every CAV arrived, in means over where it is defined."""
 
 
 class ScenarioResult(Means):
@@ -88,6 +100,8 @@ class BucketResult(Means):
     """Mean over the runs of a bucket's scenarios, each with the same weight."""
 
     scenarios: int
+    timed: int = 0
+    """Over how many of them `time_ratio` is a mean: those in which every CAV arrived."""
 
 
 class Overall(_Part):
@@ -95,6 +109,8 @@ class Overall(_Part):
 
     bucket_mean: Means
     scenario_mean: Means
+    timed: int = 0
+    """Scenarios in which every CAV arrived; the time ratios are means over these."""
 
 
 class RunInfo(_Part):
@@ -129,7 +145,7 @@ class RunInfo(_Part):
 class Results(_Part):
     """The whole file."""
 
-    format: Literal["mdrive-sumo/results/2"] = FORMAT
+    format: Literal["mdrive-sumo/results/3"] = FORMAT
     run: RunInfo
     overall: Overall
     buckets: dict[str, BucketResult]

@@ -8,22 +8,32 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import describe_first_error, shorten_value
-from mdrive_sumo.scoring.results import FORMAT, Results
+from mdrive_sumo.scoring.results import FORMAT, READABLE_FORMATS, Results
 
 
 def load_results(path: Path) -> Results:
-    """Load a results file. Raises InputError for one that is missing, corrupt or of another version."""
+    """Load a results file, also one of an older version in `READABLE_FORMATS`, and return it as the present version.
+
+    Raises InputError for one that is missing, corrupt or of any other version.
+    """
     try:
         data: Any = json.loads(path.read_bytes())
-        if isinstance(data, dict) and data.get("format") != FORMAT:
-            raise InputError(f"{path}: format: expected {FORMAT!r}, found {shorten_value(data.get('format'))}")
-        return Results.model_validate(data)
+        return Results.model_validate(_upgrade(path, data))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
         raise InputError(f"{path}: {describe_first_error(error)}") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: expected JSON, found a corrupt file ({error})") from None
+
+
+def _upgrade(path: Path, data: Any) -> Any:
+    """Return a file's content as the present version. Raises InputError for an unknown version."""
+    if not isinstance(data, dict):
+        return data
+    if (found := data.get("format")) not in READABLE_FORMATS:
+        raise InputError(f"{path}: format: expected {FORMAT!r}, found {shorten_value(found)}")
+    return {**data, "format": FORMAT}
 
 
 def save_results(results: Results, path: Path) -> None:

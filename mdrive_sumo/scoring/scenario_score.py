@@ -5,7 +5,9 @@ from collections.abc import Sequence
 
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.reference_times import NO_REFERENCE, ReferenceTicks
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring.efficiency import apply_reference_times
 from mdrive_sumo.scoring.metrics import EgoRecord, ScoredEpisode, build_ego_records, list_scalar_metrics
 from mdrive_sumo.scoring.results import EgoResult, Infraction, ScenarioResult
 from mdrive_sumo.scoring.score_mode import ScoreMode, compute_driving_score, compute_scenario_means
@@ -13,15 +15,21 @@ from mdrive_sumo.v2x.channel import count_deliveries, count_exchanged
 
 
 def score_episode(
-    episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, mode: ScoreMode, seed: int
+    episode: EpisodeRecord,
+    scenario: Scenario,
+    roads: RoadMap,
+    mode: ScoreMode,
+    seed: int,
+    reference: ReferenceTicks = NO_REFERENCE,
 ) -> ScenarioResult:
     """Return the score of an episode; the same numbers for a finished and a loaded one.
 
+    reference: the times of `omniscient` in this scenario; without them time ratio and efficient SR are undefined.
     Raises InputError for an episode of another scenario, EpisodeMismatch for one that contradicts itself.
     """
     records = build_ego_records(episode, scenario, roads)
     scalars = {metric.name: metric.compute(ScoredEpisode(episode, scenario, roads)) for metric in list_scalar_metrics()}
-    return ScenarioResult(
+    result = ScenarioResult(
         id=scenario.id,
         bucket=scenario.bucket,
         category=scenario.category,
@@ -38,6 +46,7 @@ def score_episode(
         exchanged=count_exchanged(episode.messages, episode.ego_ids),
         notes=dict(Counter(record.note.kind for record in episode.notes)),
     )
+    return apply_reference_times(result, reference, mode)
 
 
 def make_void_result(scenario: Scenario, seed: int, reason: str) -> ScenarioResult:
@@ -76,8 +85,11 @@ def _ego_result(record: EgoRecord) -> EgoResult:
         ds=compute_driving_score(record),
         rc=record.rc,
         ip=record.ip,
+        ticks=ending.tick,
         infractions=tuple(
-            Infraction(kind=i.kind, tick=i.tick, x=i.x, y=i.y, factor=i.factor, other=i.other)
+            Infraction(
+                kind=i.kind, tick=i.tick, x=i.x, y=i.y, factor=i.factor, other=i.other, impact_speed=i.impact_speed
+            )
             for i in record.infractions
         ),
     )

@@ -21,8 +21,15 @@ def summarize_run(run: RunInfo, scenarios: Sequence[ScenarioResult]) -> Results:
 def compute_overall(scenarios: Sequence[ScenarioResult]) -> Overall:
     """Return both means: over the buckets, as in the paper's tables, and over the scenarios (K2)."""
     return Overall(
-        bucket_mean=compute_means(compute_bucket_means(scenarios).values()), scenario_mean=compute_means(scenarios)
+        bucket_mean=compute_means(compute_bucket_means(scenarios).values()),
+        scenario_mean=compute_means(scenarios),
+        timed=count_timed(scenarios),
     )
+
+
+def count_timed(scenarios: Iterable[ScenarioResult]) -> int:
+    """Return the number of scenarios that have a time ratio."""
+    return sum(scenario.time_ratio is not None for scenario in scenarios)
 
 
 def compute_bucket_means(scenarios: Sequence[ScenarioResult]) -> dict[str, BucketResult]:
@@ -36,7 +43,10 @@ def compute_category_means(scenarios: Sequence[ScenarioResult]) -> dict[str, Buc
 
 
 def compute_means(scored: Iterable[Means]) -> Means:
-    """Return the unweighted mean of each number. Raises ValueError for an empty input."""
+    """Return the unweighted mean of each number: of efficient SR and time ratio over the rows that have one.
+
+    Raises ValueError for an empty input.
+    """
     rows = tuple(scored)
     if not rows:
         raise ValueError("expected at least one scenario to take a mean of, found none")
@@ -45,7 +55,15 @@ def compute_means(scored: Iterable[Means]) -> Means:
         sr=compute_mean(row.sr for row in rows),
         rc=compute_mean(row.rc for row in rows),
         ip=compute_mean(row.ip for row in rows),
+        efficient_sr=compute_mean_of_known(row.efficient_sr for row in rows),
+        time_ratio=compute_mean_of_known(row.time_ratio for row in rows),
     )
+
+
+def compute_mean_of_known(values: Iterable[float | None]) -> float | None:
+    """Return the mean of the values that are not None; None if there are none."""
+    known = [value for value in values if value is not None]
+    return compute_mean(known) if known else None
 
 
 def compute_harmonic_mean(scored: Means) -> float:
@@ -61,6 +79,6 @@ def compute_group_means(
     for scenario in scenarios:
         groups.setdefault(group_of(scenario), []).append(scenario)
     return {
-        name: BucketResult(scenarios=len(found), **compute_means(found).model_dump())
+        name: BucketResult(scenarios=len(found), timed=count_timed(found), **compute_means(found).model_dump())
         for name, found in sorted(groups.items())
     }

@@ -8,11 +8,11 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.episode import EpisodeRecord, load_episode
-from mdrive_sumo.runs.episode_job import EpisodeJob, load_job_scenario, make_reexecution, reexecute
+from mdrive_sumo.runs.episode_job import EpisodeJob, make_reexecution, reexecute, score_job_episode
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.runs.verify import find_first_difference
-from mdrive_sumo.scoring import ScenarioResult, score_episode
+from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.metrics.min_ttc import HORIZON_S
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 from mdrive_sumo.v2x.comm_settings import CommSettings
@@ -94,13 +94,12 @@ def ablate_episode(ablation: AblationJob) -> MuteEffect:
     assert job.recording is not None
     recorded = load_episode(job.recording)
     again = reexecute(_mute(make_reexecution(job, recorded), ablation.mute))
-    scenario, roads = load_job_scenario(job)
     difference = find_first_difference(recorded, again)
     muted = CommSettings(mute=ablation.mute).mute_filter
     return MuteEffect(
         mute=ablation.mute,
         messages=sum(muted.matches(s.message.sender, s.message.type, s.message.tick) for s in recorded.messages),
-        result=score_episode(again, scenario, roads, job.score_mode, job.seed),
+        result=score_job_episode(job, again),
         parted=find_divergence_tick(recorded, again),
         difference=f"tick {difference.tick}: {difference.text}" if difference else "",
     )

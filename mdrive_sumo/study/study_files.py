@@ -10,13 +10,17 @@ from typing import Any
 from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.core.tables import TableRow, format_markdown_table
 from mdrive_sumo.report.result_tables import CAPTURED_HEADER, describe_agent, format_captured
-from mdrive_sumo.scoring import Results
+from mdrive_sumo.scoring import Means, Results
 from mdrive_sumo.study.study_summary import StudyLine
 from mdrive_sumo.v2x.comm_settings import describe_comm
 
 FORMAT = "mdrive-sumo/study/1"
-HEADER = ("agent", "condition", "DS", "SR", "DS - base", "SR - base", "void")
-BRIEF = ("agent", "condition", "DS", "SR", "DS - base", "void")
+HEADER = (
+    *("agent", "condition", "DS", "SR", "efficient SR", "time ratio", "timed"),
+    *("DS - base", "SR - base", "void"),
+)
+BRIEF = ("agent", "condition", "DS", "SR", "efficient SR", "time ratio", "DS - base", "void")
+INTERVALS = ("ds", "sr", "efficient_sr", "time_ratio", "ds_difference", "sr_difference", "captured")
 GRID_TEXT = {
     "one-at-a-time": "one factor at a time is changed, the others are the base channel's",
     "full": "all combinations of the factors' values",
@@ -26,7 +30,9 @@ DS and SR are means over scenarios and seeds in percent. In brackets are 95 % bo
 scenarios are drawn anew, with more than one seed also the seeds within each. `DS - base` and `SR - base` are
 the differences to the same agent over the base channel, paired by scenario and seed: an interval without 0
 tells an effect. `off` is the agent with the channel switched off. Scenarios that are void with any seed are
-left out. An agent that sends no messages (*) is driven over the base channel only: no channel can change it."""
+left out. Efficient SR counts the successes within 2 x `omniscient`'s time; the time ratio is the time needed
+divided by `omniscient`'s, over the scenarios in which every CAV arrives with every seed (`timed`). An agent that
+sends no messages (*) is driven over the base channel only: no channel can change it."""
 CAPTURED = """\
 Captured cooperation is (agent - agent with the channel off) / (omniscient - agent with the channel off), on
 the scenario mean of DS; blank where perfect cooperation gains less than 2 DS."""
@@ -61,7 +67,7 @@ def study_json(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
 
 def _line_to_dict(line: StudyLine) -> dict[str, Any]:
     row = line.row
-    numbers = {name: getattr(line, name) for name in ("ds", "sr", "ds_difference", "sr_difference", "captured")}
+    numbers = {name: getattr(line, name) for name in INTERVALS}
     return {
         "agent": row.agent,
         "labels": row.results[0].run.labels,
@@ -70,13 +76,14 @@ def _line_to_dict(line: StudyLine) -> dict[str, Any]:
         "comm": describe_comm(row.condition.comm),
         "reused": row.reused,
         "void": line.void,
+        "timed": line.timed,
         **{name: None if value is None else asdict(value) for name, value in numbers.items()},
         "runs": [_run_to_dict(results) for results in row.results],
     }
 
 
 def _run_to_dict(results: Results) -> dict[str, Any]:
-    kept = {"status", "reason", "ds", "sr", "rc", "ip", "min_ttc", "scalars", "digest", "comm", "notes"}
+    kept = {"status", "reason", *Means.model_fields, "min_ttc", "scalars", "digest", "comm", "notes"}
     return {
         "seed": results.run.seed,
         "overall": results.overall.model_dump(),
@@ -136,6 +143,9 @@ def _format_cells(line: StudyLine) -> TableRow:
         _format_condition(line),
         _format_interval(line.ds),
         _format_interval(line.sr),
+        _format_interval(line.efficient_sr),
+        _format_interval(line.time_ratio, decimals=2),
+        str(line.timed),
         _format_interval(line.ds_difference, "+"),
         _format_interval(line.sr_difference, "+"),
         str(line.void),
@@ -143,13 +153,28 @@ def _format_cells(line: StudyLine) -> TableRow:
 
 
 def _format_brief_cells(line: StudyLine) -> TableRow:
-    ds, sr = _format_interval(line.ds), "" if line.sr is None else f"{line.sr.mean:.1f}"
-    return (line.row.agent, _format_condition(line), ds, sr, _format_interval(line.ds_difference, "+"), str(line.void))
+    return (
+        line.row.agent,
+        _format_condition(line),
+        _format_interval(line.ds),
+        _format_mean(line.sr),
+        _format_mean(line.efficient_sr),
+        _format_mean(line.time_ratio, decimals=2),
+        _format_interval(line.ds_difference, "+"),
+        str(line.void),
+    )
 
 
 def _format_condition(line: StudyLine) -> str:
     return line.row.condition.name + (" *" if line.row.reused else "")
 
 
-def _format_interval(value: ConfidenceInterval | None, sign: str = "") -> str:
-    return "" if value is None else f"{value.mean:{sign}.1f} [{value.low:{sign}.1f}, {value.high:{sign}.1f}]"
+def _format_mean(value: ConfidenceInterval | None, decimals: int = 1) -> str:
+    return "" if value is None else f"{value.mean:.{decimals}f}"
+
+
+def _format_interval(value: ConfidenceInterval | None, sign: str = "", decimals: int = 1) -> str:
+    if value is None:
+        return ""
+    mean, low, high = (f"{number:{sign}.{decimals}f}" for number in (value.mean, value.low, value.high))
+    return f"{mean} [{low}, {high}]"

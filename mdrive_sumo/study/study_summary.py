@@ -26,6 +26,12 @@ class StudyLine:
     ds_difference: ConfidenceInterval | None
     """To the same agent in the base condition, paired by scenario and seed; None for the base condition itself."""
     sr_difference: ConfidenceInterval | None
+    efficient_sr: ConfidenceInterval | None
+    """None without reference times."""
+    time_ratio: ConfidenceInterval | None
+    """Over the scenarios in which every CAV arrives with every seed."""
+    timed: int
+    """Number of these scenarios."""
     captured: CapturedCooperation | None
     void: int
 
@@ -40,12 +46,16 @@ def _summarise_row(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -> S
     table = group_by_scenario(row.scenarios)
     base = group_by_scenario(rows[row.agent, "base"].scenarios)
     is_base = row.condition.name == "base"
+    timed = select_defined(table, "time_ratio")
     return StudyLine(
         row,
         ds=compute_score_interval(table, "ds"),
         sr=compute_score_interval(table, "sr"),
         ds_difference=None if is_base else compute_difference_interval(table, base, "ds"),
         sr_difference=None if is_base else compute_difference_interval(table, base, "sr"),
+        efficient_sr=compute_score_interval(select_defined(table, "efficient_sr"), "efficient_sr"),
+        time_ratio=compute_score_interval(timed, "time_ratio"),
+        timed=len(timed),
         captured=_compute_captured(row, rows),
         void=sum(scenario.status == "void" for scenario in row.scenarios),
     )
@@ -70,8 +80,17 @@ def group_by_scenario(results: Sequence[ScenarioResult]) -> dict[str, dict[int, 
     return {name: by_seed for name, by_seed in found.items() if all(one.status == "ok" for one in by_seed.values())}
 
 
+def select_defined(table: ResultTable, name: str) -> ResultTable:
+    """Return the scenarios in which a score is defined with every seed."""
+    return {
+        scenario: by_seed
+        for scenario, by_seed in table.items()
+        if all(getattr(one, name) is not None for one in by_seed.values())
+    }
+
+
 def compute_score_interval(table: ResultTable, name: str) -> ConfidenceInterval | None:
-    """Return mean and interval of "ds" or "sr" [%]; None if the table is empty."""
+    """Return mean and interval of a score by its field's name; None if the table is empty."""
     values = [[getattr(one, name) for _, one in sorted(by_seed.items())] for by_seed in table.values()]
     return bootstrap_clustered_mean(np.array(values)) if values else None
 

@@ -1,6 +1,8 @@
 """Leaderboards as the API returns them, read from the database."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
@@ -41,8 +43,12 @@ def read_leaderboard(session: Session, key: BoardKey) -> schemas.LeaderboardOut:
         track=key.track,
         bucket=key.bucket,
         category=key.category,
-        rows=[_to_row(entry) for entry in entries if is_overall or _is_disclosable(session, phase, key, entry)],
-        published=[_to_row(entry) for entry in published],
+        rows=[
+            _to_row(entry, submission_views.visible_figures(phase, _find_summary(session, phase, entry), entry.figures))
+            for entry in entries
+            if is_overall or _is_disclosable(session, phase, key, entry)
+        ],
+        published=[_to_row(entry, schemas.FiguresOut.model_validate(entry.figures)) for entry in published],
     )
 
 
@@ -79,21 +85,29 @@ def list_boards(session: Session) -> list[tuple[int, int, BoardKey]]:
 
 def _is_disclosable(session: Session, phase: tables.PhaseRow, key: BoardKey, entry: queries.LeaderboardEntry) -> bool:
     """Return whether a bucket's or category's row may be shown: it depends on the other parts of the submission."""
-    submission = session.get(tables.SubmissionRow, entry.submission) if not phase.public else None
-    if submission is None or submission.summary is None:
+    summary = _find_summary(session, phase, entry)
+    if summary is None:
         return phase.public
-    parts = submission.summary["buckets" if key.bucket is not None else "categories"]
+    parts = summary["buckets" if key.bucket is not None else "categories"]
     return (key.bucket or key.category) in submission_views.disclosable_parts(phase, parts)
 
 
-def _to_row(entry: queries.LeaderboardEntry) -> schemas.RowOut:
+def _find_summary(
+    session: Session, phase: tables.PhaseRow, entry: queries.LeaderboardEntry
+) -> Mapping[str, Any] | None:
+    """Return the summary of an entry's submission in a hidden phase; None in a public one, which needs none."""
+    submission = session.get(tables.SubmissionRow, entry.submission) if not phase.public else None
+    return submission.summary if submission is not None else None
+
+
+def _to_row(entry: queries.LeaderboardEntry, figures: schemas.FiguresOut) -> schemas.RowOut:
     return schemas.RowOut(
         rank=entry.rank,
         team=entry.team,
         method=entry.method,
         track=ChallengeTrack(entry.track),
         submission=entry.submission,
-        figures=schemas.FiguresOut.model_validate(entry.figures),
+        figures=figures,
         created=to_datetime(entry.created_us) if entry.created_us is not None else None,
         published=entry.published,
     )

@@ -165,6 +165,12 @@ class FiguresOut(ResponseModel):
     ds_high: float | None = None
     sr_low: float | None = None
     sr_high: float | None = None
+    efficient_sr: float | None = None
+    """Success rate that counts only successes within twice `omniscient`'s time; null without reference times."""
+    time_ratio: float | None = None
+    """Time needed divided by `omniscient`'s, over the `timed` scenarios; null if it would disclose hidden ones."""
+    timed: int | None = None
+    """Number of scenarios in which every CAV arrived with a seed or more."""
     scenarios: int | None = None
     infractions: dict[str, int] | None = None
 
@@ -230,6 +236,10 @@ class EgoOut(ResponseModel):
     ds: float
     rc: float
     ip: float
+    ticks: int | None = None
+    """Ticks (1/20 s) from the start to its end."""
+    time_ratio: float | None = None
+    """Its time divided by `omniscient`'s; null unless it arrived."""
     infractions: list[dict[str, Any]]
 
 
@@ -245,6 +255,8 @@ class ScenarioOut(ResponseModel):
     category: str | None = None
     ds: float | None = None
     sr: float | None = None
+    efficient_sr: float | None = None
+    time_ratio: float | None = None
     rc: float | None = None
     ip: float | None = None
     egos: list[EgoOut] | None = None

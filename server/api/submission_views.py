@@ -81,12 +81,26 @@ def visible_summary(phase: tables.PhaseRow, stored: Mapping[str, Any] | None) ->
         return None
     parts = {
         name: {
-            part: schemas.FiguresOut.model_validate(stored[name][part])
-            for part in disclosable_parts(phase, stored[name])
+            part: visible_figures(phase, stored, stored[name][part]) for part in disclosable_parts(phase, stored[name])
         }
         for name in ("buckets", "categories")
     }
-    return schemas.SummaryOut(overall=schemas.FiguresOut.model_validate(stored["overall"]), **parts)
+    return schemas.SummaryOut(overall=visible_figures(phase, stored, stored["overall"]), **parts)
+
+
+def visible_figures(
+    phase: tables.PhaseRow, stored: Mapping[str, Any] | None, figures: Mapping[str, Any]
+) -> schemas.FiguresOut:
+    """Return figures of a stored summary without a time ratio that discloses single hidden scenarios.
+
+    It is a mean over fewer scenarios than the others, those in which every CAV arrived, so it is shown if every part of
+    the submission has enough of these.
+    """
+    found = schemas.FiguresOut.model_validate(figures)
+    parts = [] if stored is None else [*stored["buckets"].values(), *stored["categories"].values()]
+    if phase.public or (parts and all((of.get("timed") or 0) >= MIN_HIDDEN_SCENARIOS for of in parts)):
+        return found
+    return found.model_copy(update={"time_ratio": None, "timed": None})
 
 
 def disclosable_parts(phase: tables.PhaseRow, parts: Mapping[str, Mapping[str, Any]]) -> set[str]:

@@ -34,11 +34,14 @@ def summarise(jobs: Sequence[JobRow]) -> SummaryData:
 
 
 def _compute_figures(means: Means, groups: Sequence[Sequence[ScenarioResult]]) -> FiguresData:
-    figures: FiguresData = {name: getattr(means, name) for name in ("ds", "sr", "rc", "ip")}
+    figures: FiguresData = {name: getattr(means, name) for name in ("ds", "sr", "rc", "ip", "time_ratio")}
     for name in INTERVAL_SCORES:
         found = bootstrap_stratified_mean([_mean_by_scenario(group, name) for group in groups])
         figures[f"{name}_low"], figures[f"{name}_high"] = round(found.low, 6), round(found.high, 6)
     results = [one for group in groups for one in group]
+    is_referenced = all(one.efficient_sr is not None for one in results)
+    figures["efficient_sr"] = means.efficient_sr if is_referenced else None  # else over other scenarios than SR
+    figures["timed"] = len({one.id for one in results if one.time_ratio is not None})
     kinds = Counter(found.kind for one in results for ego in one.egos for found in ego.infractions)
     return figures | {"scenarios": len({one.id for one in results}), "infractions": dict(sorted(kinds.items()))}
 

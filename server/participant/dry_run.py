@@ -10,11 +10,12 @@ import click
 from mdrive_sumo.agent_process.sandbox import examine_layers
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.report.result_tables import format_optional
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.open_agents import RejectedError
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.suite import load_suite
-from mdrive_sumo.scoring import ScenarioResult
+from mdrive_sumo.scoring import Means, ScenarioResult
 from mdrive_sumo.scoring.summary import compute_means
 from server.enums import ChallengeTrack, ScenarioVerdict, SubmissionState
 from server.environments import Environment
@@ -74,7 +75,8 @@ def dry_run(team: UnpackedAgent, environment: Environment, track: ChallengeTrack
     if results:
         mean = compute_means(results)
         driven_ = f"{len(results)} scenario{'s' if len(results) > 1 else ''}"
-        click.echo(f"{driven_}: DS {mean.ds:.2f}, SR {mean.sr:.2f}, RC {mean.rc:.2f}; logs, recordings in {course.out}")
+        scores = f"DS {mean.ds:.2f}, SR {mean.sr:.2f}, {_format_times(mean)}, RC {mean.rc:.2f}"
+        click.echo(f"{driven_}: {scores}; logs, recordings in {course.out}")
     return not ours
 
 
@@ -142,9 +144,14 @@ def run_dry_job(job: EpisodeJob) -> ScenarioResult | RejectedJob:
         return RejectedJob(str(error))
 
 
+def _format_times(scores: Means) -> str:
+    return f"efficient SR {format_optional(scores.efficient_sr)}, time ratio {format_optional(scores.time_ratio)}"
+
+
 def format_result(result: ScenarioResult) -> str:
     """Format a result as one line."""
     verdict, reason = find_verdict(result)
     numbers = f"DS {result.ds:6.2f}  SR {result.sr:6.2f}  RC {result.rc:6.2f}  IP {result.ip:.3f}"
+    numbers += f"  {_format_times(result)}"
     why = next((f"  {ego.id}: {ego.reason}" for ego in result.egos if ego.reason), "")
     return f"{verdict}{f' ({reason})' if reason else ''}: {result.id}  {numbers}{why}"

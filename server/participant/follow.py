@@ -13,6 +13,8 @@ PAUSE_S = 2.0
 """Pause before reconnecting to the event stream [s]."""
 TRIES = 30
 """Consecutive failed attempts before giving up: a server may be restarting."""
+SCORES = {"ds": "DS", "sr": "SR", "efficient_sr": "efficient SR", "time_ratio": "time ratio", "rc": "RC"}
+"""Figures in the order of printing, those that the server tells."""
 PrintLine = Callable[[str], None]
 
 
@@ -51,16 +53,14 @@ def format_state(data: Mapping[str, Any]) -> str:
 def format_scenario(data: Mapping[str, Any]) -> str:
     """Format the result of a scenario."""
     reason = data.get("reason")
-    numbers = "".join(f"  {name.upper()} {data[name]:6.2f}" for name in ("ds", "sr") if data.get(name) is not None)
+    numbers = "".join(f"  {text} {data[name]:6.2f}" for name, text in SCORES.items() if data.get(name) is not None)
     return f"{data.get('verdict')}{f' ({reason})' if reason else ''}: {data.get('scenario')}{numbers}"
 
 
 def print_summary(shown: Mapping[str, Any], print_line: PrintLine) -> SubmissionState:
     """Print the overall result, if any, and return the state. Raises InputError."""
     overall = (shown.get("summary") or {}).get("overall", {})
-    numbers = ", ".join(
-        f"{name.upper()} {overall[name]:.2f}" for name in ("ds", "sr", "rc") if overall.get(name) is not None
-    )
+    numbers = ", ".join(f"{text} {overall[name]:.2f}" for name, text in SCORES.items() if overall.get(name) is not None)
     if numbers:
         print_line(f"overall: {numbers}")
     try:

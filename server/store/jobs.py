@@ -192,4 +192,5 @@ def _add_event(session: Session, job: JobRow, kind: str, data: dict[str, Any], n
 
 
 def _public_scores(result: dict[str, Any] | None) -> dict[str, Any]:
-    return {name: result[name] for name in ("ds", "sr") if name in result} if result else {}
+    names = ("ds", "sr", "efficient_sr", "time_ratio")
+    return {name: result[name] for name in names if result.get(name) is not None} if result else {}

@@ -31,6 +31,8 @@ SORTS: Mapping[str, bool] = {
     "method": False,
     "ds": True,
     "sr": True,
+    "efficient_sr": True,
+    "time_ratio": False,
     "rc": True,
     "ip": True,
     "date": True,
@@ -251,7 +253,7 @@ def _make_lines(session: Session, key: BoardKey, rows: Sequence[schemas.RowOut])
 
 
 def _sort_value(row: schemas.RowOut, sort: str) -> Any:
-    if sort in ("ds", "sr", "rc", "ip"):
+    if sort in schemas.FiguresOut.model_fields:
         return getattr(row.figures, sort)
     return row.created if sort == "date" else getattr(row, sort)
 
@@ -263,7 +265,10 @@ def _sort_key(row: schemas.RowOut, sort: str) -> tuple[bool, Any]:
 
 
 def _to_csv(board: schemas.LeaderboardOut) -> str:
-    figures = ("ds", "ds_low", "ds_high", "sr", "sr_low", "sr_high", "rc", "ip", "scenarios")
+    figures = (
+        *("ds", "ds_low", "ds_high", "sr", "sr_low", "sr_high"),
+        *("efficient_sr", "time_ratio", "timed", "rc", "ip", "scenarios"),
+    )
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(("rank", "team", "method", "track", *figures, "created", "submission", "published"))

@@ -14,9 +14,10 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, load_job_scenario, reexecute
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.checks import check_scenario
+from mdrive_sumo.scenario.reference_times import ReferenceTicks
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite
-from mdrive_sumo.scoring import ScoreMode, score_episode
+from mdrive_sumo.scoring import ScoreMode, find_arrival_ticks, score_episode
 from mdrive_sumo.study.occlusion_certificate import (
     DRIVES,
     OcclusionCertificate,
@@ -47,6 +48,8 @@ class ScenarioValidation:
     omniscient_ds: float | None = None
     certificate: OcclusionCertificate | None = None
     """Road users hidden from a CAV before a conflict; None if the scenario was not driven."""
+    reference: ReferenceTicks | None = None
+    """Ticks after which the CAVs of `omniscient` arrived; None if the scenario was not driven."""
 
     @property
     def is_difficult(self) -> bool:
@@ -93,7 +96,14 @@ def validate_scenario(question: ValidationTask) -> ScenarioValidation:
     drives: dict[ReferenceDrive, EpisodeRecord] = {drive: reexecute(_job(question, drive)) for drive in DRIVES}
     blind, solved = (score_episode(drives[drive], scenario, roads, ScoreMode.MDRIVE, 0) for drive in DRIVES)
     problems = find_unmet_requirements(scenario.bucket, blind, solved)
-    return ScenarioValidation(scenario.id, problems, blind.min_ttc, solved.ds, _certify(scenario, roads, drives))
+    return ScenarioValidation(
+        scenario.id,
+        problems,
+        blind.min_ttc,
+        solved.ds,
+        _certify(scenario, roads, drives),
+        find_arrival_ticks(solved.egos),
+    )
 
 
 def _job(question: ValidationTask, agent: str) -> EpisodeJob:

@@ -10,6 +10,7 @@ from fnmatch import fnmatchcase
 from mdrive_sumo.generate.validation.rule_coverage import find_missing_rules
 from mdrive_sumo.generate.validation.scenario_validation import ScenarioValidation
 from mdrive_sumo.scenario.categories import FIGURES, FLOOR, MEANS, WEATHER_OF_TEN, Category, compute_deviations
+from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE, find_reference_times, list_unmeasured
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
 from mdrive_sumo.scenario.suite import RECIPE_FILE, Suite, list_packaged_suites
@@ -59,6 +60,7 @@ def _find_part_problems(suite: Suite, examinations: Sequence[ScenarioValidation]
     if suite.name == CATEGORY_SUITE:
         yield from _compare_categories(suite.scenarios)
     yield from _check_certificates(suite, examined)
+    yield from _check_reference_times(suite, examined)
     if is_packaged(suite) and not suite.about.checksum:
         yield "suite.json: checksum: expected one, as in every suite that comes with mdrive-sumo, found none"
     if missing := _find_missing_recipes(suite):
@@ -127,7 +129,7 @@ def _check_occluded_count(suite: Suite, known: Mapping[str, bool]) -> Iterator[s
 
 def _check_certificates(suite: Suite, examined: Sequence[ScenarioValidation]) -> Iterator[str]:
     """Check whether the stored certificates belong to the suite, are still true, and report enough hidden conflicts."""
-    mend = f"`mdrive-sumo validate {suite.name if is_packaged(suite) else suite.folder} --write` makes it anew"
+    mend = _describe_remedy(suite)
     file = read_certificates(suite.folder)
     kept = file.of(suite) if file else {}
     changed = [one.scenario for one in examined if one.certificate not in (None, kept.get(one.scenario))]
@@ -142,6 +144,27 @@ def _check_certificates(suite: Suite, examined: Sequence[ScenarioValidation]) ->
         yield f"{CERTIFICATE_FILE}: expected what was just found, found otherwise for {changed[0]}; {mend}"
     known = {name: one.occluded for name, one in kept.items()} | {one.scenario: one.is_occluded for one in examined}
     yield from _check_occluded_count(suite, known)
+
+
+def _describe_remedy(suite: Suite) -> str:
+    return f"`mdrive-sumo validate {suite.name if is_packaged(suite) else suite.folder} --write` makes it anew"
+
+
+def _check_reference_times(suite: Suite, examined: Sequence[ScenarioValidation]) -> Iterator[str]:
+    """Check whether the stored reference times belong to the scenarios and are still true."""
+    remedy = _describe_remedy(suite)
+    if not (suite.folder / REFERENCE_TIMES_FILE).is_file():
+        if is_packaged(suite):
+            yield f"expected {REFERENCE_TIMES_FILE}, as in every packaged suite, found none; {remedy}"
+        return
+    if missing := list_unmeasured(suite):
+        yield f"{REFERENCE_TIMES_FILE}: expected every scenario as it is, found no times of {missing[0]}; {remedy}"
+    measured = {one.scenario: one.reference for one in examined if one.reference and one.scenario not in missing}
+    by_id = {scenario.id: scenario for scenario in suite.scenarios}
+    for name, ticks in measured.items():
+        if (kept := find_reference_times(by_id[name], suite.folder)) and kept != ticks:
+            yield f"{REFERENCE_TIMES_FILE}: expected what was just found, found otherwise for {name}; {remedy}"
+            break
 
 
 def _find_missing_recipes(suite: Suite) -> tuple[str, ...]:

@@ -1,10 +1,12 @@
 """Collisions, de-duplicated (protocol 7.2), with the penalty factors of protocol 7.1."""
 
 import math
+from dataclasses import replace
 from types import MappingProxyType
 
 from mdrive_sumo.core.state import TICKS_PER_SECOND, Kind
 from mdrive_sumo.scoring.metrics.ego_track import EgoTrack
+from mdrive_sumo.scoring.metrics.impact_speed import compute_impact_speed
 from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric
 
@@ -78,7 +80,8 @@ def find_collisions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
         for other, kind in contacts_by_tick.get(tick, ()):
             if collision_filter.is_new(other, tick, x, y):
                 name, factor = INFRACTION_BY_KIND[kind]
-                counted.append(track.make_infraction(name, tick, other, factor))
+                found = track.make_infraction(name, tick, other, factor)
+                counted.append(replace(found, impact_speed=compute_impact_speed(track, tick, other)))
         collision_filter.forget_distant_places(x, y)
     return tuple(counted)
 

@@ -15,3 +15,5 @@ class InfractionEvent:
     factor: float
     other: str = ""
     """Id of the road user ("" for a building), stop sign or traffic light concerned."""
+    impact_speed: float | None = None
+    """Relative speed [m/s] in the tick before the contact; None for infractions other than collisions."""

@@ -19,6 +19,8 @@ from server.store import NotFound, tables
 
 router = APIRouter(tags=["results"])
 REPLAY_S = 60.0
+SCORES = ("bucket", "category", "ds", "sr", "efficient_sr", "time_ratio", "rc", "ip")
+"""Fields of a result that a scenario shows as they are."""
 _SANDBOX_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Content-Security-Policy": "sandbox allow-scripts allow-downloads",
@@ -158,5 +160,5 @@ def _to_scenario(settings: ServerSettings, job: tables.JobRow, own: bool, admin:
         recording=paths.recording_path(*place).is_file(),
         logs=[name for name in log_names if own and paths.log_path(*place, name).is_file()],
         failure=job.failure if admin else None,
-        **{name: result.get(name) for name in ("bucket", "category", "ds", "sr", "rc", "ip")},
+        **{name: result.get(name) for name in SCORES},
     )

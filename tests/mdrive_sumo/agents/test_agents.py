@@ -9,6 +9,7 @@ import pytest
 from testing.agents_driving import Box, all_arrived, crossing_route, drive, field
 
 from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.agents.take_turns import find_slot
 from mdrive_sumo.contract import LABELS, MAX_PLAN_POINTS, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline
@@ -171,3 +172,53 @@ def test_omniscient_is_called_privileged_and_publishes_long_plans() -> None:
     assert agent.sensors() == (SensorSpec("privileged"),)
     episode = drive("omniscient", CASES["straight across"])
     assert all(1 <= len(record.points) <= MAX_PLAN_POINTS for record in episode.plans)
+
+
+@pytest.mark.parametrize(
+    ("name", "slots", "slot"),
+    [("0", 8, 0), ("7", 8, 7), ("8", 8, 0), ("13", 4, 1), ("cav_2", 8, 2), ("cav_9", 8, 1), ("3", 1, 0), ("00", 8, 0)],
+)
+def test_a_number_in_the_id_is_the_turn(name: str, slots: int, slot: int) -> None:
+    assert find_slot(name, slots) == slot
+
+
+def test_random_ids_spread_over_the_turns_and_repeat() -> None:
+    """1000 hexadecimal names over 8 turns: 125 each, within five standard deviations (10.5)."""
+    names = [f"{i:03x}bad{i * 7919 % 4096:03x}e" for i in range(1000)]
+    found = [find_slot(name, 8) for name in names]
+    assert found == [find_slot(name, 8) for name in names]
+    counts = [found.count(slot) for slot in range(8)]
+    assert min(counts) > 125 - 53 and max(counts) < 125 + 53
+
+
+def test_take_turns_needs_no_sensor_and_no_message_to_avoid_every_conflict() -> None:
+    """Four left turns that collide at constant speed: one CAV after the other, and none is blocked while it waits."""
+    agent = AGENTS["take-turns"]({})
+    assert (agent.sensors(), agent.label) == ((), "single")
+    episode = drive("take-turns", CASES["four lefts"])
+    assert drive("constant-speed", CASES["four lefts"]).contacts
+    assert all_arrived(episode) and not episode.contacts and not episode.messages
+    moved = np.hypot(episode.x - episode.x[0], episode.y - episode.y[0])[:, :4] > 1.0
+    starts = [int(np.flatnonzero(moved[:, i])[0]) for i in range(4)]
+    assert np.diff(starts) == pytest.approx(np.full(3, starts[3] - starts[0]) / 3, abs=15)
+
+
+def test_two_cavs_of_one_turn_drive_at_the_same_time() -> None:
+    """Ids 0 and 8 are both turn 0 of 8: a schedule without enough turns is `constant-speed`."""
+    routes = {"0": STRAIGHT, "8": crossing_route("straight", 1)}
+    assert drive("take-turns", routes).contacts
+    assert not drive("take-turns", {"0": STRAIGHT, "1": crossing_route("straight", 1)}).contacts
+
+
+@pytest.mark.parametrize(
+    ("config", "says"),
+    [
+        ({"slots": 0}, r"option slots: expected a number in \[1, 64\], found 0"),
+        ({"slots": 2.5}, "option slots: expected a whole number, found 2.5"),
+        ({"turn": 1.5}, r"option turn: expected a number in \[0, 1\], found 1.5"),
+        ({"speed": "fast"}, r"option speed: expected a number in \[1, 30\], found 'fast'"),
+    ],
+)
+def test_unusable_options_of_take_turns_are_refused(config: Mapping[str, float | str], says: str) -> None:
+    with pytest.raises(InputError, match=f"agent take-turns: {says}"):
+        AGENTS["take-turns"](config)

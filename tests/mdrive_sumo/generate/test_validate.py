@@ -10,11 +10,17 @@ import pytest
 from click.testing import CliRunner, Result
 
 from mdrive_sumo.cli import main
-from mdrive_sumo.generate.validation import ScenarioValidation, ValidationTask, validate_scenario
+from mdrive_sumo.generate.validation import (
+    ScenarioValidation,
+    ValidationTask,
+    find_suite_problems,
+    validate_scenario,
+)
 from mdrive_sumo.generate.validation.requirements import find_unmet_requirements
 from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundMode, BackgroundVehicle
+from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE, find_reference_times, save_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, TimeTrigger
@@ -193,6 +199,41 @@ def test_certificates_are_written_beside_each_part(both: tuple[Suite, Result]) -
     shown = CliRunner().invoke(main, ["list", "scenarios", "--suite", str(suite.folder), "--occluded"])
     assert TOWN in shown.output
     assert "i25" not in shown.output
+
+
+def test_reference_times_are_written_beside_each_part(both: tuple[Suite, Result]) -> None:
+    suite, told = both
+    assert not (suite.folder / REFERENCE_TIMES_FILE).exists()
+    for part in suite.parts:
+        (scenario,) = part.scenarios
+        found = find_reference_times(scenario, part.folder)
+        assert set(found) == {ego.id for ego in scenario.egos}
+        assert f"{part.folder / REFERENCE_TIMES_FILE}  times of 1 scenarios" in told.output
+
+
+def test_a_suite_whose_reference_times_are_wrong_or_stale_is_told(both: tuple[Suite, Result]) -> None:
+    part = both[0].parts[0]
+    path, name = part.folder / REFERENCE_TIMES_FILE, part.scenarios[0].id
+    kept, right = path.read_text(), dict(find_reference_times(part.scenarios[0], part.folder))
+    one = ScenarioValidation(name, (), reference=right)
+    try:
+        assert not [found for found in find_suite_problems(part, [one]) if REFERENCE_TIMES_FILE in found]
+        save_reference_times(part, {name: right | {"0": right["0"] + 1}})
+        (problem,) = (found for found in find_suite_problems(part, [one]) if REFERENCE_TIMES_FILE in found)
+        assert f"found otherwise for {name}; `mdrive-sumo validate" in problem
+        path.write_text(kept.replace('"checksum":"sha256:', '"checksum":"sha256:0'))
+        (problem,) = (found for found in find_suite_problems(part, [one]) if REFERENCE_TIMES_FILE in found)
+        assert f"expected every scenario as it is, found no times of {name}" in problem
+    finally:
+        path.write_text(kept)
+
+
+def test_writing_some_scenarios_needs_the_others_unchanged(tmp_path: Path) -> None:
+    suite = suite_of(tmp_path / "mine", ours(TOWN), ours("i25_ins_oppo_boulevard"))
+    told = validate(str(suite.folder), "--scenario", TOWN, "--write")
+    assert told.exit_code == 2
+    assert "found none for i25_ins_oppo_boulevard; --scenario has to include it" in told.output
+    assert validate("interdrive", "--scenario", TOWN, "--sample", "1").exit_code == 2
 
 
 def test_a_scenario_that_fails_is_exit_code_1(tmp_path: Path) -> None:

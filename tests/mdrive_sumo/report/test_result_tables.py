@@ -6,7 +6,12 @@ from typing import Any
 import pytest
 
 from mdrive_sumo.core.tables import format_text_table
-from mdrive_sumo.report.result_tables import count_infractions, count_outcomes, format_summary
+from mdrive_sumo.report.result_tables import (
+    count_collisions_by_severity,
+    count_infractions,
+    count_outcomes,
+    format_summary,
+)
 from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarize_run
 
@@ -19,6 +24,7 @@ def ego(name: str, outcome: str, reason: str = "", *infractions: tuple[str, floa
 def scenario(name: str, bucket: str, category: str, ds: float, *egos: dict[str, Any]) -> ScenarioResult:
     facts = {"id": name, "bucket": bucket, "category": category, "seed": 0, "status": "ok", "reason": ""}
     scores = {"ds": ds, "sr": ds, "rc": ds, "ip": 0.5, "min_ttc": 0.81, "digest": "ab", "ticks": 600}
+    scores |= {"efficient_sr": ds / 2, "time_ratio": 1.5} if ds == 100.0 else {}
     return ScenarioResult.model_validate(facts | scores | {"egos": egos})
 
 
@@ -62,9 +68,19 @@ def test_a_table_without_rows_is_a_header() -> None:
 def test_summary_has_buckets_and_both_means(results: Results) -> None:
     """InterDrive (100 + 50) / 2 = 75, V2XPnP 0: bucket mean 37.5, scenario mean 150 / 3 = 50."""
     lines = [line.split() for line in format_summary(results).splitlines()]
-    assert ["InterDrive", "2", "75.00", "75.00", "75.00", "0.500"] in lines
-    assert ["bucket", "mean", "2", "37.50", "37.50", "37.50", "0.500"] in lines
-    assert ["scenario", "mean", "3", "50.00", "50.00", "50.00", "0.500"] in lines
+    assert ["InterDrive", "2", "75.00", "75.00", "50.00", "1.50", "75.00", "0.500", "1"] in lines
+    assert ["V2XPnP", "1", "0.00", "0.00", "-", "-", "0.00", "0.500", "0"] in lines
+    assert ["bucket", "mean", "2", "37.50", "37.50", "50.00", "1.50", "37.50", "0.500", "1"] in lines
+    assert ["scenario", "mean", "3", "50.00", "50.00", "50.00", "1.50", "50.00", "0.500", "1"] in lines
+
+
+def test_scenarios_without_reference_times_are_counted_with_the_remedy(results: Results) -> None:
+    remedy = "none for 2 scenarios: `mdrive-sumo validate SUITE --write`, `mdrive-sumo rescore RUN`"
+    assert f"times        {remedy}" in format_summary(results).splitlines()
+    assert remedy in build_run_report(results)
+    timed = summarize_run(results.run, results.scenarios[:1])
+    assert "times  " not in format_summary(timed)
+    assert "Reference times" not in build_run_report(timed)
 
 
 def test_summary_names_agent_labels_outcomes_infractions_and_voids(results: Results) -> None:
@@ -82,11 +98,26 @@ def test_marks_without_a_cost_are_no_infractions(results: Results) -> None:
     assert sum(count_outcomes(results).values()) == 3
 
 
+def test_collisions_are_counted_by_impact_speed(results: Results) -> None:
+    """0 and 0.99 m/s are slow, 1 and 5 in between, 5.01 fast; red lights have no severity."""
+    assert count_collisions_by_severity(results) == {"below 1 m/s": 0, "1 to 5 m/s": 0, "above 5 m/s": 0, "unknown": 1}
+    hits = ego("0", "arrived", "", *(("collision-static", 0.65),) * 5, ("red-light", 0.7))
+    for mark, speed in zip(hits["infractions"], (0.0, 0.99, 1.0, 5.0, 5.01), strict=False):
+        mark["impact_speed"] = speed
+    found = summarize_run(results.run, (scenario("r1", "InterDrive", "ins_c", 10.0, hits),))
+    assert "severity     below 1 m/s 2, 1 to 5 m/s 2, above 5 m/s 1\n" in format_summary(found)
+    assert "| above 5 m/s | 1 |" in build_run_report(found)
+    clean = summarize_run(results.run, (scenario("r1", "InterDrive", "ins_c", 10.0),))
+    assert "severity     none" in format_summary(clean) and "No collisions." in build_run_report(clean)
+
+
 def test_report_has_every_scenario_and_category(results: Results) -> None:
     report = build_run_report(results)
-    assert "| r1 | ins_c | 100.00 | 100.00 | 100.00 | 0.500 | 0.81 | 600 | 0 arrived, 1 arrived |" in report
-    assert "| ins_sl | 1 | 50.00 | 50.00 | 50.00 | 0.500 | 50.00 |" in report
-    assert "| LM | 1 | 100.00 | 100.00 | 100.00 | 0.500 | 100.00 |" in report
+    assert (
+        "| r1 | ins_c | 100.00 | 100.00 | 50.00 | 1.50 | 100.00 | 0.500 | 0.81 | 600 | 0 arrived, 1 arrived |" in report
+    )
+    assert "| ins_sl | 1 | 50.00 | 50.00 | - | - | 50.00 | 0.500 | 0 | 50.00 |" in report
+    assert "| LM | 1 | 100.00 | 100.00 | 50.00 | 1.50 | 100.00 | 0.500 | 1 | 100.00 |" in report
     assert "`mdrive-sumo eval --scenario 'r*'`" in report
     assert "libsumo 1.28.0, mdrive-sumo 0.1.0" in report
 

@@ -51,6 +51,22 @@ def test_differences_are_b_minus_a_and_sorted_by_loss() -> None:
     assert found.warnings == ()
 
 
+def test_times_are_compared_where_every_cav_arrives_in_both_runs() -> None:
+    """Time ratio (1.5 - 3 + 1 - 2) / 2; efficient SR over three pairs (50 + 100 + 0) / 3."""
+
+    def timed(name: str, efficient_sr: float | None, time_ratio: float | None) -> ScenarioResult:
+        return scenario(name, 100.0).model_copy(update={"efficient_sr": efficient_sr, "time_ratio": time_ratio})
+
+    a = run(timed("r1", 0.0, 3.0), timed("r2", 0.0, 2.0), timed("r3", 0.0, None), timed("r4", None, None))
+    b = run(timed("r1", 50.0, 1.5), timed("r2", 100.0, 1.0), timed("r3", 0.0, 1.0), timed("r4", None, None))
+    found = compare(a, b)
+    assert found.time_ratio is not None and found.efficient_sr is not None
+    assert (found.time_ratio.mean, found.timed, found.efficient_sr.mean) == (-1.25, 2, 50.0)
+    lines = [line.split() for line in comparison_table(found).splitlines()]
+    assert ["time", "ratio", "(of", "2)", "-1.25", "-1.50", "-1.00"] in lines
+    assert list(found.to_frame()["time_ratio_b"])[:3] == [1.5, 1.0, 1.0]
+
+
 def test_no_difference_has_an_interval_of_no_width() -> None:
     found = compare(run(scenario("r1", 50.0)), run(scenario("r1", 50.0)))
     assert (found.ds.mean, found.ds.low, found.ds.high) == (0.0, 0.0, 0.0)
@@ -86,5 +102,7 @@ def test_table_shows_every_scenario_and_both_means() -> None:
     a, b = run(scenario("r1", 50.0)), run(scenario("r1", 75.5), agent="omniscient")
     table = comparison_table(compare(a, b))
     assert "A = idm, B = omniscient, 1 scenarios in both" in table
-    assert "r1        ins_c     50.00  75.50  0.00  0.00    +25.50" in table
+    assert "r1        ins_c     50.00  75.50  0.00  0.00       -       -    +25.50" in table
+    lines = [line.split() for line in table.splitlines()]
+    assert ["efficient", "SR", "-", "-", "-"] in lines and ["time", "ratio", "(of", "0)", "-", "-", "-"] in lines
     assert max(map(len, table.splitlines())) <= 100

@@ -66,9 +66,9 @@ def test_every_table_shows_captured_cooperation_if_it_is_there() -> None:
     shares = compute_captured_cooperation(agent, off, best)
     table = format_summary(agent, shares).splitlines()
     assert table[2].endswith("captured [%]")
-    assert table[4].split()[-1] == "50.0" and table[5].split()[-1] == "1.000"
+    assert table[4].split()[-1] == "50.0" and table[5].split()[-2:] == ["1.000", "0"]
     page = build_run_report(agent, shares)
     assert "Captured cooperation is (agent" in page
-    assert "| InterDrive | 1 | 60.00 | 60.00 | 60.00 | 1.000 | 50.0 |" in page
-    assert "| ins_c | 1 | 60.00 | 60.00 | 60.00 | 1.000 | 60.00 | 50.0 |" in page
+    assert "| InterDrive | 1 | 60.00 | 60.00 | - | - | 60.00 | 1.000 | 0 | 50.0 |" in page
+    assert "| ins_c | 1 | 60.00 | 60.00 | - | - | 60.00 | 1.000 | 0 | 60.00 | 50.0 |" in page
     assert "aptured" not in format_summary(agent) + build_run_report(agent)

@@ -73,7 +73,7 @@ def test_one_command_makes_the_table_the_numbers_and_the_pictures(suite: Path, t
     assert found["stationary", "loss 0.5"]["sr_difference"]["mean"] == -10
     assert found["idm", "loss 0.5"]["reused"] and not found["idm", "base"]["reused"]
     table = (out / "study.md").read_text()
-    assert "| latency 10 ticks | 60.5 [60.0, 61.0] | 30.2 [30.0, 30.5] | -10.0 [-10.0, -10.0] |" in table
+    assert "| latency 10 ticks | 60.5 [60.0, 61.0] | 30.2 [30.0, 30.5] |  |  | 0 | -10.0 [-10.0, -10.0] |" in table
     assert "one factor at a time" in table and "![latency](latency.png)" in table
     pictures = {f"{name}.{kind}" for name in ("latency", "loss") for kind in ("png", "svg")}
     assert {path.name for path in out.iterdir()} == {"runs", "study.json", "study.md", *pictures}

@@ -1,11 +1,13 @@
 """Intervals of a study's rows, its lines against base and references, and its curves."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from testing.study_samples import IDEAL, OFF, make_row, make_scenario
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.study.conditions import (
     FACTORS,
     ChannelCondition,
@@ -41,6 +43,22 @@ def test_a_scenario_that_is_void_with_one_seed_is_left_out_with_all() -> None:
     assert set(
         group_by_scenario([make_scenario("a", 1, 0), make_scenario("a", 1, 1, status="void"), make_scenario("b", 1, 0)])
     ) == {"b"}
+
+
+def test_times_are_means_over_the_scenarios_in_which_all_seeds_have_one() -> None:
+    """Scenario a has 1.0 and 2.0, b has none with seed 1; efficient SR (50 + 100 + 0 + 0) / 4."""
+
+    def timed(name: str, seed: int, time_ratio: float | None, efficient_sr: float) -> ScenarioResult:
+        return make_scenario(name, 100, seed).model_copy(
+            update={"time_ratio": time_ratio, "efficient_sr": efficient_sr}
+        )
+
+    (base,) = make_conditions(IDEAL, {}, "one-at-a-time")
+    one = make_row("talker", base, timed("a", 0, 1.0, 50.0), timed("b", 0, 1.0, 0.0))
+    two = make_row("talker", base, timed("a", 1, 2.0, 100.0), timed("b", 1, None, 0.0))
+    (line,) = summarise_rows((replace(one, results=(*one.results, *two.results)),))
+    assert line.time_ratio is not None and line.efficient_sr is not None
+    assert (line.time_ratio.mean, line.timed, line.efficient_sr.mean) == (1.5, 1, 37.5)
 
 
 def compare_conditions() -> tuple[tuple[StudyLine, ...], ChannelCondition]:

@@ -46,6 +46,7 @@ MARKERS = (
     "marker-category",
     "marker-bucket",
     "27.182818",  # DS of a single scenario
+    "16.180339",  # time ratio over too few scenarios
     str(to_datetime(TIMES["started_us"]).year),  # when it began and ended
 )
 RESULT = {
@@ -58,11 +59,19 @@ RESULT = {
 }  # fmt: skip
 ONE_SCENARIO = {"ds": 27.182818, "sr": 0.0, "scenarios": 1}
 SUMMARY: Any = {
-    "overall": {"ds": 55.5, "sr": 50.0, "scenarios": 20, "infractions": {"collision": 1}, "slowest": SCENARIO},
+    "overall": {
+        "ds": 55.5,
+        "sr": 50.0,
+        "scenarios": 20,
+        "infractions": {"collision": 1},
+        "slowest": SCENARIO,
+        "time_ratio": 16.180339,
+        "timed": 9,
+    },
     "buckets": {
         "marker-bucket": ONE_SCENARIO,
-        "few": {"ds": 1.0, "scenarios": 4},
-        "interaction": {"ds": 56.0, "scenarios": 15},
+        "few": {"ds": 1.0, "scenarios": 4, "time_ratio": 1.5, "timed": 1},
+        "interaction": {"ds": 56.0, "scenarios": 15, "time_ratio": 2.5, "timed": 8},
     },
     "categories": {"marker-category": ONE_SCENARIO},
 }
@@ -208,6 +217,22 @@ def test_small_parts_do_not_come_out_by_subtraction(sizes: dict[str, int], told:
     parts = {name: {"scenarios": size} for name, size in sizes.items()}
     assert submission_views.disclosable_parts(tables.PhaseRow(public=False), parts) == set(told)
     assert submission_views.disclosable_parts(tables.PhaseRow(public=True), parts) == set(sizes)
+
+
+@pytest.mark.parametrize(
+    ("timed", "is_told"),
+    [({"a": 5, "b": 15}, True), ({"a": 4, "b": 16}, False), ({"a": 0, "b": 16}, False), ({"a": 20}, True)],
+)
+def test_a_time_ratio_over_few_scenarios_is_hidden_from_every_figure(timed: dict[str, int], is_told: bool) -> None:
+    """All parts have scenarios enough, but not enough of them in which every CAV arrived."""
+    parts = {name: {"ds": 5.0, "scenarios": 20, "time_ratio": 1.5, "timed": number} for name, number in timed.items()}
+    stored = {"overall": {"ds": 5.0, "time_ratio": 2.5, "timed": 20}, "buckets": parts, "categories": {}}
+    for public in (False, True):
+        shown = submission_views.visible_summary(tables.PhaseRow(public=public), stored)
+        assert shown is not None
+        found = [one.time_ratio for one in (shown.overall, *shown.buckets.values())]
+        assert found == ([2.5, *(1.5 for _ in parts)] if is_told or public else [None] * (1 + len(parts)))
+        assert (shown.overall.timed is None) is not (is_told or public)
 
 
 def test_too_few_scenarios_cannot_be_hidden(server: Server, tmp_path: Path) -> None:

@@ -217,6 +217,27 @@ def test_a_summary_is_that_of_the_library_with_intervals() -> None:
     assert summary["overall"]["ds_low"] < summary["overall"]["ds"] < summary["overall"]["ds_high"]
     assert summary["buckets"]["B"]["ds_low"] >= 12.0
     assert summarise(rows) == summary
+    assert (summary["overall"]["efficient_sr"], summary["overall"]["time_ratio"]) == (None, None)
+
+
+def test_a_summary_has_efficient_sr_only_if_every_scenario_has_a_reference() -> None:
+    """Bucket A 50 and 100, B 20: with all of them (75 + 20) / 2; the time ratio is over the scenarios that have one."""
+
+    def row(name: str, bucket: str, efficient_sr: float | None, time_ratio: float | None) -> JobRow:
+        times = {"efficient_sr": efficient_sr, "time_ratio": time_ratio}
+        return JobRow(result=scored(name, bucket).model_copy(update=times).model_dump(mode="json"))
+
+    rows = [row("s1", "A", 50.0, 1.5), row("s2", "A", 100.0, None), row("s3", "B", 20.0, 2.5)]
+    found = summarise(rows)
+    assert (found["overall"]["efficient_sr"], found["overall"]["time_ratio"], found["overall"]["timed"]) == (
+        47.5,
+        2.0,
+        2,
+    )
+    assert (found["buckets"]["A"]["efficient_sr"], found["buckets"]["A"]["timed"]) == (75.0, 1)
+    partly = summarise([*rows, row("s4", "B", None, None)])
+    assert (partly["overall"]["efficient_sr"], partly["buckets"]["B"]["efficient_sr"]) == (None, None)
+    assert partly["buckets"]["A"]["efficient_sr"] == 75.0
 
 
 def test_only_unused_files_are_deleted(tmp_path: Path) -> None:

@@ -64,13 +64,18 @@ def test_progress_reaches_the_size(fake: Fake, archive: Path) -> None:
 
 def test_a_submission_is_followed_over_broken_streams(run: Run, fake: Fake, archive: Path) -> None:
     good = {"scenario": "i01", "seed": 0, "verdict": "ok", "reason": None, "ds": 98.5, "sr": 100.0}
+    good |= {"efficient_sr": 50.0, "time_ratio": 1.75}
     bad = {"scenario": "i02", "seed": 0, "verdict": "agent-failed", "reason": "timeout", "ds": 3.0, "sr": 0.0}
     fake.streams = [
         [("state", {"state": "running"}), ("started", {"scenario": "i01"}), ("scenario", good)],
         [],
         [("scenario", bad), ("state", {"state": "done"})],
     ]
-    fake.shown = {"id": "s1", "state": "queued", "summary": {"overall": {"ds": 50.75, "sr": 50.0, "rc": 77.0}}}
+    fake.shown = {
+        "id": "s1",
+        "state": "queued",
+        "summary": {"overall": {"ds": 50.75, "sr": 50.0, "rc": 77.0, "time_ratio": 2}},
+    }
     fake.shown["state"] = "running"
 
     class Done(dict[str, Any]):
@@ -85,10 +90,10 @@ def test_a_submission_is_followed_over_broken_streams(run: Run, fake: Fake, arch
     lines = found.output.splitlines()
     assert lines[-5:] == [
         "running",
-        "ok: i01  DS  98.50  SR 100.00",
+        "ok: i01  DS  98.50  SR 100.00  efficient SR  50.00  time ratio   1.75",
         "agent-failed (timeout): i02  DS   3.00  SR   0.00",
         "done",
-        "overall: DS 50.75, SR 50.00, RC 77.00",
+        "overall: DS 50.75, SR 50.00, time ratio 2.00, RC 77.00",
     ]
     assert fake.after == ["", "10", "10"]
 

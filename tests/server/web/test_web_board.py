@@ -109,6 +109,9 @@ def test_filters(tmp_path: Path, backend: str) -> None:
         ("method", ["red", "green", "blue"]),
         ("ds", ["green", "blue", "red"]),
         ("sr", ["red", "blue", "green"]),
+        ("efficient_sr", ["red", "blue", "green"]),
+        ("time_ratio", ["red", "blue", "green"]),
+        ("time_ratio&turned=1", ["green", "blue", "red"]),
         ("date", ["blue", "red", "green"]),
     ],
 )
@@ -127,7 +130,7 @@ def test_order(server: Server, sort: str, order: Sequence[str], monkeypatch: pyt
     page = Visit(server).get(f"/?phase=dev&sort={sort}")
     assert first_table(page) == order
     assert "cannot be compared" in page.words
-    falling = (sort.partition("&")[0] in ("ds", "sr", "date")) != ("turned" in sort)
+    falling = (sort.partition("&")[0] in ("ds", "sr", "efficient_sr", "date")) != ("turned" in sort)
     sorted_by = [each for each in page.all("th", scope="col") if "aria-sort" in each.attributes]
     assert [each.attributes["aria-sort"] for each in sorted_by] == ["descending" if falling else "ascending"]
     again = page.all("a", id=f"sort-{sort.partition('&')[0]}")[0].attributes["href"]

@@ -1,0 +1,124 @@
+"""Reference times: after how many ticks each CAV of `omniscient` arrived, measured and kept beside a suite.
+
+Time ratio and efficient SR compare an agent with them (`scoring.efficiency`, docs/scoring.md). Two commands write the
+file, `mdrive-sumo validate SUITE --write` and `mdrive-sumo reference-times RUN`; every reader calls
+`find_reference_times`. An entry belongs to one state of its scenario, so that a changed scenario loses only its own.
+"""
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
+from mdrive_sumo.scenario.scenario_part import Identifier
+from mdrive_sumo.scenario.suite import NETWORKS_FOLDER, Suite
+
+REFERENCE_TIMES_FILE = "reference_times.json"
+REFERENCE_AGENT = "omniscient"
+REFERENCE_SEED = 0
+
+ReferenceTicks = Mapping[str, int]
+"""Ticks from the start to the arrival, by CAV id; a CAV that did not arrive is missing."""
+NO_REFERENCE: ReferenceTicks = {}
+
+
+class _FilePart(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+
+class ScenarioReferenceTimes(_FilePart):
+    """The reference of one scenario."""
+
+    scenario: Identifier
+    checksum: str
+    """Of the scenario that was driven, see `compute_scenario_checksum`."""
+    ticks: Mapping[str, Annotated[int, Field(ge=1)]]
+    """Ticks to the arrival by CAV id, without CAVs that did not arrive."""
+
+
+class ReferenceTimesFile(_FilePart):
+    """`reference_times.json` of a suite."""
+
+    format: Literal["mdrive-sumo/reference-times/1"] = "mdrive-sumo/reference-times/1"
+    agent: Literal["omniscient"] = REFERENCE_AGENT
+    seed: Literal[0] = REFERENCE_SEED
+    scenarios: tuple[ScenarioReferenceTimes, ...]
+
+
+def compute_scenario_checksum(scenario: Scenario, folder: Path) -> str:
+    """Return SHA-256 over a scenario, formatting aside, and over its network if the suite in `folder` has it."""
+    digest = hashlib.sha256(scenario.model_dump_json().encode())
+    for path in sorted((folder / NETWORKS_FOLDER / scenario.network).glob("*")):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return "sha256:" + digest.hexdigest()
+
+
+def find_reference_times(scenario: Scenario, folder: Path) -> ReferenceTicks:
+    """Return the reference of a scenario of the suite in `folder`, for every CAV or for none.
+
+    None: it was not measured, belongs to another state of the scenario, or not every CAV of `omniscient` arrived.
+    Raises InputError for an unreadable file.
+    """
+    path = folder / REFERENCE_TIMES_FILE
+    if not path.is_file():
+        return NO_REFERENCE
+    entry = _read_entries_once(path, path.stat().st_mtime_ns).get(scenario.id)
+    if entry is None or entry.checksum != compute_scenario_checksum(scenario, folder):
+        return NO_REFERENCE
+    return entry.ticks if {ego.id for ego in scenario.egos} <= set(entry.ticks) else NO_REFERENCE
+
+
+def read_reference_times(folder: Path) -> ReferenceTimesFile | None:
+    """Return the file in a suite's folder, also with entries of other states of it. Raises InputError."""
+    path = folder / REFERENCE_TIMES_FILE
+    if not path.is_file():
+        return None
+    try:
+        return ReferenceTimesFile.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: {describe_first_error(error)}") from None
+
+
+def save_reference_times(suite: Suite, measured: Mapping[str, ReferenceTicks]) -> int:
+    """Write the file of a suite without parts and return its number of entries.
+
+    measured: the ticks of scenarios that were driven now; the entries of all others are kept as they are.
+    """
+    kept = {entry.scenario: entry for entry in _list_entries(read_reference_times(suite.folder))}
+    for scenario in suite.scenarios:
+        if scenario.id in measured:
+            checksum = compute_scenario_checksum(scenario, suite.folder)
+            ticks = dict(measured[scenario.id])
+            kept[scenario.id] = ScenarioReferenceTimes(scenario=scenario.id, checksum=checksum, ticks=ticks)
+    entries = [kept[scenario.id] for scenario in suite.scenarios if scenario.id in kept]
+    _write(suite.folder / REFERENCE_TIMES_FILE, entries)
+    return len(entries)
+
+
+def list_unmeasured(suite: Suite) -> tuple[str, ...]:
+    """Return the scenarios of a suite without parts that have no entry, or one of another state. Raises InputError."""
+    kept = {entry.scenario: entry.checksum for entry in _list_entries(read_reference_times(suite.folder))}
+    return tuple(one.id for one in suite.scenarios if kept.get(one.id) != compute_scenario_checksum(one, suite.folder))
+
+
+@lru_cache(maxsize=8)
+def _read_entries_once(path: Path, modified_ns: int) -> Mapping[str, ScenarioReferenceTimes]:  # noqa: ARG001 (the key of a file's state)
+    return {entry.scenario: entry for entry in _list_entries(read_reference_times(path.parent))}
+
+
+def _list_entries(file: ReferenceTimesFile | None) -> Iterable[ScenarioReferenceTimes]:
+    return file.scenarios if file is not None else ()
+
+
+def _write(path: Path, entries: Sequence[ScenarioReferenceTimes]) -> None:
+    """Write the entries, one a line, so that a change shows the scenario that it concerns."""
+    head = ReferenceTimesFile(scenarios=()).model_dump_json(exclude={"scenarios"})
+    lines = ",\n".join(entry.model_dump_json() for entry in entries)
+    path.write_text(f'{head[:-1]},"scenarios":[\n{lines}\n]}}\n', encoding="utf-8")

@@ -1,0 +1,53 @@
+"""Time ratio and efficient success rate: an agent's time against the time of `omniscient` (docs/scoring.md)."""
+
+from collections.abc import Iterable, Sequence
+
+from mdrive_sumo.core.state import End
+from mdrive_sumo.scenario.reference_times import ReferenceTicks
+from mdrive_sumo.scoring.results import EgoResult, ScenarioResult
+from mdrive_sumo.scoring.score_mode import SUCCESS_DS, ScoreMode, compute_mean
+
+EFFICIENT_RATIO = 2.0
+"""A success is efficient up to this time ratio. Issue G: success within 2 x `omniscient`'s time."""
+
+
+def apply_reference_times(result: ScenarioResult, reference: ReferenceTicks, mode: ScoreMode) -> ScenarioResult:
+    """Return a scenario's result with the time ratio of each CAV and of the scenario, and efficient SR, set anew.
+
+    reference: ticks of `omniscient` by CAV; empty: there is none, then all of them are undefined.
+    """
+    egos = tuple(
+        ego.model_copy(update={"time_ratio": _compute_ego_ratio(ego, reference.get(ego.id))}) for ego in result.egos
+    )
+    ratios = [ego.time_ratio for ego in egos if ego.time_ratio is not None]
+    return result.model_copy(
+        update={
+            "egos": egos,
+            "time_ratio": round(compute_mean(ratios), 6) if ratios and len(ratios) == len(egos) else None,
+            "efficient_sr": round(_compute_efficient_sr(result.sr, egos, mode), 6) if reference else None,
+        }
+    )
+
+
+def find_arrival_ticks(egos: Iterable[EgoResult]) -> dict[str, int]:
+    """Return the ticks from the start to the arrival of the CAVs that arrived, by id: `omniscient`'s are a reference.
+
+    A CAV that starts at its goal has no time to compare with and is left out.
+    """
+    return {ego.id: ego.ticks for ego in egos if ego.outcome is End.ARRIVED and ego.ticks}
+
+
+def _compute_ego_ratio(ego: EgoResult, reference: int | None) -> float | None:
+    if ego.outcome != End.ARRIVED or ego.ticks is None or reference is None:
+        return None
+    return round(ego.ticks / reference, 6)
+
+
+def _compute_efficient_sr(sr: float, egos: Sequence[EgoResult], mode: ScoreMode) -> float:
+    """Return efficient SR [%] by the mode's own notion of success: of each CAV, or of the whole scenario."""
+    in_time = [ego.time_ratio is not None and ego.time_ratio <= EFFICIENT_RATIO for ego in egos]
+    if not in_time:
+        return 0.0  # void
+    if mode is not ScoreMode.MDRIVE:
+        return sr if all(in_time) else 0.0
+    return 100.0 * compute_mean(early and ego.ds > SUCCESS_DS for early, ego in zip(in_time, egos, strict=True))

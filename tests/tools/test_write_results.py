@@ -1,0 +1,93 @@
+"""The tables of measured scores: means over seeds, rows of runs that do not belong together, undefined numbers."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, save_results, summarize_run
+from tools import write_results
+from tools.write_results import BUCKETS, build_row, build_rows, format_baselines, format_times
+
+
+def scenario(bucket: str, seed: int, ds: float, time_ratio: float | None, efficient_sr: float | None) -> ScenarioResult:
+    facts = {"id": f"of-{bucket}", "bucket": bucket, "category": "c", "seed": seed, "status": "ok", "reason": ""}
+    scores = {"ds": ds, "sr": ds, "rc": ds, "ip": 1.0, "efficient_sr": efficient_sr, "time_ratio": time_ratio}
+    return ScenarioResult.model_validate(facts | scores | {"min_ttc": None, "digest": "", "ticks": 1, "egos": ()})
+
+
+def run(
+    seed: int, ds: float = 100.0, time_ratio: float | None = 1.5, efficient_sr: float | None = 50.0, **facts: object
+) -> Results:
+    about = {
+        "agent": "idm",
+        "suite": "mdrive",
+        "suite_checksum": "sha256:0",
+        "seed": seed,
+        "score_mode": "mdrive",
+        "versions": {"libsumo": "1.28.0"},
+        "command": ("mdrive-sumo", "eval", "--seed", str(seed)),
+    }
+    rows = [scenario(bucket, seed, ds, time_ratio, efficient_sr) for bucket in BUCKETS]
+    return summarize_run(RunInfo.model_validate(about | facts), rows)
+
+
+def test_a_row_is_the_mean_over_the_seeds() -> None:
+    """DS (100 + 90 + 80) / 3; the time ratio over the two seeds that have one, (1.5 + 3) / 2."""
+    runs = [run(2, 100.0, 1.5), run(0, 90.0, None, 20.0), run(1, 80.0, 3.0)]
+    row = build_row(runs)
+    assert row["scores"]["overall"] == {"ds": 90.0, "sr": 90.0, "efficient_sr": 40.0, "time_ratio": 2.25}
+    assert row["scores"]["V2XPnP"] == row["scores"]["overall"]
+    assert (row["seeds"], row["scenarios"], row["episodes"], row["timed"]) == ([0, 1, 2], 3, 9, 6)
+
+
+def test_the_tables_show_undefined_numbers_as_a_dash() -> None:
+    rows = build_rows([run(0), run(0, time_ratio=None, efficient_sr=None, agent="take-turns")])
+    table = format_baselines(rows, ("take-turns", "idm", "single")).splitlines()
+    assert table[0].endswith("| Overall | Efficient SR | Time ratio |")
+    assert table[2].startswith("| `take-turns` |") and table[2].endswith("| 100.00 / 100.00 | - | - |")
+    assert table[3].startswith("| `idm` |") and table[3].endswith("| 100.00 / 100.00 | 50.00 | 1.50 |")
+    assert len(table) == 4
+    times = format_times(rows, ("take-turns", "idm")).splitlines()
+    assert times[2] == "| `take-turns` | - / - | - / - | - / - | - / - | 0 of 3 | 0 |"
+    assert times[3] == f"| `idm` | {'50.00 / 1.50 | ' * 4}3 of 3 | 0 |"
+
+
+@pytest.mark.parametrize(
+    ("second", "says"),
+    [
+        (run(0), r"expected one run a seed, found the seeds \[0, 0\]"),
+        (run(1, suite_checksum="sha256:1"), "expected runs with one suite_checksum, found sha256:0 and sha256:1"),
+        (run(1, versions={"libsumo": "2"}), "expected runs with one versions"),
+        (run(1, comm={"preset": "its-g5"}), "expected runs with one comm"),
+        (run(1, agent_config="sha256:2"), "expected runs with one agent_config"),
+        (run(1).model_copy(update={"scenarios": run(1).scenarios[:2]}), "expected runs of the same scenarios"),
+    ],
+)
+def test_runs_that_differ_in_more_than_the_seed_are_refused(second: Results, says: str) -> None:
+    with pytest.raises(InputError, match=f"agent idm: {says}"):
+        build_rows([run(0), second])
+
+
+def test_a_run_of_one_bucket_is_refused() -> None:
+    part = summarize_run(run(0).run, run(0).scenarios[:1])
+    with pytest.raises(InputError, match="expected a run of --suite mdrive, found none of bucket Interaction"):
+        build_rows([part])
+
+
+def test_the_command_replaces_the_row_and_both_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for page in (write_results.README, write_results.RESULTS_PAGE, write_results.BASELINES, write_results.SPEED):
+        (tmp_path / page).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / page).write_text((write_results.ROOT / page).read_text("utf-8"), "utf-8")
+    for seed in (0, 1, 2):
+        (tmp_path / f"run{seed}").mkdir()
+        save_results(run(seed, 90.0 + seed, agent="take-turns"), tmp_path / f"run{seed}" / "results.json")
+    monkeypatch.setattr(write_results, "ROOT", tmp_path)
+    monkeypatch.setattr("sys.argv", ["write_results", *(str(tmp_path / f"run{seed}") for seed in (0, 1, 2))])
+    write_results.main()
+    row = json.loads((tmp_path / write_results.BASELINES).read_text())["take-turns"]
+    assert (row["seeds"], row["scores"]["overall"]["ds"]) == ([0, 1, 2], 91.0)
+    for page in (write_results.README, write_results.RESULTS_PAGE):
+        assert "| 91.00 / 91.00 | 50.00 | 1.50 |" in (tmp_path / page).read_text("utf-8")
+    assert "| 9 of 9 | 0, 1, 2 |" in (tmp_path / write_results.RESULTS_PAGE).read_text("utf-8")
