@@ -13,6 +13,7 @@ from mdrive_sumo.episode import Ending, ThinkTime
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.weather import FrictionMode
+from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json, parse_comm
 from mdrive_sumo.vehicle import dynamics
 
@@ -27,6 +28,7 @@ class EpisodeArguments(TypedDict, total=False):
     agent_clock: str | Clock
     actors: str
     friction: str
+    sensing: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +61,14 @@ class EpisodeOptions:
         },
     )
     """Road friction. Agents are not informed: the briefing states the limits of a dry road."""
+    sensing: SensingProfile = field(
+        default=SensingProfile.REALISTIC,
+        metadata={
+            "key": "sensing",
+            "help": "Own states and detections of CAVs and road-side units: with realistic errors; or exact.",
+        },
+    )
+    """Quality of own states and of the standard detector, the same for all stations."""
 
     @classmethod
     def parse(cls, **arguments: Unpack[EpisodeArguments]) -> "EpisodeOptions":

@@ -72,9 +72,8 @@ class EpisodeSimulation:
         """What the agent of each CAV learns before the first tick."""
         self.is_done = False
         """Whether every CAV has ended and the last frame is recorded."""
-        common = SensorContext(
-            config.roads, WEATHERS[scenario.weather], derive_seed(config.seed, scenario.id, "sensing")
-        )
+        seed = derive_seed(config.seed, scenario.id, "sensing")
+        common = SensorContext(config.roads, WEATHERS[scenario.weather], seed, config.options.sensing)
         self._roadside = RoadsideUnits(scenario.rsus if config.options.comm.on else (), common)
         self._senses = ObservationBuilder(sensors, self.briefings, common)
 
@@ -140,7 +139,12 @@ class EpisodeSimulation:
         limit_s = self._time_limit / TICKS_PER_SECOND
         return {
             ego.id: build_briefing(
-                ego, config.roads, facts, derive_seed(config.seed, config.scenario.id, "agent", ego.id), limit_s
+                ego,
+                config.roads,
+                facts,
+                derive_seed(config.seed, config.scenario.id, "agent", ego.id),
+                limit_s,
+                config.options.sensing.standard_detector,
             )
             for ego in config.scenario.egos
         }
@@ -207,12 +211,13 @@ class EpisodeSimulation:
     def _update_controls(self, frame: Frame, replies: Mapping[str, Reply]) -> None:
         """Take the control of each reply, or that of the controller that tracks its plan; drop CAVs that ended."""
         for ego, reply in replies.items():
-            self._controls[ego] = reply.control if reply.control is not None else self._track_plan(ego, frame.egos[ego])
+            self._controls[ego] = reply.control if reply.control is not None else self._track_plan(ego, frame)
         self._plans = {ego: plan for ego, plan in self._plans.items() if ego not in self._endings}
         self._controls = {ego: self._controls[ego] for ego in self.active_egos}
 
-    def _track_plan(self, ego: str, state: EgoState) -> Control:
-        plan = self._plans[ego]
+    def _track_plan(self, ego: str, frame: Frame) -> Control:
+        """Return the control that follows the plan from where the CAV takes itself to be: plans are in that frame."""
+        plan, state = self._plans[ego], self._senses.estimate_own_state(frame, ego)
         key = (ego, plan.controller)
         if key not in self._controllers:
             self._controllers[key] = control.CONTROLLERS[plan.controller](dynamics.to_vehicle_facts(VEHICLE))

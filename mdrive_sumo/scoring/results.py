@@ -117,6 +117,8 @@ class RunInfo(_Part):
     """How scripted road users behave: default (reactive, on a global clock), or original as in MDrive's code."""
     friction: str = "dry"
     """How slippery roads are: dry in every weather, or as the scenario's weather makes them."""
+    sensing: str = ""
+    """How well own states and objects are sensed: realistic or perfect; "" in files from before this option."""
 
 
 class Results(_Part):
