@@ -71,11 +71,11 @@ def _line_to_dict(line: StudyLine) -> dict[str, Any]:
         "reused": row.reused,
         "void": line.void,
         **{name: None if value is None else asdict(value) for name, value in numbers.items()},
-        "runs": [_run_to_dict(results) for results in row.results],
+        "runs": [run_to_dict(results) for results in row.results],
     }
 
 
-def _run_to_dict(results: Results) -> dict[str, Any]:
+def run_to_dict(results: Results) -> dict[str, Any]:
     kept = {"status", "reason", "ds", "sr", "rc", "ip", "min_ttc", "scalars", "digest", "comm", "notes"}
     return {
         "seed": results.run.seed,
@@ -134,22 +134,22 @@ def _format_cells(line: StudyLine) -> TableRow:
     return (
         describe_agent(line.row.results[0]),
         _format_condition(line),
-        _format_interval(line.ds),
-        _format_interval(line.sr),
-        _format_interval(line.ds_difference, "+"),
-        _format_interval(line.sr_difference, "+"),
+        format_interval(line.ds),
+        format_interval(line.sr),
+        format_interval(line.ds_difference, "+"),
+        format_interval(line.sr_difference, "+"),
         str(line.void),
     )
 
 
 def _format_brief_cells(line: StudyLine) -> TableRow:
-    ds, sr = _format_interval(line.ds), "" if line.sr is None else f"{line.sr.mean:.1f}"
-    return (line.row.agent, _format_condition(line), ds, sr, _format_interval(line.ds_difference, "+"), str(line.void))
+    ds, sr = format_interval(line.ds), "" if line.sr is None else f"{line.sr.mean:.1f}"
+    return (line.row.agent, _format_condition(line), ds, sr, format_interval(line.ds_difference, "+"), str(line.void))
 
 
 def _format_condition(line: StudyLine) -> str:
     return line.row.condition.name + (" *" if line.row.reused else "")
 
 
-def _format_interval(value: ConfidenceInterval | None, sign: str = "") -> str:
+def format_interval(value: ConfidenceInterval | None, sign: str = "") -> str:
     return "" if value is None else f"{value.mean:{sign}.1f} [{value.low:{sign}.1f}, {value.high:{sign}.1f}]"

@@ -12,7 +12,7 @@ from testing.planning import briefing, own, seen, things
 from testing.sampling import sampled
 
 from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.contract import Message, Objects, Observation, OwnState
+from mdrive_sumo.contract import Message, Objects, Observation
 from mdrive_sumo.contract.detector_profiles import IDEAL, LIDAR_SINGLE
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
@@ -21,7 +21,7 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.negotiation import NegotiationInterface
-from mdrive_sumo.perception.late_fusion import LateFusion
+from mdrive_sumo.perception.object_tracker import ObjectTracker
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.runs.agent_spec import AgentSpec
@@ -270,13 +270,13 @@ def test_single_does_not_know_an_occluded_car() -> None:
 
 def test_sharing_knows_an_occluded_car(monkeypatch: pytest.MonkeyPatch) -> None:
     known: dict[tuple[int, int], Objects] = {}
-    fuse = LateFusion.fuse
+    update = ObjectTracker.update
 
-    def fused(self: LateFusion, tick: int, own: OwnState, seen: Objects) -> Objects:
-        known[id(self), tick] = fuse(self, tick, own, seen)
-        return known[id(self), tick]
+    def tracked(self: ObjectTracker, seen: Observation) -> Objects:
+        known[id(self), seen.tick] = update(self, seen)
+        return known[id(self), seen.tick]
 
-    monkeypatch.setattr(LateFusion, "fuse", fused)
+    monkeypatch.setattr(ObjectTracker, "update", tracked)
     _, drivers = past_the_house("sharing")
     first = next(iter(known))[0]  # "0" is asked first
     hidden = {tick for tick in hidden_ticks(drivers["0"].seen) if 4 <= tick < 40}
