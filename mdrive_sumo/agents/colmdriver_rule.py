@@ -3,7 +3,7 @@
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, Option
 from mdrive_sumo.negotiation import LlmNegotiator, NegotiationInterface, RuleNegotiator
-from mdrive_sumo.perception.late_fusion import LateFusion
+from mdrive_sumo.perception.object_tracker import ObjectTracker
 from mdrive_sumo.planning.driving_options import DrivingOptions
 from mdrive_sumo.planning.ego_planner import EgoPlanner, exclude_objects
 from mdrive_sumo.v2x.messages import MCM
@@ -33,7 +33,7 @@ class ColmdriverRuleAgent:
     def start(self, briefing: Briefing) -> None:
         """Prepare the negotiation; the path needs the first observation, which has the heading of the car."""
         self._briefing = briefing
-        self._fusion = LateFusion(briefing.vehicle)
+        self._tracker = ObjectTracker(briefing, self._options.find_detector(briefing))
         self._negotiation = NegotiationInterface(briefing, self.build_negotiator(briefing.seed), stops=True)
         self._ego_planner: EgoPlanner | None = None
 
@@ -42,11 +42,11 @@ class ColmdriverRuleAgent:
         if self._ego_planner is None:
             self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
         planner = self._ego_planner.planner
-        notes = self._fusion.receive(message for message in seen.messages if message.type == MCM)
+        notes = self._tracker.receive(message for message in seen.messages if message.type == MCM)
         self._negotiation.receive(seen)
         if self._ego_planner.track_ego(seen):
             names, motions = self._negotiation.predict_announced_motions(seen, planner)
-            objects = self._fusion.fuse(seen.tick, seen.own, self._options.compensate_latency(seen))
+            objects = self._tracker.update(seen)
             stop_points = self._negotiation.find_stop_points(seen, planner)
             self._ego_planner.update_plan(seen, exclude_objects(objects, names), motions, stop_points)
         plan = planner.build_plan(seen.tick)

@@ -11,7 +11,6 @@ import numpy as np
 
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, Plan, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, read_options
-from mdrive_sumo.contract.detector_profiles import PROFILES
 from mdrive_sumo.perception.late_fusion import FusionLimits, LateFusion
 from mdrive_sumo.planning.reference_path import ReferencePath, build_path
 from mdrive_sumo.planning.stop_lines import StopLines, build_stop_lines
@@ -69,8 +68,7 @@ class PerceptionSwapAgent:
         self._briefing = briefing
         limits = FusionLimits(PERCEPTION_SWAP.max_senders, PERCEPTION_SWAP.max_sender_distance_m)
         self._fusion = LateFusion(briefing.vehicle, limits)
-        latency_ticks = PROFILES[self.detector].latency_ticks
-        self._awareness = AwarenessService(briefing, PERCEPTION_SWAP.range_m, latency_ticks)
+        self._awareness = AwarenessService(briefing, PERCEPTION_SWAP.range_m, self.detector)
         self._route: tuple[ReferencePath, StopLines] | None = None
         self._s, self._hold_until_tick = 0.0, 0
 

@@ -2,14 +2,14 @@
 
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config
-from mdrive_sumo.perception.late_fusion import LateFusion
+from mdrive_sumo.perception.object_tracker import ObjectTracker
 from mdrive_sumo.planning.driving_options import DrivingOptions
 from mdrive_sumo.planning.ego_planner import EgoPlanner
 from mdrive_sumo.v2x.awareness_service import AwarenessService
 
 
 class SharingAgent:
-    """The planner of `single`, fed by own detections fused with CAMs and CPMs of CAVs and road-side units."""
+    """The planner and tracker of `single`, fed also with CAMs and CPMs of CAVs and road-side units."""
 
     label = "sharing"
     name = "sharing"
@@ -24,17 +24,17 @@ class SharingAgent:
     def start(self, briefing: Briefing) -> None:
         """Prepare fusion and sending; the path needs the first observation, which has the heading of the car."""
         self._briefing = briefing
-        self._fusion = LateFusion(briefing.vehicle)
-        self._awareness = AwarenessService(briefing, self._options.range_m, self._options.latency_ticks)
+        detector = self._options.find_detector(briefing)
+        self._tracker = ObjectTracker(briefing, detector)
+        self._awareness = AwarenessService(briefing, self._options.range_m, detector)
         self._ego_planner: EgoPlanner | None = None
 
     def act(self, seen: Observation) -> Reply:
         """Return the plan, updated when it is due, and messages with the own state and detections."""
         if self._ego_planner is None:
             self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
-        notes = self._fusion.receive(seen.messages)
+        notes = self._tracker.receive(seen.messages)
         if self._ego_planner.track_ego(seen):
-            objects = self._fusion.fuse(seen.tick, seen.own, self._options.compensate_latency(seen))
-            self._ego_planner.update_plan(seen, objects)
+            self._ego_planner.update_plan(seen, self._tracker.update(seen))
         plan = self._ego_planner.planner.build_plan(seen.tick)
         return Reply(plan=plan, messages=self._awareness.compose_messages(seen), notes=notes)

@@ -22,12 +22,11 @@ class SharingNegotiationAgent(SharingAgent):
         if self._ego_planner is None:
             self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
         planner = self._ego_planner.planner
-        notes = self._fusion.receive(seen.messages)
+        notes = self._tracker.receive(seen.messages)
         self._negotiation.receive(seen)
         if self._ego_planner.track_ego(seen):
             names, motions = self._negotiation.predict_announced_motions(seen, planner)
-            objects = self._fusion.fuse(seen.tick, seen.own, self._options.compensate_latency(seen))
-            self._ego_planner.update_plan(seen, exclude_objects(objects, names), motions)
+            self._ego_planner.update_plan(seen, exclude_objects(self._tracker.update(seen), names), motions)
         plan = planner.build_plan(seen.tick)
         step = self._negotiation.negotiate(seen, planner, plan.points)
         messages = self._awareness.compose_messages(seen) + step.messages

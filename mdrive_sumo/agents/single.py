@@ -2,12 +2,13 @@
 
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config
+from mdrive_sumo.perception.object_tracker import ObjectTracker
 from mdrive_sumo.planning.driving_options import DrivingOptions
 from mdrive_sumo.planning.ego_planner import EgoPlanner
 
 
 class SingleAgent:
-    """Own sensors only: plans in space and time around what it sees, and yields by time-to-conflict."""
+    """Own sensors only: plans in space and time around what it sees and tracks, and yields by time-to-conflict."""
 
     label = "single"
 
@@ -21,6 +22,7 @@ class SingleAgent:
     def start(self, briefing: Briefing) -> None:
         """Store the briefing; the path needs the first observation, because the briefing has no heading of the car."""
         self._briefing = briefing
+        self._tracker = ObjectTracker(briefing, self._options.find_detector(briefing))
         self._ego_planner: EgoPlanner | None = None
 
     def act(self, seen: Observation) -> Reply:
@@ -28,5 +30,5 @@ class SingleAgent:
         if self._ego_planner is None:
             self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
         if self._ego_planner.track_ego(seen):
-            self._ego_planner.update_plan(seen, self._options.compensate_latency(seen))
+            self._ego_planner.update_plan(seen, self._tracker.update(seen))
         return Reply(plan=self._ego_planner.planner.build_plan(seen.tick))

@@ -4,22 +4,21 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
 
 import click
 
 from mdrive_sumo.cli.ablate import command as ablate_command
+from mdrive_sumo.cli.gain import command as gain_command
+from mdrive_sumo.cli.study_display import StudyDisplay
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.loop import EpisodeOptions
-from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
-from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.study.conditions import (
     FACTORS,
     GRIDS,
@@ -36,37 +35,11 @@ from mdrive_sumo.study.study_runs import BEST, Study, StudyRow
 from mdrive_sumo.study.study_summary import StudyLine, summarise_rows
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
 
-command = click.Group("study", help="Measure what cooperation is worth: over worse channels, and message by message.")
+command = click.Group(
+    "study", help="Measure what cooperation is worth: in parts, over worse channels, and message by message."
+)
 command.add_command(ablate_command)
-
-
-class StudyDisplay(ProgressDisplay):
-    """Progress over all runs of a study."""
-
-    def __init__(self, stream: TextIO, total: int) -> None:
-        super().__init__(stream)
-        self._total = total
-        self._name = ""
-
-    def run(self, name: str) -> None:
-        """See StudyProgress."""
-        self._name = name
-        self.note(f"{name}:")
-
-    def spared(self, scenarios: int) -> None:
-        """See StudyProgress."""
-        self._total -= scenarios
-
-    def begin(self, total: int, kept: Mapping[str, ScenarioResult]) -> None:
-        """See Progress: one of the study's runs begins."""
-        self._kept += len(kept)
-        self._results += kept.values()
-        if kept:
-            self.note(f"  {len(kept)} of {total} scenarios are done already")
-
-    def _state(self) -> str:
-        done = len(self._results)
-        return f"{done:{len(str(self._total))}}/{self._total}  eta {self._time_left()}"
+command.add_command(gain_command)
 
 
 @command.command("comm")

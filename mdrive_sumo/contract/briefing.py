@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mdrive_sumo.contract.detector_profiles import IDEAL
 from mdrive_sumo.core.geometry import Float
 
 
@@ -66,3 +67,5 @@ class Briefing:
     route_room: Float = field(default_factory=lambda: np.zeros((0, 2)))
     """(N, 2) free width [m] to the left and to the right of each route point across the assigned lane: up to the edge
     of all lanes and junctions together, oncoming lanes included, at most 10 m. No rows if it was not measured."""
+    standard_detector: str = IDEAL
+    """The detector profile that the profile `standard` of the objects sensor stands for in this episode."""

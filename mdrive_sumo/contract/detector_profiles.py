@@ -66,6 +66,8 @@ class PublishedPrecision(NamedTuple):
 
 
 IDEAL = "ideal"
+STANDARD = "standard"
+"""Not a profile of its own: the detector of the episode's sensing profile, which `Briefing.standard_detector` names."""
 LIDAR_SINGLE = "lidar-single"
 V2X_VIT = "Xu et al., V2X-ViT, ECCV 2022 (arXiv:2203.10638), table 1, V2XSet, perfect setting, row {}"
 OPENCOOD = "README of github.com/DerrickXuNu/OpenCOOD, 3D detection on V2XSet, LiDAR track, perfect setting, row CoBEVT"

@@ -15,7 +15,11 @@ LABELS = ("single", "sharing", "negotiation", "joint", "privileged")
 
 @dataclass(frozen=True, slots=True)
 class OwnState:
-    """The ego's own instruments, without noise."""
+    """The ego's own state as its instruments estimate it, and how uncertain that is.
+
+    Exact under the sensing profile `perfect`, and for agents that declare the privileged sensor. Detections are placed
+    in the world by this state, so they fit to it; messages carry it to others.
+    """
 
     x: float
     y: float
@@ -24,6 +28,12 @@ class OwnState:
     acceleration: float
     yaw_rate: float
     steer_angle: float
+    position_sigma: float = 0.0
+    """Standard deviation of the errors of x and of y [m]; 0: exact."""
+    yaw_sigma: float = 0.0
+    """Standard deviation of the error of yaw [rad]."""
+    speed_sigma: float = 0.0
+    """Standard deviation of the error of speed [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ from mdrive_sumo.loop.pseudonyms import StationIds, derive_pseudonyms
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.weather import FrictionMode
+from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json, parse_comm
 from mdrive_sumo.vehicle import dynamics
 
@@ -30,6 +31,7 @@ class EpisodeArguments(TypedDict, total=False):
     actors: str
     friction: str
     ids: str
+    sensing: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,14 @@ class EpisodeOptions:
         },
     )
     """Ids that agents learn. Results and recordings always have the scenario's."""
+    sensing: SensingProfile = field(
+        default=SensingProfile.REALISTIC,
+        metadata={
+            "key": "sensing",
+            "help": "Own states and detections of CAVs and road-side units: with realistic errors; or exact.",
+        },
+    )
+    """Quality of own states and of the standard detector, the same for all stations."""
 
     @classmethod
     def parse(cls, **arguments: Unpack[EpisodeArguments]) -> "EpisodeOptions":

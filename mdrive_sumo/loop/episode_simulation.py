@@ -75,9 +75,8 @@ class EpisodeSimulation:
         """What the agent of each CAV learns before the first tick."""
         self.is_done = False
         """Whether every CAV has ended and the last frame is recorded."""
-        common = SensorContext(
-            config.roads, WEATHERS[scenario.weather], derive_seed(config.seed, scenario.id, "sensing")
-        )
+        seed = derive_seed(config.seed, scenario.id, "sensing")
+        common = SensorContext(config.roads, WEATHERS[scenario.weather], seed, config.options.sensing)
         self._roadside = RoadsideUnits(scenario.rsus if config.options.comm.on else (), common)
         self._senses = ObservationBuilder(sensors, self.briefings, common)
 
@@ -148,10 +147,11 @@ class EpisodeSimulation:
     def _build_briefings(self) -> dict[str, Briefing]:
         config, facts = self._config, dynamics.to_vehicle_facts(VEHICLE)
         limit_s = self._time_limit / TICKS_PER_SECOND
+        detector = config.options.sensing.standard_detector
         briefings: dict[str, Briefing] = {}
         for ego in config.scenario.egos:
             seed = derive_seed(config.seed, config.scenario.id, "agent", ego.id)
-            briefing = build_briefing(ego, config.roads, facts, seed, limit_s)
+            briefing = build_briefing(ego, config.roads, facts, seed, limit_s, detector)
             briefings[ego.id] = replace(briefing, ego_id=config.pseudonyms[ego.id])
         return briefings
 
@@ -240,13 +240,14 @@ class EpisodeSimulation:
         A CAV whose agent failed brakes.
         """
         for ego, reply in replies.items():
-            self._controls[ego] = reply.control if reply.control is not None else self._track_plan(ego, frame.egos[ego])
+            self._controls[ego] = reply.control if reply.control is not None else self._track_plan(ego, frame)
         driven = [ego for ego in self.active_egos if ego not in self._failures]
         self._plans = {ego: self._plans[ego] for ego in driven if ego in self._plans}
         self._controls = {ego: self._controls[ego] if ego in driven else STANDSTILL for ego in self.active_egos}
 
-    def _track_plan(self, ego: str, state: EgoState) -> Control:
-        plan = self._plans[ego]
+    def _track_plan(self, ego: str, frame: Frame) -> Control:
+        """Return the control that follows the plan from where the CAV takes itself to be: plans are in that frame."""
+        plan, state = self._plans[ego], self._senses.estimate_own_state(frame, ego)
         key = (ego, plan.controller)
         if key not in self._controllers:
             self._controllers[key] = control.CONTROLLERS[plan.controller](dynamics.to_vehicle_facts(VEHICLE))

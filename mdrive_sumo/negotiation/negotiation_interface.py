@@ -137,6 +137,8 @@ class NegotiationInterface:
             interval_s=INTERVAL_S,
             desired=planner.predict_desired_points(own.speed, POINTS),
             planned=planned,
+            position_sigma=own.position_sigma,
+            yaw_sigma=own.yaw_sigma,
         )
 
 

@@ -13,7 +13,7 @@ from mdrive_sumo.v2x.messages import Direction, Intention
 
 @dataclass(frozen=True, slots=True)
 class NegotiationMember:
-    """The present state of one CAV: the own one is exact, others are predicted from their last MCM."""
+    """The present state of one CAV: the own one is its estimate, others are predicted from their last MCM."""
 
     id: str
     """Station id, as in `Message.sender`."""
@@ -28,6 +28,9 @@ class NegotiationMember:
     """(K, 2) positions [m] on a free road; the first point lies one interval ahead of now."""
     planned: Float = field(default_factory=lambda: np.zeros((0, 2)))
     """(K, 2) planned positions [m]."""
+    position_sigma: float = 0.0
+    """Standard deviations of the errors of x and of y [m], and of yaw [rad], of the own car's estimate."""
+    yaw_sigma: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,7 +50,7 @@ def build_mcm_message(member: NegotiationMember, tick: int, terms: NegotiationTe
     """Return the MCM of a member: its planned and desired trajectories and the terms of the negotiation."""
     message = encode(
         Mcm(
-            pose=ReferencePose(member.x, member.y, member.yaw, tick),
+            pose=ReferencePose(member.x, member.y, member.yaw, tick, member.position_sigma, member.yaw_sigma),
             speed=member.speed,
             intention=member.intention,
             direction=member.direction,

@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from mdrive_sumo.contract import Objects, Observation, SensorSpec
+from mdrive_sumo.contract import Briefing, SensorSpec
 from mdrive_sumo.contract.agent_options import Choice, Config, Option, read_choice, read_options
-from mdrive_sumo.contract.detector_profiles import IDEAL, LIDAR_SINGLE, PROFILES
-from mdrive_sumo.core.state import DT
+from mdrive_sumo.contract.detector_profiles import IDEAL, LIDAR_SINGLE, STANDARD
 
 DRIVING_OPTIONS = MappingProxyType({"speed": Option(8.0, 2.0, 10.0), "range": Option(80.0, 5.0, 200.0)})
 NO_OPTIONS: Mapping[str, Option] = MappingProxyType({})
-DETECTOR = Choice(LIDAR_SINGLE, (LIDAR_SINGLE, IDEAL))
+DETECTOR = Choice(STANDARD, (STANDARD, LIDAR_SINGLE, IDEAL))
+"""By default all agents have the detector of the episode's sensing profile."""
 
 
 class DrivingOptions:
@@ -33,12 +33,6 @@ class DrivingOptions:
         options = {"profile": self._detector, "free_space": free_space}
         return SensorSpec("objects", range_m=self.range_m, options=options)
 
-    @property
-    def latency_ticks(self) -> int:
-        """Age of the detections, from the detector's profile."""
-        return PROFILES[self._detector].latency_ticks
-
-    def compensate_latency(self, seen: Observation) -> Objects:
-        """Return the own detections, advanced to the present tick at constant speed."""
-        assert seen.objects is not None, "the objects sensor is declared"
-        return seen.objects.advance(self.latency_ticks * DT) if self.latency_ticks else seen.objects
+    def find_detector(self, briefing: Briefing) -> str:
+        """Return the name of the detector's error profile in this episode."""
+        return briefing.standard_detector if self._detector == STANDARD else self._detector

@@ -140,6 +140,8 @@ class RunInfo(_Part):
     """How slippery roads are: dry in every weather, or as the scenario's weather makes them."""
     ids: str = "scenario"
     """Ids of CAVs in agents and messages: random per episode, or the scenario's (older results have no entry)."""
+    sensing: str = ""
+    """How well own states and objects are sensed: realistic or perfect; "" in files from before this option."""
 
 
 class Results(_Part):

@@ -4,6 +4,7 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.contract import Briefing, StopSign, TrafficLight, VehicleFacts
+from mdrive_sumo.contract.detector_profiles import IDEAL
 from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.roads import Lane, RoadMap
@@ -11,7 +12,14 @@ from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.sensing.route_room import compute_route_room
 
 
-def build_briefing(ego: Ego, roads: RoadMap, vehicle: VehicleFacts, seed: int, time_limit_s: float) -> Briefing:
+def build_briefing(
+    ego: Ego,
+    roads: RoadMap,
+    vehicle: VehicleFacts,
+    seed: int,
+    time_limit_s: float,
+    standard_detector: str = IDEAL,
+) -> Briefing:
     """Return the briefing for the agent of one CAV."""
     route = Polyline(ego.xy)
     lanes = _find_assigned_lanes(ego, roads)
@@ -29,6 +37,7 @@ def build_briefing(ego: Ego, roads: RoadMap, vehicle: VehicleFacts, seed: int, t
         stop_signs=tuple(StopSign(s) for s in _find_stop_signs(ego, roads, route)),
         traffic_lights=tuple(_find_traffic_lights(ego, roads, route)),
         route_room=compute_route_room(roads, ego.xy, ego.yaw),
+        standard_detector=standard_detector,
     )
 
 

@@ -1,8 +1,9 @@
 """Satellite receiver, inertial unit and speedometer: all at the origin of the car, its box centre, in every tick.
 
-Exact unless an option asks for noise. The map projection is the one of CARLA's leaderboard: spherical Mercator on the
-equatorial radius of WGS 84, multiplied by cos(reference latitude). The reference is (0, 0) and lies at the origin of
-the network's frame, so that the factor is 1; x points east and y north.
+They report the estimated own state, which is exact under the sensing profile `perfect`; options add noise to it. The
+map projection is the one of CARLA's leaderboard: spherical Mercator on the equatorial radius of WGS 84, multiplied by
+cos(reference latitude). The reference is (0, 0) and lies at the origin of the network's frame, so that the factor is 1;
+x points east and y north.
 """
 
 import math
@@ -49,10 +50,11 @@ class GnssSensor:
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> Gnss:
         """Return the measured position of the box centre."""
+        own = eye.estimate or eye
         if not self._noise_m:
-            return to_gnss(eye.x, eye.y)
+            return to_gnss(own.x, own.y)
         east, north, up, *_ = (self._noise_m * value for value in draw_normals(self._seed, "gnss", scene.tick))
-        read = to_gnss(eye.x + east, eye.y + north)
+        read = to_gnss(own.x + east, own.y + north)
         return Gnss(read.latitude_deg, read.longitude_deg, up)
 
 
@@ -73,7 +75,7 @@ class ImuSensor:
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> Imu:
         """Return the readings of this tick."""
-        ego = scene.egos[self._carrier]
+        ego = eye.estimate or scene.egos[self._carrier]
         drawn = draw_normals(self._seed, "imu", scene.tick) if self._noisy else (0.0,) * 8
         a, g = self._acceleration, self._gyro
         return Imu(
@@ -83,18 +85,18 @@ class ImuSensor:
                 GRAVITY + a * drawn[2],
             ),
             angular_rate=(g * drawn[3], g * drawn[4], ego.yaw_rate + g * drawn[5]),
-            compass=to_compass(eye.yaw + self._compass * drawn[6]),
+            compass=to_compass(ego.yaw + self._compass * drawn[6]),
         )
 
 
 class SpeedometerSensor:
-    """Speedometer without noise. It has no options."""
+    """Speedometer. It has no options."""
 
     def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
         """Raises InputError."""
         check_option_names(spec, ())
         self._carrier = fitting.carrier
 
-    def sense(self, scene: SensingFrame, eye: SensorPose) -> float:  # noqa: ARG002  # common signature of all sensors
+    def sense(self, scene: SensingFrame, eye: SensorPose) -> float:
         """Return the speed [m/s] along yaw."""
-        return scene.egos[self._carrier].speed
+        return (eye.estimate or scene.egos[self._carrier]).speed

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.contract import Objects, SensorSpec
-from mdrive_sumo.contract.detector_profiles import IDEAL, PROFILES
+from mdrive_sumo.contract.detector_profiles import IDEAL, PROFILES, STANDARD
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import TAU, Bool, Float, wrap_angles
 from mdrive_sumo.roads import RoadMap
@@ -25,12 +25,16 @@ MAX_RANGE_M = 1000.0
 
 
 class ObjectsSensor:
-    """Detections, nearest first, under track names of the carrier's own; docs/sensors.md describes the options."""
+    """Detections, nearest first, under track names of the carrier's own; docs/sensors.md describes the options.
+
+    They are in the world as the carrier takes it to be: placed by its estimated pose (`SensorPose.estimate`).
+    """
 
     def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
         """Raises InputError for unknown or bad options, or a range that is not in (0, 1000] m."""
         check_option_names(spec, OPTIONS)
-        self._profile = PROFILES[read_choice(spec, "profile", IDEAL, tuple(PROFILES))]
+        name = read_choice(spec, "profile", IDEAL, (*PROFILES, STANDARD))
+        self._profile = PROFILES[fitting.standard_detector if name == STANDARD else name]
         self._half_fov = np.deg2rad(read_number(spec, "fov_deg", 360.0, 1.0, 360.0)) / 2
         self._yaw = np.deg2rad(read_number(spec, "yaw_deg", 0.0, -360.0, 360.0))
         self._sectors = _sectors(spec)
@@ -57,6 +61,7 @@ class ObjectsSensor:
         seen = truth if self._exact else self._add_flaws(view, truth)
         near = seen.take(np.argsort(np.hypot(seen.x - eye.x, seen.y - eye.y), kind="stable"))
         names = tuple(self._name(true_id) for true_id in near.ids)
+        near = eye.place_by_estimate(near)
         return replace(near, ids=names, free_m=view.free_sight(self._sectors) if self._sectors else np.zeros(0))
 
     def _find_detected_rows(self, view: SightView) -> npt.NDArray[np.intp]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from mdrive_sumo.contract import Briefing, Message, Objects, Observation, OwnState, Plan, Privileged, SensorSpec
+from mdrive_sumo.contract import Briefing, Message, Objects, Observation, Plan, Privileged, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import EgoState, Frame
@@ -13,10 +13,12 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.weather import Weather
 from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.lidar_sensor import LidarSensor
+from mdrive_sumo.sensing.localization import OwnStateEstimator, to_own_state
 from mdrive_sumo.sensing.navigation_sensors import GnssSensor, ImuSensor, SpeedometerSensor
 from mdrive_sumo.sensing.objects_sensor import ObjectsSensor
 from mdrive_sumo.sensing.raster_sensor import RasterSensor
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
+from mdrive_sumo.sensing.sensing_profile import SensingProfile
 
 SINGLE: Mapping[str, Callable[[SensorSpec, SensorSetup], Any]] = MappingProxyType(
     {
@@ -37,6 +39,7 @@ class SensorContext:
     roads: RoadMap
     weather: Weather
     seed: int
+    sensing: SensingProfile = SensingProfile.PERFECT
 
     def derive_track_salt(self, carrier: str) -> int:
         """Return the salt of the track names of a CAV or road-side unit in this episode."""
@@ -52,6 +55,17 @@ class ObservationBuilder:
         """Build all sensors. Raises InputError for unknown or duplicate sensors and for invalid options."""
         self._briefings = briefings
         self._carriers = {ego: _Carrier(ego, specs, briefings[ego], common) for ego, specs in sensors.items()}
+        self._estimators = {
+            ego: OwnStateEstimator(derive_seed(common.seed, "own-state", ego))
+            for ego, carrier in self._carriers.items()
+            if common.sensing is SensingProfile.REALISTIC and not carrier.privileged
+        }
+        """Of the CAVs whose own state is an estimate; the privileged sensor tells the true states anyway."""
+
+    def estimate_own_state(self, frame: Frame, ego: str) -> EgoState:
+        """Return the state in which a CAV takes itself to be: its agent plans, and its controller drives, by it."""
+        estimator, truth = self._estimators.get(ego), frame.egos[ego]
+        return truth if estimator is None else estimator.estimate(frame.tick, truth)
 
     def needs_frame(self, egos: tuple[str, ...]) -> bool:
         """Return whether any of these CAVs has a sensor."""
@@ -72,15 +86,17 @@ class ObservationBuilder:
         rows = {ego: row for row, ego in enumerate(frame.egos)}
         observations: dict[str, Observation] = {}
         for ego, messages in messages_by_ego.items():
-            state, carrier = frame.egos[ego], self._carriers[ego]
+            state, carrier, estimator = frame.egos[ego], self._carriers[ego], self._estimators.get(ego)
+            estimate = estimator.estimate(frame.tick, state) if estimator else None
+            own = estimator.describe(estimate) if estimator and estimate else to_own_state(state)
             lights = {light.id: _read_signal(frame.signals, light.id) for light in self._briefings[ego].traffic_lights}
             fields: dict[str, Any] = {}
             if scene is not None and carrier.has_sensors:
-                fields = carrier.sense(scene, SensorPose(state.x, state.y, state.yaw, rows[ego]))
+                fields = carrier.sense(scene, SensorPose(state.x, state.y, state.yaw, rows[ego], estimate))
                 if carrier.privileged:
                     fields["privileged"] = self._privileged(scene, plans)
             observations[ego] = Observation(
-                frame.tick, to_own_state(state), signals=MappingProxyType(lights), messages=messages, **fields
+                frame.tick, own, signals=MappingProxyType(lights), messages=messages, **fields
             )
         return observations
 
@@ -108,7 +124,8 @@ class _Carrier:
         salt = common.derive_track_salt(ego)
         for spec in specs:
             seed = derive_seed(common.seed, "sensor", ego, spec.kind, spec.id)
-            self._add(spec, SensorSetup(ego, seed, common.roads, common.weather, briefing, salt))
+            standard = common.sensing.standard_detector
+            self._add(spec, SensorSetup(ego, seed, common.roads, common.weather, briefing, salt, standard))
         # A raster shows only what an ideal detector sees: it must not show objects behind walls.
         view = max((spec.range_m for spec in specs if spec.kind == "bev"), default=0.0)
         ideal = SensorSetup(ego, 0, common.roads, common.weather, briefing, salt)
@@ -133,7 +150,7 @@ class _Carrier:
         if self._sight is not None:
             visible = self._sight.sense(scene, eye)
             fields["bev"] = MappingProxyType(
-                {name: sensor.sense(scene, eye, visible) for name, sensor in self._bev.items()}
+                {name: sensor.sense(scene, eye.to_estimate(), visible) for name, sensor in self._bev.items()}
             )
         return fields
 
@@ -152,11 +169,6 @@ def build_sensing_frame(frame: Frame, sizes: Mapping[str, tuple[float, float]]) 
     """Return all road users of the frame, CAVs first; sizes: (length, width) [m] by CAV id."""
     boxes = Objects.from_egos(frame.egos, sizes).concat(frame.actors)
     return SensingFrame(frame.tick, boxes, frame.egos)
-
-
-def to_own_state(ego: EgoState) -> OwnState:
-    """Return the on-board measurements of an ego."""
-    return OwnState(ego.x, ego.y, ego.yaw, ego.speed, ego.acceleration, ego.yaw_rate, ego.steer_angle)
 
 
 def _read_signal(signals: Mapping[str, str], light: str) -> str:

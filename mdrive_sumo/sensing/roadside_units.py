@@ -2,16 +2,16 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from mdrive_sumo.contract import Message, SensorSpec
-from mdrive_sumo.contract.detector_profiles import PROFILES
+from mdrive_sumo.contract.detector_profiles import IDEAL, PROFILES, DetectionProfile
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.scenario.scenario import RoadsideUnit
 from mdrive_sumo.sensing.objects_sensor import ObjectsSensor
 from mdrive_sumo.sensing.observation_builder import SensorContext
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
-from mdrive_sumo.v2x.messages import MAX_OBJECTS, Cpm, ReferencePose, encode
+from mdrive_sumo.sensing.sensing_profile import SensingProfile
+from mdrive_sumo.v2x.awareness_service import build_cpm
+from mdrive_sumo.v2x.messages import MAX_OBJECTS, ReferencePose, encode
 
 CPM_INTERVAL_TICKS = 2
 """CPMs at 10 Hz, the highest rate of ETSI TS 103 324."""
@@ -22,7 +22,7 @@ class RoadsideUnits:
 
     def __init__(self, units: Sequence[RoadsideUnit], common: SensorContext) -> None:
         """Raises InputError for an unknown error profile."""
-        self._units = tuple(units)
+        self._units, self._sensing = tuple(units), common.sensing
         self._sensors = [_build_sensor(unit, common) for unit in units]
 
     @property
@@ -37,20 +37,32 @@ class RoadsideUnits:
     def compose_messages(self, scene: SensingFrame) -> dict[str, tuple[Message, ...]]:
         """Return the CPM of every unit by its id."""
         return {
-            unit.id: (_compose_cpm(unit, sensor, scene),)
+            unit.id: (_compose_cpm(unit, sensor, scene, PROFILES[find_detector(unit, self._sensing)]),)
             for unit, sensor in zip(self._units, self._sensors, strict=True)
         }
 
 
 def _build_sensor(unit: RoadsideUnit, common: SensorContext) -> ObjectsSensor:
-    spec = SensorSpec("objects", range_m=unit.range_m, options={"profile": unit.profile, "free_space": True})
+    detector = find_detector(unit, common.sensing)
+    spec = SensorSpec("objects", range_m=unit.range_m, options={"profile": detector, "free_space": True})
     seed = derive_seed(common.seed, "sensor", unit.id)
     salt = common.derive_track_salt(unit.id)
     return ObjectsSensor(spec, SensorSetup(unit.id, seed, common.roads, common.weather, None, salt))
 
 
-def _compose_cpm(unit: RoadsideUnit, sensor: ObjectsSensor, scene: SensingFrame) -> Message:
+def find_detector(unit: RoadsideUnit, sensing: SensingProfile) -> str:
+    """Return the error profile of a unit's detections.
+
+    A scenario that says `ideal` (the default) leaves the choice to the sensing profile, so that units see as well as
+    cars do; under `perfect` all units are ideal.
+    """
+    is_open = unit.profile == IDEAL or sensing is SensingProfile.PERFECT
+    return sensing.standard_detector if is_open else unit.profile
+
+
+def _compose_cpm(unit: RoadsideUnit, sensor: ObjectsSensor, scene: SensingFrame, profile: DetectionProfile) -> Message:
+    """Return a unit's CPM; its surveyed position is exact."""
     objects = sensor.sense(scene, SensorPose(unit.x, unit.y, 0.0, None))
     objects = objects.take(slice(MAX_OBJECTS))  # the nearest
-    age = np.full(len(objects.ids), PROFILES[unit.profile].latency_ticks, dtype=np.uint8)
-    return encode(Cpm(ReferencePose(unit.x, unit.y, 0.0, scene.tick), unit.range_m, objects, age, roadside=True))
+    pose = ReferencePose(unit.x, unit.y, 0.0, scene.tick)
+    return encode(build_cpm(pose, unit.range_m, objects, profile, roadside=True))

@@ -1,11 +1,13 @@
 """SensingFrame: the world of one tick as input of all sensors, built once per tick."""
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import blake2b
 
 from mdrive_sumo.contract import Briefing, Objects
+from mdrive_sumo.contract.detector_profiles import IDEAL
 from mdrive_sumo.core.geometry import Float, boxes_corners
 from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.roads import RoadMap
@@ -37,6 +39,24 @@ class SensorPose:
     yaw: float
     carrier_row: int | None
     """The carrier's row in `SensingFrame.boxes`, which the sensor ignores; None for a road-side unit."""
+    estimate: EgoState | None = None
+    """What the carrier takes its own state to be: detections are placed in the world by it. None: the true state."""
+
+    def to_estimate(self) -> "SensorPose":
+        """Return the pose where the carrier takes itself to be."""
+        own = self.estimate
+        return self if own is None else SensorPose(own.x, own.y, own.yaw, self.carrier_row)
+
+    def place_by_estimate(self, objects: Objects) -> Objects:
+        """Return objects where a carrier that relies on its estimated pose places them in the world."""
+        own = self.estimate
+        if own is None:
+            return objects
+        turn = own.yaw - self.yaw
+        cos, sin = math.cos(turn), math.sin(turn)
+        dx, dy = objects.x - self.x, objects.y - self.y
+        x, y = own.x + cos * dx - sin * dy, own.y + sin * dx + cos * dy
+        return replace(objects, x=x, y=y, yaw=objects.yaw + turn)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +73,8 @@ class SensorSetup:
     """None for a road-side unit."""
     track_salt: int = 0
     """Of the track names of this carrier in this episode; the same for all its sensors."""
+    standard_detector: str = IDEAL
+    """The detector profile that `standard` stands for."""
 
 
 def derive_track_name(carrier: str, true_id: str, salt: int = 0) -> str:

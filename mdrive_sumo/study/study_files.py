@@ -78,11 +78,11 @@ def _line_to_dict(line: StudyLine) -> dict[str, Any]:
         "void": line.void,
         "timed": line.timed,
         **{name: None if value is None else asdict(value) for name, value in numbers.items()},
-        "runs": [_run_to_dict(results) for results in row.results],
+        "runs": [run_to_dict(results) for results in row.results],
     }
 
 
-def _run_to_dict(results: Results) -> dict[str, Any]:
+def run_to_dict(results: Results) -> dict[str, Any]:
     kept = {"status", "reason", *Means.model_fields, "min_ttc", "scalars", "digest", "comm", "notes"}
     return {
         "seed": results.run.seed,
@@ -141,13 +141,13 @@ def _format_cells(line: StudyLine) -> TableRow:
     return (
         describe_agent(line.row.results[0]),
         _format_condition(line),
-        _format_interval(line.ds),
-        _format_interval(line.sr),
-        _format_interval(line.efficient_sr),
-        _format_interval(line.time_ratio, decimals=2),
+        format_interval(line.ds),
+        format_interval(line.sr),
+        format_interval(line.efficient_sr),
+        format_interval(line.time_ratio, decimals=2),
         str(line.timed),
-        _format_interval(line.ds_difference, "+"),
-        _format_interval(line.sr_difference, "+"),
+        format_interval(line.ds_difference, "+"),
+        format_interval(line.sr_difference, "+"),
         str(line.void),
     )
 
@@ -156,11 +156,11 @@ def _format_brief_cells(line: StudyLine) -> TableRow:
     return (
         line.row.agent,
         _format_condition(line),
-        _format_interval(line.ds),
+        format_interval(line.ds),
         _format_mean(line.sr),
         _format_mean(line.efficient_sr),
         _format_mean(line.time_ratio, decimals=2),
-        _format_interval(line.ds_difference, "+"),
+        format_interval(line.ds_difference, "+"),
         str(line.void),
     )
 
@@ -173,7 +173,7 @@ def _format_mean(value: ConfidenceInterval | None, decimals: int = 1) -> str:
     return "" if value is None else f"{value.mean:.{decimals}f}"
 
 
-def _format_interval(value: ConfidenceInterval | None, sign: str = "", decimals: int = 1) -> str:
+def format_interval(value: ConfidenceInterval | None, sign: str = "", decimals: int = 1) -> str:
     if value is None:
         return ""
     mean, low, high = (f"{number:{sign}.{decimals}f}" for number in (value.mean, value.low, value.high))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
+from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import Progress, evaluate
 from mdrive_sumo.runs.fingerprint import compute_fingerprint
@@ -109,11 +110,18 @@ def is_silent(row: StudyRow) -> bool:
 
 def _prepare_cell(prepared: PreparedRun, condition: ChannelCondition, seed: int, folder: Path) -> PreparedRun:
     """Return the run of one agent in one condition with one seed."""
-    config = replace(prepared.config, options=replace(prepared.config.options, comm=condition.comm), seed=seed)
+    options = replace(prepared.config.options, comm=condition.comm)
+    agent_folder = folder / name_agent_folder(prepared.config.agent)
+    return make_variant(prepared, options, seed, agent_folder / condition.folder / f"seed{seed}")
+
+
+def make_variant(prepared: PreparedRun, options: EpisodeOptions, seed: int, folder: Path) -> PreparedRun:
+    """Return a prepared run with other options, another seed and another folder."""
+    config = replace(prepared.config, options=options, seed=seed)
     return replace(
         prepared,
         config=config,
-        folder=folder / name_agent_folder(config.agent) / condition.folder / f"seed{seed}",
+        folder=folder,
         info=make_run_info(config, prepared.suite, prepared.info.labels, prepared.info.declared_label),
         fingerprint=compute_fingerprint(config, prepared.suite, prepared.scenarios),
     )

@@ -3,6 +3,7 @@
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, Message, Objects, Observation
+from mdrive_sumo.contract.detector_profiles import IDEAL, PROFILES, DetectionProfile
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.v2x.messages import MAX_OBJECTS, MAX_SECTORS, REACH_M, Cam, Cpm, ReferencePose, encode
 
@@ -13,9 +14,9 @@ INTERVAL_TICKS = TICKS_PER_SECOND // 10
 class AwarenessService:
     """Composes the CAMs and CPMs of one CAV."""
 
-    def __init__(self, briefing: Briefing, range_m: float, latency_ticks: int = 0) -> None:
-        """Configure the service; latency_ticks: age of the own detections."""
-        self._vehicle, self._range, self._latency = briefing.vehicle, range_m, latency_ticks
+    def __init__(self, briefing: Briefing, range_m: float, detector: str = IDEAL) -> None:
+        """Configure the service; detector: error profile of the own detections, which states their age and errors."""
+        self._vehicle, self._range, self._profile = briefing.vehicle, range_m, PROFILES[detector]
         self._due_tick = 0
 
     def compose_messages(self, observation: Observation) -> tuple[Message, ...]:
@@ -24,12 +25,22 @@ class AwarenessService:
             return ()
         self._due_tick = observation.tick - observation.tick % INTERVAL_TICKS + INTERVAL_TICKS
         own = observation.own
-        pose = ReferencePose(own.x, own.y, own.yaw, observation.tick)
+        pose = ReferencePose(own.x, own.y, own.yaw, observation.tick, own.position_sigma, own.yaw_sigma)
         size = self._vehicle.length, self._vehicle.width
-        cam = Cam(pose, own.speed, own.acceleration, own.yaw_rate, *size)
+        cam = Cam(pose, own.speed, own.acceleration, own.yaw_rate, *size, own.speed_sigma)
         objects = _select_objects(observation.objects, own.x, own.y)
-        cpm = Cpm(pose, self._range, objects, age=np.full(len(objects.ids), self._latency, dtype=np.uint8))
-        return encode(cam), encode(cpm)
+        return encode(cam), encode(build_cpm(pose, self._range, objects, self._profile))
+
+
+def build_cpm(
+    pose: ReferencePose, range_m: float, objects: Objects, profile: DetectionProfile, roadside: bool = False
+) -> Cpm:
+    """Return the CPM of a station at that pose with detections of that profile, their age and standard deviations."""
+    sigmas = np.empty((len(objects.ids), 3))
+    sigmas[:, 0] = profile.spread_at(np.hypot(objects.x - pose.x, objects.y - pose.y))
+    sigmas[:, 1], sigmas[:, 2] = profile.yaw_sigma, profile.speed_sigma
+    age = np.full(len(objects.ids), profile.latency_ticks, dtype=np.uint8)
+    return Cpm(pose, range_m, objects, age, roadside, sigmas)
 
 
 def _select_objects(objects: Objects, x: float, y: float) -> Objects:

@@ -49,12 +49,16 @@ class Direction(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class ReferencePose:
-    """The sender's reference pose [m, rad] and its tick."""
+    """The sender's reference pose [m, rad] as the sender estimates it, its tick, and how uncertain it is."""
 
     x: float
     y: float
     yaw: float
     tick: int
+    position_sigma: float = 0.0
+    """Standard deviation of the errors of x and of y [m]."""
+    yaw_sigma: float = 0.0
+    """Standard deviation of the error of yaw [rad]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +71,8 @@ class Cam:
     yaw_rate: float
     length: float
     width: float
+    speed_sigma: float = 0.0
+    """Standard deviation of the error of the speed [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +87,9 @@ class Cpm:
     """(N,) ticks since each object was measured, at the tick of the pose."""
     roadside: bool = False
     """Whether the sender is a road-side unit, which has no box of its own."""
+    sigmas: Float = field(default_factory=lambda: np.zeros((0, 3)))
+    """(N, 3) standard deviations of the measurements relative to the sender: of each position coordinate [m], of yaw
+    [rad] and of speed [m/s]; no rows: not stated, received as 0."""
 
 
 @dataclass(frozen=True, slots=True)

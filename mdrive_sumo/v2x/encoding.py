@@ -35,18 +35,20 @@ from mdrive_sumo.v2x.content import (
     parse_track_name,
 )
 
-_HEADER = struct.Struct("<BiiHI")  # kind, x, y [cm], yaw [0.01 deg], tick
-_CAM = struct.Struct("<hhhHH")  # speed [cm/s], acceleration [cm/s2], yaw rate [mrad/s], length, width [cm]
+_HEADER = struct.Struct("<BiiHIHB")  # kind, x, y [cm], yaw [0.01 deg], tick, sigmas of position [cm], yaw [0.1 deg]
+_CAM = struct.Struct("<hhhHHB")  # speed [cm/s], acceleration [cm/s2], yaw rate [mrad/s], length, width [cm], sigma
 _CPM = struct.Struct("<HBBB")  # range [dm], objects, sectors, 1 for a road-side unit
 _MCM = struct.Struct("<hBBBI")  # speed [cm/s], intention, direction, interval [0.01 s], until [tick]
 _OBJECT = np.dtype(
     [("track", "<u4"), ("kind", "u1"), ("xy", "<i2", 2), ("yaw", "<u2"), ("speed", "<i2"), ("size", "<u2", 2),
-     ("age", "u1")]
+     ("age", "u1"), ("sigmas", "u1", 3)]
 )  # fmt: skip
 _KIND_AT = 4
 """Offset of the kind in `_OBJECT`."""
 _LAST_KIND, _LAST_INTENTION, _LAST_DIRECTION = max(Kind), max(Intention), max(Direction)
 _CENTI = 100.0
+_SIGMA_STEPS = np.array((100.0, math.degrees(10.0), 100.0))
+"""Steps in 1 m, 1 rad and 1 m/s of the standard deviations of an object."""
 HEADER_BYTES = _HEADER.size
 
 
@@ -54,14 +56,21 @@ def encode_header(kind: int, pose: ReferencePose) -> bytes:
     """Return the header of every message but text. Positions are clamped to 214 km from the origin."""
     yaw = round(math.degrees(pose.yaw % TAU) * _CENTI) % 36000
     return _HEADER.pack(
-        kind, _round_and_clamp(pose.x * _CENTI, 31), _round_and_clamp(pose.y * _CENTI, 31), yaw, pose.tick
+        kind,
+        _round_and_clamp(pose.x * _CENTI, 31),
+        _round_and_clamp(pose.y * _CENTI, 31),
+        yaw,
+        pose.tick,
+        max(_round_and_clamp(pose.position_sigma * _CENTI, 16), 0),
+        max(_round_and_clamp(math.degrees(pose.yaw_sigma) * 10, 8), 0),
     )
 
 
 def decode_pose(payload: bytes) -> ReferencePose:
     """Return the reference pose in a payload of at least `HEADER_BYTES`."""
-    _, x, y, yaw, tick = _HEADER.unpack_from(payload)
-    return ReferencePose(x / _CENTI, y / _CENTI, math.radians(yaw / _CENTI), tick)
+    _, x, y, yaw, tick, position_sigma, yaw_sigma = _HEADER.unpack_from(payload)
+    sigmas = position_sigma / _CENTI, math.radians(yaw_sigma / 10)
+    return ReferencePose(x / _CENTI, y / _CENTI, math.radians(yaw / _CENTI), tick, *sigmas)
 
 
 def _round_and_clamp(value: float, bits: int) -> int:
@@ -93,7 +102,9 @@ def encode_cam(cam: Cam, _: ReferencePose) -> bytes:
     signed = (cam.speed * _CENTI, cam.acceleration * _CENTI, cam.yaw_rate * 1000)
     size = (cam.length * _CENTI, cam.width * _CENTI)
     return _CAM.pack(
-        *(_round_and_clamp(value, 15) for value in signed), *(max(_round_and_clamp(value, 16), 0) for value in size)
+        *(_round_and_clamp(value, 15) for value in signed),
+        *(max(_round_and_clamp(value, 16), 0) for value in size),
+        max(_round_and_clamp(cam.speed_sigma * _CENTI, 8), 0),
     )
 
 
@@ -106,8 +117,10 @@ def parse_cam(body: bytes) -> tuple[int, ...]:
 
 def build_cam(pose: ReferencePose, parts: tuple[int, ...]) -> Cam:
     """Return the CAM of these fields."""
-    speed, acceleration, yaw_rate, length, width = parts
-    return Cam(pose, speed / _CENTI, acceleration / _CENTI, yaw_rate / 1000, length / _CENTI, width / _CENTI)
+    speed, acceleration, yaw_rate, length, width, sigma = parts
+    return Cam(
+        pose, speed / _CENTI, acceleration / _CENTI, yaw_rate / 1000, length / _CENTI, width / _CENTI, sigma / _CENTI
+    )
 
 
 class CpmParts(NamedTuple):
@@ -145,7 +158,16 @@ def _encode_objects(cpm: Cpm, pose: ReferencePose) -> npt.NDArray[np.void]:
     rows["yaw"] = np.rint(np.degrees((objects.yaw - pose.yaw) % TAU) * _CENTI) % 36000
     rows["speed"] = np.clip(np.rint(objects.speed * _CENTI), -32767, 32767)
     rows["size"] = np.clip(np.rint(numbers[:, 2:] * _CENTI), 0, 65535)
+    if len(cpm.sigmas):
+        rows["sigmas"] = _encode_sigmas(cpm.sigmas, len(rows))
     return rows
+
+
+def _encode_sigmas(sigmas: Float, count: int) -> npt.NDArray[np.uint8]:
+    """Return standard deviations (N, 3) in steps of 1 cm, 0.1 degrees and 1 cm/s; 255 stands for larger ones too."""
+    if sigmas.shape != (count, 3) or not np.isfinite(sigmas).all():
+        raise MessageError(f"expected finite standard deviations of shape ({count}, 3), found shape {sigmas.shape}")
+    return np.clip(np.rint(sigmas * _SIGMA_STEPS), 0, 255).astype(np.uint8)
 
 
 def _encode_free_sight(free_m: Float, range_dm: int) -> bytes:
@@ -184,7 +206,7 @@ def build_cpm(pose: ReferencePose, parts: CpmParts) -> Cpm:
         width=rows["size"][:, 1] / _CENTI,
         free_m=np.frombuffer(parts.free, dtype=np.uint8) / 255 * (parts.range_dm / 10),
     )
-    return Cpm(pose, parts.range_dm / 10, objects, rows["age"].copy(), parts.roadside)
+    return Cpm(pose, parts.range_dm / 10, objects, rows["age"].copy(), parts.roadside, rows["sigmas"] / _SIGMA_STEPS)
 
 
 class McmParts(NamedTuple):

@@ -6,12 +6,15 @@ little-endian, positions in steps of 1 cm, angles of 0.01 degrees, speeds of 1 c
 relative to the sender's reference pose, which alone is in the world frame: an error of the sender's pose shifts and
 rotates the whole content. Arguments and results here are in the world frame, SI units, box centres.
 
-Sizes: header 15 bytes; CAM + 10; CPM + 5 + 18 an object + 1 a sector of free sight; MCM + 14 + 4 a point + (2 + its
+Poses are the sender's estimates; they and detections carry standard deviations, as ETSI's confidences.
+
+Sizes: header 18 bytes; CAM + 11; CPM + 5 + 21 an object + 1 a sector of free sight; MCM + 14 + 4 a point + (2 + its
 UTF-8 bytes) a name. docs/v2x.md has the tables.
 """
 
 import struct
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from mdrive_sumo.contract import Message
@@ -58,10 +61,11 @@ class _Codec(NamedTuple):
     content: Callable[[ReferencePose, Any], Content]
 
 
+# Kinds 1 to 3 were the same messages without standard deviations; recordings with them cannot be decoded any more.
 _CODECS: Mapping[str, _Codec] = {
-    CAM: _Codec(1, encoding.encode_cam, encoding.parse_cam, encoding.build_cam),
-    CPM: _Codec(2, encoding.encode_cpm, encoding.parse_cpm, encoding.build_cpm),
-    MCM: _Codec(3, encoding.encode_mcm, encoding.parse_mcm, encoding.build_mcm),
+    CAM: _Codec(4, encoding.encode_cam, encoding.parse_cam, encoding.build_cam),
+    CPM: _Codec(5, encoding.encode_cpm, encoding.parse_cpm, encoding.build_cpm),
+    MCM: _Codec(6, encoding.encode_mcm, encoding.parse_mcm, encoding.build_mcm),
 }
 _NAMES: Mapping[type, str] = {Cam: CAM, Cpm: CPM, Mcm: MCM}
 
@@ -133,12 +137,13 @@ def _parse_fields(message: Message) -> Any:
 def displace_message(message: Message, dx: float, dy: float, dyaw: float) -> Message:
     """Return the message with its reference pose shifted [m] and rotated [rad]; types without a pose stay the same.
 
+    The stated standard deviations stay: neither sender nor receiver knows of this error.
+
     The message must be valid for `decode`.
     """
     if message.type not in _CODECS:
         return message
     at = encoding.decode_pose(message.payload)
-    head = encoding.encode_header(
-        _CODECS[message.type].kind, ReferencePose(at.x + dx, at.y + dy, at.yaw + dyaw, at.tick)
-    )
+    displaced = replace(at, x=at.x + dx, y=at.y + dy, yaw=at.yaw + dyaw)
+    head = encoding.encode_header(_CODECS[message.type].kind, displaced)
     return Message(message.type, head + message.payload[encoding.HEADER_BYTES :], message.sender, message.tick)

@@ -16,21 +16,35 @@ from mdrive_sumo.v2x.messages import (
     format_track_name,
 )
 
-HEADER, OBJECT = 15, 18
+HEADER, OBJECT = 18, 21
 
 
 def within(most: float) -> st.SearchStrategy[float]:
     return st.floats(-most, most)
 
 
-poses = st.builds(ReferencePose, within(20_000.0), within(20_000.0), within(10.0), st.integers(0, 2**32 - 1))
+poses = st.builds(
+    ReferencePose,
+    within(20_000.0),
+    within(20_000.0),
+    within(10.0),
+    st.integers(0, 2**32 - 1),
+    st.floats(0.0, 600.0),
+    st.floats(0.0, 0.4),
+)
 names = st.dictionaries(st.text(string.ascii_letters + "äß_-", min_size=1, max_size=20), st.booleans(), max_size=4)
 
 
 @st.composite
 def cams(draw: st.DrawFn) -> Cam:
     return Cam(
-        draw(poses), draw(within(90)), draw(within(90)), draw(within(9)), draw(st.floats(0, 30)), draw(st.floats(0, 5))
+        draw(poses),
+        draw(within(90)),
+        draw(within(90)),
+        draw(within(9)),
+        draw(st.floats(0, 30)),
+        draw(st.floats(0, 5)),
+        draw(st.floats(0, 2.5)),
     )
 
 
@@ -54,7 +68,8 @@ def cpms(draw: st.DrawFn) -> Cpm:
     pose, range_m = draw(poses), draw(st.integers(1, 2000)) / 10
     count, sectors = draw(st.integers(0, 12)), draw(st.integers(0, 80))
     objects = objects_around(pose, count, sectors, range_m, draw(st.integers(0, 999)))
-    return Cpm(pose, range_m, objects, np.arange(count, dtype=np.uint8), roadside=draw(st.booleans()))
+    sigmas = np.random.default_rng(count).uniform(0, (2.5, 0.4, 2.5), (count, 3))
+    return Cpm(pose, range_m, objects, np.arange(count, dtype=np.uint8), draw(st.booleans()), sigmas)
 
 
 @st.composite

@@ -18,6 +18,7 @@ from mdrive_sumo.runs.open_agents import declare_agent, open_agents
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
 from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.scoring import RunInfo, ScoreMode
+from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings
 
 OPTIONS = EpisodeOptions(
@@ -25,6 +26,7 @@ OPTIONS = EpisodeOptions(
     Clock("fixed", 2),
     ActorMode.ORIGINAL,
     FrictionMode.WEATHER,
+    SensingProfile.PERFECT,
 )
 CONFIG = RunConfig(
     scenario="i13*", agent=AgentSpec("sharing", {"range": 80.0, "a": True}), seed=3, options=OPTIONS, record=False
@@ -43,6 +45,7 @@ WRITTEN = {
     "actors": "original",
     "friction": "weather",
     "ids": "random",
+    "sensing": "perfect",
     "sandbox": False,
     "record": False,
 }
@@ -62,7 +65,7 @@ def test_a_journal_from_before_an_option_has_its_default() -> None:
     assert RunConfig.from_dict({key: WRITTEN[key] for key in WRITTEN if key != "friction"}).options.friction == "dry"
 
 
-@pytest.mark.parametrize("key", ["agent_clock", "actors", "friction", "score_mode", "comm"])
+@pytest.mark.parametrize("key", ["agent_clock", "actors", "friction", "sensing", "score_mode", "comm"])
 def test_a_corrupt_value_is_refused(key: str) -> None:
     with pytest.raises((ValueError, InputError)):
         RunConfig.from_dict(WRITTEN | {key: "{" if key == "comm" else "sometimes"})

@@ -1,10 +1,14 @@
 """The sending half of perception sharing."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from testing.planning import LENGTH, WIDTH, briefing, own, seen, things
 
 from mdrive_sumo.contract import Message, Objects
+from mdrive_sumo.contract.detector_profiles import LIDAR_SINGLE, PROFILES
 from mdrive_sumo.v2x.awareness_service import AwarenessService
 from mdrive_sumo.v2x.messages import CAM, CPM, MAX_OBJECTS, REACH_M, Cam, Cpm, decode
 
@@ -35,10 +39,21 @@ def test_it_sends_own_state_and_detections() -> None:
     assert cpm.age.tolist() == [0, 0]
 
 
-def test_it_says_how_old_its_detections_are() -> None:
-    content = decode(sent(7, things((20.0, 3.0, 0.2, 4.0)), AwarenessService(briefing(), 80.0, latency_ticks=2))[1])
+def test_it_says_how_old_and_how_exact_its_detections_are() -> None:
+    profile = PROFILES[LIDAR_SINGLE]
+    content = decode(sent(7, things((51.0, 2.0, 0.2, 4.0)), AwarenessService(briefing(), 80.0, LIDAR_SINGLE))[1])
     assert isinstance(content, Cpm)
     assert content.age.tolist() == [2]
+    assert content.sigmas[0] == pytest.approx((profile.spread * 1.5, profile.yaw_sigma, profile.speed_sigma), abs=0.006)
+
+
+def test_it_says_how_exact_its_own_state_is() -> None:
+    state = replace(own(1.0, 2.0, 0.5, 6.0), position_sigma=0.2, yaw_sigma=math.radians(0.2), speed_sigma=0.06)
+    cam, cpm = (decode(m) for m in AwarenessService(briefing(), 80.0).compose_messages(seen(0, state, things())))
+    assert isinstance(cam, Cam) and isinstance(cpm, Cpm)
+    assert cam.pose == cpm.pose
+    assert (cam.pose.position_sigma, cam.speed_sigma) == (0.2, 0.06)
+    assert cam.pose.yaw_sigma == pytest.approx(math.radians(0.2))
 
 
 def test_it_sends_at_10_hz_for_any_rate_of_observations() -> None:

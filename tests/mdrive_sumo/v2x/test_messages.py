@@ -109,7 +109,7 @@ def documented_size(content: Content) -> int:
     if isinstance(content, str):
         return len(content.encode())
     if isinstance(content, Cam):
-        return HEADER + 10
+        return HEADER + 11
     if isinstance(content, Cpm):
         return HEADER + 5 + OBJECT * len(content.objects.ids) + len(content.objects.free_m)
     named = [*content.requests, *content.answers, *content.group]
@@ -123,11 +123,11 @@ def test_sizes_are_the_documented_ones(content: Content) -> None:
 
 
 def test_bytes_of_a_cam_are_the_documented_ones() -> None:
-    cam = Cam(
-        ReferencePose(12.34, -5.0, math.pi / 2, 7), speed=10.0, acceleration=-1.5, yaw_rate=0.25, length=4.9, width=2.0
-    )
-    header = "01d20400000cfeffff282307000000"  # kind, 1234 cm, -500 cm, 9000 centidegrees, tick 7
-    body = "e8036afffa00ea01c800"  # 1000 cm/s, -150 cm/s2, 250 mrad/s, 490 cm, 200 cm
+    pose = ReferencePose(12.34, -5.0, math.pi / 2, 7, position_sigma=3.0, yaw_sigma=math.radians(0.2))
+    cam = Cam(pose, speed=10.0, acceleration=-1.5, yaw_rate=0.25, length=4.9, width=2.0, speed_sigma=0.1)
+    # kind, 1234 cm, -500 cm, 9000 centidegrees, tick 7, standard deviations of 300 cm and 2 tenths of a degree
+    header = "04d20400000cfeffff2823070000002c0102"
+    body = "e8036afffa00ea01c8000a"  # 1000 cm/s, -150 cm/s2, 250 mrad/s, 490 cm, 200 cm, 10 cm/s
     assert encode(cam).payload.hex() == header + body
 
 
@@ -136,11 +136,12 @@ def test_bytes_of_an_object_are_the_documented_ones() -> None:
         ("t0000002a",), np.array([1], np.uint8), np.array([13.0]), np.array([20.0]), np.array([math.pi]),
         np.array([-0.5]), np.array([0.5]), np.array([0.4]), np.array([50.0, 100.0]),
     )  # fmt: skip
-    cpm = Cpm(ReferencePose(10.0, 20.0, math.pi / 2, 0), 100.0, one, np.array([3], np.uint8))
+    sigmas = np.array([[0.13, math.radians(1.1), 0.5]])
+    cpm = Cpm(ReferencePose(10.0, 20.0, math.pi / 2, 0), 100.0, one, np.array([3], np.uint8), False, sigmas)
     body = encode(cpm).payload[HEADER:].hex()
     head = "e803010200"  # 1000 dm, one object, two sectors, no road-side unit
     # 3 m to the east of a sender that faces north is 3 m to its right: x = 0, y = -300 cm; yaw 90 degrees to its left.
-    row = "2a000000010000d4fe2823ceff3200280003"
+    row = "2a000000010000d4fe2823ceff32002800030d0b32"
     assert body == head + row + "7fff"
 
 
@@ -149,6 +150,26 @@ def test_numbers_too_large_for_their_field_are_clamped() -> None:
     assert isinstance(read, Cam)
     assert (read.speed, read.acceleration, read.yaw_rate) == (-327.67, 327.67, 32.767)
     assert (read.length, read.width, read.pose.x) == (655.35, 0.0, (2**31 - 1) / 100)
+    vague = decode(encode(Cam(ReferencePose(0.0, 0.0, 0.0, 0, 1e4, 1e4), 0.0, 0.0, 0.0, 4.0, 2.0, 1e4)))
+    assert isinstance(vague, Cam)
+    assert (vague.pose.position_sigma, vague.speed_sigma) == (655.35, 2.55)
+    assert vague.pose.yaw_sigma == pytest.approx(math.radians(25.5))
+
+
+@given(st.one_of(cams(), cpms(), mcms()))
+def test_standard_deviations_arrive(content: Content) -> None:
+    read = decode(encode(content))
+    assert not isinstance(content, str) and not isinstance(read, str)
+    assert read.pose.position_sigma == pytest.approx(content.pose.position_sigma, abs=0.0051)
+    assert read.pose.yaw_sigma == pytest.approx(content.pose.yaw_sigma, abs=math.radians(0.051))
+    if isinstance(content, Cpm) and isinstance(read, Cpm):
+        assert (np.abs(read.sigmas - content.sigmas) <= (0.0051, math.radians(0.051), 0.0051)).all()
+
+
+def test_a_cpm_without_standard_deviations_is_read_with_zeros() -> None:
+    read = decode(encode(cpm_with(2)))
+    assert isinstance(read, Cpm)
+    assert read.sigmas.tolist() == [[0.0] * 3] * 2
 
 
 def test_a_full_cpm_fits() -> None:
@@ -192,6 +213,8 @@ def test_moving_keeps_sender_tick_and_whatever_has_no_pose() -> None:
     assert displace_message(text, 1, 1, 1) is text and displace_message(own, 1, 1, 1) is own
     assert (displace_message(signed, 1, 1, 1).sender, displace_message(signed, 1, 1, 1).tick) == ("a", 5)
     assert displace_message(signed, 0, 0, 0) == signed
+    vague = encode(Cam(ReferencePose(1.0, 2.0, 0.3, 9, 0.2, 0.01), 1.0, 0.0, 0.0, 4.0, 2.0, 0.1))
+    assert displace_message(vague, 1, 1, 1).payload[15:] == vague.payload[15:], "the stated errors stay"
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -1,6 +1,7 @@
 """Damaged messages raise MessageError and nothing else; contents that do not fit are refused."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -93,7 +94,8 @@ BODY = HEADER + 9
 @pytest.mark.parametrize(
     "damaged",
     [
-        patched(Cam(PLACE, 1.0, 0.0, 0.0, 4.0, 2.0), 0, 2),  # another kind
+        patched(Cam(PLACE, 1.0, 0.0, 0.0, 4.0, 2.0), 0, 5),  # another kind
+        patched(Cam(PLACE, 1.0, 0.0, 0.0, 4.0, 2.0), 0, 1),  # a CAM without standard deviations, as it once was
         patched(EMPTY_MCM, 0, 1),
         patched(cpm_with(), HEADER + 2, 2),  # more objects than there are
         patched(cpm_with(), HEADER + 4, 2),  # neither car nor road-side unit
@@ -132,6 +134,10 @@ FAR = np.array([[PLACE.x + 400.0, PLACE.y]])
         (Cam(ReferencePose(0.0, 0.0, math.inf, 0), 0.0, 0.0, 0.0, 4.0, 2.0), "cam"),
         (Cam(ReferencePose(0.0, 0.0, 0.0, -1), 0.0, 0.0, 0.0, 4.0, 2.0), "cam"),
         (Cam(PLACE, math.inf, 0.0, 0.0, 4.0, 2.0), "finite"),
+        (Cam(PLACE, 0.0, 0.0, 0.0, 4.0, 2.0, math.nan), "finite"),
+        (Cam(ReferencePose(0.0, 0.0, 0.0, 0, math.inf), 0.0, 0.0, 0.0, 4.0, 2.0), "finite"),
+        (replace(cpm_with(2), sigmas=np.zeros((1, 3))), r"expected finite standard deviations of shape \(2, 3\)"),
+        (replace(cpm_with(1), sigmas=np.full((1, 3), math.nan)), "finite standard deviations"),
         (cpm_with(MAX_OBJECTS + 1), "at most 255 objects"),
         (cpm_with(1, MAX_SECTORS + 1), "255 sectors"),
         (cpm_with(x=FAR[:, 0]), "within 327.67 m"),

@@ -1,0 +1,78 @@
+"""Assignment of measurements to tracks: most pairs first, then least cost."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Bool, Float
+
+_IMPOSSIBLE = 1e6
+"""Cost of a pair that the gate excludes: more than any set of possible pairs."""
+
+
+def assign(cost: Float, possible: Bool) -> list[tuple[int, int]]:
+    """Return pairs (row, column) of a cost matrix (N, M), each row and column at most once, only `possible` ones.
+
+    As many pairs as there can be, of these the cheapest. Pairs without competitors are taken at once; the rest is
+    solved by the Hungarian method.
+    """
+    rows, columns = possible.sum(axis=1), possible.sum(axis=0)
+    clear = possible & (rows == 1)[:, None] & (columns == 1)[None]
+    pairs = [(int(row), int(column)) for row, column in np.argwhere(clear)]
+    contested = possible & ~clear
+    left, above = np.flatnonzero(contested.any(axis=1)), np.flatnonzero(contested.any(axis=0))
+    if len(left):
+        part = np.where(contested, cost, _IMPOSSIBLE)[np.ix_(left, above)]
+        for i, j in solve_assignment(part.tolist()):
+            if contested[left[i], above[j]]:
+                pairs.append((int(left[i]), int(above[j])))
+    return sorted(pairs)
+
+
+def solve_assignment(cost: Sequence[Sequence[float]]) -> list[tuple[int, int]]:
+    """Return the min(N, M) pairs (row, column) of least total cost, by row (shortest augmenting paths; Kuhn, Munkres).
+
+    Source: R. Jonker, A. Volgenant, Computing 38 (1987) 325. Plain Python: contested groups are small.
+    """
+    if len(cost) > len(cost[0]):
+        turned = solve_assignment(list(zip(*cost, strict=True)))
+        return sorted((row, column) for column, row in turned)
+    count, width = len(cost), len(cost[0])
+    by_row, by_column = [0.0] * (count + 1), [0.0] * (width + 1)
+    row_of = [0] * (width + 1)
+    """Row of each column, counted from 1; 0: free. Column 0 stands for the row that is being placed."""
+    for row in range(1, count + 1):
+        row_of[0] = row
+        _augment(cost, by_row, by_column, row_of)
+    return sorted((row_of[column] - 1, column - 1) for column in range(1, width + 1) if row_of[column])
+
+
+def _augment(cost: Sequence[Sequence[float]], by_row: list[float], by_column: list[float], row_of: list[int]) -> None:
+    """Place the row of column 0 along the shortest augmenting path; updates potentials and `row_of`."""
+    width = len(by_column) - 1
+    least, before, done = [math.inf] * (width + 1), [0] * (width + 1), [False] * (width + 1)
+    column = 0
+    while True:
+        done[column] = True
+        row, best, following = row_of[column], math.inf, 0
+        for other in range(1, width + 1):
+            if done[other]:
+                continue
+            reduced = cost[row - 1][other - 1] - by_row[row] - by_column[other]
+            if reduced < least[other]:
+                least[other], before[other] = reduced, column
+            if least[other] < best:
+                best, following = least[other], other
+        for other in range(width + 1):
+            if done[other]:
+                by_row[row_of[other]] += best
+                by_column[other] -= best
+            else:
+                least[other] -= best
+        column = following
+        if not row_of[column]:
+            break
+    while column:
+        row_of[column] = row_of[before[column]]
+        column = before[column]
