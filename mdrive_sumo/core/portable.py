@@ -12,7 +12,7 @@ and logarithm within 2 units in the last place, `expm1` and sines of small angle
 
 import math
 from collections.abc import Callable, Sequence
-from typing import TypeVar, overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,8 @@ import numpy.typing as npt
 from mdrive_sumo.core import portable_tables as tables
 
 Float = npt.NDArray[np.float64]
+Reals = npt.NDArray[np.floating[Any]]
+"""Arrays that the functions take; they compute in 64 bits."""
 Operand = TypeVar("Operand", float, Float)
 
 FEW = 10
@@ -50,8 +52,8 @@ _ODD = tuple(1 / n for n in range(21, 2, -2))
 @overload
 def cos_sin(angle: float) -> tuple[float, float]: ...
 @overload
-def cos_sin(angle: Float) -> tuple[Float, Float]: ...
-def cos_sin(angle: float | Float) -> tuple[float | Float, float | Float]:
+def cos_sin(angle: Reals) -> tuple[Float, Float]: ...
+def cos_sin(angle: float | Reals) -> tuple[float | Float, float | Float]:
     """Return cosine and sine of the angle [rad]; together they cost little more than one."""
     if not isinstance(angle, np.ndarray):
         return _cos_sin_number(float(angle))
@@ -85,8 +87,8 @@ def _cos_sin_number(x: float) -> tuple[float, float]:
 @overload
 def cos(angle: float) -> float: ...
 @overload
-def cos(angle: Float) -> Float: ...
-def cos(angle: float | Float) -> float | Float:
+def cos(angle: Reals) -> Float: ...
+def cos(angle: float | Reals) -> float | Float:
     """Return the cosine of the angle [rad]."""
     return cos_sin(angle)[0]
 
@@ -94,8 +96,8 @@ def cos(angle: float | Float) -> float | Float:
 @overload
 def sin(angle: float) -> float: ...
 @overload
-def sin(angle: Float) -> Float: ...
-def sin(angle: float | Float) -> float | Float:
+def sin(angle: Reals) -> Float: ...
+def sin(angle: float | Reals) -> float | Float:
     """Return the sine of the angle [rad]."""
     return cos_sin(angle)[1]
 
@@ -103,8 +105,8 @@ def sin(angle: float | Float) -> float | Float:
 @overload
 def tan(angle: float) -> float: ...
 @overload
-def tan(angle: Float) -> Float: ...
-def tan(angle: float | Float) -> float | Float:
+def tan(angle: Reals) -> Float: ...
+def tan(angle: float | Reals) -> float | Float:
     """Return the tangent of the angle [rad]; a quarter turn divides by zero."""
     x, y = cos_sin(angle)
     return y / x
@@ -113,8 +115,8 @@ def tan(angle: float | Float) -> float | Float:
 @overload
 def sinc(x: float) -> float: ...
 @overload
-def sinc(x: Float) -> Float: ...
-def sinc(x: float | Float) -> float | Float:
+def sinc(x: Reals) -> Float: ...
+def sinc(x: float | Reals) -> float | Float:
     """Return sin(pi x) / (pi x), 1 where x is 0: as `numpy.sinc`."""
     if not isinstance(x, np.ndarray):
         return sin(_PI * x) / (_PI * x) if x else 1.0
@@ -125,10 +127,10 @@ def sinc(x: float | Float) -> float | Float:
 @overload
 def atan2(y: float, x: float) -> float: ...
 @overload
-def atan2(y: Float, x: Float | float) -> Float: ...
+def atan2(y: Reals, x: Reals | float) -> Float: ...
 @overload
-def atan2(y: float, x: Float) -> Float: ...
-def atan2(y: float | Float, x: float | Float) -> float | Float:
+def atan2(y: float, x: Reals) -> Float: ...
+def atan2(y: float | Reals, x: float | Reals) -> float | Float:
     """Return the direction [rad] of (x, y) in (-pi, pi]; 0 for (0, 0). As `math.atan2`, but -0.0 is 0.0."""
     if not (isinstance(y, np.ndarray) or isinstance(x, np.ndarray)):
         return _atan2_number(float(y), float(x))
@@ -174,23 +176,39 @@ def atan(slope: float) -> float:
 @overload
 def hypot(x: float, y: float) -> float: ...
 @overload
-def hypot(x: Float, y: Float | float) -> Float: ...
-def hypot(x: float | Float, y: float | Float) -> float | Float:
+def hypot(x: Reals, y: Reals | float) -> Float: ...
+def hypot(x: float | Reals, y: float | Reals) -> float | Float:
     """Return the length of (x, y), both well within 1e-150 and 1e150 or zero."""
     square = x * x + y * y
     return np.sqrt(square) if isinstance(square, np.ndarray) else math.sqrt(square)
 
 
-def distance(first: Sequence[float], second: Sequence[float]) -> float:
+def square(x: Operand) -> Operand:
+    """Return x times x: `**` calls the C library for a number."""
+    return x * x
+
+
+def dot(first: Float, second: Float) -> Float:
+    """Return the sums of products (...,) over the last axis, from first to last; the others broadcast.
+
+    Matrix products go to a linear-algebra library that sums in an order, and with instructions, of its own.
+    """
+    total = first[..., 0] * second[..., 0]
+    for i in range(1, first.shape[-1]):
+        total = total + first[..., i] * second[..., i]
+    return total
+
+
+def distance(first: Sequence[float] | Reals, second: Sequence[float] | Reals) -> float:
     """Return the distance of two points with as many coordinates: as `math.dist`."""
-    return math.sqrt(math.fsum([(a - b) * (a - b) for a, b in zip(first, second, strict=True)]))
+    return math.sqrt(math.fsum([square(a - b) for a, b in zip(first, second, strict=True)]))
 
 
 @overload
 def exp(x: float) -> float: ...
 @overload
-def exp(x: Float) -> Float: ...
-def exp(x: float | Float) -> float | Float:
+def exp(x: Reals) -> Float: ...
+def exp(x: float | Reals) -> float | Float:
     """Return e to the power of x, |x| <= 700."""
     if not isinstance(x, np.ndarray):
         return _exp_number(float(x))
@@ -216,8 +234,8 @@ def expm1(x: float) -> float:
 @overload
 def log(x: float) -> float: ...
 @overload
-def log(x: Float) -> Float: ...
-def log(x: float | Float) -> float | Float:
+def log(x: Reals) -> Float: ...
+def log(x: float | Reals) -> float | Float:
     """Return the natural logarithm of x > 0."""
     if not isinstance(x, np.ndarray):
         return _log_number(float(x))
