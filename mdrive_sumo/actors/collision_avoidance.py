@@ -6,6 +6,7 @@ from mdrive_sumo.actors.actor_surroundings import ActorSurroundings
 from mdrive_sumo.actors.look_ahead import FreeSpeeds, LookAhead, compute_free_speeds
 from mdrive_sumo.actors.motion_state import ActorParams, MotionState
 from mdrive_sumo.actors.path_tables import PathPoints, PathTables
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int
 
 WAITING_SPEED = 0.1
@@ -102,7 +103,7 @@ class CollisionAvoidance:
             ring = _find_wait_cycle(row, waits)
             if not ring or row != min(ring, key=lambda one: (not self._is_pedestrian[one], one)):
                 continue
-            found[i] = self._is_pedestrian[row] or np.cos(points.yaw[row] - points.yaw[waits[row]]) > HEAD_ON_COS
+            found[i] = self._is_pedestrian[row] or portable.cos(points.yaw[row] - points.yaw[waits[row]]) > HEAD_ON_COS
         return found
 
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from mdrive_sumo.actors.motion_path import MotionPath
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.core.state import Frame
 from mdrive_sumo.roads import Lane, RoadMap
@@ -48,7 +49,7 @@ def _choose_direction(action: LaneChange, path: MotionPath, frame: Frame) -> str
 
 def _find_lane(at: tuple[float, float, float], roads: RoadMap) -> Lane | None:
     nearest = roads.find_nearest_lanes(np.array([at[:2]]))
-    alignment = math.cos(wrap_angle(at[2] - float(nearest.yaw[0])))
-    if nearest.distance[0] > ON_LANE_M or alignment < math.cos(math.pi / 4):
+    alignment = portable.cos(wrap_angle(at[2] - float(nearest.yaw[0])))
+    if nearest.distance[0] > ON_LANE_M or alignment < portable.cos(math.pi / 4):
         return None
     return roads.driving[int(nearest.lane[0])]

@@ -11,6 +11,7 @@ import numpy as np
 from mdrive_sumo.actors.actor_surroundings import ActorSurroundings
 from mdrive_sumo.actors.kinematic_limits import compute_safe_speed
 from mdrive_sumo.actors.path_tables import PathPoints, PathTables
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 
 SAMPLES = 16
@@ -99,8 +100,8 @@ def _compute_clearances(
     unique_lookers, pair = np.unique(pairs.looker, return_inverse=True)
     spread = look_ahead.reach[unique_lookers, None] * np.linspace(0.0, 1.0, SAMPLES)
     path = tables.sample_ahead(look_ahead.movers[unique_lookers], look_ahead.s[unique_lookers, None] + spread)
-    cos, sin = np.cos(path.yaw)[pair], np.sin(path.yaw)[pair]
-    cos_o, sin_o = np.cos(surroundings.yaw[pairs.other])[:, None], np.sin(surroundings.yaw[pairs.other])[:, None]
+    cos, sin = (part[pair] for part in portable.cos_sin(path.yaw))
+    cos_o, sin_o = (part[:, None] for part in portable.cos_sin(surroundings.yaw[pairs.other]))
     half = pairs.extension_m[:, None] / 2
     x = surroundings.x[pairs.other, None] + cos_o * half - path.x[pair]
     y = surroundings.y[pairs.other, None] + sin_o * half - path.y[pair]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from mdrive_sumo.roads import RoadMap, build_lane_route
 from mdrive_sumo.scenario.scenario_part import Pose
@@ -86,20 +87,20 @@ def _compute_headings(line: Polyline, s: Float, reach: float) -> Float:
     if not reach:
         return np.unwrap(line.yaws_at(s))
     chord = _interpolate_points(line, s + reach) - _interpolate_points(line, s - reach)
-    return np.unwrap(np.arctan2(chord[:, 1], chord[:, 0]))
+    return np.unwrap(portable.atan2(chord[:, 1], chord[:, 0]))
 
 
 def _interpolate_points(line: Polyline, s: Float) -> Float:
     """Return the points (N, 2) [m] at arc lengths (N,); the end segments are prolonged."""
     i = np.clip(np.searchsorted(line.s, s, side="right") - 1, 0, len(line.yaws) - 1)
     ahead = (s - line.s[i])[:, None]
-    return line.xy[i] + ahead * np.column_stack((np.cos(line.yaws[i]), np.sin(line.yaws[i])))
+    return line.xy[i] + ahead * np.column_stack(portable.cos_sin(line.yaws[i]))
 
 
 def build_replay_path(poses: Sequence[tuple[float, float, float, float]]) -> MotionPath:
     """Return the path through timed poses (time [s], x, y [m], yaw [rad])."""
     time, x, y, yaw = np.array(poses, dtype=np.float64).T
-    s = np.concatenate(((0.0,), np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
+    s = np.concatenate(((0.0,), np.cumsum(portable.hypot(np.diff(x), np.diff(y)))))
     return MotionPath(time, s, x, y, np.unwrap(yaw), is_timed=True)
 
 
@@ -111,7 +112,7 @@ def _build_lane_line(lanes: Sequence[str], start: Pose, roads: RoadMap) -> Polyl
     line = Polyline(build_lane_route(roads, lanes, s, roads.lanes[lanes[-1]].centre.length).xy)
     gap = np.array((start.x, start.y)) - line.xy[0]
     share = np.clip(1.0 - line.s / max(PARAMS.merge_m, 5.0 * abs(aside)), 0.0, 1.0)
-    weight = share**2 * (3.0 - 2.0 * share)
+    weight = (share * share) * (3.0 - 2.0 * share)
     return build_polyline(line.xy + weight[:, None] * gap)
 
 
@@ -124,6 +125,7 @@ def build_lane_change_path(path: MotionPath, since: float, aside: float, actor: 
     first = min(first, len(path.s) - 2)
     s, x, y, yaw = (column[first:] for column in (path.s, path.x, path.y, path.yaw))
     share = np.clip((s - since - PARAMS.lane_change_keep_m) / PARAMS.lane_change_m, 0.0, 1.0)
-    weight = aside * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
-    line = build_polyline(np.column_stack((x - weight * np.sin(yaw), y + weight * np.cos(yaw))))
+    weight = aside * (share * share * share) * (10.0 - 15.0 * share + 6.0 * (share * share))
+    cos, sin = portable.cos_sin(yaw)
+    line = build_polyline(np.column_stack((x - weight * sin, y + weight * cos)))
     return build_path_along(line, actor), since - float(path.s[first])

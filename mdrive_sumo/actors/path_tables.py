@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mdrive_sumo.actors.motion_path import MotionPath
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, Int
 
 ROW_STRIDE = 1e6
@@ -81,7 +82,7 @@ class PathTables:
         share = np.where(step > 0.0, (s - low[3]) / np.where(step > 0.0, step, 1.0), 0.0)
         x, y = low[:2] + share * (high[:2] - low[:2])
         moved = step > 1e-6
-        yaw = np.where(moved, np.arctan2(high[1] - low[1], high[0] - low[0]), low[2])
+        yaw = np.where(moved, portable.atan2(high[1] - low[1], high[0] - low[0]), low[2])
         return PathPoints(x, y, yaw, s, step)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from enum import Enum, auto
 
 from mdrive_sumo.actors.pacing import compute_initial_speed, compute_paced_speed
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, EgoState, Frame
 from mdrive_sumo.scenario.scripted_actor import (
     Actor,
@@ -106,7 +107,7 @@ def is_triggered(actor: Actor, position: ActorPosition, frame: Frame) -> bool:
             return ego is not None and _compute_distance(position, ego) <= reach
         case PositionTrigger(vehicle=vehicle, x=x, y=y, radius_m=radius):
             ego = frame.egos.get(vehicle)
-            return ego is not None and math.hypot(ego.x - x, ego.y - y) <= radius
+            return ego is not None and portable.hypot(ego.x - x, ego.y - y) <= radius
         case None:
             return False
 
@@ -143,10 +144,10 @@ def find_initial_speed(actor: Actor, cav_positions: Mapping[str, tuple[float, fl
         return 0.0
     if isinstance(trigger, DistanceTrigger) and isinstance(action, HardBrake | LaneChange) and action.pacing:
         x, y = cav_positions[trigger.vehicle]
-        distance = math.hypot(x - actor.start.x, y - actor.start.y)
+        distance = portable.hypot(x - actor.start.x, y - actor.start.y)
         return compute_initial_speed(distance, trigger.distance_m, motion.speed)
     return motion.start_speed
 
 
 def _compute_distance(position: ActorPosition, ego: EgoState) -> float:
-    return math.hypot(ego.x - position.x, ego.y - position.y)
+    return portable.hypot(ego.x - position.x, ego.y - position.y)

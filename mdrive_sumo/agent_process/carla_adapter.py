@@ -19,6 +19,7 @@ import numpy as np
 from mdrive_sumo.agent_process.agent_lookup import load_module_from_file
 from mdrive_sumo.agent_process.carla_stubs import Location, RoadOption, Rotation, Transform, call_setup, install_stubs
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, wrap_angles
 from mdrive_sumo.core.state import DT
@@ -159,12 +160,12 @@ def _convert_gnss(sensor: CarlaSensor, seen: Observation) -> Any:
     """Latitude, longitude [degrees], altitude [m] of the receiver where it was put: ours is at the box centre."""
     assert seen.gnss is not None
     ahead, left, up = sensor.at
-    cos, sin = math.cos(seen.own.yaw), math.sin(seen.own.yaw)
+    cos, sin = portable.cos_sin(seen.own.yaw)
     east, north = cos * ahead - sin * left, sin * ahead + cos * left
     latitude = math.radians(seen.gnss.latitude_deg)
     return np.array(
         (
-            seen.gnss.latitude_deg + math.degrees(north / EARTH_RADIUS_M * math.cos(latitude)),
+            seen.gnss.latitude_deg + math.degrees(north / EARTH_RADIUS_M * portable.cos(latitude)),
             seen.gnss.longitude_deg + math.degrees(east / EARTH_RADIUS_M),
             seen.gnss.altitude_m + up,
         )
@@ -211,7 +212,7 @@ def find_road_options(briefing: Briefing) -> list[RoadOption]:
             found[first:last] = [RoadOption.LEFT if bends[first] > 0 else RoadOption.RIGHT] * (last - first)
     if len(yaw) > 1:
         along = np.gradient(briefing.route_xy, axis=0)
-        aside = wrap_angles(np.arctan2(along[:, 1], along[:, 0]) - yaw)
+        aside = wrap_angles(portable.atan2(along[:, 1], along[:, 0]) - yaw)
         for row in np.flatnonzero(np.abs(aside) > ASIDE_RAD).tolist():
             if found[row] is RoadOption.LANEFOLLOW:
                 found[row] = RoadOption.CHANGELANELEFT if aside[row] > 0 else RoadOption.CHANGELANERIGHT

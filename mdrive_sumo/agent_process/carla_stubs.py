@@ -14,6 +14,8 @@ from inspect import signature
 from types import ModuleType
 from typing import Any
 
+from mdrive_sumo.core import portable
+
 DEFAULT_SPACING_M = 50.0
 """Between points of the plan that the leaderboard's base class keeps."""
 
@@ -39,7 +41,7 @@ class Vector3D:
 
     def length(self) -> float:
         """Euclidean norm."""
-        return math.hypot(self.x, self.y, self.z)
+        return portable.distance((self.x, self.y, self.z), (0.0, 0.0, 0.0))
 
 
 class Location(Vector3D):
@@ -47,7 +49,7 @@ class Location(Vector3D):
 
     def distance(self, other: Vector3D) -> float:
         """Between two places [m]."""
-        return math.dist((self.x, self.y, self.z), (other.x, other.y, other.z))
+        return portable.distance((self.x, self.y, self.z), (other.x, other.y, other.z))
 
 
 @dataclass
@@ -60,8 +62,9 @@ class Rotation:
 
     def get_forward_vector(self) -> Vector3D:
         """Where it points."""
-        pitch, yaw = math.radians(self.pitch), math.radians(self.yaw)
-        return Vector3D(math.cos(pitch) * math.cos(yaw), math.cos(pitch) * math.sin(yaw), math.sin(pitch))
+        level, up = portable.cos_sin(math.radians(self.pitch))
+        cos, sin = portable.cos_sin(math.radians(self.yaw))
+        return Vector3D(level * cos, level * sin, up)
 
 
 @dataclass

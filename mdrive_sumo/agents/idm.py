@@ -7,6 +7,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
+from mdrive_sumo.core import portable
 from mdrive_sumo.planning import right_of_way
 from mdrive_sumo.planning.path_follower import PathFollower
 from mdrive_sumo.planning.reference_path import SPACING_M, build_path, compute_curve_speeds
@@ -100,14 +101,15 @@ class IdmAgent:
 
     def _accelerate_freely(self) -> float:
         """Return the IDM's acceleration [m/s2] on a free road."""
-        return self._parameters.acceleration * (1 - (self._follower.speed / self._cruise_speed) ** 4)
+        square = portable.square(self._follower.speed / self._cruise_speed)
+        return self._parameters.acceleration * (1 - square * square)
 
     def _follow(self, lead: right_of_way.LeadObject) -> float:
         """Return the IDM's acceleration [m/s2] behind a leading object."""
         speed, acceleration = self._follower.speed, self._parameters.acceleration
         closing = speed * (speed - lead.speed) / (2 * math.sqrt(acceleration * self._parameters.braking))
         desired_m = self._parameters.standing_gap_m + max(0.0, speed * self._time_gap + closing)
-        return self._accelerate_freely() - acceleration * (desired_m / max(lead.gap_m, 0.1)) ** 2
+        return self._accelerate_freely() - acceleration * portable.square(desired_m / max(lead.gap_m, 0.1))
 
     def _stop_within(self, gap: float) -> float:
         """Return the acceleration [m/s2] that stops within `gap` [m], as hard as needed once braking is due."""
@@ -115,7 +117,7 @@ class IdmAgent:
         if gap < 0.1:
             return -self._parameters.hard_braking
         allowed = math.sqrt(2 * self._parameters.stop_braking * gap)
-        return -(speed**2) / (2 * gap) if speed > allowed else (allowed - speed) / self._parameters.response_s
+        return -(speed * speed) / (2 * gap) if speed > allowed else (allowed - speed) / self._parameters.response_s
 
     def _find_stop_gaps(self, seen: Observation) -> list[float]:
         """Return the distances [m] to the stations at which signs and lights stop the box centre."""
@@ -129,7 +131,7 @@ class IdmAgent:
 
     def _can_stop_within(self, gap: float) -> bool:
         """Return whether hard braking stops within `gap` [m]."""
-        return self._follower.speed**2 / (2 * max(gap, 0.5)) < self._parameters.hard_braking
+        return (self._follower.speed * self._follower.speed) / (2 * max(gap, 0.5)) < self._parameters.hard_braking
 
     def _yield_to_conflicts(
         self, ego: right_of_way.EgoMotion, conflicts: list[right_of_way.CrossingConflict], elapsed_s: float

@@ -4,13 +4,13 @@ The cooperative detector is not run: every CAV has detections as good as the det
 exchange them as CPMs besides.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, Plan, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, read_options
+from mdrive_sumo.core import portable
 from mdrive_sumo.perception.late_fusion import FusionLimits, LateFusion
 from mdrive_sumo.planning.reference_path import ReferencePath, build_path
 from mdrive_sumo.planning.stop_lines import StopLines, build_stop_lines
@@ -111,8 +111,8 @@ def has_hazard(own: OwnState, objects: Objects) -> bool:
     """Return whether the centre of a detection is in the lane-wide box straight ahead (protocol 11.2)."""
     parameters = PERCEPTION_SWAP
     dx, dy = objects.x - own.x, objects.y - own.y
-    ahead = math.cos(own.yaw) * dx + math.sin(own.yaw) * dy
-    lateral = math.cos(own.yaw) * dy - math.sin(own.yaw) * dx
+    cos, sin = portable.cos_sin(own.yaw)
+    ahead, lateral = cos * dx + sin * dy, cos * dy - sin * dx
     close = (ahead >= parameters.min_ahead_m) & (ahead <= compute_hazard_range(own.speed))
     close &= np.abs(lateral) <= parameters.max_lateral_m
     if abs(own.speed) < parameters.standing_speed:

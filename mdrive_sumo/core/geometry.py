@@ -12,6 +12,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from mdrive_sumo.core import portable
+
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
 Int = npt.NDArray[np.int64]
@@ -32,7 +34,7 @@ def wrap_angles(angles: Float) -> Float:
 
 def box_corners(x: float, y: float, yaw: float, length: float, width: float) -> Float:
     """Return the corners (4, 2) of an oriented box, counter-clockwise from front left."""
-    cos, sin = math.cos(yaw), math.sin(yaw)
+    cos, sin = portable.cos_sin(yaw)
     ahead_x, ahead_y = cos * length / 2, sin * length / 2
     left_x, left_y = -sin * width / 2, cos * width / 2
     return np.array(
@@ -47,7 +49,7 @@ def box_corners(x: float, y: float, yaw: float, length: float, width: float) -> 
 
 def boxes_corners(x: Float, y: Float, yaw: Float, length: Float, width: Float) -> Float:
     """Return the corners (..., 4, 2) of oriented boxes with parameters that broadcast to (...), as `box_corners`."""
-    cos, sin = np.cos(yaw), np.sin(yaw)
+    cos, sin = portable.cos_sin(yaw)
     ahead = np.stack((cos * length, sin * length), axis=-1) / 2
     left = np.stack((-sin * width, cos * width), axis=-1) / 2
     centre = np.stack(np.broadcast_arrays(x, y), axis=-1)
@@ -62,8 +64,8 @@ def boxes_overlap(first: Float, second: Float) -> Bool:
     for corners in (first, second):
         for start, end in ((0, 1), (1, 2)):
             axis = corners[..., end, :] - corners[..., start, :]
-            a = np.einsum("...ij,...j->...i", first, axis)
-            b = np.einsum("...ij,...j->...i", second, axis)
+            a = portable.dot(first, axis[..., None, :])
+            b = portable.dot(second, axis[..., None, :])
             overlap &= (a.max(-1) > b.min(-1)) & (b.max(-1) > a.min(-1))
     return overlap
 
@@ -86,7 +88,7 @@ class Polyline:
 
     @cached_property
     def _lengths(self) -> Float:
-        return np.hypot(self._segments[:, 0], self._segments[:, 1])
+        return portable.hypot(self._segments[:, 0], self._segments[:, 1])
 
     @cached_property
     def s(self) -> Float:
@@ -101,7 +103,7 @@ class Polyline:
     @cached_property
     def yaws(self) -> Float:
         """Direction (N-1,) [rad] of every segment."""
-        return np.arctan2(self._segments[:, 1], self._segments[:, 0])
+        return portable.atan2(self._segments[:, 1], self._segments[:, 0])
 
     @cached_property
     def _plain(self) -> tuple[list[float], list[tuple[float, float]], list[float]]:
@@ -137,12 +139,12 @@ class Polyline:
             low, high = self._segment_at(between[0]), self._segment_at(between[1]) + 1
         start, segments, lengths = self.xy[low:high], self._segments[low:high], self._lengths[low:high]
         relative = np.array((x, y)) - start
-        square = np.maximum(lengths**2, 1e-18)
+        square = np.maximum(lengths * lengths, 1e-18)
         share = np.clip((relative * segments).sum(1) / square, 0.0, 1.0)
         gap = relative - share[:, None] * segments
-        i = int(np.argmin((gap**2).sum(1)))
+        i = int(np.argmin((gap * gap).sum(1)))
         side = segments[i, 0] * relative[i, 1] - segments[i, 1] * relative[i, 0]
-        distance = math.hypot(gap[i, 0], gap[i, 1])
+        distance = portable.hypot(gap[i, 0], gap[i, 1])
         return float(self.s[low + i] + share[i] * lengths[i]), math.copysign(distance, side)
 
     def stations(self, spacing: float) -> Float:
@@ -164,5 +166,5 @@ class Polyline:
 def build_polyline(points: Sequence[Sequence[float]] | Float) -> Polyline:
     """Return a polyline through the points without consecutive duplicates (closer than 1 µm)."""
     xy = np.asarray(points, dtype=np.float64)
-    steps = np.hypot(*np.diff(xy, axis=0).T) if len(xy) > 1 else np.zeros(0)
+    steps = portable.hypot(*np.diff(xy, axis=0).T) if len(xy) > 1 else np.zeros(0)
     return Polyline(xy[np.concatenate(((True,), steps > 1e-6))])

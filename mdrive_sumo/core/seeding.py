@@ -6,6 +6,8 @@ So neither the order of execution nor the number of workers changes a result.
 import math
 from hashlib import blake2b
 
+from mdrive_sumo.core import portable
+
 UNIFORMS = 8
 """Count of numbers that `draw_uniforms` returns."""
 
@@ -26,5 +28,5 @@ def draw_normals(seed: int, *purpose: str | int) -> tuple[float, ...]:
     """Return `UNIFORMS` independent standard normal numbers for one purpose (Box-Muller transform)."""
     drawn = draw_uniforms(seed, *purpose)
     pairs = zip(drawn[0::2], drawn[1::2], strict=True)
-    radii = ((math.sqrt(-2 * math.log(1 - a)), 2 * math.pi * b) for a, b in pairs)
-    return tuple(value for r, phi in radii for value in (r * math.cos(phi), r * math.sin(phi)))
+    radii = ((math.sqrt(-2 * portable.log(1 - a)), portable.cos_sin(2 * math.pi * b)) for a, b in pairs)
+    return tuple(value for r, (cos, sin) in radii for value in (r * cos, r * sin))

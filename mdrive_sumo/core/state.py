@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 
 TICKS_PER_SECOND = 20
@@ -117,9 +118,10 @@ class RoadUsers:
 
         seconds, turn: (N,) or one number for all rows.
         """
-        chord = self.speed * seconds * np.sinc(np.asarray(turn) / 2 / np.pi)
+        chord = self.speed * seconds * portable.sinc(np.asarray(turn) / 2 / np.pi)
         direction = self.yaw + np.asarray(turn) / 2
-        x, y = self.x + chord * np.cos(direction), self.y + chord * np.sin(direction)
+        cos, sin = portable.cos_sin(direction)
+        x, y = self.x + chord * cos, self.y + chord * sin
         return replace(self, x=x, y=y, yaw=self.yaw + turn)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.generate.pedestrian_crossing import (
     LANE_M,
     WALK_MPS,
@@ -95,7 +96,7 @@ def _compute_pitch(actor: ProposedActor, size: tuple[float, float]) -> float:
 
 def _compute_depth(actor: ProposedActor, proposed: Sequence[ProposedActor], bodies: Sequence[ActorBody]) -> float:
     """Return the length of road [m] of all groups at the position of this one."""
-    return sum(
+    return math.fsum(
         compute_group_length(other, body[2]) + APART_M
         for other, body in zip(proposed, bodies, strict=True)
         if _spot_key(other) == _spot_key(actor) and other.motion == "static"
@@ -190,9 +191,9 @@ def _find_parallel_lanes(ego: Ego, roads: RoadMap, station: float) -> tuple[bool
 
 
 def _has_parallel_lane(poses: Sequence[tuple[float, float, float]], roads: RoadMap, offset: float) -> bool:
-    points = np.array([(x - offset * math.sin(yaw), y + offset * math.cos(yaw)) for x, y, yaw in poses])
+    points = np.array([(x - offset * portable.sin(yaw), y + offset * portable.cos(yaw)) for x, y, yaw in poses])
     near = roads.find_nearest_lanes(points)
-    turned = np.cos(near.yaw - np.array([yaw for _, _, yaw in poses]))
+    turned = portable.cos(near.yaw - np.array([yaw for _, _, yaw in poses]))
     outside = ~roads.in_junction[near.lane]
     return bool(((near.distance < LANE_M / 3) & (turned > 0))[outside].all()) and bool(outside.any())
 

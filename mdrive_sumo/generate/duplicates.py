@@ -11,8 +11,7 @@ from collections import Counter
 from collections.abc import Hashable, Iterable
 from statistics import fmean
 
-import numpy as np
-
+from mdrive_sumo.core import portable
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 
 DUPLICATE_DISTANCE = 0.12
@@ -46,7 +45,7 @@ def _timing_distance(one: Scenario, other: Scenario) -> float:
     if one.network != other.network:
         return 1.0
     gaps = [
-        float(np.hypot(a.start.x - b.start.x, a.start.y - b.start.y))
+        float(portable.hypot(a.start.x - b.start.x, a.start.y - b.start.y))
         for a, b in zip(sorted(one.egos, key=_sort_key), sorted(other.egos, key=_sort_key), strict=False)
         if _route_key(a) == _route_key(b)
     ]

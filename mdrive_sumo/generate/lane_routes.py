@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.roads import Lane, RoadMap
 
@@ -124,14 +125,14 @@ def compute_lane_rank(roads: RoadMap, lane: Lane) -> int:
 
 def _chord_yaw(lane: Lane) -> float:
     x, y = lane.centre.xy[-1] - lane.centre.xy[0]
-    return math.atan2(y, x)
+    return portable.atan2(y, x)
 
 
 def _classify_turn(roads: RoadMap, chain: Sequence[str]) -> TurnDirection:
     net = wrap_angle(_chord_yaw(roads.lanes[chain[-1]]) - _chord_yaw(roads.lanes[chain[0]]))
     steps = np.concatenate([np.diff(roads.lanes[id_].centre.xy, axis=0) for id_ in chain])
-    steps = steps[np.hypot(*steps.T) > 1e-6]
-    swept = float(np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))).sum())
+    steps = steps[portable.hypot(*steps.T) > 1e-6]
+    swept = float(np.diff(np.unwrap(portable.atan2(steps[:, 1], steps[:, 0]))).sum())
     if abs(net) > U_TURN_RAD or abs(swept) > math.pi * 1.25:
         return "u_turn"
     if abs(net) <= STRAIGHT_RAD:

@@ -1,10 +1,10 @@
 """Actors that cross the road: where they wait at the kerb, where they go, and when they start."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import shapely
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.generate.proposal import ProposedActor
 from mdrive_sumo.generate.spawn_points import BLIND_ACCELERATION, BLIND_SPEED
 from mdrive_sumo.roads import RoadMap
@@ -36,8 +36,8 @@ def compute_route_pose(ego: Ego, station: float, offset: float) -> tuple[float, 
     k = min(max(round(station), 0), len(ego.route) - 1)
     x, y, yaw = ego.route[k]
     along = station - k
-    x, y = x + along * math.cos(yaw), y + along * math.sin(yaw)
-    return x - offset * math.sin(yaw), y + offset * math.cos(yaw), yaw
+    x, y = x + along * portable.cos(yaw), y + along * portable.sin(yaw)
+    return x - offset * portable.sin(yaw), y + offset * portable.cos(yaw), yaw
 
 
 def place_crossing_actors(
@@ -49,10 +49,10 @@ def place_crossing_actors(
     ego, station = way
     begin, end = _find_kerbs(actor, ego, roads, station)
     speed = WALK_MPS[actor.speed] if actor.kind == "walker" else 3.0
-    yaw = math.atan2(end[1] - begin[1], end[0] - begin[0])
-    queue = sum(math.dist((one.start.x, one.start.y), begin) < QUEUE_M for one in others)
+    yaw = portable.atan2(end[1] - begin[1], end[0] - begin[0])
+    queue = sum(portable.distance((one.start.x, one.start.y), begin) < QUEUE_M for one in others)
     for n in range(actor.quantity):
-        x, y = begin[0] - (queue + n) * 0.9 * math.cos(yaw), begin[1] - (queue + n) * 0.9 * math.sin(yaw)
+        x, y = begin[0] - (queue + n) * 0.9 * portable.cos(yaw), begin[1] - (queue + n) * 0.9 * portable.sin(yaw)
         yield Actor(
             id=actor.actor_id if actor.quantity == 1 else f"{actor.actor_id}.{n}",
             kind=kind,
@@ -81,11 +81,11 @@ def _find_kerbs(actor: ProposedActor, ego: Ego, roads: RoadMap, station: float) 
         ends = [(float(px), float(py)) for px, py in (line[0], line[-1])]
     else:
         half = LANE_M * 1.5 + KERB_M
-        ends = [(x + s * half * math.sin(yaw), y - s * half * math.cos(yaw)) for s in (1.0, -1.0)]
+        ends = [(x + s * half * portable.sin(yaw), y - s * half * portable.cos(yaw)) for s in (1.0, -1.0)]
     from_right = actor.crossing_direction == "right" or actor.lateral_position.endswith("right")
-    ends.sort(key=lambda end: -math.sin(yaw) * (end[0] - x) + math.cos(yaw) * (end[1] - y))
+    ends.sort(key=lambda end: -portable.sin(yaw) * (end[0] - x) + portable.cos(yaw) * (end[1] - y))
     begin, end = (ends[0], ends[-1]) if from_right else (ends[-1], ends[0])
-    out = math.hypot(end[0] - begin[0], end[1] - begin[1])
+    out = portable.hypot(end[0] - begin[0], end[1] - begin[1])
     ux, uy = (end[0] - begin[0]) / out, (end[1] - begin[1]) / out
     return (begin[0] - ux, begin[1] - uy), (end[0] + ux, end[1] + uy)
 
@@ -94,8 +94,8 @@ def _build_trigger(ego: Ego, begin: Spot, end: Spot, speed: float) -> Trigger:
     """Start when the CAV is as far away as blind driving covers until the actor is in its lane."""
     meet = shapely.LineString(ego.xy).intersection(shapely.LineString((begin, end)))
     point = shapely.centroid(meet) if not meet.is_empty else shapely.Point(end)
-    walk_s = math.hypot(point.x - begin[0], point.y - begin[1]) / max(speed, 0.1)
+    walk_s = portable.hypot(point.x - begin[0], point.y - begin[1]) / max(speed, 0.1)
     along = float(shapely.line_locate_point(shapely.LineString(ego.xy), point))
-    rolling = min(BLIND_SPEED * walk_s, along - 0.5 * BLIND_SPEED**2 / BLIND_ACCELERATION)
-    away = math.hypot(rolling, math.hypot(point.x - begin[0], point.y - begin[1]))
+    rolling = min(BLIND_SPEED * walk_s, along - 0.5 * (BLIND_SPEED * BLIND_SPEED) / BLIND_ACCELERATION)
+    away = portable.hypot(rolling, portable.hypot(point.x - begin[0], point.y - begin[1]))
     return DistanceTrigger(vehicle=ego.id, distance_m=round(min(max(away, 3.0), 50.0), 2))

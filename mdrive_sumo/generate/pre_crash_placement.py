@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import shapely
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.generate.actor_placement import CAR_SIZE, CYCLIST_SIZE, DRIVE_MPS, WALK_MPS, WALKER_SIZE, place_actors
@@ -79,8 +80,8 @@ class _CavRoute:
         """Return the pose on the route, `offset` to its left."""
         line = shapely.LineString(self.line.xy)
         a, b = line.interpolate(station - 0.5), line.interpolate(station + 0.5)
-        yaw, mid = math.atan2(b.y - a.y, b.x - a.x), line.interpolate(station)
-        x, y = mid.x - offset * math.sin(yaw), mid.y + offset * math.cos(yaw)
+        yaw, mid = portable.atan2(b.y - a.y, b.x - a.x), line.interpolate(station)
+        x, y = mid.x - offset * portable.sin(yaw), mid.y + offset * portable.cos(yaw)
         return Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4))
 
     def lanes_right(self, station: float) -> float:
@@ -185,8 +186,8 @@ def _build_crosser(actor: ProposedActor, drive: _CavRoute) -> Actor:
     right, left = drive.at(station, -KERB_M - drive.lanes_right(station)), drive.at(station, ACROSS_M)
     start, end = (left, right) if actor.crossing_direction == "left" else (right, left)
     here = drive.at(station)
-    out = math.hypot(start.x - here.x, start.y - here.y)
-    yaw = math.atan2(end.y - start.y, end.x - start.x)
+    out = portable.hypot(start.x - here.x, start.y - here.y)
+    yaw = portable.atan2(end.y - start.y, end.x - start.x)
     size = WALKER_SIZE if walker else CYCLIST_SIZE
     return Actor(
         id=actor.actor_id,
@@ -204,7 +205,7 @@ def _build_crosser(actor: ProposedActor, drive: _CavRoute) -> Actor:
 
 def _compute_crossing_s(distance: float, speed: float, acceleration: float) -> float:
     """Return the time [s] from the kerb to the middle of the lane, plus the time of half a car's length."""
-    gaining = min(speed**2 / 2 / acceleration, distance)
+    gaining = min((speed * speed) / 2 / acceleration, distance)
     return math.sqrt(2 * gaining / acceleration) + (distance - gaining) / speed + HALF_CAR_S
 
 
@@ -214,7 +215,7 @@ def _build_trigger(drive: _CavRoute, place: Pose, station: float, needed_s: floa
     stations = np.arange(drive.start, station, 0.5)
     at = next((s for s in stations if compute_arrival_s(drive.line, drive.start, s) >= due), station - 0.5)
     here = drive.at(float(at))
-    away = math.hypot(here.x - place.x, here.y - place.y)
+    away = portable.hypot(here.x - place.x, here.y - place.y)
     return DistanceTrigger(vehicle=drive.ego.id, distance_m=round(min(max(away, 3.0), 50.0), 2))
 
 
@@ -243,7 +244,7 @@ def _build_waiting_vehicle(actor: ProposedActor, drive: _CavRoute, egos: Mapping
         raise InputError(f"actor {actor.actor_id}: expected a lane to the left of {lane.id}, found none")
     edge = drive.at(drive.edge, drive.roads.lanes[lane.left].width)
     for ahead in np.arange((drive.exit - drive.edge) / 2, -VAN.length, -1.0):
-        x, y = edge.x + ahead * math.cos(edge.yaw), edge.y + ahead * math.sin(edge.yaw)
+        x, y = edge.x + ahead * portable.cos(edge.yaw), edge.y + ahead * portable.sin(edge.yaw)
         van = _build_vehicle(actor, start=Pose(x=round(x, 3), y=round(y, 3), yaw=edge.yaw))
         if _is_free(_box_polygon(van), drive.roads, egos):
             return van
@@ -276,7 +277,7 @@ def _build_pulling_out_vehicle(actor: ProposedActor, drive: _CavRoute) -> Actor:
     points = [drive.at(station, -ROADSIDE_M)]
     for s in np.arange(station + 1.0, last, 1.0):
         share = min((s - station) / PULL_OUT_M, 1.0)
-        points.append(drive.at(float(s), -ROADSIDE_M * (1 - share**2 * (3 - 2 * share))))
+        points.append(drive.at(float(s), -ROADSIDE_M * (1 - (share * share) * (3 - 2 * share))))
     motion = PathMotion(points=tuple((p.x, p.y) for p in points), speed=DRIVE_MPS[actor.speed])
     trigger = _build_trigger(drive, points[0], station, 2.5)
     return _build_vehicle(actor, start=points[0], motion=motion, trigger=trigger, action=StartMotion())

@@ -1,5 +1,6 @@
 """Selects from a pool the scenarios whose means match the paper's figures of their category."""
 
+import math
 import random
 from collections.abc import Sequence
 
@@ -35,18 +36,19 @@ Sizes = tuple[int, float, float, int]
 def _measure(scenario: Scenario) -> Sizes:
     egos = scenario.egos
     actors = len(scenario.actors) + len(scenario.background.vehicles)
-    return len(egos), sum(map(compute_route_length, egos)), sum(map(compute_heading_change_deg, egos)), actors
+    route, heading = (math.fsum(map(of, egos)) for of in (compute_route_length, compute_heading_change_deg))
+    return len(egos), route, heading, actors
 
 
 def _compute_cost(
     chosen: Sequence[int], pool: Sequence[Scenario], sizes: Sequence[Sizes], figures: CategoryFigures
 ) -> float:
-    cavs, route, heading, actors = (sum(sizes[i][k] for i in chosen) for k in range(4))
+    cavs, route, heading, actors = (math.fsum(sizes[i][k] for i in chosen) for k in range(4))
     found = (cavs / len(chosen), route / cavs, heading / cavs, actors / len(chosen))
     crowd = len(chosen) - len({pool[i].network for i in chosen})
     alike = len(chosen) - len({pool[i].description for i in chosen})
     return (
-        sum(error**2 for error in compute_deviations(found, figures.means)) * 100
+        math.fsum(error * error for error in compute_deviations(found, figures.means)) * 100
         + SAME_NETWORK_COST * crowd
         + ALIKE * alike
     )

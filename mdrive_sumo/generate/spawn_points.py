@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 import shapely
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.generate.lane_routes import LaneRoute
 from mdrive_sumo.roads import RoadMap, build_lane_route
@@ -79,7 +80,7 @@ def find_conflict_stations(one: RouteLine, other: RouteLine) -> tuple[float, flo
 
 def blind_travel_time(distance: float) -> float:
     """Return the time [s] in which blind driving covers a distance [m] from rest."""
-    speeding = BLIND_SPEED**2 / 2 / BLIND_ACCELERATION
+    speeding = (BLIND_SPEED * BLIND_SPEED) / 2 / BLIND_ACCELERATION
     if distance < speeding:
         return math.sqrt(2 * max(distance, 0.0) / BLIND_ACCELERATION)
     return BLIND_SPEED / BLIND_ACCELERATION + (distance - speeding) / BLIND_SPEED
@@ -89,7 +90,7 @@ def blind_distance(time: float) -> float:
     """Return the distance [m] that blind driving covers in a time [s] from rest."""
     speeding = BLIND_SPEED / BLIND_ACCELERATION
     if time < speeding:
-        return BLIND_ACCELERATION * max(time, 0.0) ** 2 / 2
+        return BLIND_ACCELERATION * portable.square(max(time, 0.0)) / 2
     return BLIND_SPEED * (time - speeding / 2)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.negotiation.intention import INTERVAL_S, POINTS
@@ -29,7 +30,7 @@ class ConflictParameters:
     @property
     def min_distance_m(self) -> float:
         """The distance [m] at which `compute_safety` is `min_safety`."""
-        return 3 + math.log(self.min_safety / (1 - self.min_safety)) / 2
+        return 3 + portable.log(self.min_safety / (1 - self.min_safety)) / 2
 
 
 CONFLICT = ConflictParameters()
@@ -42,7 +43,7 @@ def find_next_planning_tick(tick: int) -> int:
 
 def compute_safety(distance: float) -> float:
     """Return the safety of a closest approach at that distance [m], in (0, 1)."""
-    return 1 / (1 + math.exp(min(-2 * (distance - 3), 700.0)))
+    return 1 / (1 + portable.exp(min(-2 * (distance - 3), 700.0)))
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def build_trajectory_graph(ids: tuple[str, ...], trajectory_by_id: Mapping[str, 
     """Return the graph of simultaneous trajectories (`POINTS`, 2) [m]."""
     count = len(ids)
     points = np.array([trajectory_by_id[name] for name in ids]).reshape(count, POINTS, 2)
-    at_any_time = np.sqrt(((points[:, None, :, None] - points[None, :, None]) ** 2).sum(-1))
+    at_any_time = np.sqrt(portable.square(points[:, None, :, None] - points[None, :, None]).sum(-1))
     gaps = np.diagonal(at_any_time, axis1=2, axis2=3)
     step = gaps.argmin(-1)
     distance = np.take_along_axis(gaps, step[..., None], -1)[..., 0]
@@ -121,16 +122,16 @@ def compute_free_distance(member: NegotiationMember, others: Iterable[Negotiatio
     points = np.vstack(((member.x, member.y), member.desired))
     theirs = [np.vstack(((other.x, other.y), other.desired)) for other in others]
     min_distance_m = CONFLICT.min_distance_m
-    near = [np.hypot(*(points[:, None] - line[None]).T).min(axis=0) < min_distance_m for line in theirs]
+    near = [portable.hypot(*(points[:, None] - line[None]).T).min(axis=0) < min_distance_m for line in theirs]
     met = np.flatnonzero(np.logical_or.reduce(near)) if near else np.zeros(0, dtype=np.int64)
-    return float(np.hypot(*np.diff(points[: met[0] + 1], axis=0).T).sum()) if len(met) else math.inf
+    return float(portable.hypot(*np.diff(points[: met[0] + 1], axis=0).T).sum()) if len(met) else math.inf
 
 
 def _compute_distances_to_conflict(points: Float, step: Int) -> Float:
     """Return `ConflictGraph.distance_to_conflict`: over all pairs, in conflict or not, as the original does."""
     count, free_m = len(points), CONFLICT.free_distance_m
     meeting = points[np.arange(count)[:, None], step]
-    distances = np.hypot(*np.moveaxis(meeting - points[:, :1], -1, 0))
+    distances = portable.hypot(*np.moveaxis(meeting - points[:, :1], -1, 0))
     np.fill_diagonal(distances, free_m)
     return np.minimum(distances.min(axis=1, initial=free_m), free_m)
 

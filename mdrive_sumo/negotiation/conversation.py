@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from mdrive_sumo.contract import Message
+from mdrive_sumo.core import portable
 from mdrive_sumo.negotiation.negotiator import NegotiationMember
 
 CRITIC = "critic"
@@ -24,7 +25,7 @@ def compute_speaking_order(members: Sequence[NegotiationMember]) -> tuple[str, .
     """Return the ids, most central member first: ascending sum of distances to the others, ties to the smaller id."""
 
     def compute_remoteness(member: NegotiationMember) -> float:
-        return sum(math.hypot(other.x - member.x, other.y - member.y) for other in members)
+        return math.fsum(portable.hypot(other.x - member.x, other.y - member.y) for other in members)
 
     return tuple(m.id for m in sorted(members, key=lambda m: (round(compute_remoteness(m), 1), m.id)))
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.negotiation.conflict_graph import build_trajectory_graph, compute_safety
 from mdrive_sumo.negotiation.intention import (
@@ -73,7 +74,7 @@ def evaluate_actions(
 
 def _predict_member(member: NegotiationMember, action: Intention, members: Sequence[NegotiationMember]) -> Float:
     """Return the trajectory (`POINTS`, 2) [m] of a member with that action along its desired trajectory."""
-    gaps = [float(np.hypot(m.x - member.x, m.y - member.y)) for m in members if m.id != member.id]
+    gaps = [float(portable.hypot(m.x - member.x, m.y - member.y)) for m in members if m.id != member.id]
     line = build_line(member.x, member.y, member.yaw, member.desired)
     return predict_trajectory(line, member.speed, convert_to_acceleration(action, min(gaps), len(gaps)))
 
@@ -81,4 +82,4 @@ def _predict_member(member: NegotiationMember, action: Intention, members: Seque
 def _compute_mean_speed(member: NegotiationMember, points: Float) -> float:
     """Return the mean speed [m/s] of a trajectory."""
     steps = np.diff(np.vstack(((member.x, member.y), points)), axis=0)
-    return float(np.hypot(steps[:, 0], steps[:, 1]).mean()) / INTERVAL_S
+    return float(portable.hypot(steps[:, 0], steps[:, 1]).mean()) / INTERVAL_S

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, wrap_angle
 from mdrive_sumo.v2x.messages import Direction, Intention
 
@@ -104,13 +105,13 @@ def _compute_travelled(speed: float, acceleration: float, times: Float, top_spee
         return speed * times
     bound = top_speed if acceleration > 0 else 0.0
     until = np.minimum(times, (bound - speed) / acceleration)
-    return speed * until + acceleration * until**2 / 2 + bound * (times - until)
+    return speed * until + acceleration * (until * until) / 2 + bound * (times - until)
 
 
 def sample_polyline(line: Float, stations: Float) -> Float:
     """Return the points (K, 2) at arc lengths (K,) of a line (N, 2), its last step extended."""
     steps = np.diff(line, axis=0)
-    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    lengths = portable.hypot(steps[:, 0], steps[:, 1])
     s = np.concatenate(((0.0,), np.cumsum(lengths)))
     points = np.column_stack((np.interp(stations, s, line[:, 0]), np.interp(stations, s, line[:, 1])))
     moving = np.flatnonzero(lengths > 1e-6)
@@ -123,23 +124,25 @@ def sample_polyline(line: Float, stations: Float) -> Float:
 def build_line(x: float, y: float, yaw: float, points: Float) -> Float:
     """Return the line (N, 2) of a car at that pose with a trajectory (K, 2); a standing car would go straight on."""
     here = np.array((x, y))
-    if len(points) and float(np.hypot(*(points[-1] - here))) > 0.5:
+    if len(points) and float(portable.hypot(*(points[-1] - here))) > 0.5:
         return np.vstack((here, points))
-    return np.array(((x, y), (x + math.cos(yaw), y + math.sin(yaw))))
+    cos, sin = portable.cos_sin(yaw)
+    return np.array(((x, y), (x + cos, y + sin)))
 
 
 def classify_direction(line: Float, parameters: IntentionParameters = INTENTION) -> Direction:
     """Return the direction of a line (N, 2) by its shape: about 30 m of points up to 1 m apart."""
     steps = np.diff(line[:: max(len(line) // 15, 1)], axis=0)
-    steps = steps[np.hypot(steps[:, 0], steps[:, 1]) > 1e-6]
+    steps = steps[portable.hypot(steps[:, 0], steps[:, 1]) > 1e-6]
     if len(steps) < 2:
         return Direction.FOLLOW
-    first, last = (math.atan2(step[1], step[0]) for step in (steps[0], steps[-1]))
+    first, last = (portable.atan2(step[1], step[0]) for step in (steps[0], steps[-1]))
     turn = wrap_angle(last - first)
     if abs(turn) > parameters.turn_rad:
         return Direction.LEFT if turn > 0 else Direction.RIGHT
     gap = line[-1] - line[0]
-    lateral = math.cos(first) * gap[1] - math.sin(first) * gap[0]
+    cos, sin = portable.cos_sin(first)
+    lateral = cos * gap[1] - sin * gap[0]
     if abs(lateral) > parameters.lane_m and abs(turn) < parameters.turn_rad / 3:
         return Direction.CHANGE_LEFT if lateral > 0 else Direction.CHANGE_RIGHT
     return Direction.FOLLOW

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, Observation, OwnState
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.negotiation.conflict_graph import compute_free_distance
@@ -96,14 +97,16 @@ class NegotiationInterface:
         path, ahead_m = planner.path, self._parameters.leader_ahead_m
         s = path.project(x, y, planner.s + ahead_m, ahead_m)
         row = int(s / SPACING_M)
-        lateral = math.cos(path.yaw[row]) * (y - path.xy[row, 1]) - math.sin(path.yaw[row]) * (x - path.xy[row, 0])
-        is_aligned = math.cos(yaw - path.yaw[row]) > self._parameters.same_direction_cos
+        cos, sin = portable.cos_sin(path.yaw[row])
+        lateral = cos * (y - path.xy[row, 1]) - sin * (x - path.xy[row, 0])
+        is_aligned = portable.cos(yaw - path.yaw[row]) > self._parameters.same_direction_cos
         return s > planner.s and abs(lateral) < self._parameters.leader_lateral_m and is_aligned
 
     def _is_behind(self, own: OwnState, poses: Float) -> bool:
         """Return whether a CAV is behind and in the same direction: it gives way to the own car."""
-        ahead = math.cos(own.yaw) * (poses[0, 0] - own.x) + math.sin(own.yaw) * (poses[0, 1] - own.y)
-        return ahead < 0 and math.cos(poses[0, 2] - own.yaw) > self._parameters.same_direction_cos
+        cos, sin = portable.cos_sin(own.yaw)
+        ahead = cos * (poses[0, 0] - own.x) + sin * (poses[0, 1] - own.y)
+        return ahead < 0 and portable.cos(poses[0, 2] - own.yaw) > self._parameters.same_direction_cos
 
     def find_stop_points(self, seen: Observation, planner: SpaceTimePlanner) -> list[StopPoint]:
         """Return where the own car has agreed to stop."""
@@ -144,7 +147,7 @@ class NegotiationInterface:
 
 def _predict_braking(poses: Float, speed: float) -> Float:
     """Return the poses (T, 3) along the same line of a car that brakes for the own car from now on."""
-    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    steps = portable.hypot(*np.diff(poses[:, :2], axis=0).T)
     s = np.concatenate(((0.0,), np.cumsum(steps)))
     travelled = predict_yielding(speed)
     braked = np.minimum(travelled - float(travelled[0]), s)

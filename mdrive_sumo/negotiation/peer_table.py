@@ -3,6 +3,7 @@
 import numpy as np
 
 from mdrive_sumo.contract import Message
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
 from mdrive_sumo.negotiation.intention import AFTER_S, INTERVAL_S, sample_polyline
@@ -63,13 +64,13 @@ def _predict_member(name: str, mcm: Mcm, age_s: float) -> NegotiationMember:
     driven = planned.compute_travelled(np.full(1, age_s))
     now = planned.get_points(np.full(1, age_s))[0]
     later = planned.get_points(np.full(1, age_s + INTERVAL_S))[0] - now
-    is_moving = float(np.hypot(*later)) > 0.1
+    is_moving = float(portable.hypot(*later)) > 0.1
     return NegotiationMember(
         id=name,
         x=float(now[0]),
         y=float(now[1]),
-        yaw=float(np.arctan2(later[1], later[0])) if is_moving and age_s > 0 else mcm.pose.yaw,
-        speed=float(np.hypot(*later)) / INTERVAL_S if age_s > 0 else mcm.speed,
+        yaw=float(portable.atan2(later[1], later[0])) if is_moving and age_s > 0 else mcm.pose.yaw,
+        speed=float(portable.hypot(*later)) / INTERVAL_S if age_s > 0 else mcm.speed,
         intention=mcm.intention,
         direction=mcm.direction,
         interval_s=INTERVAL_S,
@@ -83,8 +84,8 @@ def predict_announced_poses(mcm: Mcm, age_s: float, after: Float) -> Float:
     planned = _AnnouncedTrajectory(np.array((mcm.pose.x, mcm.pose.y)), mcm.planned, mcm.interval_s)
     xy, ahead = planned.get_points(age_s + after), planned.get_points(age_s + after + INTERVAL_S)
     steps = ahead - xy
-    is_moving = np.hypot(steps[:, 0], steps[:, 1]) > 0.05
-    yaw = np.where(is_moving, np.arctan2(steps[:, 1], steps[:, 0]), np.nan)
+    is_moving = portable.hypot(steps[:, 0], steps[:, 1]) > 0.05
+    yaw = np.where(is_moving, portable.atan2(steps[:, 1], steps[:, 0]), np.nan)
     return np.column_stack((xy, _fill_forward(yaw, mcm.pose.yaw)))
 
 
@@ -101,7 +102,7 @@ class _AnnouncedTrajectory:
     def __init__(self, here: Float, points: Float, interval_s: float) -> None:
         self._line = np.vstack((here, points))
         steps = np.diff(self._line, axis=0)
-        self._s = np.concatenate(((0.0,), np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))))
+        self._s = np.concatenate(((0.0,), np.cumsum(portable.hypot(steps[:, 0], steps[:, 1]))))
         self._times = np.arange(len(self._line)) * interval_s
         self._last_speed = (self._s[-1] - self._s[-2]) / interval_s if len(points) else 0.0
 

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.negotiation.negotiator import NegotiationMember
 from mdrive_sumo.v2x.messages import Direction, Intention
@@ -83,8 +84,8 @@ def _format_utterances(said: Sequence[tuple[str, str]]) -> list[str]:
 
 def _describe_car(me: NegotiationMember, other: NegotiationMember) -> str:
     """Return a description of another car relative to the own one."""
-    distance = math.hypot(other.x - me.x, other.y - me.y)
-    bearing = wrap_angle(math.atan2(other.y - me.y, other.x - me.x) - me.yaw)
+    distance = portable.hypot(other.x - me.x, other.y - me.y)
+    bearing = wrap_angle(portable.atan2(other.y - me.y, other.x - me.x) - me.yaw)
     sector = _SECTORS[round(bearing / (math.pi / 4)) % 8]
     heading = _HEADINGS[round(wrap_angle(other.yaw - me.yaw) / (math.pi / 2)) % 4]
     return (

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.contract import Message
+from mdrive_sumo.core import portable
 from mdrive_sumo.negotiation.conflict_graph import (
     CONFLICT,
     ConflictGraph,
@@ -175,10 +176,11 @@ def find_leader_pairs(members: Sequence[NegotiationMember], parameters: LeaderPa
     for follower in members:
         line = np.vstack(((follower.x, follower.y), follower.desired))
         for leader in members:
-            if leader.id == follower.id or np.cos(leader.yaw - follower.yaw) < parameters.same_direction_cos:
+            if leader.id == follower.id or portable.cos(leader.yaw - follower.yaw) < parameters.same_direction_cos:
                 continue
-            gaps = np.hypot(line[:, 0] - leader.x, line[:, 1] - leader.y)
-            ahead = np.cos(follower.yaw) * (leader.x - follower.x) + np.sin(follower.yaw) * (leader.y - follower.y)
+            gaps = portable.hypot(line[:, 0] - leader.x, line[:, 1] - leader.y)
+            cos, sin = portable.cos_sin(follower.yaw)
+            ahead = cos * (leader.x - follower.x) + sin * (leader.y - follower.y)
             if ahead > 0 and gaps.min() < parameters.max_lateral_m:
                 found.add((leader.id, follower.id))
     return frozenset(pair for pair in found if pair[::-1] not in found)

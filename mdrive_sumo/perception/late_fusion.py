@@ -4,13 +4,13 @@ Track-level association by position and kind, greedily from the nearest pair; re
 age; the own measurement is preferred where there is one.
 """
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mdrive_sumo.contract import Message, Note, Objects, OwnState, VehicleFacts
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind
 from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, MessageError, decode
@@ -101,13 +101,15 @@ class LateFusion:
         if self._limits is None:
             return sorted(self._cpm_by_station)
         poses = {name: cpm.pose for name, (_, cpm) in self._cpm_by_station.items()}
-        gaps = {name: math.hypot(pose.x - own.x, pose.y - own.y) for name, pose in poses.items()}
+        gaps = {name: portable.hypot(pose.x - own.x, pose.y - own.y) for name, pose in poses.items()}
         near = sorted((gap, name) for name, gap in gaps.items() if gap <= self._limits.max_distance_m)
         return sorted(name for _, name in near[: self._limits.max_senders])
 
     def _merge(self, known: Objects, reported: Objects, own: OwnState) -> Objects:
         """Return known objects and those reported ones that are neither known nor the own vehicle."""
-        reported = reported.take(np.hypot(reported.x - own.x, reported.y - own.y) > self._parameters.vehicle_gate_m)
+        reported = reported.take(
+            portable.hypot(reported.x - own.x, reported.y - own.y) > self._parameters.vehicle_gate_m
+        )
         pairs = _associate(known, reported, self._parameters)
         for i, j in pairs:
             self._unify_names(known.ids[i], reported.ids[j])
@@ -145,7 +147,7 @@ def _predict_reported(tick: int, sender: str, cpm: Cpm) -> Objects:
 
 def _associate(known: Objects, reported: Objects, parameters: FusionParameters) -> list[tuple[int, int]]:
     """Return pairs (known row, reported row) of the same object: nearest pair first, every object at most once."""
-    gaps = np.hypot(known.x[:, None] - reported.x[None], known.y[:, None] - reported.y[None])
+    gaps = portable.hypot(known.x[:, None] - reported.x[None], known.y[:, None] - reported.y[None])
     on_foot = _find_pedestrians(known)[:, None]
     gates = np.where(on_foot, parameters.pedestrian_gate_m, parameters.vehicle_gate_m)
     possible = (gaps <= gates) & (on_foot == _find_pedestrians(reported)[None])

@@ -4,12 +4,12 @@ Detections are noisy. An object stands while it is detected near the mean of its
 and the mean is more accurate than a single detection.
 """
 
-import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from mdrive_sumo.contract import Objects
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind
 
@@ -64,11 +64,12 @@ class StaticObjectTracker:
     def update(self, tick: int, objects: Objects) -> None:
         """Add the detections of a tick."""
         yaw = objects.yaw
-        table = (objects.x, objects.y, np.cos(yaw), np.sin(yaw), objects.length, objects.width)
+        table = (objects.x, objects.y, *portable.cos_sin(yaw), objects.length, objects.width)
         for name, kind, row in zip(objects.ids, objects.kind.tolist(), np.column_stack(table), strict=True):
             known = self._standstill_by_id.get(name)
             has_left = (
-                known is not None and math.dist(known.compute_mean()[:2], row[:2]) > self._parameters.max_offset_m
+                known is not None
+                and portable.distance(known.compute_mean()[:2], row[:2]) > self._parameters.max_offset_m
             )
             if has_left:
                 self._moved_ids.add(name)
@@ -116,7 +117,7 @@ class StaticObjectTracker:
 def _build_mean_columns(standstills: list[_Standstill]) -> dict[str, Float]:
     """Return the columns (K,) of `Objects` from x to width for objects at their mean."""
     x, y, cos, sin, length, width = np.array([one.compute_mean() for one in standstills]).T
-    return {"x": x, "y": y, "yaw": np.arctan2(sin, cos), "speed": 0.0 * x, "length": length, "width": width}
+    return {"x": x, "y": y, "yaw": portable.atan2(sin, cos), "speed": 0.0 * x, "length": length, "width": width}
 
 
 def _replace_rows(column: Float, rows: Int, values: Float) -> Float:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, VehicleFacts
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, build_polyline
 from mdrive_sumo.planning.parameters import DETOUR, DetourParameters
 from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps, find_cells
@@ -40,7 +41,7 @@ class _LateralShift(NamedTuple):
         rise = (s - self.hold[0] + self.ramps[0]) / self.ramps[0]
         fall = (self.hold[1] + self.ramps[1] - s) / self.ramps[1]
         u = np.clip(np.minimum(rise, fall), 0.0, 1.0)
-        return self.left * u**3 * (10 - 15 * u + 6 * u**2)
+        return self.left * (u * u * u) * (10 - 15 * u + 6 * (u * u))
 
 
 def find_obstructing_boxes(
@@ -66,9 +67,9 @@ def compute_box_extents(path: ReferencePath, s: float, boxes: Float, parameters:
 
 def _to_frenet(xy: Float, yaw: Float, points: Float) -> tuple[Int, Float, Float]:
     """Return for points (..., 2) the nearest point of the chain xy (N, 2) and the offsets ahead and left of it [m]."""
-    i = ((points[..., None, :] - xy) ** 2).sum(-1).argmin(-1)
+    i = portable.square(points[..., None, :] - xy).sum(-1).argmin(-1)
     gap = points - xy[i]
-    cos, sin = np.cos(yaw[i]), np.sin(yaw[i])
+    cos, sin = portable.cos_sin(yaw[i])
     return i, gap[..., 0] * cos + gap[..., 1] * sin, gap[..., 1] * cos - gap[..., 0] * sin
 
 
@@ -191,7 +192,8 @@ def _take_minimum_of_neighbours(room: Float) -> Float:
 def _apply_shift(path: ReferencePath, shift: _LateralShift, vehicle: VehicleFacts) -> Detour:
     """Return the shifted path, resampled to `SPACING_M`."""
     left = shift.evaluate(np.arange(len(path.xy), dtype=np.float64) * SPACING_M)
-    shifted = build_polyline(path.xy + left[:, None] * np.column_stack((-np.sin(path.yaw), np.cos(path.yaw))))
+    cos, sin = portable.cos_sin(path.yaw)
+    shifted = build_polyline(path.xy + left[:, None] * np.column_stack((-sin, cos)))
     old_stations = np.arange(len(shifted.s)) * SPACING_M
     begin, end = shift.hold[0] - shift.ramps[0], shift.hold[1] + shift.ramps[1]
     goal_s, first_s, last_s = np.interp((path.goal_s, begin, end), old_stations, shifted.s).tolist()

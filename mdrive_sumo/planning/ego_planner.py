@@ -56,7 +56,7 @@ class EgoPlanner:
         here, speed = self.planner.s, seen.own.speed
 
         def can_stop(line: float) -> bool:
-            return line > here and speed**2 / (2 * max(line - here, 0.5)) < STOP_LINE.yellow_braking
+            return line > here and (speed * speed) / (2 * max(line - here, 0.5)) < STOP_LINE.yellow_braking
 
         stations = self._stop_lines.find_stop_stations(here, speed, seen.signals, can_stop)
         return [StopPoint(station) for station in stations]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mdrive_sumo.contract import Objects, OwnState, Plan
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.parameters import JOINT_PLANNING, MARGINS, JointPlanningParameters, SafetyMargin
@@ -68,7 +69,7 @@ def predict_stations(path: ReferencePath, state: OwnState, plan: Plan | None, ti
     if plan is None:
         here = path.project(state.x, state.y, 0.0, within_m=path.length)
         return here + max(state.speed, 0.0) * times
-    gaps = ((plan.points[:, None] - path.xy[None]) ** 2).sum(-1)
+    gaps = portable.square(plan.points[:, None] - path.xy[None]).sum(-1)
     stations = np.maximum.accumulate(gaps.argmin(1) * SPACING_M)
     due = (np.arange(len(stations)) + 1) * plan.interval_s - age_s
     speed = (stations[-1] - stations[-2]) / plan.interval_s if len(stations) > 1 else 0.0
@@ -110,10 +111,11 @@ def _inflate_footprints(path: ReferencePath, cells: Int, size: tuple[float, floa
 def _predict_boxes(objects: Objects, rows: Bool, t: float, parameters: JointPlanningParameters) -> Float:
     """Return the corners (N, 4, 2) [m] of the chosen objects' boxes after t seconds, enlarged by their uncertainty."""
     ahead, yaw = objects.speed[rows] * t, objects.yaw[rows]
+    cos, sin = portable.cos_sin(yaw)
     growth = 2 * parameters.growth * t
     return boxes_corners(
-        objects.x[rows] + ahead * np.cos(yaw),
-        objects.y[rows] + ahead * np.sin(yaw),
+        objects.x[rows] + ahead * cos,
+        objects.y[rows] + ahead * sin,
         yaw,
         objects.length[rows] + growth,
         objects.width[rows] + growth,

@@ -88,7 +88,7 @@ class InteractionPredictor:
     ) -> list[StopPoint]:
         """Return where to wait for a road user that goes first; empty if the own car can no longer stop there."""
         parameters = self._parameters
-        stop_m = ego.speed**2 / (2 * parameters.hard_braking)
+        stop_m = (ego.speed * ego.speed) / (2 * parameters.hard_braking)
         latest_m = conflict.begin_m - parameters.crossing_gap_m
         if latest_m < stop_m:
             return []

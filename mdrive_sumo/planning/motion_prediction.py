@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.contract import Objects
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.parameters import MOTION, MotionParameters
@@ -44,14 +45,14 @@ def predict_acceleration(
     top_speed = max(top_speed, speed)
     ramp_s = (top_speed - speed) / parameters.acceleration
     within = np.minimum(TIMES, ramp_s)
-    return speed * within + parameters.acceleration * within**2 / 2 + top_speed * (TIMES - within)
+    return speed * within + parameters.acceleration * (within * within) / 2 + top_speed * (TIMES - within)
 
 
 def predict_hesitation(speed: float, parameters: MotionParameters = MOTION) -> Float:
     """Return the minimum distance (T,) [m] travelled by a road user that goes first: it may slow down a little."""
     braking, hesitation_s = parameters.hesitation_braking, parameters.hesitation_s
     slow = np.minimum(TIMES, hesitation_s)
-    lost = braking * slow**2 / 2 + braking * hesitation_s * (TIMES - slow)
+    lost = braking * (slow * slow) / 2 + braking * hesitation_s * (TIMES - slow)
     return np.maximum.accumulate(np.maximum(speed * TIMES - lost, 0.0))
 
 
@@ -59,7 +60,7 @@ def predict_yielding(speed: float, parameters: MotionParameters = MOTION) -> Flo
     """Return the distance (T,) [m] travelled by a road user that stops for the own car."""
     reaction_s, braking = parameters.reaction_s, parameters.yielding_braking
     until = np.minimum(np.maximum(TIMES - reaction_s, 0.0), speed / braking)
-    return speed * np.minimum(TIMES, reaction_s) + speed * until - braking * until**2 / 2
+    return speed * np.minimum(TIMES, reaction_s) + speed * until - braking * (until * until) / 2
 
 
 def place_on_arc(
@@ -68,9 +69,9 @@ def place_on_arc(
     """Return the poses (T, 3) of an object after `travelled` (T,) [m] on an arc, a right angle at most."""
     turned = np.clip(curvature * travelled, -parameters.max_turn_rad, parameters.max_turn_rad)
     yaw = float(objects.yaw[row])
-    chord = travelled * np.sinc(turned / 2 / np.pi)
-    x = objects.x[row] + chord * np.cos(yaw + turned / 2)
-    y = objects.y[row] + chord * np.sin(yaw + turned / 2)
+    chord = travelled * portable.sinc(turned / 2 / np.pi)
+    cos, sin = portable.cos_sin(yaw + turned / 2)
+    x, y = objects.x[row] + chord * cos, objects.y[row] + chord * sin
     return np.column_stack((x, y, yaw + turned))
 
 

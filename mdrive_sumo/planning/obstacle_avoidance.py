@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.perception.static_object_tracker import StaticObjectTracker
@@ -65,7 +66,7 @@ class ObstacleAvoidance:
         moving_speed = self._parameters.moving_speed
         moving = (standstill_s < self._parameters.suspected_s) & (np.abs(objects.speed) > moving_speed)
         moves = np.flatnonzero(moving)
-        gaps = np.hypot(objects.x[:, None] - objects.x[moves], objects.y[:, None] - objects.y[moves])
+        gaps = portable.hypot(objects.x[:, None] - objects.x[moves], objects.y[:, None] - objects.y[moves])
         return np.any(gaps < self._parameters.queue_radius_m, axis=1)
 
     def _take_detour(
@@ -97,7 +98,7 @@ class ObstacleAvoidance:
             self._last_conflict = tick, conflict_s
         elif tick - self._last_conflict[0] <= parameters.memory_ticks:
             conflict_s = self._last_conflict[1]
-        soonest = planner.s + own.speed**2 / (2 * parameters.hard_braking)
+        soonest = planner.s + (own.speed * own.speed) / (2 * parameters.hard_braking)
         can_stop = own.speed < parameters.creeping_speed or soonest < conflict_s
         waits = can_stop and conflict_s < math.inf
         return [StopPoint(max(conflict_s - parameters.yield_gap_m, soonest))] if waits else []
@@ -129,11 +130,11 @@ class ObstacleAvoidance:
         """Return a mask (N,): road users that drive ahead in the own direction, or follow the car."""
         parameters = self._parameters
         dx, dy = others.x - own.x, others.y - own.y
-        lead = dx * math.cos(own.yaw) + dy * math.sin(own.yaw)
-        lateral = dy * math.cos(own.yaw) - dx * math.sin(own.yaw)
+        cos, sin = portable.cos_sin(own.yaw)
+        lead, lateral = dx * cos + dy * sin, dy * cos - dx * sin
         leads = (lead > 0) & (others.speed > parameters.moving_speed)
         follows = (lead < 0) & (np.abs(lateral) < parameters.follower_lateral_m)
-        return (np.cos(others.yaw - own.yaw) > parameters.same_direction_cos) & (leads | follows)
+        return (portable.cos(others.yaw - own.yaw) > parameters.same_direction_cos) & (leads | follows)
 
     def _build_waiting_points(self, first_s: Float, s: float, speed: float) -> list[StopPoint]:
         """Return where to wait behind obstacles that begin at first_s (K,) [m], with room to turn out.
@@ -143,7 +144,7 @@ class ObstacleAvoidance:
         if not len(first_s):
             return []
         stop = float(first_s.min()) - self._vehicle.length / 2 - self._parameters.turn_out_m
-        soonest = s + speed**2 / (2 * self._parameters.hard_braking)
+        soonest = s + (speed * speed) / (2 * self._parameters.hard_braking)
         return [StopPoint(max(stop, soonest))] if soonest < stop + self._parameters.max_overshoot_m else []
 
 
@@ -156,6 +157,6 @@ def _find_stopped_at_lines(first_s: Float, stop_stations: Sequence[float]) -> Bo
 def _sweep_boxes(others: Objects, rows: Int, travelled: Float) -> Float:
     """Return the corners (R, D, 4, 2) [m] of boxes moved straight on by `travelled` (R, D) [m]."""
     yaw = others.yaw[rows, None]
-    x = others.x[rows, None] + travelled * np.cos(yaw)
-    y = others.y[rows, None] + travelled * np.sin(yaw)
+    cos, sin = portable.cos_sin(yaw)
+    x, y = others.x[rows, None] + travelled * cos, others.y[rows, None] + travelled * sin
     return boxes_corners(x, y, yaw, others.length[rows, None], others.width[rows, None])

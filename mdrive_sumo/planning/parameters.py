@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 
@@ -104,7 +105,7 @@ class AvoidanceParameters:
     yield_gap_m: float = 3.0
     """Gap to the swept area of traffic that goes first."""
     side_gap_m: float = 0.3
-    same_direction_cos: float = math.cos(math.radians(60))
+    same_direction_cos: float = portable.cos(math.radians(60))
     follower_lateral_m: float = 1.5
     """A vehicle behind the car with a smaller lateral offset follows it."""
 

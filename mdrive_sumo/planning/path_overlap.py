@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 from mdrive_sumo.planning.parameters import SafetyMargin
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
@@ -17,7 +18,7 @@ def compute_overlaps(boxes: Float, others: Float) -> Bool:
     """Return a mask (A, B): which of the boxes (A, 4, 2) overlap which of the others (B, 4, 2)."""
     reach = _compute_reach(boxes) + _compute_reach(others)
     gap = boxes.mean(1)[:, None] - others.mean(1)[None]
-    near = (gap**2).sum(-1) < reach**2
+    near = (gap * gap).sum(-1) < reach * reach
     a, b = np.nonzero(near)
     near[a, b] = boxes_overlap(boxes[a], others[b])
     return near
@@ -27,7 +28,7 @@ def _compute_reach(corners: Float) -> float:
     """Return the greatest distance [m] of a corner from its box's centre."""
     if not len(corners):
         return 0.0
-    return float(np.linalg.norm(corners - corners.mean(1, keepdims=True), axis=-1).max())
+    return float(portable.hypot(*np.moveaxis(corners - corners.mean(1, keepdims=True), -1, 0)).max())
 
 
 def compute_path_overlaps(

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from mdrive_sumo.contract import Objects, VehicleFacts
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.parameters import PEDESTRIAN, PedestrianParameters
@@ -24,7 +25,7 @@ def predict_walking_on(
     standing = (objects.kind == Kind.PEDESTRIAN) & (np.abs(speed) < parameters.standing_speed)
     for row in np.flatnonzero(standing).tolist():
         x, y = first_positions.get(objects.ids[row], (objects.x[row], objects.y[row]))
-        if np.hypot(objects.x[row] - x, objects.y[row] - y) > parameters.started_m:
+        if portable.hypot(objects.x[row] - x, objects.y[row] - y) > parameters.started_m:
             speed[row] = parameters.walking_speed
     return replace(objects, speed=speed)
 
@@ -49,7 +50,7 @@ def limit_speeds_near_pedestrians(
         if met.any():
             first, last = (float(cells[met][k]) * SPACING_M for k in (0, -1))
             room = np.maximum(first - parameters.gap_m - stations, 0.0)
-            allowed = np.sqrt(parameters.creeping_speed**2 + 2 * parameters.braking * room)
+            allowed = np.sqrt(parameters.creeping_speed * parameters.creeping_speed + 2 * parameters.braking * room)
             speeds = np.where(stations <= last, np.minimum(speeds, allowed), speeds)
     return speeds
 
@@ -57,6 +58,6 @@ def limit_speeds_near_pedestrians(
 def _sweep_straight_on(objects: Objects, row: int, parameters: PedestrianParameters) -> Float:
     """Return the corners (K, 4, 2) [m] of the boxes that a pedestrian covers by walking straight on."""
     walked = np.arange(0.0, parameters.crossing_m, parameters.crossing_step_m)
-    x = objects.x[row] + walked * np.cos(objects.yaw[row])
-    y = objects.y[row] + walked * np.sin(objects.yaw[row])
+    cos, sin = portable.cos_sin(objects.yaw[row])
+    x, y = objects.x[row] + walked * cos, objects.y[row] + walked * sin
     return boxes_corners(x, y, objects.yaw[row], objects.length[row], objects.width[row])

@@ -8,8 +8,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from mdrive_sumo.contract import Briefing
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline, wrap_angle
 
 SPACING_M = 0.25
@@ -65,8 +67,9 @@ class ReferencePath:
         high = min(int((near_s + within_m) / SPACING_M) + 2, len(self.xy))
         low = min(low, high - 1)
         gap = np.array((x, y)) - self.xy[low:high]
-        i = low + int(np.argmin((gap**2).sum(1)))
-        along = math.cos(self.yaw[i]) * (x - self.xy[i, 0]) + math.sin(self.yaw[i]) * (y - self.xy[i, 1])
+        i = low + int(np.argmin((gap * gap).sum(1)))
+        cos, sin = portable.cos_sin(self.yaw[i])
+        along = cos * (x - self.xy[i, 0]) + sin * (y - self.xy[i, 1])
         return min(max(i * SPACING_M + along, 0.0), self.length)
 
 
@@ -85,8 +88,7 @@ def build_path(
     ends = [route.at(-smoothing_m), *route.xy, route.at(route.length + parameters.run_out_m + smoothing_m)]
     fine = build_polyline(ends).resample(SPACING_M).xy
     half = round(smoothing_m / SPACING_M)
-    window = np.full(2 * half + 1, 1 / (2 * half + 1))
-    smooth = np.column_stack([np.convolve(fine[:, axis], window, mode="valid") for axis in (0, 1)])
+    smooth = sliding_window_view(fine, 2 * half + 1, axis=0).mean(axis=-1)
     xy = build_polyline(smooth).resample(SPACING_M).xy[:-1]
     goal_s = build_polyline(xy).project(*route.xy[-1].tolist())[0]
     return build_path_through_points(xy, rear_to_centre, start_yaw, goal_s)
@@ -96,16 +98,16 @@ def build_path_through_points(
     xy: Float, rear_to_centre: float, start_yaw: float | None, goal_s: float
 ) -> ReferencePath:
     """Return the path through smooth points xy (M, 2) [m] that are `SPACING_M` apart."""
-    yaw = np.unwrap(np.arctan2(np.gradient(xy[:, 1]), np.gradient(xy[:, 0])))
+    yaw = np.unwrap(portable.atan2(np.gradient(xy[:, 1]), np.gradient(xy[:, 0])))
     return ReferencePath(xy, yaw, _compute_body_yaw(yaw, rear_to_centre, start_yaw), _compute_curvature(yaw), goal_s)
 
 
 def _blend_into_heading(route: Polyline, start_yaw: float, join_m: float) -> Polyline:
     """Return the route with its beginning bent towards the straight line along `start_yaw` [rad]."""
     s = np.minimum(route.s, join_m)[:, None]
-    straight = route.xy[0] + s * np.array((math.cos(start_yaw), math.sin(start_yaw)))
+    straight = route.xy[0] + s * np.array(portable.cos_sin(start_yaw))
     share = s / join_m
-    weight = share**2 * (3 - 2 * share)
+    weight = (share * share) * (3 - 2 * share)
     return build_polyline(straight * (1 - weight) + route.xy * weight)
 
 
@@ -121,7 +123,7 @@ def _compute_body_yaw(yaw: Float, rear_to_centre: float, start_yaw: float | None
     first = float(yaw[0])
     body = [first if start_yaw is None else first + wrap_angle(start_yaw - first)]
     for direction in yaw[:-1].tolist():
-        body.append(body[-1] + SPACING_M * math.sin(direction - body[-1]) / rear_to_centre)
+        body.append(body[-1] + SPACING_M * portable.sin(direction - body[-1]) / rear_to_centre)
     return np.array(body)
 
 
@@ -130,7 +132,7 @@ def compute_curve_speeds(path: ReferencePath, cruise_speed: float, lateral: floa
     bend = np.minimum(cruise_speed, np.sqrt(lateral / np.maximum(np.abs(path.curvature), 1e-6)))
     speeds = bend.tolist()
     for i in range(len(speeds) - 2, -1, -1):
-        speeds[i] = min(speeds[i], math.sqrt(speeds[i + 1] ** 2 + 2 * braking * SPACING_M))
+        speeds[i] = min(speeds[i], math.sqrt(portable.square(speeds[i + 1]) + 2 * braking * SPACING_M))
     return np.array(speeds)
 
 

@@ -11,6 +11,7 @@ from typing import TypeAlias
 import numpy as np
 
 from mdrive_sumo.contract import Objects, VehicleFacts
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, wrap_angle
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.parameters import RIGHT_OF_WAY, RightOfWayParameters
@@ -38,7 +39,7 @@ class EgoMotion:
         ramp_m = (cruise_speed + self.speed) / 2 * ramp
         if distance >= ramp_m:
             return ramp + (distance - ramp_m) / cruise_speed
-        return (math.sqrt(self.speed**2 + 2 * self.acceleration * distance) - self.speed) / self.acceleration
+        return (math.sqrt(self.speed * self.speed + 2 * self.acceleration * distance) - self.speed) / self.acceleration
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +96,7 @@ def find_lead_objects(
     met = _find_overlaps_now(preview, objects)
     rows = np.flatnonzero(met.any(0) & ~find_followers_beside(ego, preview, objects, parameters))
     first: Int = met[:, rows].argmax(0) + 1
-    along = np.maximum(objects.speed[rows] * np.cos(objects.yaw[rows] - preview.yaw[first]), 0.0)
+    along = np.maximum(objects.speed[rows] * portable.cos(objects.yaw[rows] - preview.yaw[first]), 0.0)
     return [LeadObject(*pair) for pair in zip(preview.distance[first].tolist(), along.tolist(), strict=True)]
 
 
@@ -120,7 +121,8 @@ def find_followers_beside(
     These cars give way to the own car.
     """
     x, y = preview.boxes[0].mean(0)
-    lead = (objects.x - x) * np.cos(preview.yaw[0]) + (objects.y - y) * np.sin(preview.yaw[0])
+    cos, sin = portable.cos_sin(preview.yaw[0])
+    lead = (objects.x - x) * cos + (objects.y - y) * sin
     further_east = (objects.x > ego.position[0]) | ((objects.x == ego.position[0]) & (objects.y > ego.position[1]))
     behind = (lead < -parameters.level_m) | ((lead < parameters.level_m) & further_east)
     return find_same_direction(preview, objects, parameters) & behind
@@ -130,7 +132,7 @@ def find_same_direction(
     preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY
 ) -> Bool:
     """Return a mask (N,): which objects head in about the own direction."""
-    return np.cos(objects.yaw - preview.yaw[0]) > math.cos(parameters.same_direction_rad)
+    return portable.cos(objects.yaw - preview.yaw[0]) > portable.cos(parameters.same_direction_rad)
 
 
 def find_crossing_conflicts(
@@ -138,7 +140,7 @@ def find_crossing_conflicts(
 ) -> list[CrossingConflict]:
     """Return the conflicts with nearby road users that are predicted on arcs of `curvature` (N,) [1/m]."""
     centre = preview.boxes[0].mean(0)[:, None]
-    near = np.hypot(*(centre - np.array((objects.x, objects.y)))) < parameters.look_ahead_m
+    near = portable.hypot(*(centre - np.array((objects.x, objects.y)))) < parameters.look_ahead_m
     rows = np.flatnonzero(near & (objects.kind != Kind.STATIC))
     travelled = np.arange(0.0, parameters.look_ahead_m, parameters.stride_m)
     swept = _predict_boxes(objects, rows[:, None], travelled, curvature[rows, None])
@@ -203,10 +205,10 @@ def _predict_boxes(objects: Objects, rows: Int, travelled: Float | float, curvat
     """Return the corners (..., 4, 2) [m] of objects after `travelled` [m] on arcs; all arguments broadcast."""
     turned = np.clip(curvature * travelled, -RIGHT_OF_WAY.max_turn_rad, RIGHT_OF_WAY.max_turn_rad)
     # A chord of length travelled: exact for small turns, and large turns are guesses anyway.
-    middle = objects.yaw[rows] + turned / 2
+    cos, sin = portable.cos_sin(objects.yaw[rows] + turned / 2)
     return boxes_corners(
-        objects.x[rows] + travelled * np.cos(middle),
-        objects.y[rows] + travelled * np.sin(middle),
+        objects.x[rows] + travelled * cos,
+        objects.y[rows] + travelled * sin,
         objects.yaw[rows] + turned,
         objects.length[rows],
         objects.width[rows],

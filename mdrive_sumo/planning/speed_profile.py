@@ -41,7 +41,7 @@ class SpeedProfile:
         k = np.minimum((t / STEP_S).astype(np.int64), len(self.s) - 1)
         rest = t - k * STEP_S
         acceleration = np.append(np.diff(self.speed), 0.0)[k] / STEP_S
-        return self.s[k] + self.speed[k] * rest + acceleration * rest**2 / 2
+        return self.s[k] + self.speed[k] * rest + acceleration * (rest * rest) / 2
 
     def append(self, other: "SpeedProfile") -> "SpeedProfile":
         """Return this profile followed by another one that begins where this one ends."""
@@ -93,7 +93,7 @@ class SpeedProfileProblem:
         would ever bring them), only `min_margin` counts within the stopping distance until the margin is restored.
         """
         blocked = block(MARGINS.plan)
-        near = parameters.forgiving_cells + int(self.speed**2 / 8 / SPACING_M)
+        near = parameters.forgiving_cells + int((self.speed * self.speed) / 8 / SPACING_M)
         violated = np.logical_and.accumulate(blocked[:, :near], axis=0)
         if violated.any():
             blocked[:, :near] &= ~violated | block(min_margin)[:, :near]
@@ -176,7 +176,7 @@ def _build_transitions(cells: int) -> _Transitions:
     sources = np.where(legal, before * cells + from_cell, (TOP_SPEED + 1) * cells)
     back = 2 * (1 - np.arange(1, SAMPLES + 1) / SAMPLES)[:, None, None] * speeds
     passed = np.maximum(cell - np.round(back).astype(np.int64), 0)
-    return _Transitions(sources, passed, (MOVES**2).astype(np.float64)[:, None, None])
+    return _Transitions(sources, passed, (MOVES * MOVES).astype(np.float64)[:, None, None])
 
 
 def find_fastest_profile(problem: SpeedProfileProblem) -> SpeedProfile | None:

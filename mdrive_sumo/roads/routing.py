@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.roads.road_map import Lane, RoadMap
@@ -122,7 +123,7 @@ def _sample_lane_change(lane: Lane, neighbour: Lane, leave: float, arrive: float
     before, yaw = _sample_lane(lane, leave, arrive)
     after = np.array([neighbour.centre.at(neighbour.centre.project(x, y)[0]) for x, y in before])
     share = np.linspace(0.0, 1.0, len(before))[:, None]
-    weight = share**2 * (3 - 2 * share)
+    weight = (share * share) * (3 - 2 * share)
     return before * (1 - weight) + after * weight, yaw
 
 
@@ -130,6 +131,6 @@ def join_route_pieces(lanes: tuple[str, ...], pieces: Sequence[tuple[Float, Floa
     """Return the dense route through finely sampled pieces: points (M, 2) [m] and lane directions (M,) [rad] each."""
     xy = np.concatenate([points for points, _ in pieces])
     yaw = np.unwrap(np.concatenate([directions for _, directions in pieces]))
-    keep = np.concatenate(((True,), np.hypot(*np.diff(xy, axis=0).T) > 1e-6))
+    keep = np.concatenate(((True,), portable.hypot(*np.diff(xy, axis=0).T) > 1e-6))
     line = Polyline(xy[keep])
     return Route(lanes, line.resample(HOP_M).xy, np.interp(line.stations(HOP_M), line.s, yaw[keep]))

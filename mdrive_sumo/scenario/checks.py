@@ -1,12 +1,12 @@
 """Checks that a scenario fits its network, before the simulation, so that a bad file gets one clear error."""
 
-import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
 import shapely
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.roads import RoadMap
@@ -63,7 +63,7 @@ def _check_points(where: str, ego: Ego, roads: RoadMap) -> None:
             f"{where}: route point {worst} ({x:.1f}, {y:.1f}): expected within {OFF_LANE_M:g} m of its lanes,"
             f" found {gaps[worst]:.1f} m"
         )
-    gap = math.hypot(ego.start.x - ego.xy[0, 0], ego.start.y - ego.xy[0, 1])
+    gap = portable.hypot(ego.start.x - ego.xy[0, 0], ego.start.y - ego.xy[0, 1])
     if gap > START_GAP_M:
         raise InputError(
             f"{where}: start: expected within {START_GAP_M:g} m of the first route point, found {gap:.1f} m"
@@ -105,7 +105,7 @@ def _check_motion_start(where: str, actor: Actor, roads: RoadMap) -> None:
     match actor.motion:
         case PathMotion(points=way):
             begin = way[0]
-            if max(math.dist(begin, point) for point in way) <= MIN_PATH_M:
+            if max(portable.distance(begin, point) for point in way) <= MIN_PATH_M:
                 raise InputError(f"{where}: expected a path that leads somewhere, found at most {MIN_PATH_M:g} m of it")
         case LaneMotion(lanes=lanes):
             centre = roads.lanes[lanes[0]].centre
@@ -114,7 +114,7 @@ def _check_motion_start(where: str, actor: Actor, roads: RoadMap) -> None:
             begin = poses[0][1:3]
         case _:
             return
-    if (gap := math.dist(begin, start)) > OFF_LANE_M:
+    if (gap := portable.distance(begin, start)) > OFF_LANE_M:
         raise InputError(
             f"{where}: start: expected within {OFF_LANE_M:g} m of where its motion begins, found {gap:.1f} m"
         )
@@ -141,8 +141,9 @@ def compute_first_pose(actor: Actor, roads: RoadMap) -> Pose:
     start = actor.start
     match actor.motion:
         case PathMotion(points=way):
-            (x, y), ahead = way[0], next((point for point in way if math.dist(point, way[0]) > MIN_PATH_M), None)
-            return Pose(x=x, y=y, yaw=math.atan2(ahead[1] - y, ahead[0] - x) if ahead else start.yaw)
+            x, y = way[0]
+            ahead = next((point for point in way if portable.distance(point, way[0]) > MIN_PATH_M), None)
+            return Pose(x=x, y=y, yaw=portable.atan2(ahead[1] - y, ahead[0] - x) if ahead else start.yaw)
         case LaneMotion(lanes=lanes):
             centre = roads.lanes[lanes[0]].centre
             yaw = centre.yaw_at(min(max(centre.project(start.x, start.y)[0], 0.0), centre.length))

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.background import Background
@@ -46,7 +47,7 @@ class Ego(ScenarioPart):
 
     @model_validator(mode="after")
     def _check_spacing(self) -> "Ego":
-        hops = np.hypot(*np.diff(self.xy, axis=0).T)
+        hops = portable.hypot(*np.diff(self.xy, axis=0).T)
         worst = int(np.argmax(hops))
         if hops[worst] > 1.5 or hops.min() <= 0.0:
             raise ValueError(

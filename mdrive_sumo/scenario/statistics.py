@@ -7,6 +7,7 @@ from statistics import fmean
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 
@@ -65,13 +66,13 @@ def compute_suite_statistics(scenarios: Sequence[Scenario]) -> SuiteStatistics:
 
 def compute_route_length(ego: Ego) -> float:
     """Return the length of a CAV's dense route [m]."""
-    return float(np.hypot(*np.diff(ego.xy, axis=0).T).sum())
+    return float(portable.hypot(*np.diff(ego.xy, axis=0).T).sum())
 
 
 def compute_heading_change_deg(ego: Ego) -> float:
     """Return the cumulative heading change [deg]: sum of absolute heading differences along the smoothed route."""
     steps = np.diff(_smooth(ego.xy), axis=0)
-    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    headings = np.unwrap(portable.atan2(steps[:, 1], steps[:, 0]))
     return float(np.degrees(np.abs(np.diff(headings)).sum()))
 
 

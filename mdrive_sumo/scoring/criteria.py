@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End
 from mdrive_sumo.scenario.scenario import Ego, Scenario
@@ -71,8 +72,8 @@ def build_route_reference(ego: Ego) -> RouteReference:
 
 def build_reference_along(xy: Float, yaw: Float) -> RouteReference:
     """Return the reference through points xy (N, 2) [m] whose assigned lanes have directions yaw (N,) [rad]."""
-    s = np.concatenate(((0.0,), np.cumsum(np.hypot(*np.diff(xy, axis=0).T))))
-    columns = (xy[:, 0], xy[:, 1], np.cos(yaw), np.sin(yaw), s)
+    s = np.concatenate(((0.0,), np.cumsum(portable.hypot(*np.diff(xy, axis=0).T))))
+    columns = (xy[:, 0], xy[:, 1], *portable.cos_sin(yaw), s)
     return RouteReference(*(tuple(column.tolist()) for column in columns))
 
 
@@ -109,10 +110,10 @@ def update_progress(
         if _is_complete(reference, passed, x, y):
             arrived_tick = tick
     step, square = _find_nearest(reference, nearest, x, y)
-    if DEVIATION_MIN_M**2 <= square < DEVIATION_MAX_M**2 and step > nearest:
+    if DEVIATION_MIN_M * DEVIATION_MIN_M <= square < DEVIATION_MAX_M * DEVIATION_MAX_M and step > nearest:
         off_route_m += reference.s[step] - reference.s[nearest]
         deviated = deviated or off_route_m > DEVIATION_SHARE * reference.length
-    deviated = deviated or square >= DEVIATION_MAX_M**2
+    deviated = deviated or square >= DEVIATION_MAX_M * DEVIATION_MAX_M
     if abs(speed) >= BLOCKED_SPEED:
         moving_tick = tick
     return RouteProgress(passed, arrived_tick, step, off_route_m, deviated, moving_tick)
@@ -151,7 +152,7 @@ def _compute_percent(reference: RouteReference, passed: int) -> float:
 def _is_complete(reference: RouteReference, passed: int, x: float, y: float) -> bool:
     if _compute_percent(reference, passed) <= COMPLETE_PERCENT:
         return False
-    return math.hypot(x - reference.x[-1], y - reference.y[-1]) < GOAL_RADIUS_M
+    return portable.hypot(x - reference.x[-1], y - reference.y[-1]) < GOAL_RADIUS_M
 
 
 def _find_nearest(reference: RouteReference, index: int, x: float, y: float) -> tuple[int, float]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.contract.detector_profiles import FAR_M, DetectionProfile
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import TAU, Bool, Float, wrap_angles
 from mdrive_sumo.core.seeding import UNIFORMS, draw_normals, draw_uniforms
 from mdrive_sumo.core.state import Kind
@@ -49,40 +50,38 @@ def add_errors(profile: DetectionProfile, seed: int, tick: int, truth: Objects, 
     """Return the objects, by true ids, with noise; `at` (2,) [m] is the sensor position."""
     noise = np.array([_interpolate_errors(seed, tick, name) for name in truth.ids]).reshape(-1, UNIFORMS)
     x, y = truth.x - at[0], truth.y - at[1]
-    distance = np.hypot(x, y)
-    spread, ray = profile.spread_at(distance), np.arctan2(y, x)
+    distance = portable.hypot(x, y)
+    spread, (cos, sin) = profile.spread_at(distance), portable.cos_sin(portable.atan2(y, x))
     along, across = spread * noise[:, 0], spread * noise[:, 1]
     return Objects(
         ids=truth.ids,
         kind=truth.kind,
-        x=truth.x + along * np.cos(ray) - across * np.sin(ray),
-        y=truth.y + along * np.sin(ray) + across * np.cos(ray),
+        x=truth.x + along * cos - across * sin,
+        y=truth.y + along * sin + across * cos,
         yaw=wrap_angles(truth.yaw + profile.yaw_sigma * noise[:, 2]),
         speed=truth.speed + profile.speed_sigma * noise[:, 3],
-        length=truth.length * np.exp(profile.size_sigma * noise[:, 4]),
-        width=truth.width * np.exp(profile.size_sigma * noise[:, 5]),
+        length=truth.length * portable.exp(profile.size_sigma * noise[:, 4]),
+        width=truth.width * portable.exp(profile.size_sigma * noise[:, 5]),
     )
 
 
 def _interpolate_errors(seed: int, tick: int, name: str) -> Float:
     """Return (8,) standard normal errors that vary smoothly: the weights of two consecutive draws keep the variance."""
     epoch, step = divmod(tick + _phase(seed, name), EPOCH_TICKS)
-    turn = math.pi / 2 * step / EPOCH_TICKS
-    return math.cos(turn) * np.array(_draw_errors(seed, name, epoch)) + math.sin(turn) * np.array(
-        _draw_errors(seed, name, epoch + 1)
-    )
+    cos, sin = portable.cos_sin(math.pi / 2 * step / EPOCH_TICKS)
+    return cos * np.array(_draw_errors(seed, name, epoch)) + sin * np.array(_draw_errors(seed, name, epoch + 1))
 
 
 def draw_false_positives(profile: DetectionProfile, seed: int, tick: int, at: Float, range_m: float) -> Objects:
     """Return false positives of car size within range_m of `at` (2,) [m]; each stands still for an epoch."""
-    density = profile.false_positives / (math.pi * FAR_M**2)
+    density = profile.false_positives / (math.pi * (FAR_M * FAR_M))
     low, high = ((at - range_m) // CELL_M).astype(int), ((at + range_m) // CELL_M).astype(int)
     rows: list[tuple[str, float, float, float]] = []
     if density > 0.0:
         for i in range(low[0], high[0] + 1):
             for j in range(low[1], high[1] + 1):
                 rows += _draw_in_cell(seed, tick, i, j, density)
-    rows = [row for row in rows if math.hypot(row[1] - at[0], row[2] - at[1]) <= range_m]
+    rows = [row for row in rows if portable.hypot(row[1] - at[0], row[2] - at[1]) <= range_m]
     x, y, yaw = np.array([row[1:] for row in rows]).reshape(-1, 3).T
     nothing = np.zeros(len(rows))
     return Objects(
@@ -109,6 +108,6 @@ def _draw_false_positive(
     seed: int, cell: str, epoch: int, i: int, j: int, density: float
 ) -> list[tuple[str, float, float, float]]:
     luck, x, y, yaw, *_ = draw_uniforms(seed, "ghost", cell, epoch)
-    if luck >= density * CELL_M**2:
+    if luck >= density * (CELL_M * CELL_M):
         return []
     return [(f"ghost {cell} {epoch}", (i + x) * CELL_M, (j + y) * CELL_M, (yaw - 0.5) * TAU)]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import TAU, Bool, Float, Int, wrap_angles
 from mdrive_sumo.sensing.lidar_rays import LidarRays
 
@@ -92,7 +93,7 @@ def _first_at(rays: LidarRays, angle: Float) -> Int:
 
 def intersect_boxes(rays: LidarRays, boxes: LidarBoxes) -> RayIntersections:
     """Where columns enter and leave boxes; near is 0 above a box."""
-    cos, sin = np.cos(boxes.yaw), np.sin(boxes.yaw)
+    cos, sin = portable.cos_sin(boxes.yaw)
     # The sensor in the frame of each box.
     own_x, own_y = -boxes.x * cos - boxes.y * sin, boxes.x * sin - boxes.y * cos
     over = (abs(own_x) <= boxes.length / 2) & (abs(own_y) <= boxes.width / 2)
@@ -111,8 +112,8 @@ def intersect_boxes(rays: LidarRays, boxes: LidarBoxes) -> RayIntersections:
 def _spans(boxes: LidarBoxes, cos: Float, sin: Float, over: Bool) -> tuple[Float, Float]:
     """First and last direction [rad] in which each box is seen."""
     ahead, left = CORNERS[0] * boxes.length / 2, CORNERS[1] * boxes.width / 2
-    corners = np.arctan2(boxes.y + ahead * sin + left * cos, boxes.x + ahead * cos - left * sin)
-    middle = np.arctan2(boxes.y, boxes.x)
+    corners = portable.atan2(boxes.y + ahead * sin + left * cos, boxes.x + ahead * cos - left * sin)
+    middle = portable.atan2(boxes.y, boxes.x)
     aside = wrap_angles(corners - middle)
     return np.where(over, -np.pi, middle + aside.min(0)), np.where(over, np.pi, middle + aside.max(0))
 
@@ -132,8 +133,8 @@ def intersect_walls(rays: LidarRays, walls: LidarWalls) -> RayIntersections:
     front = np.flatnonzero(area < 0)
     x, y, along, area = x[front], y[front], along[front], area[front]
     # Seen from outside, a wall runs clockwise: its end comes first.
-    low = np.arctan2(y + along[:, 1], x + along[:, 0])
-    which, column = _columns(rays, low, low + (np.arctan2(y, x) - low) % TAU)
+    low = portable.atan2(y + along[:, 1], x + along[:, 0])
+    which, column = _columns(rays, low, low + (portable.atan2(y, x) - low) % TAU)
     across, along = rays.across[column], along[which]
     turn = across[:, 0] * along[:, 1] - across[:, 1] * along[:, 0]
     where = x[which] * across[:, 1] - y[which] * across[:, 0]

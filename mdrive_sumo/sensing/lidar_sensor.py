@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.contract import PointCloud, SensorSpec
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Int
 from mdrive_sumo.core.state import DT
@@ -79,7 +80,7 @@ class LidarMount:
 
     def to_world(self, eye: SensorPose) -> LidarPose:
         """Return the pose in the world for a carrier pose."""
-        cos, sin = math.cos(eye.yaw), math.sin(eye.yaw)
+        cos, sin = portable.cos_sin(eye.yaw)
         x, y = eye.x + cos * self.x - sin * self.y, eye.y + sin * self.x + cos * self.y
         return LidarPose(x, y, self.z, eye.yaw + self.yaw)
 
@@ -126,7 +127,7 @@ class LidarSensor:
         points = np.empty((len(rows), 4), dtype=np.float32)
         np.multiply(self._rays.local[rows], distance[:, None], out=points[:, :3])
         reflectivity = assume_reflectivities(scene.boxes, len(self._fitting.roads.buildings))
-        np.multiply(reflectivity[owner], np.exp(np.float32(-ATTENUATION) * distance), out=points[:, 3])
+        np.multiply(reflectivity[owner], portable.exp(np.float32(-ATTENUATION) * distance), out=points[:, 3])
         hits, names = self._name_hits(scene, owner) if self._names else (np.zeros(0, dtype=np.int32), ())
         return PointCloud(points, hits, names)
 

@@ -1,6 +1,5 @@
 """Targets of a LiDAR, with assumed heights and reflectivities, which SUMO's flat world lacks."""
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -9,6 +8,7 @@ import numpy.typing as npt
 import shapely
 
 from mdrive_sumo.contract import Objects
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
@@ -36,8 +36,9 @@ class LidarPose:
 
     def to_local(self, xy: Float) -> Float:
         """Return world points (..., 2) [m] in the frame of the level sensor."""
-        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
-        return (xy - (self.x, self.y)) @ np.array(((cos, -sin), (sin, cos)))
+        cos, sin = portable.cos_sin(self.yaw)
+        x, y = xy[..., 0] - self.x, xy[..., 1] - self.y
+        return np.stack((cos * x + sin * y, cos * y - sin * x), axis=-1)
 
 
 def assume_vehicle_height(length: float) -> float:
@@ -75,7 +76,7 @@ def load_building_outlines(roads: RoadMap) -> BuildingOutlines:
 def select_boxes(boxes: Objects, without: int | None, place: LidarPose, reach: float) -> LidarBoxes:
     """Boxes whose centre is within `reach` [m] beside their size; owners are 1 + row."""
     xy = place.to_local(np.stack((boxes.x, boxes.y), axis=-1))
-    close = np.hypot(xy[:, 0], xy[:, 1]) < reach + boxes.length + boxes.width
+    close = portable.hypot(xy[:, 0], xy[:, 1]) < reach + boxes.length + boxes.width
     if without is not None:
         close[without] = False
     rows = np.flatnonzero(close)
@@ -89,8 +90,8 @@ def select_walls(of: BuildingOutlines, place: LidarPose, reach: float, first_own
     """Walls that come within `reach` [m] of the place."""
     start, end = place.to_local(of.start), place.to_local(of.end)
     along = end - start
-    foot = np.clip(-(start * along).sum(1) / np.maximum((along**2).sum(1), 1e-12), 0, 1)[:, None]
-    close = ((start + foot * along) ** 2).sum(1) <= reach**2
+    foot = np.clip(-(start * along).sum(1) / np.maximum((along * along).sum(1), 1e-12), 0, 1)[:, None]
+    close = portable.square(start + foot * along).sum(1) <= reach * reach
     return LidarWalls(start[close], end[close], BUILDING_M - place.z, of.building[close] + first_owner)
 
 

@@ -9,6 +9,7 @@ x points east and y north.
 import math
 
 from mdrive_sumo.contract import Gnss, Imu, SensorSpec
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import TAU
 from mdrive_sumo.core.seeding import draw_normals
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
@@ -23,13 +24,13 @@ MAX_NOISE = 1000.0
 
 def to_gnss(x: float, y: float) -> Gnss:
     """Return the WGS 84 position of the point (x, y) [m] of the world frame; roads are flat, at altitude 0."""
-    latitude = math.atan(math.sinh(y / EARTH_RADIUS_M))
+    latitude = 2 * portable.atan(portable.exp(y / EARTH_RADIUS_M)) - math.pi / 2
     return Gnss(math.degrees(latitude), math.degrees(x / EARTH_RADIUS_M), 0.0)
 
 
 def to_xy(gnss: Gnss) -> tuple[float, float]:
     """Return the point [m] of the world frame for a receiver position: the inverse of `to_gnss`, for agents."""
-    y = EARTH_RADIUS_M * math.asinh(math.tan(math.radians(gnss.latitude_deg)))
+    y = EARTH_RADIUS_M * portable.log(portable.tan(math.pi / 4 + math.radians(gnss.latitude_deg) / 2))
     return EARTH_RADIUS_M * math.radians(gnss.longitude_deg), y
 
 

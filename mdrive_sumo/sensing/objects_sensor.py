@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import Objects, SensorSpec
 from mdrive_sumo.contract.detector_profiles import IDEAL, PROFILES, STANDARD
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import TAU, Bool, Float, wrap_angles
 from mdrive_sumo.roads import RoadMap
@@ -59,7 +60,7 @@ class ObjectsSensor:
         view = SightView(eye, scene, load_building_edges(self._roads), self._range_m)
         truth = scene.boxes.take(self._find_detected_rows(view))
         seen = truth if self._exact else self._add_flaws(view, truth)
-        near = seen.take(np.argsort(np.hypot(seen.x - eye.x, seen.y - eye.y), kind="stable"))
+        near = seen.take(np.argsort(portable.hypot(seen.x - eye.x, seen.y - eye.y), kind="stable"))
         names = tuple(self._name(true_id) for true_id in near.ids)
         near = eye.place_by_estimate(near)
         return replace(near, ids=names, free_m=view.free_sight(self._sectors) if self._sectors else np.zeros(0))
@@ -72,7 +73,7 @@ class ObjectsSensor:
         rows = np.flatnonzero(shown)
         if self._exact:
             return rows
-        distance = np.hypot(boxes.x[rows] - eye.x, boxes.y[rows] - eye.y)
+        distance = portable.hypot(boxes.x[rows] - eye.x, boxes.y[rows] - eye.y)
         recall = self._profile.recall_at(distance, np.maximum(fractions[rows], self._profile.min_visible))
         ids = tuple(boxes.ids[row] for row in rows.tolist())
         return rows[draw_detected(self._seed, view.scene.tick, ids, recall)]
@@ -81,7 +82,7 @@ class ObjectsSensor:
         """Return an (N,) mask of the centres in the field of view."""
         if self._half_fov >= np.pi:
             return np.ones(len(x), dtype=np.bool_)
-        bearings = wrap_angles(np.arctan2(y - eye.y, x - eye.x) - eye.yaw - self._yaw)
+        bearings = wrap_angles(portable.atan2(y - eye.y, x - eye.x) - eye.yaw - self._yaw)
         return np.abs(bearings) <= self._half_fov
 
     def _add_flaws(self, view: SightView, truth: Objects) -> Objects:
@@ -91,10 +92,10 @@ class ObjectsSensor:
         ghosts = draw_false_positives(self._profile, self._seed, tick, at, self._range_m)
         if ghosts.ids:
             free = view.free_sight(SECTORS)
-            sector = (np.arctan2(ghosts.y - eye.y, ghosts.x - eye.x) - eye.yaw) % TAU / TAU * SECTORS
+            sector = (portable.atan2(ghosts.y - eye.y, ghosts.x - eye.x) - eye.yaw) % TAU / TAU * SECTORS
             between = sector.astype(int) % SECTORS
             sight = np.minimum(free[between], free[(between + 1) % SECTORS])
-            open_to = np.hypot(ghosts.x - eye.x, ghosts.y - eye.y) <= sight
+            open_to = portable.hypot(ghosts.x - eye.x, ghosts.y - eye.y) <= sight
             ghosts = ghosts.take(open_to & self._is_in_field(ghosts.x, ghosts.y, eye))
         return add_errors(self._profile, self._seed, tick, truth, at).concat(ghosts)
 

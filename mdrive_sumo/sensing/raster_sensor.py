@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.contract import Briefing, Objects, Raster, SensorSpec
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, box_corners, boxes_corners
 from mdrive_sumo.core.state import Kind
@@ -38,7 +39,7 @@ class TopView:
 
 
 def _camera(size: int, fov_deg: float) -> TopView:
-    return TopView(size, 2 * CAMERA_HEIGHT_M * math.tan(math.radians(fov_deg) / 2))
+    return TopView(size, 2 * CAMERA_HEIGHT_M * portable.tan(math.radians(fov_deg) / 2))
 
 
 PROFILES: Mapping[str, TopView] = MappingProxyType(
@@ -92,7 +93,7 @@ def _own_box(scene: SensingFrame, eye: SensorPose) -> Float:
 
 def _in_pixels(xy: Float, eye: SensorPose, size: int, metres: float) -> Float:
     """Points (..., 2) [m] as (column, row) from the corner of the image: the car in the middle, looking up."""
-    cos, sin = math.cos(eye.yaw) / metres, math.sin(eye.yaw) / metres
+    cos, sin = (part / metres for part in portable.cos_sin(eye.yaw))
     x, y = xy[..., 0] - eye.x, xy[..., 1] - eye.y
     return np.stack((size / 2 + x * sin - y * cos, size / 2 - x * cos - y * sin), axis=-1)
 

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap
 
@@ -33,7 +34,8 @@ def compute_route_room(roads: RoadMap, xy: Float, yaw: Float) -> Float:
     near = np.unique(surface.tree.query(shapely.LineString(xy), predicate="dwithin", distance=REACH_M))
     area = shapely.buffer(shapely.union_all(surface.pieces[near]), -SEAM_M)
     shapely.prepare(area)
-    left = np.column_stack((-np.sin(yaw), np.cos(yaw))) * REACH_M
+    cos, sin = portable.cos_sin(yaw)
+    left = np.column_stack((-sin, cos)) * REACH_M
     return np.column_stack([_measure_reach(area, xy, side) for side in (left, -left)])
 
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import TAU, Bool, Float, Int
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
@@ -40,7 +41,7 @@ class BuildingEdges:
         """(W, 2) [m]"""
         self._middles = np.array([(ring.min(0) + ring.max(0)) / 2 for ring in rings]).reshape(-1, 2)
         self._radii = np.array(
-            [np.hypot(*(ring - middle).T).max() for ring, middle in zip(rings, self._middles, strict=True)]
+            [portable.hypot(*(ring - middle).T).max() for ring, middle in zip(rings, self._middles, strict=True)]
         )
         self._building = np.repeat(np.arange(len(rings)), sizes)
 
@@ -48,7 +49,7 @@ class BuildingEdges:
         """Return starts and ends (V, 2) [m] of the walls of all buildings within reach_m."""
         if not len(self._radii):
             return self.starts, self.ends
-        gap = np.hypot(self._middles[:, 0] - eye.x, self._middles[:, 1] - eye.y) - self._radii
+        gap = portable.hypot(self._middles[:, 0] - eye.x, self._middles[:, 1] - eye.y) - self._radii
         walls = (gap <= reach_m)[self._building]
         return self.starts[walls], self.ends[walls]
 
@@ -111,10 +112,10 @@ class SightView:
     def distances(self) -> Float:
         """(N,) distance from the eye to the nearest point of each box [m]; infinite for the carrier's own."""
         b = self.scene.boxes
-        x, y, cos, sin = b.x - self.eye.x, b.y - self.eye.y, np.cos(b.yaw), np.sin(b.yaw)
+        x, y, (cos, sin) = b.x - self.eye.x, b.y - self.eye.y, portable.cos_sin(b.yaw)
         ahead = np.maximum(np.abs(cos * x + sin * y) - b.length / 2, 0.0)
         aside = np.maximum(np.abs(cos * y - sin * x) - b.width / 2, 0.0)
-        gaps = np.hypot(ahead, aside)
+        gaps = portable.hypot(ahead, aside)
         if self.eye.carrier_row is not None:
             gaps[self.eye.carrier_row] = np.inf
         return gaps
@@ -132,7 +133,7 @@ class SightView:
         double_area = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
         facing = double_area < -FLAT
         p, q, owner, double_area = p[facing], q[facing], owner[facing], double_area[facing]
-        left, right = np.arctan2(p[:, 1], p[:, 0]), np.arctan2(q[:, 1], q[:, 0])
+        left, right = portable.atan2(p[:, 1], p[:, 0]), portable.atan2(q[:, 1], q[:, 0])
         high = (b.kind == Kind.STATIC) & (np.maximum(b.length, b.width) > LOW_M)
         opaque = np.append((b.kind == Kind.VEHICLE) | high, True)  # the last one is of the walls
         side = (q - p) / double_area[:, None]
@@ -153,10 +154,10 @@ class SightView:
         edges = self._edges
         if not len(edges.owner):
             return np.zeros(0)
-        cuts = np.sort(np.concatenate((edges.right, edges.left)))
+        cuts = np.sort(np.concatenate((edges.right, edges.left)), kind="stable")
         edge, interval = _cut_edges(np.searchsorted(cuts, edges.right), np.searchsorted(cuts, edges.left), len(cuts))
         widths = np.diff(cuts, append=cuts[0] + TAU)
-        hides, cos, sin = edges.hides[edge], np.cos(cuts), np.sin(cuts)
+        hides, (cos, sin) = edges.hides[edge], portable.cos_sin(cuts)
         after = interval + 1
         after[after == len(cuts)] = 0
         begin = edges.cos[edge] * cos[interval] + edges.sin[edge] * sin[interval]
@@ -181,9 +182,9 @@ class SightView:
         """Return the visible width [rad] of an edge from the angle begin on, where boxes overlap."""
         edges = self._edges
         a, b = edges.cos[others] - edges.cos[edge], edges.sin[others] - edges.sin[edge]
-        first = a * np.cos(begin) + b * np.sin(begin) > 0.0
-        last = a * np.cos(begin + width) + b * np.sin(begin + width) > 0.0
-        change = np.minimum((np.arctan2(-a, b) - begin) % np.pi, width)
+        (cos, sin), (cos_end, sin_end) = portable.cos_sin(begin), portable.cos_sin(begin + width)
+        first, last = a * cos + b * sin > 0.0, a * cos_end + b * sin_end > 0.0
+        change = np.minimum((portable.atan2(-a, b) - begin) % np.pi, width)
         since = np.where(first, np.where(last, width, change), 0.0).max(initial=0.0)
         until = np.where(last & ~first, change, width).min(initial=width)
         return max(0.0, float(until - since))
@@ -201,9 +202,9 @@ class SightView:
         edge = np.repeat(np.arange(len(counts)), counts)
         begins = np.cumsum(counts) - counts
         sector = (np.arange(len(edge)) + (first.astype(np.intp) - begins)[edge]) % sectors
-        angles = self.eye.yaw + np.arange(sectors) * step
+        cos, sin = portable.cos_sin(self.eye.yaw + np.arange(sectors) * step)
         near = np.full(sectors, 1.0 / self.range_m)
-        found = edges.cos[edge] * np.cos(angles)[sector] + edges.sin[edge] * np.sin(angles)[sector]
+        found = edges.cos[edge] * cos[sector] + edges.sin[edge] * sin[sector]
         np.maximum.at(near, sector, found)
         return 1.0 / near
 

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import DT, Actors, EgoState, Frame
@@ -165,7 +166,7 @@ class _VisibilityAnalysis:
     @cached_property
     def radii(self) -> Float:
         """(N,) of circles around the boxes; where they do not touch, boxes cannot."""
-        return np.hypot(self.episode.length + CLEARANCE_M, self.episode.width + CLEARANCE_M) / 2
+        return portable.hypot(self.episode.length + CLEARANCE_M, self.episode.width + CLEARANCE_M) / 2
 
     @cached_property
     def seen(self) -> Mapping[str, Bool]:
@@ -212,7 +213,7 @@ class _VisibilityAnalysis:
         first: int | None = None
         for lag in range(-reach, reach + 1):
             k = np.arange(max(0, -lag), len(self.ticks) - max(0, lag))
-            k = k[valid[k, ego] & valid[k + lag, actor] & (np.hypot(*(mine[k] - theirs[k + lag]).T) < room)]
+            k = k[valid[k, ego] & valid[k + lag, actor] & (portable.hypot(*(mine[k] - theirs[k + lag]).T) < room)]
             met = k[boxes_overlap(self.corners[k, ego], self.corners[k + lag, actor])]
             if len(met) and (first is None or met[0] < first):
                 first = int(met[0])
@@ -220,7 +221,7 @@ class _VisibilityAnalysis:
 
     def _find_intervals(self, drive: ReferenceDrive, ego: int, actor: int, meeting: int) -> Iterator[OccludedInterval]:
         ids, valid = self.episode.ids, self.episode.valid[self.ticks][: meeting + 1]
-        near = np.hypot(*(self.centres[: meeting + 1, ego] - self.centres[: meeting + 1, actor]).T)
+        near = portable.hypot(*(self.centres[: meeting + 1, ego] - self.centres[: meeting + 1, actor]).T)
         hidden = valid[:, ego] & valid[:, actor] & (near < RANGE_M) & ~self.seen[ids[ego]][: meeting + 1, actor]
         others = [name for name in self._observers if name not in (ids[ego], ids[actor])]
         known = {name: self.seen[name][: meeting + 1, actor] for name in others}

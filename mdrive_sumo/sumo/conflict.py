@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import DT, Actors
 from mdrive_sumo.sumo.logged_poses import LoggedPoses
@@ -55,7 +56,7 @@ def find_conflicts(poses: LoggedPoses, tick: int, is_candidate: Bool, mover: Mov
     """Return a (V,) mask of the candidate vehicles that are in conflict with the mover now, or inevitably will be."""
     now = poses.poses[:, tick]
     reach = PARAMS.search_margin_m + (mover.speed + np.abs(now[:, 3])) * PREDICTION_TICKS[-1] * DT
-    near = np.flatnonzero(is_candidate & (np.hypot(now[:, 0] - mover.x, now[:, 1] - mover.y) < reach))
+    near = np.flatnonzero(is_candidate & (portable.hypot(now[:, 0] - mover.x, now[:, 1] - mover.y) < reach))
     in_conflict = np.zeros_like(is_candidate)
     if len(near):
         ticks = np.minimum(tick + PREDICTION_TICKS, poses.present.shape[1] - 1)
@@ -76,6 +77,7 @@ def _extrapolate_boxes(mover: MovingBox, acceleration: float) -> Float:
     time = PREDICTION_TICKS * DT
     if acceleration < 0:
         time = np.minimum(time, max(mover.speed, 0.0) / -acceleration)
-    ahead = mover.speed * time + acceleration * time**2 / 2
-    x, y = mover.x + np.cos(mover.yaw) * ahead, mover.y + np.sin(mover.yaw) * ahead
+    ahead = mover.speed * time + acceleration * (time * time) / 2
+    cos, sin = portable.cos_sin(mover.yaw)
+    x, y = mover.x + cos * ahead, mover.y + sin * ahead
     return boxes_corners(x, y, np.array(mover.yaw), np.array(mover.length), np.array(mover.width))

@@ -2,7 +2,6 @@
 
 # pyright: basic
 # Because shapely's array functions have no precise types.
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.roads import Lane, RoadMap
@@ -76,7 +76,7 @@ def _build_ghosts(
         one, on = sources[b], roads.driving[found]
         length = max(end - begin, SHORTEST_M)
         front = max(end, length)  # the rear must be on this lane as well: SUMO loses vehicles that span two lanes
-        along = one.speed * math.cos(one.yaw - on.centre.yaw_at(end)) if one.speed else 0.0
+        along = one.speed * portable.cos(one.yaw - on.centre.yaw_at(end)) if one.speed else 0.0
         yield f"{GHOST}{one.name}:{on.id}", Ghost(one.name, on, front, length, max(along, 0.0))
 
 

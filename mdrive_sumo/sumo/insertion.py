@@ -2,7 +2,6 @@
 
 # pyright: basic
 # Because libsumo has no type information.
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -11,6 +10,7 @@ import libsumo
 import numpy as np
 import shapely
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import boxes_corners, boxes_overlap, wrap_angle
 from mdrive_sumo.core.state import DT, Actors
@@ -97,7 +97,8 @@ def find_departure_point(vehicle: BackgroundVehicle, roads: RoadMap) -> Insertio
     along = ahead * lane.centre.length / libsumo.lane.getLength(lane.id)
     x, y = lane.centre.at(along)
     yaw, back = lane.centre.yaw_at(along), vehicle.length / 2
-    centre = x - math.cos(yaw) * back, y - math.sin(yaw) * back
+    cos, sin = portable.cos_sin(yaw)
+    centre = x - cos * back, y - sin * back
     size = vehicle.length, vehicle.width
     return InsertionPoint(
         lane.edge, lane.index, (x, y, yaw), vehicle.depart_speed, route_offset_m, ON_LANE, centre, size, True
@@ -180,10 +181,12 @@ def is_free(point: InsertionPoint, road_users: Actors) -> bool:
     if not point.waits_for_gap:
         return True
     *_, yaw = point.front_pose
-    along = np.maximum(road_users.speed * np.cos(road_users.yaw - yaw), 0.0)
-    needed = np.abs(point.speed**2 - along**2) / (2 * EMERGENCY_DECEL) + REACTION_S * np.abs(point.speed - along)
+    along = np.maximum(road_users.speed * portable.cos(road_users.yaw - yaw), 0.0)
+    braking_m = np.abs(point.speed * point.speed - along * along) / (2 * EMERGENCY_DECEL)
+    needed = braking_m + REACTION_S * np.abs(point.speed - along)
     ahead = np.where(along < point.speed, needed, -needed) / 2
-    x, y = point.centre[0] + math.cos(yaw) * ahead, point.centre[1] + math.sin(yaw) * ahead
+    cos, sin = portable.cos_sin(yaw)
+    x, y = point.centre[0] + cos * ahead, point.centre[1] + sin * ahead
     own_boxes = boxes_corners(
         x, y, np.array(yaw), point.dimensions[0] + needed, np.array(point.dimensions[1] - 2 * SLACK_M)
     )

@@ -8,12 +8,12 @@ overlaps the strip that vehicles on the other lane sweep for only 0.1 s longer t
 
 # pyright: basic
 # Because libsumo has no type information.
-import math
 from collections.abc import Callable
 
 import libsumo
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import DT, Actors
 from mdrive_sumo.roads import Lane
@@ -65,7 +65,7 @@ class ScheduledLaneChange:
     def _is_gap_free(self, road_users: Actors) -> bool:
         i = road_users.ids.index(self._name)
         ahead = np.array((0.0, PREDICTION_S))[:, None] * road_users.speed
-        cos, sin = np.cos(road_users.yaw), np.sin(road_users.yaw)
+        cos, sin = portable.cos_sin(road_users.yaw)
         x, y = road_users.x + cos * ahead, road_users.y + sin * ahead
         boxes = boxes_corners(x, y, road_users.yaw, road_users.length, road_users.width)
         remaining = self._width - self.offset[0]
@@ -85,6 +85,7 @@ def apply_offsets(actors: Actors, offsets: dict[str, tuple[float, float]]) -> No
         if name not in actors.ids:
             continue
         i = actors.ids.index(name)
-        actors.x[i] -= math.sin(actors.yaw[i]) * offset
-        actors.y[i] += math.cos(actors.yaw[i]) * offset
-        actors.yaw[i] += math.atan2(rate, max(actors.speed[i], 1.0))
+        cos, sin = portable.cos_sin(actors.yaw[i])
+        actors.x[i] -= sin * offset
+        actors.y[i] += cos * offset
+        actors.yaw[i] += portable.atan2(rate, max(actors.speed[i], 1.0))

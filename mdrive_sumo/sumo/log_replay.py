@@ -1,11 +1,11 @@
 """Background vehicles that replay their log: always (`replay`), or until a CAV disturbs them (`hybrid`)."""
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.core.state import Actors
 from mdrive_sumo.roads import RoadMap
@@ -73,5 +73,5 @@ class LogReplay:
             if name not in released:
                 continue
             pose = self._logged.find_pose(released[name], tick)
-            if pose is None or math.hypot(last.x[i] - pose.x, last.y[i] - pose.y) > STRAY_M:
+            if pose is None or portable.hypot(last.x[i] - pose.x, last.y[i] - pose.y) > STRAY_M:
                 yield build_moving_box(last, i, off_log=True)

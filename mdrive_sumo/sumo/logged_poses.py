@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import DT, Actors, Kind
 from mdrive_sumo.scenario.background import BackgroundVehicle
@@ -75,4 +76,5 @@ def _compute_speeds(times: Float, x: Float, y: Float, yaw: Float) -> Float:
     """Return the speed (N,) [m/s] along the heading at the poses of a log."""
     if len(times) < 2:
         return np.zeros(len(times))
-    return np.gradient(x, times) * np.cos(yaw) + np.gradient(y, times) * np.sin(yaw)
+    cos, sin = portable.cos_sin(yaw)
+    return np.gradient(x, times) * cos + np.gradient(y, times) * sin

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator
 import libsumo
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.roads import Lane, RoadMap
@@ -42,7 +43,7 @@ def _sample_schedule(vehicle: BackgroundVehicle, ticks: int, roads: RoadMap) -> 
     )
     centre, ahead = (front + back) / 2, front - back
     speed = np.gradient(position, DT) if ticks > 1 else np.zeros(ticks)
-    poses = np.stack((*centre, np.arctan2(ahead[1], ahead[0]), speed), axis=1)
+    poses = np.stack((*centre, portable.atan2(ahead[1], ahead[0]), speed), axis=1)
     return poses, (now > times[0] - 1e-6) & (now < times[-1] + 1e-6)
 
 

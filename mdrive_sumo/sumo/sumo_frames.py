@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 
 
@@ -19,4 +20,5 @@ def convert_yaw_to_sumo(yaw: float) -> float:
 
 def compute_front_bumper(x: float, y: float, yaw: float, length: float) -> tuple[float, float]:
     """Return the front bumper point of a box, which SUMO calls the position."""
-    return x + math.cos(yaw) * length / 2, y + math.sin(yaw) * length / 2
+    cos, sin = portable.cos_sin(yaw)
+    return x + cos * length / 2, y + sin * length / 2

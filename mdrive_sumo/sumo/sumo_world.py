@@ -11,6 +11,7 @@ from typing import Self
 import libsumo
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.state import DT, Actors, EgoState, Kind, WorldState
 from mdrive_sumo.roads import RoadMap
@@ -209,7 +210,8 @@ class SumoWorld:
         yaw = convert_sumo_angles(np.array(list(map(_angle, ids))))
         speed = np.array(list(map(_speed, ids)))
         half = template.length / 2
-        x, y = front[0] - np.cos(yaw) * half, front[1] - np.sin(yaw) * half
+        cos, sin = portable.cos_sin(yaw)
+        x, y = front[0] - cos * half, front[1] - sin * half
         return Actors(ids, template.kind, x, y, yaw, speed, template.length, template.width)
 
     def _build_template(self, present: Sequence[str]) -> Actors:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum, auto
 
 from mdrive_sumo.contract import Message
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.seeding import UNIFORMS, draw_normals, draw_uniforms
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
@@ -78,7 +79,9 @@ class Channel:
         """
         receiver_ids = sorted(positions if receivers is None else receivers)
         for sender in sorted(outgoing):
-            others = {one: math.dist(positions[sender], positions[one]) for one in receiver_ids if one != sender}
+            others = {
+                one: portable.distance(positions[sender], positions[one]) for one in receiver_ids if one != sender
+            }
             for n, unsigned in enumerate(outgoing[sender]):
                 message = Message(unsigned.type, unsigned.payload, sender, tick)
                 deliveries: dict[str, tuple[DeliveryStatus, int]] = {}

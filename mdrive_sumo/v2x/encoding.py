@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.contract import Objects
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import TAU, Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.v2x.content import (
@@ -82,7 +83,7 @@ def _round_and_clamp(value: float, bits: int) -> int:
 
 
 def _rotate(xy: Float, yaw: float) -> Float:
-    cos, sin = math.cos(yaw), math.sin(yaw)
+    cos, sin = portable.cos_sin(yaw)
     return np.column_stack((xy[:, 0] * cos - xy[:, 1] * sin, xy[:, 0] * sin + xy[:, 1] * cos))
 
 

@@ -5,13 +5,13 @@ physics: no crumpling, no bouncing, no third dimension, and everything that is n
 pedestrians, props, walls) is immovable. Detection is swept over the tick, so that nothing tunnels (impact.py).
 """
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, wrap_angle
 from mdrive_sumo.core.state import DT, Actors, Contact, Kind
 from mdrive_sumo.vehicle.dynamics import VehicleParameters, VehicleState
@@ -190,7 +190,7 @@ def _build_body(key: BodyKey, scene: _TickState) -> RigidBody:
 
 
 def _build_ego_body(before: VehicleState, after: VehicleState, vehicle: VehicleParameters) -> RigidBody:
-    sin, cos = math.sin(after.yaw), math.cos(after.yaw)
+    cos, sin = portable.cos_sin(after.yaw)
     return replace(
         build_box_body((before.x, before.y, before.yaw), (after.x, after.y, after.yaw), vehicle.length, vehicle.width),
         velocity=(cos * after.vx - sin * after.vy, sin * after.vx + cos * after.vy),
@@ -232,7 +232,7 @@ def _separate_pair(pair: ContactPair, bodies: dict[BodyKey, RigidBody], met: set
 
 def _to_vehicle_state(scene: _TickState, ego: str, rigid_body: RigidBody) -> VehicleState:
     body = scene.after[ego]
-    sin, cos = math.sin(body.yaw), math.cos(body.yaw)
+    cos, sin = portable.cos_sin(body.yaw)
     vx = cos * rigid_body.velocity[0] + sin * rigid_body.velocity[1]
     return replace(
         body,

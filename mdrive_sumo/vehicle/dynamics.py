@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 from mdrive_sumo.contract import Control, VehicleFacts
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.core.state import DT, EgoState
 
@@ -141,8 +142,8 @@ def step(
     target, most_turn = control.steer * vehicle.max_steer_angle, vehicle.max_steer_rate * h
     pedal = control.brake if control.brake < vehicle.grip else vehicle.grip  # anti-lock brakes
     lags = vehicle.steer_lag, vehicle.drive_lag, vehicle.brake_lag
-    turned, pressed, clamped = [-math.expm1(-h / lag) for lag in lags]  # shares of the way that a sub-step goes
-    sin, cos = math.sin(yaw), math.cos(yaw)
+    turned, pressed, clamped = [-portable.expm1(-h / lag) for lag in lags]  # shares of the way that a sub-step goes
+    cos, sin = portable.cos_sin(yaw)
     # Velocity in the world frame, so that a turning car needs no Coriolis terms.
     u, v, yaw_rate = cos * body.vx - sin * body.vy, sin * body.vx + cos * body.vy, body.yaw_rate
     for _ in range(sub_steps):
@@ -150,7 +151,7 @@ def step(
         turn = _clamp(most_turn, (target - steer_angle) * turned)
         press, clamp = (control.throttle - drive) * pressed, (pedal - brake) * clamped
         x, y, yaw = x + h / 2 * u, y + h / 2 * v, yaw + h / 2 * yaw_rate
-        sin, cos = math.sin(yaw), math.cos(yaw)
+        cos, sin = portable.cos_sin(yaw)
         motion = cos * u + sin * v, cos * v - sin * u, yaw_rate
         vx, vy, yaw_rate = _apply_forces(
             motion, steer_angle + turn / 2, drive + press / 2, brake + clamp / 2, vehicle, h
@@ -158,7 +159,7 @@ def step(
         u, v = cos * vx - sin * vy, sin * vx + cos * vy
         x, y, yaw = x + h / 2 * u, y + h / 2 * v, yaw + h / 2 * yaw_rate
         steer_angle, drive, brake = steer_angle + turn, drive + press, brake + clamp
-    sin, cos = math.sin(yaw), math.cos(yaw)
+    cos, sin = portable.cos_sin(yaw)
     vx, vy = cos * u + sin * v, cos * v - sin * u
     if abs(vx) + abs(vy) + abs(yaw_rate) < 1e-3:  # static friction of standing tyres
         vx = vy = yaw_rate = 0.0
@@ -183,7 +184,7 @@ def _compute_lateral_limit(vx: float, drive: float, brake: float, vehicle: Vehic
     """Lateral acceleration [m/s2] that tyres can give while they drive or brake (friction circle)."""
     braking = brake * vehicle.max_deceleration
     used = drive * vehicle.max_acceleration + (braking if vx < 0.0 else -braking)
-    left = (vehicle.friction * vehicle.grip * GRAVITY) ** 2 - used * used
+    left = portable.square(vehicle.friction * vehicle.grip * GRAVITY) - used * used
     return math.sqrt(left) if left > 0.0 else 0.0
 
 
@@ -194,7 +195,7 @@ def _apply_lateral_forces(
     vx, vy, yaw_rate = motion
     mass, inertia, b = vehicle.mass, vehicle.yaw_inertia, vehicle.rear_to_centre
     a = vehicle.wheelbase - b
-    sin, cos = math.sin(steer_angle), math.cos(steer_angle)
+    cos, sin = portable.cos_sin(steer_angle)
     sideways = vy + a * yaw_rate
     rolling, sliding = vx * cos + sideways * sin, sideways * cos - vx * sin
     press = grip * mass / vehicle.wheelbase
@@ -215,7 +216,7 @@ def _axle_force(rolling: float, sliding: float, stiffness: float, response: floa
     in the middle (linearly implicit midpoint rule), which is of second order and stable for any sub-step.
     """
     rolling = abs(rolling) if abs(rolling) > SLIP_SPEED else SLIP_SPEED
-    force = -stiffness * math.atan(sliding / rolling) / (1 + stiffness * response / (2 * rolling))
+    force = -stiffness * portable.atan(sliding / rolling) / (1 + stiffness * response / (2 * rolling))
     return _clamp(limit, force)
 
 

@@ -8,6 +8,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
+from mdrive_sumo.core import portable
+
 Pair = tuple[float, float]
 Pose = tuple[float, float, float]
 Points = tuple[Pair, ...]
@@ -42,13 +44,14 @@ class RigidBody:
 def build_static_body(piece: Points) -> RigidBody:
     """Return an immovable body for a convex polygon [m]."""
     sides = [(x1 - x0, y1 - y0) for (x0, y0), (x1, y1) in zip(piece, piece[1:] + piece[:1], strict=True)]
-    return RigidBody(piece, piece, tuple((dy / math.hypot(dx, dy), -dx / math.hypot(dx, dy)) for dx, dy in sides))
+    lengths = [portable.hypot(dx, dy) for dx, dy in sides]
+    return RigidBody(piece, piece, tuple((dy / d, -dx / d) for (dx, dy), d in zip(sides, lengths, strict=True)))
 
 
 def build_box_body(before: Pose, after: Pose, length: float, width: float) -> RigidBody:
     """A build_box_body at its poses (x, y, yaw) at the start and the end of the tick, without velocity or mass."""
     yaws = (after[2],) if after[2] == before[2] else (after[2], before[2])
-    normals = [(math.cos(yaw), math.sin(yaw)) for yaw in yaws]
+    normals = [portable.cos_sin(yaw) for yaw in yaws]
     normals += [(-y, x) for x, y in normals]
     return RigidBody(
         _corners(*before, length / 2, width / 2),
@@ -60,7 +63,7 @@ def build_box_body(before: Pose, after: Pose, length: float, width: float) -> Ri
 
 def _corners(x: float, y: float, yaw: float, ahead: float, left: float) -> Points:
     # As geometry.box_corners, but scalar: numpy costs ten times more for one build_box_body.
-    sin, cos = math.sin(yaw), math.cos(yaw)
+    cos, sin = portable.cos_sin(yaw)
     ax, ay, lx, ly = ahead * cos, ahead * sin, -left * sin, left * cos
     return (
         (x + ax + lx, y + ay + ly),
@@ -155,11 +158,13 @@ def _apply_stopping_impulse(
 ) -> tuple[RigidBody, RigidBody, float]:
     """Apply the impulse [N s] within `limits` that best stops the relative motion at the point along the axis."""
     speed = _speed_at(second, point, axis) - _speed_at(first, point, axis)
-    inverse_mass = sum(
-        thing.inverse_mass + thing.inverse_inertia * _lever(thing, point, axis) ** 2 for thing in (first, second)
-    )
+    inverse_mass = _inverse_mass_at(first, point, axis) + _inverse_mass_at(second, point, axis)
     impulse = max(limits[0], min(limits[1], -speed / inverse_mass))
     return _apply_impulse(first, point, axis, -impulse), _apply_impulse(second, point, axis, impulse), impulse
+
+
+def _inverse_mass_at(thing: RigidBody, point: Pair, axis: Pair) -> float:
+    return thing.inverse_mass + thing.inverse_inertia * portable.square(_lever(thing, point, axis))
 
 
 def _lever(thing: RigidBody, point: Pair, axis: Pair) -> float:

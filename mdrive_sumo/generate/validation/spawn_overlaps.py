@@ -3,13 +3,13 @@
 Covers CAVs, background vehicles present at the start, and standing actors.
 """
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
 import shapely
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.loop import VEHICLE
 from mdrive_sumo.roads import Lane, RoadMap
@@ -84,4 +84,4 @@ def _departure_pose(vehicle: BackgroundVehicle, background: Background, roads: R
 
 def _pose_behind_front(lane: Lane, front: float, length: float) -> Pose:
     (x, y), yaw = lane.centre.at(front), lane.centre.yaw_at(front)
-    return Pose(x=x - math.cos(yaw) * length / 2, y=y - math.sin(yaw) * length / 2, yaw=yaw)
+    return Pose(x=x - portable.cos(yaw) * length / 2, y=y - portable.sin(yaw) * length / 2, yaw=yaw)

@@ -1,9 +1,9 @@
 """Collisions, de-duplicated (protocol 7.2), with the penalty factors of protocol 7.1."""
 
-import math
 from dataclasses import replace
 from types import MappingProxyType
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.state import TICKS_PER_SECOND, Kind
 from mdrive_sumo.scoring.metrics.ego_track import EgoTrack
 from mdrive_sumo.scoring.metrics.impact_speed import compute_impact_speed
@@ -48,7 +48,7 @@ class _CollisionFilter:
         """Return whether a contact with `other` at (x, y) [m] is a new collision, and remember it if so."""
         if other and other == self._actor:
             return False
-        if any(math.hypot(x - px, y - py) <= SAME_PLACE_M for px, py in self._places):
+        if any(portable.hypot(x - px, y - py) <= SAME_PLACE_M for px, py in self._places):
             return False
         self._places.append((x, y))
         self._tick = tick
@@ -57,7 +57,7 @@ class _CollisionFilter:
 
     def forget_distant_places(self, x: float, y: float) -> None:
         """Forget the collisions far from (x, y) [m], the position of the CAV."""
-        self._places = [p for p in self._places if math.hypot(x - p[0], y - p[1]) <= FORGET_PLACE_M]
+        self._places = [p for p in self._places if portable.hypot(x - p[0], y - p[1]) <= FORGET_PLACE_M]
 
 
 def find_collisions(track: EgoTrack) -> tuple[InfractionEvent, ...]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.scoring.metrics.metric import ScalarMetric
@@ -19,7 +20,7 @@ def compute_min_ttc(episode: EpisodeRecord) -> float | None:
     left out. The original's contact geometry is unknown, and it samples every 0.15 s; this function uses oriented boxes
     and the exact time of contact. 0 means that boxes overlap.
     """
-    velocity = np.stack((np.cos(episode.yaw), np.sin(episode.yaw)), axis=-1) * episode.speed[..., None]
+    velocity = np.stack(portable.cos_sin(episode.yaw), axis=-1) * episode.speed[..., None]
     place = np.stack((episode.x, episode.y), axis=-1)
     least = [_compute_min_of_cav(episode, place, velocity, column) for column in range(episode.egos)]
     return min((value for value in least if value is not None), default=None)
@@ -44,16 +45,16 @@ def _compute_min_of_cav(episode: EpisodeRecord, place: Float, velocity: Float, c
 
 def _compute_contact_distance(episode: EpisodeRecord, column: int, rest: slice) -> Float:
     """Return the distance of centres (M,) [m] beyond which the boxes cannot touch."""
-    radius = np.hypot(episode.length, episode.width) / 2
+    radius = portable.hypot(episode.length, episode.width) / 2
     return radius[rest] + radius[column]
 
 
 def _may_touch(apart: Float, drift: Float, reach: Float) -> Bool:
     """Return an (n, M) mask of pairs that approach at 1 m/s or more and may touch within the horizon."""
-    distance = np.hypot(apart[..., 0], apart[..., 1])
+    distance = portable.hypot(apart[..., 0], apart[..., 1])
     closing = -(apart * drift).sum(-1)
     return (closing >= MIN_CLOSING_SPEED * distance) & (
-        distance - reach <= HORIZON_S * np.hypot(drift[..., 0], drift[..., 1])
+        distance - reach <= HORIZON_S * portable.hypot(drift[..., 0], drift[..., 1])
     )
 
 
@@ -78,8 +79,8 @@ def _compute_contact_times(own: Float, other: Float, drift: Float) -> Float:
     for corners in (own, other):
         for end in (1, 3):
             axis = corners[:, end] - corners[:, 0]
-            a, b = (np.einsum("kij,kj->ki", box, axis) for box in (own, other))
-            speed = np.einsum("kj,kj->k", drift, axis)
+            a, b = (portable.dot(box, axis[:, None]) for box in (own, other))
+            speed = portable.dot(drift, axis)
             first, last = _compute_overlap_times(a.min(1) - b.max(1), a.max(1) - b.min(1), speed)
             enter, leave = np.maximum(enter, first), np.minimum(leave, last)
     return np.where(enter <= leave, enter, np.inf)
@@ -89,7 +90,7 @@ def _compute_overlap_times(low: Float, high: Float, speed: Float) -> tuple[Float
     """Return the times (K,) between which low <= speed * time <= high; an empty interval if there are none."""
     moving = np.abs(speed) > 1e-9
     rate = np.where(moving, speed, 1.0)
-    first, last = np.sort(np.stack((low / rate, high / rate)), axis=0)
+    first, last = np.minimum(low / rate, high / rate), np.maximum(low / rate, high / rate)
     always = (low <= 0.0) & (high >= 0.0)
     return (
         np.where(moving, first, np.where(always, -np.inf, np.inf)),

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads.road_map import Lane
 from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, EpisodeMismatch
@@ -48,8 +49,9 @@ def _find_crossing_tick(track: EgoTrack, lane: Lane) -> int | None:
     """Return the first tick in which the centre has crossed the end of `lane`; None if it never does."""
     yaw = float(lane.centre.yaws[-1])
     dx, dy = (track.xy - lane.centre.xy[-1]).T
-    beyond = dx * np.cos(yaw) + dy * np.sin(yaw) > 0.0
-    is_beside_line = np.abs(dy * np.cos(yaw) - dx * np.sin(yaw)) <= LINE_REACH_M
+    cos, sin = portable.cos_sin(yaw)
+    beyond = dx * cos + dy * sin > 0.0
+    is_beside_line = np.abs(dy * cos - dx * sin) <= LINE_REACH_M
     crossed = np.flatnonzero(beyond[1:] & ~beyond[:-1] & is_beside_line[1:])
     return int(crossed[0]) + 1 if len(crossed) else None
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
 from mdrive_sumo.roads.network_file import StopSignBox
 from mdrive_sumo.roads.road_map import Lane, RoadMap
@@ -74,15 +75,15 @@ def _collect_infractions(
 
 
 def _compute_distances(track: EgoTrack, point: tuple[float, float]) -> Float:
-    return np.hypot(track.xy[:, 0] - point[0], track.xy[:, 1] - point[1])
+    return portable.hypot(track.xy[:, 0] - point[0], track.xy[:, 1] - point[1])
 
 
 def _is_inside(track: EgoTrack, sign: _Sign) -> Bool:
     """Return an (n,) mask: the centre is in the sign's box, a rectangle along the lane at its line."""
     yaw = sign.lane.centre.yaw_at(sign.box.line_pos_m)
     dx, dy = (track.xy - sign.line).T
-    back = -(dx * np.cos(yaw) + dy * np.sin(yaw))
-    side = np.abs(dy * np.cos(yaw) - dx * np.sin(yaw))
+    cos, sin = portable.cos_sin(yaw)
+    back, side = -(dx * cos + dy * sin), np.abs(dy * cos - dx * sin)
     return (back >= 0.0) & (back <= sign.box.length_m) & (side <= sign.lane.width / 2)
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.contract import Control, Plan
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
 from mdrive_sumo.vehicle.control.plan_reader import OwnMotion, find_aim_point, round_control, sample_waypoints
@@ -32,7 +33,7 @@ class WindowPid:
         p, i, d = self._gains
         previous = self._errors[-1]
         self._errors.append(error)
-        return p * error + i * sum(self._errors) / len(self._errors) + d * (error - previous)
+        return p * error + i * math.fsum(self._errors) / len(self._errors) + d * (error - previous)
 
 
 class V2xController:
@@ -67,8 +68,8 @@ class V2xController:
 
     def _decide(self, plan: Plan, own: OwnMotion, age_ticks: int) -> Control:
         x, y = find_aim_point(plan, own, age_ticks, self.LOOK_AHEAD)
-        steer = self._turn(math.atan2(y, x) / RIGHT_ANGLE if own.speed >= 0.01 else 0.0)
-        ranges = np.hypot(*sample_waypoints(plan, own, age_ticks, self.SPACING_S, 4).T)
+        steer = self._turn(portable.atan2(y, x) / RIGHT_ANGLE if own.speed >= 0.01 else 0.0)
+        ranges = portable.hypot(*sample_waypoints(plan, own, age_ticks, self.SPACING_S, 4).T)
         desired = float(np.diff(ranges).mean()) * self._max_speed
         throttle = min(0.75, self._speed(max(0.0, min(0.35, desired - own.speed))))
         brake = own.speed > 1.1 * desired
@@ -100,11 +101,11 @@ class CarlaPid:
 
     def follow(self, plan: Plan, own: OwnMotion, age_ticks: int) -> Control:
         """See `Controller.follow`."""
-        planned = float(np.hypot(*sample_waypoints(plan, own, age_ticks, 1.0, 1)[0]))
+        planned = float(portable.hypot(*sample_waypoints(plan, own, age_ticks, 1.0, 1)[0]))
         error = min(self._target_kmh, 3.6 * planned) - 3.6 * own.speed
         pedal = _timed_pid(self._speed_errors, error, (5.0, 1.0, 0.1))
         x, y = find_aim_point(plan, own, age_ticks, 3.0 + 0.5 * max(0.0, own.speed))
-        steer = _timed_pid(self._turn_errors, math.atan2(y, x), (0.5, 0.05, 0.2))
+        steer = _timed_pid(self._turn_errors, portable.atan2(y, x), (0.5, 0.05, 0.2))
         steer = max(self._steer - 0.1, min(self._steer + 0.1, steer))
         self._steer = max(-0.8, min(0.8, steer))
         return round_control(min(0.75, pedal), min(0.5, -pedal), self._steer)
@@ -115,7 +116,7 @@ def _timed_pid(errors: deque[float], error: float, gains: tuple[float, float, fl
     errors.append(error)
     if len(errors) < 2:
         return max(-1.0, min(1.0, gains[0] * error))
-    integral, derivative = sum(errors) * DT, (errors[-1] - errors[-2]) / DT
+    integral, derivative = math.fsum(errors) * DT, (errors[-1] - errors[-2]) / DT
     return max(-1.0, min(1.0, gains[0] * error + gains[1] * integral + gains[2] * derivative))
 
 
@@ -153,8 +154,8 @@ class DualPid:
         setting = self._setting
         points = sample_waypoints(plan, own, age_ticks, self.SPACING_S, setting.waypoints)
         x, y = self._aim(points).tolist()
-        steer = self._turn(math.atan2(y, x) / RIGHT_ANGLE if own.speed >= 0.01 else 0.0)
-        desired = float(np.hypot(*np.diff(points, axis=0).T).mean()) / self.SPACING_S
+        steer = self._turn(portable.atan2(y, x) / RIGHT_ANGLE if own.speed >= 0.01 else 0.0)
+        desired = float(portable.hypot(*np.diff(points, axis=0).T).mean()) / self.SPACING_S
         brake = desired < setting.brake_speed or own.speed > 1.1 * desired
         throttle = min(0.75, self._speed(max(0.0, min(setting.most_error, desired - own.speed))))
         return round_control(0.0 if brake else throttle, float(brake), steer)
@@ -163,4 +164,4 @@ class DualPid:
         middles = (points[1:] + points[:-1]) / 2
         if self._setting.aim_m is None:
             return middles[0]
-        return points[np.argmin(np.abs(np.hypot(*middles.T) - self._setting.aim_m))]
+        return points[np.argmin(np.abs(portable.hypot(*middles.T) - self._setting.aim_m))]

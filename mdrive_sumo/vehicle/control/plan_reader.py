@@ -1,11 +1,11 @@
 """Common to all controllers: reading a plan that may be old, short, repetitive or behind the car."""
 
-import math
 from typing import Protocol
 
 import numpy as np
 
 from mdrive_sumo.contract import CONTROL_STEP, Control, OwnState, Plan
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, EgoState
 
@@ -49,13 +49,14 @@ def find_remaining_points(plan: Plan, own: OwnMotion, age_ticks: int) -> tuple[F
 
 def to_ego_frame(points: Float, own: OwnMotion) -> Float:
     """Return world points (N, 2) [m] in the ego frame: x ahead, y left of the box centre."""
-    sin, cos = math.sin(own.yaw), math.cos(own.yaw)
-    return (points - (own.x, own.y)) @ np.array(((cos, -sin), (sin, cos)))
+    cos, sin = portable.cos_sin(own.yaw)
+    x, y = points[:, 0] - own.x, points[:, 1] - own.y
+    return np.stack((cos * x + sin * y, cos * y - sin * x), axis=-1)
 
 
 def point_to_ego_frame(x: float, y: float, own: OwnMotion) -> tuple[float, float]:
     """As `to_ego_frame` for one point [m], without the overhead of an array."""
-    sin, cos = math.sin(own.yaw), math.cos(own.yaw)
+    cos, sin = portable.cos_sin(own.yaw)
     dx, dy = x - own.x, y - own.y
     return cos * dx + sin * dy, cos * dy - sin * dx
 
@@ -80,7 +81,7 @@ def find_aim_point(plan: Plan, own: OwnMotion, age_ticks: int, distance: float) 
     Straight ahead if the rest of the plan is shorter than `NEAR`.
     """
     _, points = find_remaining_points(plan, own, age_ticks)
-    hops = np.hypot(*np.diff(points, axis=0).T)
+    hops = portable.hypot(*np.diff(points, axis=0).T)
     kept = np.concatenate(((True,), hops > 1e-6))
     points, along = points[kept], np.concatenate(((0.0,), np.cumsum(hops[kept[1:]])))
     if along[-1] < NEAR:

@@ -4,6 +4,7 @@ import math
 from bisect import bisect
 
 from mdrive_sumo.contract import Control, Plan, VehicleFacts
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.state import DT, EgoState
 from mdrive_sumo.vehicle.control.plan_reader import OwnMotion, point_to_ego_frame, round_control
 
@@ -55,7 +56,7 @@ class Tracker:
         """Throttle and brake that cover the distance [m] within `PREVIEW_S`."""
         if distance < 0.1 and speed < 0.1:
             return 0.0, HOLD
-        acceleration = 2 * (distance - speed * PREVIEW_S) / PREVIEW_S**2
+        acceleration = 2 * (distance - speed * PREVIEW_S) / (PREVIEW_S * PREVIEW_S)
         if 2 * distance < speed * PREVIEW_S:  # it would roll back at the end: stop at the distance instead
             acceleration = -speed * speed / (2 * max(distance, 0.01))
         if acceleration > -COASTING:
@@ -71,8 +72,8 @@ class Tracker:
         x, y = point_to_ego_frame(px + (target - start) * ux, py + (target - start) * uy, own)
         # Circle through centre and aim whose middle lies abeam of the rear axle.
         x += vehicle.rear_to_centre
-        curvature = 2 * y / max(x * x + y * y - vehicle.rear_to_centre**2, 1e-3)
-        return math.atan(vehicle.wheelbase * curvature) / vehicle.max_steer_angle
+        curvature = 2 * y / max(x * x + y * y - vehicle.rear_to_centre * vehicle.rear_to_centre, 1e-3)
+        return portable.atan(vehicle.wheelbase * curvature) / vehicle.max_steer_angle
 
 
 def _predict_motion(own: OwnMotion) -> EgoState:
@@ -80,7 +81,8 @@ def _predict_motion(own: OwnMotion) -> EgoState:
     speed = max(0.0, own.speed + own.acceleration * LAG_S) if own.speed >= 0.0 else own.speed
     way, turn = (own.speed + speed) / 2 * LAG_S, own.yaw_rate * LAG_S
     yaw = own.yaw + turn / 2
-    return EgoState(own.x + way * math.cos(yaw), own.y + way * math.sin(yaw), own.yaw + turn, speed)
+    cos, sin = portable.cos_sin(yaw)
+    return EgoState(own.x + way * cos, own.y + way * sin, own.yaw + turn, speed)
 
 
 def _build_line(plan: Plan, own: OwnMotion, now_s: float) -> tuple[list[float], list[Hop]]:
@@ -93,7 +95,7 @@ def _build_line(plan: Plan, own: OwnMotion, now_s: float) -> tuple[list[float], 
     stations, hops = [s], []
     enough = (now_s + HORIZON_S) / plan.interval_s
     for u, v in points[1:]:
-        length = math.hypot(u - x, v - y)
+        length = portable.hypot(u - x, v - y)
         if length > DISTINCT:
             hops.append((s, x, y, (u - x) / length, (v - y) / length, length))
             s, x, y = s + length, u, v
@@ -114,9 +116,9 @@ def _build_line_to_point(x: float, y: float, count: int, own: OwnMotion) -> tupl
     The car itself is at arc length 0.
     """
     ahead, left = point_to_ego_frame(x, y, own)
-    distance = math.hypot(ahead, left) if ahead > COLLAPSED else ahead
-    yaw = own.yaw + (math.atan2(left, ahead) if ahead > COLLAPSED else 0.0)
-    cos, sin = math.cos(yaw), math.sin(yaw)
+    distance = portable.hypot(ahead, left) if ahead > COLLAPSED else ahead
+    yaw = own.yaw + (portable.atan2(left, ahead) if ahead > COLLAPSED else 0.0)
+    cos, sin = portable.cos_sin(yaw)
     return [distance] * count, [(-ENDS, own.x - ENDS * cos, own.y - ENDS * sin, cos, sin, 2 * ENDS)]
 
 
