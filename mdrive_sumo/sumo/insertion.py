@@ -90,13 +90,16 @@ class InsertionPoint:
 def find_departure_point(vehicle: BackgroundVehicle, roads: RoadMap) -> InsertionPoint:
     """Return the departure point of a vehicle. Raises InputError if the lane does not exist.
 
-    A schedule that begins at a distance > 0 begins that far ahead of the departure position, in a junction.
+    A schedule that begins at a distance > 0 begins that far ahead of the departure position, in a junction. The heading
+    is that of the line from rear to front, both on the route: so SUMO computes it from the next step on, and a box that
+    departs in a bend along the tangent would jump sideways in its second frame.
     """
     route_offset_m = vehicle.schedule.progress[0][1] if vehicle.schedule else 0.0
-    lane, ahead = _find_departure_lane(vehicle, route_offset_m, roads)
-    along = ahead * lane.centre.length / libsumo.lane.getLength(lane.id)
-    x, y = lane.centre.at(along)
-    yaw, back = lane.centre.yaw_at(along), vehicle.length / 2
+    passed = _find_departure_lanes(vehicle, route_offset_m, roads)
+    lane, ahead = passed[-1]
+    x, y = _find_lane_point(lane, ahead)
+    back_x, back_y = _find_rear_point(passed, vehicle.length)
+    yaw, back = portable.atan2(y - back_y, x - back_x), vehicle.length / 2
     cos, sin = portable.cos_sin(yaw)
     centre = x - cos * back, y - sin * back
     size = vehicle.length, vehicle.width
@@ -105,8 +108,27 @@ def find_departure_point(vehicle: BackgroundVehicle, roads: RoadMap) -> Insertio
     )
 
 
-def _find_departure_lane(vehicle: BackgroundVehicle, route_offset_m: float, roads: RoadMap) -> tuple[Lane, float]:
-    """Return the lane at a distance [m] from the departure position, and the arc length [m] on it as SUMO measures."""
+def _find_lane_point(lane: Lane, along_m: float) -> tuple[float, float]:
+    """Return the point [m] at an arc length on a lane as SUMO measures it."""
+    return lane.centre.at(along_m * lane.centre.length / libsumo.lane.getLength(lane.id))
+
+
+def _find_rear_point(passed: Sequence[tuple[Lane, float]], length: float) -> tuple[float, float]:
+    """Return the point of the rear bumper; before the beginning of the first lane, on its extension."""
+    left = length
+    for lane, along in reversed(passed[1:]):
+        if along >= left:
+            return _find_lane_point(lane, along - left)
+        left -= along
+    lane, along = passed[0]
+    return _find_lane_point(lane, along - left)
+
+
+def _find_departure_lanes(
+    vehicle: BackgroundVehicle, route_offset_m: float, roads: RoadMap
+) -> list[tuple[Lane, float]]:
+    """Return the lanes from the departure position to `route_offset_m` [m] ahead of it, each with the arc length [m],
+    as SUMO measures, of the front bumper on it or of the lane's end."""
     lane = roads.lanes.get(f"{vehicle.edges[0]}_{vehicle.depart_lane}")
     if lane is None:
         raise InputError(
@@ -114,13 +136,15 @@ def _find_departure_lane(vehicle: BackgroundVehicle, route_offset_m: float, road
             f" found lane {vehicle.depart_lane} of {vehicle.edges[0]}"
         )
     ahead = vehicle.depart_pos_m + route_offset_m
+    passed: list[tuple[Lane, float]] = []
     while route_offset_m and ahead > (length := libsumo.lane.getLength(lane.id)):
         route_lane_ids = find_route_lanes(vehicle.edges, roads)
         following = next((lane_id for lane_id in lane.successors if lane_id in route_lane_ids), None)
         if following is None:
             break
+        passed.append((lane, length))
         lane, ahead = roads.lanes[following], ahead - length
-    return lane, ahead
+    return [*passed, (lane, ahead)]
 
 
 def find_takeover_point(

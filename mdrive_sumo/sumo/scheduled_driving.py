@@ -57,14 +57,23 @@ class ScheduleFollower:
         name, schedule = self._name, self._schedule
         position = self._route_offset_m + _distance(name)
         if tick > schedule.ends_tick and position >= schedule.ends_m - ARRIVAL_TOLERANCE_M:
-            self._end()
-            return False
+            if self._lane_change is None or self._leaves_at_end:
+                self._end()
+                return False
+            return self._finish_lane_change(position, road_users)
         self._is_late = schedule.find_position(tick - 1) - position > LATE_M
         self._set_speed_mode(self._is_late or disturbed)
         speed = schedule.compute_desired_speed(tick - 1, position)
         _set_speed(name, speed if speed - _speed(name) < HELD_BACK_SPEED else -1)
         if self._lane_change or (self._lanes and position + speed * DURATION_S / 2 >= self._lanes[0][0]):
             self._advance_lane_change(position, road_users)
+        return True
+
+    def _finish_lane_change(self, position: float, road_users: RoadUsersProvider) -> bool:
+        """Complete the lane change in progress before SUMO takes over, lest the vehicle jumps to the lane's centre."""
+        _set_speed(self._name, -1)
+        self._set_speed_mode(observes_right_of_way=True)
+        self._advance_lane_change(position, road_users)
         return True
 
     def _set_speed_mode(self, observes_right_of_way: bool) -> None:
