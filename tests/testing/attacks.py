@@ -4,11 +4,14 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from mdrive_sumo.agents.constant_speed import ConstantSpeedAgent
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.core.geometry import box_corners, boxes_corners, boxes_overlap
 
-LOOK_AHEAD_S = 0.4
-GAP_M = 0.5
+LOOK_AHEAD_S = 0.1
+GAP_M = 0.2
 
 
 class Quitter(ConstantSpeedAgent):
@@ -25,14 +28,18 @@ class Quitter(ConstantSpeedAgent):
         """Return the reply of blind driving; raise if a box comes too near within the look-ahead."""
         assert seen.objects is not None
         own, ahead = seen.own, seen.objects.advance(LOOK_AHEAD_S)
-        x, y = (
-            own.x + own.speed * LOOK_AHEAD_S * math.cos(own.yaw),
-            own.y + own.speed * LOOK_AHEAD_S * math.sin(own.yaw),
-        )
-        for ox, oy, length in zip(ahead.x, ahead.y, ahead.length, strict=True):
-            if math.hypot(ox - x, oy - y) < (length + 4.9) / 2 * 0.75 + GAP_M:
-                raise RuntimeError("quit")
+        way = own.speed * LOOK_AHEAD_S
+        x, y = own.x + way * math.cos(own.yaw), own.y + way * math.sin(own.yaw)
+        mine = box_corners(x, y, own.yaw, self._length + GAP_M, self._width + GAP_M)
+        others = boxes_corners(ahead.x, ahead.y, ahead.yaw, ahead.length, ahead.width)
+        if len(others) and boxes_overlap(np.broadcast_to(mine, others.shape), others).any():
+            raise RuntimeError("quit")
         return super().act(seen)
+
+    def start(self, briefing: Briefing) -> None:
+        """Take the dimensions of the car."""
+        super().start(briefing)
+        self._length, self._width = briefing.vehicle.length, briefing.vehicle.width
 
 
 class OddQuitter(Quitter):
