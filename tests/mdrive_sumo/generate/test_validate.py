@@ -19,13 +19,19 @@ from mdrive_sumo.generate.validation.requirements import find_unmet_requirements
 from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundMode, BackgroundVehicle
-from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE, find_reference_times
+from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE, find_reference_times, save_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, TimeTrigger
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, load_suite, save_suite, seal_suite
 from mdrive_sumo.scoring import ScenarioResult, make_void_result
-from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, load_certificates
+from mdrive_sumo.study.occlusion_certificate import (
+    CERTIFICATE_FILE,
+    OcclusionCertificate,
+    OcclusionCertificateFile,
+    load_certificates,
+    save_certificates,
+)
 
 
 @cache
@@ -216,6 +222,19 @@ def test_writing_some_scenarios_needs_the_others_unchanged(tmp_path: Path) -> No
     assert told.exit_code == 2
     assert "found none for i25_ins_oppo_boulevard; --scenario has to include it" in told.output
     assert validate("interdrive", "--scenario", TOWN, "--sample", "1").exit_code == 2
+
+
+def test_writing_one_scenario_keeps_what_is_known_of_the_others(tmp_path: Path) -> None:
+    other = ours("i25_ins_oppo_boulevard")
+    suite = suite_of(tmp_path / "mine", ours(TOWN), other)
+    kept = OcclusionCertificate(scenario=other.id, hidden=())
+    save_certificates(suite.folder, OcclusionCertificateFile(suite_checksum="sha256:of before", certificates=(kept,)))
+    save_reference_times(suite, {one.id: {ego.id: 7 for ego in one.egos} for one in suite})
+    told = validate(str(suite.folder), "--scenario", TOWN, "--write")
+    assert told.exit_code == 0, told.output
+    assert load_certificates(suite)[other.id] == kept and load_certificates(suite)[TOWN].occluded
+    assert set(find_reference_times(other, suite.folder).values()) == {7}
+    assert min(find_reference_times(ours(TOWN), suite.folder).values()) > 7
 
 
 def test_a_scenario_that_fails_is_exit_code_1(tmp_path: Path) -> None:
