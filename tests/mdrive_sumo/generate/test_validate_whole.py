@@ -15,6 +15,7 @@ from mdrive_sumo.generate.validation import (
     sample_scenarios,
     suite_validation,
 )
+from mdrive_sumo.scenario.reference_times import save_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, list_packaged_suites, load_suite, save_suite, seal_suite
 from mdrive_sumo.study.occlusion_certificate import (
@@ -177,6 +178,10 @@ def keep(suite: Suite, hidden: bool = True) -> None:
     save_certificates(suite.folder, OcclusionCertificateFile(suite_checksum=suite.checksum(), certificates=kept))
 
 
+def measure(suite: Suite, ticks: int = 50) -> None:
+    save_reference_times(suite, {s.id: {ego.id: ticks for ego in s.egos} for s in suite.scenarios})
+
+
 def test_nothing_is_asked_of_a_suite_of_ones_own(small: Suite) -> None:
     assert find_suite_problems(small, examined(small)) == ()
     assert describe_suite(small) == ()
@@ -206,13 +211,15 @@ def packaged(small: Suite, monkeypatch: pytest.MonkeyPatch) -> Suite:
 
 
 def test_a_packaged_suite_has_checksum_and_certificates(packaged: Suite) -> None:
-    checksum, certificates = sorted(find_suite_problems(packaged, ()), reverse=True)
+    checksum, times, certificates = sorted(find_suite_problems(packaged, ()), reverse=True)
     assert checksum == (
         "small: suite.json: checksum: expected one, as in every suite that comes with mdrive-sumo, found none"
     )
     assert certificates.startswith("small: expected occlusion.json, as in every suite that comes with mdrive-sumo,")
+    assert times.startswith("small: expected reference_times.json, as in every packaged suite, found none; `mdrive")
     save_suite(seal_suite(packaged))
     keep(packaged)
+    measure(packaged)
     assert find_suite_problems(load_suite(str(packaged.folder)), ()) == ()
 
 
@@ -222,6 +229,7 @@ def generated(suite: Suite, *recipes: Scenario) -> Suite:
     made = seal_suite(replace(suite, scenarios=scenarios))
     save_suite(made)
     keep(made)
+    measure(made)
     for scenario in recipes:
         (suite.folder / scenario.id / suite_validation.RECIPE_FILE).write_text("{}")
     return load_suite(str(suite.folder))
