@@ -118,7 +118,7 @@ def test_an_agent_that_talks_is_not_single_whatever_it_says(comm: str, label: st
 @pytest.mark.parametrize(
     ("mute", "agent", "text"),
     [
-        ("nobody/cam", "sharing", "expected a sender among 1, 2, 3, 4 or *, found 'nobody'"),
+        ("nobody/cam", "sharing", "expected a sender among 0, 1, found 'nobody'"),
         ("*/gossip", "sharing", "expected a type among cam, cpm, mcm, text or *, found 'gossip'"),
         ("9/*@7", "sharing", "expected a sender among"),
     ],
