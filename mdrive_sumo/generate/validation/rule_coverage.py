@@ -1,6 +1,6 @@
 """Which rules of the protocol the scenarios of a suite can break: found on scenario and network, without driving.
 
-A rule that no scenario exercises costs nobody anything, and no test of a participant finds it.
+A rule that no scenario exercises costs no agent anything, whatever it does.
 """
 
 from collections.abc import Callable, Mapping
