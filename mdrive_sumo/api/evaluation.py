@@ -45,7 +45,7 @@ def evaluate(
     out: the run folder; several seeds get the folders OUT/seed0, OUT/seed1 ...; by default a folder below `runs/` that
     the arguments determine. A folder that holds the same run, finished or interrupted, is continued; `fresh` drops it.
     progress: whether to print a line per scenario on standard error. options: `comm` (a preset or CommSettings),
-    `agent_clock`, `actors`, `friction`. They and the other arguments are the options of `mdrive-sumo eval`.
+    `agent_clock`, `actors`, `friction`, `sensing`. They and the other arguments are the options of `mdrive-sumo eval`.
 
     Raises InputError, also if the folder holds another run.
     """
