@@ -1,7 +1,6 @@
 """`sensing`: what agents get of their own state and of others under both profiles, and what stays exact."""
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ SENSORS = (SensorSpec("objects", options={"profile": IDEAL}), *map(SensorSpec, (
 COASTING = Reply(control=Control(0.3, 0.0, 0.0))
 
 
-def drive(sensing: str, ticks: int, *sensors: SensorSpec) -> list[tuple[Frame, Mapping[str, Observation]]]:
+def drive(sensing: str, ticks: int, *sensors: SensorSpec) -> list[tuple[Frame, dict[str, Observation]]]:
     """True frames and observations of the first ticks of gentle driving."""
     with md.Simulation(SCENARIO, sensors=sensors or SENSORS, sensing=sensing) as simulation:
         observations = simulation.reset()
@@ -31,7 +30,7 @@ def drive(sensing: str, ticks: int, *sensors: SensorSpec) -> list[tuple[Frame, M
     return found
 
 
-def compute_own_errors(found: list[tuple[Frame, Mapping[str, Observation]]]) -> Float:
+def compute_own_errors(found: list[tuple[Frame, dict[str, Observation]]]) -> Float:
     """(N, 3) errors of position [m], yaw [rad] and speed [m/s] of all own states."""
     return np.array(
         [
