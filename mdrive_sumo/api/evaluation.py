@@ -47,7 +47,8 @@ def evaluate(
     the arguments determine. A folder that holds the same run, finished or interrupted, is continued; `fresh` drops it.
     sandbox: whether an agent of a file runs in boxes that hide the suite; otherwise results are labelled `unsandboxed`.
     progress: whether to print a line per scenario on standard error. options: `comm` (a preset or CommSettings),
-    `agent_clock`, `actors`, `friction`, `ids`. They and the other arguments are the options of `mdrive-sumo eval`.
+    `agent_clock`, `actors`, `friction`, `ids`, `sensing`. They and the other arguments are the options of
+    `mdrive-sumo eval`.
 
     Raises InputError, also if the folder holds another run.
     """

@@ -41,7 +41,7 @@ def simulate(
     starts, triggers and drivers (docs/benchmark.md). agent: a built-in name, a class, `module:Class`, `path.py:Class`
     or `carla:path.py`; every CAV gets an instance. suite: where the scenario is, by default the packaged suites.
     raise_agent_errors: an agent that fails raises AgentFailure here, with its own exception as the cause, instead of
-    ending its CAV. options: `comm`, `agent_clock`, `actors`, `friction`, `ids`, as for `evaluate`.
+    ending its CAV. options: `comm`, `agent_clock`, `actors`, `friction`, `ids`, `sensing`, as for `evaluate`.
 
     Raises InputError, WorldError and AgentFailure.
     """

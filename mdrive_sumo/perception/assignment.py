@@ -5,29 +5,34 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Bool, Float
+from mdrive_sumo.core.geometry import Bool, Float, Int
 
 _IMPOSSIBLE = 1e6
 """Cost of a pair that the gate excludes: more than any set of possible pairs."""
 
 
-def assign(cost: Float, possible: Bool) -> list[tuple[int, int]]:
-    """Return pairs (row, column) of a cost matrix (N, M), each row and column at most once, only `possible` ones.
+def assign(cost: Float, possible: Bool, starts: Int) -> tuple[Int, Int]:
+    """Return rows (K,) and columns (K,) of assigned pairs of a cost matrix (N, M), only `possible` ones.
 
-    As many pairs as there can be, of these the cheapest. Pairs without competitors are taken at once; the rest is
-    solved by the Hungarian method.
+    starts: first column of each block of columns, ascending from 0; a row is assigned at most once in each block, a
+    column at most once. In every block as many pairs as there can be, of these the cheapest. Pairs without competitors
+    are taken at once; the rest is solved by the Hungarian method.
     """
-    rows, columns = possible.sum(axis=1), possible.sum(axis=0)
-    clear = possible & (rows == 1)[:, None] & (columns == 1)[None]
-    pairs = [(int(row), int(column)) for row, column in np.argwhere(clear)]
+    if not possible.any():
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    block = np.searchsorted(starts, np.arange(possible.shape[1]), side="right") - 1
+    in_row = np.add.reduceat(possible.astype(np.int64), starts, axis=1)[:, block]
+    clear = possible & (in_row == 1) & (possible.sum(axis=0) == 1)
     contested = possible & ~clear
-    left, above = np.flatnonzero(contested.any(axis=1)), np.flatnonzero(contested.any(axis=0))
-    if len(left):
-        part = np.where(contested, cost, _IMPOSSIBLE)[np.ix_(left, above)]
-        for i, j in solve_assignment(part.tolist()):
-            if contested[left[i], above[j]]:
-                pairs.append((int(left[i]), int(above[j])))
-    return sorted(pairs)
+    chosen = clear
+    for one in np.unique(block[contested.any(axis=0)]).tolist():
+        above = np.flatnonzero((block == one) & contested.any(axis=0))
+        left = np.flatnonzero(contested[:, above].any(axis=1))
+        part = np.ix_(left, above)
+        for i, k in solve_assignment(np.where(contested[part], cost[part], _IMPOSSIBLE).tolist()):
+            chosen[left[i], above[k]] |= contested[left[i], above[k]]
+    rows, columns = np.nonzero(chosen)
+    return rows, columns
 
 
 def solve_assignment(cost: Sequence[Sequence[float]]) -> list[tuple[int, int]]:

@@ -7,6 +7,7 @@ because they are in the world as the own estimate has it.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import chain, compress
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from mdrive_sumo.contract.detector_profiles import DetectionProfile
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.perception.tracking_parameters import TRACKING, TrackingParameters
-from mdrive_sumo.v2x.messages import Cam, Cpm, ReferencePose
+from mdrive_sumo.v2x.messages import Cam, Cpm
 
 OWN_SENSOR = ""
 STATIONS = "*"
@@ -24,10 +25,10 @@ STATIONS = "*"
 
 @dataclass(frozen=True, slots=True)
 class Measurements:
-    """Boxes of one source at the present tick; all arrays are (N,) variances."""
+    """Boxes of one or more sources at the present tick; all arrays are (N,) variances."""
 
-    source: str
-    """Id of the station; or `OWN_SENSOR`, or `STATIONS` for what stations report of themselves."""
+    sources: tuple[str, ...]
+    """(N,) id of the station; or `OWN_SENSOR`, or `STATIONS` for what stations report of themselves. Sorted."""
     objects: Objects
     position: Float
     """[m2] Of each position coordinate, new in every measurement."""
@@ -41,16 +42,17 @@ class Measurements:
     @classmethod
     def empty(cls) -> "Measurements":
         """Return no measurements."""
-        return cls(OWN_SENSOR, Objects.empty(), *(np.zeros(0) for _ in range(4)))
+        return cls((), Objects.empty(), *(np.zeros(0) for _ in range(4)))
 
     def take(self, mask: Bool) -> "Measurements":
         """Return the measurements of a mask (N,)."""
-        columns = {name: getattr(self, name)[mask] for name in ("position", "bias", "yaw", "speed")}
-        return replace(self, objects=self.objects.take(mask), **columns)
+        columns = (self.position[mask], self.bias[mask], self.yaw[mask], self.speed[mask])
+        return Measurements(tuple(compress(self.sources, mask)), self.objects.take(mask), *columns)
 
     def exclude_near(self, own: OwnState, radius_m: float) -> "Measurements":
         """Return the measurements further than `radius_m` from the own centre."""
-        return self.take(np.hypot(self.objects.x - own.x, self.objects.y - own.y) > radius_m)
+        far = (self.objects.x - own.x) ** 2 + (self.objects.y - own.y) ** 2 > radius_m**2
+        return self if far.all() else self.take(far)
 
 
 def measure_detections(
@@ -66,7 +68,8 @@ def measure_detections(
     age_s = np.full(len(seen.ids), profile.latency_ticks * DT)
     sigmas = np.column_stack((spread, profile.yaw_sigma * same, profile.speed_sigma * same))
     position, yaw, speed = _to_variances(sigmas, _count_repetitions(elapsed_ticks, parameters), parameters)
-    return _advance(Measurements(OWN_SENSOR, seen, position, 0.0 * same, yaw, speed), age_s, 0.0, parameters)
+    sources = (OWN_SENSOR,) * len(seen.ids)
+    return _advance(Measurements(sources, seen, position, 0.0 * same, yaw, speed), age_s, 0.0, parameters)
 
 
 def measure_stations(
@@ -84,20 +87,34 @@ def measure_stations(
     sent = np.array([cam.pose.position_sigma for cam in cams]) ** 2
     bias = sent + _compute_own_bias(objects, own)
     position, yaw, speed = _to_variances(sigmas, 1.0, parameters)
-    return _advance(Measurements(STATIONS, objects, position, bias, yaw, speed), age_s, turn, parameters)
+    sources = (STATIONS,) * len(names)
+    return _advance(Measurements(sources, objects, position, bias, yaw, speed), age_s, turn, parameters)
 
 
 def measure_reported(
-    tick: int, sender: str, cpm: Cpm, own: OwnState, elapsed_ticks: int, parameters: TrackingParameters = TRACKING
+    tick: int,
+    cpm_by_station: Mapping[str, Cpm],
+    own: OwnState,
+    elapsed_by_station: Mapping[str, int],
+    parameters: TrackingParameters = TRACKING,
 ) -> Measurements:
-    """Return the objects that a station detected; elapsed_ticks: since its last CPM that was used."""
-    objects = replace(cpm.objects, free_m=np.zeros(0))
-    age_s = (tick - cpm.pose.tick + cpm.age.astype(np.float64)) * DT
-    bias = _compute_pose_bias(objects, cpm.pose) + _compute_own_bias(objects, own)
-    sigmas = cpm.sigmas if len(cpm.sigmas) else np.zeros((len(objects.ids), 3))
-    times = 1.0 if not sigmas.any() else _count_repetitions(elapsed_ticks, parameters)
+    """Return the objects that stations detected, by station; elapsed_by_station: ticks since its last CPM in use."""
+    names = sorted(cpm_by_station)
+    cpms = [cpm_by_station[name] for name in names]
+    counts = [len(cpm.objects.ids) for cpm in cpms]
+    of = np.repeat(np.arange(len(cpms)), counts)
+    objects = cpms[0].objects.concat(*(cpm.objects for cpm in cpms[1:]))
+    poses = np.array([(p.x, p.y, p.position_sigma, p.yaw_sigma) for p in (cpm.pose for cpm in cpms)])[of]
+    age_ticks = np.concatenate([tick - cpm.pose.tick + cpm.age.astype(np.float64) for cpm in cpms])
+    sigmas = np.concatenate(
+        [cpm.sigmas if len(cpm.sigmas) else np.zeros((count, 3)) for cpm, count in zip(cpms, counts, strict=True)]
+    )
+    times = np.array([_count_repetitions(elapsed_by_station[name], parameters) for name in names])[of]
+    bias = _compute_lever(objects, *poses.T) + _compute_own_bias(objects, own)
     position, yaw, speed = _to_variances(sigmas, times, parameters)
-    return _advance(Measurements(sender, objects, position, bias, yaw, speed), age_s, 0.0, parameters)
+    sources = tuple(chain.from_iterable((name,) * count for name, count in zip(names, counts, strict=True)))
+    found = Measurements(sources, replace(objects, free_m=np.zeros(0)), position, bias, yaw, speed)
+    return _advance(found, age_ticks * DT, 0.0, parameters)
 
 
 def _count_repetitions(elapsed_ticks: int, parameters: TrackingParameters) -> float:
@@ -110,13 +127,10 @@ def _compute_own_bias(objects: Objects, own: OwnState) -> Float:
     return _compute_lever(objects, own.x, own.y, own.position_sigma, own.yaw_sigma)
 
 
-def _compute_pose_bias(objects: Objects, pose: ReferencePose) -> Float:
-    """Return the position variance (N,) [m2] of a sender's estimated frame at the objects."""
-    return _compute_lever(objects, pose.x, pose.y, pose.position_sigma, pose.yaw_sigma)
-
-
-def _compute_lever(objects: Objects, x: float, y: float, position_sigma: float, yaw_sigma: float) -> Float:
-    """Return the variance (N,) [m2] of each coordinate of points seen from an uncertain pose.
+def _compute_lever(
+    objects: Objects, x: Float | float, y: Float | float, position_sigma: Float | float, yaw_sigma: Float | float
+) -> Float:
+    """Return the variance (N,) [m2] of each coordinate of points seen from uncertain poses, one for all or (N,).
 
     An error of yaw moves a point across the line of sight only: by half of it in each coordinate, on average.
     """
@@ -124,10 +138,10 @@ def _compute_lever(objects: Objects, x: float, y: float, position_sigma: float, 
     return position_sigma**2 + square * (yaw_sigma**2 / 2)
 
 
-def _to_variances(sigmas: Float, times: float, parameters: TrackingParameters) -> tuple[Float, Float, Float]:
+def _to_variances(sigmas: Float, times: Float | float, parameters: TrackingParameters) -> tuple[Float, Float, Float]:
     """Return the variances (N,) of position, yaw and speed for sigmas (N, 3) of which `times` in a row are the same."""
     floors = np.array((parameters.position_floor, parameters.yaw_floor, parameters.speed_floor))
-    position, yaw, speed = ((sigmas**2 + floors**2) * times).T
+    position, yaw, speed = (sigmas**2 + floors**2).T * times
     return position, yaw, speed
 
 

@@ -1,6 +1,6 @@
 """Multi-object tracking: one list of boxes from own detections, CAMs, MCMs and CPMs over time.
 
-Global nearest neighbour: one assignment for each source in an update, within gates; a Kalman filter for each track
+Global nearest neighbour: an assignment for each source in every update, within gates; a Kalman filter for each track
 (`track_states`). Objects of different sources are matched by position, never by name; names of the own sensor and of
 stations are hints. A track begins with an unmatched measurement, is confirmed when it can be no false positive, is
 predicted while it is not seen, and ends after a while (`track_list`).
@@ -19,7 +19,10 @@ from mdrive_sumo.perception.measurements import (
 )
 from mdrive_sumo.perception.track_list import TrackList
 from mdrive_sumo.perception.tracking_parameters import TRACKING, TrackingParameters
-from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, MessageError, decode
+from mdrive_sumo.v2x.messages import CAM, CPM, MCM, Cam, Cpm, Mcm, decode, find_problem
+
+KINDS = (CAM, CPM, MCM)
+"""Types of messages that report positions."""
 
 
 class ObjectTracker:
@@ -32,43 +35,51 @@ class ObjectTracker:
         self._size = briefing.vehicle.length, briefing.vehicle.width
         exact = not self._profile.false_positives and not PROFILES[briefing.standard_detector].false_positives
         self._tracks = TrackList(exact, parameters)
-        self._cam_by_station: dict[str, Cam] = {}
-        """Messages that no update has used yet."""
-        self._cpm_by_station: dict[str, Cpm] = {}
-        self._cam_tick: dict[str, int] = {}
-        """Tick of the pose of the last message by station, used or not."""
+        self._waiting: dict[tuple[str, str], Message] = {}
+        """(type, sender) -> newest message that no update has used yet."""
+        self._sent_tick: dict[tuple[str, str], int] = {}
+        """(type, sender) -> tick at which the newest message was sent, used or not."""
         self._cpm_tick: dict[str, int] = {}
-        self._cpm_used_tick: dict[str, int] = {}
+        """Tick of the pose of the last CPM in use by station."""
         self._tick: int | None = None
 
     def receive(self, messages: Iterable[Message]) -> tuple[Note, ...]:
         """Store messages until the next update; return notes about unreadable ones."""
         notes: list[Note] = []
         for message in messages:
-            try:
-                content = decode(message)
-            except MessageError as error:
-                notes.append(Note("unreadable", f"{message.type} from {message.sender}: {error}"))
+            key = message.type, message.sender
+            if message.type not in KINDS or message.tick <= self._sent_tick.get(key, -1):
                 continue
-            if isinstance(content, Cam | Mcm | Cpm):
-                self._store(message.sender, content)
+            problem = find_problem(message)
+            if problem is None:
+                self._waiting[key], self._sent_tick[key] = message, message.tick
+            else:
+                notes.append(Note("unreadable", f"{message.type} from {message.sender}: {problem}"))
         return tuple(notes)
 
-    def _store(self, sender: str, content: Cam | Mcm | Cpm) -> None:
-        """Store a message unless a newer one is known; a CAM replaces an MCM of the same tick."""
-        tick = content.pose.tick
-        if isinstance(content, Cpm):
-            if tick > self._cpm_tick.get(sender, -1):
-                self._cpm_by_station[sender], self._cpm_tick[sender] = content, tick
-            return
-        last_tick = self._cam_tick.get(sender, -1)
-        if isinstance(content, Mcm):
-            content = Cam(content.pose, content.speed, 0.0, 0.0, *self._size)
-            last_tick += tick == last_tick and sender not in self._cam_by_station
-        elif tick == last_tick and sender in self._cam_by_station:
-            last_tick -= 1
-        if tick > last_tick:
-            self._cam_by_station[sender], self._cam_tick[sender] = content, tick
+    def _read_cams(self, oldest: int) -> dict[str, Cam]:
+        """Return the newest states that stations reported: a CAM, or an MCM sent later."""
+        senders = sorted({sender for kind, sender in self._waiting if kind != CPM})
+        found: dict[str, Cam] = {}
+        for sender in senders:
+            cam_tick, mcm_tick = (self._sent_tick.get((kind, sender), -1) for kind in (CAM, MCM))
+            content = decode(self._waiting[MCM, sender]) if mcm_tick > cam_tick else None
+            if content is None and (CAM, sender) in self._waiting:
+                content = decode(self._waiting[CAM, sender])
+            if isinstance(content, Mcm):
+                content = Cam(content.pose, content.speed, 0.0, 0.0, *self._size)
+            if isinstance(content, Cam) and content.pose.tick >= oldest:
+                found[sender] = content
+        return found
+
+    def _read_cpms(self, oldest: int) -> dict[str, Cpm]:
+        """Return the newest CPM of every station that is not too old and has objects."""
+        contents = {sender: decode(message) for (kind, sender), message in self._waiting.items() if kind == CPM}
+        return {
+            sender: one
+            for sender, one in contents.items()
+            if isinstance(one, Cpm) and one.pose.tick >= oldest and one.objects.ids
+        }
 
     def update(self, seen: Observation) -> Objects:
         """Return all confirmed objects at the tick of the observation, nearest first, without the own car."""
@@ -85,15 +96,14 @@ class ObjectTracker:
         return self._tracks.build_objects(tick, seen.own)
 
     def _measure_messages(self, tick: int, own: OwnState) -> Iterator[Measurements]:
-        """Yield what new messages report, by sender; every message is used once."""
+        """Yield what new messages report; every message is used once."""
         oldest = tick - self._parameters.memory_ticks
-        cams = {name: cam for name, cam in self._cam_by_station.items() if cam.pose.tick >= oldest}
-        if cams:
+        if cams := self._read_cams(oldest):
             yield measure_stations(tick, cams, own, self._parameters)
-        for sender, cpm in sorted(self._cpm_by_station.items()):
-            if cpm.pose.tick < oldest:
-                continue
-            last_tick = self._cpm_used_tick.get(sender, cpm.pose.tick - self._parameters.correlation_ticks)
-            self._cpm_used_tick[sender] = cpm.pose.tick
-            yield measure_reported(tick, sender, cpm, own, cpm.pose.tick - last_tick, self._parameters)
-        self._cam_by_station, self._cpm_by_station = {}, {}
+        if cpms := self._read_cpms(oldest):
+            ticks = {sender: cpm.pose.tick for sender, cpm in cpms.items()}
+            first = -self._parameters.correlation_ticks
+            elapsed = {sender: at - self._cpm_tick.get(sender, at + first) for sender, at in ticks.items()}
+            self._cpm_tick |= ticks
+            yield measure_reported(tick, cpms, own, elapsed, self._parameters)
+        self._waiting.clear()

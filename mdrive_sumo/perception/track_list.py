@@ -1,5 +1,6 @@
 """The tracks of an `ObjectTracker`: association, births, confirmation, standstill and deletion."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.perception.assignment import assign
 from mdrive_sumo.perception.measurements import OWN_SENSOR, STATIONS, Measurements
-from mdrive_sumo.perception.track_states import TrackColumns, TrackStates
+from mdrive_sumo.perception.track_states import Correction, TrackColumns, TrackStates
 from mdrive_sumo.perception.tracking_parameters import TrackingParameters
 
 
@@ -22,7 +23,6 @@ class TrackHistory(TrackColumns):
     kind: npt.NDArray[np.uint8]
     born_tick: Int
     seen_tick: Int
-    hits: Int
     confirmed: Bool
     seen_by_sensor: Bool
     """Whether the own sensor detected it in this update."""
@@ -35,21 +35,20 @@ class TrackHistory(TrackColumns):
     """and since when."""
 
     @classmethod
-    def start(cls, tick: int, first_number: int, new: Measurements, confirmed: bool) -> "TrackHistory":
+    def start(cls, tick: int, first_number: int, new: Measurements, confirmed: Bool) -> "TrackHistory":
         """Return a track for every measurement."""
         count = len(new.objects.ids)
-        ticks, ones = np.full(count, tick, dtype=np.int64), np.ones(count, dtype=np.int64)
+        ticks = np.full(count, tick, dtype=np.int64)
         return cls(
             number=first_number + np.arange(count, dtype=np.int64),
             kind=new.objects.kind.copy(),
             born_tick=ticks,
             seen_tick=ticks.copy(),
-            hits=ones,
-            confirmed=np.full(count, confirmed, dtype=np.bool_),
-            seen_by_sensor=np.full(count, new.source == OWN_SENSOR, dtype=np.bool_),
+            confirmed=confirmed,
+            seen_by_sensor=np.array([source == OWN_SENSOR for source in new.sources], dtype=np.bool_),
             mean_x=new.objects.x.copy(),
             mean_y=new.objects.y.copy(),
-            mean_count=ones.copy(),
+            mean_count=np.ones(count, dtype=np.int64),
             mean_tick=ticks.copy(),
         )
 
@@ -62,13 +61,13 @@ class TrackList:
         self._is_confirmed_at_once, self._parameters = is_confirmed_at_once, parameters
         nothing = Measurements.empty()
         self._states = TrackStates.start(nothing, parameters)
-        self._history = TrackHistory.start(0, 0, nothing, confirmed=False)
+        self._history = TrackHistory.start(0, 0, nothing, np.zeros(0, dtype=np.bool_))
         self._number_by_name: dict[tuple[str, str], int] = {}
         """(source, name there) -> number of the track that this name had last."""
         self._station_by_number: dict[int, str] = {}
         self._source_by_number: dict[int, str] = {}
         """Where each track was born."""
-        self._next_number = 0
+        self._next_number = self._first_new_number = 0
 
     def __len__(self) -> int:
         return len(self._history.number)
@@ -79,17 +78,14 @@ class TrackList:
         self._history.seen_by_sensor[:] = False
 
     def add(self, tick: int, new: Measurements) -> None:
-        """Correct tracks by the measurements of a source, and begin tracks for those that fit to none."""
-        count = len(new.objects.ids)
-        if not count:
+        """Correct tracks by measurements, and begin tracks for those that fit to none."""
+        if not new.sources:
             return
-        pairs = np.array(assign(*self._compare(new)), dtype=np.int64).reshape(-1, 2)
-        rows, columns = pairs[:, 0], pairs[:, 1]
+        rows, columns = assign(*self._compare(new), _find_starts(new.sources))
         if len(rows):
-            self._states.correct(rows, new, columns, self._parameters)
-            self._record_hits(tick, rows, new)
-            self._name(rows, columns, new)
-        others = np.ones(count, dtype=np.bool_)
+            self._states.correct(*Correction.build(rows, new, columns), self._parameters)
+            self._record_hits(tick, rows, columns, new)
+        others = np.ones(len(new.sources), dtype=np.bool_)
         others[columns] = False
         if others.any():
             self._begin_tracks(tick, new.take(others))
@@ -99,37 +95,33 @@ class TrackList:
         states, parameters = self._states, self._parameters
         square = (states.x[:, None] - new.objects.x) ** 2 + (states.y[:, None] - new.objects.y) ** 2
         distance = square / (states.position[:, None] + (new.position + new.bias))
-        numbers = [self._number_by_name.get((new.source, name), -1) for name in new.objects.ids]
-        named = self._history.number[:, None] == np.array(numbers)
+        names = zip(new.sources, new.objects.ids, strict=True)
+        named = self._history.number[:, None] == np.array([self._number_by_name.get(name, -1) for name in names])
         possible = distance <= np.where(named, parameters.known_name_gate, parameters.gate)
         possible |= square <= (parameters.min_gate_widths * new.objects.width) ** 2
         possible &= is_on_foot(self._history.kind)[:, None] == is_on_foot(new.objects.kind)
         cost = distance - parameters.known_name_bonus * named
-        if new.source != OWN_SENSOR:
-            cost = cost - parameters.known_name_bonus * self._history.seen_by_sensor[:, None]
+        if new.sources[0] != OWN_SENSOR:
+            cost -= parameters.known_name_bonus * self._history.seen_by_sensor[:, None]
         return cost, possible
 
-    def _record_hits(self, tick: int, rows: Int, new: Measurements) -> None:
-        """Count the hits, and confirm tracks that can be no false positives."""
+    def _record_hits(self, tick: int, rows: Int, columns: Int, new: Measurements) -> None:
+        """Record which tracks were measured, under which names, and confirm those that can be no false positives."""
         history, parameters = self._history, self._parameters
         history.seen_tick[rows] = tick
-        history.hits[rows] += 1
-        if new.source == OWN_SENSOR:
-            history.seen_by_sensor[rows] = True
+        history.seen_by_sensor[rows] |= new.sources[0] == OWN_SENSOR
         speed = np.hypot(self._states.vx[rows], self._states.vy[rows])
-        is_old = tick - history.born_tick[rows] >= parameters.confirmation_ticks
-        sources = [self._source_by_number[number] for number in history.number[rows].tolist()]
-        is_confirmed_by_another = np.array([source != new.source for source in sources], dtype=np.bool_)
-        history.confirmed[rows] |= is_old | (speed > parameters.moving_speed) | is_confirmed_by_another
-
-    def _name(self, rows: Int, columns: Int, new: Measurements) -> None:
-        """Remember the names that the source has for the tracks."""
+        believed = tick - history.born_tick[rows] >= parameters.confirmation_ticks
+        believed |= speed > parameters.moving_speed
+        history.confirmed[rows] |= believed
         for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
-            self._name_track(row, new.source, new.objects.ids[column])
+            source, number = new.sources[column], int(history.number[row])
+            if self._source_by_number[number] != source:
+                history.confirmed[row] = True
+            self._name_track(number, source, new.objects.ids[column])
 
-    def _name_track(self, row: int, source: str, name: str) -> None:
+    def _name_track(self, number: int, source: str, name: str) -> None:
         """Remember one name. A station names its track; a track that had this name before was the same vehicle."""
-        number = int(self._history.number[row])
         before = self._number_by_name.get((source, name))
         self._number_by_name[source, name] = number
         if source == STATIONS:
@@ -139,15 +131,32 @@ class TrackList:
                 self._history.seen_tick[self._history.number == before] = -self._parameters.never_ticks
 
     def _begin_tracks(self, tick: int, new: Measurements) -> None:
-        is_warm = tick < self._parameters.warm_ticks
-        confirmed = self._is_confirmed_at_once or is_warm or new.source == STATIONS
-        first_row = len(self)
+        """Begin tracks, one source after the other: what two of them measured is one object."""
+        starts = _find_starts(new.sources).tolist()
+        for low, high in zip(starts, [*starts[1:], len(new.sources)], strict=True):
+            part = new.take(_mask_range(len(new.sources), low, high))
+            if low:
+                cost, possible = self._compare(part)
+                possible &= (self._history.number >= self._first_new_number)[:, None]
+                rows, columns = assign(cost, possible, np.zeros(1, dtype=np.int64))
+                self._record_hits(tick, rows, columns, part)
+                others = np.ones(high - low, dtype=np.bool_)
+                others[columns] = False
+                part = part.take(others)
+            else:
+                self._first_new_number = self._next_number
+            self._append(tick, part)
+
+    def _append(self, tick: int, new: Measurements) -> None:
+        """Begin a track for every measurement."""
+        at_once = self._is_confirmed_at_once or tick < self._parameters.warm_ticks
+        confirmed = np.array([at_once or source == STATIONS for source in new.sources], dtype=np.bool_)
         self._states = self._states.concat(TrackStates.start(new, self._parameters))
         self._history = self._history.concat(TrackHistory.start(tick, self._next_number, new, confirmed))
-        for row, name in enumerate(new.objects.ids, first_row):
-            self._source_by_number[self._next_number] = new.source
+        for source, name in zip(new.sources, new.objects.ids, strict=True):
+            self._source_by_number[self._next_number] = source
+            self._name_track(self._next_number, source, name)
             self._next_number += 1
-            self._name_track(row, new.source, name)
 
     def end_update(self, tick: int) -> None:
         """Update means of standing tracks and drop tracks that were not seen for long."""
@@ -194,6 +203,17 @@ class TrackList:
             tuple(self._station_by_number.get(number, f"k{number}") for number in history.number.tolist()),
             history.kind, x, y, states.yaw, np.where(standing, 0.0, states.speed), states.length, states.width,
         ).take(order)  # fmt: skip
+
+
+def _find_starts(sources: Sequence[str]) -> Int:
+    """Return the first index of each source; sources are sorted."""
+    return np.array([i for i, source in enumerate(sources) if not i or source != sources[i - 1]], dtype=np.int64)
+
+
+def _mask_range(count: int, low: int, high: int) -> Bool:
+    mask = np.zeros(count, dtype=np.bool_)
+    mask[low:high] = True
+    return mask
 
 
 def is_on_foot(kind: npt.NDArray[np.uint8]) -> Bool:

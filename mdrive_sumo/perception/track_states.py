@@ -81,27 +81,25 @@ class TrackStates(TrackColumns):
             self.yaw_variance, self.yaw_coupling, self.turn_variance, seconds, parameters.turn_acceleration_sigma
         )
 
-    def correct(self, rows: Int, new: Measurements, columns: Int, parameters: TrackingParameters) -> None:
-        """Correct the tracks `rows` (K,) by the measurements `columns` (K,)."""
-        boxes = new.objects.take(columns)
-        self._correct_position(rows, boxes.x, boxes.y, new.position[columns], new.bias[columns])
-        vx, vy = boxes.speed * np.cos(boxes.yaw), boxes.speed * np.sin(boxes.yaw)
-        self._correct_velocity(rows, vx, vy, new.speed[columns])
-        self._correct_yaw(rows, boxes.yaw, new.yaw[columns], parameters)
-        self.length[rows] += (boxes.length - self.length[rows]) / parameters.size_weight
-        self.width[rows] += (boxes.width - self.width[rows]) / parameters.size_weight
+    def correct(self, rows: Int, new: "Correction", parameters: TrackingParameters) -> None:
+        """Correct the tracks `rows` (K,), each once, by measurements (K,)."""
+        self._correct_position(rows, new)
+        self._correct_velocity(rows, new)
+        self._correct_yaw(rows, new, parameters)
+        self.length[rows] += (new.length - self.length[rows]) / parameters.size_weight
+        self.width[rows] += (new.width - self.width[rows]) / parameters.size_weight
 
-    def _correct_position(self, rows: Int, x: Float, y: Float, noise: Float, bias: Float) -> None:
+    def _correct_position(self, rows: Int, new: "Correction") -> None:
         """Correct by positions whose bias cannot be averaged away: only variance beyond it is reducible.
 
         A track that is known better than the bias (from own detections) is not moved by it.
         """
         variance, velocity = self.position[rows], self.velocity[rows]
-        excess = np.maximum(variance - bias, 0.0)
+        excess = np.maximum(variance - new.bias, 0.0)
         coupling = self.coupling[rows] * np.sqrt(excess / variance)
-        total = excess + noise
+        total = excess + new.position
         gain, velocity_gain = excess / total, coupling / total
-        dx, dy = x - self.x[rows], y - self.y[rows]
+        dx, dy = new.x - self.x[rows], new.y - self.y[rows]
         self.x[rows] += gain * dx
         self.y[rows] += gain * dy
         self.vx[rows] += velocity_gain * dx
@@ -110,11 +108,11 @@ class TrackStates(TrackColumns):
         self.coupling[rows] = self.coupling[rows] * (1.0 - gain)
         self.velocity[rows] = velocity - velocity_gain * coupling
 
-    def _correct_velocity(self, rows: Int, vx: Float, vy: Float, noise: Float) -> None:
+    def _correct_velocity(self, rows: Int, new: "Correction") -> None:
         coupling, velocity = self.coupling[rows], self.velocity[rows]
-        total = velocity + noise
+        total = velocity + new.speed
         gain, position_gain = velocity / total, coupling / total
-        dvx, dvy = vx - self.vx[rows], vy - self.vy[rows]
+        dvx, dvy = new.vx - self.vx[rows], new.vy - self.vy[rows]
         self.x[rows] += position_gain * dvx
         self.y[rows] += position_gain * dvy
         self.vx[rows] += gain * dvx
@@ -123,16 +121,16 @@ class TrackStates(TrackColumns):
         self.coupling[rows] = coupling * (1.0 - gain)
         self.velocity[rows] = velocity * (1.0 - gain)
 
-    def _correct_yaw(self, rows: Int, yaw: Float, noise: Float, parameters: TrackingParameters) -> None:
-        step = wrap_angles(yaw - self.yaw[rows])
+    def _correct_yaw(self, rows: Int, new: "Correction", parameters: TrackingParameters) -> None:
+        step = wrap_angles(new.yaw - self.yaw[rows])
         anew = np.abs(step) > MAX_YAW_STEP
         variance, coupling = self.yaw_variance[rows], self.yaw_coupling[rows]
-        total = variance + noise
+        total = variance + new.yaw_variance
         gain, turn_gain = np.where(anew, 1.0, variance / total), np.where(anew, 0.0, coupling / total)
         self.yaw[rows] = wrap_angles(self.yaw[rows] + gain * step)
         turn = np.where(anew, 0.0, self.turn_rate[rows] + turn_gain * step)
         self.turn_rate[rows] = np.clip(turn, -parameters.max_turn_rate, parameters.max_turn_rate)
-        self.yaw_variance[rows] = np.where(anew, noise, variance * (1.0 - gain))
+        self.yaw_variance[rows] = np.where(anew, new.yaw_variance, variance * (1.0 - gain))
         self.yaw_coupling[rows] = np.where(anew, 0.0, coupling * (1.0 - gain))
         self.turn_variance[rows] -= turn_gain * coupling
 
@@ -150,3 +148,50 @@ def _grow(first: Float, both: Float, second: Float, seconds: float, sigma: float
         both + seconds * second + noise * seconds**3 / 2,
         second + noise * seconds**2,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """What corrects K tracks, one row each; all arrays are (K,), `position` to `speed` variances."""
+
+    x: Float
+    y: Float
+    vx: Float
+    vy: Float
+    yaw: Float
+    position: Float
+    bias: Float
+    yaw_variance: Float
+    speed: Float
+    length: Float
+    width: Float
+
+    @classmethod
+    def build(cls, rows: Int, new: Measurements, columns: Int) -> "tuple[Int, Correction]":
+        """Return tracks, each once, and the means of the measurements `columns` assigned to `rows` (K,)."""
+        boxes = new.objects
+        yaw, speed = boxes.yaw[columns], boxes.speed[columns]
+        found = cls(
+            boxes.x[columns], boxes.y[columns], speed * np.cos(yaw), speed * np.sin(yaw), yaw, new.position[columns],
+            new.bias[columns], new.yaw[columns], new.speed[columns], boxes.length[columns], boxes.width[columns],
+        )  # fmt: skip
+        tracks, first, index = np.unique(rows, return_index=True, return_inverse=True)
+        return (rows, found) if len(tracks) == len(rows) else (tracks, found._average(first, index))
+
+    def _average(self, first: Int, index: Int) -> "Correction":
+        """Return the means weighted by accuracy; index (K,): row of the result, first: one row of each in this.
+
+        Random errors average out. The mean of the biases is a bound: they have the own car's estimate in common.
+        """
+
+        def mean(values: Float, weights: Float) -> Float:
+            return np.bincount(index, values * weights) / np.bincount(index, weights)
+
+        places, speeds, yaws = 1 / (self.position + self.bias), 1 / self.speed, 1 / self.yaw_variance
+        yaw = self.yaw[first]
+        return Correction(
+            mean(self.x, places), mean(self.y, places), mean(self.vx, speeds), mean(self.vy, speeds),
+            yaw + mean(wrap_angles(self.yaw - yaw[index]), yaws), 1 / np.bincount(index, 1 / self.position),
+            mean(self.bias, places), 1 / np.bincount(index, yaws), 1 / np.bincount(index, speeds),
+            mean(self.length, places), mean(self.width, places),
+        )  # fmt: skip

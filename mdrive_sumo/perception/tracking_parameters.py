@@ -47,7 +47,7 @@ class TrackingParameters:
     """It stayed at the place while its position was within so many standard deviations of the mean, and ..."""
     standstill_m: float = 0.15
     """... this distance: an estimated own position drifts by 0.05 m a second."""
-    standstill_speed_sigmas: float = 2.0
+    standstill_speed_sigmas: float = 1.25
     """It stands only while its estimated speed is within so many standard deviations of 0."""
     own_radius_m: float = 2.5
     """Reported vehicles nearer than this to the own centre are the own car."""

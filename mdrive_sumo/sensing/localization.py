@@ -17,7 +17,7 @@ class LocalizationParameters:
     """Errors of estimated own states; standard deviations of Gaussian errors. docs/sensors.md discusses the sources."""
 
     position_sigma: float = 0.2
-    """[m] of x and of y. The "noisy setting" of V2X-ViT (Xu et al., ECCV 2022, section 4.1: 0.2 m and 0.2 degrees)."""
+    """[m] of x and of y. Noisy setting of V2X-ViT (Xu et al., ECCV 2022): `xyz_std`, `ryp_std` of its configuration."""
     yaw_sigma: float = math.radians(0.2)
     """[rad] The same source."""
     correlation_s: float = 30.0

@@ -1,4 +1,4 @@
-"""Bytes of CAM, CPM and MCM. The tables are in docs/v2x.md; little-endian throughout.
+"""Bytes of the header, CAM and CPM; `mcm_encoding` has those of MCM. docs/v2x.md has the tables; little-endian.
 
 Decoding has two steps: `parse_*` splits a body and raises MessageError unless every byte is valid, in plain Python
 without arrays, so that the channel can check every message cheaply; `build_*` converts the parts to contents and cannot
@@ -7,8 +7,6 @@ fail.
 
 import math
 import struct
-from collections.abc import Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -19,17 +17,11 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import TAU, Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.v2x.content import (
-    MAX_NAME_BYTES,
-    MAX_NAMES,
     MAX_OBJECTS,
-    MAX_POINTS,
     MAX_SECTORS,
     REACH_M,
     Cam,
     Cpm,
-    Direction,
-    Intention,
-    Mcm,
     MessageError,
     ReferencePose,
     format_track_name,
@@ -39,14 +31,13 @@ from mdrive_sumo.v2x.content import (
 _HEADER = struct.Struct("<BiiHIHB")  # kind, x, y [cm], yaw [0.01 deg], tick, sigmas of position [cm], yaw [0.1 deg]
 _CAM = struct.Struct("<hhhHHB")  # speed [cm/s], acceleration [cm/s2], yaw rate [mrad/s], length, width [cm], sigma
 _CPM = struct.Struct("<HBBB")  # range [dm], objects, sectors, 1 for a road-side unit
-_MCM = struct.Struct("<hBBBI")  # speed [cm/s], intention, direction, interval [0.01 s], until [tick]
 _OBJECT = np.dtype(
     [("track", "<u4"), ("kind", "u1"), ("xy", "<i2", 2), ("yaw", "<u2"), ("speed", "<i2"), ("size", "<u2", 2),
      ("age", "u1"), ("sigmas", "u1", 3)]
 )  # fmt: skip
 _KIND_AT = 4
 """Offset of the kind in `_OBJECT`."""
-_LAST_KIND, _LAST_INTENTION, _LAST_DIRECTION = max(Kind), max(Intention), max(Direction)
+_LAST_KIND = max(Kind)
 _CENTI = 100.0
 _SIGMA_STEPS = np.array((100.0, math.degrees(10.0), 100.0))
 """Steps in 1 m, 1 rad and 1 m/s of the standard deviations of an object."""
@@ -58,12 +49,12 @@ def encode_header(kind: int, pose: ReferencePose) -> bytes:
     yaw = round(math.degrees(pose.yaw % TAU) * _CENTI) % 36000
     return _HEADER.pack(
         kind,
-        _round_and_clamp(pose.x * _CENTI, 31),
-        _round_and_clamp(pose.y * _CENTI, 31),
+        round_and_clamp(pose.x * _CENTI, 31),
+        round_and_clamp(pose.y * _CENTI, 31),
         yaw,
         pose.tick,
-        max(_round_and_clamp(pose.position_sigma * _CENTI, 16), 0),
-        max(_round_and_clamp(math.degrees(pose.yaw_sigma) * 10, 8), 0),
+        max(round_and_clamp(pose.position_sigma * _CENTI, 16), 0),
+        max(round_and_clamp(math.degrees(pose.yaw_sigma) * 10, 8), 0),
     )
 
 
@@ -74,7 +65,7 @@ def decode_pose(payload: bytes) -> ReferencePose:
     return ReferencePose(x / _CENTI, y / _CENTI, math.radians(yaw / _CENTI), tick, *sigmas)
 
 
-def _round_and_clamp(value: float, bits: int) -> int:
+def round_and_clamp(value: float, bits: int) -> int:
     """Return the value rounded and clamped to +-(2**bits - 1). Raises MessageError if it is not finite."""
     if not math.isfinite(value):
         raise MessageError(f"expected finite numbers, found {value}")
@@ -87,14 +78,16 @@ def _rotate(xy: Float, yaw: float) -> Float:
     return np.column_stack((xy[:, 0] * cos - xy[:, 1] * sin, xy[:, 0] * sin + xy[:, 1] * cos))
 
 
-def _to_local(pose: ReferencePose, xy: Float) -> npt.NDArray[np.int16]:
+def to_local(pose: ReferencePose, xy: Float) -> npt.NDArray[np.int16]:
+    """Return places (N, 2) ahead and to the left of the pose [cm]. Raises MessageError if one is too far away."""
     local = _rotate(np.asarray(xy, dtype=np.float64).reshape(-1, 2) - (pose.x, pose.y), -pose.yaw)
     if not (np.abs(local) <= REACH_M).all():  # NaN fails too
         raise MessageError(f"expected positions within {REACH_M} m of the sender, along and across")
     return np.rint(local * _CENTI).astype("<i2")
 
 
-def _to_world(pose: ReferencePose, local: npt.NDArray[np.int16]) -> Float:
+def to_world(pose: ReferencePose, local: npt.NDArray[np.int16]) -> Float:
+    """Return the places (N, 2) [m] in the world frame: the inverse of `to_local`."""
     return _rotate(local.reshape(-1, 2) / _CENTI, pose.yaw) + np.array((pose.x, pose.y))
 
 
@@ -103,9 +96,9 @@ def encode_cam(cam: Cam, _: ReferencePose) -> bytes:
     signed = (cam.speed * _CENTI, cam.acceleration * _CENTI, cam.yaw_rate * 1000)
     size = (cam.length * _CENTI, cam.width * _CENTI)
     return _CAM.pack(
-        *(_round_and_clamp(value, 15) for value in signed),
-        *(max(_round_and_clamp(value, 16), 0) for value in size),
-        max(_round_and_clamp(cam.speed_sigma * _CENTI, 8), 0),
+        *(round_and_clamp(value, 15) for value in signed),
+        *(max(round_and_clamp(value, 16), 0) for value in size),
+        max(round_and_clamp(cam.speed_sigma * _CENTI, 8), 0),
     )
 
 
@@ -140,7 +133,7 @@ def encode_cpm(cpm: Cpm, pose: ReferencePose) -> bytes:
         raise MessageError(
             f"expected at most {MAX_OBJECTS} objects and {MAX_SECTORS} sectors, found {count} and {sectors}"
         )
-    range_dm = min(max(_round_and_clamp(cpm.range_m * 10, 16), 0), 65535)
+    range_dm = min(max(round_and_clamp(cpm.range_m * 10, 16), 0), 65535)
     head = _CPM.pack(range_dm, count, sectors, bool(cpm.roadside))
     return head + _encode_objects(cpm, pose).tobytes() + _encode_free_sight(objects.free_m, range_dm)
 
@@ -155,7 +148,7 @@ def _encode_objects(cpm: Cpm, pose: ReferencePose) -> npt.NDArray[np.void]:
     rows = np.zeros(len(objects.ids), dtype=_OBJECT)
     rows["track"] = [parse_track_name(name) for name in objects.ids]
     rows["kind"], rows["age"] = objects.kind, np.clip(cpm.age, 0, 255)
-    rows["xy"] = _to_local(pose, np.column_stack((objects.x, objects.y)))
+    rows["xy"] = to_local(pose, np.column_stack((objects.x, objects.y)))
     rows["yaw"] = np.rint(np.degrees((objects.yaw - pose.yaw) % TAU) * _CENTI) % 36000
     rows["speed"] = np.clip(np.rint(objects.speed * _CENTI), -32767, 32767)
     rows["size"] = np.clip(np.rint(numbers[:, 2:] * _CENTI), 0, 65535)
@@ -195,7 +188,7 @@ def parse_cpm(body: bytes) -> CpmParts:
 def build_cpm(pose: ReferencePose, parts: CpmParts) -> Cpm:
     """Return the CPM of these fields."""
     rows = np.frombuffer(parts.rows, dtype=_OBJECT)
-    xy = _to_world(pose, rows["xy"])
+    xy = to_world(pose, rows["xy"])
     objects = Objects(
         ids=tuple(format_track_name(number) for number in rows["track"].tolist()),
         kind=rows["kind"].copy(),
@@ -208,108 +201,3 @@ def build_cpm(pose: ReferencePose, parts: CpmParts) -> Cpm:
         free_m=np.frombuffer(parts.free, dtype=np.uint8) / 255 * (parts.range_dm / 10),
     )
     return Cpm(pose, parts.range_dm / 10, objects, rows["age"].copy(), parts.roadside, rows["sigmas"] / _SIGMA_STEPS)
-
-
-class McmParts(NamedTuple):
-    """The fields of an MCM body."""
-
-    fixed: tuple[int, ...]
-    planned: bytes
-    desired: bytes
-    requests: dict[str, int]
-    answers: dict[str, int]
-    group: dict[str, int]
-
-
-def encode_mcm(mcm: Mcm, pose: ReferencePose) -> bytes:
-    """Return the body of an MCM, without header; `pose` is the rounded pose that the receiver reads."""
-    interval = _round_and_clamp(mcm.interval_s * _CENTI, 15)
-    if not 1 <= interval <= 255:
-        raise MessageError(f"expected interval_s in [0.01, 2.55] s, found {mcm.interval_s}")
-    speed = _round_and_clamp(mcm.speed * _CENTI, 15)
-    fixed = _MCM.pack(speed, Intention(mcm.intention), Direction(mcm.direction), interval, max(mcm.until_tick, 0))
-    parts = (
-        _encode_points(pose, mcm.planned),
-        _encode_points(pose, mcm.desired),
-        _encode_names({name: Intention(what) for name, what in mcm.requests.items()}),
-        _encode_names({name: bool(yes) for name, yes in mcm.answers.items()}),
-        _encode_names(dict.fromkeys(mcm.group, 0)),
-    )
-    return fixed + b"".join(parts)
-
-
-def _encode_points(pose: ReferencePose, xy: Float) -> bytes:
-    if len(xy) > MAX_POINTS:
-        raise MessageError(f"expected at most {MAX_POINTS} points, found {len(xy)}")
-    return bytes((len(xy),)) + _to_local(pose, xy).tobytes()
-
-
-def _encode_names(values: Mapping[str, int]) -> bytes:
-    entries = [(name.encode(), value) for name, value in values.items()]
-    if len(entries) > MAX_NAMES or not all(1 <= len(name) <= MAX_NAME_BYTES for name, _ in entries):
-        raise MessageError(f"expected at most {MAX_NAMES} names of 1 to {MAX_NAME_BYTES} bytes, found {len(entries)}")
-    return bytes((len(entries),)) + b"".join(bytes((len(name), value)) + name for name, value in entries)
-
-
-def parse_mcm(body: bytes) -> McmParts:
-    """Return the fields of an MCM body. Raises MessageError."""
-    if len(body) < _MCM.size:
-        raise MessageError(f"expected at least {_MCM.size} bytes after the header, found {len(body)}")
-    fixed = _MCM.unpack_from(body)
-    if fixed[1] > _LAST_INTENTION or fixed[2] > _LAST_DIRECTION or not fixed[3]:
-        raise MessageError(f"expected an intention, a direction and an interval above 0, found {fixed[1:4]}")
-    planned, at = _take_points(body, _MCM.size)
-    desired, at = _take_points(body, at)
-    requests, at = _take_names(body, at, _LAST_INTENTION)
-    answers, at = _take_names(body, at, 1)
-    group, at = _take_names(body, at, 0)
-    if at != len(body):
-        raise MessageError(f"{len(body) - at} bytes too many")
-    return McmParts(fixed, planned, desired, requests, answers, group)
-
-
-def _take_bytes(data: bytes, at: int, size: int) -> bytes:
-    if at + size > len(data):
-        raise MessageError("bytes are missing")
-    return data[at : at + size]
-
-
-def _take_points(data: bytes, at: int) -> tuple[bytes, int]:
-    """Return the bytes of the points at an offset, and the offset after them."""
-    count = _take_bytes(data, at, 1)[0]
-    if count > MAX_POINTS:
-        raise MessageError(f"expected at most {MAX_POINTS} points, found {count}")
-    return _take_bytes(data, at + 1, 4 * count), at + 1 + 4 * count
-
-
-def _take_names(data: bytes, at: int, most: int) -> tuple[dict[str, int], int]:
-    """Return the names with values from 0 to `most` at an offset, and the offset after them."""
-    count, at = _take_bytes(data, at, 1)[0], at + 1
-    found: dict[str, int] = {}
-    for _ in range(count):
-        size, value = _take_bytes(data, at, 2)
-        if not 1 <= size <= MAX_NAME_BYTES or value > most:
-            raise MessageError(f"expected names of 1 to {MAX_NAME_BYTES} bytes with values from 0 to {most}")
-        found[_take_bytes(data, at + 2, size).decode()] = value  # UnicodeDecodeError is a ValueError
-        at += 2 + size
-    if len(found) < count or count > MAX_NAMES:
-        raise MessageError(f"expected at most {MAX_NAMES} different names, found {count}")
-    return found, at
-
-
-def build_mcm(pose: ReferencePose, parts: McmParts) -> Mcm:
-    """Return the MCM of these fields."""
-    speed, intention, direction, interval, until = parts.fixed
-    return Mcm(
-        pose=pose,
-        speed=speed / _CENTI,
-        intention=Intention(intention),
-        direction=Direction(direction),
-        interval_s=interval / _CENTI,
-        planned=_to_world(pose, np.frombuffer(parts.planned, dtype="<i2")),
-        desired=_to_world(pose, np.frombuffer(parts.desired, dtype="<i2")),
-        requests=MappingProxyType({name: Intention(value) for name, value in parts.requests.items()}),
-        answers=MappingProxyType({name: bool(value) for name, value in parts.answers.items()}),
-        group=tuple(parts.group),
-        until_tick=until,
-    )

@@ -18,7 +18,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from mdrive_sumo.contract import Message
-from mdrive_sumo.v2x import encoding
+from mdrive_sumo.v2x import encoding, mcm_encoding
 from mdrive_sumo.v2x.content import (
     CAM,
     CPM,
@@ -65,7 +65,7 @@ class _Codec(NamedTuple):
 _CODECS: Mapping[str, _Codec] = {
     CAM: _Codec(4, encoding.encode_cam, encoding.parse_cam, encoding.build_cam),
     CPM: _Codec(5, encoding.encode_cpm, encoding.parse_cpm, encoding.build_cpm),
-    MCM: _Codec(6, encoding.encode_mcm, encoding.parse_mcm, encoding.build_mcm),
+    MCM: _Codec(6, mcm_encoding.encode_mcm, mcm_encoding.parse_mcm, mcm_encoding.build_mcm),
 }
 _NAMES: Mapping[type, str] = {Cam: CAM, Cpm: CPM, Mcm: MCM}
 

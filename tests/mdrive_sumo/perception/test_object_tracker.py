@@ -16,7 +16,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.perception.measurements import OWN_SENSOR, Measurements
 from mdrive_sumo.perception.object_tracker import ObjectTracker
-from mdrive_sumo.perception.track_states import TrackStates
+from mdrive_sumo.perception.track_states import Correction, TrackStates
 from mdrive_sumo.perception.tracking_parameters import TRACKING
 from mdrive_sumo.sensing.detection_noise import add_errors
 from mdrive_sumo.v2x.messages import Cam, Cpm, Direction, Intention, Mcm, ReferencePose, encode
@@ -204,7 +204,7 @@ def test_an_mcm_tells_where_its_sender_is_and_a_cam_of_that_tick_replaces_it() -
 
 def test_unreadable_messages_are_noted() -> None:
     (note,) = ObjectTracker(briefing(), IDEAL).receive([Message("cam", b"\x01" * 25, "cav_1")])
-    assert (note.kind, note.text[:25]) == ("unreadable", "cam from cav_1: cam: expe")
+    assert (note.kind, note.text) == ("unreadable", "cam from cav_1: expected kind 4, found 1")
 
 
 def test_the_order_of_messages_and_of_detections_does_not_matter() -> None:
@@ -237,7 +237,8 @@ def test_the_filter_is_a_kalman_filter(seed: int, seconds: float) -> None:
         gain = covariance @ np.linalg.inv(covariance + noise)
         mean = mean + gain @ (np.array((new.objects.x[0], new.objects.speed[0])) - mean)
         covariance = (np.eye(2) - gain) @ covariance
-        states.correct(np.zeros(1, dtype=np.int64), new, np.zeros(1, dtype=np.int64), TRACKING)
+        row = np.zeros(1, dtype=np.int64)
+        states.correct(*Correction.build(row, new, row), TRACKING)
         assert (states.x[0], states.vx[0]) == pytest.approx(tuple(mean))
         found = states.position[0], states.coupling[0], states.velocity[0]
         assert found == pytest.approx((covariance[0, 0], covariance[0, 1], covariance[1, 1]))
@@ -248,11 +249,11 @@ def test_a_bias_is_never_averaged_away() -> None:
     states, row = TrackStates.start(new, TRACKING), np.zeros(1, dtype=np.int64)
     for _ in range(200):
         states.predict(0.2, TRACKING)
-        states.correct(row, new, row, TRACKING)
+        states.correct(*Correction.build(row, new, row), TRACKING)
         assert states.position[0] >= 0.09
 
 
 def _measure(rng: np.random.Generator, x: float, speed: float) -> Measurements:
     objects = things((x + rng.normal(0, 0.2), 0.0, 0.0, speed + rng.normal(0, 0.5)))
     variances: list[Float] = [np.full(1, rng.uniform(0.01, 0.2)), np.zeros(1), np.full(1, 1e-4), np.full(1, 0.25)]
-    return Measurements(OWN_SENSOR, objects, *variances)
+    return Measurements((OWN_SENSOR,), objects, *variances)

@@ -67,11 +67,8 @@ def test_the_parts_are_what_they_are_called_and_sum_up() -> None:
     found = gains(summary)
     expected = {"occlusion": 20.0, "noise": 7.0, "intent": 0.0, "total": 27.0}
     assert {name: one.mean for name, one in found.items()} == pytest.approx(expected)
-    assert {(line.group, line.scenarios) for line in summary.gains} == {
-        ("InterDrive", 2),
-        ("Interaction", 2),
-        ("all", 4),
-    }
+    groups = {(line.group, line.scenarios) for line in summary.gains}
+    assert groups == {("InterDrive", 2), ("Interaction", 2), ("all", 4)}
     total = {cell: 0 for part in PARTS for cell in part.terms}
     for part in PARTS:
         for cell, sign in part.terms.items():
@@ -147,7 +144,7 @@ def test_one_command_makes_the_tables_and_a_second_one_drives_nothing(calls: lis
     table = (out / "gain.md").read_text()
     assert "| occlusion | +20.0 [+20.0, +20.0] |" in table
     assert "no difference shown" in table and "no difference shown" in ended.stdout
-    lines = list(csv.DictReader((out / "gain.csv").open()))
+    lines = list(csv.DictReader((out / "gain.csv").read_text().splitlines()))
     assert {(line["part"], line["metric"]) for line in lines} == {
         (part.name, m) for part in PARTS for m in ("ds", "sr")
     }
