@@ -50,23 +50,29 @@ def box_corners(x: float, y: float, yaw: float, length: float, width: float) -> 
 def boxes_corners(x: Float, y: Float, yaw: Float, length: Float, width: Float) -> Float:
     """Return the corners (..., 4, 2) of oriented boxes with parameters that broadcast to (...), as `box_corners`."""
     cos, sin = portable.cos_sin(yaw)
-    ahead = np.stack((cos * length, sin * length), axis=-1) / 2
-    left = np.stack((-sin * width, cos * width), axis=-1) / 2
-    centre = np.stack(np.broadcast_arrays(x, y), axis=-1)
-    return np.stack(
-        (centre + ahead + left, centre - ahead + left, centre - ahead - left, centre + ahead - left), axis=-2
-    )
+    ahead_x, ahead_y = cos * length / 2, sin * length / 2
+    left_x, left_y = -sin * width / 2, cos * width / 2
+    front_x, front_y, back_x, back_y = x + ahead_x, y + ahead_y, x - ahead_x, y - ahead_y
+    corners = np.empty((*np.broadcast_shapes(np.shape(front_x), np.shape(left_x)), 4, 2))
+    np.add(front_x, left_x, out=corners[..., 0, 0])
+    np.add(front_y, left_y, out=corners[..., 0, 1])
+    np.add(back_x, left_x, out=corners[..., 1, 0])
+    np.add(back_y, left_y, out=corners[..., 1, 1])
+    np.subtract(back_x, left_x, out=corners[..., 2, 0])
+    np.subtract(back_y, left_y, out=corners[..., 2, 1])
+    np.subtract(front_x, left_x, out=corners[..., 3, 0])
+    np.subtract(front_y, left_y, out=corners[..., 3, 1])
+    return corners
 
 
 def boxes_overlap(first: Float, second: Float) -> Bool:
     """Return whether boxes, corners (..., 4, 2) each, overlap (separating-axis test); touching does not count."""
     overlap = np.ones(np.broadcast_shapes(first.shape[:-2], second.shape[:-2]), dtype=np.bool_)
     for corners in (first, second):
-        for start, end in ((0, 1), (1, 2)):
-            axis = corners[..., end, :] - corners[..., start, :]
-            a = portable.dot(first, axis[..., None, :])
-            b = portable.dot(second, axis[..., None, :])
-            overlap &= (a.max(-1) > b.min(-1)) & (b.max(-1) > a.min(-1))
+        axes = (corners[..., 1:3, :] - corners[..., 0:2, :])[..., None, :]
+        a = portable.dot(first[..., None, :, :], axes)
+        b = portable.dot(second[..., None, :, :], axes)
+        overlap &= ((a.max(-1) > b.min(-1)) & (b.max(-1) > a.min(-1))).all(-1)
     return overlap
 
 

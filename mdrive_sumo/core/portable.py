@@ -38,6 +38,7 @@ _SIN_1, _SIN_3 = _RADIANS, _RADIANS * _RADIANS * _RADIANS / 6
 _COS_2 = _RADIANS * _RADIANS * (0.5 - 0.828 * (_RADIANS / 2) * (_RADIANS / 2) / 24)
 """cos(r) = 1 - r² _COS_2: r⁴ / 24 is replaced by the multiple of r² nearest to it, which errs by 1e-17."""
 _SLOPE_STEP, _THIRD = 1 / tables.ATAN_STEPS, 1 / 3
+_ARRAY = np.ndarray
 _PI, _HALF_PI = math.pi, math.pi / 2
 _TINY = 1e-300
 _LN2_HIGH, _LN2_LOW, _PER_LN2 = 6.93147180369123816490e-01, 1.90821492927058770002e-10, 1.44269504088896338700
@@ -55,32 +56,30 @@ def cos_sin(angle: float) -> tuple[float, float]: ...
 def cos_sin(angle: Reals) -> tuple[Float, Float]: ...
 def cos_sin(angle: float | Reals) -> tuple[float | Float, float | Float]:
     """Return cosine and sine of the angle [rad]; together they cost little more than one."""
-    if not isinstance(angle, np.ndarray):
-        return _cos_sin_number(float(angle))
-    x = np.asarray(angle, dtype=np.float64)
-    if x.size <= FEW:
-        pairs = np.array([_cos_sin_number(value) for value in x.ravel().tolist()]).reshape(-1, 2)
-        return pairs[:, 0].reshape(x.shape), pairs[:, 1].reshape(x.shape)
-    steps = x * _STEPS
+    if not isinstance(angle, _ARRAY):
+        steps = float(angle) * _STEPS
+        whole = round(steps)
+        steps -= whole
+        row = whole & _MASK
+        cos, sin = _COS[row], _SIN[row]
+        square = steps * steps
+        along, aside = 1.0 - square * _COS_2, steps * (_SIN_1 - square * _SIN_3)
+        return cos * along - sin * aside, sin * along + cos * aside
+    if angle.size <= FEW:
+        pairs = [cos_sin(value) for value in angle.ravel().tolist()]
+        first, second = zip(*pairs, strict=True) if pairs else ((), ())
+        return np.array(first).reshape(angle.shape), np.array(second).reshape(angle.shape)
+    return _cos_sin_of_many(angle)
+
+
+def _cos_sin_of_many(angle: Reals) -> tuple[Float, Float]:
+    steps = np.multiply(angle, _STEPS, dtype=np.float64)
     whole = np.rint(steps)
     steps -= whole
     row = whole.astype(np.int64) & _MASK
     cos, sin = _COS_TABLE.take(row), _SIN_TABLE.take(row)
     square = steps * steps
-    along = 1.0 - square * _COS_2
-    aside = steps * (_SIN_1 - square * _SIN_3)
-    return cos * along - sin * aside, sin * along + cos * aside
-
-
-def _cos_sin_number(x: float) -> tuple[float, float]:
-    steps = x * _STEPS
-    whole = round(steps)
-    steps -= whole
-    row = whole & _MASK
-    cos, sin = _COS[row], _SIN[row]
-    square = steps * steps
-    along = 1.0 - square * _COS_2
-    aside = steps * (_SIN_1 - square * _SIN_3)
+    along, aside = 1.0 - square * _COS_2, steps * (_SIN_1 - square * _SIN_3)
     return cos * along - sin * aside, sin * along + cos * aside
 
 
@@ -118,7 +117,7 @@ def sinc(x: float) -> float: ...
 def sinc(x: Reals) -> Float: ...
 def sinc(x: float | Reals) -> float | Float:
     """Return sin(pi x) / (pi x), 1 where x is 0: as `numpy.sinc`."""
-    if not isinstance(x, np.ndarray):
+    if not isinstance(x, _ARRAY):
         return sin(_PI * x) / (_PI * x) if x else 1.0
     angle = np.where(x == 0.0, 1.0, _PI * x)
     return np.where(x == 0.0, 1.0, sin(angle) / angle)
@@ -132,7 +131,7 @@ def atan2(y: Reals, x: Reals | float) -> Float: ...
 def atan2(y: float, x: Reals) -> Float: ...
 def atan2(y: float | Reals, x: float | Reals) -> float | Float:
     """Return the direction [rad] of (x, y) in (-pi, pi]; 0 for (0, 0). As `math.atan2`, but -0.0 is 0.0."""
-    if not (isinstance(y, np.ndarray) or isinstance(x, np.ndarray)):
+    if not (isinstance(y, _ARRAY) or isinstance(x, _ARRAY)):
         return _atan2_number(float(y), float(x))
     y, x = np.asarray(y, dtype=np.float64), np.asarray(x, dtype=np.float64)
     if x.size <= FEW and y.size <= FEW:
@@ -180,7 +179,7 @@ def hypot(x: Reals, y: Reals | float) -> Float: ...
 def hypot(x: float | Reals, y: float | Reals) -> float | Float:
     """Return the length of (x, y), both well within 1e-150 and 1e150 or zero."""
     square = x * x + y * y
-    return np.sqrt(square) if isinstance(square, np.ndarray) else math.sqrt(square)
+    return np.sqrt(square) if isinstance(square, _ARRAY) else math.sqrt(square)
 
 
 def square(x: Operand) -> Operand:
@@ -210,7 +209,7 @@ def exp(x: float) -> float: ...
 def exp(x: Reals) -> Float: ...
 def exp(x: float | Reals) -> float | Float:
     """Return e to the power of x, |x| <= 700."""
-    if not isinstance(x, np.ndarray):
+    if not isinstance(x, _ARRAY):
         return _exp_number(float(x))
     x = np.asarray(x, dtype=np.float64)
     if x.size <= FEW:
@@ -237,7 +236,7 @@ def log(x: float) -> float: ...
 def log(x: Reals) -> Float: ...
 def log(x: float | Reals) -> float | Float:
     """Return the natural logarithm of x > 0."""
-    if not isinstance(x, np.ndarray):
+    if not isinstance(x, _ARRAY):
         return _log_number(float(x))
     x = np.asarray(x, dtype=np.float64)
     if x.size <= FEW:
@@ -271,6 +270,9 @@ def _evaluate(coefficients: Sequence[float], x: Operand) -> Operand:
 
 def _each(function: Callable[..., float], *arguments: Float) -> Float:
     """Return the function of every element of arrays that broadcast."""
-    whole = np.broadcast_arrays(*arguments)
-    rows = zip(*(one.ravel().tolist() for one in whole), strict=True)
-    return np.array([function(*row) for row in rows], dtype=np.float64).reshape(whole[0].shape)
+    shape = arguments[0].shape
+    if any(one.shape != shape for one in arguments):
+        arguments = np.broadcast_arrays(*arguments)
+        shape = arguments[0].shape
+    rows = zip(*(one.ravel().tolist() for one in arguments), strict=True)
+    return np.array([function(*row) for row in rows], dtype=np.float64).reshape(shape)

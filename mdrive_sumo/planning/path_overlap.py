@@ -28,7 +28,8 @@ def _compute_reach(corners: Float) -> float:
     """Return the greatest distance [m] of a corner from its box's centre."""
     if not len(corners):
         return 0.0
-    return float(portable.hypot(*np.moveaxis(corners - corners.mean(1, keepdims=True), -1, 0)).max())
+    gap = corners - corners.mean(1, keepdims=True)
+    return float(portable.hypot(gap[..., 0], gap[..., 1]).max())
 
 
 def compute_path_overlaps(

@@ -53,6 +53,7 @@ def add_errors(profile: DetectionProfile, seed: int, tick: int, truth: Objects, 
     distance = portable.hypot(x, y)
     spread, (cos, sin) = profile.spread_at(distance), portable.cos_sin(portable.atan2(y, x))
     along, across = spread * noise[:, 0], spread * noise[:, 1]
+    scale = portable.exp(profile.size_sigma * noise[:, 4:6])
     return Objects(
         ids=truth.ids,
         kind=truth.kind,
@@ -60,8 +61,8 @@ def add_errors(profile: DetectionProfile, seed: int, tick: int, truth: Objects, 
         y=truth.y + along * sin + across * cos,
         yaw=wrap_angles(truth.yaw + profile.yaw_sigma * noise[:, 2]),
         speed=truth.speed + profile.speed_sigma * noise[:, 3],
-        length=truth.length * portable.exp(profile.size_sigma * noise[:, 4]),
-        width=truth.width * portable.exp(profile.size_sigma * noise[:, 5]),
+        length=truth.length * scale[:, 0],
+        width=truth.width * scale[:, 1],
     )
 
 

@@ -8,7 +8,7 @@ the eye (after a collision, or by its mounting) hides nothing, and a box around 
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -133,7 +133,7 @@ class SightView:
         double_area = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
         facing = double_area < -FLAT
         p, q, owner, double_area = p[facing], q[facing], owner[facing], double_area[facing]
-        left, right = portable.atan2(p[:, 1], p[:, 0]), portable.atan2(q[:, 1], q[:, 0])
+        left, right = portable.atan2(np.stack((p[:, 1], q[:, 1])), np.stack((p[:, 0], q[:, 0])))
         high = (b.kind == Kind.STATIC) & (np.maximum(b.length, b.width) > LOW_M)
         opaque = np.append((b.kind == Kind.VEHICLE) | high, True)  # the last one is of the walls
         side = (q - p) / double_area[:, None]
@@ -202,7 +202,7 @@ class SightView:
         edge = np.repeat(np.arange(len(counts)), counts)
         begins = np.cumsum(counts) - counts
         sector = (np.arange(len(edge)) + (first.astype(np.intp) - begins)[edge]) % sectors
-        cos, sin = portable.cos_sin(self.eye.yaw + np.arange(sectors) * step)
+        cos, sin = _turn_rays(sectors, self.eye.yaw)
         near = np.full(sectors, 1.0 / self.range_m)
         found = edges.cos[edge] * cos[sector] + edges.sin[edge] * sin[sector]
         np.maximum.at(near, sector, found)
@@ -212,3 +212,15 @@ class SightView:
         """Return an (N,) mask of the boxes of which more than nothing and at least `min_share` is visible."""
         fractions = self.visible_fractions()
         return (fractions > 0.0) & (fractions >= min_share)
+
+
+def _turn_rays(count: int, yaw: float) -> tuple[Float, Float]:
+    """Return cosines and sines (count,) of rays that are evenly spaced from yaw [rad] on, counter-clockwise."""
+    cos, sin = portable.cos_sin(yaw)
+    ray_cos, ray_sin = _build_rays(count)
+    return ray_cos * cos - ray_sin * sin, ray_sin * cos + ray_cos * sin
+
+
+@cache
+def _build_rays(count: int) -> tuple[Float, Float]:
+    return portable.cos_sin(np.arange(count) * (TAU / count))

@@ -95,7 +95,7 @@ def _build_line(plan: Plan, own: OwnMotion, now_s: float) -> tuple[list[float], 
     stations, hops = [s], []
     enough = (now_s + HORIZON_S) / plan.interval_s
     for u, v in points[1:]:
-        length = portable.hypot(u - x, v - y)
+        length = math.sqrt((u - x) * (u - x) + (v - y) * (v - y))  # as portable.hypot, for many points
         if length > DISTINCT:
             hops.append((s, x, y, (u - x) / length, (v - y) / length, length))
             s, x, y = s + length, u, v
