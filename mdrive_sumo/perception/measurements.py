@@ -13,6 +13,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Objects, OwnState
 from mdrive_sumo.contract.detector_profiles import DetectionProfile
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.perception.tracking_parameters import TRACKING, TrackingParameters
@@ -51,7 +52,7 @@ class Measurements:
 
     def exclude_near(self, own: OwnState, radius_m: float) -> "Measurements":
         """Return the measurements further than `radius_m` from the own centre."""
-        far = (self.objects.x - own.x) ** 2 + (self.objects.y - own.y) ** 2 > radius_m**2
+        far = portable.square(self.objects.x - own.x) + portable.square(self.objects.y - own.y) > radius_m * radius_m
         return self if far.all() else self.take(far)
 
 
@@ -63,7 +64,7 @@ def measure_detections(
     parameters: TrackingParameters = TRACKING,
 ) -> Measurements:
     """Return own detections; elapsed_ticks: since the last measurement, which may have the same errors."""
-    spread = profile.spread_at(np.hypot(seen.x - own.x, seen.y - own.y))
+    spread = profile.spread_at(portable.hypot(seen.x - own.x, seen.y - own.y))
     same = np.full(len(seen.ids), 1.0)
     age_s = np.full(len(seen.ids), profile.latency_ticks * DT)
     sigmas = np.column_stack((spread, profile.yaw_sigma * same, profile.speed_sigma * same))
@@ -84,7 +85,7 @@ def measure_stations(
     age_s = np.array([(tick - cam.pose.tick) * DT for cam in cams])
     turn = np.array([cam.yaw_rate for cam in cams]) * age_s
     sigmas = np.array([(0.0, cam.pose.yaw_sigma, cam.speed_sigma) for cam in cams]).reshape(-1, 3)
-    sent = np.array([cam.pose.position_sigma for cam in cams]) ** 2
+    sent = portable.square(np.array([cam.pose.position_sigma for cam in cams]))
     bias = sent + _compute_own_bias(objects, own)
     position, yaw, speed = _to_variances(sigmas, 1.0, parameters)
     sources = (STATIONS,) * len(names)
@@ -134,22 +135,23 @@ def _compute_lever(
 
     An error of yaw moves a point across the line of sight only: by half of it in each coordinate, on average.
     """
-    square = (objects.x - x) ** 2 + (objects.y - y) ** 2
-    return position_sigma**2 + square * (yaw_sigma**2 / 2)
+    square = portable.square(objects.x - x) + portable.square(objects.y - y)
+    return position_sigma * position_sigma + square * (yaw_sigma * yaw_sigma / 2)
 
 
 def _to_variances(sigmas: Float, times: Float | float, parameters: TrackingParameters) -> tuple[Float, Float, Float]:
     """Return the variances (N,) of position, yaw and speed for sigmas (N, 3) of which `times` in a row are the same."""
     floors = np.array((parameters.position_floor, parameters.yaw_floor, parameters.speed_floor))
-    position, yaw, speed = (sigmas**2 + floors**2).T * times
+    position, yaw, speed = (portable.square(sigmas) + portable.square(floors)).T * times
     return position, yaw, speed
 
 
 def _advance(new: Measurements, age_s: Float, turn: Float | float, parameters: TrackingParameters) -> Measurements:
     """Return the measurements `age_s` (N,) [s] later, on arcs of `turn` [rad], as much less certain."""
+    square = portable.square(age_s)
     return replace(
         new,
         objects=new.objects.advance(age_s, turn),
-        position=new.position + age_s**2 * new.speed + (parameters.acceleration_sigma * age_s**2 / 2) ** 2,
-        speed=new.speed + (parameters.acceleration_sigma * age_s) ** 2,
+        position=new.position + square * new.speed + portable.square(parameters.acceleration_sigma * square / 2),
+        speed=new.speed + portable.square(parameters.acceleration_sigma * age_s),
     )

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.contract import Objects, OwnState
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.perception.assignment import assign
@@ -93,12 +94,12 @@ class TrackList:
     def _compare(self, new: Measurements) -> tuple[Float, Bool]:
         """Return costs and possible pairs (N, M) of tracks and measurements."""
         states, parameters = self._states, self._parameters
-        square = (states.x[:, None] - new.objects.x) ** 2 + (states.y[:, None] - new.objects.y) ** 2
+        square = portable.square(states.x[:, None] - new.objects.x) + portable.square(states.y[:, None] - new.objects.y)
         distance = square / (states.position[:, None] + (new.position + new.bias))
         names = zip(new.sources, new.objects.ids, strict=True)
         named = self._history.number[:, None] == np.array([self._number_by_name.get(name, -1) for name in names])
         possible = distance <= np.where(named, parameters.known_name_gate, parameters.gate)
-        possible |= square <= (parameters.min_gate_widths * new.objects.width) ** 2
+        possible |= square <= portable.square(parameters.min_gate_widths * new.objects.width)
         possible &= is_on_foot(self._history.kind)[:, None] == is_on_foot(new.objects.kind)
         cost = distance - parameters.known_name_bonus * named
         if new.sources[0] != OWN_SENSOR:
@@ -110,7 +111,7 @@ class TrackList:
         history, parameters = self._history, self._parameters
         history.seen_tick[rows] = tick
         history.seen_by_sensor[rows] |= new.sources[0] == OWN_SENSOR
-        speed = np.hypot(self._states.vx[rows], self._states.vy[rows])
+        speed = portable.hypot(self._states.vx[rows], self._states.vy[rows])
         believed = tick - history.born_tick[rows] >= parameters.confirmation_ticks
         believed |= speed > parameters.moving_speed
         history.confirmed[rows] |= believed
@@ -178,7 +179,7 @@ class TrackList:
     def _update_means(self, tick: int) -> None:
         history, states, parameters = self._history, self._states, self._parameters
         radius = parameters.standstill_sigmas * np.sqrt(states.position) + parameters.standstill_m
-        left = np.hypot(states.x - history.mean_x, states.y - history.mean_y) > radius
+        left = portable.hypot(states.x - history.mean_x, states.y - history.mean_y) > radius
         seen = history.seen_tick == tick
         count = np.where(left, 1, np.minimum(history.mean_count + seen, parameters.standstill_count))
         share = np.where(left, 1.0, seen / count)
@@ -190,7 +191,7 @@ class TrackList:
         """Return a mask (N,): tracks that have stayed at one place for a while."""
         states, parameters = self._states, self._parameters
         limit = parameters.standstill_speed_sigmas * np.sqrt(states.velocity) + parameters.speed_floor
-        slow = np.hypot(states.vx, states.vy) <= limit
+        slow = portable.hypot(states.vx, states.vy) <= limit
         return slow & (tick - self._history.mean_tick >= parameters.standstill_ticks)
 
     def build_objects(self, tick: int, own: OwnState) -> Objects:
@@ -198,7 +199,7 @@ class TrackList:
         rows = np.flatnonzero(self._history.confirmed)
         states, history, standing = self._states.take(rows), self._history.take(rows), self._find_standing(tick)[rows]
         x, y = np.where(standing, history.mean_x, states.x), np.where(standing, history.mean_y, states.y)
-        order = np.argsort(np.hypot(x - own.x, y - own.y), kind="stable")
+        order = np.argsort(portable.hypot(x - own.x, y - own.y), kind="stable")
         return Objects(
             tuple(self._station_by_number.get(number, f"k{number}") for number in history.number.tolist()),
             history.kind, x, y, states.yaw, np.where(standing, 0.0, states.speed), states.length, states.width,

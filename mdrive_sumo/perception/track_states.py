@@ -9,6 +9,7 @@ from typing import Self
 
 import numpy as np
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
 from mdrive_sumo.perception.measurements import Measurements
 from mdrive_sumo.perception.tracking_parameters import TrackingParameters
@@ -57,8 +58,9 @@ class TrackStates(TrackColumns):
     def start(cls, new: Measurements, parameters: TrackingParameters) -> Self:
         """Return a track for every measurement."""
         boxes, zero = new.objects, np.zeros(len(new.objects.ids))
-        vx, vy = boxes.speed * np.cos(boxes.yaw), boxes.speed * np.sin(boxes.yaw)
-        turn = zero + (parameters.max_turn_rate / 2) ** 2
+        cos, sin = portable.cos_sin(boxes.yaw)
+        vx, vy = boxes.speed * cos, boxes.speed * sin
+        turn = zero + portable.square(parameters.max_turn_rate / 2)
         position = new.position + new.bias
         return cls(
             boxes.x.copy(), boxes.y.copy(), vx, vy, position, zero, new.speed.copy(), boxes.yaw.copy(), zero.copy(),
@@ -67,9 +69,9 @@ class TrackStates(TrackColumns):
 
     def predict(self, seconds: float, parameters: TrackingParameters) -> None:
         """Advance all tracks."""
-        moves = np.hypot(self.vx, self.vy) > parameters.moving_speed
+        moves = portable.hypot(self.vx, self.vy) > parameters.moving_speed
         turn = np.where(moves, self.turn_rate, 0.0) * seconds
-        cos, sin = np.cos(turn / 2), np.sin(turn / 2)
+        cos, sin = portable.cos_sin(turn / 2)
         vx, vy = cos * self.vx - sin * self.vy, sin * self.vx + cos * self.vy  # the direction of the arc's chord
         self.x, self.y = self.x + vx * seconds, self.y + vy * seconds
         self.vx, self.vy = cos * vx - sin * vy, sin * vx + cos * vy
@@ -137,16 +139,17 @@ class TrackStates(TrackColumns):
     @property
     def speed(self) -> Float:
         """Return the speeds (N,) [m/s] along the yaw."""
-        return self.vx * np.cos(self.yaw) + self.vy * np.sin(self.yaw)
+        cos, sin = portable.cos_sin(self.yaw)
+        return self.vx * cos + self.vy * sin
 
 
 def _grow(first: Float, both: Float, second: Float, seconds: float, sigma: float) -> tuple[Float, Float, Float]:
     """Return variance, covariance and variance of a value and its rate after a time of white acceleration."""
-    noise = sigma**2
+    noise, square = sigma * sigma, seconds * seconds
     return (
-        first + seconds * (2 * both + seconds * second) + noise * seconds**4 / 4,
-        both + seconds * second + noise * seconds**3 / 2,
-        second + noise * seconds**2,
+        first + seconds * (2 * both + seconds * second) + noise * square * square / 4,
+        both + seconds * second + noise * square * seconds / 2,
+        second + noise * square,
     )
 
 
@@ -171,8 +174,9 @@ class Correction:
         """Return tracks, each once, and the means of the measurements `columns` assigned to `rows` (K,)."""
         boxes = new.objects
         yaw, speed = boxes.yaw[columns], boxes.speed[columns]
+        cos, sin = portable.cos_sin(yaw)
         found = cls(
-            boxes.x[columns], boxes.y[columns], speed * np.cos(yaw), speed * np.sin(yaw), yaw, new.position[columns],
+            boxes.x[columns], boxes.y[columns], speed * cos, speed * sin, yaw, new.position[columns],
             new.bias[columns], new.yaw[columns], new.speed[columns], boxes.length[columns], boxes.width[columns],
         )  # fmt: skip
         tracks, first, index = np.unique(rows, return_index=True, return_inverse=True)

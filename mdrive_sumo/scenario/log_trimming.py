@@ -20,7 +20,7 @@ def find_log_trim(scenario: Scenario, wanted_s: float) -> float:
     """
     logs = [*_iterate_times(scenario)]
     for halvings in range(HALVINGS if logs else 0):
-        trim_s = round(wanted_s / 2**halvings, 3)
+        trim_s = round(wanted_s / (1 << halvings), 3)
         if all(last - trim_s >= LEAST_LEFT_S for _, last in logs) and not _cuts_lane_change(scenario, trim_s):
             return trim_s
     return 0.0

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Polyline, box_corners, wrap_angle
 from mdrive_sumo.core.seeding import draw_uniforms
 from mdrive_sumo.roads import Lane, RoadMap
@@ -113,8 +114,8 @@ def _move_pose(pose: Pose, base: tuple[float, float, float], target: tuple[float
     """Return a pose relative to `target` as it is relative to `base`."""
     turn = target[2] - base[2]
     dx, dy = pose.x - base[0], pose.y - base[1]
-    x = target[0] + math.cos(turn) * dx - math.sin(turn) * dy
-    y = target[1] + math.sin(turn) * dx + math.cos(turn) * dy
+    x = target[0] + portable.cos(turn) * dx - portable.sin(turn) * dy
+    y = target[1] + portable.sin(turn) * dx + portable.cos(turn) * dy
     return Pose(x=round(x, 3), y=round(y, 3), yaw=round(pose.yaw + wrap_angle(turn), 4))
 
 
@@ -134,7 +135,7 @@ def _extend_route(ego: Ego, back_m: float, lane: Lane) -> list[tuple[float, floa
     added: list[tuple[float, float, float]] = []
     for s in np.linspace(at - back_m, at, hops, endpoint=False).tolist():
         (cx, cy), yaw = lane.centre.at(s), lane.centre.yaw_at(s)
-        added.append((cx - math.sin(yaw) * offset, cy + math.cos(yaw) * offset, yaw))
+        added.append((cx - portable.sin(yaw) * offset, cy + portable.cos(yaw) * offset, yaw))
     return [*added, *ego.route]
 
 

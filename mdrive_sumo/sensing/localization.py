@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass, replace
 
 from mdrive_sumo.contract import OwnState
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.seeding import draw_normals
 from mdrive_sumo.core.state import DT, EgoState
 
@@ -40,7 +41,7 @@ class OwnStateEstimator:
     def __init__(self, seed: int, parameters: LocalizationParameters = REALISTIC_LOCALIZATION) -> None:
         """seed: the CAV's own."""
         self._seed, self._parameters = seed, parameters
-        self._kept = math.exp(-DT / parameters.correlation_s)
+        self._kept = portable.exp(-DT / parameters.correlation_s)
         self._errors: list[tuple[float, float, float, float, float]] = []
         """By tick: x, y and yaw in standard deviations, and the tick's draws for speed and yaw rate. A pure cache."""
 
@@ -59,7 +60,7 @@ class OwnStateEstimator:
 
     def _find_errors(self, tick: int) -> tuple[float, float, float, float, float]:
         """Return the errors of a tick. The process starts in its stationary distribution."""
-        fresh = math.sqrt(1 - self._kept**2)
+        fresh = math.sqrt(1 - self._kept * self._kept)
         while len(self._errors) <= tick:
             x, y, yaw, speed, yaw_rate, *_ = draw_normals(self._seed, "own-state", len(self._errors))
             if self._errors:

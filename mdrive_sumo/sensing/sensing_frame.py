@@ -1,6 +1,5 @@
 """SensingFrame: the world of one tick as input of all sensors, built once per tick."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -8,6 +7,7 @@ from hashlib import blake2b
 
 from mdrive_sumo.contract import Briefing, Objects
 from mdrive_sumo.contract.detector_profiles import IDEAL
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, boxes_corners
 from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.roads import RoadMap
@@ -53,7 +53,7 @@ class SensorPose:
         if own is None:
             return objects
         turn = own.yaw - self.yaw
-        cos, sin = math.cos(turn), math.sin(turn)
+        cos, sin = portable.cos_sin(turn)
         dx, dy = objects.x - self.x, objects.y - self.y
         x, y = own.x + cos * dx - sin * dy, own.y + sin * dx + cos * dy
         return replace(objects, x=x, y=y, yaw=objects.yaw + turn)

@@ -4,6 +4,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Briefing, Message, Objects, Observation
 from mdrive_sumo.contract.detector_profiles import IDEAL, PROFILES, DetectionProfile
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.v2x.messages import MAX_OBJECTS, MAX_SECTORS, REACH_M, Cam, Cpm, ReferencePose, encode
 
@@ -37,7 +38,7 @@ def build_cpm(
 ) -> Cpm:
     """Return the CPM of a station at that pose with detections of that profile, their age and standard deviations."""
     sigmas = np.empty((len(objects.ids), 3))
-    sigmas[:, 0] = profile.spread_at(np.hypot(objects.x - pose.x, objects.y - pose.y))
+    sigmas[:, 0] = profile.spread_at(portable.hypot(objects.x - pose.x, objects.y - pose.y))
     sigmas[:, 1], sigmas[:, 2] = profile.yaw_sigma, profile.speed_sigma
     age = np.full(len(objects.ids), profile.latency_ticks, dtype=np.uint8)
     return Cpm(pose, range_m, objects, age, roadside, sigmas)

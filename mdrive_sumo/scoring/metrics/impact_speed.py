@@ -1,7 +1,6 @@
 """Impact speed of a collision, from recorded frames. For information only: no score depends on it."""
 
-import math
-
+from mdrive_sumo.core import portable
 from mdrive_sumo.scoring.metrics.ego_track import EgoTrack
 
 
@@ -15,12 +14,12 @@ def compute_impact_speed(track: EgoTrack, tick: int, other: str) -> float:
     own = _compute_velocity(float(track.speed[before]), float(track.yaw[before]))
     episode = track.episode
     if other not in episode.ids:
-        return math.hypot(*own)
+        return portable.hypot(*own)
     column = episode.ids.index(other)
     at = before if episode.valid[before, column] else tick
     theirs = _compute_velocity(float(episode.speed[at, column]), float(episode.yaw[at, column]))
-    return math.hypot(own[0] - theirs[0], own[1] - theirs[1])
+    return portable.hypot(own[0] - theirs[0], own[1] - theirs[1])
 
 
 def _compute_velocity(speed: float, yaw: float) -> tuple[float, float]:
-    return speed * math.cos(yaw), speed * math.sin(yaw)
+    return speed * portable.cos(yaw), speed * portable.sin(yaw)
