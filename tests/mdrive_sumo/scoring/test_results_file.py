@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from testing.score_golden import scenario
@@ -97,7 +98,7 @@ def test_unknown_keys_and_nan_are_refused(tmp_path: Path) -> None:
 def test_a_file_of_version_2_is_read_with_undefined_times(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
     data = full_results().model_dump(mode="json")
-    old = data | {"format": "mdrive-sumo/results/2", "overall": dict(data["overall"])}
+    old: dict[str, Any] = data | {"format": "mdrive-sumo/results/2"}
     means = [old["overall"]["bucket_mean"], old["overall"]["scenario_mean"], *old["buckets"].values()]
     for part in (*means, *old["scenarios"], *(ego for one in old["scenarios"] for ego in one["egos"])):
         for name in ("efficient_sr", "time_ratio"):
