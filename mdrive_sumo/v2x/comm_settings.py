@@ -125,6 +125,7 @@ PRESETS: Mapping[str, CommSettings] = MappingProxyType(
         # 150 m), in the 3 % of air time that TS 102 687 grants at 6 Mbit/s. Headers: MAC and LLC 38 B, GeoNetworking
         # single-hop 40 B, BTP 4 B, signature and digest 95 B, and 30 B for the air time of the preamble.
         # docs/v2x.md has every source, and says what this is not.
+        # No pose error: messages carry what their sender estimates, whose errors the sensing profile brings.
         "realistic": CommSettings(
             "realistic",
             link=LinkSettings(latency_ticks=2, loss=0.1, range_m=150.0),

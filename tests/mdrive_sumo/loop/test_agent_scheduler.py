@@ -15,6 +15,7 @@ from mdrive_sumo.episode import EpisodeRecord, ThinkTime
 from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
+from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.v2x.channel import DeliveryStatus
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import Cpm, decode
@@ -81,7 +82,7 @@ def test_a_cav_that_has_ended_receives_and_sends_nothing() -> None:
 def test_a_road_side_unit_tells_what_it_sees() -> None:
     listener = Says(lambda seen: QUIET)
     scenario = TWO.model_copy(update={"rsus": (RoadsideUnit(id="rsu", x=60.0, y=10.0, range_m=30.0),)})
-    episode = drive({"0": Says(lambda seen: QUIET), "1": listener}, scenario)
+    episode = drive({"0": Says(lambda seen: QUIET), "1": listener}, scenario, sensing=SensingProfile.PERFECT)
     (message,) = next(seen.messages for seen in listener.seen if seen.messages)
     told = decode(message)
     assert isinstance(told, Cpm)

@@ -11,10 +11,12 @@ from mdrive_sumo.contract import Control, Observation, Plan, Reply, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.episode import Ending, EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, run_episode
+from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.sensing.sensing_profile import SensingProfile
 
+EXACT = EpisodeOptions(sensing=SensingProfile.PERFECT)
 go = pedals(throttle=0.5)
 stand = pedals(brake=1.0)
 
@@ -23,7 +25,7 @@ def drive(
     scenario: Scenario, agents: dict[str, Says], replayed: tuple[Ending, ...] = ()
 ) -> tuple[EpisodeRecord, EmptyWorld]:
     world = EmptyWorld()
-    setting = EpisodeConfig(scenario, straight_road(), seed=0, replayed_failures=replayed)
+    setting = EpisodeConfig(scenario, straight_road(), seed=0, replayed_failures=replayed, options=EXACT)
     return run_episode(setting, world, {ego: LocalDriver(agent) for ego, agent in agents.items()}), world
 
 

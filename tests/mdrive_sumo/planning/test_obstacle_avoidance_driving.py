@@ -106,7 +106,8 @@ class TestOnTheRoad:
         _, lane = lane_of(*STREETS[0])
         episode = driven(*STREETS[0], (beside(lane, 45.0, -3.6, Kind.STATIC, (1.0, 1.0)),))
         assert episode.find_ending("0").end is End.ARRIVED
-        assert np.abs(episode.y[episode.valid[:, 0], 0] + WIDTH / 2).max() < 0.1
+        # Less than a detour: five standard deviations of the estimated own position.
+        assert np.abs(episode.y[episode.valid[:, 0], 0] + WIDTH / 2).max() < 1.0
 
     @pytest.mark.full
     def test_the_car_stops_at_a_wall_across_the_road(self) -> None:
