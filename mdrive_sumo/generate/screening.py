@@ -12,7 +12,7 @@ from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
-from mdrive_sumo.study.occlusion_certificate import ReferenceDrive, find_occluded_intervals
+from mdrive_sumo.study.occlusion_certificate import REFERENCE_OPTIONS, ReferenceDrive, find_occluded_intervals
 from mdrive_sumo.sumo import SumoWorld
 
 SEED = 0
@@ -44,7 +44,7 @@ def drive_episode(scenario: Scenario, roads: RoadMap, agent: str) -> EpisodeReco
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in scenario.egos}
     drivers = {ego.id: LocalDriver(AGENTS[agent]({})) for ego in scenario.egos}
     with SumoWorld(scenario, roads, sizes, derive_seed(SEED, scenario.id, "sumo")) as world:
-        return run_episode(EpisodeConfig(scenario, roads, SEED), world, drivers)
+        return run_episode(EpisodeConfig(scenario, roads, SEED, options=REFERENCE_OPTIONS), world, drivers)
 
 
 def screen_scenario(scenario: Scenario, roads: RoadMap) -> ScreeningResult:

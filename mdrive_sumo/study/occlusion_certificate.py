@@ -19,11 +19,13 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import DT, Actors, EgoState, Frame
 from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.sensing.observation_builder import build_sensing_frame
 from mdrive_sumo.sensing.sensing_frame import SensorPose
+from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 
 CERTIFICATE_FILE = "occlusion.json"
@@ -43,6 +45,8 @@ MAX_LEAD_S = 4.0
 
 ReferenceDrive = Literal["constant-speed", "omniscient"]
 DRIVES: tuple[ReferenceDrive, ...] = ("constant-speed", "omniscient")
+REFERENCE_OPTIONS = EpisodeOptions(sensing=SensingProfile.PERFECT)
+"""Of reference drives: how difficult a scenario is does not depend on the errors of sensors."""
 
 
 class _FilePart(BaseModel):

@@ -20,6 +20,7 @@ from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.scoring import ScoreMode, find_arrival_ticks, score_episode
 from mdrive_sumo.study.occlusion_certificate import (
     DRIVES,
+    REFERENCE_OPTIONS,
     OcclusionCertificate,
     ReferenceDrive,
     find_occluded_intervals,
@@ -107,7 +108,7 @@ def validate_scenario(question: ValidationTask) -> ScenarioValidation:
 
 
 def _job(question: ValidationTask, agent: str) -> EpisodeJob:
-    return EpisodeJob(question.suite_folder, question.scenario, AgentSpec(agent))
+    return EpisodeJob(question.suite_folder, question.scenario, AgentSpec(agent), options=REFERENCE_OPTIONS)
 
 
 def _find_soundness_problems(scenario: Scenario, roads: RoadMap) -> Iterator[str]:

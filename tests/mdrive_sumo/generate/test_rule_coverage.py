@@ -48,13 +48,13 @@ PROOFS = {
 def test_every_rule_is_exercised_somewhere() -> None:
     assert PROOFS.keys() == RULES.keys()
     for rule, (name, _) in PROOFS.items():
-        scenario, roads = find_scenario(name)
+        scenario, roads, _ = find_scenario(name)
         assert rule in find_exercised_rules(scenario, roads), rule
 
 
 def test_a_rest_near_the_line_counts_as_its_stop() -> None:
     """Until 0.1.0 both CAVs before a stop sign started 12 m and 10 m before its line, so no driver could miss it."""
-    scenario, roads = find_scenario("i13_ins_sl_minor_road")
+    scenario, roads, _ = find_scenario("i13_ins_sl_minor_road")
     near = shift_start(scenario.egos[1], 24.0, roads)
     rolling = near.model_copy(update={"start_speed": 5.0})
     for ego, expected in ((near, False), (rolling, True), (scenario.egos[1], True)):
@@ -63,13 +63,13 @@ def test_a_rest_near_the_line_counts_as_its_stop() -> None:
 
 
 def test_frozen_lights_exercise_no_red_light() -> None:
-    scenario, roads = find_scenario("i31_ins_crosschange_main_street")
+    scenario, roads, _ = find_scenario("i31_ins_crosschange_main_street")
     frozen = scenario.model_copy(update={"signals": "frozen-green"})
     assert "red-light" not in find_exercised_rules(frozen, roads)
 
 
 def test_a_pedestrian_off_the_routes_is_none() -> None:
-    scenario, roads = find_scenario("crosswalk_09")
+    scenario, roads, _ = find_scenario("crosswalk_09")
     away = tuple(actor for actor in scenario.actors if actor.kind != "pedestrian")
     assert "collision-pedestrian" not in find_exercised_rules(scenario.model_copy(update={"actors": away}), roads)
 

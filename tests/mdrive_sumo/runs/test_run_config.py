@@ -26,7 +26,7 @@ OPTIONS = EpisodeOptions(
     Clock("fixed", 2),
     ActorMode.ORIGINAL,
     FrictionMode.WEATHER,
-    SensingProfile.PERFECT,
+    sensing=SensingProfile.PERFECT,
 )
 CONFIG = RunConfig(
     scenario="i13*", agent=AgentSpec("sharing", {"range": 80.0, "a": True}), seed=3, options=OPTIONS, record=False
