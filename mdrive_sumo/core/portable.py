@@ -168,8 +168,17 @@ def _atan2_number(y: float, x: float) -> float:
 
 
 def atan(slope: float) -> float:
-    """Return the arc tangent [rad]."""
-    return _atan2_number(float(slope), 1.0)
+    """Return the arc tangent [rad]: atan2(slope, 1), without its cases."""
+    steep = abs(slope)
+    low = 1.0 / steep if steep > 1.0 else steep
+    row = round(low * tables.ATAN_STEPS)
+    near = row * _SLOPE_STEP
+    rest = (low - near) / (1.0 + low * near)
+    square = rest * rest
+    angle = _ATAN[row] + (rest + rest * square * (square * 0.2 - _THIRD))
+    if steep > 1.0:
+        angle = _HALF_PI - angle
+    return -angle if slope < 0.0 else angle
 
 
 @overload

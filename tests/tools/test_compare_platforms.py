@@ -15,7 +15,7 @@ from tools.compare_platforms import VARIANTS, drive, find_differences, limit_fea
 
 SHORT = "i07_ins_ss_town"
 ALL_AT_ONCE = {name: value for variant in VARIANTS.values() for name, value in variant.items()}
-"""The last variant of NumPy switches off everything that the first one does."""
+"""Of two variants of a library the last one counts: the older processor."""
 
 
 def compare_elsewhere(file: Path, variant: dict[str, str]) -> str:

@@ -139,6 +139,17 @@ def test_numbers_and_arrays_have_the_same_directions_and_lengths(size: int) -> N
     assert portable.hypot(y, x).tolist() == [portable.hypot(*row) for row in rows]
 
 
+@given(slope=st.floats(-1e6, 1e6))
+def test_an_arc_tangent_is_a_direction(slope: float) -> None:
+    assert portable.atan(slope) == portable.atan2(slope, 1.0)
+
+
+def test_arrays_of_32_bits_are_computed_in_64() -> None:
+    angles = np.linspace(-4.0, 4.0, 50).astype(np.float32)
+    assert portable.cos(angles).tobytes() == portable.cos(angles.astype(np.float64)).tobytes()
+    assert portable.exp(angles).tobytes() == portable.exp(angles.astype(np.float64)).tobytes()
+
+
 def test_arguments_broadcast() -> None:
     y, x = np.arange(1.0, 6.0)[:, None], np.arange(-3.0, 3.0)
     assert np.allclose(portable.atan2(y, x), np.arctan2(y, x), rtol=1e-15)
