@@ -6,7 +6,6 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.stored_run import StoredRun, load_stored_run
 from mdrive_sumo.scenario.reference_times import (
@@ -16,6 +15,7 @@ from mdrive_sumo.scenario.reference_times import (
     save_reference_times,
 )
 from mdrive_sumo.scoring import find_arrival_ticks
+from mdrive_sumo.study.occlusion_certificate import REFERENCE_OPTIONS
 
 
 @click.command("reference-times")
@@ -23,9 +23,9 @@ from mdrive_sumo.scoring import find_arrival_ticks
 def command(run_folder: Path) -> None:
     """Write when `omniscient` arrived, for time ratio and efficient SR.
 
-    RUN is a folder of `eval --suite SUITE --agent omniscient` with seed 0 and default options, of all scenarios or some
-    (--scenario). Their times are written to reference_times.json beside the suite, or each of its parts; the times of
-    other scenarios are kept. `validate SUITE --write` does the same and drives by itself.
+    RUN is a folder of `eval --suite SUITE --agent omniscient --ids scenario --sensing perfect` with seed 0, of all
+    scenarios or some (--scenario). Their times are written to reference_times.json beside the suite, or each of its
+    parts; the times of other scenarios are kept. `validate SUITE --write` does the same and drives by itself.
     """
     stored = load_stored_run(run_folder)
     _check_reference_run(stored, run_folder)
@@ -46,7 +46,7 @@ def _check_reference_run(stored: StoredRun, folder: Path) -> None:
         "agent": REFERENCE_AGENT,
         "agent_config": "{}",
         "seed": REFERENCE_SEED,
-        **EpisodeOptions().to_dict(),
+        **REFERENCE_OPTIONS.to_dict(),
     }
     found = config.to_dict()
     for name, value in expected.items():

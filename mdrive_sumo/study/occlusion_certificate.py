@@ -20,6 +20,7 @@ from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_ove
 from mdrive_sumo.core.state import DT, Actors, EgoState, Frame
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.loop.pseudonyms import StationIds
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
 from mdrive_sumo.scenario.suite import Suite
@@ -45,8 +46,9 @@ MAX_LEAD_S = 4.0
 
 ReferenceDrive = Literal["constant-speed", "omniscient"]
 DRIVES: tuple[ReferenceDrive, ...] = ("constant-speed", "omniscient")
-REFERENCE_OPTIONS = EpisodeOptions(sensing=SensingProfile.PERFECT)
-"""Of reference drives: how difficult a scenario is does not depend on the errors of sensors."""
+REFERENCE_OPTIONS = EpisodeOptions(sensing=SensingProfile.PERFECT, station_ids=StationIds.SCENARIO)
+"""Of reference drives: difficulty, hidden conflicts and times depend neither on errors of sensors nor on drawn ids, by
+which `omniscient` orders CAVs that are equal in everything else."""
 
 
 class _FilePart(BaseModel):

@@ -11,7 +11,7 @@ from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, WorldState
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, run_episode
+from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.roads.network_file import StopSignBox
@@ -109,13 +109,15 @@ def drive(
     roads: RoadMap | None = None,
     red_until: int = 0,
 ) -> EpisodeRecord:
-    """One episode in which every CAV has the same built-in agent."""
+    """One episode in which every CAV has the same built-in agent, exact sensing and its id of the scenario."""
     egos = tuple(
         ego(name, xy).model_copy(update={"lanes": ("r_0", "out")} if red_until else {}) for name, xy in routes.items()
     )
     scenario = Scenario(id="field", bucket="Test", category="test", network="field", egos=egos)
     drivers = {name: LocalDriver(AGENTS[agent]({})) for name in routes}
-    return run_episode(EpisodeConfig(scenario, roads or field(), seed=0), BoxWorld(boxes, red_until), drivers)
+    options = EpisodeOptions.parse(sensing="perfect", ids="scenario")
+    config = EpisodeConfig(scenario, roads or field(), seed=0, options=options)
+    return run_episode(config, BoxWorld(boxes, red_until), drivers)
 
 
 def all_arrived(episode: EpisodeRecord) -> bool:

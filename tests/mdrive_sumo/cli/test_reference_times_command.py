@@ -14,6 +14,7 @@ from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.scoring import load_results
 
 TOWN = "i07_ins_ss_town"
+REFERENCE = ("--agent", "omniscient", "--ids", "scenario", "--sensing", "perfect")
 
 
 def command(*words: str | int | Path) -> Result:
@@ -33,7 +34,7 @@ def test_a_run_of_omniscient_becomes_the_reference_and_results_follow_it(tmp_pat
     alone = ours.model_copy(update={"egos": ours.egos[:1]})
     save_suite(Suite(SuiteFile(name="mine", title=""), tmp_path / "mine", (alone,)))
     options = ("--suite", tmp_path / "mine", "--workers", 1)
-    drive = ("eval", *options, "--agent", "omniscient", "--out", tmp_path / "ref")
+    drive = ("eval", *options, *REFERENCE, "--out", tmp_path / "ref")
     assert "times        none for 1 scenarios: `mdrive-sumo validate SUITE --write`" in command(*drive).output
     assert load_results(tmp_path / "ref" / "results.json").scenarios[0].time_ratio is None
     told = command("reference-times", tmp_path / "ref")
@@ -59,7 +60,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(TESTS))  # for the worker process
         patch.setattr("mdrive_sumo.runs.evaluate.run_job", suite_fakes.drive)
-        options = ("--suite", folder / "suite", "--agent", "omniscient", "--workers", 1, "--out", folder / "run")
+        options = ("--suite", folder / "suite", *REFERENCE, "--workers", 1, "--out", folder / "run")
         assert command("eval", *options).exit_code == 0
     return folder / "run"
 
@@ -73,6 +74,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ({"agent_clock": "fixed:100"}, "agent_clock: expected a run with 'ideal', found 'fixed:100'"),
         ({"actors": "original"}, "actors: expected a run with 'default', found 'original'"),
         ({"friction": "weather"}, "friction: expected a run with 'dry', found 'weather'"),
+        ({"ids": "random"}, "ids: expected a run with 'scenario', found 'random'"),
+        ({"sensing": "realistic"}, "sensing: expected a run with 'perfect', found 'realistic'"),
     ],
 )
 def test_a_run_that_is_no_reference_is_exit_code_2(finished: Path, changes: dict[str, object], says: str) -> None:
