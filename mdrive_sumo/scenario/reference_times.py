@@ -61,9 +61,10 @@ def compute_scenario_checksum(scenario: Scenario, folder: Path) -> str:
 def find_reference_times(scenario: Scenario, folder: Path) -> ReferenceTicks:
     """Return the reference of a scenario of the suite in `folder`, for every CAV or for none.
 
-    None: it was not measured, belongs to another state of the scenario, or not every CAV of `omniscient` arrived.
-    Raises InputError for an unreadable file.
+    None: it was not measured, belongs to another state of the scenario, or not every CAV of `omniscient` arrived. A
+    scenario that a seed drew has the reference of the scenario as written. Raises InputError for an unreadable file.
     """
+    scenario = scenario.as_written
     path = folder / REFERENCE_TIMES_FILE
     if not path.is_file():
         return NO_REFERENCE
