@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.comm import parse_comm_options
-from mdrive_sumo.cli.study_display import StudyDisplay
+from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.loop import EpisodeOptions
@@ -15,7 +15,7 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig
-from mdrive_sumo.study.gain import AGENTS, GainRow, GainStudy, summarise_gain
+from mdrive_sumo.study.gain import AGENTS, GainStudy, summarise_gain
 from mdrive_sumo.study.gain_files import GAIN_HEADER, gain_csv, gain_json, gain_markdown, make_gain_table
 from mdrive_sumo.study.study_files import StudyDescription
 from mdrive_sumo.v2x.comm_settings import PRESETS
@@ -43,7 +43,7 @@ def command(ctx: click.Context, **options: object) -> None:
     given = _GainOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
     seeds = tuple(range(given.seed, given.seed + given.seeds))
     study = GainStudy({name: given.prepare_agent(name) for name in AGENTS}, seeds, given.out)
-    rows = _drive(ctx, study)
+    rows = drive_with_display(ctx, study)
     summary = summarise_gain(rows)
     suite = rows[0].results[0].run.suite
     about = StudyDescription(suite, given.scenario, "", {}, seeds, ("mdrive-sumo", *sys.argv[1:]))
@@ -89,16 +89,3 @@ class _GainOptions:
             command=("mdrive-sumo", *sys.argv[1:]),
         )
         return prepare(config)
-
-
-def _drive(ctx: click.Context, study: GainStudy) -> list[GainRow]:
-    """Drive the study with a display; an interruption ends the program with code 130."""
-    progress = StudyDisplay(sys.stderr, study.episodes())
-    try:
-        return list(study.rows(progress))
-    except KeyboardInterrupt:
-        progress.close()
-        click.echo(f"interrupted; the same command without --fresh continues {study.folder}", err=True)
-        ctx.exit(130)
-    finally:
-        progress.close()

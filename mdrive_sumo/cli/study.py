@@ -9,7 +9,7 @@ import click
 
 from mdrive_sumo.cli.ablate import command as ablate_command
 from mdrive_sumo.cli.gain import command as gain_command
-from mdrive_sumo.cli.study_display import StudyDisplay
+from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
@@ -31,7 +31,7 @@ from mdrive_sumo.study.conditions import (
 )
 from mdrive_sumo.study.plots import draw_curves, make_curves
 from mdrive_sumo.study.study_files import StudyDescription, study_json, study_markdown, table_of
-from mdrive_sumo.study.study_runs import BEST, Study, StudyRow
+from mdrive_sumo.study.study_runs import BEST, Study
 from mdrive_sumo.study.study_summary import StudyLine, summarise_rows
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
 
@@ -84,7 +84,7 @@ def comm_command(ctx: click.Context, **options: object) -> None:
     varied = options_given.varied()
     found = make_conditions(options_given.base(), varied, options_given.grid)
     study = options_given.study(found)
-    rows = _drive(ctx, study)
+    rows = drive_with_display(ctx, study)
     told = summarise_rows(rows)
     about = StudyDescription(
         suite=rows[0].results[0].run.suite,
@@ -188,18 +188,6 @@ class _StudyOptions:
                 command=("mdrive-sumo", *sys.argv[1:]),
             )
         )
-
-
-def _drive(ctx: click.Context, study: Study) -> list[StudyRow]:
-    progress = StudyDisplay(sys.stderr, study.episodes())
-    try:
-        return list(study.rows(progress))
-    except KeyboardInterrupt:
-        progress.close()
-        click.echo(f"interrupted; the same command without --fresh continues {study.folder}", err=True)
-        ctx.exit(130)
-    finally:
-        progress.close()
 
 
 def _draw(

@@ -1,10 +1,34 @@
 """Progress of a study on a terminal."""
 
-from collections.abc import Mapping
-from typing import TextIO
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Protocol, TextIO, TypeVar
+
+import click
 
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.scoring import ScenarioResult
+from mdrive_sumo.study.study_runs import StudyProgress
+
+Row = TypeVar("Row", covariant=True)
+
+
+class DrivenStudy(Protocol[Row]):
+    """A study that yields its rows as they are driven."""
+
+    @property
+    def folder(self) -> Path:
+        """Where the study keeps its runs."""
+        ...
+
+    def episodes(self) -> int:
+        """Return the number of episodes."""
+        ...
+
+    def rows(self, progress: StudyProgress) -> Iterator[Row]:
+        """Drive the unfinished runs and yield the rows."""
+        ...
 
 
 class StudyDisplay(ProgressDisplay):
@@ -34,3 +58,16 @@ class StudyDisplay(ProgressDisplay):
     def _state(self) -> str:
         done = len(self._results)
         return f"{done:{len(str(self._total))}}/{self._total}  eta {self._time_left()}"
+
+
+def drive_with_display(ctx: click.Context, study: DrivenStudy[Row]) -> list[Row]:
+    """Drive a study with a display on standard error; an interruption ends the program with code 130."""
+    progress = StudyDisplay(sys.stderr, study.episodes())
+    try:
+        return list(study.rows(progress))
+    except KeyboardInterrupt:
+        progress.close()
+        click.echo(f"interrupted; the same command without --fresh continues {study.folder}", err=True)
+        ctx.exit(130)
+    finally:
+        progress.close()
