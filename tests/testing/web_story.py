@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.scenario.reference_times import find_reference_times, save_reference_times
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
 from server import environments
 from server.participant.packaging import write_archive
@@ -57,8 +58,11 @@ closes = 2100-01-01T00:00:00Z
 def served(folder: Path, scenarios: Collection[str] = SCENARIOS) -> Generator[str]:
     """`mdrive-sumo serve` with a phase of these scenarios and one worker; its address."""
     suite, data = folder / "suite", folder / "data"
-    chosen = tuple(each for each in load_suite("interdrive").scenarios if each.id in scenarios)
+    packaged = load_suite("interdrive")
+    chosen = tuple(each for each in packaged.scenarios if each.id in scenarios)
     save_suite(Suite(SuiteFile(name="few", title="A few scenarios"), suite, chosen))
+    times = {each.id: find_reference_times(each, packaged.find_folder(each.id)) for each in chosen}
+    save_reference_times(load_suite(str(suite)), times)
     about = data / "environments" / "python3.11-numpy" / environments.ABOUT_FILE
     about.parent.mkdir(parents=True)
     about.write_text(json.dumps(asdict(environments.current_environment()), default=str))
