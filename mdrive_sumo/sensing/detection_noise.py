@@ -22,6 +22,8 @@ CELL_M = 50.0
 """Edge of the grid cells for which false positives are drawn."""
 CAR_M = (4.5, 1.9)
 """Length and width of a false positive."""
+WEIGHTS = tuple(portable.cos_sin(math.pi / 2 * step / EPOCH_TICKS) for step in range(EPOCH_TICKS))
+"""Of the earlier and the later draw, by the ticks since the earlier one."""
 
 
 @lru_cache(maxsize=4096)
@@ -36,8 +38,8 @@ def _draw_miss(seed: int, name: str, epoch: int) -> float:
 
 
 @lru_cache(maxsize=4096)
-def _draw_errors(seed: int, name: str, epoch: int) -> tuple[float, ...]:
-    return draw_normals(seed, "error", name, epoch)
+def _draw_errors(seed: int, name: str, epoch: int) -> Float:
+    return np.array(draw_normals(seed, "error", name, epoch))
 
 
 def draw_detected(seed: int, tick: int, ids: tuple[str, ...], recall: Float) -> Bool:
@@ -48,7 +50,7 @@ def draw_detected(seed: int, tick: int, ids: tuple[str, ...], recall: Float) -> 
 
 def add_errors(profile: DetectionProfile, seed: int, tick: int, truth: Objects, at: Float) -> Objects:
     """Return the objects, by true ids, with noise; `at` (2,) [m] is the sensor position."""
-    noise = np.array([_interpolate_errors(seed, tick, name) for name in truth.ids]).reshape(-1, UNIFORMS)
+    noise = _interpolate_errors(seed, tick, truth.ids)
     x, y = truth.x - at[0], truth.y - at[1]
     distance = portable.hypot(x, y)
     spread, (cos, sin) = profile.spread_at(distance), portable.cos_sin(portable.atan2(y, x))
@@ -66,11 +68,15 @@ def add_errors(profile: DetectionProfile, seed: int, tick: int, truth: Objects, 
     )
 
 
-def _interpolate_errors(seed: int, tick: int, name: str) -> Float:
-    """Return (8,) standard normal errors that vary smoothly: the weights of two consecutive draws keep the variance."""
-    epoch, step = divmod(tick + _phase(seed, name), EPOCH_TICKS)
-    cos, sin = portable.cos_sin(math.pi / 2 * step / EPOCH_TICKS)
-    return cos * np.array(_draw_errors(seed, name, epoch)) + sin * np.array(_draw_errors(seed, name, epoch + 1))
+def _interpolate_errors(seed: int, tick: int, ids: tuple[str, ...]) -> Float:
+    """Return (N, 8) standard normal errors that vary smoothly: weights of two consecutive draws keep the variance."""
+    if not ids:
+        return np.empty((0, UNIFORMS))
+    times = [divmod(tick + _phase(seed, name), EPOCH_TICKS) for name in ids]
+    weights = np.array([WEIGHTS[step] for _, step in times])
+    earlier = np.array([_draw_errors(seed, name, epoch) for name, (epoch, _) in zip(ids, times, strict=True)])
+    later = np.array([_draw_errors(seed, name, epoch + 1) for name, (epoch, _) in zip(ids, times, strict=True)])
+    return weights[:, :1] * earlier + weights[:, 1:] * later
 
 
 def draw_false_positives(profile: DetectionProfile, seed: int, tick: int, at: Float, range_m: float) -> Objects:
