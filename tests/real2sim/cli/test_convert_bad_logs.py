@@ -51,6 +51,7 @@ BROKEN: dict[Callable[[Path], None], str] = {
 }
 
 
+@pytest.mark.usefixtures("in_process")
 def test_every_broken_log_of_a_batch_is_reported_in_a_sentence(small: tuple[Path, Path], tmp_path: Path) -> None:
     for spoil in BROKEN:
         shutil.copytree(small[0], tmp_path / "logs" / spoil.__name__)

@@ -7,11 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from testing.convert_command import run
 from testing.small_log import FRAMES, STATION, recording, road, track
 
-from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_spec import AgentSpec
@@ -33,8 +31,6 @@ from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
 
 pytestmark = pytest.mark.slow
-
-LOGS = Path("real_logs")
 
 
 def only(suite: Path) -> Scenario:
@@ -273,34 +269,3 @@ def test_authored_sources_share_the_command(tmp_path: Path, shared_data: Path) -
     done = run("opendrive", shared_data / "carla_towns" / "Town01.xodr", "--out", tmp_path / "b")
     assert done.exit_code == 0, done.output
     assert (tmp_path / "b" / "networks" / "Town01" / "network.json").is_file()
-
-
-@pytest.mark.usefixtures("in_process")
-def test_a_real_log(shared_data: Path, tmp_path: Path) -> None:
-    done = run(
-        "commonroad", shared_data / LOGS / "commonroad/USA_US101-3_3_T-1.xml", "--out", tmp_path / "suite", "--report"
-    )
-    assert done.exit_code in (0, 1), done.output
-    assert run_job(EpisodeJob(tmp_path / "suite", only(tmp_path / "suite").id, AgentSpec("idm"))).status == "ok"
-    assert run("--summary", tmp_path / "suite").exit_code == done.exit_code
-
-
-@pytest.mark.full
-@pytest.mark.parametrize(
-    ("source", "path", "more"),
-    [
-        ("scenarionet", "scenarionet_nuscenes", ()),
-        ("commonroad", "commonroad", ()),
-        ("argoverse2", "argoverse2/forecasting", ()),
-        ("argoverse2", "argoverse2/sensor", ()),
-        ("interaction", "interaction", ("--window", "0,40", "--every", "20")),
-    ],
-)
-def test_real_logs(source: str, path: str, more: tuple[str, ...], shared_data: Path, tmp_path: Path) -> None:
-    done = run(source, shared_data / LOGS / path, "--out", tmp_path / "suite", "--report", *more)
-    assert done.exit_code in (0, 1), done.output
-    driven = CliRunner().invoke(
-        main, ["eval", "--suite", str(tmp_path / "suite"), "--agent", "idm", "--out", str(tmp_path / "run")]
-    )
-    assert driven.exit_code == 0, driven.output
-    assert run("--summary", tmp_path / "suite").exit_code == done.exit_code
