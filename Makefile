@@ -10,6 +10,8 @@ PYTEST := $(BIN)/python -m pytest
 PYTEST_FLAGS ?=
 # The suite that has all others as its parts.
 WHOLE := mdrive
+# Python keeps what it compiled: else each process of the tests compiles all modules again, and pytest all assertions.
+unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .PHONY: help install libraries eval test test-all check lint types imports bench platforms docs networks scenarios schemas validate lock clean
 
