@@ -10,6 +10,8 @@ PYTEST := $(BIN)/python -m pytest
 PYTEST_FLAGS ?=
 # The suite that has all others as its parts.
 WHOLE := mdrive
+# Python keeps what it compiled: else each process of the tests compiles all modules again, and pytest all assertions.
+unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
 .PHONY: help install libraries eval test test-all check lint types imports bench platforms docs networks scenarios schemas validate lock clean
 
@@ -37,7 +39,7 @@ test: install ## the tests
 	$(PYTEST) -n 2 --dist worksteal -m "not full" $(PYTEST_FLAGS)
 
 test-all: install ## every test: each scenario, each log, long soaks
-	$(PYTEST) -n 2
+	MDRIVE_HYPOTHESIS=all $(PYTEST) -n 2
 
 check: lint types imports ## lint, types, import contracts, fast tests
 	MDRIVE_HYPOTHESIS=check $(PYTEST) -n 2 --dist worksteal -m "not slow and not full" -q

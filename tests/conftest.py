@@ -24,6 +24,7 @@ SKIP_REASONS = (NEEDS_SHARED_DATA, *MACHINE, *INSTALLED, "needs PostgreSQL")
 settings.register_profile("laptop", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True)
 settings.register_profile("check", deadline=None, max_examples=20)
+settings.register_profile("all", deadline=None)  # `testing.examples`: expensive properties get all their examples
 settings.load_profile(os.environ.get("MDRIVE_HYPOTHESIS") or ("ci" if os.environ.get("CI") else "laptop"))
 
 

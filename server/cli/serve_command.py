@@ -18,8 +18,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mdrive_sumo.core.errors import InputError
 from server import environments
-from server.api import create_app
-from server.api.app import prepare_storage
+from server.api.app import create_app, prepare_storage
 from server.api.upload import UPLOAD_S
 from server.cli.options import data_option, load_settings_with, report_store_errors, settings_option
 from server.clock import now_us

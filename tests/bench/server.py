@@ -41,7 +41,7 @@ PAUSES_S = (0.0, 0.5, 5.0)
 PROGRAM = """
 import sys, uvicorn
 from server.web.mount_pages import mount_pages
-from server.api import create_app
+from server.api.app import create_app
 from server.evaluation.supervisor import Supervisor
 from server.settings import Settings
 settings = Settings.model_validate_json(sys.argv[1])

@@ -98,7 +98,7 @@ def test_the_server_is_asked_whether_it_is_well() -> None:
     ((*_, url),) = of("server", "HEALTHCHECK")
     port, path = re.search(r"127\.0\.0\.1:(\d+)(/\S+)'", url).groups()  # type: ignore[union-attr]
     assert (int(port), [[port]]) == (ServerSettings().port, of("server", "EXPOSE"))
-    from server.api import create_app
+    from server.api.app import create_app
 
     assert path in create_app(ServerSettings(data=Path("/nowhere"))).openapi()["paths"]
 

@@ -3,17 +3,16 @@
 import json
 import re
 import runpy
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from testing.paths import ROOT
 
 import mdrive_sumo
-from mdrive_sumo.cli import COMMANDS
+from mdrive_sumo.cli import COMMANDS, main
 from mdrive_sumo.cli.schema import SCHEMAS
 from mdrive_sumo.contract import (
     STANDSTILL,
@@ -170,14 +169,14 @@ def test_readme_agent_answers_with_a_plan_and_stops_for_an_obstacle(example: Pat
 
 
 @pytest.mark.slow
-def test_readme_agent_drives_the_built_in_suite(example: Path, tmp_path: Path) -> None:
+def test_readme_agent_drives_the_built_in_suite(example: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "config.json").write_text('{"speed": 6.0}')
     scenario = load_suite("interdrive").scenarios[0].id
-    main = (sys.executable, "-c", "from mdrive_sumo.cli import main; main()")
-    command = (*main, "eval", "--scenario", scenario, "--out", "run")
+    command = ("eval", "--scenario", scenario, "--out", "run")
     agent = ("--agent", f"{example.name}:Careful", "--agent-config", "config.json")
-    done = subprocess.run((*command, *agent), cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    done = CliRunner().invoke(main, (*command, *agent))
+    assert done.exit_code == 0, done.output
     results = json.loads((tmp_path / "run" / "results.json").read_text())
     outcomes = {ego["outcome"] for scenario in results["scenarios"] for ego in scenario["egos"]}
     assert "agent-failed" not in outcomes

@@ -25,7 +25,7 @@ def session(folder: Path, body: str, *options: str, strict: bool = False) -> sub
         shutil.copy(file, tests / file.relative_to(TESTS))
     (tests / "test_it.py").write_text(f"import pytest\n\n\n{body}\n")
     command = (sys.executable, "-m", "pytest", "-p", "no:cacheprovider", *options, str(tests))
-    environment = {"MDRIVE_STRICT_SKIPS": "1"} if strict else {}
+    environment = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"} | ({"MDRIVE_STRICT_SKIPS": "1"} if strict else {})
     return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
 
 
@@ -57,7 +57,7 @@ def test_a_last_test_that_breaks_its_worker_fails_the_session(tmp_path: Path) ->
     """A numpy number in a report breaks a worker of pytest-xdist, which alone would say "1 passed" and exit 0."""
     body = "def test_first(): pass\n\n\ndef test_last(record_property):\n"
     body += "    __import__('time').sleep(1.0)\n    record_property('x', __import__('numpy').float64(1))"
-    ended = session(tmp_path, body, "-n", "2")
+    ended = session(tmp_path, body, "-p", "xdist", "-n", "2")
     assert (ended.returncode, "a worker was lost" in ended.stdout) == (1, True)
 
 

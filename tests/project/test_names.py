@@ -4,6 +4,7 @@ import ast
 import re
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,11 @@ MAX_FILE_LINES, MAX_BODY_LINES = 300, 40
 """Lines of a file, and of the body of a function without its docstring."""
 
 
+@cache
+def parse(path: Path) -> ast.Module:
+    return ast.parse(path.read_text("utf-8"))
+
+
 def functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
     return (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
 
@@ -28,7 +34,7 @@ def functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionD
 def test_a_public_class_name_has_one_meaning() -> None:
     files_by_class: dict[str, list[str]] = defaultdict(list)
     for path in SOURCES:
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        for node in ast.walk(parse(path)):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 files_by_class[node.name].append(str(path.relative_to(ROOT)))
     assert {name: files for name, files in files_by_class.items() if len(files) > 1} == {}
@@ -52,7 +58,7 @@ def test_files_and_functions_are_small() -> None:
         text = path.read_text("utf-8")
         if text.count("\n") > MAX_FILE_LINES and str(path.relative_to(ROOT)) not in LONG_FILES:
             long.append(f"{path.relative_to(ROOT)}: {text.count(chr(10))} lines")
-        for function in functions(ast.parse(text)):
+        for function in functions(parse(path)):
             body = function.body[1:] if ast.get_docstring(function) else function.body
             lines = (body[-1].end_lineno or 0) - body[0].lineno + 1 if body else 0
             if lines > MAX_BODY_LINES:

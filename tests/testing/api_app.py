@@ -12,7 +12,7 @@ from typing import Any
 import uvicorn
 from httpx import Response
 
-from server.api import create_app
+from server.api.app import create_app
 from server.clock import DAY_US
 from server.enums import TokenScope
 from server.environments import ABOUT_FILE

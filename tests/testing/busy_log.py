@@ -11,9 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.contract import Observation
+from mdrive_sumo.core.state import TICKS_PER_SECOND, FailureReason
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
-from mdrive_sumo.loop.agent_driver import LocalDriver
+from mdrive_sumo.loop.agent_driver import AgentFailure, LocalDriver
+from mdrive_sumo.loop.episode_config import EpisodeOptions
 from mdrive_sumo.roads import Lane, RoadMap, build_lane_route, find_lane_path, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
@@ -82,9 +85,18 @@ def busy_truth(seed: int = 0, crowd: Crowd = BUSY, seconds: float = SECONDS) -> 
     return replace(truth, views=(replace(truth.views[0], tracks=tuple(tracks[: crowd.all])), *truth.views[1:]))
 
 
+class BriefDriver(LocalDriver):
+    """Drives no longer than the log is: its CAV then brakes, and the episode ends instead of waiting at the lights."""
+
+    def ask(self, observation: Observation) -> None:
+        if observation.tick > SECONDS * TICKS_PER_SECOND:
+            raise AgentFailure(FailureReason.CRASHED, "the log ends")
+        super().ask(observation)
+
+
 @cache
 def drive(seed: int = 0, crowd: Crowd = BUSY) -> Driven:
-    """CAVs driven by IDM among SUMO's vehicles; driven once a session."""
+    """CAVs driven by IDM among SUMO's vehicles, without messages; driven once a session."""
     roads = load_road_map(find_network_folder(NETWORK))
     egos = tuple(ego(roads, str(n), way) for n, way in enumerate(WAYS))
     rng = np.random.default_rng(seed)
@@ -99,10 +111,11 @@ def drive(seed: int = 0, crowd: Crowd = BUSY) -> Driven:
         actors=tuple(beside_the_road(roads, crowd, rng)),
         rsus=(RoadsideUnit(id="post-a", x=14.0, y=16.0), RoadsideUnit(id="post-b", x=-14.0, y=-16.0)),
     )
-    drivers = {ego.id: LocalDriver(AGENTS["idm"]({})) for ego in egos}
+    drivers = {ego.id: BriefDriver(AGENTS["idm"]({})) for ego in egos}
     sizes = {ego.id: (VEHICLE.length, VEHICLE.width) for ego in egos}
+    config = EpisodeConfig(scenario, roads, seed, options=EpisodeOptions.parse(comm="off"))
     with SumoWorld(scenario, roads, sizes, seed) as world:
-        return Driven(scenario, roads, run_episode(EpisodeConfig(scenario, roads, seed), world, drivers))
+        return Driven(scenario, roads, run_episode(config, world, drivers))
 
 
 def ego(roads: RoadMap, name: str, way: tuple[str, str]) -> Ego:

@@ -27,7 +27,7 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
 )
-SCENARIOS = ("i07_ins_ss_town", "i11_ins_sl_town")
+SCENARIOS = ("i07_ins_ss_town", "i08_ins_ss_old_town")
 STARTED_S, DRIVEN_S = 90.0, 240.0
 DRAWN = 20
 """Colours that a replay's canvas has more of, once it is drawn."""

@@ -1,6 +1,5 @@
 """MDrive directories through the commands: converted, driven, and what happened on the road."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,9 @@ from testing.shared_material import SHARED_DATA, needs_data
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.episode.episode import EpisodeRecord
-from mdrive_sumo.episode.episode_file import load_episode
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.episode_job import EpisodeJob, reexecute
+from mdrive_sumo.scenario.suite import load_suite
 from real2sim.readers.carla_frame import UCLA_FRAME
 from real2sim.writers.v2xpnp_map import write_vector_map
 
@@ -24,13 +25,10 @@ def convert(*arguments: object) -> str:
     return answer.output
 
 
-def driven(suite: Path, agent: str, out: Path) -> dict[str, EpisodeRecord]:
-    """The recordings of all scenarios, of which none is void."""
-    arguments = ["eval", "--suite", str(suite), "--agent", agent, "--out", str(out), "--workers", "1"]
-    answer = CliRunner().invoke(main, arguments, catch_exceptions=False)
-    assert answer.exit_code == 0, answer.output
-    assert json.loads((out / "results.json").read_text())["void"] == 0
-    return {path.stem: load_episode(path) for path in sorted((out / "episodes").glob("*.npz"))}
+def driven(suite: Path, agent: str) -> dict[str, EpisodeRecord]:
+    """Episodes of all scenarios."""
+    ids = [scenario.id for scenario in load_suite(str(suite)).scenarios]
+    return {id_: reexecute(EpisodeJob(suite, id_, AgentSpec(agent))) for id_ in ids}
 
 
 def way(episode: EpisodeRecord, name: str) -> Float:
@@ -54,7 +52,7 @@ def test_a_v2xpnp_scenario_runs_on_its_vector_map(directory: Directory, tmp_path
     directory.add("npc", "a.xml", xml(log, control_mode="replay"), name="a")
     directory.add("walker", "b.xml", xml([(100, 6, 0, t / 10) for t in range(100)]), name="b")
     convert(directory.write(), "--map", tmp_path / "map.pkl", "--out", tmp_path / "out")
-    (episode,) = driven(tmp_path / "out", "idm", tmp_path / "run").values()
+    (episode,) = driven(tmp_path / "out", "idm").values()
     assert [ending.end for ending in episode.endings] == ["arrived", "arrived"]
     assert way(episode, "a")[40] == pytest.approx((60 + 20 + UCLA_FRAME.x, UCLA_FRAME.y - 0.3), abs=0.02)
     assert way(episode, "b")[40] == pytest.approx((100 + UCLA_FRAME.x, UCLA_FRAME.y - 6), abs=0.02)
@@ -64,7 +62,7 @@ def test_a_v2xpnp_scenario_runs_on_its_vector_map(directory: Directory, tmp_path
 @pytest.mark.full
 def test_the_real_directories_run(tmp_path: Path) -> None:
     convert(SHARED_DATA / "mdrive" / "interaction", "--towns", SHARED_DATA / "carla_towns", "--out", tmp_path / "out")
-    episodes = driven(tmp_path / "out", "idm", tmp_path / "run")
+    episodes = driven(tmp_path / "out", "idm")
     assert len(episodes) == 4
     crosswalk, precrash = episodes["Pedestrian_Crosswalk_8"], episodes["precrash_L"]
     walked = {name: float(np.hypot(*np.ptp(way(crosswalk, name), axis=0))) for name in ("entity_1", "entity_2")}

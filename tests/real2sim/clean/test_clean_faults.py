@@ -79,7 +79,7 @@ def test_faults_of_one_kind_are_repaired_and_reported(kind: str) -> None:
 
 
 def test_all_kinds_at_once_are_repaired_and_reported() -> None:
-    share, silent = rates([planted(observed(truth(seed), seed), seed) for seed in range(50, 56)])
+    share, silent = rates([planted(observed(truth(seed), seed), seed) for seed in range(50, 52)])
     assert min(share.values()) >= SHARE, share
     assert silent == []
 
@@ -89,7 +89,7 @@ def test_all_kinds_at_once_are_repaired_and_reported() -> None:
     ["id flip", *(pytest.param(kind, marks=pytest.mark.full) for kind in ("duplicate", "jump", "heading", "gap"))],
 )
 def test_one_observer_alone_is_repaired_too(kind: str) -> None:
-    share, silent = rates([planted(alone(truth(seed), seed), seed, [kind]) for seed in range(80, 83)])
+    share, silent = rates([planted(alone(truth(seed), seed), seed, [kind]) for seed in range(80, 82)])
     assert share[kind] >= SHARE
     assert silent == []
 

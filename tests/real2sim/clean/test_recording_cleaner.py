@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from testing.log_faults import planted, tracks_of, without
 from testing.log_truth import DT, alone, made, observed, truth
+from testing.sampling import sampled
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import wrap_angles
@@ -23,7 +24,7 @@ from real2sim.tracks.track_contacts import find_contacts
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", sampled((1, 2, 3), (1,)))
 def test_a_clean_log_stays_as_it_is(seed: int) -> None:
     things = truth(seed)
     cleaned = clean_recording(alone(things, seed, noise=0.0).recording)
@@ -37,7 +38,7 @@ def test_a_clean_log_stays_as_it_is(seed: int) -> None:
     assert not {change.reason for change in cleaned.report.changes} - {ChangeReason.HEADING, ChangeReason.STATIC}
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", sampled((1, 2), (1,)))
 def test_cleaning_twice_is_cleaning_once(seed: int) -> None:
     log, _ = planted(observed(truth(seed), seed), seed)
     once = clean_recording(log.recording)
@@ -50,7 +51,7 @@ def test_cleaning_twice_is_cleaning_once(seed: int) -> None:
     assert twice.cavs == {name: name for name in once.cavs.values()}
 
 
-@pytest.mark.parametrize("seed", [4, 5, 6])
+@pytest.mark.parametrize("seed", sampled((4, 5, 6), (6,)))
 def test_views_are_merged_into_one_track_per_object(seed: int) -> None:
     things = truth(seed)
     log = observed(things, seed)

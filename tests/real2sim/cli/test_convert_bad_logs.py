@@ -51,6 +51,7 @@ BROKEN: dict[Callable[[Path], None], str] = {
 }
 
 
+@pytest.mark.usefixtures("in_process")
 def test_every_broken_log_of_a_batch_is_reported_in_a_sentence(small: tuple[Path, Path], tmp_path: Path) -> None:
     for spoil in BROKEN:
         shutil.copytree(small[0], tmp_path / "logs" / spoil.__name__)
@@ -66,6 +67,7 @@ def test_every_broken_log_of_a_batch_is_reported_in_a_sentence(small: tuple[Path
     assert [path.name for path in tmp_path.iterdir()] == ["logs"]
 
 
+@pytest.mark.usefixtures("in_process")
 def test_one_unusable_log_does_not_keep_the_others_from_being_converted(
     small: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -87,6 +89,7 @@ class Exploit:
         return os.system, (f"touch {self.trace}",)
 
 
+@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize("source", ["v2xpnp", "scenarionet"])
 def test_a_pickle_of_another_class_is_refused_by_name_and_nothing_runs(
     source: str, small: tuple[Path, Path], tmp_path: Path
@@ -100,6 +103,7 @@ def test_a_pickle_of_another_class_is_refused_by_name_and_nothing_runs(
     assert not trace.exists()
 
 
+@pytest.mark.usefixtures("in_process")
 def test_an_empty_map(small: tuple[Path, Path], tmp_path: Path) -> None:
     _, map_ = write_small_log(tmp_path / "log", HdMap())
     sentence = refused(tmp_path, "v2xpnp", small[0], "--map", map_)
@@ -108,6 +112,7 @@ def test_an_empty_map(small: tuple[Path, Path], tmp_path: Path) -> None:
     assert "found none" in sentence
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_map_of_another_place_says_how_far(small: tuple[Path, Path], tmp_path: Path) -> None:
     _, map_ = write_small_log(tmp_path / "log", road(y=500.0))
     sentence = refused(tmp_path, "v2xpnp", small[0], "--map", map_)
@@ -115,6 +120,7 @@ def test_a_map_of_another_place_says_how_far(small: tuple[Path, Path], tmp_path:
     assert "map of another place" in sentence
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_map_of_another_place_for_sources_whose_reader_does_not_look(tmp_path: Path) -> None:
     """INTERACTION: tracks and map are two files that nothing ties together."""
     names = "track_id,frame_id,timestamp_ms,agent_type,x,y,vx,vy,psi_rad,length,width"
@@ -143,6 +149,7 @@ def lanelet() -> str:
     return f'<?xml version="1.0"?><osm version="0.6">{nodes}{ways}{lane}</osm>'
 
 
+@pytest.mark.usefixtures("in_process")
 def test_an_unsupported_commonroad_version(tmp_path: Path) -> None:
     path = tmp_path / "old.xml"
     path.write_text('<commonRoad commonRoadVersion="2017a" timeStepSize="0.1"><lanelet id="1"/></commonRoad>')
@@ -150,6 +157,7 @@ def test_an_unsupported_commonroad_version(tmp_path: Path) -> None:
     assert "old.xml: commonRoadVersion: expected 2018b or 2020a, found '2017a'" in sentence
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_long_log_proposes_a_window(tmp_path: Path) -> None:
     names = "track_id,frame_id,timestamp_ms,agent_type,x,y,vx,vy,psi_rad,length,width"
     rows = [f"1,{k + 1},{100 * (k + 1)},car,{k / 20:.2f},0,0.5,0,0,4.5,1.8" for k in range(10 * round(MAX_LOG_S) + 2)]
@@ -159,11 +167,13 @@ def test_a_long_log_proposes_a_window(tmp_path: Path) -> None:
     assert "expected at most 60 s, found a log of 60.1 s: choose a part with --window 0,20" in sentence
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_log_too_short_for_the_checks_is_refused(small: tuple[Path, Path], tmp_path: Path) -> None:
     sentence = refused(tmp_path, "v2xpnp", small[0], "--map", small[1], "--window", "0,0.5")
     assert f"{small[0]}: expected at least 2 s, found 0.5 s" in sentence
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_log_given_twice_is_refused_before_it_is_converted_twice(small: tuple[Path, Path], tmp_path: Path) -> None:
     done = run("v2xpnp", small[0], small[0], "--map", small[1], "--out", tmp_path / "out", "--workers", "1")
     assert done.exit_code == 2
@@ -172,6 +182,7 @@ def test_a_log_given_twice_is_refused_before_it_is_converted_twice(small: tuple[
     assert "1 of 1 scenarios meet every target; 1 log unusable" in done.stdout
 
 
+@pytest.mark.usefixtures("in_process")
 def test_a_cav_that_is_not_there(small: tuple[Path, Path], tmp_path: Path) -> None:
     sentence = refused(tmp_path, "v2xpnp", small[0], "--map", small[1], "--cavs", "7")
     assert sentence.startswith(f"{small[0]}: CAV 7: expected one of the vehicles 11, 12, cav_1, cav_2, found none")

@@ -1,20 +1,19 @@
 """`mdrive-sumo convert` for logs: the written suite, quality.json, batches, windows, exit codes."""
 
 import io
-import json
 import shutil
 import signal
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from testing.convert_command import run
 from testing.small_log import FRAMES, STATION, recording, road, track
 
-from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import find_network_folder, load_road_map
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import load_suite
@@ -32,8 +31,6 @@ from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
 
 pytestmark = pytest.mark.slow
-
-LOGS = Path("real_logs")
 
 
 def only(suite: Path) -> Scenario:
@@ -58,13 +55,8 @@ def test_a_log_becomes_a_suite_that_fits_its_network(suite: Path) -> None:
     assert load_suite(str(suite)).name == "my_suite"
 
 
-def test_it_can_be_driven(suite: Path, tmp_path: Path) -> None:
-    done = CliRunner().invoke(
-        main, ["eval", "--suite", str(suite), "--agent", "idm", "--workers", "1", "--out", str(tmp_path / "run")]
-    )
-    assert done.exit_code == 0, done.output
-    (result,) = json.loads((tmp_path / "run" / "results.json").read_text())["scenarios"]
-    assert result["ds"] > 90
+def test_it_can_be_driven(suite: Path) -> None:
+    assert run_job(EpisodeJob(suite, "small", AgentSpec("idm"))).ds > 90
 
 
 def test_quality_json_describes_all_steps(suite: Path) -> None:
@@ -97,6 +89,7 @@ def test_the_report_pages_are_in_the_suite(suite: Path) -> None:
     assert "<svg" in (suite / "small" / "conversion.html").read_text()
 
 
+@pytest.mark.usefixtures("in_process")
 def test_the_same_log_gives_the_same_bytes(suite: Path, small: tuple[Path, Path], tmp_path: Path) -> None:
     done = run("v2xpnp", small[0], "--map", small[1], "--out", tmp_path / "again", "--name", "my_suite", "--report")
     assert done.exit_code == 0, done.output
@@ -107,6 +100,7 @@ def test_the_same_log_gives_the_same_bytes(suite: Path, small: tuple[Path, Path]
         assert (suite / file).read_bytes() == (tmp_path / "again" / file).read_bytes(), file
 
 
+@pytest.mark.usefixtures("in_process")
 def test_modes_cavs_agents_and_a_window(small: tuple[Path, Path], tmp_path: Path) -> None:
     options = ("--map", small[1], "--out", tmp_path / "out", "--traffic", "hybrid", "--cavs", "2", "--window", "1,4")
     done = run("v2xpnp", small[0].parent, *options, "--agents", "1,2")
@@ -125,6 +119,7 @@ def test_modes_cavs_agents_and_a_window(small: tuple[Path, Path], tmp_path: Path
     assert "1/1  small, window 1 s to 4 s: passed" in done.stderr
 
 
+@pytest.mark.usefixtures("in_process")
 def test_an_unsuitable_cav_of_the_source_is_reported(tmp_path: Path) -> None:
     """The first car of the source stands for the whole log."""
     (tmp_path / "log").mkdir()
@@ -274,23 +269,3 @@ def test_authored_sources_share_the_command(tmp_path: Path, shared_data: Path) -
     done = run("opendrive", shared_data / "carla_towns" / "Town01.xodr", "--out", tmp_path / "b")
     assert done.exit_code == 0, done.output
     assert (tmp_path / "b" / "networks" / "Town01" / "network.json").is_file()
-
-
-@pytest.mark.parametrize(
-    ("source", "path", "more"),
-    [
-        pytest.param("scenarionet", "scenarionet_nuscenes", (), marks=pytest.mark.full),
-        ("commonroad", "commonroad", ()),
-        pytest.param("argoverse2", "argoverse2/forecasting", (), marks=pytest.mark.full),
-        pytest.param("argoverse2", "argoverse2/sensor", (), marks=pytest.mark.full),
-        pytest.param("interaction", "interaction", ("--window", "0,40", "--every", "20"), marks=pytest.mark.full),
-    ],
-)
-def test_real_logs(source: str, path: str, more: tuple[str, ...], shared_data: Path, tmp_path: Path) -> None:
-    done = run(source, shared_data / LOGS / path, "--out", tmp_path / "suite", "--report", *more)
-    assert done.exit_code in (0, 1), done.output
-    driven = CliRunner().invoke(
-        main, ["eval", "--suite", str(tmp_path / "suite"), "--agent", "idm", "--out", str(tmp_path / "run")]
-    )
-    assert driven.exit_code == 0, driven.output
-    assert run("--summary", tmp_path / "suite").exit_code == done.exit_code

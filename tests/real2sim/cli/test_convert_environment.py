@@ -17,7 +17,6 @@ COMMAND = (sys.executable, "-c", "from mdrive_sumo.cli import main; main()", "co
 
 CONTENT = {
     "commonroad": '<commonRoad commonRoadVersion="2020a" timeStepSize="0.1"><lanelet id="1"/></commonRoad>',
-    "v2xpnp": "vehicles: [",
 }
 
 
@@ -26,36 +25,47 @@ def missing_module(folder: Path, name: str) -> None:
     (folder / f"{name}.py").write_text(f"raise ModuleNotFoundError('No module named {name}', name={name!r})\n")
 
 
+@pytest.mark.usefixtures("in_process")
 def test_netconvert_missing_names_the_extra(
     small: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "empty" / "sumo").mkdir(parents=True)
     (tmp_path / "empty" / "sumo" / "__init__.py").touch()
-    monkeypatch.syspath_prepend(tmp_path / "empty")  # workers get the path of their parent
+    monkeypatch.syspath_prepend(tmp_path / "empty")
+    monkeypatch.delitem(sys.modules, "sumo", raising=False)
     monkeypatch.setenv("PATH", "")
     sentence = refused(tmp_path, "v2xpnp", small[0], "--map", small[1])
     assert "netconvert: expected SUMO's programs, found none (pip install 'mdrive-sumo[convert]')" in sentence
 
 
+@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize(
     ("source", "module", "file"),
     [
         ("argoverse2", "pyarrow", "log/scenario_x.parquet"),
-        ("commonroad", "commonroad", "log/a.xml"),
-        ("v2xpnp", "yaml", "log/1/000000.yaml"),
+        ("commonroad", "commonroad.common.file_reader", "log/a.xml"),
     ],
 )
 def test_a_missing_package_names_the_extra(
     source: str, module: str, file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    missing_module(tmp_path / "missing", module)
-    (tmp_path / file).parent.mkdir(parents=True)
+    monkeypatch.setitem(sys.modules, module, None)  # importing it fails
+    (tmp_path / "log").mkdir()
     (tmp_path / file).write_text(CONTENT.get(source, "nothing"))
-    monkeypatch.syspath_prepend(tmp_path / "missing")
-    more = ("--map", tmp_path / "map.pkl") if source == "v2xpnp" else ()
-    sentence = refused(tmp_path, source, tmp_path / "log", *more)
+    sentence = refused(tmp_path, source, tmp_path / "log")
     assert "mdrive-sumo[convert]" in sentence
-    assert module in sentence
+    assert module.partition(".")[0] in sentence
+
+
+def test_a_missing_package_of_a_worker_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    missing_module(tmp_path / "missing", "yaml")
+    frame = tmp_path / "log/1/000000.yaml"
+    frame.parent.mkdir(parents=True)
+    frame.write_text("vehicles: [")
+    monkeypatch.syspath_prepend(tmp_path / "missing")  # workers get the path of their parent
+    sentence = refused(tmp_path, "v2xpnp", tmp_path / "log", "--map", tmp_path / "map.pkl")
+    assert "mdrive-sumo[convert]" in sentence
+    assert "yaml" in sentence
 
 
 def test_the_command_explains_itself_without_the_extra() -> None:
@@ -98,7 +108,7 @@ def test_a_disk_that_is_full_half_way_leaves_nothing(most_bytes: int, small: tup
 
 def test_ctrl_c_leaves_nothing(small: tuple[Path, Path], tmp_path: Path) -> None:
     logs = tmp_path / "logs"
-    for k in range(30):
+    for k in range(30):  # many more than are converted
         shutil.copytree(small[0], logs / f"log{k}")
     process = subprocess.Popen(
         (*COMMAND, "v2xpnp", logs, "--map", small[1], "--out", tmp_path / "out", "--workers", "1"),

@@ -184,15 +184,15 @@ def test_the_same_findings_give_the_same_bytes(found: ConversionFindings, html: 
 
 
 def test_the_page_stays_small(tmp_path: Path) -> None:
-    """85 restless vehicles for 10 s."""
+    """40 restless vehicles for 10 s; a busy log has 85."""
     rng = np.random.default_rng(0)
     t = np.arange(100) * DT
     tracks = tuple(
-        track(f"{k:036d}", 11 * t + 9 * k + rng.normal(0, 0.1, 100), rng.normal(0, 0.1, 100)) for k in range(85)
+        track(f"{k:036d}", 11 * t + 9 * k + rng.normal(0, 0.1, 100), rng.normal(0, 0.1, 100)) for k in range(40)
     )
     found = findings_of(log_of(tracks), tmp_path)
-    assert len(found.tracks) > 60
-    assert len(render_report(found).encode()) < 2_000_000
+    assert len(found.tracks) > 28
+    assert len(render_report(found).encode()) < 950_000
 
 
 @pytest.mark.full

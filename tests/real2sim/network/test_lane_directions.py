@@ -75,7 +75,7 @@ def repair(hd_map: HdMap) -> tuple[set[str], set[tuple[str, str]]]:
     return inverted, set(rebuild_links(strips, all_links(lanes)).added)
 
 
-@pytest.mark.parametrize("share", [0.1, 0.25])
+@pytest.mark.parametrize("share", [pytest.param(0.1, marks=pytest.mark.full), 0.25])
 def test_reversed_lanes_and_missing_links_are_repaired(share: float) -> None:
     rng = np.random.default_rng(4)
     planted = repaired = wrong = 0

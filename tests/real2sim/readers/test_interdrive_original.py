@@ -27,7 +27,7 @@ ROUTES = SHARED_DATA / "mdrive" / "interdrive"
 TOWNS = {"xodr": SHARED_DATA / "carla_towns", "ready": SHARED_DATA / "carla_towns" / "sumo_net_scenic"}
 
 
-@pytest.fixture(scope="session", params=["xodr", "ready"])
+@pytest.fixture(scope="session", params=["xodr", pytest.param("ready", marks=pytest.mark.full)])
 def original(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Suite:
     """All 46 scenarios, converted once with each kind of town map."""
     out = tmp_path_factory.mktemp(request.param) / "suite"

@@ -38,7 +38,7 @@ READ: dict[str, Callable[[], Recording]] = {
     "us101": lambda: read_commonroad(LOGS / "commonroad/USA_US101-3_3_T-1.xml"),
     **{f"interaction-{start}": window(start) for start in range(0, 300, 20)},
 }
-SAMPLE = ("scene-1100", "peach", "interaction-260")
+SAMPLE = ("peach", "interaction-260")
 
 
 @cache

@@ -6,16 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from testing.busy_log import BUSY, QUIET, WAYS, Crowd, make_busy_log
+from testing.convert_command import run
+from testing.local_pool import LocalPool
 from testing.round_trip import as_truth
 
-from mdrive_sumo.cli import main
 from mdrive_sumo.core.state import End
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, reexecute
 from mdrive_sumo.scenario.suite import load_suite
+from real2sim.pipeline import batch
 from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recording import Recording
@@ -37,9 +38,10 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def converted(folder: Path, crowd: Crowd) -> Path:
     log, vector_map = make_busy_log(folder, crowd=crowd)
-    done = CliRunner().invoke(
-        main, ["convert", "v2xpnp", str(log), "--map", str(vector_map), "--out", str(folder / "s")]
-    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(batch, "ProcessPool", LocalPool)
+        patch.setattr(batch, "_redirect_stdout", lambda: None)
+        done = run("v2xpnp", log, "--map", vector_map, "--out", folder / "s")
     assert done.exit_code == 0, done.output
     return folder / "s"
 

@@ -89,7 +89,7 @@ def caller(server: Server, address: str, session: requests.Session, told: list[i
 @pytest.mark.slow
 @pytest.mark.parametrize("backend", sampled(databases.BACKENDS, ("sqlite",)))
 def test_made_up_requests_get_the_answers_that_are_described(tmp_path: Path, backend: str) -> None:
-    run(furnished(tmp_path, backend), 6)
+    run(furnished(tmp_path, backend), len(WHO))
 
 
 @pytest.mark.full

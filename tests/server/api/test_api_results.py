@@ -14,6 +14,7 @@ import httpx
 import pytest
 from testing.api_app import API, Server, listening, problem
 from testing.processes import wait_for
+from testing.runner_jobs import noted_sleep, refuse
 from testing.store_samples import LEASE, S, summary
 
 from mdrive_sumo.core.errors import InputError
@@ -190,10 +191,6 @@ def test_failures_of_ours_are_told_to_admins(server: Server) -> None:
     assert "libsumo" not in str(server.get(f"/submissions/{mine}/scenarios", "red"))
 
 
-def refuse() -> None:
-    raise InputError("archive: expected better")
-
-
 def test_a_process_of_its_own_answers_and_raises() -> None:
     aside = SubprocessRunner(1)
     try:
@@ -227,9 +224,3 @@ def test_closing_a_subprocess_ends_all_waiting_calls_at_once(tmp_path: Path) -> 
     assert begun.read_text() == "x", "no call after the first had a turn"
     with pytest.raises(ProblemError, match="the server is shutting down"):
         aside.call(60.0, os.getpid)
-
-
-def noted_sleep(begun: Path) -> None:
-    with begun.open("a") as file:
-        file.write("x")
-    time.sleep(600)

@@ -11,7 +11,8 @@ from testing.api_app import CLOSED, HIDDEN, Server, TestClient
 from testing.store_samples import NOON, PHASE
 from testing.web_page import driven
 
-from server.api import create_app, database_reader, leaderboard_cache
+from server.api import database_reader, leaderboard_cache
+from server.api.app import create_app
 from server.api.database_reader import DirectDatabaseReader, SubprocessDatabaseReader
 from server.api.leaderboards import BoardKey
 from server.api.problems import ProblemError

@@ -185,14 +185,15 @@ def test_the_draw_of_a_submission_follows_from_the_audit_log_only_after_its_end(
     work = bench.settings.work.model_copy(update={"spot_check": 0.5})
     bench.settings = bench.settings.model_copy(update={"work": work})
     bench.dispatcher = bench.another("one")
-    for _ in range(24):
+    for _ in range(9):
         submitted(bench.store, bench.settings, bench.now_us)
         bench.now_us += S
-    bench.steps(60)
+    bench.steps(24)
     with bench.store.read() as session:
         ends = {e.data["submission"]: e.hash for e in session.query(AuditEntryRow) if e.action == "submission-done"}
     expected = {submission for submission, hash_ in ends.items() if spot_checks.is_drawn(hash_, 0.5)}
-    assert len(ends) == 25
+    assert len(ends) == 10
+    assert 0 < len(expected) < 10
     assert {one["submission"] for one in bench.spot_checks()} == expected
 
 

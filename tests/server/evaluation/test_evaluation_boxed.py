@@ -156,9 +156,8 @@ def test_what_an_agent_may_not_have_rejects_it(tmp_path: Path) -> None:
 def test_a_track_decides_what_arrives(tmp_path: Path, track: ChallengeTrack, arrives: set[str]) -> None:
     cam = "encode(Cam(ReferencePose(seen.own.x, seen.own.y, seen.own.yaw, seen.tick), 1.0, 0.0, 0.0, 4.5, 2.0))"
     said = f'({cam}, Message("text", b"after you"), Message("own", b"x"))'
-    wanted = task(tmp_path, team(messages=said), track=track)
-    outcome = driven(wanted)
-    assert outcome.verdict is ScenarioVerdict.OK, outcome.result
+    wanted = task(tmp_path, team(dies=25, messages=said), track=track)  # three messages later
+    assert driven(wanted).reason is FailureReason.CRASHED
     fates: Counter[tuple[str, bool]] = Counter()
     for sent in load_episode(wanted.stage / f"{SCENARIO}.npz").messages:
         fates.update((sent.message.type, fate == DeliveryStatus.DELIVERED) for fate, _ in sent.deliveries.values())

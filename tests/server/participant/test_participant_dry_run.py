@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from testing.archive_samples import GOOD, packed, written
+from testing.local_pool import LocalPool
 from testing.participant_fakes import Run, command_line
 from testing.sandbox_runs import needs_bubblewrap
 
@@ -52,6 +53,12 @@ class Agent:
 def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
     monkeypatch.chdir(tmp_path)
     return command_line(monkeypatch)
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Scenarios are driven in the process of the test: a worker process takes two seconds of imports."""
+    monkeypatch.setattr(dry_run, "ProcessPool", LocalPool)
 
 
 def result(**reasons: str) -> ScenarioResult:
@@ -162,17 +169,18 @@ def test_what_boxes_lack_here_is_said(run: Run, monkeypatch: pytest.MonkeyPatch,
 @pytest.mark.slow
 def test_a_sample_drives_in_its_box(run: Run, tmp_path: Path) -> None:
     run("init-agent", "mine", "--style", "joint")
-    found = run("submit", "mine", "--dry-run", "--scenario", "i13*", "--workers", 1, "--out", "out")
+    found = run("submit", "mine", "--dry-run", "--scenario", "i07*", "--workers", 1, "--out", "out")
     assert found.exit_code == 0, found.output
     assert "label        joint: track joint" in found.output
     assert "track        joint" in found.output
-    assert "ok: i13_ins_sl_minor_road  DS" in found.output
+    assert "ok: i07_ins_ss_town  DS" in found.output
     assert "1 scenario: DS" in found.output
-    assert (tmp_path / "out" / "episodes" / "i13_ins_sl_minor_road.npz").is_file()
+    assert (tmp_path / "out" / "episodes" / "i07_ins_ss_town.npz").is_file()
 
 
 @boxed
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize(
     ("deed", "verdict"),
     [
@@ -192,6 +200,7 @@ def test_verdicts_of_hostile_agents(run: Run, tmp_path: Path, deed: str, verdict
 
 @boxed
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize("kind", ["privileged", "rgb"])
 def test_what_is_asked_for_only_while_driving_is_rejected(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str

@@ -224,11 +224,11 @@ def test_an_outcome_without_result_is_our_failure() -> None:
 
 
 def test_many_claimers_get_every_job_once(store: Store) -> None:
-    """Eight workers of three teams' 40 jobs, a fifth of which they give back: all done, none twice."""
+    """Eight workers of three teams' 20 jobs, a fifth of which they give back: all done, none twice."""
     teams = with_teams(store, "red", "blue", "green", phase=WIDE)
     with store.write() as session:
         for number in range(4):
-            sent(session, teams[number % 3], NOON + number, jobs=[(f"s{n}", 0) for n in range(10)])
+            sent(session, teams[number % 3], NOON + number, jobs=[(f"s{n}", 0) for n in range(5)])
 
     def work(owner: str) -> list[int]:
         finished: list[int] = []
@@ -246,7 +246,7 @@ def test_many_claimers_get_every_job_once(store: Store) -> None:
 
     with ThreadPoolExecutor(8) as pool:
         finished = Counter(job for found in pool.map(work, [f"worker-{n}" for n in range(8)]) for job in found)
-    assert len(finished) == 40 and set(finished.values()) == {1}
+    assert len(finished) == 20 and set(finished.values()) == {1}
     with store.read() as session:
         assert {job.attempt for job in all_of(session, JobRow)} == {1, 2}
         assert [submission.state for submission in all_of(session, SubmissionRow)] == ["done"] * 4

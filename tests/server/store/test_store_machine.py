@@ -186,7 +186,7 @@ class Challenge(RuleBasedStateMachine):
             assert state in {SubmissionState.FAILED_OURS, SubmissionState.DISQUALIFIED}
 
 
-@pytest.mark.parametrize(("backend", "examples"), [("sqlite", 10), ("postgresql", 5)])
+@pytest.mark.parametrize(("backend", "examples"), [("sqlite", 5), ("postgresql", 3)])
 def test_the_state_machine(backend: str, examples: int) -> None:
     databases.shared(backend)
     machine = type("Machine", (Challenge,), {"backend": backend})

@@ -168,8 +168,10 @@ def test_scenarios_are_filtered_in_place(world: World) -> None:
 def test_every_page_is_legible_named_and_no_wider_than_a_phone(world: World, scheme: str) -> None:
     world.seen.trouble.clear()
     found: list[str] = []
+    holders = {token for _, token in world.pages()}
+    tabs = {token: world.tab(token, color_scheme=scheme, viewport=PHONE) for token in holders}
     for path, token in world.pages():
-        tab = world.tab(token, color_scheme=scheme, viewport=PHONE)
+        tab = tabs[token]
         tab.goto(world.seen.home + path)
         wide = tab.evaluate("document.documentElement.scrollWidth")
         found += [f"{path}: {wide} px wide"] if wide > PHONE["width"] else []
@@ -178,6 +180,7 @@ def test_every_page_is_legible_named_and_no_wider_than_a_phone(world: World, sch
         assert pale["looked"] > 5
         found += [f"{path}: {each}" for each in pale["below"]]
         found += [f"{path}: without a name: {each}" for each in nameless(tab)]
+    for tab in tabs.values():
         tab.context.close()
     assert found == []
     assert [text for text in world.seen.trouble if "status of 404" not in text] == []
