@@ -1,13 +1,15 @@
 """`study ablate`: an episode without single senders, types and messages; references of `show`."""
 
 import json
-import subprocess
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.study_samples import TALKER, invoke, make_scenario
+from testing.local_executor import TALKER, run_in_process
+from testing.study_samples import invoke, make_scenario
 
 from mdrive_sumo.contract import Control, Message
 from mdrive_sumo.core.errors import InputError
@@ -92,7 +94,14 @@ def test_the_largest_effect_comes_first() -> None:
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def in_process() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        run_in_process(patch)
+        yield
+
+
+@pytest.fixture(scope="module")
+def finished(in_process: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("talk") / "run"
     ended = invoke("eval", "--scenario", "i02_*", "--agent", TALKER, "--workers", 1, "--out", folder)
     assert ended.exit_code == 0, ended.output
@@ -132,7 +141,7 @@ def test_an_episode_without_one_message(finished: Path) -> None:
 def test_nothing_is_told_of_a_recording_that_comes_out_differently(finished: Path, tmp_path: Path) -> None:
     """The journal's channel is changed: what is executed again is another run."""
     folder = tmp_path / "run"
-    subprocess.run(["cp", "-r", str(finished), str(folder)], check=True)
+    shutil.copytree(finished, folder)
     journal = folder / "journal.jsonl"
     header, *rest = journal.read_text().splitlines()
     values = json.loads(header)
@@ -145,7 +154,7 @@ def test_nothing_is_told_of_a_recording_that_comes_out_differently(finished: Pat
 
 
 def test_without_a_recording_there_is_nothing_to_ablate(finished: Path, tmp_path: Path) -> None:
-    subprocess.run(["cp", "-r", str(finished), str(tmp_path / "run")], check=True)
+    shutil.copytree(finished, tmp_path / "run")
     next((tmp_path / "run" / "episodes").glob("*.npz")).unlink()
     ended = invoke("study", "ablate", tmp_path / "run")
     assert ended.exit_code == 2 and "expected a recording of i02" in ended.stderr

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from testing.local_executor import TALKER, LocalExecutor, run_in_process
 from testing.paths import TESTS
-from testing.study_samples import TALKER, invoke
+from testing.study_samples import invoke
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.scoring import load_results
@@ -25,7 +26,7 @@ def suite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     made = fake_suite(monkeypatch, tmp_path, "answer", "answer")
     from testing import study_fakes
 
-    monkeypatch.setattr("mdrive_sumo.runs.evaluate.make_executor", study_fakes.Inline)
+    monkeypatch.setattr("mdrive_sumo.runs.evaluate.make_executor", LocalExecutor)
     monkeypatch.setattr("mdrive_sumo.runs.evaluate.run_job", study_fakes.drive)
     return made
 
@@ -187,7 +188,8 @@ def test_bad_input_is_one_sentence_before_anything_runs(
 
 
 @pytest.mark.slow
-def test_a_study_with_the_simulation(tmp_path: Path) -> None:
+def test_a_study_with_the_simulation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_in_process(monkeypatch)
     given = ("--scenario", "i02_*", "--agents", f"{TALKER},constant-speed", "--no-captured", "--workers", 1)
     ended = invoke("study", "comm", *given, "--loss", "1", "--out", tmp_path / "out")
     assert ended.exit_code == 0, ended.output
