@@ -13,6 +13,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.roads import load_road_map
+from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego, Scenario
@@ -21,7 +22,7 @@ from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, LaneMoti
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
 from mdrive_sumo.scoring import Results, load_results
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
 assert NET
 assert NETWORK
@@ -88,8 +89,11 @@ def test_the_recording_knows_them(crashes: tuple[Path, Path, Results]) -> None:
 
 
 @pytest.mark.full
-def test_two_workers_make_the_same_and_verify_and_rescore_agree(crashes: tuple[Path, Path, Results]) -> None:
+def test_two_workers_make_the_same_and_verify_and_rescore_agree(
+    crashes: tuple[Path, Path, Results], monkeypatch: pytest.MonkeyPatch
+) -> None:
     things, run, once = crashes
+    monkeypatch.setattr("mdrive_sumo.runs.evaluate.make_executor", make_executor)
     again = evaluated(things, run.with_name("two"), "--workers", 2)
     assert [result.digest for result in again.scenarios] == [result.digest for result in once.scenarios]
     done = call("verify", run, "--workers", 1)

@@ -2,13 +2,12 @@
 
 import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.local_executor import TALKER, run_in_process
+from testing.local_executor import TALKER
 from testing.study_samples import invoke, make_scenario
 
 from mdrive_sumo.contract import Control, Message
@@ -20,7 +19,7 @@ from mdrive_sumo.study.ablation import MuteEffect, choose_mutes, find_divergence
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings, format_comm_json
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
 
 def episode(xs: list[float], ids: tuple[str, ...] = ("0", "1")) -> EpisodeRecord:
@@ -94,14 +93,7 @@ def test_the_largest_effect_comes_first() -> None:
 
 
 @pytest.fixture(scope="module")
-def in_process() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        run_in_process(patch)
-        yield
-
-
-@pytest.fixture(scope="module")
-def finished(in_process: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("talk") / "run"
     ended = invoke("eval", "--scenario", "i02_*", "--agent", TALKER, "--workers", 1, "--out", folder)
     assert ended.exit_code == 0, ended.output
