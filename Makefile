@@ -5,7 +5,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 # libsumo is linked against these, although nothing is ever drawn with them.
 LIBRARIES := libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1
-PYTEST := $(BIN)/python -m pytest
+# Byte code is kept: tests start hundreds of processes, and without it each compiles all that it imports.
+PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
 # The gate adds the measurement of coverage.
 PYTEST_FLAGS ?=
 # The suite that has all others as its parts.
@@ -37,7 +38,7 @@ test: install ## the tests
 	$(PYTEST) -n 2 --dist worksteal -m "not full" $(PYTEST_FLAGS)
 
 test-all: install ## every test: each scenario, each log, long soaks
-	$(PYTEST) -n 2
+	MDRIVE_HYPOTHESIS=thorough $(PYTEST) -n 2
 
 check: lint types imports ## lint, types, import contracts, fast tests
 	MDRIVE_HYPOTHESIS=check $(PYTEST) -n 2 --dist worksteal -m "not slow and not full" -q

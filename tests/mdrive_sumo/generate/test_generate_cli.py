@@ -24,7 +24,8 @@ from mdrive_sumo.scenario.suite import load_suite
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
 FAST = Category.PRE_CRASH
-SECRET, OTHER = "correct horse battery staple", "staple battery horse correct"
+SECRET, OTHER = "battery horse staple correct", "one two three four"
+"""Of which scenarios come that end soon."""
 SEED = 19
 """Of which the first proposal is refused."""
 Made = Mapping[str, tuple[Path, str]]
