@@ -8,6 +8,8 @@ import pytest
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.runs import worker_process
 from mdrive_sumo.runs.executor import run_jobs
+from mdrive_sumo.runs.make_executor import make_executor
+from mdrive_sumo.runs.process_pool import ProcessPool
 from mdrive_sumo.runs.worker_process import WorkerFailure
 from testing.study_talker import Talker
 
@@ -44,6 +46,12 @@ class LocalExecutor(Generic[J, R]):
 
     def run(self, jobs: Iterable[J]) -> Iterator[tuple[J, R | WorkerFailure]]:
         return run_jobs(self, jobs)
+
+
+def run_in_workers(patch: pytest.MonkeyPatch) -> None:
+    """Undo `run_in_process` for `evaluate` and `verify`."""
+    patch.setattr("mdrive_sumo.runs.evaluate.make_executor", make_executor)
+    patch.setattr("mdrive_sumo.runs.verify.ProcessPool", ProcessPool)
 
 
 def run_in_process(patch: pytest.MonkeyPatch) -> None:

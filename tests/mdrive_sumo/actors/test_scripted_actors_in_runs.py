@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 from testing.actors_world import actor
+from testing.local_executor import run_in_workers
 from testing.suite_fakes import NET, NETWORK, make_suite
 
 from mdrive_sumo.cli import main
@@ -13,7 +14,6 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.roads import load_road_map
-from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import Ego, Scenario
@@ -93,7 +93,7 @@ def test_two_workers_make_the_same_and_verify_and_rescore_agree(
     crashes: tuple[Path, Path, Results], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     things, run, once = crashes
-    monkeypatch.setattr("mdrive_sumo.runs.evaluate.make_executor", make_executor)
+    run_in_workers(monkeypatch)
     again = evaluated(things, run.with_name("two"), "--workers", 2)
     assert [result.digest for result in again.scenarios] == [result.digest for result in once.scenarios]
     done = call("verify", run, "--workers", 1)
