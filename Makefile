@@ -38,7 +38,7 @@ test: install ## the tests
 	$(PYTEST) -n 2 --dist worksteal -m "not full" $(PYTEST_FLAGS)
 
 test-all: install ## every test: each scenario, each log, long soaks
-	MDRIVE_HYPOTHESIS=thorough $(PYTEST) -n 2
+	MDRIVE_HYPOTHESIS=all $(PYTEST) -n 2
 
 check: lint types imports ## lint, types, import contracts, fast tests
 	MDRIVE_HYPOTHESIS=check $(PYTEST) -n 2 --dist worksteal -m "not slow and not full" -q

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
-from testing.sampling import THOROUGH
 from testing.shared_material import NEEDS_SHARED_DATA, SHARED_DATA
 
 MACHINE = ("needs control groups", "needs root", "needs x86-64")
@@ -25,7 +24,7 @@ SKIP_REASONS = (NEEDS_SHARED_DATA, *MACHINE, *INSTALLED, "needs PostgreSQL")
 settings.register_profile("laptop", deadline=None, max_examples=30)
 settings.register_profile("ci", deadline=None, max_examples=30, derandomize=True)
 settings.register_profile("check", deadline=None, max_examples=20)
-settings.register_profile(THOROUGH, deadline=None, max_examples=100)
+settings.register_profile("all", deadline=None)  # `testing.sampling`: properties get all their examples
 settings.load_profile(os.environ.get("MDRIVE_HYPOTHESIS") or ("ci" if os.environ.get("CI") else "laptop"))
 
 

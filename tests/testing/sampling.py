@@ -8,8 +8,6 @@ import pytest
 from _pytest.mark.structures import ParameterSet
 
 T = TypeVar("T")
-THOROUGH = "thorough"
-"""The profile of hypothesis, named in MDRIVE_HYPOTHESIS, with which `make test-all` makes up all examples."""
 
 
 def sampled(values: Iterable[T], kept: Collection[T]) -> list[ParameterSet]:
@@ -20,5 +18,5 @@ def sampled(values: Iterable[T], kept: Collection[T]) -> list[ParameterSet]:
 
 
 def examples(usual: int, thorough: int) -> int:
-    """How many examples of a property that takes long, or needs more than the profile has."""
-    return thorough if os.environ.get("MDRIVE_HYPOTHESIS") == THOROUGH else usual
+    """How many examples a property gets that takes long or needs many: `thorough` of them in `make test-all`."""
+    return thorough if os.environ.get("MDRIVE_HYPOTHESIS") == "all" else usual
