@@ -43,8 +43,8 @@ THINGS = {
 }
 
 
-def scenario(name: str, *actors: Actor) -> Scenario:
-    route = tuple((5.0 + i, 0.0, 0.0) for i in range(71))
+def scenario(name: str, *actors: Actor, metres: int = 70) -> Scenario:
+    route = tuple((5.0 + i, 0.0, 0.0) for i in range(metres + 1))
     ego = Ego(id="0", start=Pose(x=5, y=0, yaw=0), lanes=("a_0",), route=route)
     return Scenario(id=name, bucket="Tiny", category="actors", network="flat", egos=(ego,), actors=actors)
 
@@ -123,7 +123,7 @@ def test_the_mode_stands_in_results_and_fingerprint_and_verify_honours_it(tmp_pa
 
 def test_a_reacting_vehicle_stops_for_the_cav_and_an_original_one_does_not(tmp_path: Path) -> None:
     npc = actor("it", "vehicle", points=[(5, -40), (5, 40)], speed=9, start_speed=9)
-    folder = suite(tmp_path / "suite", scenario("s", npc))
+    folder = suite(tmp_path / "suite", scenario("s", npc, metres=2))  # time for 9 s
     default = evaluated(folder, tmp_path / "default", agent="stationary")
     original = evaluated(folder, tmp_path / "original", "--actors", "original", agent="stationary")
     assert default.scenarios[0].egos[0].ip == 1.0

@@ -18,10 +18,10 @@ from mdrive_sumo.contract import Message, Objects, Observation
 from mdrive_sumo.contract.detector_profiles import IDEAL, STANDARD
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.state import End
+from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
-from mdrive_sumo.loop.agent_driver import LocalDriver
+from mdrive_sumo.loop.agent_driver import AgentFailure, LocalDriver
 from mdrive_sumo.negotiation import NegotiationInterface
 from mdrive_sumo.perception.object_tracker import ObjectTracker
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
@@ -168,7 +168,7 @@ def test_cams_contain_the_estimated_state_of_their_sender() -> None:
 
 @pytest.mark.parametrize("agent", sampled(("sharing+negotiation", "perception-swap:fcooper"), ("sharing+negotiation",)))
 def test_two_runs_over_a_bad_channel_are_equal(agent: str, tmp_path: Path) -> None:
-    suite = make_short_suite(tmp_path, TOWN)
+    suite = make_short_suite(tmp_path, TOWN, metres=8)
     bad = CommSettings(link=LinkSettings(latency_ticks=2, loss=0.3, pose_error_m=0.6, pose_error_deg=0.6))
     first, again, ideal, other = (
         reexecute(replace(job(TOWN, agent, comm=comm, seed=seed), suite_folder=suite))
@@ -238,7 +238,7 @@ HOUSE = Building(id="house", polygon=((-30.0, -45.0), (-4.0, -45.0), (-4.0, -5.0
 
 
 class Watched(LocalDriver):
-    """Keeps what its agent sees."""
+    """Keeps what its agent sees; after two seconds that is enough, and the episode ends."""
 
     seen: list[Observation]
 
@@ -247,6 +247,8 @@ class Watched(LocalDriver):
         self.seen = []
 
     def ask(self, observation: Observation) -> None:
+        if observation.tick > 44:
+            raise AgentFailure(FailureReason.CRASHED, "seen enough")
         self.seen.append(observation)
         super().ask(observation)
 

@@ -42,7 +42,7 @@ def test_worker_count_and_process_age_do_not_change_a_digest(tmp_path: Path) -> 
 @pytest.mark.slow
 def test_worn_messages_are_the_same_in_this_process_and_in_two_workers(tmp_path: Path) -> None:
     """Two scenarios of a few seconds; whole ones below."""
-    suite = make_short_suite(tmp_path / "suite", "i10*", "i13*")
+    suite = make_short_suite(tmp_path / "suite", "i10*", "i13*", metres=8)
 
     def drive(name: str, workers: int) -> list[dict[str, Any]]:
         out = ("--agent", "sharing+negotiation", "--workers", workers, "--no-record", "--out", tmp_path / name)

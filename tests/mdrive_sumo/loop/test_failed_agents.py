@@ -145,7 +145,7 @@ def test_rolling_over_the_goal_does_not_undo_the_failure() -> None:
     assert score(episode, LONE).sr == 0.0
 
 
-@pytest.mark.parametrize("tick", sampled((0, 1, 25, 60), (0, 25)))
+@pytest.mark.parametrize("tick", sampled((0, 1, 25, 60), (25,)))  # 0: the test of `Broken`
 def test_a_replayed_failure_repeats_every_tick(tick: int) -> None:
     episode, _ = drive(QUEUE, fail_in(tick), go)
     replayed = tuple(ending for ending in episode.endings if ending.end is End.AGENT_FAILED)
