@@ -260,7 +260,7 @@ def by_model(out: Path, *more: object) -> str:
     return generate(out, "--proposer", "llm", *more)
 
 
-def test_a_model_that_never_proposes_anything_valid_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_model_that_never_proposes_a_valid_one_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(generation_search, "MAX_TRIES", 3)
     empty = propose(Category.CROSSWALK, random.Random(1)).model_copy(update={"actors": ()})
     with served(lambda _: (200, completion(empty.model_dump_json()))) as service:
