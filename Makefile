@@ -5,7 +5,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
 # libsumo is linked against these, although nothing is ever drawn with them.
 LIBRARIES := libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1
-PYTEST := $(BIN)/python -m pytest
+# Byte code is kept: tests start hundreds of processes, and without it each compiles all that it imports.
+PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
 # The gate adds the measurement of coverage.
 PYTEST_FLAGS ?=
 # The suite that has all others as its parts.

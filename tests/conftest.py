@@ -21,10 +21,10 @@ INSTALLED = (
 SKIP_REASONS = (NEEDS_SHARED_DATA, *MACHINE, *INSTALLED, "needs PostgreSQL")
 """Why a test may skip. The gate (MDRIVE_STRICT_SKIPS) installs what it can: there only machine and data count."""
 
-settings.register_profile("laptop", deadline=None)
-settings.register_profile("ci", deadline=None, derandomize=True)
+settings.register_profile("laptop", deadline=None, max_examples=30)
+settings.register_profile("ci", deadline=None, max_examples=30, derandomize=True)
 settings.register_profile("check", deadline=None, max_examples=20)
-settings.register_profile("all", deadline=None)  # `testing.examples`: expensive properties get all their examples
+settings.register_profile("all", deadline=None)  # `testing.sampling`: properties get all their examples
 settings.load_profile(os.environ.get("MDRIVE_HYPOTHESIS") or ("ci" if os.environ.get("CI") else "laptop"))
 
 

@@ -157,7 +157,7 @@ def find_network_folder(name: str, beside: Path | None = None) -> Path:
     return packaged[name]
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)  # more than there are packaged networks: a run of a suite loads each once
 def load_road_map(folder: Path) -> RoadMap:
     """Load a network folder (`network.json`, `map.net.xml.gz`). Raises InputError. Cached: a RoadMap is immutable."""
     about = read_network_file(folder)

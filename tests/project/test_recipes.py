@@ -190,12 +190,15 @@ def convert_log(folder: Path) -> tuple[str, str, list[str]]:
     (folder / "drive.json").write_text(json.dumps({"dt_s": 0.1, "lanes": {"lane": lane}, "cars": poses}))
     (folder / "broken.json").write_text("{}")
     from real2sim.readers.jsonlog import read_jsonlog  # pyright: ignore[reportMissingImports]
-    from testing.local_pool import LocalPool
+    from testing.local_executor import LocalExecutor
 
     from mdrive_sumo.core.errors import InputError
     from real2sim.pipeline import batch
 
-    batch.ProcessPool, batch._redirect_stdout = LocalPool, lambda: None  # for this process, which ends with the module
+    batch.ProcessPool, batch._redirect_stdout = (
+        LocalExecutor,
+        lambda: None,
+    )  # for this process, which ends with the module
     with pytest.raises(InputError, match=r"broken\.json: dt_s: "):
         read_jsonlog(folder / "broken.json")
     offered = run_command("convert", "--help")

@@ -1,5 +1,6 @@
-"""Parameters of which `make test` takes a sample; `make test-all` takes all."""
+"""Parameters and made-up examples of which `make test` takes a sample; `make test-all` takes all."""
 
+import os
 from collections.abc import Collection, Iterable
 from typing import TypeVar
 
@@ -14,3 +15,8 @@ def sampled(values: Iterable[T], kept: Collection[T]) -> list[ParameterSet]:
     values = tuple(values)
     assert set(kept) <= set(values), f"{set(kept) - set(values)} are no values"
     return [pytest.param(value, marks=() if value in kept else pytest.mark.full) for value in values]
+
+
+def examples(usual: int, thorough: int) -> int:
+    """How many examples a property gets that takes long or needs many: `thorough` of them in `make test-all`."""
+    return thorough if os.environ.get("MDRIVE_HYPOTHESIS") == "all" else usual

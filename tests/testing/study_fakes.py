@@ -1,7 +1,5 @@
 """A stand-in for `run_job` whose score depends on the channel as a study should find it. No tests in here."""
 
-from collections.abc import Callable
-
 from mdrive_sumo import cli
 from mdrive_sumo.runs import evaluate
 from mdrive_sumo.runs.episode_job import EpisodeJob
@@ -30,29 +28,6 @@ def drive(job: EpisodeJob) -> ScenarioResult:
     return make_void_result(scenario, job.seed, "").model_copy(
         update={"status": "ok", "ds": score, "sr": score / 2, "rc": score, "ip": 1.0, "ticks": 1, "comm": said}
     )
-
-
-class Inline:
-    """An executor without processes; created like those of `make_executor`."""
-
-    free_slots = 1
-
-    def __init__(self, function: Callable[[EpisodeJob], ScenarioResult], *_: object) -> None:
-        self._function = function
-        self._done: list[tuple[str, ScenarioResult]] = []
-
-    def __enter__(self) -> "Inline":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def submit(self, key: str, job: EpisodeJob) -> None:
-        self._done.append((key, self._function(job)))
-
-    def collect_outcomes(self) -> list[tuple[str, ScenarioResult]]:
-        done, self._done = self._done, []
-        return done
 
 
 def main() -> None:

@@ -11,9 +11,7 @@ from mdrive_sumo.study.conditions import (
 )
 from mdrive_sumo.study.study_runs import StudyRow
 from mdrive_sumo.v2x.comm_settings import PRESETS
-from testing.paths import TESTS
 
-TALKER = str(TESTS / "testing" / "study_talker.py") + ":Talker"
 IDEAL, OFF = PRESETS["ideal"], PRESETS["off"]
 
 

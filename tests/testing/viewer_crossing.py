@@ -1,6 +1,7 @@
 """A recorded crossing for tests of the viewer: four arms, CAVs, traffic around and around, every kind of event."""
 
 import math
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -83,11 +84,16 @@ def ego_state(i: int, tick: int) -> EgoState:
     return EgoState(float(x), float(y), i % 4 * math.pi / 2, 6.0 + math.cos(tick / 40 + i), 0.0, 0.0, 0.0)
 
 
+@cache
+def long_line(arm: int, lane: int) -> Polyline:
+    return Polyline(straight(arm, lane, -250.0, 250.0))
+
+
 def traffic(count: int, tick: int, prefix: str) -> Actors:
     """Cars around and around, then a few pedestrians, cyclists and obstacles."""
     kind = np.array([(0, 0, 0, 0, 0, 0, 0, 2, 1, 3)[i % 10] for i in range(count)], dtype=np.uint8)
     along = np.array([(i * 37 + tick * (0.0, 0.4, 0.5)[i % 3]) % 500 for i in range(count)])
-    lines = [Polyline(straight(i % 4, i // 4 % 2, -250.0, 250.0)) for i in range(count)]
+    lines = [long_line(i % 4, i // 4 % 2) for i in range(count)]
     x, y = np.array([line.at(float(s)) for line, s in zip(lines, along, strict=True)]).reshape(-1, 2).T
     yaw = np.array([i % 4 * math.pi / 2 for i in range(count)])
     length = np.array([(4.6, 0.6, 1.8, 2.4)[k] for k in kind])

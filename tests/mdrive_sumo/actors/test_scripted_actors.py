@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from testing.actors_world import Film, actor, no_egos, standing_car, two_lanes
+from testing.sampling import examples
 from testing.worlds import straight_road
 
 from mdrive_sumo.actors import ActorMode
@@ -247,7 +248,8 @@ def test_a_replay_does_not_appear_inside_a_cav() -> None:
     assert not np.isnan(original[21])
 
 
-@given(order=st.permutations(["a", "b", "c"]), seconds=st.integers(1, 6))
+@settings(max_examples=examples(8, 100))
+@given(order=st.permutations(["a", "b", "c"]), seconds=st.integers(2, 5))
 def test_the_order_in_the_file_does_not_matter(order: list[str], seconds: int) -> None:
     cast = {
         "a": actor("a", "vehicle", points=AHEAD, speed=8),

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 from testing.actors_world import actor
+from testing.local_executor import run_in_workers
 from testing.suite_fakes import NET, NETWORK, make_suite
 
 from mdrive_sumo.cli import main
@@ -21,7 +22,7 @@ from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, LaneMoti
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
 from mdrive_sumo.scoring import Results, load_results
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
 assert NET
 assert NETWORK
@@ -42,8 +43,8 @@ THINGS = {
 }
 
 
-def scenario(name: str, *actors: Actor) -> Scenario:
-    route = tuple((5.0 + i, 0.0, 0.0) for i in range(71))
+def scenario(name: str, *actors: Actor, metres: int = 70) -> Scenario:
+    route = tuple((5.0 + i, 0.0, 0.0) for i in range(metres + 1))
     ego = Ego(id="0", start=Pose(x=5, y=0, yaw=0), lanes=("a_0",), route=route)
     return Scenario(id=name, bucket="Tiny", category="actors", network="flat", egos=(ego,), actors=actors)
 
@@ -88,8 +89,11 @@ def test_the_recording_knows_them(crashes: tuple[Path, Path, Results]) -> None:
 
 
 @pytest.mark.full
-def test_two_workers_make_the_same_and_verify_and_rescore_agree(crashes: tuple[Path, Path, Results]) -> None:
+def test_two_workers_make_the_same_and_verify_and_rescore_agree(
+    crashes: tuple[Path, Path, Results], monkeypatch: pytest.MonkeyPatch
+) -> None:
     things, run, once = crashes
+    run_in_workers(monkeypatch)
     again = evaluated(things, run.with_name("two"), "--workers", 2)
     assert [result.digest for result in again.scenarios] == [result.digest for result in once.scenarios]
     done = call("verify", run, "--workers", 1)
@@ -119,7 +123,7 @@ def test_the_mode_stands_in_results_and_fingerprint_and_verify_honours_it(tmp_pa
 
 def test_a_reacting_vehicle_stops_for_the_cav_and_an_original_one_does_not(tmp_path: Path) -> None:
     npc = actor("it", "vehicle", points=[(5, -40), (5, 40)], speed=9, start_speed=9)
-    folder = suite(tmp_path / "suite", scenario("s", npc))
+    folder = suite(tmp_path / "suite", scenario("s", npc, metres=2))  # time for 9 s
     default = evaluated(folder, tmp_path / "default", agent="stationary")
     original = evaluated(folder, tmp_path / "original", "--actors", "original", agent="stationary")
     assert default.scenarios[0].egos[0].ip == 1.0

@@ -14,6 +14,7 @@ import pytest
 from testing import carla_agents
 from testing.hostile_protocol import CASES, DEEDS, LATE, write_agent
 from testing.sandbox_runs import needs_bubblewrap
+from testing.short_suite import make_short_suite
 
 from mdrive_sumo.agent_process import frame_file
 from mdrive_sumo.agent_process.child_process import AgentBox, AgentProgram
@@ -253,7 +254,7 @@ def test_a_sensor_asked_for_in_a_race_only_is_refused_there(folder: Path, agent:
 @boxed
 def test_a_scenario_driven_in_boxes_is_the_same_bit_for_bit(folder: Path, tmp_path: Path) -> None:
     (folder / "agents.py").write_text("from mdrive_sumo.agents.sharing import SharingAgent as Driver\n")
-    suite = load_suite("interdrive")
+    suite = load_suite(str(make_short_suite(tmp_path / "suite", "i01_*", metres=25)))
     plain = EpisodeJob(suite.folder, suite.scenarios[0].id, AgentSpec("sharing"), 3)
     inside = replace(plain, agent=AgentSpec("/agent/agents.py:Driver", box=box(folder)), logs=tmp_path)
     results = [run_job(job) for job in (plain, inside)]
@@ -267,7 +268,7 @@ def test_a_scenario_driven_in_boxes_is_the_same_bit_for_bit(folder: Path, tmp_pa
 @boxed
 def test_a_joint_agent_drives_a_scenario_in_one_box(folder: Path, tmp_path: Path) -> None:
     carla_agents.write(folder, carla_agents.FOLLOWER)
-    suite = load_suite("interdrive")
+    suite = load_suite(str(make_short_suite(tmp_path / "suite", "i01_*", metres=25)))
     agent = AgentSpec("carla:/agent/agents.py", box=box(folder))
     result = run_job(EpisodeJob(suite.folder, suite.scenarios[0].id, agent, logs=tmp_path))
     assert result.rc > 50.0 and "agent-failed" not in result.model_dump_json()

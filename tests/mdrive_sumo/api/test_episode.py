@@ -5,12 +5,12 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 import pytest
+from testing.short_suite import make_short_suite
 
 import mdrive_sumo as md
 from mdrive_sumo.core.state import End
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
-from mdrive_sumo.scenario.suite import list_packaged_suites
 from mdrive_sumo.scoring import ScoreMode
 
 pytestmark = pytest.mark.slow
@@ -38,14 +38,18 @@ class BrokenAgent:
 
 
 @pytest.fixture(scope="module")
-def episode() -> md.Episode:
-    return md.simulate(SCENARIO, agent="sharing", comm="realistic", seed=1)
+def suite(tmp_path_factory: pytest.TempPathFactory) -> str:
+    return str(make_short_suite(tmp_path_factory.mktemp("short") / "suite", SCENARIO, metres=20))
 
 
-def test_simulate_gives_the_episode_of_the_worker(episode: md.Episode) -> None:
-    options = md.Simulation(SCENARIO, comm="realistic")._config.options
-    folder = str(list_packaged_suites()["interdrive"])
-    result = run_job(EpisodeJob(folder, SCENARIO, AgentSpec("sharing"), 1, ScoreMode.MDRIVE, options=options))
+@pytest.fixture(scope="module")
+def episode(suite: str) -> md.Episode:
+    return md.simulate(SCENARIO, suite=suite, agent="sharing", comm="realistic", seed=1)
+
+
+def test_simulate_gives_the_episode_of_the_worker(episode: md.Episode, suite: str) -> None:
+    options = md.Simulation(SCENARIO, suite=suite, comm="realistic")._config.options
+    result = run_job(EpisodeJob(Path(suite), SCENARIO, AgentSpec("sharing"), 1, ScoreMode.MDRIVE, options=options))
     assert episode.digest == result.digest
     assert episode.result == result
 
@@ -80,8 +84,8 @@ def test_the_replay_is_shown_in_a_frame_and_saved(episode: md.Episode, tmp_path:
     assert page.save(tmp_path / "new" / "replay.html").read_text(encoding="utf-8") == page.html
 
 
-def test_a_saved_episode_is_loaded_with_its_scenario(episode: md.Episode, tmp_path: Path) -> None:
-    again = md.load_episode(episode.save(tmp_path / "one.npz"))
+def test_a_saved_episode_is_loaded_with_its_scenario(episode: md.Episode, suite: str, tmp_path: Path) -> None:
+    again = md.load_episode(episode.save(tmp_path / "one.npz"), suite)
     assert again.digest == episode.digest and again.scenario == episode.scenario and again.seed == 1
     assert again.result == episode.result
     with pytest.raises(md.InputError, match="found no file"):

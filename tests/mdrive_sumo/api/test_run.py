@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from testing.local_executor import run_in_process
 
 import mdrive_sumo as md
 
@@ -39,13 +40,15 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> md.Run:
     suite = md.load_suite("interdrive")[SCENARIOS]
     assert isinstance(suite, md.Suite)
     out = tmp_path_factory.mktemp("run")
-    return md.evaluate(suite, agent="constant-speed", seeds=(3, 5), workers=2, out=out, progress=False)
+    with pytest.MonkeyPatch.context() as patch:
+        run_in_process(patch)
+        return md.evaluate(suite, agent="constant-speed", seeds=(3, 5), out=out, progress=False)
 
 
 @pytest.fixture(scope="module")
 def standing(tmp_path_factory: pytest.TempPathFactory) -> md.Run:
     out = tmp_path_factory.mktemp("standing")
-    return md.evaluate("interdrive", make_agent(), scenario=SCENARIOS, workers=2, out=out, progress=False)
+    return md.evaluate("interdrive", make_agent(), scenario=SCENARIOS, workers=1, out=out, progress=False)
 
 
 def test_a_run_has_a_folder_and_results_per_seed(run: md.Run) -> None:
@@ -90,7 +93,8 @@ def test_runs_are_compared_by_mean_over_their_seeds(run: md.Run, standing: md.Ru
     assert md.compare(str(standing.folders[0]), standing).ds.mean == 0
 
 
-def test_a_run_is_verified_and_rescored(run: md.Run) -> None:
+def test_a_run_is_verified_and_rescored(run: md.Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_in_process(monkeypatch)
     first = md.load_run(run.folders[0])
     assert [found.identical for found in first.verify(sample=1, workers=1)] == [True]
     assert {results.run.score_mode for results in run.rescore("interdrive_fixed").results} == {"interdrive_fixed"}

@@ -10,7 +10,7 @@ from mdrive_sumo.core.state import End
 
 pytestmark = pytest.mark.slow
 
-SCENARIO = "i12_ins_sl_old_town"
+SCENARIO = "i02_ins_c_boulevard_straight"
 
 
 def drive(simulation: md.Simulation, stop: Callable[[], bool] = lambda: False) -> None:

@@ -13,7 +13,8 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
+from testing.local_executor import LocalExecutor
 from testing.paths import TESTS
 
 from mdrive_sumo.cli import main
@@ -21,7 +22,6 @@ from mdrive_sumo.cli import main
 pytestmark = pytest.mark.slow
 
 FAKE_MAIN = [sys.executable, "-c", "from testing import suite_fakes; suite_fakes.main()"]
-REAL_MAIN = [sys.executable, "-c", "from mdrive_sumo.cli import main; main()"]
 
 
 @pytest.fixture
@@ -30,6 +30,21 @@ def fakes(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     from testing import suite_fakes
 
     return suite_fakes
+
+
+@pytest.fixture
+def here(fakes: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+    """`evaluate` in this process and without worker processes."""
+
+    def evaluate_here(*more: str, default_folder: bool = False) -> Result:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr("mdrive_sumo.runs.evaluate.make_executor", LocalExecutor)
+        monkeypatch.setattr("mdrive_sumo.runs.evaluate.run_job", fakes.drive)
+        given = arguments(tmp_path, *more)[len(FAKE_MAIN) :]
+        left_out = ("--out", str(tmp_path / "run")) if default_folder else ()
+        return CliRunner().invoke(main, [word for word in given if word not in left_out])
+
+    return evaluate_here
 
 
 def environment() -> dict[str, str]:
@@ -74,10 +89,12 @@ def journalled(tmp_path: Path) -> list[str]:
     return [json.loads(line)["result"]["id"] for line in lines]
 
 
-def test_a_run_ends_with_a_table_and_the_files_that_exist(fakes: ModuleType, tmp_path: Path) -> None:
+def test_a_run_ends_with_a_table_and_the_files_that_exist(
+    fakes: ModuleType, here: Callable[..., Result], tmp_path: Path
+) -> None:
     fakes.make_suite(tmp_path / "suite", "answer", "answer")
-    ended = evaluate(tmp_path, "--workers", "2")
-    assert (ended.returncode, ended.stderr.count("\n")) == (0, 2)
+    ended = here()
+    assert (ended.exit_code, ended.stderr.count("\n")) == (0, 2)
     assert "Tiny" in ended.stdout and "scenario mean" in ended.stdout
     files = [Path(line.split("  ")[0]) for line in ended.stdout.splitlines() if line.startswith(str(tmp_path))]
     assert [file.name for file in files] == ["results.json", "report.md", "journal.jsonl", "episodes"]
@@ -85,25 +102,26 @@ def test_a_run_ends_with_a_table_and_the_files_that_exist(fakes: ModuleType, tmp
     assert ended.stderr.splitlines()[1].startswith("2/2  DS   5.0  SR   0.0  eta 0:00  s")
 
 
-def test_the_default_folder_is_found_again(fakes: ModuleType, tmp_path: Path) -> None:
+def test_the_default_folder_is_found_again(fakes: ModuleType, here: Callable[..., Result], tmp_path: Path) -> None:
     fakes.make_suite(tmp_path / "suite", "answer")
-    command = [word for word in arguments(tmp_path) if word not in ("--out", str(tmp_path / "run"))]
     for expected in (True, False):
-        ended = subprocess.run(command, capture_output=True, text=True, env=environment(), cwd=tmp_path)
+        ended = here(default_folder=True)
         assert ("1/1" in ended.stderr) is expected
     assert "already complete; --fresh runs it again" in ended.stderr
     assert (tmp_path / "runs" / "tiny-stationary-seed0" / "results.json").is_file()
 
 
-def test_a_void_makes_exit_code_1_and_is_named(fakes: ModuleType, tmp_path: Path) -> None:
-    fakes.make_suite(tmp_path / "suite", "answer", "kill")
-    ended = evaluate(tmp_path)
-    assert ended.returncode == 1
-    assert "s1: the worker process was ended by SIGKILL; tried again later" in ended.stderr
-    assert "  s1: the worker process was ended by SIGKILL" in ended.stdout
+def test_a_void_makes_exit_code_1_and_is_named(fakes: ModuleType, here: Callable[..., Result], tmp_path: Path) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer", "world")
+    ended = here()
+    assert ended.exit_code == 1
+    assert "s1: SUMO lost the road; tried again later" in ended.stderr
+    assert "  s1: SUMO lost the road" in ended.stdout
 
 
-def test_ctrl_c_keeps_what_is_done_and_the_same_command_continues(fakes: ModuleType, tmp_path: Path) -> None:
+def test_ctrl_c_keeps_what_is_done_and_the_same_command_continues(
+    fakes: ModuleType, here: Callable[..., Result], tmp_path: Path
+) -> None:
     suite = fakes.make_suite(tmp_path / "suite", "hang once", "answer", "answer")
     with start(tmp_path, "--workers", "2") as process:
         wait_for(tmp_path / "run" / "s0.started")
@@ -116,8 +134,8 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_command_continues(fakes: ModuleT
     assert errors.splitlines()[-1] == f"interrupted; the same command continues {tmp_path / 'run'}"
     assert "Traceback" not in errors
     assert journalled(tmp_path) == ["s1", "s2"]
-    ended = evaluate(tmp_path, "--workers", "2")
-    assert ended.returncode == 0
+    ended = here("--workers", "2")
+    assert ended.exit_code == 0
     assert "continuing: 2 of 3 scenarios are done already" in ended.stderr
     assert journalled(tmp_path) == ["s1", "s2", "s0"]
     assert suite.name in ended.stdout
@@ -142,14 +160,16 @@ def test_a_second_ctrl_c_does_not_swallow_the_answer_to_the_first(
     assert answer.stderr == f"interrupted; the same command continues {tmp_path / 'run'}\n"
 
 
-def test_a_killed_parent_takes_its_workers_along_and_the_run_continues(fakes: ModuleType, tmp_path: Path) -> None:
+def test_a_killed_parent_takes_its_workers_along_and_the_run_continues(
+    fakes: ModuleType, here: Callable[..., Result], tmp_path: Path
+) -> None:
     fakes.make_suite(tmp_path / "suite", "answer", "hang once")
     with start(tmp_path, "--workers", "1") as process:
         wait_for(tmp_path / "run" / "s1.started")
         process.kill()
     worker = int((tmp_path / "run" / "s1.started").read_text())
-    ended = evaluate(tmp_path, "--workers", "1")
-    assert ended.returncode == 0
+    ended = here("--workers", "1")
+    assert ended.exit_code == 0
     assert journalled(tmp_path) == ["s0", "s1"]
     assert not Path(f"/proc/{worker}/fd/0").exists()
 
@@ -241,56 +261,3 @@ def _read(terminal: int) -> bytes:
         return os.read(terminal, 4096)
     except OSError:  # Linux says EIO when the other side is gone
         return b""
-
-
-def test_help_names_every_command_without_importing_any_of_them() -> None:
-    code = (
-        "import sys\n"
-        "from mdrive_sumo.cli import main\n"
-        "main(['--help'], standalone_mode=False)\n"
-        "heavy = {'numpy', 'pydantic', 'libsumo', 'shapely', 'matplotlib', 'sumolib'} & set(sys.modules)\n"
-        "sys.exit(f'imported {heavy}' if heavy else 0)\n"
-    )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (ended.returncode, ended.stderr) == (0, "")
-    commands = (
-        "eval",
-        "list",
-        "show",
-        "view",
-        "verify",
-        "rescore",
-        "compare",
-        "validate",
-        "schema",
-        "doctor",
-        "convert",
-    )
-    places = [ended.stdout.index(f"\n  {command} ") for command in commands]
-    assert places == sorted(places)
-
-
-def test_help_starts_within_the_time_that_a_user_does_not_notice() -> None:
-    """0.4 s is the target; on a slow or busy machine, a few times what Python and click alone take there."""
-
-    def best_of_three(command: list[str]) -> float:
-        times: list[float] = []
-        for _ in range(3):
-            before = time.perf_counter()
-            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-            times.append(time.perf_counter() - before)
-        return min(times)
-
-    bare = best_of_three([sys.executable, "-c", "import click"])
-    assert best_of_three([*REAL_MAIN, "--help"]) < max(0.4, 4 * bare)
-
-
-@pytest.mark.parametrize("command", ["eval", "list", "show", "view", "verify", "rescore", "compare", "validate"])
-def test_every_command_explains_itself(command: str) -> None:
-    answer = CliRunner().invoke(main, [command, "--help"])
-    assert answer.exit_code == 0, answer.output
-    assert "Usage:" in answer.output
-
-
-def test_version() -> None:
-    assert CliRunner().invoke(main, ["--version"]).output.startswith("mdrive-sumo, version 0.")

@@ -9,12 +9,14 @@ from click.testing import CliRunner, Result
 from mdrive_sumo.cli import main
 from mdrive_sumo.scenario.suite import load_suite
 
+pytestmark = pytest.mark.usefixtures("in_process")
+
 
 def call(*arguments: object) -> Result:
     return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of one scenario in which no vehicle moves: blocked after 30 s."""
     folder = tmp_path_factory.mktemp("run")

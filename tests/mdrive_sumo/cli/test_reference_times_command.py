@@ -6,12 +6,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 from testing import suite_fakes
-from testing.paths import TESTS
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
 from mdrive_sumo.scoring import load_results
+
+pytestmark = pytest.mark.usefixtures("in_process")
 
 TOWN = "i07_ins_ss_town"
 REFERENCE = ("--agent", "omniscient", "--ids", "scenario", "--sensing", "perfect")
@@ -58,7 +59,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("finished")
     suite_fakes.make_suite(folder / "suite", "answer")
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(TESTS))  # for the worker process
         patch.setattr("mdrive_sumo.runs.evaluate.run_job", suite_fakes.drive)
         options = ("--suite", folder / "suite", *REFERENCE, "--workers", 1, "--out", folder / "run")
         assert command("eval", *options).exit_code == 0

@@ -23,8 +23,8 @@ def follow_plan(seen: Observation) -> Reply:
     return Reply(plan=plan, messages=(Message("note", b"hello"),), notes=(Note("test", "planned"),))
 
 
-@pytest.fixture
-def recording(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recorded run with contacts, plans, messages, notes, think times and two kinds of endings."""
     egos = (straight_ego("0", x=40, length=60), straight_ego("1", x=10, length=80), straight_ego("2", x=200, length=20))
     config = EpisodeConfig(
@@ -41,7 +41,7 @@ def recording(tmp_path: Path) -> Path:
         "2": Says(follow_plan),
     }
     record = run_episode(config, EmptyWorld(), {ego: LocalDriver(agent) for ego, agent in agents.items()})
-    path = tmp_path / "episode.npz"
+    path = tmp_path_factory.mktemp("recording") / "episode.npz"
     save_episode(record, path)
     return path
 

@@ -11,9 +11,9 @@ from click.testing import CliRunner
 from testing.negotiation_fakes import completion, served
 
 from mdrive_sumo.cli import main
+from mdrive_sumo.generate import generation_search
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.generated_suite import write_generated_suite
-from mdrive_sumo.generate.generation_search import MAX_TRIES
 from mdrive_sumo.generate.pipeline import build_scenario
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.recipe import GENERATOR, Recipe, save_recipe
@@ -260,16 +260,17 @@ def by_model(out: Path, *more: object) -> str:
     return generate(out, "--proposer", "llm", *more)
 
 
-def test_a_model_that_never_proposes_anything_valid_ends_after_so_many_requests(tmp_path: Path) -> None:
+def test_a_model_that_never_proposes_a_valid_one_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(generation_search, "MAX_TRIES", 3)
     empty = propose(Category.CROSSWALK, random.Random(1)).model_copy(update={"actors": ()})
     with served(lambda _: (200, completion(empty.model_dump_json()))) as service:
         said = by_model(tmp_path / "out", "--endpoint", service.url, "--attempts", 2)
     assert said == (
-        f"crosswalk: expected a scenario from {MAX_TRIES} proposals, found none ({MAX_TRIES} at rules); the last one:"
+        "crosswalk: expected a scenario from 3 proposals, found none (3 at rules); the last one:"
         " the language model never proposed a valid crosswalk; the last time: actors: expected at least one walker for"
         " crosswalk, found none"
     )
-    assert len(service.requests) == 2 * MAX_TRIES
+    assert len(service.requests) == 2 * 3
     assert not (tmp_path / "out").exists()
 
 

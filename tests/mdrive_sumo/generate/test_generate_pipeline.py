@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from testing.sampling import examples
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import WorldError
@@ -150,7 +151,7 @@ def proposals(draw: st.DrawFn) -> Proposal:
     return template.model_copy(update={"ego_vehicles": tuple(egos), "actors": (*template.actors, *actors)})
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(15, 60))
 @given(proposals(), st.integers(0, 10**6))
 def test_whatever_is_proposed_becomes_a_scenario_or_is_refused_with_a_reason(proposal: Proposal, seed: int) -> None:
     try:

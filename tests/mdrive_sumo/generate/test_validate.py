@@ -33,6 +33,8 @@ from mdrive_sumo.study.occlusion_certificate import (
     save_certificates,
 )
 
+pytestmark = pytest.mark.usefixtures("in_process")
+
 
 @cache
 def ours(name: str) -> Scenario:

@@ -283,5 +283,5 @@ def test_each_part_is_checked_on_its_own(tmp_path: Path) -> None:
 
 
 def test_every_packaged_suite_keeps_what_it_must() -> None:
-    for name in list_packaged_suites():
+    for name in list_packaged_suites().keys() - {"mdrive"}:  # of which test_mdrive_suite is
         assert find_suite_problems(load_suite(name), ()) == ()

@@ -4,8 +4,12 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from testing.local_executor import run_in_process
+from testing.short_suite import make_short_suite
+from testing.study_samples import invoke
 
 from mdrive_sumo.cli import main
 
@@ -14,11 +18,6 @@ SAMPLE = "*ins_chaos*"
 
 
 TALKING = ("sharing", "colmdriver-rule", "sharing+negotiation", "perception-swap:cobevt")
-MOST = tuple(
-    pytest.param(name, marks=pytest.mark.slow if name == "sharing+negotiation" else pytest.mark.full)
-    for name in TALKING
-)
-"""The one that says most in every run, the others where time is no matter."""
 WORN = ("--comm-loss", "0.3", "--comm-latency", "2", "--pose-error", "0.6,0.6")
 
 
@@ -40,7 +39,26 @@ def test_worker_count_and_process_age_do_not_change_a_digest(tmp_path: Path) -> 
         assert fresh == {scenario: digest}
 
 
-@pytest.mark.parametrize("agent", [pytest.param("single", marks=pytest.mark.full), *MOST])
+@pytest.mark.slow
+def test_worn_messages_are_the_same_in_this_process_and_in_two_workers(tmp_path: Path) -> None:
+    """Two scenarios of a few seconds; whole ones below."""
+    suite = make_short_suite(tmp_path / "suite", "i10*", "i13*", metres=8)
+
+    def drive(name: str, workers: int) -> list[dict[str, Any]]:
+        out = ("--agent", "sharing+negotiation", "--workers", workers, "--no-record", "--out", tmp_path / name)
+        ended = invoke("eval", "--suite", suite, *WORN, *out)
+        assert ended.exit_code == 0, ended.output
+        return json.loads((tmp_path / name / "results.json").read_text())["scenarios"]
+
+    two = drive("two", 2)
+    assert len(two) == 2 and all(row["comm"]["lost"] > 10 for row in two)
+    with pytest.MonkeyPatch.context() as patch:
+        run_in_process(patch)
+        assert drive("one", 1) == two
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("agent", ("single", *TALKING))
 def test_loss_and_noise_are_the_same_for_any_worker_count(agent: str, tmp_path: Path) -> None:
     sample = "i1[03]*"
     one = evaluated(tmp_path / "one", sample, "--workers", "1", *WORN, agent=agent)

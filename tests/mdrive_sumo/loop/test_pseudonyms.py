@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from itertools import permutations
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from testing.sampling import sampled
 from testing.worlds import EmptyWorld, Says, pedals, straight_ego, straight_road, straight_scenario
 
 from mdrive_sumo.contract import Message, Observation, Reply, SensorSpec
@@ -41,6 +43,10 @@ def drive(
     return run_episode(config, EmptyWorld(), {ego: LocalDriver(agent) for ego, agent in agents.items()}), agents
 
 
+driven = cache(drive)
+"""For tests that look at the same drive."""
+
+
 def told_id(agent: Says) -> str:
     assert agent.briefing is not None
     return agent.briefing.ego_id
@@ -54,7 +60,7 @@ def list_told_ids(agent: Says) -> set[str]:
 
 
 def test_agents_get_pseudonyms_and_the_recording_has_the_scenarios_ids() -> None:
-    episode, agents = drive()
+    episode, agents = driven()
     pseudonym = {ego: told_id(agent) for ego, agent in agents.items()}
     assert all(len(told) == 8 and int(told, 16) >= 0 for told in pseudonym.values())
     everybody = {*pseudonym.values(), next(told for told, name in episode.pseudonyms.items() if name == "rsu")}
@@ -68,14 +74,14 @@ def test_agents_get_pseudonyms_and_the_recording_has_the_scenarios_ids() -> None
 
 
 def test_ids_scenario_restores_the_scenarios_ids() -> None:
-    episode, agents = drive("scenario")
+    episode, agents = driven("scenario")
     assert {told_id(agent) for agent in agents.values()} == set(NAMES)
     assert all(list_told_ids(agent) == {*NAMES, "rsu"} for agent in agents.values())
     assert episode.pseudonyms == {}
 
 
 def test_ids_change_neither_the_noise_nor_the_seed_of_an_agent() -> None:
-    (random, one), (scenario, other) = drive(), drive("scenario")
+    (random, one), (scenario, other) = driven(), driven("scenario")
     assert np.array_equal(random.quanta, scenario.quanta)
     for name in NAMES:
         mine, theirs = one[name].briefing, other[name].briefing
@@ -109,9 +115,9 @@ def test_the_order_of_pseudonyms_is_not_that_of_the_scenario() -> None:
     assert min(counts.values()) > 60  # 100 expected; 60 is 4.4 standard deviations away
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", sampled(range(4), (0, 1)))
 def test_nothing_is_listed_in_the_order_of_the_scenario(seed: int) -> None:
-    _, agents = drive(seed=seed)
+    _, agents = driven(seed=seed)
     for agent in agents.values():
         for seen in agent.seen:
             order = [(message.tick, message.sender) for message in seen.messages]
@@ -121,7 +127,7 @@ def test_nothing_is_listed_in_the_order_of_the_scenario(seed: int) -> None:
 
 
 def test_the_privileged_rows_belong_to_their_pseudonyms() -> None:
-    episode, agents = drive()
+    episode, agents = driven()
     for seen in agents["1"].seen:
         known = seen.privileged
         assert known is not None
@@ -154,7 +160,7 @@ def test_a_message_within_one_tick_keeps_its_place_behind_earlier_ones_of_its_se
 
 def test_track_names_differ_by_episode_and_observer() -> None:
     def track(observer: str, seed: int, scenario: Scenario = THREE) -> set[str]:
-        _, agents = drive(seed=seed, scenario=scenario)
+        _, agents = driven(seed=seed) if scenario is THREE else drive(seed=seed, scenario=scenario)
         objects = agents[observer].seen[0].objects
         assert objects is not None and len(objects.ids) == 2
         return {*objects.ids}

@@ -111,8 +111,17 @@ def flaky(request: dict[str, Any]) -> tuple[int, bytes]:
     return (503, b"") if kind == 0 else (200, completion("?!" * kind)) if kind == 1 else agreeable(request)
 
 
-@pytest.mark.parametrize("instant", [False, True])
-@pytest.mark.parametrize("answering", [agreeable, stubborn, flaky])
+@pytest.mark.parametrize(
+    ("answering", "instant"),
+    [
+        pytest.param(agreeable, False, marks=pytest.mark.full),
+        pytest.param(agreeable, True, marks=pytest.mark.full),
+        pytest.param(stubborn, False, marks=pytest.mark.full),
+        (stubborn, True),
+        (flaky, False),
+        pytest.param(flaky, True, marks=pytest.mark.full),
+    ],
+)
 def test_a_replay_gives_the_same_result_without_an_endpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answering: Any, instant: bool
 ) -> None:

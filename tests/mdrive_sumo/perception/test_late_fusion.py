@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from testing.planning import FACTS, LENGTH, own, things
+from testing.sampling import examples
 
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.core.geometry import wrap_angle
@@ -225,7 +226,7 @@ Rows = list[tuple[float, float, float, float]]
 CARS = st.lists(st.tuples(st.floats(-60, 60), st.floats(-60, 60), st.floats(-3, 3), st.floats(0, 10)), max_size=6)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(20, 60))
 @given(CARS, CARS, CARS)
 def test_the_number_of_objects_is_between_the_maximum_and_the_sum(mine: Rows, first: Rows, second: Rows) -> None:
     def away(rows: Rows) -> Rows:  # the own place is kept free
@@ -238,7 +239,7 @@ def test_the_number_of_objects_is_between_the_maximum_and_the_sum(mine: Rows, fi
     assert known.x[: len(mine)].tolist() == [row[0] for row in mine]
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(12, 40))
 @given(CARS, CARS, st.permutations(range(4)))
 def test_the_order_of_messages_within_a_tick_does_not_matter(first: Rows, second: Rows, order: list[int]) -> None:
     said = [cam("b", 25.0), cpm("b", things(*first)), cam("c", -25.0), cpm("c", things(*second))]

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from testing.planning import LENGTH, WIDTH, briefing, own, seen, things
+from testing.sampling import examples
 
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.contract.detector_profiles import IDEAL, LIDAR_SINGLE, PROFILES
@@ -128,6 +129,7 @@ def test_a_moving_car_is_reported_the_second_time() -> None:
     assert min(tick for tick in TICKS if found[tick].ids) == 64
 
 
+@settings(max_examples=examples(8, 100))
 @given(st.floats(-0.45, 0.45), st.floats(-0.45, 0.45), st.integers(0, 99))
 def test_an_own_detection_and_a_cam_are_one_car_and_the_detection_says_where(dx: float, dy: float, seed: int) -> None:
     """The sender's estimate is off by up to 3 standard deviations of the difference of two estimates."""

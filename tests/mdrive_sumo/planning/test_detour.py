@@ -9,6 +9,7 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from testing.agents_driving import ego
 from testing.bent_road import CAR, WIDTH, bent, box, road, told
+from testing.sampling import examples
 
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.planning.detour import compute_box_extents, find_detour
@@ -53,7 +54,7 @@ def told_by(roads: RoadMap) -> Float:
     return compute_route_room(roads, xy, np.zeros(len(xy)))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=examples(6, 30))
 @given(
     radius=st.sampled_from([1e6, 60.0, -60.0, 25.0]),
     boxes=st.lists(

@@ -10,6 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely import Polygon, affinity, box
 from testing.planning import LENGTH, WIDTH, briefing, moving, own, standing, stations, straight
+from testing.sampling import examples
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.planning.motion_prediction import HORIZON_S, TIMES, PredictedMotion
@@ -131,7 +132,7 @@ def test_a_car_that_must_wait_waits_without_limit() -> None:
     assert np.array_equal(plans[0], plans[1])
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(12, 40))
 @given(
     speed=st.floats(0.0, 8.0),
     limit=st.sampled_from((4.0, 6.0, 8.0, 13.9)),
@@ -220,7 +221,7 @@ def crossers(draw: st.DrawFn) -> PredictedMotion:
     return moving(at - gap * math.cos(angle), -gap * math.sin(angle), angle, speed)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(15, 60))
 @given(speed=st.integers(0, 8), motions=st.lists(crossers(), min_size=1, max_size=4))
 def test_a_plan_never_overlaps_a_prediction(speed: int, motions: list[PredictedMotion]) -> None:
     """An independent oracle: polygons of shapely at times that are none of the planner's own."""

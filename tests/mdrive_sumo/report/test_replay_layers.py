@@ -18,7 +18,7 @@ from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.report.replay_visibility import compute_visibility
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, decode
-from tests.mdrive_sumo.report.test_replay_page import HOSTILE, SETTLED, browser, carried, needs_browser, opened, wait  # noqa: F401  # pyright: ignore
+from tests.mdrive_sumo.report.test_replay_page import HOSTILE, SETTLED, carried, needs_browser, opened, wait
 
 pytestmark = pytest.mark.slow
 
@@ -118,7 +118,7 @@ def talk_file(tmp_path_factory: pytest.TempPathFactory, talk: EpisodeRecord) -> 
 
 
 @pytest.fixture
-def page(browser: Any, talk_file: Path) -> Iterator[Any]:  # noqa: F811
+def page(browser: Any, talk_file: Path) -> Iterator[Any]:
     yield from opened(browser, talk_file.as_uri())
 
 
@@ -158,7 +158,7 @@ def wait_until(truth: Callable[[], bool], otherwise: str) -> None:
 
 
 @needs_browser
-def test_a_layer_without_anything_to_show_says_why(browser: Any, tmp_path: Path) -> None:  # noqa: F811
+def test_a_layer_without_anything_to_show_says_why(browser: Any, tmp_path: Path) -> None:
     path = tmp_path / "silent.html"
     path.write_text(render_replay(record(), scenario(2), crossing(), ()), encoding="utf-8")
     for tab in opened(browser, path.as_uri()):
@@ -212,7 +212,7 @@ def test_shared_objects_are_those_received_within_a_second(page: Any) -> None:
 
 
 @needs_browser
-def test_what_a_model_said_is_listed_once(browser: Any, tmp_path: Path) -> None:  # noqa: F811
+def test_what_a_model_said_is_listed_once(browser: Any, tmp_path: Path) -> None:
     path, episode = tmp_path / "model.html", talking()
     first = episode.notes[0]
     path.write_text(page_of(replace(episode, notes=(replace(first, tick=0),)), egos=2), encoding="utf-8")
@@ -239,7 +239,7 @@ def test_the_transcript_keeps_step(page: Any) -> None:
 
 
 @needs_browser
-def test_hostile_words_do_nothing(browser: Any, tmp_path: Path) -> None:  # noqa: F811
+def test_hostile_words_do_nothing(browser: Any, tmp_path: Path) -> None:
     path, episode = tmp_path / "hostile.html", talking(text=HOSTILE)
     page = page_of(episode, egos=2)
     assert "onerror" not in page
@@ -254,7 +254,7 @@ def test_hostile_words_do_nothing(browser: Any, tmp_path: Path) -> None:  # noqa
 
 
 @needs_browser
-def test_a_link_opens_with_its_layers(browser: Any, talk_file: Path) -> None:  # noqa: F811
+def test_a_link_opens_with_its_layers(browser: Any, talk_file: Path) -> None:
     for tab in opened(browser, f"{talk_file.as_uri()}#t=2.00&show=sight,messages"):
         assert tab.evaluate("[viewer.tick, viewer.layers.sort()]") == [40, ["messages", "sight"]]
         tab.keyboard.press("v")
@@ -263,7 +263,7 @@ def test_a_link_opens_with_its_layers(browser: Any, talk_file: Path) -> None:  #
 
 @pytest.mark.full
 @needs_browser
-def test_all_layers_draw_fast_enough(browser: Any, tmp_path: Path, record_property: Any) -> None:  # noqa: F811
+def test_all_layers_draw_fast_enough(browser: Any, tmp_path: Path, record_property: Any) -> None:
     """As without layers; the limit is for machines that are busy."""
     path = tmp_path / "busy.html"
     path.write_text(page_of(talking(ticks=400, egos=4, actors=100)), encoding="utf-8")

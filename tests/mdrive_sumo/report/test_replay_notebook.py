@@ -6,11 +6,11 @@ from typing import Any
 from testing.viewer_crossing import crossing, record, scenario
 
 from mdrive_sumo.report.replay_page import ReplayPage, render_replay
-from tests.mdrive_sumo.report.test_replay_page import browser, needs_browser  # noqa: F401  # pyright: ignore
+from tests.mdrive_sumo.report.test_replay_page import needs_browser
 
 
 @needs_browser
-def test_the_replay_works_inside_a_notebook(browser: Any, tmp_path: Path) -> None:  # noqa: F811
+def test_the_replay_works_inside_a_notebook(browser: Any, tmp_path: Path) -> None:
     """A notebook shows the page in a frame without an address or an origin of its own."""
     path = tmp_path / "notebook.html"
     page = ReplayPage(render_replay(record(), scenario(2), crossing(), ()))

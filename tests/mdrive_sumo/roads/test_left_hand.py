@@ -159,7 +159,7 @@ def undirected(found: HdMap) -> HdMap:
 
 
 def test_the_side_is_found_without_directions_too(tmp_path: Path) -> None:
-    log = busy_truth(0, Crowd(vehicles=20, walkers=4, all=30))
+    log = busy_truth(0, Crowd(vehicles=12, walkers=4, all=20))
     for side, one in ((False, log), (True, mirrored(log))):
         report = build_network(undirected(one.map), motions(one), tmp_path / str(side), "net")
         assert report.left_hand is side

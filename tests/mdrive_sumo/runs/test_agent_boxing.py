@@ -1,13 +1,13 @@
 """`eval --sandbox`: the agent of a file drives in boxes and can read nothing of the suite."""
 
 import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 from testing.sandbox_runs import needs_bubblewrap, reachable
+from testing.short_suite import make_short_suite
 
 import mdrive_sumo as md
 from mdrive_sumo.agent_process.child_process import PACKAGE
@@ -57,7 +57,7 @@ def invoke(*words: str | Path) -> Result:
 def folder(tmp_path: Path) -> Path:
     """A participant's folder: the agent, its weights, a suite of its own."""
     folder = reachable(tmp_path) / "mine"
-    shutil.copytree(PACKAGE / "scenarios" / "interdrive", folder / "suite")
+    make_short_suite(folder / "suite", SCENARIO)
     (networks,) = {path.parent for path in list_packaged_networks().values()}
     places = {"suite": str(folder / "suite"), "networks": str(networks), "scenarios": str(PACKAGE / "scenarios")}
     text = THIEF
@@ -88,6 +88,7 @@ def stolen(out: Path) -> list[str]:
 
 @needs_bubblewrap
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_process")
 def test_a_boxed_agent_reads_nothing_of_the_suite_and_a_plain_one_does(folder: Path) -> None:
     plain, boxed = drive(folder), drive(folder, "--sandbox")
     assert len(stolen(plain)) > 100

@@ -6,6 +6,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from testing.local_executor import LocalExecutor
 from testing.paths import TESTS
 
 from mdrive_sumo.core.errors import InputError
@@ -37,7 +38,15 @@ class Notes:
 
 
 @pytest.fixture
-def fakes(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+def fakes(workers: ModuleType, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The same without worker processes."""
+    monkeypatch.setattr("mdrive_sumo.runs.evaluate.make_executor", LocalExecutor)
+    return workers
+
+
+@pytest.fixture
+def workers(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """`evaluate` drives in worker processes what `suite_fakes.drive` does there."""
     monkeypatch.syspath_prepend(str(TESTS))
     from testing import suite_fakes
 
@@ -57,7 +66,7 @@ def calls(tmp_path: Path) -> list[str]:
 
 def test_results_are_in_the_order_of_the_suite_and_on_disk(fakes: ModuleType, tmp_path: Path) -> None:
     fakes.make_suite(tmp_path / "suite", "nap", "answer", "answer")
-    results = run(tmp_path, workers=2)
+    results = run(tmp_path)
     assert [(s.id, s.ds) for s in results.scenarios] == [("s0", 0.0), ("s1", 10.0), ("s2", 20.0)]
     assert results.overall.scenario_mean.ds == pytest.approx(10.0)
     assert load_results(tmp_path / "run" / "results.json") == results
@@ -65,15 +74,19 @@ def test_results_are_in_the_order_of_the_suite_and_on_disk(fakes: ModuleType, tm
     assert results.run.versions.keys() == {"python", "mdrive-sumo", "libsumo", "numpy"}
 
 
-def test_one_worker_or_two_interrupted_or_not_the_same_bytes(fakes: ModuleType, tmp_path: Path) -> None:
-    fakes.make_suite(tmp_path / "suite", "answer", "kill first time", "answer", "answer")
-    run(tmp_path, workers=1)
+def test_two_workers_or_none_torn_or_not_the_same_bytes(
+    workers: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workers.make_suite(tmp_path / "suite", "nap", "answer", "answer")
+    results = run(tmp_path, workers=2)
+    assert [(s.id, s.ds) for s in results.scenarios] == [("s0", 0.0), ("s1", 10.0), ("s2", 20.0)]
     first = (tmp_path / "run" / "results.json").read_bytes()
-    run(tmp_path, workers=2, fresh=True)
+    monkeypatch.setattr("mdrive_sumo.runs.evaluate.make_executor", LocalExecutor)
+    run(tmp_path, workers=1, fresh=True)
     assert (tmp_path / "run" / "results.json").read_bytes() == first
     journal = tmp_path / "run" / "journal.jsonl"
     journal.write_bytes(journal.read_bytes()[:-200])
-    run(tmp_path, workers=2)
+    run(tmp_path, workers=1)
     assert (tmp_path / "run" / "results.json").read_bytes() == first
 
 
@@ -96,22 +109,22 @@ def test_a_lost_recording_is_made_again(fakes: ModuleType, tmp_path: Path) -> No
     assert again.finished == ["s1"]
 
 
-def test_a_killed_worker_costs_one_try(fakes: ModuleType, tmp_path: Path) -> None:
-    fakes.make_suite(tmp_path / "suite", "kill first time", "answer")
+def test_a_killed_worker_costs_one_try(workers: ModuleType, tmp_path: Path) -> None:
+    workers.make_suite(tmp_path / "suite", "kill first time", "answer")
     progress = Notes()
     results = run(tmp_path, progress)
-    assert results.void == 0
+    assert (results.void, [s.id for s in results.scenarios]) == (0, ["s0", "s1"])
     assert calls(tmp_path) == ["s0", "s1", "s0"]
     assert progress.notes == ["s0: the worker process was ended by SIGKILL; tried again later"]
 
 
+def test_two_crashes_of_a_worker_make_a_void(workers: ModuleType, tmp_path: Path) -> None:
+    workers.make_suite(tmp_path / "suite", "segfault")
+    assert run(tmp_path).scenarios[0].reason == "the worker process was ended by SIGSEGV"
+
+
 @pytest.mark.parametrize(
-    ("deed", "reason"),
-    [
-        ("segfault", "the worker process was ended by SIGSEGV"),
-        ("world", "SUMO lost the road"),
-        ("raise", "ZeroDivisionError in pool_fakes.py"),
-    ],
+    ("deed", "reason"), [("world", "SUMO lost the road"), ("raise", "ZeroDivisionError in pool_fakes.py")]
 )
 def test_two_failed_tries_make_a_void_that_counts_as_zero(
     fakes: ModuleType, tmp_path: Path, deed: str, reason: str
@@ -126,16 +139,16 @@ def test_two_failed_tries_make_a_void_that_counts_as_zero(
 
 
 def test_the_same_command_tries_voids_again(fakes: ModuleType, tmp_path: Path) -> None:
-    fakes.make_suite(tmp_path / "suite", "answer", "kill")
+    fakes.make_suite(tmp_path / "suite", "answer", "raise")
     run(tmp_path)
     again = Notes()
     run(tmp_path, again)
     assert (again.kept, again.finished) == (("s0",), ["s1"])
 
 
-def test_a_hung_episode_becomes_void(fakes: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hung_episode_becomes_void(workers: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mdrive_sumo.runs.prepared_run.SIMULATION_LIMIT_S", 1.0)
-    fakes.make_suite(tmp_path / "suite", "hang")
+    workers.make_suite(tmp_path / "suite", "hang")
     assert run(tmp_path).scenarios[0].reason == "hung: no result within 1 s"
 
 

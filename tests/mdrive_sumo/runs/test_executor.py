@@ -15,8 +15,10 @@ import pytest
 from testing import databases, processes
 from testing.dask_cluster import Cluster, cluster
 from testing.evaluation_fakes import challenge, fake, fast_clock, scored, submitted
+from testing.local_executor import run_in_process
 from testing.paths import TESTS
 from testing.processes import alive, written
+from testing.short_suite import make_short_suite
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.agent_spec import AgentSpec
@@ -218,18 +220,23 @@ def test_a_job_s_files_come_back_with_its_result(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_eval_on_a_cluster_gives_the_same_bytes(two_workers: Cluster, tmp_path: Path) -> None:
+def test_eval_on_a_cluster_gives_the_same_bytes(
+    two_workers: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With real simulations; the recordings too."""
+    suite = str(make_short_suite(tmp_path / "suite", "i0[12]*"))
 
     def evaluated(name: str, scheduler: str) -> dict[str, bytes]:
         out = tmp_path / name
-        settings = RunConfig(scenario="i07_*", agent=AgentSpec("idm"), workers=1, scheduler=scheduler, out=out)
+        settings = RunConfig(suite, agent=AgentSpec("idm"), workers=1, scheduler=scheduler, out=out)
         results = evaluate(prepare(settings), Quiet())
         assert results.void == 0
         return {path.name: path.read_bytes() for path in [out / "results.json", *sorted((out / "episodes").iterdir())]}
 
-    local, dask = evaluated("local", ""), evaluated("dask", two_workers.address)
-    assert len(local) == 2
+    dask = evaluated("dask", two_workers.address)
+    run_in_process(monkeypatch)
+    local = evaluated("local", "")
+    assert len(local) == 3
     assert local == dask
 
 

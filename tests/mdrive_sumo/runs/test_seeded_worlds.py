@@ -11,7 +11,7 @@ import mdrive_sumo as md
 from mdrive_sumo.cli import main
 from server.api.replay_page import ReplayRequest, write_replay_page
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
 SCENARIO = "i42_hw_merge_slip_road"
 

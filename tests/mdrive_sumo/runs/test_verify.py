@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
+from testing.local_executor import run_in_workers
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import Control
@@ -21,7 +22,7 @@ from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, q
 from mdrive_sumo.runs.verify import find_first_difference, sample_results
 from mdrive_sumo.scoring import load_results
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
 TICKS = 8
 PEDAL = Control(throttle=0.5, brake=0.0, steer=0.0)
@@ -267,8 +268,9 @@ def interrupted_run(words: list[str], journal: Path) -> None:
 
 
 @pytest.mark.full
-def test_every_scenario_is_the_same_however_it_is_run(tmp_path: Path) -> None:
+def test_every_scenario_is_the_same_however_it_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One worker or two, interrupted, with a killed worker, in a fresh process or a used one: equal digests."""
+    run_in_workers(monkeypatch)
     folders = {name: tmp_path / name for name in ("one", "two", "interrupted")}
     words = {name: ["eval", "--agent", "constant-speed", "--out", str(path)] for name, path in folders.items()}
     interrupted_run([*words["interrupted"], "--workers", "2"], folders["interrupted"] / "journal.jsonl")

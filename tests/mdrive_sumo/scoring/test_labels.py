@@ -7,6 +7,7 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 from testing.score_golden import ego, scenario
+from testing.short_suite import make_short_suite
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import Message
@@ -92,12 +93,13 @@ class Liar:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("in_process")
 @pytest.mark.parametrize(("comm", "label"), [("ideal", "negotiation"), ("off", "single")])
 def test_an_agent_that_talks_is_not_single_whatever_it_says(comm: str, label: str, tmp_path: Path) -> None:
     (tmp_path / "liar.py").write_text(LIAR)
     words = [
-        "--scenario",
-        "i01_*",
+        "--suite",
+        str(make_short_suite(tmp_path / "suite", "i01_*")),
         "--agent",
         f"{tmp_path}/liar.py:Liar",
         "--comm",

@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from testing.sampling import examples
 from testing.score_golden import Row, judged
 from testing.scored_pair import PAIR, ROADS, pair_episode
 
@@ -66,7 +67,7 @@ def rescored(recorded: EpisodeRecord, about: Scenario, mode: ScoreMode) -> Scena
     return score_episode(recorded, about, ROADS, mode, 1)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(12, 40), deadline=None)
 @given(recorded=episodes())
 def test_scores_are_in_range_and_consistent(recorded: EpisodeRecord) -> None:
     """Whatever CAVs do, the recomputed criteria agree with the live judge and numbers stay in range."""
@@ -79,7 +80,7 @@ def test_scores_are_in_range_and_consistent(recorded: EpisodeRecord) -> None:
         assert one.ds == pytest.approx(one.rc * one.ip, abs=1e-4)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=examples(5, 15), deadline=None)
 @given(recorded=episodes())
 def test_a_stored_episode_scores_as_the_live_one(
     recorded: EpisodeRecord, tmp_path_factory: pytest.TempPathFactory

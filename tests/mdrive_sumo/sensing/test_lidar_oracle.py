@@ -9,6 +9,7 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from testing.lidar_scans import COLUMNS, ELEVATION, OWN, Box, Ring, height_of, ray_of, rotation, scan, sensor, town
+from testing.sampling import examples
 
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import Kind
@@ -152,13 +153,13 @@ def check(case: Case) -> None:
 
 
 @given(cases(leaning=False))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(10, 40), deadline=None)
 def test_all_rays_agree_with_brute_force(case: Case) -> None:
     check(case)
 
 
 @given(cases(leaning=True))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=examples(6, 20), deadline=None)
 def test_all_rays_of_a_leaning_sensor_agree_with_brute_force(case: Case) -> None:
     check(case)
 

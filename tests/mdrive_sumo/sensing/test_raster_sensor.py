@@ -8,6 +8,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from testing.sampling import examples
 from testing.worlds import straight_road
 
 from mdrive_sumo.contract import Briefing, Objects, Raster, SensorSpec, VehicleFacts
@@ -149,7 +150,7 @@ NEAR = st.floats(-20.0, 20.0)
 BOX = st.tuples(st.sampled_from(Kind), NEAR, NEAR, st.floats(-4.0, 4.0), st.floats(0.3, 12.0), st.floats(0.3, 3.0))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(15, 60), deadline=None)
 @given(st.lists(BOX, max_size=8), NEAR, NEAR, st.floats(-4.0, 4.0))
 def test_boxes_cover_the_pixels_whose_centres_they_contain(
     boxes: list[tuple[Kind, float, float, float, float, float]], x: float, y: float, yaw: float

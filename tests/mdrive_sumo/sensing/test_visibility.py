@@ -8,6 +8,7 @@ import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from testing.sampling import examples
 from testing.worlds import straight_road
 
 from mdrive_sumo.contract import Objects
@@ -105,7 +106,7 @@ HOUSES = st.lists(
 
 
 class TestAgainstRays:
-    @settings(max_examples=50, deadline=None)
+    @settings(max_examples=examples(15, 50), deadline=None)
     @given(boxes=boxes_around(10), houses=HOUSES, clockwise=st.booleans())
     def test_any_scene(self, boxes: list[Box], houses: list[list[tuple[float, float]]], clockwise: bool) -> None:
         roads = town(*(h[::-1] if clockwise else h for h in houses))
@@ -114,7 +115,7 @@ class TestAgainstRays:
         brute = [share_by_rays(view, roads, HERE, row) for row in range(len(boxes))]
         assert shares == pytest.approx(np.array(brute), abs=6.1 / RAYS)
 
-    @settings(max_examples=25, deadline=None)
+    @settings(max_examples=examples(8, 25), deadline=None)
     @given(boxes=boxes_around(8), houses=HOUSES, yaw=st.floats(-4.0, 4.0))
     def test_free_sight(self, boxes: list[Box], houses: list[list[tuple[float, float]]], yaw: float) -> None:
         eye, roads, view = SensorPose(0.0, 0.0, yaw, None), town(*houses), scene(*boxes)
@@ -227,7 +228,7 @@ class TestByHand:
 
 
 class TestProperties:
-    @settings(max_examples=60, deadline=None)
+    @settings(max_examples=examples(15, 60), deadline=None)
     @given(boxes=boxes_around(8), houses=HOUSES, gone=st.integers(0, 7))
     def test_taking_something_away_hides_nothing(
         self, boxes: list[Box], houses: list[list[tuple[float, float]]], gone: int
@@ -237,7 +238,7 @@ class TestProperties:
         after = shares(*boxes[:gone], *boxes[gone + 1 :], houses=tuple(houses))
         assert (after >= before - 1e-6).all()
 
-    @settings(max_examples=60, deadline=None)
+    @settings(max_examples=examples(15, 60), deadline=None)
     @given(
         boxes=boxes_around(8), turn=st.floats(-7.0, 7.0), shift=st.tuples(st.floats(-500, 500), st.floats(-500, 500))
     )
@@ -249,14 +250,14 @@ class TestProperties:
         ]
         assert shares(*moved, eye=SensorPose(*shift, turn, None)) == pytest.approx(shares(*boxes), abs=1e-5)
 
-    @settings(max_examples=60, deadline=None)
+    @settings(max_examples=examples(15, 60), deadline=None)
     @given(boxes=boxes_around(8), order=st.randoms(use_true_random=False))
     def test_order_does_not_matter(self, boxes: list[Box], order: "np.random.Generator") -> None:
         rows = list(range(len(boxes)))
         order.shuffle(rows)
         assert shares(*(boxes[i] for i in rows)).tolist() == pytest.approx(shares(*boxes)[rows].tolist(), abs=1e-9)
 
-    @settings(max_examples=40, deadline=None)
+    @settings(max_examples=examples(12, 40), deadline=None)
     @given(boxes=boxes_around(8))
     def test_mirror_image(self, boxes: list[Box]) -> None:
         mirrored = [(kind, x, -y, -yaw, length, width) for kind, x, y, yaw, length, width in boxes]

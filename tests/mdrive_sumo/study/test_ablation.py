@@ -1,13 +1,14 @@
 """`study ablate`: an episode without single senders, types and messages; references of `show`."""
 
 import json
-import subprocess
+import shutil
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.study_samples import TALKER, invoke, make_scenario
+from testing.local_executor import TALKER
+from testing.study_samples import invoke, make_scenario
 
 from mdrive_sumo.contract import Control, Message
 from mdrive_sumo.core.errors import InputError
@@ -18,7 +19,7 @@ from mdrive_sumo.study.ablation import MuteEffect, choose_mutes, find_divergence
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings, format_comm_json
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
 
 def episode(xs: list[float], ids: tuple[str, ...] = ("0", "1")) -> EpisodeRecord:
@@ -132,7 +133,7 @@ def test_an_episode_without_one_message(finished: Path) -> None:
 def test_nothing_is_told_of_a_recording_that_comes_out_differently(finished: Path, tmp_path: Path) -> None:
     """The journal's channel is changed: what is executed again is another run."""
     folder = tmp_path / "run"
-    subprocess.run(["cp", "-r", str(finished), str(folder)], check=True)
+    shutil.copytree(finished, folder)
     journal = folder / "journal.jsonl"
     header, *rest = journal.read_text().splitlines()
     values = json.loads(header)
@@ -145,7 +146,7 @@ def test_nothing_is_told_of_a_recording_that_comes_out_differently(finished: Pat
 
 
 def test_without_a_recording_there_is_nothing_to_ablate(finished: Path, tmp_path: Path) -> None:
-    subprocess.run(["cp", "-r", str(finished), str(tmp_path / "run")], check=True)
+    shutil.copytree(finished, tmp_path / "run")
     next((tmp_path / "run" / "episodes").glob("*.npz")).unlink()
     ended = invoke("study", "ablate", tmp_path / "run")
     assert ended.exit_code == 2 and "expected a recording of i02" in ended.stderr

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import Result
 from testing import study_fakes, suite_fakes
+from testing.local_executor import LocalExecutor
 from testing.study_samples import invoke, make_run, make_scenario
 
 from mdrive_sumo.core.errors import InputError
@@ -118,7 +119,7 @@ def calls(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[EpisodeJob]:
         ds = score(job.options.sensing, job.agent.name, place, job.seed)
         return study_fakes.drive(job).model_copy(update={"ds": ds, "sr": ds})
 
-    monkeypatch.setattr("mdrive_sumo.runs.evaluate.make_executor", study_fakes.Inline)
+    monkeypatch.setattr("mdrive_sumo.runs.evaluate.make_executor", LocalExecutor)
     monkeypatch.setattr("mdrive_sumo.runs.evaluate.run_job", drive)
     return jobs
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from testing.sampling import sampled
 from testing.sumo_crossing import SIZE, compiled, scenario
 
 from mdrive_sumo.core.errors import InputError
@@ -232,13 +233,14 @@ def test_a_vehicle_follows_its_log_into_a_junction_that_it_cannot_leave(roads: R
     assert place(frames[-1]) == pytest.approx(stops[-1][1], abs=1.0)
 
 
-def test_a_vehicle_on_schedule_yields_to_one_that_is_late_and_has_the_right_of_way(roads: RoadMap) -> None:
+@pytest.mark.parametrize("step", sampled((10, 30), (30,)))
+def test_a_vehicle_on_schedule_yields_to_one_that_is_late_and_has_the_right_of_way(roads: RoadMap, step: int) -> None:
     """The northbound car would pass long after the eastbound one, which a CAV holds up until they would meet."""
     east = logged(profile([0, 25], [10, 10]), "east", lane=1)
     north = logged(profile([0, 25], [6.5, 6.5]), "north", ("c", "d"))
     on_lane_1 = EgoState(-150 + START_M + 40, -1.6, 0, 0)
     nearest = 100.0
-    for hold in range(100, 201, 10):
+    for hold in range(100, 201, step):
         frames = run(roads, [east, north], [*[on_lane_1] * hold, *[AWAY] * (480 - hold)])
         apart = [math.hypot(f.x[0] - f.x[1], f.y[0] - f.y[1]) for f in frames if len(f) == 2]
         nearest = min(nearest, *apart)

@@ -8,6 +8,7 @@ import pytest
 import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from testing.sampling import examples
 
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.geometry import Float, box_corners
@@ -91,7 +92,7 @@ def apart(*shapes: shapely.Polygon) -> bool:
     return all(a.distance(b) > 0.0 for i, a in enumerate(shapes) for b in shapes[i + 1 :])
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(80, 300), deadline=None)
 @given(centred, bodies)
 def test_two_cavs_end_apart_and_mechanics_holds(first: VehicleState, second: VehicleState) -> None:
     if not apart(outline(first), outline(second, LIGHT)):
@@ -109,7 +110,7 @@ def test_two_cavs_end_apart_and_mechanics_holds(first: VehicleState, second: Veh
         assert met == (Contact("a", "b", Kind.VEHICLE), Contact("b", "a", Kind.VEHICLE))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(80, 300), deadline=None)
 @given(centred, st.floats(-6, 6), st.floats(-6, 6), angles, st.floats(-2, 2), st.floats(-2, 2))
 def test_a_cav_never_enters_an_actor(ego: VehicleState, x: float, y: float, yaw: float, dx: float, dy: float) -> None:
     start, end = actors(("v", x, y, yaw)), actors(("v", x + dx, y + dy, yaw))
@@ -225,7 +226,7 @@ def test_walls_cover_exactly_the_building() -> None:
         assert (*low, *high) == pytest.approx(polygon.bounds)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(60, 200), deadline=None)
 @given(bodies)
 def test_a_cav_never_enters_a_building(ego: VehicleState) -> None:
     ego = replace(ego, x=ego.x + 10.0, y=ego.y + 10.0)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from testing.control_loop import own, plan_of
+from testing.sampling import examples
 
 from mdrive_sumo.contract import Plan
 from mdrive_sumo.core.state import EgoState
@@ -54,7 +55,7 @@ owns = st.builds(
 )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(25, 100), deadline=None)
 @given(st.lists(st.tuples(plans, owns, st.integers(0, 300)), min_size=1, max_size=4))
 def test_any_plan_gives_a_valid_control(asked: list[tuple[Plan, EgoState, int]]) -> None:
     for factory in CONTROLLERS.values():
@@ -68,7 +69,7 @@ def test_any_plan_gives_a_valid_control(asked: list[tuple[Plan, EgoState, int]])
                 assert value == round(value, 4)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=examples(15, 50), deadline=None)
 @given(plans, owns, st.sampled_from(sorted(CONTROLLERS)))
 def test_controllers_repeat_themselves(plan: Plan, state: EgoState, name: str) -> None:
     first, second = (CONTROLLERS[name](to_vehicle_facts(MKZ_2017)) for _ in range(2))

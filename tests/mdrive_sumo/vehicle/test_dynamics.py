@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from testing.sampling import examples
 from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
 from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 
@@ -60,7 +61,7 @@ def numbers(body: VehicleState) -> tuple[float, ...]:
     return tuple(getattr(body, name) for name in VehicleState.__slots__)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(30, 100), deadline=None)
 @given(bodies, st.lists(controls, min_size=1, max_size=10))
 def test_any_state_and_control_stays_finite_and_bounded(body: VehicleState, orders: list[Control]) -> None:
     for control in orders:
@@ -79,7 +80,7 @@ def test_any_state_and_control_stays_finite_and_bounded(body: VehicleState, orde
         assert abs(math.hypot(body.vx, body.vy) - fast) <= limit * DT * 1.05
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(50, 200), deadline=None)
 @given(bodies, st.floats(0, 1), st.floats(-1, 1))
 def test_energy_never_grows_without_throttle(body: VehicleState, brake: float, steer: float) -> None:
     body = replace(body, drive=0.0)
@@ -87,7 +88,7 @@ def test_energy_never_grows_without_throttle(body: VehicleState, brake: float, s
     assert energy(after, MKZ_2017) <= energy(body, MKZ_2017) * (1 + 1e-9)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(30, 100), deadline=None)
 @given(bodies, st.lists(controls, min_size=1, max_size=10))
 @example(
     VehicleState(0, 0, 0, vx=-0.0, yaw_rate=3.0, drive=1.0, brake=0.5), [Control(1.0, 0.5, 0.0)]

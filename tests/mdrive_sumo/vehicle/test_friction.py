@@ -26,7 +26,7 @@ from mdrive_sumo.scoring import Results, load_results
 from mdrive_sumo.sumo import SumoWorld
 from mdrive_sumo.vehicle.dynamics import GRAVITY, MKZ_2017, VehicleState, step
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
 SPEED = 12.0
 WET = WEATHERS["rain"].grip

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 from testing.convert_command import run
-from testing.local_pool import LocalPool
+from testing.local_executor import LocalExecutor
 from testing.small_log import write_small_log
 
 from real2sim.pipeline import batch, log_conversion, log_source
@@ -28,6 +28,6 @@ def suite(small: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) ->
 @pytest.fixture
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Logs are read and converted in the process of the test: a worker process takes two seconds of imports."""
-    monkeypatch.setattr(batch, "ProcessPool", LocalPool)
+    monkeypatch.setattr(batch, "ProcessPool", LocalExecutor)
     monkeypatch.setattr(batch, "_redirect_stdout", lambda: None)
     monkeypatch.setattr(log_conversion, "read_log_limited", log_source.read_log, raising=False)

@@ -22,7 +22,7 @@ from testing.commonroad_samples import (
     format_scenario,
     make_sign,
 )
-from testing.examples import examples
+from testing.sampling import examples
 
 from mdrive_sumo.core.errors import InputError
 from real2sim.readers.commonroad import read_commonroad
@@ -141,7 +141,7 @@ def test_damaged_scenarios(tmp_path: Path, name: str) -> None:
     _refused(path, words)
 
 
-@settings(max_examples=examples(150), suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=examples(37, 150), suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(data=st.data())
 def test_a_scenario_with_some_element_damaged(tmp_path: Path, data: st.DataObject) -> None:
     """Whatever is missing or no number: a recording or one sentence."""

@@ -9,10 +9,10 @@ import pytest
 import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from testing.examples import examples
 from testing.interaction_samples import (
     build_street,
 )
+from testing.sampling import examples
 
 from mdrive_sumo.core.errors import InputError
 from real2sim.hd_map import LaneKind
@@ -125,7 +125,7 @@ def test_pairs_of_markings_are_crosswalks(tmp_path: Path) -> None:
     assert [shapely.Polygon(walk).area for walk in hd_map.crosswalks] == [pytest.approx(24, rel=0.01)] * 2
 
 
-@settings(max_examples=examples(150), suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(max_examples=examples(37, 150), suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(data=st.data())
 def test_a_map_without_some_element(tmp_path: Path, data: st.DataObject) -> None:
     """Whatever is missing: a map or one sentence."""

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from testing.examples import examples
+from testing.sampling import examples
 from testing.scenarionet_samples import FRAMES, Description, description, read, straight
 
 from mdrive_sumo.core.errors import InputError
@@ -183,7 +183,7 @@ JUNK = st.sampled_from((*WORDS, *LISTS, *ARRAYS))
 
 
 @given(place=st.sampled_from(_places(RICH)), junk=JUNK)
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(300))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(75, 300))
 def test_any_damage_is_read_or_refused_in_one_sentence(tmp_path: Path, place: tuple[Any, ...], junk: Any) -> None:
     raw = copy.deepcopy(RICH)
     _set(*place, to=junk)(raw)

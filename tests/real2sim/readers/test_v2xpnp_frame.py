@@ -9,7 +9,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from testing.examples import examples
+from testing.sampling import examples
 from testing.shared_material import needs_data
 from testing.v2xpnp_samples import EXCERPT, frame, log, thing
 
@@ -59,7 +59,7 @@ frames = st.fixed_dictionaries(
 
 
 @given(frames)
-@settings(max_examples=examples(150), deadline=None)
+@settings(max_examples=examples(37, 150), deadline=None)
 def test_fast_path_is_the_yaml_parser(raw: dict[str, Any]) -> None:
     text = yaml.dump(raw)
     fast, slow = _parse_regular(text), _parse_yaml(Path("f.yaml"), text)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from testing.examples import examples
 from testing.log_faults import NOTHING, PLANTS, without
 from testing.log_truth import DT, alone, along_bend, made, observed, truth
+from testing.sampling import examples
 
 from mdrive_sumo.core.geometry import Float, wrap_angles
 from real2sim.clean import clean_recording
@@ -66,7 +66,7 @@ def test_what_is_smooth_already_stays() -> None:
     assert np.abs(result.y).max() < 1e-9
 
 
-@settings(max_examples=examples(25))
+@settings(max_examples=examples(6, 25))
 @given(sigma=st.floats(0.0, 0.12), seed=st.integers(0, 500), speed=st.floats(2, 20))
 def test_noise_goes_and_the_track_stays(sigma: float, seed: int, speed: float) -> None:
     raw = noisy(car(speed * T), sigma, seed)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from testing.busy_log import BUSY, QUIET, WAYS, Crowd, make_busy_log
 from testing.convert_command import run
-from testing.local_pool import LocalPool
+from testing.local_executor import LocalExecutor
 from testing.round_trip import as_truth
 
 from mdrive_sumo.core.state import End
@@ -39,7 +39,7 @@ def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def converted(folder: Path, crowd: Crowd) -> Path:
     log, vector_map = make_busy_log(folder, crowd=crowd)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(batch, "ProcessPool", LocalPool)
+        patch.setattr(batch, "ProcessPool", LocalExecutor)
         patch.setattr(batch, "_redirect_stdout", lambda: None)
         done = run("v2xpnp", log, "--map", vector_map, "--out", folder / "s")
     assert done.exit_code == 0, done.output

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from testing import v2xpnp_original
-from testing.examples import examples
+from testing.sampling import examples
 
 from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.readers.v2xpnp_map import read_vector_map
@@ -44,7 +44,7 @@ def maps(draw: st.DrawFn) -> HdMap:
 
 
 @given(maps())
-@settings(max_examples=examples(100), deadline=None)
+@settings(max_examples=examples(25, 100), deadline=None)
 def test_a_map_that_is_written_is_read(written: HdMap) -> None:
     with tempfile.TemporaryDirectory() as folder:
         names = write_vector_map(written, Path(folder) / "m.pkl")

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from testing.examples import examples
+from testing.sampling import examples
 from testing.shared_material import SHARED_DATA, needs_data
 from testing.v2xpnp_writer_samples import FRAMES, HALF_MM, by_id, same_tracks, scene, track, tracks
 
@@ -50,7 +50,7 @@ def recordings(draw: st.DrawFn) -> Recording:
 
 
 @given(recordings())
-@settings(max_examples=examples(60), deadline=None)
+@settings(max_examples=examples(15, 60), deadline=None)
 def test_what_is_written_is_read(written: Recording) -> None:
     with tempfile.TemporaryDirectory() as folder:
         write_views(written, Path(folder) / "log")

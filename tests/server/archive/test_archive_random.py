@@ -12,7 +12,7 @@ from pathlib import Path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from testing.archive_samples import GOOD, packed, written
-from testing.examples import examples
+from testing.sampling import examples
 
 from server.archive import ArchiveLimits, ArchiveRefused, check_archive, extract_archive
 
@@ -88,14 +88,14 @@ def outcome(data: bytes) -> dict[str, bytes] | None:
         return found
 
 
-@settings(max_examples=examples(150), deadline=None)
+@settings(max_examples=examples(37, 150), deadline=None)
 @given(st.one_of(ENTRIES, CALM))
 def test_accepted_is_what_the_rules_accept(entries: list[Entry]) -> None:
     expected = dict(GOOD) | {name: data for name, _, data in entries if not name.endswith("/")}
     assert outcome(zipped(entries)) == (expected if acceptable(entries) else None)
 
 
-@settings(max_examples=examples(150), deadline=None)
+@settings(max_examples=examples(37, 150), deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 255)), min_size=1, max_size=6), st.data())
 def test_damaged_archives_are_refused_or_unpacked_and_nothing_else(
     changes: list[tuple[int, int]], data: st.DataObject

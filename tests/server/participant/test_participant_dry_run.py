@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from testing.archive_samples import GOOD, packed, written
-from testing.local_pool import LocalPool
+from testing.local_executor import LocalExecutor
 from testing.participant_fakes import Run, command_line
 from testing.sandbox_runs import needs_bubblewrap
 
@@ -58,7 +58,7 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
 @pytest.fixture
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Scenarios are driven in the process of the test: a worker process takes two seconds of imports."""
-    monkeypatch.setattr(dry_run, "ProcessPool", LocalPool)
+    monkeypatch.setattr(dry_run, "ProcessPool", LocalExecutor)
 
 
 def result(**reasons: str) -> ScenarioResult:

@@ -4,8 +4,9 @@ import math
 from collections.abc import Sequence
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from testing.sampling import examples
 from testing.score_golden import (
     Row,
     arriving,
@@ -137,6 +138,7 @@ def count_by_the_rule(rows: Sequence[Row], contacts: dict[int, list[str]]) -> li
     return registered
 
 
+@settings(max_examples=examples(15, 100))
 @given(
     st.dictionaries(st.integers(0, 399), st.lists(st.sampled_from(["", "a", "b"]), max_size=2, unique=True)),
     st.sampled_from([1.02, 2.06, 4.14, 10.06]),

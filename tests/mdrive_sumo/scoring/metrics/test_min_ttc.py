@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from testing.sampling import examples
 from testing.score_golden import (
     actor,
     ego,
@@ -74,7 +75,7 @@ def test_the_least_of_all_ticks_and_pairs_counts() -> None:
 place = st.floats(-25, 25).map(lambda value: round(value, 3))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(30, 100), deadline=None)
 @given(x=place, y=place, yaw=st.floats(-3, 3), speed=st.floats(0, 20), other=st.floats(0, 20))
 def test_time_to_contact_against_moving_the_boxes(x: float, y: float, yaw: float, speed: float, other: float) -> None:
     """The oracle moves both boxes in small steps: 5 cm larger ones meet at that time, smaller ones not before it."""

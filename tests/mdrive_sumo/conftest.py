@@ -1,0 +1,14 @@
+"""Shared by the tests of the library."""
+
+from collections.abc import Iterator
+
+import pytest
+from testing.local_executor import run_in_process
+
+
+@pytest.fixture(scope="module")
+def in_process() -> Iterator[None]:
+    """Make the module drive runs, studies and validations in its own process: a worker takes seconds to start."""
+    with pytest.MonkeyPatch.context() as patch:
+        run_in_process(patch)
+        yield
