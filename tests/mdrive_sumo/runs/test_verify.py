@@ -13,12 +13,14 @@ import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
+from testing.journals import rewrite_journal
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.state import Actors, Contact, EgoState, End, FailureReason, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantize_frame, save_episode
-from mdrive_sumo.runs.verify import find_first_difference, sample_results
+from mdrive_sumo.runs.episode_difference import find_content_difference, find_first_difference
+from mdrive_sumo.runs.verify import sample_results
 from mdrive_sumo.scoring import load_results
 
 pytestmark = pytest.mark.slow
@@ -66,6 +68,24 @@ def test_the_first_changed_state_is_named(tick: int, ego: str, field: str) -> No
 
 def test_equal_episodes_have_no_difference() -> None:
     assert find_first_difference(RECORDED, episode(FRAMES)) is None
+    assert find_content_difference(RECORDED, episode(FRAMES)) is None
+
+
+@pytest.mark.parametrize(
+    ("forged", "text"),
+    [
+        (replace(RECORDED, quanta=RECORDED.quanta + (RECORDED.valid[..., None] * 7)), "x of '0' is 0.0000, was 0.0070"),
+        (replace(RECORDED, controls=RECORDED.controls + np.int16(1)), "throttle of '0' is 0.5000, was 0.5001"),
+        (replace(RECORDED, contacts=((3, Contact("0", "1", Kind.VEHICLE)),)), "contacts of the recording are not"),
+        (replace(RECORDED, width=RECORDED.width / 2), "width of the recording are not"),
+    ],
+    ids=["states", "controls", "contacts", "sizes"],
+)
+def test_a_recording_changed_beside_its_digests_is_found(forged: EpisodeRecord, text: str) -> None:
+    """An attack: `rescore` reads the states, and only the digests were compared."""
+    assert find_first_difference(forged, episode(FRAMES)) is None
+    difference = find_content_difference(forged, episode(FRAMES))
+    assert difference is not None and text in difference.text
 
 
 @pytest.mark.parametrize(
@@ -121,7 +141,9 @@ def test_a_run_verifies(finished: Path) -> None:
     assert ended.exit_code == 0, ended.output
     ticks = {result.id: result.ticks for result in load_results(finished / "results.json").scenarios}
     lines = ended.stdout.splitlines()
-    assert sorted(lines[:-1]) == [f"{name}: identical ({ticks[name]} ticks)" for name in sorted(ticks)]
+    assert sorted(lines[:2]) == [f"{name}: identical ({ticks[name]} ticks)" for name in sorted(ticks)]
+    files = ("results.json", "journal.jsonl", "report.md")
+    assert lines[2:-1] == [f"{name}: every number as expected" for name in files]
     assert lines[-1] == "2 of 2 scenarios are identical"
 
 
@@ -206,7 +228,9 @@ def test_without_recordings_final_digests_are_compared(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
     digest = load_results(path).scenarios[0].digest
     path.write_text(path.read_text().replace(digest, "0" * 16))
-    assert invoke("verify", tmp_path).exit_code == 1
+    ended = invoke("verify", tmp_path)
+    assert ended.exit_code == 1
+    assert f"digest: expected '{digest}', found '{'0' * 16}'" in ended.stdout
     assert "made with --no-record" in invoke("rescore", tmp_path).stderr
 
 
@@ -234,13 +258,18 @@ def test_a_time_out_is_replayed(tmp_path: Path) -> None:
     assert ended.exit_code == 0, ended.output
     first = load_results(tmp_path / "run" / "results.json").scenarios[0].egos[0]
     assert (first.outcome, first.reason.split(":")[0]) == (End.AGENT_FAILED, FailureReason.TIMEOUT)
-    ended = invoke("verify", tmp_path / "run")
+    ended = invoke("verify", tmp_path / "run", "--trust-agent")
     assert (ended.exit_code, "identical" in ended.stdout) == (0, True), ended.output
+    assert "taken from the recording: 1 agent failures" in ended.stdout
 
 
 def test_a_run_of_another_version_is_warned_about(copied: Path) -> None:
     path = copied / "journal.jsonl"
-    path.write_text(path.read_text().replace('"libsumo":"1.28.0"', '"libsumo":"1.27.0"'))
+    rewrite_journal(path, lambda line: line.replace('"libsumo":"1.28.0"', '"libsumo":"1.27.0"'))
+    results = copied / "results.json"
+    results.write_text(results.read_text().replace('"libsumo": "1.28.0"', '"libsumo": "1.27.0"'))
+    report = copied / "report.md"
+    report.write_text(report.read_text().replace("libsumo 1.28.0", "libsumo 1.27.0"))
     ended = invoke("verify", copied, "--sample", 1)
     assert ended.exit_code == 0
     assert ended.stderr == "warning: the run was made with another libsumo 1.27.0\n"
