@@ -178,13 +178,19 @@ def test_a_sample_is_always_the_same(finished: Path) -> None:
     assert sample_results(results, 1) == sample_results(turned, 1)
 
 
-@pytest.mark.parametrize("command", ["verify", "rescore"])
-def test_a_corrupt_recording_is_one_sentence(copied: Path, command: str) -> None:
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        ("verify", "expected a recording of mdrive-sumo, found a corrupt file"),
+        ("rescore", "expected the recording that journal.jsonl notes, sha256:"),
+    ],
+)
+def test_a_corrupt_recording_is_one_sentence(copied: Path, command: str, says: str) -> None:
     path = recordings(copied)[0]
     path.write_bytes(path.read_bytes()[:-300])
     ended = invoke(command, copied)
-    assert ended.exit_code == 2
-    assert f"Error: {path}: expected a recording of mdrive-sumo, found a corrupt file" in ended.stderr
+    assert (ended.exit_code, ended.stderr.count("\n")) == (2, 1)
+    assert f"Error: {path}: {says}" in ended.stderr
 
 
 @pytest.mark.parametrize("command", ["verify", "rescore"])
