@@ -14,7 +14,7 @@ from server.clock import format_utc, now_us
 from server.enums import TokenScope
 from server.evaluation import spot_checks
 from server.settings import ServerSettings
-from server.store import Store, audit, phases, retention, teams, tokens
+from server.store import Store, audit, phases, retention, standings, teams, tokens
 from server.store.backup import restore_backup as read_backup
 from server.store.backup import write_backup as write_backup
 
@@ -137,6 +137,7 @@ def apply_phases(admin_context: _AdminContext) -> None:
         raise InputError("phase apply: expected settings with phases, found none; give --settings")
     with report_store_errors(), admin_context.store.write() as session:
         phases.set_phases(session, [each.as_new() for each in admin_context.settings.phases], now_us())
+        standings.refresh_scores(session)
 
 
 @admin.group()

@@ -10,9 +10,11 @@ from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
 from server.enums import SubmissionState
-from server.store.tables import StandingRow, SubmissionRow
+from server.store.tables import PhaseRow, StandingRow, SubmissionRow
 
 OVERALL = "overall"
+HIDDEN_DS_DECIMALS = 1
+"""Decimals of a driving score [%] in a hidden phase: 1001 values, which carry at most 10 bits."""
 ENVIRONMENT = "environment"
 """The key of `SubmissionRow.evaluator` that belongs to the agent, not to the evaluation: its packages."""
 
@@ -54,11 +56,13 @@ def update_standings(session: Session, submission: SubmissionRow) -> None:
         SubmissionRow.state == SubmissionState.DONE,
         SubmissionRow.shown,
     )
+    phase = session.get(PhaseRow, submission.phase)
+    is_public = phase is not None and phase.public
     best: dict[str, StandingRow] = {}
     for candidate in session.scalars(done.order_by(SubmissionRow.created_us, SubmissionRow.id)):
         if evaluator_digest(candidate.evaluator) != evaluator:
             continue
-        for standing in _make_standings(candidate, evaluator):
+        for standing in _make_standings(candidate, evaluator, is_public):
             if standing.slice not in best or standing.ds > best[standing.slice].ds:
                 best[standing.slice] = standing
     session.add_all(best.values())
@@ -73,6 +77,24 @@ def round_ds(figures: FiguresData) -> float:
     return ds
 
 
+def round_score(ds: float, is_public: bool) -> float:
+    """Return the score that ranks a result: of hidden phases only the digits that are disclosed.
+
+    Ranks by more digits would disclose those, by comparison with other submissions of the same team.
+    """
+    return ds if is_public else round(ds, HIDDEN_DS_DECIMALS)
+
+
+def refresh_scores(session: Session) -> None:
+    """Set the scores of all standings anew: phases change between public and hidden, and so do rules of rounding."""
+    public = {phase.id: phase.public for phase in session.scalars(select(PhaseRow))}
+    for standing in session.scalars(select(StandingRow)):
+        score = round_score(round_ds(standing.figures), public[standing.phase])
+        if standing.ds != score:
+            standing.ds = score
+    session.flush()
+
+
 def evaluator_digest(evaluator: dict[str, Any]) -> str:
     """Return a digest of the evaluator: results under different ones are not comparable.
 
@@ -82,7 +104,7 @@ def evaluator_digest(evaluator: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(measure, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _make_standings(submission: SubmissionRow, evaluator: str) -> Iterator[StandingRow]:
+def _make_standings(submission: SubmissionRow, evaluator: str, is_public: bool) -> Iterator[StandingRow]:
     summary = submission.summary
     if summary is None:
         return
@@ -99,6 +121,6 @@ def _make_standings(submission: SubmissionRow, evaluator: str) -> Iterator[Stand
             submission=submission.id,
             method=submission.name,
             created_us=submission.created_us,
-            ds=round_ds(figures),
+            ds=round_score(round_ds(figures), is_public),
             figures=figures,
         )
