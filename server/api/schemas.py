@@ -337,3 +337,5 @@ class AuditOut(ResponseModel):
     head: str
     broken: int | None
     """Id of the first entry whose hash does not fit the one before; null if all fit."""
+    differences: list[str] = []
+    """Rows that are not as the log says, at most 100; empty if the chain is broken."""

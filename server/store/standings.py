@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterator
-from typing import Any, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
@@ -28,6 +28,8 @@ class SummaryData(TypedDict):
     overall: FiguresData
     buckets: dict[str, FiguresData]
     categories: dict[str, FiguresData]
+    results_sha256: NotRequired[str]
+    """Checksum of the results of its scenarios; absent in summaries of older versions."""
 
 
 def slice_key(bucket: str | None = None, category: str | None = None) -> str:
@@ -62,7 +64,7 @@ def update_standings(session: Session, submission: SubmissionRow) -> None:
     for candidate in session.scalars(done.order_by(SubmissionRow.created_us, SubmissionRow.id)):
         if evaluator_digest(candidate.evaluator) != evaluator:
             continue
-        for standing in _make_standings(candidate, evaluator, is_public):
+        for standing in make_standings(candidate, evaluator, is_public):
             if standing.slice not in best or standing.ds > best[standing.slice].ds:
                 best[standing.slice] = standing
     session.add_all(best.values())
@@ -104,7 +106,8 @@ def evaluator_digest(evaluator: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(measure, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _make_standings(submission: SubmissionRow, evaluator: str, is_public: bool) -> Iterator[StandingRow]:
+def make_standings(submission: SubmissionRow, evaluator: str, is_public: bool) -> Iterator[StandingRow]:
+    """Yield the lines that a done submission has on leaderboards if it is its team's best."""
     summary = submission.summary
     if summary is None:
         return
