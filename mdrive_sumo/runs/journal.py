@@ -164,6 +164,8 @@ def read_journal(path: Path) -> JournalText:
         if "checksum" in line or (lines or [line])[0].get("format") != FORMAT_WITHOUT_CHECKSUMS:
             checksum = _check_line(f"{path}: line {number}", text, checksum)
         line.pop("checksum", None)
+        if "result" in line and not (isinstance(line["result"], dict) and "id" in line["result"]):
+            raise InputError(f"{path}: line {number}: expected a result with an id, found none (--fresh starts anew)")
         lines.append(line)
         good_bytes += len(text)
     return JournalText(tuple(lines), checksum, good_bytes, False)

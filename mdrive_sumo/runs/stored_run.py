@@ -48,6 +48,8 @@ def load_stored_run(folder: Path, suite: str | None = None) -> StoredRun:
 def load_unchecked_run(folder: Path, suite: str | None = None) -> StoredRun:
     """As `load_stored_run`, with results of any content: for `verify`, which compares every number."""
     results = load_unchecked_results(folder / RESULTS_FILE)
+    if not results.scenarios:
+        raise InputError(f"{folder / RESULTS_FILE}: scenarios: expected at least one, found none")
     fingerprint, journal = read_run_journal(folder)
     try:
         config = replace(RunConfig.from_dict(fingerprint), out=folder)

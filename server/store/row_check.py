@@ -31,8 +31,11 @@ class RowDifference:
         return f"{self.table} {self.row}: {self.text}"
 
 
-def find_row_differences(session: Session) -> Iterator[RowDifference]:
-    """Yield every difference between the rows and the audit log, whose hashes `audit.verify_chain` verifies."""
+def find_row_differences(session: Session, with_results: bool = True) -> Iterator[RowDifference]:
+    """Yield every difference between the rows and the audit log, whose hashes `audit.verify_chain` verifies.
+
+    with_results: also read the results of all scenarios, which can be gigabytes.
+    """
     audited = load_audited_rows(session)
     for model, expected in ((TeamRow, audited.teams), (TokenRow, audited.tokens), (PhaseRow, audited.phases)):
         rows = {row.id: row for row in session.scalars(select(model))}
@@ -43,7 +46,11 @@ def find_row_differences(session: Session) -> Iterator[RowDifference]:
     yield from _compare_ids("submissions", audited.submissions, dict.fromkeys(ids))
     for name in ids:
         if name in audited.submissions:
-            yield from _compare_submission(session, name, audited.submissions[name])
+            row = session.get_one(SubmissionRow, name)
+            yield from _compare_submission(row, audited.submissions[name])
+            if with_results:
+                yield from _compare_results(session, row)
+            session.expunge(row)
     yield from _compare_standings(session)
 
 
@@ -64,24 +71,21 @@ def _compare_columns(table: str, row: Any, expected: Columns) -> Iterator[RowDif
             yield RowDifference(table, row.id, text)
 
 
-def _compare_submission(session: Session, name: str, expected: Columns) -> Iterator[RowDifference]:
-    row = session.get_one(SubmissionRow, name)
+def _compare_submission(row: SubmissionRow, expected: Columns) -> Iterator[RowDifference]:
     fixed = {column: value for column, value in expected.items() if column not in ("state", "summary_sha256")}
     yield from _compare_columns("submissions", row, fixed)
     state = expected["state"]
     if row.state != state and not (state is None and row.state in UNFINISHED):
         text = f"state: expected {state or 'queued or running'}, found {format_leaf(row.state)}"
-        yield RowDifference("submissions", name, text)
+        yield RowDifference("submissions", row.id, text)
     if "summary_sha256" in expected:
         found = checksums.compute_checksum(row.summary) if row.summary is not None else None
         if found != expected["summary_sha256"]:
             text = f"summary: expected the checksum {expected['summary_sha256']}, found {found}"
-            yield RowDifference("submissions", name, text)
+            yield RowDifference("submissions", row.id, text)
     elif row.summary is not None and standings.round_ds(row.summary["overall"]) != expected["ds"]:
         text = f"summary.overall.ds: expected {expected['ds']}, found {row.summary['overall']['ds']}"
-        yield RowDifference("submissions", name, text)
-    yield from _compare_results(session, row)
-    session.expunge(row)
+        yield RowDifference("submissions", row.id, text)
 
 
 def _compare_results(session: Session, row: SubmissionRow) -> Iterator[RowDifference]:
@@ -132,7 +136,8 @@ def _compute_best(session: Session, public: Mapping[str, bool]) -> dict[tuple[st
     """Return the standings of all done and shown submissions with the best score of each line, the earliest first."""
     done = select(SubmissionRow).where(SubmissionRow.state == SubmissionState.DONE, SubmissionRow.shown)
     found: dict[tuple[str, ...], list[StandingRow]] = {}
-    for candidate in session.scalars(done.order_by(SubmissionRow.created_us, SubmissionRow.id)):
+    ordered = done.order_by(SubmissionRow.created_us, SubmissionRow.id).execution_options(yield_per=100)
+    for candidate in session.scalars(ordered):
         evaluator = standings.evaluator_digest(candidate.evaluator)
         for standing in standings.make_standings(candidate, evaluator, public.get(candidate.phase, False)):
             best = found.setdefault(_key(standing), [standing])

@@ -50,9 +50,9 @@ def metrics(_caller: OperatorCaller, services: ServicesDep, at_us: Now) -> Respo
 
 @router.get("/audit", responses=document_problems(401, 403))
 def walk_audit_log(_caller: AdminCaller, services: ServicesDep) -> schemas.AuditOut:
-    """Verify the whole hash chain of the audit log, and compare all rows with it."""
+    """Verify the whole hash chain of the audit log, and compare rows with it, without the results of scenarios."""
     with services.store.read() as session:
         found = audit.verify_chain(session)
-        rows = find_row_differences(session) if found.broken is None else iter(())
+        rows = find_row_differences(session, with_results=False) if found.broken is None else iter(())
         differences = [str(row) for row in islice(rows, MAX_DIFFERENCES)]
         return schemas.AuditOut(entries=found.entries, head=found.head, broken=found.broken, differences=differences)

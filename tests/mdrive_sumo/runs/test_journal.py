@@ -147,6 +147,14 @@ def test_a_line_removed_swapped_or_inserted_is_found(
         read(tmp_path)
 
 
+@pytest.mark.parametrize("result", ["7", "[]", "null", '{"ds":1}'])
+def test_a_line_with_something_else_than_a_result_is_refused(tmp_path: Path, result: str) -> None:
+    write(tmp_path, "a")
+    rewrite_journal(tmp_path / JOURNAL_FILE, lambda line: line.replace('{"id":"a"}', result))
+    with pytest.raises(InputError, match="line 2: expected a result with an id, found none"):
+        read(tmp_path)
+
+
 def test_a_journal_without_checksums_is_read_but_not_continued(tmp_path: Path) -> None:
     write(tmp_path, "a")
     path = tmp_path / JOURNAL_FILE
