@@ -159,13 +159,13 @@ def read_journal(path: Path) -> JournalText:
         line = _parse_line(text)
         if line is None:
             if good_bytes + len(text) < len(raw):
-                raise InputError(f"{path}: line {number}: expected a JSON object, found none (--fresh starts anew)")
+                raise InputError(f"{path}: line {number}: expected a JSON object, found none; --fresh starts anew")
             return JournalText(tuple(lines), checksum, good_bytes, True)
         if "checksum" in line or (lines or [line])[0].get("format") != FORMAT_WITHOUT_CHECKSUMS:
             checksum = _check_line(f"{path}: line {number}", text, checksum)
         line.pop("checksum", None)
         if "result" in line and not (isinstance(line["result"], dict) and "id" in line["result"]):
-            raise InputError(f"{path}: line {number}: expected a result with an id, found none (--fresh starts anew)")
+            raise InputError(f"{path}: line {number}: expected a result with an id, found none; --fresh starts anew")
         lines.append(line)
         good_bytes += len(text)
     return JournalText(tuple(lines), checksum, good_bytes, False)
@@ -183,12 +183,12 @@ def _check_line(place: str, text: bytes, before: str) -> str:
     """Return the checksum of a line. Raises InputError if it does not fit the line and the lines before."""
     noted = _CHECKSUM.search(text)
     if noted is None:
-        raise InputError(f"{place}: expected a checksum at its end, found none (--fresh starts anew)")
+        raise InputError(f"{place}: expected a checksum at its end, found none; --fresh starts anew")
     expected = _compute_checksum(before, text[: noted.start()] + b"}")
     if (found := noted[1].decode()) != expected:
         raise InputError(
             f"{place}: expected the checksum {expected}, found {found}: this line or one before it was changed or"
-            " damaged (--fresh starts anew)"
+            " damaged; --fresh starts anew"
         )
     return expected
 
