@@ -92,14 +92,18 @@ def replay_language_model(agent: AgentSpec, transcript: Path | None) -> AgentSpe
     """Return the agent with the answers of a transcript, if there is one.
 
     A built-in agent never asks the endpoint that a stored run names: a stranger's run could name any, and any
-    environment variable as its key. Without a transcript it has no answers, as an agent that asked nothing.
+    environment variable as its key. Without a transcript it has no answers, as an agent that asked nothing; nor does it
+    need the file of `eval --transcript`, whose answers the run has copied.
     """
     config = dict(agent.config)
     if transcript is not None and transcript.is_file():
         config["transcript"] = str(transcript)
-    if agent.is_builtin and config.pop("endpoint", ""):
-        config.setdefault("transcript", os.devnull)
-        config.pop("api_key_env", None)
+    if agent.is_builtin:
+        if config.pop("endpoint", ""):
+            config.setdefault("transcript", os.devnull)
+            config.pop("api_key_env", None)
+        if "transcript" in config and not Path(str(config["transcript"])).is_file():
+            config["transcript"] = os.devnull
     return replace(agent, config=config)
 
 
