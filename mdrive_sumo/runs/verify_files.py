@@ -9,7 +9,15 @@ from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.journal import JournalText
 from mdrive_sumo.runs.prepared_run import PreparedRun, make_run_info
 from mdrive_sumo.scenario.reference_times import NO_REFERENCE
-from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, ScoreMode, apply_reference_times, summarize_run
+from mdrive_sumo.scoring import (
+    Results,
+    RunInfo,
+    ScenarioResult,
+    ScoreMode,
+    apply_reference_times,
+    find_scenario_faults,
+    summarize_run,
+)
 from mdrive_sumo.scoring.labels import COMMUNICATION_LABELS
 from mdrive_sumo.scoring.results_check import find_repeated
 
@@ -53,6 +61,7 @@ def build_expected_results(
 
 def find_results_differences(expected: ExpectedResults, found: Results) -> Iterator[str]:
     """Yield a sentence (place, expected, found) for every value of a results file that is not as it must be."""
+    mode = ScoreMode(expected.results.run.score_mode)
     yield from find_repeated(result.id for result in found.scenarios)
     for name in expected.missing:
         yield f"scenarios: expected {name!r}, which the run drives, found nothing"
@@ -68,7 +77,10 @@ def find_results_differences(expected: ExpectedResults, found: Results) -> Itera
     for result in found.scenarios:
         if result.id in right:
             place = f"scenarios[{result.id}]"
-            yield from map(str, find_tree_differences(right[result.id], result.model_dump(mode="json"), place))
+            found_values = result.model_dump(mode="json")
+            yield from map(str, find_tree_differences(right[result.id], found_values, place))
+            if right[result.id] == found_values:  # perhaps because it was not executed again
+                yield from find_scenario_faults(result, mode, expected.results.run.seed)
 
 
 def find_journal_differences(journal: JournalText, expected: Results) -> Iterator[str]:

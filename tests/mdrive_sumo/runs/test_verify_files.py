@@ -1,5 +1,6 @@
 """`verify` takes no number of a run folder on trust: each attack below was answered with "identical", exit code 0."""
 
+import contextlib
 import json
 import re
 import shutil
@@ -9,15 +10,18 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from testing.journals import rewrite_journal
 from testing.scored_pair import PAIR, ROADS, RUN, pair_episode
 
+from mdrive_sumo.api.verification import Permission, RunVerification
 from mdrive_sumo.cli import main
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tree_difference import find_tree_differences
 from mdrive_sumo.report.report_check import find_report_differences
 from mdrive_sumo.report.run_report import build_run_report
+from mdrive_sumo.runs.stored_run import load_stored_run, load_unchecked_run
 from mdrive_sumo.runs.verify_files import ExpectedResults, find_results_differences
 from mdrive_sumo.scoring import Results, ScoreMode, load_results, save_results, score_episode, summarize_run
 
@@ -171,3 +175,45 @@ def test_the_numbers_of_a_larger_run_are_not_left_out(finished: Path, tmp_path: 
     ended = invoke("rescore", run)
     assert ended.exit_code == 2
     assert re.search(r"expected the 2 that 'i0\[78\]\*' selects, found 1, 'i08\w*' missing", ended.stderr)
+
+
+ODD = (None, True, -1, 1e308, "", "x", [], {}, [[]], {"id": 1}, 2**70)
+
+
+def mutate(tree: Any, data: st.DataObject) -> Any:
+    """Replace or delete a value somewhere in a JSON value."""
+    part, name = tree, None
+    while isinstance(part, dict | list) and part and (name is None or data.draw(st.integers(0, 3))):
+        above, names = part, sorted(part) if isinstance(part, dict) else range(len(part))
+        name = data.draw(st.sampled_from(names))
+        part = above[name]
+    if name is not None and data.draw(st.booleans()):
+        above[name] = data.draw(st.sampled_from(ODD))
+    elif name is not None:
+        del above[name]
+    return tree
+
+
+@pytest.mark.full
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100, deadline=None)
+@given(data=st.data())
+def test_a_mutated_run_folder_is_a_sentence_or_a_difference(
+    finished: Path, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    """Nothing but InputError comes out of what a stranger wrote into results or journal."""
+    run = shutil.copytree(finished, tmp_path_factory.mktemp("mutated") / "run")
+    if data.draw(st.booleans()):
+        results = mutate(json.loads((run / "results.json").read_text()), data)
+        (run / "results.json").write_text(json.dumps(results))
+    else:
+        first = data.draw(st.booleans())
+
+        def change(line: str) -> str:
+            is_chosen = ('"fingerprint"' in line) is first
+            return json.dumps(mutate(json.loads(line), data)) if is_chosen else line
+
+        rewrite_journal(run / "journal.jsonl", change)
+    with contextlib.suppress(InputError):
+        list(RunVerification(load_unchecked_run(run), Permission()).verify_files())
+    with contextlib.suppress(InputError):
+        load_stored_run(run)
