@@ -182,7 +182,7 @@ ODD = (None, True, -1, 1e308, "", "x", [], {}, [[]], {"id": 1}, 2**70)
 
 def mutate(tree: Any, data: st.DataObject) -> Any:
     """Replace or delete a value somewhere in a JSON value."""
-    part, name = tree, None
+    above, part, name = tree, tree, None
     while isinstance(part, dict | list) and part and (name is None or data.draw(st.integers(0, 3))):
         above, names = part, sorted(part) if isinstance(part, dict) else range(len(part))
         name = data.draw(st.sampled_from(names))
