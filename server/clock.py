@@ -3,7 +3,8 @@
 import time
 from datetime import UTC, datetime
 
-DAY_US = 86_400_000_000
+HOUR_US = 3_600_000_000
+DAY_US = 24 * HOUR_US
 
 
 def now_us() -> int:

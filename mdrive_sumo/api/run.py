@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, overload
 
 from mdrive_sumo.api.episode import Episode, load_episode
+from mdrive_sumo.api.verification import Permission, RunVerification
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
@@ -14,8 +15,8 @@ from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.prepared_run import recording_path
 from mdrive_sumo.runs.process_pool import count_available_cores
 from mdrive_sumo.runs.rescore import rescore_run
-from mdrive_sumo.runs.stored_run import load_stored_run
-from mdrive_sumo.runs.verify import VerificationResult, sample_results, verify
+from mdrive_sumo.runs.stored_run import load_stored_run, load_unchecked_run
+from mdrive_sumo.runs.verify import VerificationResult
 from mdrive_sumo.scoring import Means, Results, ScenarioResult, ScoreMode, load_results
 from mdrive_sumo.scoring.summary import compute_means
 
@@ -146,14 +147,23 @@ class Run:
     def rescore(self, mode: ScoreMode | str) -> "Run":
         """Return the run in another score mode, computed from its recordings without simulation."""
         stored = [load_stored_run(folder) for folder in self.folders]
-        return Run(self.folders, tuple(rescore_run(one.run, one.results, ScoreMode(mode)) for one in stored))
+        return Run(self.folders, tuple(rescore_run(one, ScoreMode(mode)) for one in stored))
 
-    def verify(self, sample: int | None = None, workers: int | None = None) -> list[VerificationResult]:
-        """Execute the scenarios again, or a sample of each seed, and compare every tick with the recording."""
+    def verify(
+        self, sample: int | None = None, workers: int | None = None, *, trust_agent: bool = False, sandbox: bool = False
+    ) -> list[VerificationResult]:
+        """Execute the scenarios again, or a sample of each seed, and compare every tick and every number.
+
+        trust_agent: whether a third-party agent, whose code the run folder names, may run with your permissions.
+        sandbox: whether it runs in boxes. A file of the folder with another number than the second execution has a
+        result of its own, with its name as `scenario`. Raises InputError without permission.
+        """
         found: list[VerificationResult] = []
         for folder in self.folders:
-            stored = load_stored_run(folder)
-            found += verify(stored.run, sample_results(stored.results, sample), workers or count_available_cores())
+            verification = RunVerification(load_unchecked_run(folder), Permission(trust_agent, sandbox), sample)
+            found += verification.verify_episodes(workers or count_available_cores())
+            files = [file for file in verification.verify_files() if file.differences]
+            found += [VerificationResult(file.file, False, "; ".join(file.differences[:3])) for file in files]
         return found
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from mdrive_sumo.cli.choice import find_one_scenario
+from mdrive_sumo.cli.foreign_agent import foreign_agent_options, read_permission
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
@@ -41,6 +42,7 @@ HEADER = (
 @click.option("--max-runs", type=click.IntRange(min=1), default=100, show_default=True, help="Largest number of runs.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 @click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
+@foreign_agent_options
 @workers_option
 @click.pass_context
 def command(
@@ -48,14 +50,16 @@ def command(
 ) -> None:
     """The value of a message: execute a recorded episode again without it.
 
-    Everything else is as `verify` does it. Without --mute and --each-message every sender and every type of
-    delivered message is muted, each alone. Reported are the driving score, the least time to
-    collision, and the first tick in which a road user is somewhere else. The largest effect comes first.
+    Everything else is as `verify` does it; a third-party agent needs the same permission. Without --mute and
+    --each-message every sender and every type of delivered message is muted, each alone. Reported are the driving
+    score, the least time to collision, and the first tick in which a road user is somewhere else. The largest effect
+    comes first.
 
     Exit codes: 0 done, 1 the recording itself comes out differently, 2 unusable input, 130 interrupted.
     """
     stored = load_stored_run(run_folder, suite)
-    run, results = stored.run, stored.results
+    permission = read_permission(choice)
+    run, results = permission.apply(stored.run), stored.results
     if changed := stored.describe_version_changes():
         click.echo(f"warning: the run was made with another {changed}", err=True)
     recorded = _find_recorded(run, results, scenario)

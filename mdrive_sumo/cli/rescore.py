@@ -22,9 +22,8 @@ def command(ctx: click.Context, run_folder: Path, score_mode: str | None, suite:
     Exit codes: 0 done, 1 some scenarios are void, 2 unusable input.
     """
     stored = load_stored_run(run_folder, suite)
-    run, results = stored.run, stored.results
-    again = rescore_run(run, results, ScoreMode(score_mode or results.run.score_mode))
-    path = save_rescored(run, again)
+    again = rescore_run(stored, ScoreMode(score_mode or stored.results.run.score_mode))
+    path = save_rescored(stored.run, again)
     click.echo(format_summary(again))
     click.echo(f"\n{path}")
     ctx.exit(1 if again.void else 0)

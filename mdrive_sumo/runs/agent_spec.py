@@ -14,7 +14,7 @@ from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, find_carla_file
 from mdrive_sumo.agent_process.child_process import AgentBox
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import Agent
-from mdrive_sumo.core.checksum import compute_files_checksum
+from mdrive_sumo.core.checksum import compute_file_checksum
 
 AgentFactory = Callable[[Mapping[str, Any]], Agent]
 LOCAL_LIMITS = AgentLimits(reply_bytes=2**20, episode_bytes=2**30)
@@ -71,18 +71,27 @@ class AgentSpec:
         return "sha256:" + hashlib.sha256(self.config_text().encode()).hexdigest() if self.config else ""
 
     def code_checksum(self) -> str:
-        """Return the checksum of the agent's source; "" for a built-in agent. Raises InputError for no locator."""
+        """Return the checksum of the agent's source; "" for a built-in agent.
+
+        It covers one file, not what that imports, and imports the packages around a module. Raises InputError.
+        """
         if self.is_builtin:
             return ""
         if not isinstance(self.agent, str):
             return "sha256:" + hashlib.sha256(_read_source(self.agent).encode()).hexdigest()
+        if (file := self.find_file()) is not None:
+            return compute_file_checksum(file) if file.is_file() else ""
+        spec = importlib.util.find_spec(split_locator(self.agent)[0])
+        return compute_file_checksum(Path(spec.origin)) if spec and spec.origin else ""
+
+    def find_file(self) -> Path | None:
+        """Return the file that `path.py:Class` or `carla:path.py` names; None for other agents. Raises InputError."""
+        if not isinstance(self.agent, str) or self.is_builtin:
+            return None
         if (file := find_carla_file(self.agent)) is not None:
-            return compute_files_checksum({str(file): file} if file.is_file() else {})
+            return file
         place, _ = split_locator(self.agent)
-        if not place.endswith(".py"):
-            spec = importlib.util.find_spec(place)
-            place = (spec.origin if spec else None) or ""
-        return compute_files_checksum({place: Path(place)} if place else {})
+        return Path(place) if place.endswith(".py") else None
 
 
 def pickle_agent(agent: AgentFactory) -> bytes:

@@ -1,5 +1,6 @@
 """EpisodeJob: one episode as a typed, picklable value for a worker process. The composition root of a run."""
 
+import os
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -73,19 +74,37 @@ def make_reexecution(job: EpisodeJob, recorded: EpisodeRecord) -> EpisodeJob:
 
     It writes no files.
     """
-    agent = job.agent
-    transcript = transcript_path(job.transcripts, job.scenario) if job.transcripts else None
-    if transcript is not None and transcript.is_file():
-        agent = replace(agent, config={**agent.config, "transcript": str(transcript)})
     return replace(
-        job,
-        agent=agent,
-        recording=None,
-        logs=None,
-        transcripts=None,
+        make_silent_job(job),
         replayed_failures=tuple(ending for ending in recorded.endings if ending.end is End.AGENT_FAILED),
         think_times=recorded.thinking,
     )
+
+
+def make_silent_job(job: EpisodeJob) -> EpisodeJob:
+    """Return the job without output files, whose agents ask no language model but replay its answers."""
+    transcript = transcript_path(job.transcripts, job.scenario) if job.transcripts else None
+    agent = replay_language_model(job.agent, transcript)
+    return replace(job, agent=agent, recording=None, logs=None, transcripts=None)
+
+
+def replay_language_model(agent: AgentSpec, transcript: Path | None) -> AgentSpec:
+    """Return the agent with the answers of a transcript, if there is one.
+
+    A built-in agent never asks the endpoint that a stored run names: a stranger's run could name any, and any
+    environment variable as its key. Without a transcript it has no answers, as an agent that asked nothing; nor does it
+    need the file of `eval --transcript`, whose answers the run has copied.
+    """
+    config = dict(agent.config)
+    if transcript is not None and transcript.is_file():
+        config["transcript"] = str(transcript)
+    if agent.is_builtin:
+        if config.pop("endpoint", ""):
+            config.setdefault("transcript", os.devnull)
+            config.pop("api_key_env", None)
+        if "transcript" in config and not Path(str(config["transcript"])).is_file():
+            config["transcript"] = os.devnull
+    return replace(agent, config=config)
 
 
 def rescore(job: EpisodeJob) -> ScenarioResult:

@@ -8,6 +8,7 @@ from typing import Protocol
 
 from pydantic import ValidationError
 
+from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.episode_job import run_job
 from mdrive_sumo.runs.executor import run_jobs
@@ -15,10 +16,18 @@ from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.prepared_run import TRANSCRIPTS_FOLDER, PreparedRun, recording_path
 from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure, describe_write_error
+from mdrive_sumo.runs.recording_check import check_recordings
 from mdrive_sumo.runs.result_transfer import TransferableResult, run_with_output_files, store_output_files
 from mdrive_sumo.runs.transcript import TRANSCRIPT_FILE, concatenate_transcripts
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
-from mdrive_sumo.scoring import Results, ScenarioResult, make_void_result, save_results, summarize_run
+from mdrive_sumo.scoring import (
+    Results,
+    ScenarioResult,
+    find_scenario_faults,
+    make_void_result,
+    save_results,
+    summarize_run,
+)
 
 RESULTS_FILE = "results.json"
 TRIES = 2
@@ -58,7 +67,7 @@ def evaluate(run: PreparedRun, progress: Progress) -> Results:
                 run.make_folders()
                 (run.folder / RESULTS_FILE).unlink(missing_ok=True)  # until the end it would belong to another journal
             for result in _drive(run, todo, journal, progress):
-                journal.add_result(result.model_dump(mode="json"))
+                journal.add_result(result.model_dump(mode="json"), _compute_recording_checksum(run, result))
                 found[result.id] = result
                 progress.done(result)
         whole = summarize_run(run.info, [run.apply_reference_times(one, found[one.id]) for one in run.scenarios])
@@ -84,17 +93,34 @@ def report_write_errors(path: Path) -> Generator[None]:
         raise InputError(describe_write_error(error, path)) from None
 
 
+def _compute_recording_checksum(run: PreparedRun, result: ScenarioResult) -> str:
+    """Return the checksum of the recording of a result; "" if there is none."""
+    path = recording_path(run.folder, result.id)
+    return compute_file_checksum(path) if run.config.record and result.status == "ok" else ""
+
+
 def _load_kept_results(run: PreparedRun, journal: Journal) -> dict[str, ScenarioResult]:
-    """Return the results of earlier starts that are not void and have their recording if the run records."""
+    """Return the results of earlier starts that are not void and have their recording if the run records.
+
+    Raises InputError for an impossible result, one of another run, and a recording that is not the one noted.
+    """
+    place = run.folder / JOURNAL_FILE
     try:
         entries = [ScenarioResult.model_validate(entry) for entry in journal.results]
     except ValidationError as error:
-        raise InputError(f"{run.folder / JOURNAL_FILE}: {describe_first_error(error)}; --fresh starts anew") from None
-    return {
-        entry.id: entry
-        for entry in entries
-        if entry.status == "ok" and (not run.config.record or recording_path(run.folder, entry.id).is_file())
-    }
+        raise InputError(f"{place}: {describe_first_error(error)}; --fresh starts anew") from None
+    known = {scenario.id for scenario in run.scenarios}
+    for entry in entries:
+        if entry.id not in known:
+            raise InputError(f"{place}: expected scenarios of this run, found {entry.id!r:.80}; --fresh starts anew")
+        for fault in find_scenario_faults(entry, run.config.score_mode, run.config.seed):
+            raise InputError(f"{place}: {fault}; --fresh starts anew")
+    kept = {entry.id: entry for entry in entries if entry.status == "ok"}
+    if not run.config.record:
+        return kept
+    kept = {name: entry for name, entry in kept.items() if recording_path(run.folder, name).is_file()}
+    check_recordings(run.folder, kept, journal.found.recordings)
+    return kept
 
 
 def _drive(

@@ -23,7 +23,7 @@ def compute_fingerprint(config: RunConfig, suite: Suite, scenarios: tuple[Scenar
         **config.to_dict(),
         "suite": config.suite if is_packaged else str(suite.folder.resolve()),
         "suite_checksum": suite.checksum(),
-        "networks": _compute_networks_checksum(suite, scenarios),
+        "networks": compute_networks_checksum(suite, scenarios),
         "agent_code": config.agent.code_checksum(),
         "code": compute_code_checksum(),
         **read_versions(),
@@ -41,7 +41,7 @@ def compute_code_checksum() -> str:
     return compute_files_checksum({str(path.relative_to(root)): path for path in root.rglob("*.py")})
 
 
-def _compute_networks_checksum(suite: Suite, scenarios: tuple[Scenario, ...]) -> str:
+def compute_networks_checksum(suite: Suite, scenarios: tuple[Scenario, ...]) -> str:
     """Return the checksum of the networks in use, with the files beside their roads."""
     digest = hashlib.sha256()
     for name, home in sorted({(scenario.network, suite.find_folder(scenario.id)) for scenario in scenarios}):

@@ -1,41 +1,99 @@
 """The journal of a run: JSON lines that are only appended, so an interrupted run loses no finished episode.
 
 Line 1 is the header: format and fingerprint, i.e. everything that makes two runs the same run. Every other
-line is `{"result": {...}}`, a finished scenario, or `{"failed": {"scenario", "reason"}}`, a try without one.
+line is `{"result": {...}, "recording": "sha256:..."}`, a finished scenario, or `{"failed": {"scenario", "reason"}}`, a
+try without one. Each line ends with a `checksum` of itself and of all lines before it, so that a line that was changed,
+inserted or removed is found. It protects against accidents and edits by hand; `verify` against forgery.
 """
 
 import fcntl
 import json
 import os
+import re
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
 
-FORMAT = "mdrive-sumo/journal/1"
+FORMAT = "mdrive-sumo/journal/2"
+FORMAT_WITHOUT_CHECKSUMS = "mdrive-sumo/journal/1"
+"""Its lines cannot be checked: it is read by `verify`, `rescore` and `view`, but not continued."""
+READABLE_FORMATS = (FORMAT, FORMAT_WITHOUT_CHECKSUMS)
 JOURNAL_FILE = "journal.jsonl"
 
 Fingerprint = Mapping[str, str | int | bool]
+_CHECKSUM = re.compile(rb',"checksum":"([0-9a-f]{16})"\}\n\Z')
+_CHECKSUM_BYTES = 8
 
 
+@dataclass(frozen=True, slots=True)
+class JournalText:
+    """What can be read of a journal."""
+
+    lines: tuple[dict[str, Any], ...]
+    """The complete lines."""
+    checksum: str
+    """Of the last of them; "" without checksums."""
+    good_bytes: int
+    """Length of the complete lines."""
+    torn: bool
+    """Whether an incomplete line follows them."""
+
+    @property
+    def results(self) -> tuple[dict[str, Any], ...]:
+        """The finished scenarios, oldest first."""
+        return tuple(line["result"] for line in self.lines[1:] if "result" in line)
+
+    @property
+    def recordings(self) -> dict[str, str]:
+        """Checksum of the last recording by scenario id, as far as the journal notes them."""
+        noted = (line for line in self.lines[1:] if "recording" in line)
+        return {str(line["result"]["id"]): line["recording"] for line in noted}
+
+
+@dataclass
 class Journal:
-    """An open, locked journal. `results`: what earlier starts of the same run have written, oldest first."""
+    """An open, locked journal."""
 
-    def __init__(self, path: Path, descriptor: int, results: tuple[dict[str, Any], ...], torn: bool) -> None:
-        self._path, self._descriptor = path, descriptor
-        self.results = results
-        self.torn = torn
+    path: Path
+    descriptor: int
+    found: JournalText
+    """What earlier starts of the same run have written; its incomplete last line has been dropped."""
+    _checksum: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._checksum = self.found.checksum
+
+    @property
+    def results(self) -> tuple[dict[str, Any], ...]:
+        """The finished scenarios of earlier starts, oldest first."""
+        return self.found.results
+
+    @property
+    def torn(self) -> bool:
         """Whether the last line was incomplete (power cut, full disk) and has been dropped."""
+        return self.found.torn
 
-    def add_result(self, result: Mapping[str, Any]) -> None:
-        """Append a finished scenario; it is on the disk when this returns."""
-        _append(self._path, self._descriptor, {"result": result})
+    def add_result(self, result: Mapping[str, Any], recording: str = "") -> None:
+        """Append a finished scenario and the checksum of its recording; it is on the disk when this returns."""
+        self._append({"result": result} | ({"recording": recording} if recording else {}))
 
     def add_failure(self, scenario: str, reason: str) -> None:
         """Append the reason why a try had no result."""
-        _append(self._path, self._descriptor, {"failed": {"scenario": scenario, "reason": reason}})
+        self._append({"failed": {"scenario": scenario, "reason": reason}})
+
+    def add_header(self, fingerprint: Fingerprint) -> None:
+        """Append the first line."""
+        self._append({"format": FORMAT, "fingerprint": dict(fingerprint)})
+
+    def _append(self, line: Mapping[str, Any]) -> None:
+        body = json.dumps(line, separators=(",", ":"), allow_nan=False).encode()
+        self._checksum = _compute_checksum(self._checksum, body)
+        _write(self.path, self.descriptor, body[:-1] + f',"checksum":"{self._checksum}"}}\n'.encode())
 
 
 @contextmanager
@@ -50,15 +108,15 @@ def open_journal(folder: Path, fingerprint: Fingerprint, *, fresh: bool) -> Gene
         _lock(path, descriptor)
         if fresh:
             os.ftruncate(descriptor, 0)
-        lines, good_bytes, torn = _read(path)
-        os.ftruncate(descriptor, good_bytes)
+        found = read_journal(path)
+        if found.lines:
+            _check_header(path, found.lines[0], fingerprint)
+        os.ftruncate(descriptor, found.good_bytes)
         os.lseek(descriptor, 0, os.SEEK_END)
-        if lines:
-            _check_header(path, lines[0], fingerprint)
-        else:
-            _append(path, descriptor, {"format": FORMAT, "fingerprint": dict(fingerprint)})
-        results = tuple(line["result"] for line in lines[1:] if "result" in line)
-        yield Journal(path, descriptor, results, torn)
+        journal = Journal(path, descriptor, found)
+        if not found.lines:
+            journal.add_header(fingerprint)
+        yield journal
     finally:
         os.close(descriptor)
 
@@ -80,8 +138,7 @@ def _lock(path: Path, descriptor: int) -> None:
         raise InputError(f"{path}: cannot be locked: {error.strerror}") from None
 
 
-def _append(path: Path, descriptor: int, line: Mapping[str, Any]) -> None:
-    data = json.dumps(line, separators=(",", ":"), allow_nan=False).encode() + b"\n"
+def _write(path: Path, descriptor: int, data: bytes) -> None:
     try:
         while data:  # one write, but a disk that fills up takes a part of it first
             data = data[os.write(descriptor, data) :]
@@ -90,31 +147,62 @@ def _append(path: Path, descriptor: int, line: Mapping[str, Any]) -> None:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def _read(path: Path) -> tuple[list[dict[str, Any]], int, bool]:
-    """Return the complete lines, their length in bytes, and whether an incomplete line follows them."""
+def read_journal(path: Path) -> JournalText:
+    """Return the content of a journal file. Raises InputError for a corrupt line or a checksum that does not fit.
+
+    An incomplete last line is what an interrupted write leaves, and no error. Raises OSError.
+    """
     raw = path.read_bytes()
     lines: list[dict[str, Any]] = []
-    good_bytes = 0
+    checksum, good_bytes = "", 0
     for number, text in enumerate(raw.splitlines(keepends=True), start=1):
         line = _parse_line(text)
         if line is None:
             if good_bytes + len(text) < len(raw):
-                raise InputError(f"{path}: line {number}: expected a JSON object, found none (--fresh starts anew)")
-            return lines, good_bytes, True
+                raise InputError(f"{path}: line {number}: expected a JSON object, found none; --fresh starts anew")
+            return JournalText(tuple(lines), checksum, good_bytes, True)
+        if "checksum" in line or (lines or [line])[0].get("format") != FORMAT_WITHOUT_CHECKSUMS:
+            checksum = _check_line(f"{path}: line {number}", text, checksum)
+        line.pop("checksum", None)
+        if "result" in line and not (isinstance(line["result"], dict) and "id" in line["result"]):
+            raise InputError(f"{path}: line {number}: expected a result with an id, found none; --fresh starts anew")
         lines.append(line)
         good_bytes += len(text)
-    return lines, good_bytes, False
+    return JournalText(tuple(lines), checksum, good_bytes, False)
 
 
 def _parse_line(text: bytes) -> dict[str, Any] | None:
     try:
         line = json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return line if isinstance(line, dict) and text.endswith(b"\n") else None
 
 
+def _check_line(place: str, text: bytes, before: str) -> str:
+    """Return the checksum of a line. Raises InputError if it does not fit the line and the lines before."""
+    noted = _CHECKSUM.search(text)
+    if noted is None:
+        raise InputError(f"{place}: expected a checksum at its end, found none; --fresh starts anew")
+    expected = _compute_checksum(before, text[: noted.start()] + b"}")
+    if (found := noted[1].decode()) != expected:
+        raise InputError(
+            f"{place}: expected the checksum {expected}, found {found}: this line or one before it was changed or"
+            " damaged; --fresh starts anew"
+        )
+    return expected
+
+
+def _compute_checksum(before: str, body: bytes) -> str:
+    return blake2b(before.encode() + body, digest_size=_CHECKSUM_BYTES).hexdigest()
+
+
 def _check_header(path: Path, header: Mapping[str, Any], fingerprint: Fingerprint) -> None:
+    if header.get("format") == FORMAT_WITHOUT_CHECKSUMS:
+        raise InputError(
+            f"{path}: expected the format {FORMAT} to continue, found {FORMAT_WITHOUT_CHECKSUMS}, whose lines have no"
+            " checksums; --fresh starts anew, --out names another folder"
+        )
     before = _read_header_fingerprint(path, header)
     differing = sorted(key for key in {*before, *fingerprint} if before.get(key) != fingerprint.get(key))
     if differing:
@@ -128,7 +216,7 @@ def _check_header(path: Path, header: Mapping[str, Any], fingerprint: Fingerprin
 
 
 def _read_header_fingerprint(path: Path, header: Mapping[str, Any]) -> dict[str, Any]:
-    if header.get("format") != FORMAT or not isinstance(header.get("fingerprint"), dict):
+    if header.get("format") not in READABLE_FORMATS or not isinstance(header.get("fingerprint"), dict):
         raise InputError(f"{path}: expected the format {FORMAT}, found {header.get('format')!r}")
     return header["fingerprint"]
 
@@ -140,11 +228,16 @@ def _shorten(value: object) -> str:
 
 def read_fingerprint(folder: Path) -> dict[str, Any]:
     """Return the fingerprint of a run folder, also while the run is going on. Raises InputError."""
+    return read_run_journal(folder)[0]
+
+
+def read_run_journal(folder: Path) -> tuple[dict[str, Any], JournalText]:
+    """Return the fingerprint of a run folder and its journal, also while the run is going on. Raises InputError."""
     path = folder / JOURNAL_FILE
     try:
-        lines, _, _ = _read(path)
+        found = read_journal(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    if not lines:
+    if not found.lines:
         raise InputError(f"{path}: expected a journal, found an empty file")
-    return _read_header_fingerprint(path, lines[0])
+    return _read_header_fingerprint(path, found.lines[0]), found

@@ -95,7 +95,8 @@ def prepare(config: RunConfig) -> PreparedRun:
         raise InputError("--sandbox: expected --executor local, found dask: a box needs the main thread of its process")
     check_mute(config, scenarios)
     _check_agent_name(config.agent)
-    declared_label, labels = _read_labels(_locate_agent(config, suite, folder))
+    agent = _locate_agent(config, suite, folder)
+    declared_label, labels = declare_labels(agent, is_sandboxed=agent.box is not None)
     info = make_run_info(config, suite, labels, declared_label)
     return PreparedRun(config, suite, scenarios, folder, info, compute_fingerprint(config, suite, scenarios))
 
@@ -141,7 +142,7 @@ def _check_agent_name(agent: AgentSpec) -> None:
         raise InputError(f"agent {name!r}: expected {', '.join(AGENTS)}, module:Class or path.py:Class, found neither")
 
 
-def _read_labels(agent: AgentSpec) -> tuple[str, tuple[str, ...]]:
+def declare_labels(agent: AgentSpec, *, is_sandboxed: bool) -> tuple[str, tuple[str, ...]]:
     """Create an agent; return the label that it declares, and the labels that follow from it. Raises InputError."""
     name = agent.name
     try:
@@ -154,7 +155,7 @@ def _read_labels(agent: AgentSpec) -> tuple[str, tuple[str, ...]]:
     facts = {
         JOINT: is_joint,
         PRIVILEGED: any(sensor.kind == PRIVILEGED for sensor in declaration.sensors),
-        UNSANDBOXED: not agent.is_builtin and agent.box is None,
+        UNSANDBOXED: not agent.is_builtin and not is_sandboxed,
     }
     return declaration.label, tuple(label for label, holds in facts.items() if holds)
 

@@ -18,6 +18,12 @@ from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_jso
 
 ConfigValue = float | str | bool
 RUNS_FOLDER = Path("runs")
+FINGERPRINT_TYPES = {
+    **dict.fromkeys(("suite", "scenario", "agent", "agent_config", "score_mode"), str),
+    "seed": int,
+    **dict.fromkeys(("record", "sandbox"), bool),
+}
+"""Types of the values of a fingerprint that a stranger's journal may hold otherwise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +70,9 @@ class RunConfig:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "RunConfig":
         """Return the run of a fingerprint. Raises KeyError, TypeError, ValueError and InputError for a corrupt one."""
+        for name, kind in FINGERPRINT_TYPES.items():
+            if type(values.get(name, kind())) is not kind:
+                raise TypeError(f"{name}: expected a value of type {kind.__name__}, found {values[name]!r:.60}")
         return cls(
             suite=values["suite"],
             scenario=values["scenario"],

@@ -5,12 +5,12 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
-from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
-from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
+from mdrive_sumo.runs.fingerprint import compute_code_checksum, compute_networks_checksum, read_versions
+from mdrive_sumo.runs.journal import JOURNAL_FILE, JournalText, read_run_journal
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scenario.suite import load_suite
-from mdrive_sumo.scoring import Results, load_results
+from mdrive_sumo.scoring import Results, load_results, load_unchecked_results
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,21 +19,38 @@ class StoredRun:
 
     run: PreparedRun
     results: Results
+    journal: JournalText
 
     def describe_version_changes(self) -> str:
         """Return what differs between the run and this installation, as far as results depend on it; "" if nothing."""
-        now = read_versions() | {"code": compute_code_checksum()}
+        networks = compute_networks_checksum(self.run.suite, self.run.scenarios)
+        now = read_versions() | {"code": compute_code_checksum(), "networks": networks}
         then = self.run.fingerprint
         changes = [
-            name if name == "code" else f"{name} {then.get(name)}" for name in now if now[name] != then.get(name)
+            name if name in ("code", "networks") else f"{name} {then.get(name)}"
+            for name in now
+            if now[name] != then.get(name)
         ]
         return ", ".join(changes)
 
 
 def load_stored_run(folder: Path, suite: str | None = None) -> StoredRun:
-    """Load a run's configuration and results. suite: the suite's place now if it has moved. Raises InputError."""
+    """Load a run's configuration and results. suite: the suite's place now if it has moved. Raises InputError.
+
+    Also refused are results that cannot be: see `load_results`.
+    """
+    stored = load_unchecked_run(folder, suite)
     results = load_results(folder / RESULTS_FILE)
-    fingerprint = read_fingerprint(folder)
+    _check_scenarios(folder / RESULTS_FILE, stored.run, results)
+    return replace(stored, results=results)
+
+
+def load_unchecked_run(folder: Path, suite: str | None = None) -> StoredRun:
+    """As `load_stored_run`, with results of any content: for `verify`, which compares every number."""
+    results = load_unchecked_results(folder / RESULTS_FILE)
+    if not results.scenarios:
+        raise InputError(f"{folder / RESULTS_FILE}: scenarios: expected at least one, found none")
+    fingerprint, journal = read_run_journal(folder)
     try:
         config = replace(RunConfig.from_dict(fingerprint), out=folder)
     except (KeyError, ValueError, TypeError) as error:
@@ -46,6 +63,17 @@ def load_stored_run(folder: Path, suite: str | None = None) -> StoredRun:
             f"suite {loaded.name}: expected the checksum of {folder}, {results.run.suite_checksum},"
             f" found {loaded.checksum()}"
         )
-    ids = {result.id for result in results.scenarios}
-    scenarios = tuple(scenario for scenario in loaded.scenarios if scenario.id in ids)
-    return StoredRun(PreparedRun(config, loaded, scenarios, folder, results.run, fingerprint), results)
+    scenarios = loaded.select(config.scenario)
+    return StoredRun(PreparedRun(config, loaded, scenarios, folder, results.run, fingerprint), results, journal)
+
+
+def _check_scenarios(path: Path, run: PreparedRun, results: Results) -> None:
+    """Raise InputError unless the results are those of the scenarios that the run drives."""
+    expected, found = ([one.id for one in scenarios] for scenarios in (run.scenarios, results.scenarios))
+    missing, foreign = sorted({*expected} - {*found}), sorted({*found} - {*expected})
+    if missing or foreign:
+        what = f"{missing[0]!r} missing" if missing else f"{foreign[0]!r} too many"
+        raise InputError(
+            f"{path}: scenarios: expected the {len(expected)} that {run.config.scenario!r} selects, found"
+            f" {len(found)}, {what}"
+        )

@@ -1,24 +1,18 @@
-"""`verify`: execute a run again and compare the digest of every tick with the recording."""
+"""`verify`: execute a run again, compare every tick with the recording, and score it anew."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass, field, replace
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.episode import EpisodeRecord, load_episode
-from mdrive_sumo.episode.quantization import from_quanta
-from mdrive_sumo.runs.episode_job import EpisodeJob, make_reexecution, reexecute
+from mdrive_sumo.runs.episode_difference import find_content_difference, find_first_difference
+from mdrive_sumo.runs.episode_job import EpisodeJob, make_reexecution, make_silent_job, reexecute, score_job_episode
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
-from mdrive_sumo.scoring import Results, ScenarioResult
-from mdrive_sumo.v2x.channel import DeliveryStatus
-
-STATE_NAMES = ("x", "y", "yaw", "speed")
-CONTROL_NAMES = ("throttle", "brake", "steer")
+from mdrive_sumo.runs.transcript import EXCHANGE
+from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +21,8 @@ class VerificationJob:
 
     job: EpisodeJob
     digest: str
+    modes: tuple[ScoreMode, ...] = ()
+    """Score modes of which the run folder has results."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,15 +31,12 @@ class VerificationResult:
 
     scenario: str
     identical: bool
+    """Whether the episode is the recorded one, tick by tick."""
     text: str
-
-
-@dataclass(frozen=True, slots=True)
-class EpisodeDifference:
-    """The first tick in which two episodes differ, and one difference in it."""
-
-    tick: int
-    text: str
+    scores: Mapping[ScoreMode, ScenarioResult] = field(default_factory=lambda: {})
+    """The scores of the second execution by score mode; empty if it failed."""
+    replayed: str = ""
+    """What was taken from the recording because it cannot be repeated, e.g. "1 agent failure"; "" if nothing was."""
 
 
 def sample_results(results: Results, size: int | None) -> tuple[ScenarioResult, ...]:
@@ -56,10 +49,19 @@ def sample_results(results: Results, size: int | None) -> tuple[ScenarioResult, 
     return tuple(result for result in found if result in drawn)
 
 
-def verify(run: PreparedRun, chosen: Sequence[ScenarioResult], workers: int) -> Iterator[VerificationResult]:
-    """Yield the comparison of every chosen scenario, in the order in which they finish. Raises InputError."""
+def verify(
+    run: PreparedRun, chosen: Sequence[ScenarioResult], workers: int, modes: Sequence[ScoreMode] = ()
+) -> Iterator[VerificationResult]:
+    """Yield the comparison of every chosen scenario, in the order in which they finish. Raises InputError.
+
+    modes: the score modes to score each of them in. Third-party agents run: see `permit_agent`.
+    """
     scenarios = {scenario.id: scenario for scenario in run.scenarios}
-    checks = [VerificationJob(run.make_job(scenarios[result.id]), result.digest) for result in chosen]
+    checks = [
+        VerificationJob(run.make_job(scenarios[result.id]), result.digest, tuple(modes))
+        for result in chosen
+        if result.id in scenarios
+    ]
     with ProcessPool[VerificationJob, VerificationResult](
         verify_episode, min(workers, max(len(checks), 1)), run.limit_s()
     ) as pool:
@@ -73,91 +75,40 @@ def verify(run: PreparedRun, chosen: Sequence[ScenarioResult], workers: int) -> 
 
 
 def verify_episode(check: VerificationJob) -> VerificationResult:
-    """Execute one scenario again and compare it with its recording; runs in a worker."""
+    """Execute one scenario again, compare it with its recording and score it; runs in a worker."""
     job = check.job
     if job.recording is None:
-        again = reexecute(replace(job, logs=None, transcripts=None))
+        again = reexecute(make_silent_job(job))
         same = again.digest == check.digest
         text = f"final digest {again.digest}" + ("" if same else f", was {check.digest}") + " (no recording)"
-        return VerificationResult(job.scenario, same, text)
+        return VerificationResult(job.scenario, same, text, _score(check, again))
     recorded = load_episode(job.recording)
+    again = reexecute(make_reexecution(job, recorded))
+    text = _compare(check, recorded, again)
+    identical = not text
+    text = text or f"identical ({recorded.ticks} ticks)"
+    return VerificationResult(job.scenario, identical, text, _score(check, again), _describe_replayed(recorded))
+
+
+def _compare(check: VerificationJob, recorded: EpisodeRecord, again: EpisodeRecord) -> str:
+    """Return a sentence about the first difference; "" if there is none."""
     if recorded.digest != check.digest:
-        return VerificationResult(
-            job.scenario,
-            False,
-            f"the recording's digest is {recorded.digest}, that of the results {check.digest}",
-        )
-    difference = find_first_difference(recorded, reexecute(make_reexecution(job, recorded)))
+        return f"the recording's digest is {recorded.digest}, that of the results {check.digest}"
+    difference = find_first_difference(recorded, again) or find_content_difference(recorded, again)
     if difference is None:
-        return VerificationResult(job.scenario, True, f"identical ({recorded.ticks} ticks)")
-    seconds = difference.tick * DT
-    text = f"first difference at tick {difference.tick} ({seconds:.2f} s): {difference.text}"
-    return VerificationResult(job.scenario, False, text)
+        return ""
+    return f"first difference at tick {difference.tick} ({difference.tick * DT:.2f} s): {difference.text}"
 
 
-def find_first_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> EpisodeDifference | None:
-    """Return the first difference between two episodes; None if every tick and every ending is the same."""
-    ticks = min(recorded.ticks, again.ticks)
-    differing = np.flatnonzero((recorded.digests[:ticks] != again.digests[:ticks]).any(axis=1))
-    if len(differing):
-        tick = int(differing[0])
-        return EpisodeDifference(tick, next(_find_details(recorded, again, tick), "the digest differs"))
-    if recorded.ticks != again.ticks:
-        return EpisodeDifference(ticks, f"the episode has {again.ticks} ticks, had {recorded.ticks}")
-    for now, then in zip(again.endings, recorded.endings, strict=True):
-        if (now.tick, now.end, now.failed_tick) != (then.tick, then.end, then.failed_tick):
-            return EpisodeDifference(
-                min(now.tick, then.tick),
-                f"{now.ego!r} ends {now.end} in tick {now.tick}, ended {then.end} in tick {then.tick}",
-            )
-    return None
+def _score(check: VerificationJob, again: EpisodeRecord) -> dict[ScoreMode, ScenarioResult]:
+    return {mode: score_job_episode(replace(check.job, score_mode=mode), again) for mode in check.modes}
 
 
-def _find_details(recorded: EpisodeRecord, again: EpisodeRecord, tick: int) -> Iterator[str]:
-    """Yield the differences of one tick: messages, road users, states, controls, signals, contacts."""
-    if (heard := _read_arrivals(again, tick)) != (had := _read_arrivals(recorded, tick)):
-        yield f"messages that arrive: {heard or 'none'}, were {had or 'none'}"
-    yield from _compare_states(_read_states(recorded, tick), _read_states(again, tick))
-    yield from _compare_controls(recorded, again, tick)
-    if (lights := _read_signal_changes(again, tick)) != (before := _read_signal_changes(recorded, tick)):
-        yield f"traffic lights change to {lights}, changed to {before}"
-    if (touching := _read_contacts(again, tick)) != (touched := _read_contacts(recorded, tick)):
-        yield f"contacts are {touching or 'none'}, were {touched or 'none'}"
-
-
-def _compare_states(then: Mapping[str, Float], now: Mapping[str, Float]) -> Iterator[str]:
-    for name in sorted({*then, *now}):
-        if name not in now or name not in then:
-            yield f"{name!r} is {'new' if name in now else 'missing'}"
-            continue
-        for i in np.flatnonzero(then[name] != now[name]):
-            yield f"{STATE_NAMES[i]} of {name!r} is {now[name][i]:.4f}, was {then[name][i]:.4f}"
-
-
-def _compare_controls(recorded: EpisodeRecord, again: EpisodeRecord, tick: int) -> Iterator[str]:
-    then, now = recorded.control_values[tick], again.control_values[tick]
-    for ego, i in np.argwhere(then != now):
-        yield f"{CONTROL_NAMES[i]} of {again.ids[ego]!r} is {now[ego, i]:.4f}, was {then[ego, i]:.4f}"
-
-
-def _read_states(episode: EpisodeRecord, tick: int) -> dict[str, Float]:
-    """Return the state (4,) of every present road user by id."""
-    present = np.flatnonzero(episode.valid[tick])
-    return {episode.ids[i]: from_quanta(episode.quanta[tick, i]) for i in present}
-
-
-def _read_signal_changes(episode: EpisodeRecord, tick: int) -> dict[str, str]:
-    return {change.light: change.state for change in episode.signals if change.tick == tick}
-
-
-def _read_arrivals(episode: EpisodeRecord, tick: int) -> list[str]:
-    return [
-        f"{sent.message.type} of {sent.message.sender!r} from tick {sent.message.tick} at {receiver!r}"
-        for sent in episode.messages
-        for receiver, fate in sent.deliveries.items()
-        if fate == (DeliveryStatus.DELIVERED, tick)
-    ]
-
-
-def _read_contacts(episode: EpisodeRecord, tick: int) -> list[tuple[str, str]]:
-    return [(contact.ego, contact.other) for at, contact in episode.contacts if at == tick]
+def _describe_replayed(recorded: EpisodeRecord) -> str:
+    """Return what a second execution takes from the recording; a run's word is taken for these alone."""
+    counts = {
+        "agent failures": sum(ending.failure is not None for ending in recorded.endings),
+        "thinking times": len(recorded.thinking),
+        "answers of a language model": sum(record.note.kind == EXCHANGE for record in recorded.notes),
+    }
+    return ", ".join(f"{count} {name}" for name, count in counts.items() if count)

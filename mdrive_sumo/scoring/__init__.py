@@ -16,7 +16,13 @@ from mdrive_sumo.scoring.results import (
     RunInfo,
     ScenarioResult,
 )
-from mdrive_sumo.scoring.results_file import build_results_schema, load_results, save_results
+from mdrive_sumo.scoring.results_check import find_result_faults, find_scenario_faults
+from mdrive_sumo.scoring.results_file import (
+    build_results_schema,
+    load_results,
+    load_unchecked_results,
+    save_results,
+)
 from mdrive_sumo.scoring.scenario_score import make_void_result, score_episode
 from mdrive_sumo.scoring.score_mode import ScoreMode, compute_scenario_means
 from mdrive_sumo.scoring.summary import (
@@ -51,7 +57,10 @@ __all__ = [
     "ScenarioResult",
     "EgoResult",
     "Infraction",
+    "find_result_faults",
+    "find_scenario_faults",
     "load_results",
+    "load_unchecked_results",
     "save_results",
     "build_results_schema",
 ]

@@ -24,7 +24,7 @@ def apply_reference_times(result: ScenarioResult, reference: ReferenceTicks, mod
         update={
             "egos": egos,
             "time_ratio": round(compute_mean(ratios), 6) if ratios and len(ratios) == len(egos) else None,
-            "efficient_sr": round(_compute_efficient_sr(result.sr, egos, mode), 6) if reference else None,
+            "efficient_sr": round(compute_efficient_sr(result.sr, egos, mode), 6) if reference else None,
         }
     )
 
@@ -43,7 +43,7 @@ def _compute_ego_ratio(ego: EgoResult, reference: int | None) -> float | None:
     return round(ego.ticks / reference, 6)
 
 
-def _compute_efficient_sr(sr: float, egos: Sequence[EgoResult], mode: ScoreMode) -> float:
+def compute_efficient_sr(sr: float, egos: Sequence[EgoResult], mode: ScoreMode) -> float:
     """Return efficient SR [%] by the mode's own notion of success: of each CAV, or of the whole scenario."""
     in_time = [ego.time_ratio is not None and ego.time_ratio <= EFFICIENT_RATIO for ego in egos]
     if not in_time:

@@ -9,12 +9,27 @@ from pydantic import ValidationError
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import describe_first_error, shorten_value
 from mdrive_sumo.scoring.results import FORMAT, READABLE_FORMATS, Results
+from mdrive_sumo.scoring.results_check import find_result_faults
 
 
 def load_results(path: Path) -> Results:
     """Load a results file, also one of an older version in `READABLE_FORMATS`, and return it as the present version.
 
-    Raises InputError for one that is missing, corrupt or of any other version.
+    Raises InputError for one that is missing, corrupt, of any other version, or contains what cannot be: a value out of
+    its range, a scenario twice, a mean that does not fit.
+    """
+    results = load_unchecked_results(path)
+    faults = list(find_result_faults(results))
+    if faults:
+        more = f" (and {len(faults) - 1} more that cannot be)" if len(faults) > 1 else ""
+        raise InputError(f"{path}: {faults[0]}{more}")
+    return results
+
+
+def load_unchecked_results(path: Path) -> Results:
+    """As `load_results`, of any content that has the right form: for `verify`, which compares every number.
+
+    Raises InputError for a file that is missing, corrupt or of an unknown version.
     """
     try:
         data: Any = json.loads(path.read_bytes())

@@ -4,8 +4,8 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import StrEnum
 from types import MappingProxyType
+from typing import Protocol
 
-from mdrive_sumo.scoring.metrics import EgoRecord
 from mdrive_sumo.scoring.results import Means
 
 SUCCESS_DS = 99.95
@@ -22,12 +22,45 @@ class ScoreMode(StrEnum):
     INTERDRIVE_ASIS = "interdrive_asis"
 
 
-def compute_driving_score(record: EgoRecord) -> float:
+class PricedInfraction(Protocol):
+    """What a score mode reads of an infraction."""
+
+    @property
+    def kind(self) -> str:
+        """Its kind, e.g. `red-light`."""
+        ...
+
+    @property
+    def factor(self) -> float:
+        """The factor that it multiplies IP by."""
+        ...
+
+
+class ScoredEgo(Protocol):
+    """What a score mode reads of a CAV: of a recorded one (`EgoRecord`), or of one in a results file."""
+
+    @property
+    def rc(self) -> float:
+        """Route completion [%]."""
+        ...
+
+    @property
+    def ip(self) -> float:
+        """Infraction penalty in [0, 1]."""
+        ...
+
+    @property
+    def infractions(self) -> Sequence[PricedInfraction]:
+        """Its infractions."""
+        ...
+
+
+def compute_driving_score(record: ScoredEgo) -> float:
     """Return DS [%] of one CAV: max(RC * IP, 0)."""
     return max(record.rc * record.ip, 0.0)
 
 
-def compute_scenario_means(records: Sequence[EgoRecord], mode: ScoreMode) -> Means:
+def compute_scenario_means(records: Sequence[ScoredEgo], mode: ScoreMode) -> Means:
     """Return DS, SR, RC and IP of one scenario."""
     return _AGGREGATE_BY_MODE[mode](records)
 
@@ -38,7 +71,7 @@ def compute_mean(values: Iterable[float]) -> float:
     return math.fsum(listed) / len(listed)
 
 
-def _aggregate_mdrive(records: Sequence[EgoRecord]) -> Means:
+def _aggregate_mdrive(records: Sequence[ScoredEgo]) -> Means:
     """Return means over the CAVs; SR is the share of CAVs that succeed."""
     scores = [compute_driving_score(record) for record in records]
     return Means(
@@ -49,18 +82,18 @@ def _aggregate_mdrive(records: Sequence[EgoRecord]) -> Means:
     )
 
 
-def _aggregate_interdrive_fixed(records: Sequence[EgoRecord]) -> Means:
+def _aggregate_interdrive_fixed(records: Sequence[ScoredEgo]) -> Means:
     """Return mean RC times the product of all IP, with all red-light and stop-sign factors divided out."""
     return _aggregate_interdrive(records, penalised=records, forgiven=records)
 
 
-def _aggregate_interdrive_asis(records: Sequence[EgoRecord]) -> Means:
+def _aggregate_interdrive_asis(records: Sequence[ScoredEgo]) -> Means:
     """Return the published score with its bug (K1): ego 0's IP counts as 1 and is still divided: DS can be 125."""
     return _aggregate_interdrive(records, penalised=records[1:], forgiven=records[:1])
 
 
 def _aggregate_interdrive(
-    records: Sequence[EgoRecord], penalised: Sequence[EgoRecord], forgiven: Sequence[EgoRecord]
+    records: Sequence[ScoredEgo], penalised: Sequence[ScoredEgo], forgiven: Sequence[ScoredEgo]
 ) -> Means:
     """Return the InterDrive score. `ip` is the product before division, so `ds` may differ from rc * ip."""
     rc, ip = compute_mean(record.rc for record in records), math.prod(record.ip for record in penalised)
@@ -69,7 +102,7 @@ def _aggregate_interdrive(
     return Means(ds=ds, sr=100.0 * (ds > SUCCESS_DS), rc=rc, ip=ip)
 
 
-_AGGREGATE_BY_MODE: Mapping[ScoreMode, Callable[[Sequence[EgoRecord]], Means]] = MappingProxyType(
+_AGGREGATE_BY_MODE: Mapping[ScoreMode, Callable[[Sequence[ScoredEgo]], Means]] = MappingProxyType(
     {
         ScoreMode.MDRIVE: _aggregate_mdrive,
         ScoreMode.INTERDRIVE_FIXED: _aggregate_interdrive_fixed,

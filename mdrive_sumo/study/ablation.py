@@ -8,10 +8,10 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.episode import EpisodeRecord, load_episode
+from mdrive_sumo.runs.episode_difference import find_first_difference
 from mdrive_sumo.runs.episode_job import EpisodeJob, make_reexecution, reexecute, score_job_episode
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
-from mdrive_sumo.runs.verify import find_first_difference
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.metrics.min_ttc import HORIZON_S
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage

@@ -23,7 +23,7 @@ from server.api.upload import MAX_UPLOADS
 from server.archive import ArchiveLimits
 from server.phase_suites import LoadedPhaseSuites, PhaseSuites
 from server.settings import ServerSettings
-from server.store import Store
+from server.store import Store, standings
 from server.store.phases import list_phases as every_phase
 from server.store.phases import set_phases as put_phases
 
@@ -104,6 +104,7 @@ def prepare_storage(services: Services, now_us: int) -> None:
     services.store.migrate()
     with services.store.write() as session:
         put_phases(session, [phase.as_new() for phase in services.settings.phases], now_us)
+        standings.refresh_scores(session)
     with services.store.read() as session:
         unfinished = [phase for phase in every_phase(session) if now_us < phase.closes_us]
     for phase in unfinished:

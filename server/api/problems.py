@@ -53,7 +53,7 @@ class HiddenScenariosError(ProblemError):
         super().__init__(
             HTTPStatus.FORBIDDEN,
             "hidden",
-            "the scenarios of this phase are hidden: only means over many of them are shown",
+            "the scenarios of this phase are hidden: only rounded scores of the whole suite are shown",
         )
 
 

@@ -155,7 +155,10 @@ class QuotaOut(ResponseModel):
 
 
 class FiguresOut(ResponseModel):
-    """Means of a submission over all its scenarios, one bucket or one category. DS, SR and RC in percent."""
+    """Means of a submission over all its scenarios, one bucket or one category. DS, SR and RC in percent.
+
+    Of a hidden phase only the overall DS (to 0.1), SR (to 1 %) and the number of scenarios; all others are null.
+    """
 
     ds: float
     sr: float | None = None
@@ -168,7 +171,7 @@ class FiguresOut(ResponseModel):
     efficient_sr: float | None = None
     """Success rate that counts only successes within twice `omniscient`'s time; null without reference times."""
     time_ratio: float | None = None
-    """Time needed divided by `omniscient`'s, over the `timed` scenarios; null if it would disclose hidden ones."""
+    """Time needed divided by `omniscient`'s, over the `timed` scenarios."""
     timed: int | None = None
     """Number of scenarios in which every CAV arrived with a seed or more."""
     scenarios: int | None = None
@@ -176,7 +179,7 @@ class FiguresOut(ResponseModel):
 
 
 class SummaryOut(ResponseModel):
-    """The result of a submission."""
+    """The result of a submission; in a hidden phase without buckets and categories."""
 
     overall: FiguresOut
     buckets: dict[str, FiguresOut]
@@ -206,6 +209,7 @@ class SubmissionOut(ResponseModel):
     """Reason in one sentence if it was rejected, disqualified or failed."""
     created: datetime
     finished: datetime | None
+    """In a hidden phase the beginning of the hour, except for admins."""
     counts: bool
     shown: bool
     summary: SummaryOut | None
@@ -333,3 +337,5 @@ class AuditOut(ResponseModel):
     head: str
     broken: int | None
     """Id of the first entry whose hash does not fit the one before; null if all fit."""
+    differences: list[str] = []
+    """Rows that are not as the log says, at most 100; empty if the chain is broken."""

@@ -9,8 +9,9 @@ from sqlalchemy.orm import Session
 from server.api import schemas
 from server.api.caller import Caller
 from server.api.schemas import to_datetime
-from server.enums import MIN_HIDDEN_SCENARIOS, ChallengeTrack, SubmissionState
-from server.store import NotFound, queries, submissions, tables, teams
+from server.clock import HOUR_US
+from server.enums import ChallengeTrack, SubmissionState
+from server.store import NotFound, queries, standings, submissions, tables, teams
 from server.store.quota import UNFINISHED
 
 _REJECTED = "the agent asks for something that is not offered; in a public phase the sentence says what"
@@ -53,6 +54,7 @@ def to_submission(session: Session, caller: Caller | None, submission: tables.Su
     phase = get_phase(session, submission)
     finished = submission.finished_us
     more = _private_fields(session, phase, submission) if may_see_all(caller, submission) else {}
+    exact = phase.public or (caller is not None and caller.is_admin)
     return schemas.SubmissionOut(
         id=submission.id,
         team=teams.get(session, submission.team).name,
@@ -62,10 +64,10 @@ def to_submission(session: Session, caller: Caller | None, submission: tables.Su
         state=SubmissionState(submission.state),
         why=visible_reason(phase, SubmissionState(submission.state), submission.why),
         created=to_datetime(submission.created_us),
-        finished=to_datetime(finished) if finished is not None else None,
+        finished=to_datetime(finished if exact else finished - finished % HOUR_US) if finished is not None else None,
         counts=submission.counts,
         shown=submission.shown,
-        summary=visible_summary(phase, submission.summary),
+        summary=visible_summary(phase, submission.summary, exact),
         **more,
     )
 
@@ -75,43 +77,36 @@ def visible_reason(phase: tables.PhaseRow, state: SubmissionState, said: str) ->
     return _REJECTED if said and state is SubmissionState.REJECTED and not phase.public else said
 
 
-def visible_summary(phase: tables.PhaseRow, stored: Mapping[str, Any] | None) -> schemas.SummaryOut | None:
-    """Return the figures that may be disclosed: in hidden phases only means over enough scenarios."""
+def visible_summary(
+    phase: tables.PhaseRow, stored: Mapping[str, Any] | None, exact: bool = False
+) -> schemas.SummaryOut | None:
+    """Return the figures that may be disclosed: of hidden phases the rounded scores of the whole suite.
+
+    exact: for admins, who may see everything.
+    """
     if stored is None:
         return None
-    parts = {
-        name: {
-            part: visible_figures(phase, stored, stored[name][part]) for part in disclosable_parts(phase, stored[name])
-        }
-        for name in ("buckets", "categories")
-    }
-    return schemas.SummaryOut(overall=visible_figures(phase, stored, stored["overall"]), **parts)
+    if not (phase.public or exact):
+        return schemas.SummaryOut(overall=visible_figures(phase, stored["overall"]), buckets={}, categories={})
+    return schemas.SummaryOut.model_validate({name: stored[name] for name in ("overall", "buckets", "categories")})
 
 
-def visible_figures(
-    phase: tables.PhaseRow, stored: Mapping[str, Any] | None, figures: Mapping[str, Any]
-) -> schemas.FiguresOut:
-    """Return figures of a stored summary without a time ratio that discloses single hidden scenarios.
+def visible_figures(phase: tables.PhaseRow, figures: Mapping[str, Any]) -> schemas.FiguresOut:
+    """Return the overall figures that may be disclosed: of hidden phases DS to 0.1 and SR to 1 %, and no other.
 
-    It is a mean over fewer scenarios than the others, those in which every CAV arrived, so it is shown if every part of
-    the submission has enough of these.
+    An agent knows the hidden scenario that it drives and can choose its score, so each figure carries what it has read
+    to its team. docs/api.md derives how many bits are left.
     """
     found = schemas.FiguresOut.model_validate(figures)
-    parts = [] if stored is None else [*stored["buckets"].values(), *stored["categories"].values()]
-    if phase.public or (parts and all((of.get("timed") or 0) >= MIN_HIDDEN_SCENARIOS for of in parts)):
+    if phase.public:
         return found
-    return found.model_copy(update={"time_ratio": None, "timed": None})
+    sr = round(found.sr) if found.sr is not None else None
+    return schemas.FiguresOut(ds=visible_ds(phase, found.ds), sr=sr, scenarios=found.scenarios)
 
 
-def disclosable_parts(phase: tables.PhaseRow, parts: Mapping[str, Mapping[str, Any]]) -> set[str]:
-    """Return the buckets (or categories) whose figures disclose no single hidden scenario: all or none.
-
-    If one part is too small, showing the others would disclose it by subtraction from the overall figures, or from
-    those of the other partition.
-    """
-    if phase.public or all(of.get("scenarios", 0) >= MIN_HIDDEN_SCENARIOS for of in parts.values()):
-        return set(parts)
-    return set()
+def visible_ds(phase: tables.PhaseRow, ds: float) -> float:
+    """Return an overall DS as it may be disclosed."""
+    return ds if phase.public else standings.round_score(ds, phase.public)
 
 
 def visible_event(phase: tables.PhaseRow, kind: str, data: Mapping[str, Any]) -> Mapping[str, Any] | None:

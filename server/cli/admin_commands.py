@@ -14,9 +14,10 @@ from server.clock import format_utc, now_us
 from server.enums import TokenScope
 from server.evaluation import spot_checks
 from server.settings import ServerSettings
-from server.store import Store, audit, phases, retention, teams, tokens
+from server.store import Store, audit, phases, retention, standings, teams, tokens
 from server.store.backup import restore_backup as read_backup
 from server.store.backup import write_backup as write_backup
+from server.store.row_check import find_row_differences
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +138,7 @@ def apply_phases(admin_context: _AdminContext) -> None:
         raise InputError("phase apply: expected settings with phases, found none; give --settings")
     with report_store_errors(), admin_context.store.write() as session:
         phases.set_phases(session, [each.as_new() for each in admin_context.settings.phases], now_us())
+        standings.refresh_scores(session)
 
 
 @admin.group()
@@ -209,9 +211,10 @@ def restore(admin_context: _AdminContext, file: Path) -> None:
 @_pass_admin
 @click.pass_context
 def walk(ctx: click.Context, admin_context: _AdminContext, most: int | None) -> None:
-    """Verify the audit log. Exit code 1 if an entry was changed, inserted or removed.
+    """Verify the audit log, and compare all rows with it.
 
-    With --list the latest entries are printed first: time, actor, action, data.
+    Exit code 1 if an entry was changed, inserted or removed, or if a team, token, phase, submission, result or
+    leaderboard is not as the log says. With --list the latest entries are printed first: time, actor, action, data.
     """
     with report_store_errors(), admin_context.store.read() as session:
         for entry in reversed(audit.list_latest(session, most or 0)):
@@ -219,9 +222,13 @@ def walk(ctx: click.Context, admin_context: _AdminContext, most: int | None) -> 
                 f"{format_utc(entry.at_us)}  {entry.actor}  {entry.action}  {json.dumps(entry.data, sort_keys=True)}"
             )
         chain = audit.verify_chain(session)
+        differences = list(find_row_differences(session)) if chain.broken is None else []
     click.echo(f"{chain.entries} entries, head {chain.head or 'none'}")
     if chain.broken is not None:
         click.echo(f"broken at entry {chain.broken}", err=True)
+    for difference in differences:
+        click.echo(str(difference), err=True)
+    if chain.broken is not None or differences:
         ctx.exit(1)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.statistics import bootstrap_stratified_mean
 from mdrive_sumo.scoring import Means, ScenarioResult, compute_bucket_means, compute_category_means, compute_overall
+from server.store.checksums import compute_results_checksum
 from server.store.standings import FiguresData, SummaryData
 from server.store.tables import JobRow
 
@@ -30,6 +31,7 @@ def summarise(jobs: Sequence[JobRow]) -> SummaryData:
             name: _compute_figures(means, [of_category[name]])
             for name, means in compute_category_means(results).items()
         },
+        "results_sha256": compute_results_checksum(jobs),
     }
 
 

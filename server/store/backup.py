@@ -15,6 +15,7 @@ from sqlalchemy.orm import Session
 from mdrive_sumo.core.errors import InputError
 from server.store import audit
 from server.store.engine import Store, StoreUnavailable
+from server.store.row_check import find_row_differences
 from server.store.tables import AuditEntryRow, PhaseRow, TableBase, WorkerRow
 
 _CHUNK = 500
@@ -52,7 +53,7 @@ def restore_backup(store: Store, file: Path) -> str:
     """Fill an empty database from a backup, also of an older version; return the audit log's head.
 
     Rows that `serve` writes at its start (phases, their audit entries, workers) are replaced. Raises InputError if
-    `file` is not a backup, its audit log is broken, or `store` contains anything else.
+    `file` is not a backup, its audit log is broken, a row is not as the log says, or `store` contains anything else.
     """
     if not file.is_file():
         raise InputError(f"{file}: expected a backup, found no file")
@@ -88,6 +89,8 @@ def _fill(source: Session, target: Session, file: Path) -> str:
     chain = audit.verify_chain(source)
     if chain.broken is not None:
         raise InputError(f"{file}: expected an unbroken audit log, found entry {chain.broken} changed")
+    if (difference := next(find_row_differences(source), None)) is not None:
+        raise InputError(f"{file}: expected rows as its audit log says, found another: {difference}")
     _empty(target)
     _copy(source, target)
     return chain.head

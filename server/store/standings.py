@@ -4,15 +4,17 @@ import hashlib
 import json
 import math
 from collections.abc import Iterator
-from typing import Any, TypedDict
+from typing import Any, NotRequired, TypedDict
 
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
 from server.enums import SubmissionState
-from server.store.tables import StandingRow, SubmissionRow
+from server.store.tables import PhaseRow, StandingRow, SubmissionRow
 
 OVERALL = "overall"
+HIDDEN_DS_DECIMALS = 1
+"""Decimals of a driving score [%] in a hidden phase: 1001 values, which carry at most 10 bits."""
 ENVIRONMENT = "environment"
 """The key of `SubmissionRow.evaluator` that belongs to the agent, not to the evaluation: its packages."""
 
@@ -26,6 +28,8 @@ class SummaryData(TypedDict):
     overall: FiguresData
     buckets: dict[str, FiguresData]
     categories: dict[str, FiguresData]
+    results_sha256: NotRequired[str]
+    """Checksum of the results of its scenarios; absent in summaries of older versions."""
 
 
 def slice_key(bucket: str | None = None, category: str | None = None) -> str:
@@ -54,11 +58,13 @@ def update_standings(session: Session, submission: SubmissionRow) -> None:
         SubmissionRow.state == SubmissionState.DONE,
         SubmissionRow.shown,
     )
+    phase = session.get(PhaseRow, submission.phase)
+    is_public = phase is not None and phase.public
     best: dict[str, StandingRow] = {}
     for candidate in session.scalars(done.order_by(SubmissionRow.created_us, SubmissionRow.id)):
         if evaluator_digest(candidate.evaluator) != evaluator:
             continue
-        for standing in _make_standings(candidate, evaluator):
+        for standing in make_standings(candidate, evaluator, is_public):
             if standing.slice not in best or standing.ds > best[standing.slice].ds:
                 best[standing.slice] = standing
     session.add_all(best.values())
@@ -73,6 +79,24 @@ def round_ds(figures: FiguresData) -> float:
     return ds
 
 
+def round_score(ds: float, is_public: bool) -> float:
+    """Return the score that ranks a result: of hidden phases only the digits that are disclosed.
+
+    Ranks by more digits would disclose those, by comparison with other submissions of the same team.
+    """
+    return ds if is_public else round(ds, HIDDEN_DS_DECIMALS)
+
+
+def refresh_scores(session: Session) -> None:
+    """Set the scores of all standings anew: phases change between public and hidden, and so do rules of rounding."""
+    public = {phase.id: phase.public for phase in session.scalars(select(PhaseRow))}
+    for standing in session.scalars(select(StandingRow)):
+        score = round_score(round_ds(standing.figures), public[standing.phase])
+        if standing.ds != score:
+            standing.ds = score
+    session.flush()
+
+
 def evaluator_digest(evaluator: dict[str, Any]) -> str:
     """Return a digest of the evaluator: results under different ones are not comparable.
 
@@ -82,7 +106,8 @@ def evaluator_digest(evaluator: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps(measure, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def _make_standings(submission: SubmissionRow, evaluator: str) -> Iterator[StandingRow]:
+def make_standings(submission: SubmissionRow, evaluator: str, is_public: bool) -> Iterator[StandingRow]:
+    """Yield the lines that a done submission has on leaderboards if it is its team's best."""
     summary = submission.summary
     if summary is None:
         return
@@ -99,6 +124,6 @@ def _make_standings(submission: SubmissionRow, evaluator: str) -> Iterator[Stand
             submission=submission.id,
             method=submission.name,
             created_us=submission.created_us,
-            ds=round_ds(figures),
+            ds=round_score(round_ds(figures), is_public),
             figures=figures,
         )

@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 from mdrive_sumo.core.errors import InputError
 from server.enums import ChallengeTrack, JobState, SubmissionState
 from server.store import audit, events, phases, quota, standings
+from server.store.checksums import compute_checksum
 from server.store.errors import NotFound, NotNow, check_text, new_id
 from server.store.tables import JobRow, PhaseRow, SubmissionRow, TeamRow
 
@@ -158,7 +159,8 @@ def finish_if_complete(session: Session, submission_id: str, summarise: Summaris
     submission.ds = standings.round_ds(summary["overall"])
     _enter(session, submission, SubmissionState.DONE, now_us)
     standings.update_standings(session, submission)
-    audit.add_entry(session, "server", "submission-done", _audit_data(submission) | {"ds": submission.ds}, now_us)
+    scores = {"ds": submission.ds, "summary_sha256": compute_checksum(submission.summary)}
+    audit.add_entry(session, "server", "submission-done", _audit_data(submission) | scores, now_us)
     return True
 
 
@@ -251,6 +253,8 @@ def _audit_data(submission: SubmissionRow) -> dict[str, Any]:
     return {
         "submission": submission.id,
         "phase": submission.phase,
+        "track": submission.track,
+        "name": submission.name,
         "archive_sha256": submission.archive_sha256,
         "evaluator": submission.evaluator,
     }

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
-from server.api import schemas
+from server.api import schemas, submission_views
 from server.api.dependencies import Services, get_now
 from server.api.leaderboard_cache import FRESH_US, STALE_US
 from server.api.leaderboards import BoardKey, PhaseParts, list_parts, read_leaderboard
@@ -241,7 +241,9 @@ def _render_page(
 
 def _make_lines(session: Session, key: BoardKey, rows: Sequence[schemas.RowOut]) -> list[BoardLine]:
     ids = {team.name: team.id for team in teams.list_teams(session)}
-    histories = queries.find_score_histories(session, key.phase, key.track, [ids[row.team] for row in rows])
+    phase = phases.get(session, key.phase)
+    exact = queries.find_score_histories(session, key.phase, key.track, [ids[row.team] for row in rows])
+    histories = {team: [submission_views.visible_ds(phase, ds) for ds in scores] for team, scores in exact.items()}
     return [
         BoardLine(
             row,

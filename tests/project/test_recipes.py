@@ -195,10 +195,8 @@ def convert_log(folder: Path) -> tuple[str, str, list[str]]:
     from mdrive_sumo.core.errors import InputError
     from real2sim.pipeline import batch
 
-    batch.ProcessPool, batch._redirect_stdout = (
-        LocalExecutor,
-        lambda: None,
-    )  # for this process, which ends with the module
+    # for this process, which ends with the module
+    batch.ProcessPool, batch._redirect_stdout = LocalExecutor, lambda: None
     with pytest.raises(InputError, match=r"broken\.json: dt_s: "):
         read_jsonlog(folder / "broken.json")
     offered = run_command("convert", "--help")

@@ -1,10 +1,12 @@
 """A stand-in for `run_job` whose score depends on the channel as a study should find it. No tests in here."""
 
 from mdrive_sumo import cli
+from mdrive_sumo.core.state import End
 from mdrive_sumo.runs import evaluate
 from mdrive_sumo.runs.episode_job import EpisodeJob
+from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import load_suite
-from mdrive_sumo.scoring import ScenarioResult, make_void_result
+from mdrive_sumo.scoring import EgoResult, ScenarioResult, make_void_result
 from mdrive_sumo.v2x.comm_settings import format_comm_json
 from testing.pool_fakes import Task, perform
 
@@ -25,8 +27,19 @@ def drive(job: EpisodeJob) -> ScenarioResult:
     said = {} if agent in ("omniscient", "idm") else {"sent": 1, "bytes": 4}
     if job.recording:
         job.recording.write_text("recorded")
-    return make_void_result(scenario, job.seed, "").model_copy(
-        update={"status": "ok", "ds": score, "sr": score / 2, "rc": score, "ip": 1.0, "ticks": 1, "comm": said}
+    return _make_result(scenario, job.seed, score).model_copy(update={"comm": said})
+
+
+def _make_result(scenario: Scenario, seed: int, score: float) -> ScenarioResult:
+    """A result with this DS and half of it as SR: of 200 CAVs as many succeed as DS says, the others are alike."""
+    succeed = round(score)
+    rest = (200 * score - 100 * succeed) / (200 - succeed)
+    egos = tuple(
+        EgoResult(id=str(i), outcome=End.BLOCKED, reason="", ds=rc, rc=rc, ip=1.0, ticks=1, infractions=())
+        for i, rc in enumerate([100.0] * succeed + [rest] * (200 - succeed))
+    )
+    return make_void_result(scenario, seed, "").model_copy(
+        update={"status": "ok", "ds": score, "sr": succeed / 2, "rc": score, "ip": 1.0, "ticks": 1, "egos": egos}
     )
 
 

@@ -3,15 +3,17 @@
 import gzip
 import json
 from pathlib import Path
+from typing import Any
 
 from mdrive_sumo import cli
+from mdrive_sumo.core.state import End
 from mdrive_sumo.roads.network_file import compute_net_checksum
 from mdrive_sumo.runs import evaluate
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
-from mdrive_sumo.scoring import ScenarioResult, make_void_result
+from mdrive_sumo.scoring import EgoResult, ScenarioResult, make_void_result
 from testing.pool_fakes import Task, perform
 
 NET = b"""<net version="1.20">
@@ -58,9 +60,15 @@ def drive(job: EpisodeJob) -> ScenarioResult:
     if job.recording:
         job.recording.write_text("recorded")
     score = 10.0 * int(job.scenario[1:]) + job.seed
-    return make_void_result(scenario, job.seed, "").model_copy(
-        update={"status": "ok", "ds": score, "rc": score, "ip": 1.0, "digest": f"{job.seed:016x}", "ticks": 1}
-    )
+    return scored(scenario, job.seed, score, digest=f"{job.seed:016x}")
+
+
+def scored(scenario: Scenario, seed: int, score: float, **changed: Any) -> ScenarioResult:
+    """A result as it can be: of one CAV that gets so far and no further."""
+    same = {"ds": score, "rc": score, "ip": 1.0}
+    ego = EgoResult(id="0", outcome=End.BLOCKED, reason="", ticks=1, infractions=(), **same)
+    update = {"status": "ok", **same, "ticks": 1, "egos": (ego,), **changed}
+    return make_void_result(scenario, seed, "").model_copy(update=update)
 
 
 def main() -> None:

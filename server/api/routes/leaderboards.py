@@ -3,7 +3,7 @@
 from fastapi import APIRouter, Response
 
 from mdrive_sumo.core.errors import InputError
-from server.api import schemas
+from server.api import schemas, submission_views
 from server.api.dependencies import Now, ServicesDep
 from server.api.leaderboards import BoardKey
 from server.api.problems import document_problems
@@ -25,7 +25,8 @@ async def show_leaderboard(
 ) -> Response:
     """Return the overall leaderboard, or that of a bucket or a category; without a track, of all tracks but joint.
 
-    In a hidden phase a bucket or category is shown if it has at least 5 scenarios. The result can be seconds old.
+    Of a hidden phase it shows the overall DS to 0.1 and SR to 1 %, and no bucket or category. The result can be seconds
+    old.
     """
     if bucket is not None and category is not None:
         raise InputError(f"leaderboard: expected a bucket or a category, found both: {bucket!r} and {category!r}")
@@ -40,14 +41,15 @@ def show_history(phase: schemas.PhaseId, team: schemas.TeamName, services: Servi
         found = teams.get(session, team)
         if found.hidden:
             raise NotFound(f"team: there is no {team!r}")
-        all_of_team = queries.list_history(session, found.id, phases.get(session, phase).id)
+        of_phase = phases.get(session, phase)
+        all_of_team = queries.list_history(session, found.id, of_phase.id)
         items = [
             schemas.PointOut(
                 submission=each.id,
                 method=each.name,
                 track=ChallengeTrack(each.track),
                 created=to_datetime(each.created_us),
-                ds=each.ds,
+                ds=submission_views.visible_ds(of_phase, each.ds),
             )
             for each in all_of_team
             if each.state == SubmissionState.DONE and each.shown and each.ds is not None

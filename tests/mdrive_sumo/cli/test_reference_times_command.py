@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 from testing import suite_fakes
+from testing.journals import rewrite_journal
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE
@@ -81,10 +82,15 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_run_that_is_no_reference_is_exit_code_2(finished: Path, changes: dict[str, object], says: str) -> None:
     journal = finished / "journal.jsonl"
     kept = journal.read_text()
-    head, *rest = map(json.loads, kept.splitlines())
-    head["fingerprint"] |= changes
+
+    def change(line: str) -> str:
+        values = json.loads(line)
+        if "fingerprint" in values:
+            values["fingerprint"] |= changes
+        return json.dumps(values)
+
     try:
-        journal.write_text("".join(json.dumps(line) + "\n" for line in (head, *rest)))
+        rewrite_journal(journal, change)
         told = command("reference-times", finished)
     finally:
         journal.write_text(kept)

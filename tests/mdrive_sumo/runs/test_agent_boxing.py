@@ -98,8 +98,11 @@ def test_a_boxed_agent_reads_nothing_of_the_suite_and_a_plain_one_does(folder: P
     assert "unsandboxed" in plain_results.run.labels and "unsandboxed" not in boxed_results.run.labels
     assert boxed_results.run.agent == plain_results.run.agent == f"{folder}/thief.py:Thief"
     assert "unsandboxed" in (plain / "report.md").read_text()
-    verified = invoke("verify", boxed, "--workers", 1)
-    assert (verified.exit_code, "identical" in verified.stdout) == (0, True), verified.output
+    for run, permission in ((boxed, ()), (plain, ("--sandbox",)), (plain, ("--trust-agent",))):
+        verified = invoke("verify", run, "--workers", 1, *permission)
+        assert (verified.exit_code, "identical" in verified.stdout) == (0, True), verified.output
+        where = "with your permissions" if "--trust-agent" in permission else "in boxes"
+        assert f"running the agent {folder}/thief.py:Thief" in verified.stderr and where in verified.stderr
 
 
 @needs_bubblewrap

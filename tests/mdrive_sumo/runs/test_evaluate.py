@@ -6,6 +6,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from testing.journals import rewrite_journal
 from testing.local_executor import LocalExecutor
 from testing.paths import TESTS
 
@@ -106,6 +107,58 @@ def test_a_lost_recording_is_made_again(fakes: ModuleType, tmp_path: Path) -> No
     (tmp_path / "run" / "episodes" / "s1.npz").unlink()
     again = Notes()
     run(tmp_path, again)
+    assert again.finished == ["s1"]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ((b'"rc":10.0', b'"rc":11.0'), r"journal.jsonl: line 3: expected the checksum \w+, found \w+: this line"),
+        ((b'"seed":0', b'"seed":8'), r"journal.jsonl: line 1: expected the checksum"),
+    ],
+)
+def test_a_digit_changed_in_the_journal_is_not_continued(
+    fakes: ModuleType, tmp_path: Path, change: tuple[bytes, bytes], says: str
+) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer", "answer")
+    run(tmp_path)
+    path = tmp_path / "run" / "journal.jsonl"
+    path.write_bytes(path.read_bytes().replace(*change, 1))
+    before = path.read_bytes()
+    with pytest.raises(InputError, match=says):
+        run(tmp_path)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (('"ds":10.0', '"ds":1e6'), r"journal.jsonl: scenarios\[s1\].ds: expected 0 to 100, found 1000000.0; --fresh"),
+        (('"ds":10.0', '"ds":99.5'), r"journal.jsonl: scenarios\[s1\].egos\[0\].ds: expected RC x IP, 10.0"),
+        (('"id":"s1"', '"id":"s7"'), r"journal.jsonl: expected scenarios of this run, found 's7'; --fresh"),
+        (('"seed":0,"status"', '"seed":3,"status"'), r"seed: expected the run's 0, found 3"),
+    ],
+)
+def test_impossible_results_with_forged_checksums_are_not_continued(
+    fakes: ModuleType, tmp_path: Path, change: tuple[str, str], says: str
+) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer", "answer")
+    run(tmp_path)
+    rewrite_journal(tmp_path / "run" / "journal.jsonl", lambda line: line.replace(*change))
+    with pytest.raises(InputError, match=says):
+        run(tmp_path)
+
+
+def test_a_truncated_recording_is_not_continued(fakes: ModuleType, tmp_path: Path) -> None:
+    fakes.make_suite(tmp_path / "suite", "answer", "answer")
+    first = run(tmp_path)
+    path = tmp_path / "run" / "episodes" / "s1.npz"
+    path.write_bytes(path.read_bytes()[:-3])
+    with pytest.raises(InputError, match=r"s1.npz: expected the recording that journal.jsonl notes.* 5 bytes.*delete"):
+        run(tmp_path)
+    path.unlink()  # as the sentence says
+    again = Notes()
+    assert run(tmp_path, again) == first
     assert again.finished == ["s1"]
 
 

@@ -4,14 +4,16 @@ import json
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from testing.journals import rewrite_journal
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.runs.journal import FORMAT, JOURNAL_FILE, open_journal
+from mdrive_sumo.runs.journal import FORMAT, JOURNAL_FILE, open_journal, read_fingerprint
 
 PRINT = {"agent": "idm", "seed": 0, "suite_checksum": "sha256:" + "a" * 64}
 
@@ -39,6 +41,7 @@ def test_failed_tries_are_kept_but_are_no_results(tmp_path: Path) -> None:
         journal.add_result({"id": "a"})
     assert read(tmp_path) == ["a"]
     lines = [json.loads(line) for line in (tmp_path / JOURNAL_FILE).read_text().splitlines()]
+    assert all(len(line.pop("checksum")) == 16 for line in lines)
     assert lines[0] == {"format": FORMAT, "fingerprint": PRINT}
     assert lines[1] == {"failed": {"scenario": "a", "reason": "killed"}}
 
@@ -77,7 +80,7 @@ def test_a_last_line_of_zeros_is_dropped(tmp_path: Path) -> None:
 def test_a_corrupt_line_in_the_middle_is_refused(tmp_path: Path) -> None:
     write(tmp_path, "a", "b")
     path = tmp_path / JOURNAL_FILE
-    path.write_bytes(path.read_bytes().replace(b'{"result":{"id":"a"}}', b'{"result":{"id":"a'))
+    path.write_bytes(path.read_bytes().replace(b'{"result":{"id":"a"}', b'{"result":{"id":"a'))
     with pytest.raises(InputError, match=r"line 2: expected a JSON object.*--fresh"):
         read(tmp_path)
 
@@ -94,8 +97,74 @@ def test_a_journal_of_another_command_is_refused_and_left_alone(tmp_path: Path) 
 
 
 def test_a_file_that_is_no_journal_is_refused(tmp_path: Path) -> None:
-    (tmp_path / JOURNAL_FILE).write_text('{"format": "mdrive-sumo/journal/2"}\n')
-    with pytest.raises(InputError, match=r"expected the format mdrive-sumo/journal/1, found 'mdrive-sumo/journal/2'"):
+    (tmp_path / JOURNAL_FILE).write_text('{"format": "mdrive-sumo/journal/9"}\n')
+    with pytest.raises(InputError, match=r"line 1: expected a checksum at its end, found none"):
+        read(tmp_path)
+    (tmp_path / JOURNAL_FILE).unlink()
+    write(tmp_path, "a")
+    rewrite_journal(tmp_path / JOURNAL_FILE, lambda text: text.replace("journal/2", "journal/9"))
+    with pytest.raises(InputError, match=r"expected the format mdrive-sumo/journal/2, found 'mdrive-sumo/journal/9'"):
+        read(tmp_path)
+
+
+@given(place=st.floats(0, 1, exclude_max=True), step=st.integers(1, 9))
+def test_a_changed_digit_is_found_wherever_it_is(
+    tmp_path_factory: pytest.TempPathFactory, place: float, step: int
+) -> None:
+    folder = tmp_path_factory.mktemp("digit")
+    path = folder / JOURNAL_FILE
+    with open_journal(folder, PRINT, fresh=False) as journal:
+        for scenario, ds in (("a", 12.345678), ("b", 99.5), ("c", 0.25)):
+            journal.add_result({"id": scenario, "ds": ds, "ticks": 1234}, "sha256:" + "0123456789abcdef" * 4)
+    raw = bytearray(path.read_bytes())
+    digits = [i for i, byte in enumerate(raw) if chr(byte).isdigit()]
+    at = digits[int(place * len(digits))]
+    raw[at] = ord(str((int(chr(raw[at])) + step) % 10))
+    path.write_bytes(raw)
+    number = raw[:at].count(b"\n") + 1
+    with pytest.raises(InputError, match=rf"line {number}: expected "):
+        read(folder)
+    assert path.read_bytes() == raw
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        (lambda lines: [lines[0], *lines[2:]], 2),
+        (lambda lines: [lines[0], lines[2], lines[1], *lines[3:]], 2),
+        (lambda lines: [*lines, lines[1]], 5),
+        (lambda lines: [*lines, b'{"result":{"id":"x"}}\n'], 5),
+    ],
+    ids=["removed", "swapped", "repeated", "without a checksum"],
+)
+def test_a_line_removed_swapped_or_inserted_is_found(
+    tmp_path: Path, change: Callable[[list[bytes]], list[bytes]], line: int
+) -> None:
+    write(tmp_path, "a", "b", "c")
+    path = tmp_path / JOURNAL_FILE
+    path.write_bytes(b"".join(change(path.read_bytes().splitlines(keepends=True))))
+    with pytest.raises(InputError, match=rf"line {line}: expected (the|a) checksum"):
+        read(tmp_path)
+
+
+@pytest.mark.parametrize("result", ["7", "[]", "null", '{"ds":1}'])
+def test_a_line_with_something_else_than_a_result_is_refused(tmp_path: Path, result: str) -> None:
+    write(tmp_path, "a")
+    rewrite_journal(tmp_path / JOURNAL_FILE, lambda line: line.replace('{"id":"a"}', result))
+    with pytest.raises(InputError, match="line 2: expected a result with an id, found none"):
+        read(tmp_path)
+
+
+def test_a_journal_without_checksums_is_read_but_not_continued(tmp_path: Path) -> None:
+    write(tmp_path, "a")
+    path = tmp_path / JOURNAL_FILE
+    old = [json.loads(line) for line in path.read_text().splitlines()]
+    for line in old:
+        del line["checksum"]
+    old[0]["format"] = "mdrive-sumo/journal/1"
+    path.write_text("".join(json.dumps(line) + "\n" for line in old))
+    assert read_fingerprint(tmp_path) == PRINT
+    with pytest.raises(InputError, match=r"expected the format mdrive-sumo/journal/2 to continue.*--fresh starts anew"):
         read(tmp_path)
 
 

@@ -11,82 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from hypothesis import given
-from hypothesis import strategies as st
+from testing.journals import rewrite_journal
 from testing.local_executor import run_in_workers
 
 from mdrive_sumo.cli import main
-from mdrive_sumo.contract import Control
-from mdrive_sumo.core.state import Actors, Contact, EgoState, End, FailureReason, Frame, Kind
-from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, load_episode, quantize_frame, save_episode
-from mdrive_sumo.runs.verify import find_first_difference, sample_results
+from mdrive_sumo.core.state import End, FailureReason
+from mdrive_sumo.episode import load_episode, save_episode
+from mdrive_sumo.runs.verify import sample_results
 from mdrive_sumo.scoring import load_results
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
-
-TICKS = 8
-PEDAL = Control(throttle=0.5, brake=0.0, steer=0.0)
-
-
-def frame(tick: int, **changes: object) -> Frame:
-    egos = {name: EgoState(x=tick * 0.4, y=y, yaw=0.0, speed=8.0) for name, y in (("0", 0.0), ("1", 5.0))}
-    return replace(Frame(tick, egos, Actors.empty(), {"light": "G"}), **changes)
-
-
-def episode(frames: list[Frame], pedals: dict[int, Control] | None = None, end: int = TICKS - 1) -> EpisodeRecord:
-    recorder = Recorder("s", {}, {"0": (4.9, 2.0), "1": (4.9, 2.0)})
-    for seen in frames:
-        controls = dict.fromkeys(seen.egos, (pedals or {}).get(seen.tick, PEDAL))
-        recorder.add(quantize_frame(seen), controls, {}, {})
-    return recorder.finish([Ending(ego, end, End.ARRIVED) for ego in ("0", "1")])
-
-
-FRAMES = [frame(tick) for tick in range(TICKS)]
-RECORDED = episode(FRAMES)
-
-
-def changed(tick: int, **changes: object) -> EpisodeRecord:
-    return episode([*FRAMES[:tick], frame(tick, **changes), *FRAMES[tick + 1 :]])
-
-
-@given(
-    tick=st.integers(0, TICKS - 1),
-    ego=st.sampled_from(("0", "1")),
-    field=st.sampled_from(("x", "y", "yaw", "speed")),
-)
-def test_the_first_changed_state_is_named(tick: int, ego: str, field: str) -> None:
-    state = FRAMES[tick].egos[ego]
-    egos = {**FRAMES[tick].egos, ego: replace(state, **{field: getattr(state, field) + 0.002})}
-    difference = find_first_difference(RECORDED, changed(tick, egos=egos))
-    assert difference is not None
-    assert difference.tick == tick
-    assert difference.text.startswith(f"{field} of '{ego}' is ")
-    was, now = getattr(state, field), getattr(egos[ego], field)
-    assert difference.text.endswith(f"is {now:.4f}, was {was:.4f}")
-
-
-def test_equal_episodes_have_no_difference() -> None:
-    assert find_first_difference(RECORDED, episode(FRAMES)) is None
-
-
-@pytest.mark.parametrize(
-    ("again", "tick", "text"),
-    [
-        (episode(FRAMES, {3: replace(PEDAL, throttle=0.6)}), 3, "throttle of '0' is 0.6000, was 0.5000"),
-        (changed(2, egos={"0": FRAMES[2].egos["0"]}), 2, "'1' is missing"),
-        (changed(4, signals={"light": "r"}), 4, "traffic lights change to {'light': 'r'}, changed to {}"),
-        (changed(5, contacts=(Contact("0", "1", Kind.VEHICLE),)), 5, "contacts are [('0', '1')], were none"),
-        (episode(FRAMES[:-1]), TICKS - 1, "the episode has 7 ticks, had 8"),
-        (episode(FRAMES, end=6), 6, "'0' ends arrived in tick 6, ended arrived in tick 7"),
-    ],
-)
-def test_the_first_difference_is_named(again: EpisodeRecord, tick: int, text: str) -> None:
-    difference = find_first_difference(RECORDED, again)
-    assert difference is not None
-    assert (difference.tick, difference.text) == (tick, text)
-
-
-# From here on with the simulation.
 
 SCENARIOS = "i0[12]_*"
 
@@ -122,7 +56,9 @@ def test_a_run_verifies(finished: Path) -> None:
     assert ended.exit_code == 0, ended.output
     ticks = {result.id: result.ticks for result in load_results(finished / "results.json").scenarios}
     lines = ended.stdout.splitlines()
-    assert sorted(lines[:-1]) == [f"{name}: identical ({ticks[name]} ticks)" for name in sorted(ticks)]
+    assert sorted(lines[:2]) == [f"{name}: identical ({ticks[name]} ticks)" for name in sorted(ticks)]
+    files = ("results.json", "journal.jsonl", "report.md")
+    assert lines[2:-1] == [f"{name}: every number as expected" for name in files]
     assert lines[-1] == "2 of 2 scenarios are identical"
 
 
@@ -157,13 +93,19 @@ def test_a_sample_is_always_the_same(finished: Path) -> None:
     assert sample_results(results, 1) == sample_results(turned, 1)
 
 
-@pytest.mark.parametrize("command", ["verify", "rescore"])
-def test_a_corrupt_recording_is_one_sentence(copied: Path, command: str) -> None:
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        ("verify", "expected a recording of mdrive-sumo, found a corrupt file"),
+        ("rescore", "expected the recording that journal.jsonl notes, sha256:"),
+    ],
+)
+def test_a_corrupt_recording_is_one_sentence(copied: Path, command: str, says: str) -> None:
     path = recordings(copied)[0]
     path.write_bytes(path.read_bytes()[:-300])
     ended = invoke(command, copied)
-    assert ended.exit_code == 2
-    assert f"Error: {path}: expected a recording of mdrive-sumo, found a corrupt file" in ended.stderr
+    assert (ended.exit_code, ended.stderr.count("\n")) == (2, 1)
+    assert f"Error: {path}: {says}" in ended.stderr
 
 
 @pytest.mark.parametrize("command", ["verify", "rescore"])
@@ -207,7 +149,9 @@ def test_without_recordings_final_digests_are_compared(tmp_path: Path) -> None:
     path = tmp_path / "results.json"
     digest = load_results(path).scenarios[0].digest
     path.write_text(path.read_text().replace(digest, "0" * 16))
-    assert invoke("verify", tmp_path).exit_code == 1
+    ended = invoke("verify", tmp_path)
+    assert ended.exit_code == 1
+    assert f"digest: expected '{digest}', found '{'0' * 16}'" in ended.stdout
     assert "made with --no-record" in invoke("rescore", tmp_path).stderr
 
 
@@ -235,13 +179,18 @@ def test_a_time_out_is_replayed(tmp_path: Path) -> None:
     assert ended.exit_code == 0, ended.output
     first = load_results(tmp_path / "run" / "results.json").scenarios[0].egos[0]
     assert (first.outcome, first.reason.split(":")[0]) == (End.AGENT_FAILED, FailureReason.TIMEOUT)
-    ended = invoke("verify", tmp_path / "run")
+    ended = invoke("verify", tmp_path / "run", "--trust-agent")
     assert (ended.exit_code, "identical" in ended.stdout) == (0, True), ended.output
+    assert "taken from the recording: 2 agent failures" in ended.stdout
 
 
 def test_a_run_of_another_version_is_warned_about(copied: Path) -> None:
     path = copied / "journal.jsonl"
-    path.write_text(path.read_text().replace('"libsumo":"1.28.0"', '"libsumo":"1.27.0"'))
+    rewrite_journal(path, lambda line: line.replace('"libsumo":"1.28.0"', '"libsumo":"1.27.0"'))
+    results = copied / "results.json"
+    results.write_text(results.read_text().replace('"libsumo": "1.28.0"', '"libsumo": "1.27.0"'))
+    report = copied / "report.md"
+    report.write_text(report.read_text().replace("libsumo 1.28.0", "libsumo 1.27.0"))
     ended = invoke("verify", copied, "--sample", 1)
     assert ended.exit_code == 0
     assert ended.stderr == "warning: the run was made with another libsumo 1.27.0\n"

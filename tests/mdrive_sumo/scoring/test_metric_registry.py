@@ -50,7 +50,7 @@ def test_without_further_scalars_the_file_has_no_key_for_them() -> None:
 @pytest.mark.usefixtures("with_max_speed")
 def test_a_new_scalar_appears_in_the_results_file_and_in_the_report(tmp_path: Path) -> None:
     info = RunInfo(agent="a", suite="s", suite_checksum="c", seed=0, score_mode="mdrive", versions={})
-    results = summarize_run(info, [score(), make_void_result(scenario(ego("0")), 0, "SUMO stopped")])
+    results = summarize_run(info, [score(), make_void_result(scenario(ego("0"), id="void"), 0, "SUMO stopped")])
     save_results(results, tmp_path / "results.json")
     stored = json.loads((tmp_path / "results.json").read_text())["scenarios"]
     assert stored[0]["scalars"] == {"max_speed": 10.0}

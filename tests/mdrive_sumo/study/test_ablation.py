@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from testing.journals import rewrite_journal
 from testing.local_executor import TALKER
 from testing.study_samples import invoke, make_scenario
 
@@ -19,6 +20,7 @@ from mdrive_sumo.study.ablation import MuteEffect, choose_mutes, find_divergence
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings, format_comm_json
 
+ABLATE = ("study", "ablate", "--trust-agent")
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 
 
@@ -101,7 +103,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_an_episode_without_single_senders(finished: Path) -> None:
-    ended = invoke("study", "ablate", finished, "--json", "--workers", 1)
+    ended = invoke(*ABLATE, finished, "--json", "--workers", 1)
     assert ended.exit_code == 0, ended.output
     page = json.loads(ended.stdout)
     found = {effect["mute"][0]: effect for effect in page["effects"]}
@@ -122,9 +124,9 @@ def recorded(folder: Path) -> EpisodeRecord:
 
 
 def test_an_episode_without_one_message(finished: Path) -> None:
-    ended = invoke("study", "ablate", finished, "--mute", "0/text@20", "--mute", "*/text@5000", "--workers", 1)
+    ended = invoke(*ABLATE, finished, "--mute", "0/text@20", "--mute", "*/text@5000", "--workers", 1)
     assert ended.exit_code == 2 and "fits a message, found '*/text@5000'" in ended.stderr
-    ended = invoke("study", "ablate", finished, "--mute", "0/text@20", "--workers", 1)
+    ended = invoke(*ABLATE, finished, "--mute", "0/text@20", "--workers", 1)
     assert ended.exit_code == 0, ended.output
     row = ended.stdout.splitlines()[-1].split()
     assert row[:2] == ["0/text@20", "1"] and row[-3:] == ["22", "(1.10", "s)"]
@@ -134,12 +136,15 @@ def test_nothing_is_told_of_a_recording_that_comes_out_differently(finished: Pat
     """The journal's channel is changed: what is executed again is another run."""
     folder = tmp_path / "run"
     shutil.copytree(finished, folder)
-    journal = folder / "journal.jsonl"
-    header, *rest = journal.read_text().splitlines()
-    values = json.loads(header)
-    values["fingerprint"]["comm"] = format_comm_json(CommSettings(link=LinkSettings(latency_ticks=9)))
-    journal.write_text("\n".join((json.dumps(values), *rest)) + "\n")
-    ended = invoke("study", "ablate", folder, "--workers", 1)
+    other = format_comm_json(CommSettings(link=LinkSettings(latency_ticks=9)))
+
+    def change(line: str) -> str:
+        values = json.loads(line)
+        values.get("fingerprint", {})["comm"] = other
+        return json.dumps(values)
+
+    rewrite_journal(folder / "journal.jsonl", change)
+    ended = invoke(*ABLATE, folder, "--workers", 1)
     assert ended.exit_code == 1
     assert "the recording itself comes out differently: tick 1: messages that arrive" in ended.stderr
     assert ended.stdout == ""
@@ -148,7 +153,7 @@ def test_nothing_is_told_of_a_recording_that_comes_out_differently(finished: Pat
 def test_without_a_recording_there_is_nothing_to_ablate(finished: Path, tmp_path: Path) -> None:
     shutil.copytree(finished, tmp_path / "run")
     next((tmp_path / "run" / "episodes").glob("*.npz")).unlink()
-    ended = invoke("study", "ablate", tmp_path / "run")
+    ended = invoke(*ABLATE, tmp_path / "run")
     assert ended.exit_code == 2 and "expected a recording of i02" in ended.stderr
 
 
@@ -166,7 +171,14 @@ def test_show_finds_or_drives_the_references(finished: Path, tmp_path: Path, mon
     rows = [text.splitlines()[3:7] for text in (first.stdout, again.stdout)]
     assert rows[0] == rows[1]
     journal = next(Path("runs").glob("*-off")) / "journal.jsonl"
+    kept = journal.read_bytes()
     journal.write_text(journal.read_text().replace('"code":"sha256:', '"code":"sha256:0'))
+    damaged = invoke("show", finished, "--captured")
+    assert damaged.exit_code == 2 and "line 1: expected the checksum" in damaged.stderr
+    assert damaged.stderr.endswith("; remove that folder to have it driven anew\n")
+    journal.write_bytes(kept)
+    rewrite_journal(journal, lambda line: line.replace('"code":"sha256:', '"code":"sha256:0'))
     stale = invoke("show", finished, "--captured")
-    assert stale.exit_code == 2 and stale.stderr.endswith("; remove that folder to have it driven anew\n")
+    assert stale.exit_code == 2 and "another code" in stale.stderr
+    assert stale.stderr.endswith("; remove that folder to have it driven anew\n")
     assert invoke("show", "i02_*", "--captured").exit_code == 2

@@ -1,10 +1,11 @@
 """The API: who may do what, and what it says when it says no."""
 
 import pytest
+from sqlalchemy import update
 from testing.api_app import API, Server, TestClient, problem
 from testing.store_samples import NOON, S
 
-from server.store import StoreUnavailable, audit, workers
+from server.store import StoreUnavailable, audit, tables, workers
 
 JSON = {"Content-Type": "application/json"}
 
@@ -139,6 +140,12 @@ def test_a_full_disk_is_no_fault_of_the_client(server: Server, monkeypatch: pyte
 def test_the_audit_log_is_walked(server: Server) -> None:
     found = server.get("/audit", "admin")
     assert found["entries"] == 9 and found["broken"] is None  # 3 phases, 2 teams, 4 tokens
+    assert found["differences"] == []
+    with server.store.write() as session:
+        session.execute(update(tables.TeamRow).where(tables.TeamRow.name == "blue").values(name="green"))
+    assert server.get("/audit", "admin")["differences"] == [
+        f"teams {server.blue}: name: expected 'blue', found 'green'"
+    ]
 
 
 def test_a_hidden_team_is_nowhere(server: Server) -> None:

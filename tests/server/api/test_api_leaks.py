@@ -17,13 +17,12 @@ from testing.suite_fakes import make_suite
 
 from mdrive_sumo.core.errors import InputError
 from server import paths
-from server.api import submission_views
 from server.api.app import prepare_storage
 from server.api.schemas import to_datetime
 from server.clock import DAY_US
 from server.enums import MIN_HIDDEN_SCENARIOS, ScenarioVerdict
 from server.phase_suites import LoadedPhaseSuites
-from server.store import events, jobs, submissions, tables
+from server.store import events, jobs, submissions
 from server.store.jobs import JobOutcome
 from server.store.phases import NewPhase, set_phases
 
@@ -46,7 +45,9 @@ MARKERS = (
     "marker-category",
     "marker-bucket",
     "27.182818",  # DS of a single scenario
-    "16.180339",  # time ratio over too few scenarios
+    *("55.512345", "50.678901", "61.803398", "0.577215", "44.102031", "66.260701", "1.414213"),  # more digits, figures
+    "marker-kind",  # of an infraction
+    "12:47:1",  # when its submission was finished
     str(to_datetime(TIMES["started_us"]).year),  # when it began and ended
 )
 RESULT = {
@@ -60,12 +61,16 @@ RESULT = {
 ONE_SCENARIO = {"ds": 27.182818, "sr": 0.0, "scenarios": 1}
 SUMMARY: Any = {
     "overall": {
-        "ds": 55.5,
-        "sr": 50.0,
+        "ds": 55.512345,
+        "sr": 50.678901,
+        "rc": 61.803398,
+        "ip": 0.577215,
+        "ds_low": 44.102031,
+        "ds_high": 66.260701,
         "scenarios": 20,
-        "infractions": {"collision": 1},
+        "infractions": {"marker-kind": 1},
         "slowest": SCENARIO,
-        "time_ratio": 16.180339,
+        "time_ratio": 1.414213,
         "timed": 9,
     },
     "buckets": {
@@ -96,7 +101,8 @@ class Phase:
             while (job := jobs.claim(session, "w", LEASE, TIMES["started_us"])) is not None:
                 outcome = JobOutcome(ScenarioVerdict.OK, RESULT, usage={"cpu_s": 31.415926})
                 assert jobs.finish(session, job.id, "w", job.attempt, outcome, TIMES["finished_us"])
-            assert submissions.finish_if_complete(session, mine, lambda _: SUMMARY, self.server.now_us + S)
+            finished_us = self.server.now_us + (47 * 60 + 10) * S
+            assert submissions.finish_if_complete(session, mine, lambda _: SUMMARY, finished_us)
             events.add_event(session, mine, "scenario", {"scenario": SCENARIO}, self.server.now_us)  # by mistake
         place = (self.server.settings, mine, SCENARIO, 0)
         paths.recordings_folder(self.server.settings, mine, 0).mkdir(parents=True)
@@ -187,52 +193,26 @@ def test_the_search_finds_what_is_there(server: Server) -> None:
     )
 
 
-def test_the_aggregate_is_shown(server: Server) -> None:
+def test_the_rounded_score_is_shown_and_nothing_else(server: Server) -> None:
     done, rejected, _, _ = Phase(server, HIDDEN).ids
-    shown = server.get(f"/submissions/{done}")
-    assert shown["summary"]["overall"]["ds"] == 55.5
-    assert shown["summary"]["buckets"] == {} == shown["summary"]["categories"]  # there are small ones among them
-    assert server.get(f"/leaderboards/{HIDDEN.id}")["rows"][0]["figures"]["infractions"] == {"collision": 1}
+    figures = {"ds": 55.5, "sr": 51.0, "scenarios": 20}
+    for who in ("", "red", "blue"):
+        shown = server.get(f"/submissions/{done}", who)
+        assert {name: value for name, value in shown["summary"]["overall"].items() if value is not None} == figures
+        assert shown["summary"]["buckets"] == {} == shown["summary"]["categories"]
+        assert shown["finished"].endswith("T12:00:00Z")
+    row = server.get(f"/leaderboards/{HIDDEN.id}")["rows"][0]
+    assert {name: value for name, value in row["figures"].items() if value is not None} == figures
+    assert server.get(f"/leaderboards/{HIDDEN.id}/teams/red")["items"][0]["ds"] == 55.5
     assert server.get(f"/leaderboards/{HIDDEN.id}?bucket=interaction")["rows"] == []
     assert "in a public phase" in server.get(f"/submissions/{rejected}", "red")["why"]
 
 
-def test_parts_that_are_all_large_are_shown() -> None:
-    stored = {"overall": {"ds": 5.0}, "buckets": {"large": {"ds": 5.0, "scenarios": 20}}, "categories": {}}
-    shown = submission_views.visible_summary(tables.PhaseRow(public=False), stored)
-    assert shown is not None and shown.buckets["large"].ds == 5.0
-
-
-@pytest.mark.parametrize(
-    ("sizes", "told"),
-    [
-        ({"a": 20}, "a"),
-        ({"a": 5, "b": 15}, "ab"),
-        ({"a": 4, "b": 16}, ""),  # else `a` would be the whole less `b`
-        ({"a": 4, "b": 6, "c": 10}, ""),  # `a` and `b` may be the categories of one bucket
-        ({"a": 4}, ""),
-    ],
-)
-def test_small_parts_do_not_come_out_by_subtraction(sizes: dict[str, int], told: str) -> None:
-    parts = {name: {"scenarios": size} for name, size in sizes.items()}
-    assert submission_views.disclosable_parts(tables.PhaseRow(public=False), parts) == set(told)
-    assert submission_views.disclosable_parts(tables.PhaseRow(public=True), parts) == set(sizes)
-
-
-@pytest.mark.parametrize(
-    ("timed", "is_told"),
-    [({"a": 5, "b": 15}, True), ({"a": 4, "b": 16}, False), ({"a": 0, "b": 16}, False), ({"a": 20}, True)],
-)
-def test_a_time_ratio_over_few_scenarios_is_hidden_from_every_figure(timed: dict[str, int], is_told: bool) -> None:
-    """All parts have scenarios enough, but not enough of them in which every CAV arrived."""
-    parts = {name: {"ds": 5.0, "scenarios": 20, "time_ratio": 1.5, "timed": number} for name, number in timed.items()}
-    stored = {"overall": {"ds": 5.0, "time_ratio": 2.5, "timed": 20}, "buckets": parts, "categories": {}}
-    for public in (False, True):
-        shown = submission_views.visible_summary(tables.PhaseRow(public=public), stored)
-        assert shown is not None
-        found = [one.time_ratio for one in (shown.overall, *shown.buckets.values())]
-        assert found == ([2.5, *(1.5 for _ in parts)] if is_told or public else [None] * (1 + len(parts)))
-        assert (shown.overall.timed is None) is not (is_told or public)
+def test_admins_see_the_exact_result(server: Server) -> None:
+    done = Phase(server, HIDDEN).ids[0]
+    shown = server.get(f"/submissions/{done}", "admin")
+    assert shown["summary"]["overall"]["ds"] == 55.512345
+    assert "interaction" in shown["summary"]["buckets"] and "T12:47:1" in shown["finished"]
 
 
 def test_too_few_scenarios_cannot_be_hidden(server: Server, tmp_path: Path) -> None:

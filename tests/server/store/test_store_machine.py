@@ -20,6 +20,7 @@ from testing.store_samples import LEASE, NOON, PHASE, S, all_of, sent, summary, 
 from server.enums import JobState, ScenarioVerdict, SubmissionState
 from server.store import OverLimit, audit, jobs, quota, submissions
 from server.store.jobs import MAX_FAILURES, JobOutcome
+from server.store.row_check import find_row_differences
 from server.store.tables import EventRow, JobRow, SubmissionRow
 
 pytestmark = pytest.mark.slow
@@ -161,6 +162,7 @@ class Challenge(RuleBasedStateMachine):
             for submission in all_of(session, SubmissionRow):
                 self._submission_fits(submission, {JobState(job.state) for job in found[submission.id]})
             assert audit.verify_chain(session).broken is None
+            assert not list(find_row_differences(session))
             assert session.scalar(select(func.count()).where(EventRow.kind == "scenario")) == len(self.scored)
 
     def _job_fits(self, job: JobRow) -> None:

@@ -246,7 +246,7 @@ def test_of_a_hidden_phase_only_the_figures_of_the_whole_are_shown(server: Serve
         assert "left-turn" not in text and "merge" not in text and "of 2" not in text
     finish_rest(server, id_)
     page = red.get(f"/submissions/{id_}")
-    assert "71.2" in page.words and "are hidden: only means over at least five" in page.words
+    assert "71.2" in page.words and "are hidden: only DS, rounded to 0.1," in page.words
     assert "left-turn" not in page.words and "Junctions" not in page.words and "answers" not in page.words
     red.get(f"/submissions/{id_}/scenarios/left-turn/0", 403)
     for path in ("replay", "recording", "logs/0"):

@@ -1,0 +1,109 @@
+"""The first difference between a recorded episode and its second execution."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.episode.quantization import from_quanta
+from mdrive_sumo.v2x.channel import DeliveryStatus
+
+STATE_NAMES = ("x", "y", "yaw", "speed")
+CONTROL_NAMES = ("throttle", "brake", "steer")
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeDifference:
+    """The first tick in which two episodes differ, and one difference in it."""
+
+    tick: int
+    text: str
+
+
+def find_first_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> EpisodeDifference | None:
+    """Return the first difference between two episodes; None if every tick and every ending is the same."""
+    ticks = min(recorded.ticks, again.ticks)
+    differing = np.flatnonzero((recorded.digests[:ticks] != again.digests[:ticks]).any(axis=1))
+    if len(differing):
+        tick = int(differing[0])
+        return EpisodeDifference(tick, next(_find_details(recorded, again, tick), "the digest differs"))
+    if recorded.ticks != again.ticks:
+        return EpisodeDifference(ticks, f"the episode has {again.ticks} ticks, had {recorded.ticks}")
+    for now, then in zip(again.endings, recorded.endings, strict=True):
+        if (now.tick, now.end, now.failed_tick) != (then.tick, then.end, then.failed_tick):
+            return EpisodeDifference(
+                min(now.tick, then.tick),
+                f"{now.ego!r} ends {now.end} in tick {now.tick}, ended {then.end} in tick {then.tick}",
+            )
+    return None
+
+
+def find_content_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> EpisodeDifference | None:
+    """Return the first difference between episodes of equal digests; None if there is none.
+
+    There is one in a recording whose content was changed and whose digests were left.
+    """
+    for name in ("ids", "egos", "kind", "length", "width", "pseudonyms", "signals", "contacts", "messages"):
+        then, now = getattr(recorded, name), getattr(again, name)
+        same = np.array_equal(then, now) if isinstance(now, np.ndarray) else then == now
+        if not same:
+            return EpisodeDifference(0, f"{name} of the recording are not those of the episode, its digests are")
+    marks = [[(note.tick, note.ego, note.note.kind) for note in episode.notes] for episode in (recorded, again)]
+    if marks[0] != marks[1]:  # their texts may hold times
+        return EpisodeDifference(0, "notes of the recording are not those of the episode, its digests are")
+    for tick in range(again.ticks):
+        if detail := next(_find_details(recorded, again, tick), ""):
+            return EpisodeDifference(tick, f"{detail}, although its digest is the same")
+    return None
+
+
+def _find_details(recorded: EpisodeRecord, again: EpisodeRecord, tick: int) -> Iterator[str]:
+    """Yield the differences of one tick: messages, road users, states, controls, signals, contacts."""
+    if (heard := _read_arrivals(again, tick)) != (had := _read_arrivals(recorded, tick)):
+        yield f"messages that arrive: {heard or 'none'}, were {had or 'none'}"
+    yield from _compare_states(_read_states(recorded, tick), _read_states(again, tick))
+    yield from _compare_controls(recorded, again, tick)
+    if (lights := _read_signal_changes(again, tick)) != (before := _read_signal_changes(recorded, tick)):
+        yield f"traffic lights change to {lights}, changed to {before}"
+    if (touching := _read_contacts(again, tick)) != (touched := _read_contacts(recorded, tick)):
+        yield f"contacts are {touching or 'none'}, were {touched or 'none'}"
+
+
+def _compare_states(then: Mapping[str, Float], now: Mapping[str, Float]) -> Iterator[str]:
+    for name in sorted({*then, *now}):
+        if name not in now or name not in then:
+            yield f"{name!r} is {'new' if name in now else 'missing'}"
+            continue
+        for i in np.flatnonzero(then[name] != now[name]):
+            yield f"{STATE_NAMES[i]} of {name!r} is {now[name][i]:.4f}, was {then[name][i]:.4f}"
+
+
+def _compare_controls(recorded: EpisodeRecord, again: EpisodeRecord, tick: int) -> Iterator[str]:
+    then, now = recorded.control_values[tick], again.control_values[tick]
+    for ego, i in np.argwhere(then != now):
+        yield f"{CONTROL_NAMES[i]} of {again.ids[ego]!r} is {now[ego, i]:.4f}, was {then[ego, i]:.4f}"
+
+
+def _read_states(episode: EpisodeRecord, tick: int) -> dict[str, Float]:
+    """Return the state (4,) of every present road user by id."""
+    present = np.flatnonzero(episode.valid[tick])
+    return {episode.ids[i]: from_quanta(episode.quanta[tick, i]) for i in present}
+
+
+def _read_signal_changes(episode: EpisodeRecord, tick: int) -> dict[str, str]:
+    return {change.light: change.state for change in episode.signals if change.tick == tick}
+
+
+def _read_arrivals(episode: EpisodeRecord, tick: int) -> list[str]:
+    return [
+        f"{sent.message.type} of {sent.message.sender!r} from tick {sent.message.tick} at {receiver!r}"
+        for sent in episode.messages
+        for receiver, fate in sent.deliveries.items()
+        if fate == (DeliveryStatus.DELIVERED, tick)
+    ]
+
+
+def _read_contacts(episode: EpisodeRecord, tick: int) -> list[tuple[str, str]]:
+    return [(contact.ego, contact.other) for at, contact in episode.contacts if at == tick]

@@ -1,0 +1,78 @@
+"""Permission to run the agent of a stored run: its code comes with the run folder, which may be a stranger's.
+
+`verify` and `study ablate` execute episodes again, and with them the file that the journal names. Built-in agents need
+no permission; the code of others runs only if the user trusts it, or in a box.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from mdrive_sumo.core.checksum import compute_file_checksum, compute_files_checksum
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.prepared_run import PreparedRun
+
+REMEDY = "read it, then add --trust-agent, or --sandbox to run it in a box"
+
+
+def permit_agent(
+    run: PreparedRun,
+    *,
+    trusted: bool = False,
+    sandbox: bool = False,
+    place: str | None = None,
+    ask: Callable[[str], bool] | None = None,
+) -> PreparedRun:
+    """Return the stored run as it may be executed again.
+
+    trusted: the user trusts the agent's code. sandbox: run it in boxes, as a run made with `eval --sandbox` always is.
+    place: where the agent is now, if it has moved. ask: puts a question to the user. Raises InputError if the agent may
+    not run, is missing, or is not the one of the run.
+    """
+    agent = run.config.agent if place is None else replace(run.config.agent, agent=place).resolve()
+    if agent.is_builtin:
+        if not run.config.agent.is_builtin:
+            raise InputError(f"--agent: expected where {run.config.agent.name} is now, found the built-in {agent.name}")
+        return run
+    boxed = sandbox or run.config.sandbox
+    if agent.find_file() is not None:
+        check_agent_unchanged(run, agent)  # reads the file only
+    if not boxed and not trusted:
+        what = f"{run.folder}: this would run {describe_foreign_agent(agent)} with all your permissions"
+        if ask is None or not ask(f"{what}. Run it?"):
+            raise InputError(f"{what}; {REMEDY}")
+    if agent.find_file() is None:
+        check_agent_unchanged(run, agent)
+    return replace(run, config=replace(run.config, agent=agent, sandbox=boxed))
+
+
+def describe_foreign_agent(agent: AgentSpec) -> str:
+    """Return which code an agent is, as far as it is known without running it."""
+    file = agent.find_file()
+    if file is None:
+        return f"the agent {agent.name}, a module that Python finds"
+    return f"the agent {agent.name} (sha256 {compute_file_checksum(file)[7:23]})"
+
+
+def check_agent_unchanged(run: PreparedRun, agent: AgentSpec) -> None:
+    """Raise InputError if the agent's code is missing or is not that of the run."""
+    file = agent.find_file()
+    expected = run.fingerprint.get("agent_code", "")
+    if file is not None and not file.is_file():
+        raise InputError(
+            f"{run.folder}: expected the run's agent at {file}, found no file; --agent PATH:CLASS says where it is now"
+        )
+    found = agent.code_checksum()
+    former = {compute_files_checksum({name: file}) for name in _list_former_names(run, agent)} if file else set[str]()
+    if expected not in {found, *former}:
+        raise InputError(
+            f"{run.folder}: the agent has changed since this run: expected {agent.name} with the checksum"
+            f" {str(expected)[:23]}..., found {found[:23]}...; restore it, or give its copy with --agent PATH:CLASS"
+        )
+
+
+def _list_former_names(run: PreparedRun, agent: AgentSpec) -> set[str]:
+    """Return the names with which earlier versions may have hashed the agent's file."""
+    typed = AgentSpec(run.info.agent)
+    files = {agent.find_file(), run.config.agent.find_file(), typed.find_file() if ":" in run.info.agent else None}
+    return {str(file) for file in files if file is not None}

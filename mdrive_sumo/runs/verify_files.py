@@ -1,0 +1,137 @@
+"""Compare every number of a run's files with the scores of its second execution."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from mdrive_sumo.core.tree_difference import find_tree_differences, format_leaf
+from mdrive_sumo.runs.evaluate import RESULTS_FILE
+from mdrive_sumo.runs.journal import JournalText
+from mdrive_sumo.runs.prepared_run import PreparedRun, make_run_info
+from mdrive_sumo.scenario.reference_times import NO_REFERENCE
+from mdrive_sumo.scoring import (
+    Results,
+    RunInfo,
+    ScenarioResult,
+    ScoreMode,
+    apply_reference_times,
+    find_scenario_faults,
+    summarize_run,
+)
+from mdrive_sumo.scoring.labels import COMMUNICATION_LABELS
+from mdrive_sumo.scoring.results_check import find_repeated
+
+Scores = Mapping[str, Mapping[ScoreMode, ScenarioResult]]
+"""The scores of the second execution by scenario id and score mode."""
+TIMES = {"time_ratio", "efficient_sr"}
+"""Figures that a journal may hold by older reference times than the results."""
+ENTERED = ("agent", "command")
+"""What the user typed: nothing follows from it."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedResults:
+    """What a results file must contain."""
+
+    results: Results
+    missing: tuple[str, ...]
+    """Scenarios that the run has to have, and the file does not."""
+    foreign: tuple[str, ...]
+    """Scenarios that the file has, and the run cannot have."""
+
+
+def build_expected_results(
+    run: PreparedRun, found: Results, scores: Scores, mode: ScoreMode, facts: Mapping[str, Any]
+) -> ExpectedResults:
+    """Return what a results file of this score mode must contain.
+
+    found: the file, whose void scenarios, and those without a score in `scores`, are taken as they are. facts: labels
+    and declared label that the agent has now.
+    """
+    stored = {result.id: result for result in found.scenarios}
+    known = [scenario.id for scenario in run.scenarios]
+    scenarios = [_expect_scenario(stored[name], scores.get(name, {}), mode) for name in known if name in stored]
+    info = _expect_info(run, found.run, mode, facts)
+    return ExpectedResults(
+        summarize_run(info, scenarios or list(found.scenarios)),
+        tuple(name for name in known if name not in stored),
+        tuple(name for name in stored if name not in known),
+    )
+
+
+def find_results_differences(expected: ExpectedResults, found: Results) -> Iterator[str]:
+    """Yield a sentence (place, expected, found) for every value of a results file that is not as it must be."""
+    mode = ScoreMode(expected.results.run.score_mode)
+    yield from find_repeated(result.id for result in found.scenarios)
+    for name in expected.missing:
+        yield f"scenarios: expected {name!r}, which the run drives, found nothing"
+    for name in expected.foreign:
+        yield f"scenarios: expected scenarios of the run only, found {name!r:.80}"
+    info = found.run.model_dump(mode="json", include=found.run.model_fields_set)
+    same = expected.results.run.model_dump(mode="json", include=found.run.model_fields_set)
+    yield from map(str, find_tree_differences(same, info, "run"))
+    parts = {"overall", "buckets", "void"}
+    summary, stated = (one.model_dump(mode="json", include=parts) for one in (expected.results, found))
+    yield from map(str, find_tree_differences(summary, stated))
+    right = {result.id: result.model_dump(mode="json") for result in expected.results.scenarios}
+    for result in found.scenarios:
+        if result.id in right:
+            place = f"scenarios[{result.id}]"
+            found_values = result.model_dump(mode="json")
+            yield from map(str, find_tree_differences(right[result.id], found_values, place))
+            if right[result.id] == found_values:  # perhaps because it was not executed again
+                yield from find_scenario_faults(result, mode, expected.results.run.seed)
+
+
+def find_journal_differences(journal: JournalText, expected: Results) -> Iterator[str]:
+    """Yield a sentence for every value of the journal's last results that is not as it must be."""
+    last = {str(entry.get("id")): entry for entry in journal.results}
+    for result in expected.scenarios:
+        if (entry := last.get(result.id)) is None:
+            yield f"results: expected one of {result.id!r}, found none"
+            continue
+        right = result.model_dump(mode="json")
+        yield from map(str, find_tree_differences(_drop_times(right), _drop_times(entry), f"results[{result.id}]"))
+
+
+def find_fingerprint_differences(run: PreparedRun) -> Iterator[str]:
+    """Yield a sentence if the journal's fingerprint names another suite than the results."""
+    noted = run.fingerprint.get("suite_checksum")
+    if noted != run.info.suite_checksum:
+        found = format_leaf(noted)
+        yield f"fingerprint.suite_checksum: expected {run.info.suite_checksum!r} as in {RESULTS_FILE}, found {found}"
+
+
+def _expect_scenario(
+    stored: ScenarioResult, scores: Mapping[ScoreMode, ScenarioResult], mode: ScoreMode
+) -> ScenarioResult:
+    again = scores.get(mode, stored)
+    if stored.efficient_sr is None:  # scored before its suite had reference times
+        return apply_reference_times(again, NO_REFERENCE, mode)
+    return again
+
+
+def _expect_info(run: PreparedRun, found: RunInfo, mode: ScoreMode, facts: Mapping[str, Any]) -> RunInfo:
+    """Return the description of the run: options from the fingerprint, labels from the agent, versions as noted."""
+    made = make_run_info(run.config, run.suite, tuple(facts["labels"]), str(facts["declared_label"]))
+    noted = {name: run.fingerprint.get(name) for name in found.versions}
+    versions = {name: str(version) for name, version in noted.items() if version is not None}
+    same = {name: getattr(found, name) for name in ENTERED if name != "agent" or _is_same_agent(run, found)}
+    return made.model_copy(update={"score_mode": str(mode), "versions": versions, **same})
+
+
+def _is_same_agent(run: PreparedRun, found: RunInfo) -> bool:
+    """Return whether the agent of the results is that of the fingerprint, whose path is absolute."""
+    return run.config.agent.name.rpartition("/")[2] == found.agent.rpartition("/")[2]
+
+
+def list_fact_labels(labels: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the labels of a run that no episode shows."""
+    return tuple(label for label in labels if label not in COMMUNICATION_LABELS)
+
+
+def _drop_times(value: Any) -> Any:
+    """Return a result without the figures that depend on reference times."""
+    if isinstance(value, Mapping):
+        return {name: _drop_times(inner) for name, inner in value.items() if name not in TIMES}
+    return [_drop_times(entry) for entry in value] if isinstance(value, list) else value

@@ -1,0 +1,96 @@
+"""What the audit log says about rows of other tables: the state that its entries lead to."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from server.enums import SubmissionState
+from server.store.tables import AuditEntryRow
+
+Columns = dict[str, Any]
+"""Expected values by name of the column."""
+_PREFIX = "submission-"
+_COPIED = ("archive_sha256", "phase", "evaluator", "track", "name")
+"""Columns of a submission that its entries repeat; the last two in entries of newer versions only."""
+_UNFINISHED: Columns = {"state": None, "ds": None, "summary_sha256": None}
+
+
+@dataclass
+class AuditedRows:
+    """Expected columns of each row, by id."""
+
+    teams: dict[str, Columns] = field(default_factory=lambda: {})
+    tokens: dict[str, Columns] = field(default_factory=lambda: {})
+    phases: dict[str, Columns] = field(default_factory=lambda: {})
+    submissions: dict[str, Columns] = field(default_factory=lambda: {})
+    """`state` is None while a submission is unfinished; `summary_sha256` is absent in entries of older versions."""
+
+    def apply(self, entry: AuditEntryRow) -> None:
+        """Take over what an entry says; actions without a row say nothing."""
+        if entry.action.startswith(_PREFIX):
+            self._apply_submission(entry, entry.action.removeprefix(_PREFIX))
+        elif (handler := _HANDLERS.get(entry.action)) is not None:
+            handler(self, entry)
+
+    def _apply_submission(self, entry: AuditEntryRow, action: str) -> None:
+        data = entry.data
+        row = self.submissions.setdefault(data["submission"], dict(_UNFINISHED))
+        row |= {name: data[name] for name in _COPIED if name in data}
+        if action in ("accepted", "rerun"):
+            row |= {"created_us": entry.at_us, "shown": action == "accepted", "team": self._find_team(entry)}
+        elif action == "renewed":
+            row |= _UNFINISHED
+        elif action == "shown":
+            row["shown"] = data["shown"]
+        elif action in set(SubmissionState):
+            row |= {"state": action, "finished_us": entry.at_us, "why": data.get("why", "")}
+            row |= {name: data[name] for name in ("ds", "summary_sha256") if name in data}
+            if action == SubmissionState.DONE and "summary_sha256" not in data:
+                row.pop("summary_sha256", None)
+
+    def _find_team(self, entry: AuditEntryRow) -> str | None:
+        if entry.action.endswith("rerun"):
+            return self.submissions.get(entry.data.get("of", ""), {}).get("team")
+        return entry.actor.removeprefix("team:")
+
+
+def load_audited_rows(session: Session) -> AuditedRows:
+    """Return the state that the whole log leads to; the log itself is verified by `audit.verify_chain`."""
+    found = AuditedRows()
+    for entry in session.scalars(select(AuditEntryRow).order_by(AuditEntryRow.id).execution_options(yield_per=500)):
+        found.apply(entry)
+    return found
+
+
+def _create_team(rows: AuditedRows, entry: AuditEntryRow) -> None:
+    rows.teams[entry.data["team"]] = {"name": entry.data["name"], "created_us": entry.at_us, "hidden": False}
+
+
+def _hide_team(rows: AuditedRows, entry: AuditEntryRow) -> None:
+    rows.teams.setdefault(entry.data["team"], {})["hidden"] = entry.action == "team-hidden"
+
+
+def _issue_token(rows: AuditedRows, entry: AuditEntryRow) -> None:
+    data = entry.data
+    rows.tokens[data["token"]] = {"team": data["team"], "scope": data["scope"], "revoked_us": None}
+
+
+def _revoke_token(rows: AuditedRows, entry: AuditEntryRow) -> None:
+    rows.tokens.setdefault(entry.data["token"], {})["revoked_us"] = entry.at_us
+
+
+def _set_phase(rows: AuditedRows, entry: AuditEntryRow) -> None:
+    rows.phases[entry.data["id"]] = dict(entry.data)
+
+
+_HANDLERS: Mapping[str, Callable[[AuditedRows, AuditEntryRow], None]] = {
+    "team-created": _create_team,
+    "team-hidden": _hide_team,
+    "team-shown": _hide_team,
+    "token-issued": _issue_token,
+    "token-revoked": _revoke_token,
+    "phase-set": _set_phase,
+}

@@ -1,0 +1,152 @@
+"""Compare rows with the audit log: a score changed in the database is found, because the hash chain holds the true one.
+
+Compared are teams, tokens, phases, submissions with their summaries, the results of their scenarios, and leaderboards.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from mdrive_sumo.core.tree_difference import format_leaf
+from server.enums import SubmissionState
+from server.store import checksums, standings
+from server.store.audited_rows import Columns, load_audited_rows
+from server.store.quota import UNFINISHED
+from server.store.tables import JobRow, PhaseRow, StandingRow, SubmissionRow, TeamRow, TokenRow
+
+
+@dataclass(frozen=True, slots=True)
+class RowDifference:
+    """A row that is not as the audit log says."""
+
+    table: str
+    row: str
+    text: str
+    """Column, expected, found."""
+
+    def __str__(self) -> str:
+        return f"{self.table} {self.row}: {self.text}"
+
+
+def find_row_differences(session: Session, with_results: bool = True) -> Iterator[RowDifference]:
+    """Yield every difference between the rows and the audit log, whose hashes `audit.verify_chain` verifies.
+
+    with_results: also read the results of all scenarios, which can be gigabytes.
+    """
+    audited = load_audited_rows(session)
+    for model, expected in ((TeamRow, audited.teams), (TokenRow, audited.tokens), (PhaseRow, audited.phases)):
+        rows = {row.id: row for row in session.scalars(select(model))}
+        yield from _compare_ids(model.__tablename__, expected, rows)
+        for name in expected.keys() & rows.keys():
+            yield from _compare_columns(model.__tablename__, rows[name], expected[name])
+    ids = session.scalars(select(SubmissionRow.id).order_by(SubmissionRow.created_us)).all()
+    yield from _compare_ids("submissions", audited.submissions, dict.fromkeys(ids))
+    for name in ids:
+        if name in audited.submissions:
+            row = session.get_one(SubmissionRow, name)
+            yield from _compare_submission(row, audited.submissions[name])
+            if with_results:
+                yield from _compare_results(session, row)
+            session.expunge(row)
+    yield from _compare_standings(session)
+
+
+def _compare_ids(table: str, expected: Mapping[str, Any], rows: Mapping[str, Any]) -> Iterator[RowDifference]:
+    for name in expected:
+        if name not in rows:
+            yield RowDifference(table, name, "expected a row, as the audit log names it, found none")
+    for name in rows:
+        if name not in expected:
+            yield RowDifference(table, name, "expected an entry of the audit log, found none")
+
+
+def _compare_columns(table: str, row: Any, expected: Columns) -> Iterator[RowDifference]:
+    for column, value in expected.items():
+        found = getattr(row, column, value)
+        if found != value:
+            text = f"{column}: expected {format_leaf(value)}, found {format_leaf(found)}"
+            yield RowDifference(table, row.id, text)
+
+
+def _compare_submission(row: SubmissionRow, expected: Columns) -> Iterator[RowDifference]:
+    fixed = {column: value for column, value in expected.items() if column not in ("state", "summary_sha256")}
+    yield from _compare_columns("submissions", row, fixed)
+    state = expected["state"]
+    if row.state != state and not (state is None and row.state in UNFINISHED):
+        text = f"state: expected {state or 'queued or running'}, found {format_leaf(row.state)}"
+        yield RowDifference("submissions", row.id, text)
+    if "summary_sha256" in expected:
+        found = checksums.compute_checksum(row.summary) if row.summary is not None else None
+        if found != expected["summary_sha256"]:
+            text = f"summary: expected the checksum {expected['summary_sha256']}, found {found}"
+            yield RowDifference("submissions", row.id, text)
+    elif row.summary is not None and standings.round_ds(row.summary["overall"]) != expected["ds"]:
+        text = f"summary.overall.ds: expected {expected['ds']}, found {row.summary['overall']['ds']}"
+        yield RowDifference("submissions", row.id, text)
+
+
+def _compare_results(session: Session, row: SubmissionRow) -> Iterator[RowDifference]:
+    """Compare the results of a submission's scenarios with the checksum in its summary, unless they were deleted."""
+    expected = (row.summary or {}).get("results_sha256")
+    if expected is None:
+        return
+    jobs = select(JobRow).where(JobRow.submission == row.id).order_by(JobRow.scenario, JobRow.seed)
+    found = session.scalars(jobs).all()
+    if not all(job.result is None for job in found):
+        checksum = checksums.compute_results_checksum(found)
+        if checksum != expected:
+            text = f"results of its scenarios: expected the checksum {expected}, found {checksum}"
+            yield RowDifference("jobs of submission", row.id, text)
+    for job in found:
+        session.expunge(job)
+
+
+def _compare_standings(session: Session) -> Iterator[RowDifference]:
+    """Compare the leaderboards with the submissions that they are made of."""
+    public = {phase.id: phase.public for phase in session.scalars(select(PhaseRow))}
+    expected = _compute_best(session, public)
+    rows = {_key(row): row for row in session.scalars(select(StandingRow))}
+    for key in expected.keys() | rows.keys():
+        place = " ".join(key[:4])
+        if key not in rows:
+            yield RowDifference("standings", place, f"expected submission {expected[key][0].submission}, found no row")
+        elif (row := rows[key]).submission not in {best.submission for best in expected.get(key, ())}:
+            best = expected[key][0].submission if key in expected else "none"
+            yield RowDifference("standings", place, f"submission: expected {best}, found {row.submission}")
+        else:
+            yield from _compare_standing(place, row, expected[key], public[row.phase])
+
+
+def _compare_standing(
+    place: str, row: StandingRow, candidates: Sequence[StandingRow], is_public: bool
+) -> Iterator[RowDifference]:
+    best = next(each for each in candidates if each.submission == row.submission)
+    if standings.round_score(row.ds, is_public) != best.ds:
+        yield RowDifference("standings", place, f"ds: expected {best.ds}, found {row.ds}")
+    for column in ("figures", "method", "created_us"):
+        if getattr(row, column) != getattr(best, column):
+            value, found = (format_leaf(getattr(each, column)) for each in (best, row))
+            yield RowDifference("standings", place, f"{column}: expected {value}, found {found}")
+
+
+def _compute_best(session: Session, public: Mapping[str, bool]) -> dict[tuple[str, ...], list[StandingRow]]:
+    """Return the standings of all done and shown submissions with the best score of each line, the earliest first."""
+    done = select(SubmissionRow).where(SubmissionRow.state == SubmissionState.DONE, SubmissionRow.shown)
+    found: dict[tuple[str, ...], list[StandingRow]] = {}
+    ordered = done.order_by(SubmissionRow.created_us, SubmissionRow.id).execution_options(yield_per=100)
+    for candidate in session.scalars(ordered):
+        evaluator = standings.evaluator_digest(candidate.evaluator)
+        for standing in standings.make_standings(candidate, evaluator, public.get(candidate.phase, False)):
+            best = found.setdefault(_key(standing), [standing])
+            if standing.ds > best[0].ds:
+                found[_key(standing)] = [standing]
+            elif standing.ds == best[0].ds and standing is not best[0]:
+                best.append(standing)
+    return found
+
+
+def _key(row: StandingRow) -> tuple[str, ...]:
+    return row.phase, row.slice, row.track, row.team, row.evaluator

@@ -1,0 +1,179 @@
+"""Rows changed behind the server's back are found: `admin audit` and `restore` compare them with the audit log."""
+
+import json
+import shutil
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from testing import databases
+from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, sent, summary, with_teams
+
+from mdrive_sumo.core.errors import InputError
+from server.cli import admin
+from server.enums import TokenScope
+from server.store import Store, audit, jobs, phases, submissions, teams, tokens
+from server.store.backup import restore_backup, write_backup
+from server.store.checksums import compute_results_checksum
+from server.store.row_check import find_row_differences
+from server.store.tables import SubmissionRow
+
+pytestmark = pytest.mark.slow
+
+
+def drive(session: Any, submission: SubmissionRow, ds: float) -> None:
+    while (job := jobs.claim(session, "worker", LEASE, NOON)) is not None:
+        assert jobs.finish(session, job.id, "worker", job.attempt, GOOD, NOON + S)
+    assert submissions.finish_if_complete(
+        session,
+        submission.id,
+        lambda done: {**summary(ds), "results_sha256": compute_results_checksum(done)},
+        NOON + S,
+    )
+
+
+@pytest.fixture(scope="module")
+def backup(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A challenge in which everything has happened once; its scores are 80 and 70."""
+    folder = tmp_path_factory.mktemp("backup")
+    store = databases.emptied("sqlite")
+    red, blue = with_teams(store, "red", "blue")
+    with store.write() as session:
+        phases.set_phases(session, [phases.NewPhase(**{**vars_of(PHASE), "id": "hidden", "public": False})], NOON)
+        tokens.issue(session, teams.get(session, "red"), TokenScope.SUBMIT, NOON)
+        tokens.issue(session, None, TokenScope.ADMIN, NOON)
+        tokens.revoke(session, tokens.list_tokens(session, None)[0].id, NOON)
+        drive(session, sent(session, red, NOON), 80.0)
+        drive(session, sent(session, blue, NOON + 1), 70.0)
+        drive(session, sent(session, blue, NOON + 2, phase="hidden"), 70.0456)
+        submissions.cancel(session, sent(session, blue, NOON + 3).id, NOON + 4)
+        disqualified = sent(session, red, NOON + 5)
+        drive(session, disqualified, 99.0)
+        submissions.disqualify(session, disqualified.id, "cheats", NOON + 6)
+        hidden = sent(session, red, NOON + 7)
+        drive(session, hidden, 60.0)
+        submissions.set_shown(session, hidden.id, False, NOON + 8)
+        teams.set_hidden(session, blue, True, NOON + 9)
+        teams.set_hidden(session, blue, False, NOON + 10)
+        assert not list(find_row_differences(session))
+    write_backup(store, folder / "b.sqlite")
+    store.close()
+    return folder / "b.sqlite"
+
+
+def vars_of(phase: phases.NewPhase) -> dict[str, Any]:
+    return {name: getattr(phase, name) for name in phase.__slots__}
+
+
+@pytest.fixture
+def changed(backup: Path, tmp_path: Path) -> Iterator[tuple[Path, sqlite3.Connection]]:
+    file = Path(shutil.copy(backup, tmp_path / "changed.sqlite"))
+    connection = sqlite3.connect(file)
+    yield file, connection
+    connection.close()
+
+
+def find(file: Path) -> list[str]:
+    store = Store(f"sqlite:///{file}")
+    try:
+        with store.read() as session:
+            assert audit.verify_chain(session).broken is None
+            return [str(found) for found in find_row_differences(session)]
+    finally:
+        store.close()
+
+
+def test_an_honest_backup_has_no_difference(backup: Path, tmp_path: Path) -> None:
+    assert find(Path(shutil.copy(backup, tmp_path / "b.sqlite"))) == []
+
+
+PERFECT = json.dumps(summary(99.5))
+ATTACKS = {
+    "score": ("UPDATE submissions SET ds = 99.5 WHERE ds = 80", "ds: expected 80.0, found 99.5"),
+    "summary": (f"UPDATE submissions SET summary = '{PERFECT}' WHERE ds = 80", "summary: expected the checksum"),
+    "all scores": (
+        "UPDATE submissions SET ds = 99.5, summary = replace(summary, '80.0', '99.5') WHERE ds = 80",
+        "ds: expected 80.0, found 99.5",
+    ),
+    "standing": ("UPDATE standings SET ds = 99.5 WHERE ds = 80", "ds: expected 80.0, found 99.5"),
+    "figures": ("UPDATE standings SET figures = replace(figures, '80.0', '99.5')", "figures: expected {'ds': 80.0"),
+    "standing of another": (
+        "UPDATE standings SET submission = (SELECT id FROM submissions WHERE state = 'disqualified') WHERE ds = 80",
+        "submission: expected ",
+    ),
+    "no standing": ("DELETE FROM standings WHERE ds = 70", "found no row"),
+    "result": ("UPDATE jobs SET result = replace(result, '80.0', '99.5')", "results of its scenarios: expected"),
+    "verdict": ("UPDATE jobs SET verdict = 'agent-failed'", "results of its scenarios: expected the checksum"),
+    "state": ("UPDATE submissions SET state = 'done' WHERE state = 'disqualified'", "state: expected disqualified"),
+    "reason": ("UPDATE submissions SET why = 'late' WHERE state = 'disqualified'", "why: expected 'cheats'"),
+    "shown": ("UPDATE submissions SET shown = 1", "shown: expected False, found True"),
+    "team": ("UPDATE submissions SET team = (SELECT id FROM teams WHERE name = 'blue')", "team: expected "),
+    "track": ("UPDATE submissions SET track = 'joint' WHERE ds = 80", "track: expected 'single-agent'"),
+    "age": ("UPDATE submissions SET created_us = 1 WHERE ds = 70", f"created_us: expected {NOON + 1}, found 1"),
+    "evaluator": ("UPDATE submissions SET evaluator = '{}'", "evaluator: expected {'version': '1'}, found {}"),
+    "archive": ("UPDATE submissions SET archive_sha256 = 'f'", "archive_sha256: expected "),
+    "no submission": ("DELETE FROM submissions WHERE ds = 80", "expected a row, as the audit log names it, found none"),
+    "hidden team": ("UPDATE teams SET hidden = 1", "hidden: expected False, found True"),
+    "name": ("UPDATE teams SET name = 'green' WHERE name = 'blue'", "name: expected 'blue', found 'green'"),
+    "scope": ("UPDATE tokens SET scope = 'admin', team = NULL", "scope: expected 'submit', found 'admin'"),
+    "revived token": ("UPDATE tokens SET revoked_us = NULL", f"revoked_us: expected {NOON}, found None"),
+    "new token": (
+        "INSERT INTO tokens (id, hash, scope, created_us) VALUES ('x', 'y', 'admin', 1)",
+        "tokens x: expected an entry of the audit log, found none",
+    ),
+    "public phase": ("UPDATE phases SET public = 1", "phases hidden: public: expected False, found True"),
+    "quota": ("UPDATE phases SET per_day = 99", "phases dev: per_day: expected 3, found 99"),
+}
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+def test_a_row_changed_in_the_database_is_named(changed: tuple[Path, sqlite3.Connection], name: str) -> None:
+    file, connection = changed
+    sql, says = ATTACKS[name]
+    assert connection.execute(sql).rowcount > 0
+    connection.commit()
+    found = find(file)
+    assert any(says in difference for difference in found), found
+
+
+def test_audit_and_restore_refuse_changed_scores(
+    changed: tuple[Path, sqlite3.Connection], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both took the rows' word for it, although the hash chain holds the true score."""
+    file, connection = changed
+    connection.execute("UPDATE submissions SET ds = 99.5 WHERE ds = 80")
+    connection.commit()
+    other = databases.opened("sqlite", tmp_path)
+    with pytest.raises(InputError, match=r"rows as its audit log says.*submissions \w+: ds: expected 80.0, found 99.5"):
+        restore_backup(other, file)
+    with other.read() as session:
+        assert teams.list_teams(session) == []
+    other.close()
+    monkeypatch.setenv("MDRIVE_DATA", str(tmp_path / "data"))
+    (tmp_path / "data").mkdir()
+    shutil.copy(file, tmp_path / "data" / "challenge.sqlite")
+    ended = CliRunner().invoke(admin, ["audit"])
+    assert ended.exit_code == 1
+    assert "ds: expected 80.0, found 99.5" in ended.stderr
+
+
+def test_entries_of_older_versions_are_compared_as_far_as_they_go(changed: tuple[Path, sqlite3.Connection]) -> None:
+    """They have the score, and no checksums, track and name."""
+    file, connection = changed
+    before = ""
+    for number, at_us, actor, action, text in connection.execute(
+        "SELECT id, at_us, actor, deed, data FROM audit ORDER BY id"
+    ).fetchall():
+        data = {name: value for name, value in json.loads(text).items() if name not in ("summary_sha256", "track")}
+        if action.startswith("submission"):
+            data.pop("name", None)
+        before = audit._compute_hash(before, at_us, actor, action, data)
+        connection.execute("UPDATE audit SET data = ?, hash = ? WHERE id = ?", (json.dumps(data), before, number))
+    connection.commit()
+    assert find(file) == []
+    connection.execute("UPDATE submissions SET summary = replace(summary, '80.0', '99.5') WHERE ds = 80")
+    connection.commit()
+    assert any("summary.overall.ds: expected 80.0, found 99.5" in difference for difference in find(file))
