@@ -1,11 +1,38 @@
-"""Check arrays and points of untrusted logs."""
+"""Check arrays, points and the number of frames of untrusted logs."""
 
+import reprlib
+from collections.abc import Iterable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
+
+MAX_FRAMES = 36_000
+"""An hour at 10 Hz; the longest recordings of the sources that are read take 20 minutes."""
+MAX_ROWS = 20_000_000
+"""Frames times tracks: 1.1 GB of poses and sizes."""
+
+
+def check_frame_count(where: str, count: float, tracks: int = 1) -> int:
+    """Return the number of frames; raise InputError before arrays are made for it that no memory holds."""
+    if not count <= MAX_FRAMES:
+        raise InputError(
+            f"{where}: expected times within {MAX_FRAMES} frames, found {min(count, 1e300):g} from first to last"
+        )
+    if count * tracks > MAX_ROWS:
+        raise InputError(
+            f"{where}: expected at most {MAX_ROWS} rows of frames and tracks, found {count:g} frames of {tracks} tracks"
+        )
+    return int(count)
+
+
+def find_gap(numbers: Iterable[int]) -> int | None:
+    """Return the first whole number that is missing between the least and the largest; None without a gap."""
+    ordered = sorted(numbers)
+    return next((before + 1 for before, after in pairwise(ordered) if after > before + 1), None)
 
 
 def parse_numbers(where: str, raw: Any) -> Float:
@@ -20,7 +47,12 @@ def describe_value(raw: Any) -> str:
     """Describe any value for an error message."""
     if isinstance(raw, np.ndarray):
         return f"an array of {raw.dtype.name} of shape {raw.shape}"
-    return " ".join(repr(raw)[:60].split())
+    return " ".join(_SHORT.repr(raw)[:60].split())
+
+
+_SHORT = reprlib.Repr()
+"""A whole `repr` of nested lists that share their parts takes more time than there is."""
+_SHORT.maxlevel, _SHORT.maxlist, _SHORT.maxtuple, _SHORT.maxdict, _SHORT.maxstring, _SHORT.maxother = 3, 6, 6, 4, 60, 60
 
 
 def parse_all_points(where: str, raw: Any) -> Float:

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
+from real2sim.readers.checked_arrays import check_frame_count
 from real2sim.readers.lanelet2 import read_lanelet2
 from real2sim.readers.time_window import TimeWindow, crop_recording
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
@@ -59,7 +60,9 @@ def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None) 
     if pedestrians != vehicles and pedestrians.is_file():
         rows[pedestrians] = _read_rows(pedestrians, MOTION_COLUMNS)
     times = [row.time_ms for its_rows in rows.values() for row in its_rows]
-    frames = round((max(times) - min(times)) / STEP_MS) + 1
+    tracks_found = sum(len({row.id for row in its_rows}) for its_rows in rows.values())
+    steps = (max(times) - min(times)) / STEP_MS
+    frames = check_frame_count(f"{vehicles}: timestamp_ms", steps + 1.5, tracks_found)  # rounded to whole steps
     found = tuple(
         track for path, its_rows in rows.items() for track in _build_tracks(path, its_rows, min(times), frames)
     )

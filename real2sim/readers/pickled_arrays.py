@@ -61,7 +61,7 @@ class PickledDtype:
     @property
     def dtype(self) -> "np.dtype[Any]":
         """The numpy dtype."""
-        return np.dtype(self._name).newbyteorder(self._order)
+        return np.dtype(self._order + self._name)
 
 
 class _PickledArray(np.ndarray[Any, np.dtype[Any]]):
@@ -73,7 +73,8 @@ class _PickledArray(np.ndarray[Any, np.dtype[Any]]):
             raise ValueError("expected the state of an array")
         _, shape, dtype, fortran, data = state
         found = _build_array(shape, dtype, "F" if fortran is True else "C", data)
-        super().__setstate__((1, found.shape, found.dtype, fortran is True, found.tobytes("A")))
+        set_state: Callable[[Any], None] = super().__setstate__
+        set_state((1, found.shape, found.dtype, fortran is True, found.tobytes("A")))
 
 
 def _build_array(shape: Any, dtype: Any, order: Any, data: Any) -> npt.NDArray[Any]:

@@ -1,7 +1,7 @@
-"""Load untrusted pickles: only listed classes are resolved, all others are refused, and nothing is executed.
+"""Load untrusted pickles: only listed classes are resolved, others are refused, and nothing is executed.
 
-Arrays are built by `pickled_arrays`. A pickle can still ask for a lot of memory or time; `mdrive-sumo convert` therefore
-reads every log in a process with limits (`real2sim.pipeline.limited_reader`).
+Arrays are built by `pickled_arrays`. A pickle can still ask for much memory or time: `mdrive-sumo convert` therefore
+reads logs in a process with limits (`real2sim.pipeline.limited_reader`).
 """
 
 import pickle

@@ -78,9 +78,10 @@ ATTACKS = {
     + data(b"")
     + b"tb",
     "text beyond Unicode": fill(
-        name("numpy", "dtype") + text("U2") + b"\x89\x88\x87R(K\x03" + text("<") + b"NNNK\x08K\x04K\x08tb", b"\xff" * 8
+        name("numpy", "dtype") + text("U2") + b"\x89\x88\x87R(K\x03" + text("<") + b"NNNK\x08K\x04K\x08tb",
+        b"\xff" * 8,
     ),
-    "attributes of a constructor": name("numpy._core.multiarray", "_reconstruct") + b"N}" + text("_function") + b"Ns\x86b",
+    "attributes of a constructor": EMPTY[: EMPTY.index(b"cnumpy\n")] + b"N}" + text("_function") + b"Ns\x86b",
     "attributes of a class": name("numpy", "dtype") + b"N}" + text("__new__") + b"Ns\x86b",
 }  # fmt: skip
 
