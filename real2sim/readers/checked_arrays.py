@@ -14,6 +14,10 @@ MAX_FRAMES = 36_000
 """An hour at 10 Hz; the longest recordings of the sources that are read take 20 minutes."""
 MAX_ROWS = 20_000_000
 """Frames times tracks: 1.1 GB of poses and sizes."""
+MAX_COORDINATE_M = 1e8
+"""[m] Any projection of the earth has smaller ones."""
+MAX_LINE_M = 1e5
+"""[m] Of one line of a map. Later steps make a point for every metre or two."""
 
 
 def check_frame_count(where: str, count: float, tracks: int = 1) -> int:
@@ -64,10 +68,16 @@ def parse_all_points(where: str, raw: Any) -> Float:
     finite = np.isfinite(xy).all(1)
     if not finite.all():
         raise InputError(f"{where}: expected finite coordinates, found {xy[~finite][0].tolist()}")
+    far = (np.abs(xy) > MAX_COORDINATE_M).any(1)
+    if far.any():
+        raise InputError(f"{where}: expected coordinates within {MAX_COORDINATE_M:g} m, found {xy[far][0].tolist()}")
     return xy
 
 
 def parse_points(where: str, raw: Any) -> Float:
     """Like `parse_all_points`, without consecutive duplicates (closer than 1 mm); raise InputError."""
     xy = parse_all_points(where, raw)
-    return xy[np.concatenate(((True,), np.hypot(*np.diff(xy, axis=0).T) > 1e-3))]
+    steps = np.hypot(*np.diff(xy, axis=0).T)
+    if (length := float(steps.sum())) > MAX_LINE_M:
+        raise InputError(f"{where}: expected a line of at most {MAX_LINE_M:g} m, found {length:g} m")
+    return xy[np.concatenate(((True,), steps > 1e-3))]

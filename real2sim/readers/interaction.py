@@ -105,7 +105,8 @@ def _parse_rows(path: Path, lines: Iterator[list[str]], columns: Sequence[str]) 
     header = [name.strip() for name in next(lines, [])]
     missing = [name for name in (*KEY_COLUMNS, *columns) if name not in header]
     if missing:
-        raise InputError(f"{path}: expected the column {missing[0]}, found {', '.join(header) or 'none'}")
+        found = " ".join(", ".join(header).split())[:200] or "none"
+        raise InputError(f"{path}: expected the column {missing[0]}, found {found}")
     id_, time, agent_type, *values = (header.index(name) for name in (*KEY_COLUMNS, *columns))
     rest = (math.nan,) * (len(MOTION_COLUMNS) + len(BOX_COLUMNS) - len(columns))
     for line, cells in enumerate(lines, start=2):

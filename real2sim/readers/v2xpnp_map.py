@@ -17,7 +17,7 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap, LaneKind, MapLane
-from real2sim.readers.checked_arrays import parse_points
+from real2sim.readers.checked_arrays import describe_value, parse_points
 from real2sim.readers.pickled_arrays import Constructor
 from real2sim.readers.safe_pickle import NUMPY_GLOBALS, load_pickle
 
@@ -116,7 +116,7 @@ def _parse_list(where: str, raw: Any) -> list[Any]:
 
 def _parse_integer(where: str, raw: Any) -> int:
     if not isinstance(raw, int | np.integer):
-        raise InputError(f"{where}: expected a whole number, found {raw!r}")
+        raise InputError(f"{where}: expected a whole number, found {describe_value(raw)}")
     return int(raw)
 
 

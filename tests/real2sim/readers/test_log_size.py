@@ -11,8 +11,16 @@ from testing.interaction_samples import build_street, write_table
 from testing.v2xpnp_samples import frame, log
 
 from mdrive_sumo.core.errors import InputError
+from real2sim.pipeline.log_source import LogSource, read_log
 from real2sim.readers.argoverse2 import read_argoverse2
-from real2sim.readers.checked_arrays import MAX_FRAMES, MAX_ROWS, check_frame_count, describe_value, find_gap
+from real2sim.readers.checked_arrays import (
+    MAX_FRAMES,
+    MAX_ROWS,
+    check_frame_count,
+    describe_value,
+    find_gap,
+    parse_points,
+)
 from real2sim.readers.commonroad import read_commonroad
 from real2sim.readers.interaction import read_interaction
 from real2sim.readers.v2xpnp import read_v2xpnp
@@ -75,6 +83,34 @@ def test_a_log_of_too_many_rows() -> None:
     for count in (float("inf"), float("nan"), MAX_FRAMES + 1, 10**400):
         with pytest.raises(InputError, match="x: expected times within 36000 frames"):
             check_frame_count("x", count)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ([(0, 0), (1e9, 0)], "expected coordinates within 1e\\+08 m, found \\[1000000000.0, 0.0\\]"),
+        ([(0, 0), (9e7, 0)], "expected a line of at most 100000 m, found 9e\\+07 m"),
+    ],
+)
+def test_lines_that_are_longer_than_any_road(points: list[tuple[float, float]], message: str) -> None:
+    with pytest.raises(InputError, match=f"x: {message}"):
+        parse_points("x", points)
+
+
+@pytest.mark.parametrize(("row", "name"), [("1e300,2,10,0,0,4,2", "x"), ("1,2,10,0,0,4,999", "width")])
+def test_positions_and_sizes_of_no_place_on_earth(row: str, name: str, tmp_path: Path) -> None:
+    build_street().write(tmp_path / "map.osm")
+    tracks = write_table(tmp_path / "vehicle_tracks_000.csv", "1,1,100,car,1,2,10,0,0,4,2", f"1,2,200,car,{row}")
+    with pytest.raises(
+        InputError, match=rf"vehicle_tracks_000\.csv: track 1: {name}: expected at most \S+ m, found more"
+    ):
+        read_log(LogSource("interaction", tracks))
+
+
+def test_a_header_of_several_lines_is_told_in_one(tmp_path: Path) -> None:
+    path = write_table(tmp_path / "vehicle_tracks_000.csv", header='track_id,"a\nb"')
+    with pytest.raises(InputError, match=r"expected the column timestamp_ms, found track_id, a b$"):
+        read_interaction(path, tmp_path / "map.osm")
 
 
 @given(st.sets(st.integers(-20, 20), min_size=1))
