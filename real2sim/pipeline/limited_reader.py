@@ -18,7 +18,7 @@ from mdrive_sumo.core.errors import InputError
 from real2sim.hd_map import HdMap
 from real2sim.pipeline import reader_process
 from real2sim.pipeline.log_source import LogSource
-from real2sim.pipeline.reader_process import FAILED, NO_MEMORY, READ, REFUSED, VectorMap
+from real2sim.pipeline.reader_process import FAILED, NO_MEMORY, READ, REFUSED, AnnotatedMap
 from real2sim.pipeline.recording_transfer import TransferError, decode_value
 from real2sim.recording import Recording
 
@@ -44,7 +44,7 @@ def read_log_limited(log: LogSource) -> Recording:
 
 def read_vector_map_limited(path: Path) -> HdMap:
     """Read a vector map like `read_vector_map`; raises InputError also if that crashes or exceeds a limit."""
-    return _run({"source": "vector map", "path": str(path)}, path, VectorMap).map
+    return _run({"source": "vector map", "path": str(path)}, path, AnnotatedMap).map
 
 
 def _run(order: Mapping[str, object], path: Path, expected: type[T]) -> T:

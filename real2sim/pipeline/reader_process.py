@@ -24,8 +24,8 @@ READ, REFUSED, FAILED, NO_MEMORY = b"R", b"E", b"F", b"M"
 
 
 @dataclass(frozen=True)
-class VectorMap:
-    """A vector map and notes on it."""
+class AnnotatedMap:
+    """A vector map with the notes of its reader."""
 
     map: HdMap
     notes: tuple[str, ...]
@@ -72,7 +72,7 @@ def _read(order: dict[str, Any]) -> object:
     if order["source"] == "vector map":
         from real2sim.readers.v2xpnp_map import read_vector_map
 
-        return VectorMap(*read_vector_map(path))
+        return AnnotatedMap(*read_vector_map(path))
     agents = order["agents"]
     return read_log(
         LogSource(order["source"], path, tuple(map(Path, order["maps"])), None if agents is None else tuple(agents))
