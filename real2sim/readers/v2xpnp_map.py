@@ -6,7 +6,7 @@ the order of a lane's points is not its direction of travel.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -48,6 +48,10 @@ class PickledFields:
             self.fields.update(part if isinstance(part, dict) else {})
 
 
+def _build_dict(items: Iterable[tuple[Any, Any]] = ()) -> dict[Any, Any]:
+    return dict(items)
+
+
 def _read_lane_type(number: object) -> int:
     """Return any number; an enumeration would refuse unknown ones."""
     if not isinstance(number, int):
@@ -68,7 +72,7 @@ _CLASS_NAMES = (
 _CLASS_BY_NAME = {name: type(name, (PickledFields,), {}) for name in _CLASS_NAMES}
 _ALLOWED_GLOBALS = {
     **NUMPY_GLOBALS,
-    ("collections", "OrderedDict"): Constructor(lambda *items: dict(*items)),
+    ("collections", "OrderedDict"): Constructor(_build_dict),
     (MODULE, "LaneType"): Constructor(_read_lane_type),
     **{(MODULE, name): bag for name, bag in _CLASS_BY_NAME.items()},
 }

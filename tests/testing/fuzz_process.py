@@ -6,6 +6,7 @@ Ends with the exit code 0, or with another one and the input in FOLDER/finding.
 `python -m testing.fuzz_process TARGET FILE` reads one input again.
 """
 
+import importlib
 import importlib.util
 import os
 import random
@@ -14,6 +15,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 MEMORY_BYTES = 5 * 2**30
 CPU_EACH_S = 20
@@ -96,8 +98,7 @@ def _run_damage(name: str, seconds: float, seed: int, folder: Path) -> None:
 
 def _run_atheris(name: str, seconds: float, seed: int, folder: Path) -> None:
     """Let libFuzzer choose inputs by the code that they reach. It ends the process itself, after a finding with 77."""
-    import atheris  # pyright: ignore
-
+    atheris: Any = importlib.import_module("atheris")
     with atheris.instrument_imports(include=["real2sim", "mdrive_sumo", "server"]):
         harness = Harness(name, folder, limited=True)
     corpus = folder / "corpus"
