@@ -5,8 +5,9 @@ import random
 TOKENS = (
     b"", b"\x00", b"\xff\xff\xff\xff", b"\x7f", b"-1", b"0", b"1e308", b"1e999", b"nan", b"99999999999999999999",
     b"1" * 400, b"null", b"true", b"{}", b"[]", b'""', b"\xc3\x28", b"<a>", b"'", b'"', b"<!DOCTYPE a>", b"\n", b" ",
+    b"[" * 5000, b"<a>" * 5000, b'{"a":' * 3000,
 )  # fmt: skip
-"""What readers meet in damaged files: extremes, other types, bytes that are no text."""
+"""What readers meet in damaged files: extremes, other types, bytes that are no text, nesting without end."""
 MAX_EDITS = 4
 MAX_SPAN = 40
 MAX_GROWTH = 20_000

@@ -19,8 +19,10 @@ from mdrive_sumo.contract import Control
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Actors, EgoState, End, Frame
 from mdrive_sumo.episode import Ending, Recorder, load_episode, quantize_frame, save_episode
+from mdrive_sumo.negotiation.transcript import check_transcript
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum, read_network_file
+from mdrive_sumo.runs.run_config import load_agent_config
 from mdrive_sumo.scenario.scenario import load_scenario
 from mdrive_sumo.scenario.suite import list_packaged_suites, load_suite
 from mdrive_sumo.scoring import ScoreMode, load_results, save_results, score_episode, summarize_run
@@ -229,6 +231,11 @@ TARGETS: Mapping[str, FuzzTarget] = {
     "suite.json": FuzzTarget(_write_suite, lambda path: load_suite(str(path.parent))),
     "scenario.json": FuzzTarget(_write_scenario, load_scenario),
     "results.json": FuzzTarget(_write_results, load_results),
+    "agent config": FuzzTarget(_file("config.json", '{"speed": 3.5, "polite": true, "name": "x"}'), load_agent_config),
+    "transcript": FuzzTarget(
+        _file("0.jsonl", '{"seed": 0, "ordinal": 0, "digest": "ab", "request": {}, "answer": "yes", "tokens": 3}\n'),
+        check_transcript,
+    ),
     "archive": FuzzTarget(
         _file("team.zip", archive_samples.packed(archive_samples.GOOD)),
         lambda path: check_archive(path, ArchiveLimits()),
