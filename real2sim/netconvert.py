@@ -2,14 +2,19 @@
 
 import importlib.util
 import re
+import resource
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 
+LIMIT_S = 600
+MEMORY_BYTES = 2 * 2**30
+"""Address space of netconvert; for CARLA's largest town it holds 66 MB."""
 OPENDRIVE_OPTIONS = (
     "--opendrive.curve-resolution",
     "1.0",
@@ -42,12 +47,27 @@ def run_netconvert(arguments: Sequence[str], folder: Path, expected: str) -> byt
     with tempfile.TemporaryDirectory() as scratch:
         net = Path(scratch) / "map.net.xml"
         call = (str(find_netconvert()), *arguments, "--output-file", str(net))
-        done = subprocess.run(call, cwd=folder, capture_output=True, text=True, check=False, timeout=600)
-        if done.returncode or not net.is_file():
-            errors = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
-            reason = errors[0].removeprefix("Error: ") if errors else f"exit code {done.returncode}"
+        exit_code, messages = _run_limited(call, folder, expected)
+        if exit_code or not net.is_file():
+            errors = [line for line in messages.splitlines() if line.startswith("Error: ")]
+            reason = errors[0].removeprefix("Error: ") if errors else f"exit code {exit_code}"
             raise InputError(f"{expected} that netconvert accepts, found: {reason}")
         return net.read_bytes()
+
+
+def _run_limited(call: Sequence[str], folder: Path, expected: str) -> tuple[int, str]:
+    """Return exit code and messages of a command with limits: a road of 1e9 m would fill the memory of the machine."""
+    with subprocess.Popen(
+        call, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, errors="replace"
+    ) as process:
+        if sys.platform == "linux":
+            resource.prlimit(process.pid, resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
+        try:
+            messages = process.communicate(timeout=LIMIT_S)[1]
+            return process.returncode, messages
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise InputError(f"{expected} that netconvert compiles within {LIMIT_S} s, found no end") from None
 
 
 def strip_xml_comments(xml: bytes) -> bytes:

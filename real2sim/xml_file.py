@@ -8,6 +8,8 @@ from xml.etree import ElementTree
 from mdrive_sumo.core.errors import InputError
 
 Element = ElementTree.Element
+MAX_DEPTH = 100
+"""Levels of elements; the formats that are read have about ten."""
 
 
 class _DoctypeRefuser(ElementTree.TreeBuilder):
@@ -15,13 +17,25 @@ class _DoctypeRefuser(ElementTree.TreeBuilder):
         raise InputError(f"expected XML without a document type, found <!DOCTYPE {name}>")
 
 
+def _check_depth(root: Element) -> None:
+    """Raise InputError for elements nested so deeply that code which calls itself for each would fail."""
+    level = [root]
+    for _ in range(MAX_DEPTH):
+        level = [child for element in level for child in element]
+        if not level:
+            return
+    raise InputError(f"expected elements at most {MAX_DEPTH} deep, found more")
+
+
 def read_xml(path: Path) -> Element:
     """Return the root element of an XML file; raise InputError if it is unreadable, malformed or has a DOCTYPE."""
     try:
-        return ElementTree.fromstring(path.read_bytes(), ElementTree.XMLParser(target=_DoctypeRefuser()))
+        root = ElementTree.fromstring(path.read_bytes(), ElementTree.XMLParser(target=_DoctypeRefuser()))
+        _check_depth(root)
+        return root
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError, ValueError) as error:  # the last two: encodings that Python lacks
         raise InputError(f"{path}: expected well-formed XML, found: {error}") from None
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

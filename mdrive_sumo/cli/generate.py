@@ -116,7 +116,7 @@ def _read_recorded_model(folder: Path) -> str:
     try:
         with sorted(folder.glob("*.jsonl"))[0].open(encoding="utf-8") as lines:
             return str(json.loads(lines.readline())["request"]["model"])
-    except (OSError, ValueError, LookupError, TypeError):
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
         raise InputError(f"--replay {folder}: expected transcripts of an earlier run, found none") from None
 
 

@@ -14,14 +14,18 @@ import numpy.typing as npt
 from mdrive_sumo.contract import Message, Note
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Contact, End, FailureReason, Kind
+from mdrive_sumo.episode.array_archive import read_arrays
 from mdrive_sumo.episode.episode import Ending, EpisodeRecord, NoteRecord, PlanRecord, SignalChange, ThinkTime
 from mdrive_sumo.episode.episode_schema import FORMAT, READABLE_FORMATS
+from mdrive_sumo.episode.recording_checks import check_recording, parse_header
+from mdrive_sumo.scenario.scenario import shorten_value
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 
 _CORRUPT = (
-    OSError, ValueError, KeyError, TypeError, EOFError, IndexError, RuntimeError, zipfile.BadZipFile, zlib.error,
+    OSError, ValueError, KeyError, TypeError, EOFError, IndexError, RuntimeError, NotImplementedError,
+    zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""What numpy and zipfile raise for damaged files; RuntimeError for bytes that look like an encrypted member."""
+"""What zipfile and the checks raise for damaged files; RuntimeError for bytes that look like an encrypted member."""
 _FATES = tuple(DeliveryStatus)
 Ints = npt.NDArray[np.signedinteger[Any]]
 
@@ -69,22 +73,22 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
 def load_episode(path: Path) -> EpisodeRecord:
     """Load an episode file. Raises InputError for one that is missing, corrupt or of another version."""
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
-            header = json.loads(bytes(data["header"]))
-            if header["format"] not in READABLE_FORMATS:
-                raise InputError(f"{path}: expected the format {FORMAT}, found {header['format']!r}")
-            return _build_record(header, {name: data[name] for name in data.files})
+        arrays = read_arrays(path)
+        header = json.loads(arrays["header"].tobytes())
+        if header["format"] not in READABLE_FORMATS:
+            raise InputError(f"{path}: expected the format {FORMAT}, found {shorten_value(header['format'])}")
+        check_recording(parse_header(header), arrays)
+        return _build_record(header, arrays)
     except FileNotFoundError:
         raise InputError(f"{path}: expected a recording, found no file") from None
     except _CORRUPT as error:
-        raise InputError(f"{path}: expected a recording of mdrive-sumo, found a corrupt file ({error})") from None
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"{path}: expected a recording of mdrive-sumo, found a corrupt file ({reason})") from None
 
 
 def _build_record(header: dict[str, Any], data: dict[str, Any]) -> EpisodeRecord:
     ticks = len(data["quanta"])
     valid = np.unpackbits(data["valid"], axis=0, count=ticks).astype(np.bool_)
-    if valid.shape != data["quanta"].shape[:2] or len(header["ids"]) != valid.shape[1] or len(data["digests"]) != ticks:
-        raise ValueError("arrays of different shapes")
     plans, begin = [], 0
     for tick, ego, interval_s, count in header["plans"]:
         points = np.cumsum(data["plan_points"][begin : begin + count].astype(np.int32), axis=0) / 100

@@ -20,18 +20,24 @@ def list_notes(episode: EpisodeRecord) -> list[tuple[int, str, str, str, str]]:
 
 
 def _format_note(record: NoteRecord) -> tuple[str, str]:
+    """Return text and details; a note that is no JSON object, or nested deeper than Python's stack, as it is."""
     try:
         content = json.loads(record.note.text)
-    except ValueError:
-        return _shorten(record.note.text), ""
-    if not isinstance(content, dict):
-        return _shorten(record.note.text), ""
-    if record.note.kind != EXCHANGE:
+        if isinstance(content, dict):
+            return _format_content(record.note.kind, content)
+    except (ValueError, RecursionError):
+        pass
+    return _shorten(record.note.text), ""
+
+
+def _format_content(kind: str, content: dict[str, Any]) -> tuple[str, str]:
+    if kind != EXCHANGE:
         return _shorten(
             "\n".join(f"{name}: {_format_value(value)}" for name, value in content.items() if value != "")
         ), ""
     if "error" in content:
-        return _shorten("no answer: " + " · ".join(map(_format_value, content["error"]))), _find_prompt(content)
+        parts = content["error"] if isinstance(content["error"], list) else [content["error"]]
+        return _shorten("no answer: " + " · ".join(map(_format_value, parts))), _find_prompt(content)
     return _shorten(_format_value(content.get("answer", ""))), _find_prompt(content)
 
 

@@ -3,12 +3,14 @@
 # pyright: basic
 import gzip
 import re
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from xml.sax import SAXException
 
 import numpy as np
 import shapely
@@ -25,6 +27,13 @@ from mdrive_sumo.roads.network_file import (
 )
 
 NEARBY_M = 4.0
+MAX_NET_BYTES = 256 * 2**20
+"""Of an uncompressed net; a map of CARLA's Town04 has 0.7 MB."""
+_NET_ERRORS = (
+    SAXException, SyntaxError, LookupError, ValueError, TypeError, AttributeError, AssertionError, ArithmeticError,
+    shapely.errors.ShapelyError,
+)  # fmt: skip
+"""What sumolib raises for nets that lack parts; SyntaxError is that of lxml, which it uses if there is one."""
 
 
 @dataclass(frozen=True)
@@ -162,14 +171,29 @@ def load_road_map(folder: Path) -> RoadMap:
     """Load a network folder (`network.json`, `map.net.xml.gz`). Raises InputError. Cached: a RoadMap is immutable."""
     about = read_network_file(folder)
     path = folder / NET_FILE
-    try:
-        xml = gzip.decompress(path.read_bytes())
-    except (OSError, EOFError) as error:
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise InputError(f"{path}: cannot be read as a gzipped SUMO network: {reason}") from None
+    xml = _read_net(path)
     if (found := compute_net_checksum(xml)) != about.checksum:
         raise InputError(f"{path}: expected the checksum of network.json, {about.checksum}, found {found}")
-    return _build_road_map(folder, about, path, _is_left_hand(xml))
+    try:
+        return _build_road_map(folder, about, path, _is_left_hand(xml))
+    except _NET_ERRORS as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(f"{path}: expected a SUMO network, found {type(error).__name__}: {reason}") from None
+
+
+def _read_net(path: Path) -> bytes:
+    """Return an uncompressed net; raise InputError, also for one that fills the memory."""
+    try:
+        with gzip.open(path) as file:
+            xml = file.read(MAX_NET_BYTES + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        raise InputError(f"{path}: cannot be read as a gzipped SUMO network: {reason}") from None
+    if len(xml) > MAX_NET_BYTES:
+        raise InputError(f"{path}: expected a SUMO network of at most {MAX_NET_BYTES} bytes, found more")
+    if b"<!DOCTYPE" in xml:
+        raise InputError(f"{path}: expected a SUMO network without a document type, found one")
+    return xml
 
 
 def _is_left_hand(xml: bytes) -> bool:

@@ -109,7 +109,7 @@ def load_agent_config(path: Path) -> dict[str, ConfigValue]:
         config = json.loads(path.read_bytes())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: expected JSON, found none ({error})") from None
     if not isinstance(config, dict):
         raise InputError(f"{path}: expected a JSON object, found a {type(config).__name__}")

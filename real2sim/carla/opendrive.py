@@ -17,6 +17,8 @@ STOP_SIGN = "206"
 STOP_BOX_M = 4.0
 """[m] Length of a stop box, which OpenDRIVE does not define: it contains a car waiting up to 1.5 m before the line."""
 APPROACH_M = 12.0
+MAX_ROADS_M = 1e6
+"""[m] CARLA's largest town has 11 km of reference lines."""
 APPROACH_RAD = math.radians(45)
 
 
@@ -45,6 +47,7 @@ def read_opendrive(path: Path) -> OpenDriveMap:
     root = read_xml(path)
     if root.tag != "OpenDRIVE":
         raise InputError(f"{path}: expected the root element <OpenDRIVE>, found <{root.tag}>")
+    _check_length(path, root)
     roads = [road for road in root.iter("road") if road.get("junction") == "-1"]
     signs = [
         _read_sign(path, road, signal)
@@ -58,6 +61,13 @@ def read_opendrive(path: Path) -> OpenDriveMap:
         stop_signs=tuple(signs) if next(root.iter("signal"), None) is not None else None,
         road_middles=np.array([middle for road in roads for middle in _find_road_middle(path, road)]).reshape(-1, 2),
     )
+
+
+def _check_length(path: Path, root: Element) -> None:
+    """Raise InputError for roads that take more memory than there is, at a point for every metre."""
+    pieces = (read_number(path, piece, "length") for piece in root.iter("geometry"))
+    if not (total := sum(map(abs, pieces))) <= MAX_ROADS_M:
+        raise InputError(f"{path}: expected roads of at most {MAX_ROADS_M:g} m in all, found {total:g} m")
 
 
 def _read_sign(path: Path, road: Element, signal: Element) -> OpenDriveSign:

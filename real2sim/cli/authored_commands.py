@@ -60,10 +60,10 @@ def mdrive(
     if (towns is None) == (vector_map is None):
         raise InputError("mdrive: expected either --towns or --map, found " + ("both" if towns else "neither"))
     from real2sim.authored.suite_converter import convert_authored
+    from real2sim.pipeline.limited_reader import read_vector_map_limited
     from real2sim.readers.mdrive import VectorMap, find_mdrive_folders, read_mdrive
-    from real2sim.readers.v2xpnp_map import read_vector_map
 
-    place = VectorMap(read_vector_map(vector_map)[0], frame) if vector_map else towns
+    place = VectorMap(read_vector_map_limited(vector_map), frame) if vector_map else towns
     assert place is not None
     scenes = [read_mdrive(folder, place) for folder in find_mdrive_folders(paths)]
     click.echo(_format_report(convert_authored(scenes, out, build_suite_file(out, name)), out))

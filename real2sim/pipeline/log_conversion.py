@@ -10,7 +10,8 @@ from mdrive_sumo.scenario.scenario import save_scenario
 from real2sim.clean import MIN_FRAMES
 from real2sim.fidelity_report.index_page import IndexRow, build_index_row
 from real2sim.fidelity_report.report_page import write_report
-from real2sim.pipeline.log_source import LogSource, prefix_with_log, read_log
+from real2sim.pipeline.limited_reader import read_log_limited
+from real2sim.pipeline.log_source import LogSource, prefix_with_log
 from real2sim.pipeline.quality_file import save_quality
 from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
 from real2sim.readers.time_window import TimeWindow, crop_recording
@@ -40,7 +41,7 @@ class ConvertedScenario:
 def convert_log(log: LogSource, draft: Path, wish: ConversionOptions, page: bool) -> ConvertedScenario:
     """Write DRAFT/<id>/ and DRAFT/networks/<id>/; raises InputError with one sentence that names the log."""
     try:
-        recording = crop_recording(str(log.path), read_log(log), log.window)
+        recording = crop_recording(str(log.path), read_log_limited(log), log.window)
         _check_length(recording)
         built = build_scenario(_build_scene(recording, log.window), draft, replace(wish, window_s=log.window))
     except InputError as error:
@@ -56,7 +57,7 @@ def convert_log(log: LogSource, draft: Path, wish: ConversionOptions, page: bool
 def split_into_windows(log: LogSource, every_s: float) -> tuple[TimeWindow, ...]:
     """Return consecutive windows of that length [s]; a remainder shorter than half of it or `MIN_LOG_S` is dropped."""
     try:
-        recording = crop_recording(str(log.path), read_log(log), log.window)
+        recording = crop_recording(str(log.path), read_log_limited(log), log.window)
     except InputError as error:
         raise InputError(prefix_with_log(log, str(error))) from None
     first = log.window[0] if log.window else 0.0

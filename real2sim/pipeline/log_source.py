@@ -4,9 +4,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from mdrive_sumo.core.errors import InputError
+from real2sim.readers.checked_arrays import MAX_COORDINATE_M
 from real2sim.readers.time_window import TimeWindow
 from real2sim.recording import Recording
+
+MAX_SIZE_M = 200.0
+"""[m] Longer than any road vehicle or barrier."""
 
 
 @dataclass(frozen=True)
@@ -24,12 +30,27 @@ class LogSource:
 def read_log(log: LogSource) -> Recording:
     """Read the whole log; raises InputError, also if a package of the extra `convert` is missing."""
     try:
-        return READERS[log.source](log)
+        return _check_extent(log.path, READERS[log.source](log))
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         raise InputError(
             f"{log.source}: expected the package {package}, found none (pip install 'mdrive-sumo[convert]')"
         ) from None
+
+
+def _check_extent(path: Path, recording: Recording) -> Recording:
+    """Raise InputError for positions and sizes that are finite but of no place on earth: sums of them are infinite."""
+    for track in (track for view in recording.views for track in view.tracks):
+        for name, limit in (
+            ("x", MAX_COORDINATE_M),
+            ("y", MAX_COORDINATE_M),
+            ("length", MAX_SIZE_M),
+            ("width", MAX_SIZE_M),
+        ):
+            column = getattr(track, name)
+            if (np.abs(column[np.isfinite(column)]) > limit).any():
+                raise InputError(f"{path}: track {track.id}: {name}: expected at most {limit:g} m, found more")
+    return recording
 
 
 def _v2xpnp(log: LogSource) -> Recording:

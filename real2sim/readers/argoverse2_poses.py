@@ -10,6 +10,8 @@ from mdrive_sumo.core.geometry import Float, Int
 from real2sim.readers.arrow_tables import Columns
 
 POSE_COLUMNS = ("timestamp_ns", "qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
+MAX_TIME_NS = 4e18
+"""[ns] since 1970, 126 years: the difference of two such times still is an int64."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +56,17 @@ def parse_poses(path: Path, rows: Columns, start_ns: int) -> PoseSeries:
             f"{path}: qw, qx, qy, qz: expected quaternions of length 1, found {length[row]:g} in row {row}"
         )
     xyz = np.column_stack([rows[name] for name in POSE_COLUMNS[5:]]).astype(np.float64)
-    return PoseSeries(to_seconds(rows["timestamp_ns"], start_ns), xyz, quaternion / length[:, None])
+    return PoseSeries(to_seconds(check_times(path, rows), start_ns), xyz, quaternion / length[:, None])
 
 
 def to_seconds(timestamp_ns: Int, start_ns: int) -> Float:
-    """Return times [s] since a start."""
+    """Return times [s] since a start; both are within `MAX_TIME_NS`."""
     return (timestamp_ns - start_ns).astype(np.float64) / 1e9
+
+
+def check_times(path: Path, rows: Columns) -> Int:
+    """Return the column `timestamp_ns` as integers whose differences do not overflow; raise InputError."""
+    times = rows["timestamp_ns"]
+    if (np.abs(times.astype(np.float64)) > MAX_TIME_NS).any():
+        raise InputError(f"{path}: timestamp_ns: expected times within 126 years of 1970, found others")
+    return times.astype(np.int64)

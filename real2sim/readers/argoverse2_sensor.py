@@ -15,8 +15,9 @@ import numpy.typing as npt
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Int, wrap_angles
 from real2sim.readers.argoverse2_map import find_single_file, read_argoverse2_map
-from real2sim.readers.argoverse2_poses import POSE_COLUMNS, PoseSeries, parse_poses, to_seconds
+from real2sim.readers.argoverse2_poses import POSE_COLUMNS, PoseSeries, check_times, parse_poses, to_seconds
 from real2sim.readers.arrow_tables import Columns, read_columns
+from real2sim.readers.checked_arrays import check_frame_count
 from real2sim.readers.lane_geometry import shift_ahead
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
@@ -95,8 +96,11 @@ def read_argoverse2_sensor(folder: Path) -> Recording:
     """
     path = find_single_file(folder, "annotations_with_ego.feather", "annotations.feather")
     rows = read_columns(path, (*POSE_COLUMNS, "length_m", "width_m"), ("track_uuid", "category"))
-    start_ns = int(rows["timestamp_ns"].min())
-    ego = _read_ego_poses(folder / "city_SE3_egovehicle.feather", rows["timestamp_ns"], start_ns)
+    times = check_times(path, rows)
+    start_ns = int(times.min())
+    steps = float(times.max() - times.min()) / 1e9 / DT_S
+    check_frame_count(f"{path}: timestamp_ns", steps + 1, len(set(rows["track_uuid"].tolist())))
+    ego = _read_ego_poses(folder / "city_SE3_egovehicle.feather", times, start_ns)
     boxes = _build_boxes(path, rows, ego, start_ns)
     grid = DT_S * np.arange(round(float(boxes.t.max()) / DT_S) + 1, dtype=np.float64)
     if len(grid) < 2:

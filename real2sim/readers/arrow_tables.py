@@ -38,11 +38,15 @@ def _read_table(path: Path) -> Any:
         raise build_missing_error(path, "pyarrow") from None
     reader: Any = parquet.read_table if path.suffix == ".parquet" else feather.read_table
     try:
-        return reader(path)
+        table = reader(path)
+        table.validate(full=True)  # otherwise offsets of a damaged file are addresses that crash the process
+        if not all(map(str.isprintable, table.column_names)):
+            raise InputError(f"{path}: expected columns with names, found {ascii(table.column_names)[:80]}")
+        return table
     except FileNotFoundError:
         raise InputError(f"{path}: expected a {path.suffix[1:]} table, found no such file") from None
-    except (OSError, pyarrow.ArrowException) as error:
-        reason = str(error).splitlines()[0]
+    except (OSError, pyarrow.ArrowException, UnicodeDecodeError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise InputError(f"{path}: expected a complete {path.suffix[1:]} table, found: {reason}") from None
 
 

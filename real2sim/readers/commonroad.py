@@ -18,6 +18,7 @@ import numpy as np
 from shapely.errors import ShapelyError
 
 from mdrive_sumo.core.errors import InputError
+from real2sim.readers.checked_arrays import check_frame_count
 from real2sim.readers.commonroad_map import build_commonroad_map
 from real2sim.readers.optional_package import build_missing_error
 from real2sim.readers.time_window import TimeWindow, crop_recording
@@ -191,6 +192,7 @@ def _build_tracks(path: Path, scenario: Any) -> tuple[tuple[RecordedTrack, ...],
     times = [state.time_step for obstacle, _, states in found if _is_dynamic(obstacle) for state in states]
     if not times:
         raise InputError(f"{path}: expected at least one dynamic obstacle with a trajectory, found none")
+    check_frame_count(f"{path}: time", max(times) - min(times) + 1, len(found))
     span = range(min(times), max(times) + 1)
     tracks = tuple(_build_track(path, *one, span) for one in found)
     return tracks, tuple(f"{count} obstacles {why} skipped" for why, count in sorted(skipped.items()))

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
+from real2sim.readers.checked_arrays import check_frame_count
 from real2sim.readers.lanelet2 import read_lanelet2
 from real2sim.readers.time_window import TimeWindow, crop_recording
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
@@ -59,7 +60,9 @@ def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None) 
     if pedestrians != vehicles and pedestrians.is_file():
         rows[pedestrians] = _read_rows(pedestrians, MOTION_COLUMNS)
     times = [row.time_ms for its_rows in rows.values() for row in its_rows]
-    frames = round((max(times) - min(times)) / STEP_MS) + 1
+    tracks_found = sum(len({row.id for row in its_rows}) for its_rows in rows.values())
+    steps = (max(times) - min(times)) / STEP_MS
+    frames = check_frame_count(f"{vehicles}: timestamp_ms", steps + 1.5, tracks_found)  # rounded to whole steps
     found = tuple(
         track for path, its_rows in rows.items() for track in _build_tracks(path, its_rows, min(times), frames)
     )
@@ -102,7 +105,8 @@ def _parse_rows(path: Path, lines: Iterator[list[str]], columns: Sequence[str]) 
     header = [name.strip() for name in next(lines, [])]
     missing = [name for name in (*KEY_COLUMNS, *columns) if name not in header]
     if missing:
-        raise InputError(f"{path}: expected the column {missing[0]}, found {', '.join(header) or 'none'}")
+        found = " ".join(", ".join(header).split())[:200] or "none"
+        raise InputError(f"{path}: expected the column {missing[0]}, found {found}")
     id_, time, agent_type, *values = (header.index(name) for name in (*KEY_COLUMNS, *columns))
     rest = (math.nan,) * (len(MOTION_COLUMNS) + len(BOX_COLUMNS) - len(columns))
     for line, cells in enumerate(lines, start=2):

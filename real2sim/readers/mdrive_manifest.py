@@ -110,7 +110,7 @@ def _read_json(path: Path, shape: TypeAdapter[_T]) -> _T:
         data: Any = json.loads(path.read_text())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValueError as error:  # broken JSON, or no text at all
+    except (ValueError, RecursionError) as error:  # broken JSON, no text at all, or nested without end
         raise InputError(f"{path}: expected JSON, found: {error}") from None
     try:
         return shape.validate_python(data)

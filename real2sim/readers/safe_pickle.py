@@ -1,35 +1,37 @@
-"""Load untrusted pickles: only listed classes are resolved, all others are refused, and nothing is executed."""
+"""Load untrusted pickles: only listed classes are resolved, others are refused, and nothing is executed.
+
+Arrays are built by `pickled_arrays`. A pickle can still ask for much memory or time: `mdrive-sumo convert` therefore
+reads logs in a process with limits (`real2sim.pipeline.limited_reader`).
+"""
 
 import pickle
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy._core import multiarray, numeric
-
 from mdrive_sumo.core.errors import InputError
+from real2sim.readers.pickled_arrays import DTYPE, FROM_BUFFER, NDARRAY, RECONSTRUCT, SCALAR
 
 AllowedGlobals = Mapping[tuple[str, str], object]
-"""(module, name) in a pickle -> object used for it."""
+"""(module, name) in a pickle -> object used for it. None of them may have attributes that a pickle can set."""
 
 _HELPERS: AllowedGlobals = {
-    ("multiarray", "_reconstruct"): multiarray._reconstruct,
-    ("multiarray", "scalar"): multiarray.scalar,
-    ("numeric", "_frombuffer"): vars(numeric)["_frombuffer"],
+    ("multiarray", "_reconstruct"): RECONSTRUCT,
+    ("multiarray", "scalar"): SCALAR,
+    ("numeric", "_frombuffer"): FROM_BUFFER,
 }
 
 NUMPY_GLOBALS: AllowedGlobals = {
     **{(f"numpy.core.{module}", name): helper for (module, name), helper in _HELPERS.items()},  # numpy 1
     **{(f"numpy._core.{module}", name): helper for (module, name), helper in _HELPERS.items()},  # numpy 2
-    ("numpy", "ndarray"): np.ndarray,
-    ("numpy", "dtype"): np.dtype,
+    ("numpy", "ndarray"): NDARRAY,
+    ("numpy", "dtype"): DTYPE,
 }
 """Arrays and scalars of numpy."""
 
 UNPICKLING_ERRORS = (
     pickle.UnpicklingError, EOFError, ValueError, TypeError, AttributeError, LookupError, MemoryError, OverflowError,
-    RecursionError, NotImplementedError, AssertionError,
+    RecursionError, NotImplementedError, AssertionError, SystemError, BufferError,
 )  # fmt: skip
 """Exceptions of the unpickler for invalid or incomplete data."""
 

@@ -17,6 +17,7 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap
+from real2sim.readers.checked_arrays import check_frame_count, find_gap
 from real2sim.readers.v2xpnp_frame import V2xpnpFrame, read_frame
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
@@ -99,9 +100,9 @@ def _list_agents(folder: Path) -> list[str]:
     cavs, stations = [n for n in numbers if n >= 0], [n for n in numbers if n < 0][::-1]
     if not cavs:
         raise InputError(f"{folder}: expected agent folders 1, 2, ... of CAVs, found {numbers or 'none'}")
-    missing = sorted(({*range(1, cavs[-1])} | {*range(-1, min(stations, default=0), -1)}) - {*numbers})
-    if missing:
-        raise InputError(f"{folder}: expected agent folders without holes, found {numbers} and no folder {missing[0]}")
+    missing = find_gap((0, *cavs, *stations))
+    if missing is not None:
+        raise InputError(f"{folder}: expected agent folders without holes, found {numbers} and no folder {missing}")
     return [str(n) for n in (*cavs, *stations)]
 
 
@@ -113,11 +114,12 @@ def _list_frames(folder: Path) -> dict[int, Path]:
     files = {int(stem): path for stem, path in named.items() if re.fullmatch(r"[0-9]+", stem)}
     if not files:
         raise InputError(f"{folder}: expected frames 000000.yaml, 000001.yaml, ..., found no such file")
-    missing = sorted({*range(min(files), max(files))} - files.keys())
-    if missing:
+    missing = find_gap(files)
+    if missing is not None:
         raise InputError(
-            f"{folder}: expected all frames from {min(files):06d} to {max(files):06d}, found no {missing[0]:06d}.yaml"
+            f"{folder}: expected all frames from {min(files):06d} to {max(files):06d}, found no {missing:06d}.yaml"
         )
+    check_frame_count(str(folder), len(files))
     return dict(sorted(files.items()))
 
 
@@ -125,6 +127,7 @@ def _build_view(folder: Path, frames: Sequence[V2xpnpFrame]) -> tuple[ObserverVi
     sensor = np.array([frame.sensor for frame in frames])
     names, rows = _index_objects(frames)
     at = np.repeat(np.arange(len(frames)), [len(frame.ids) for frame in frames])
+    check_frame_count(str(folder), len(frames), len(names))
     boxes = np.full((len(names), len(frames), 12), np.nan)
     boxes[rows, at] = np.concatenate([frame.boxes for frame in frames])
     labels, static = _count_labels(frames)

@@ -16,9 +16,13 @@ import yaml
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
+from real2sim.readers.checked_arrays import describe_value
 
 COLUMNS = ("angle", "center", "extent", "location")
 """Fields of an object, three numbers each, in the order of `V2xpnpFrame.boxes`."""
+
+SAFE_DEPTH = 1000
+"""Levels of nested values that libyaml's binding reads without trouble; a frame has four."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +100,7 @@ def _parse_regular(text: str) -> V2xpnpFrame | None:
 def _parse_yaml(path: Path, text: str) -> V2xpnpFrame:
     """Return the frame of any YAML text; raise InputError."""
     try:
+        _check_depth(path, text)
         raw: Any = yaml.load(text, yaml.CSafeLoader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         found = " ".join(str(error).split())
@@ -122,9 +127,21 @@ def _parse_yaml(path: Path, text: str) -> V2xpnpFrame:
     )
 
 
+def _check_depth(path: Path, text: str) -> None:
+    """Raise InputError for collections nested so deeply that libyaml's binding overflows the stack and crashes."""
+    indents = (len(line) - len(line.lstrip(" -?:")) for line in text.splitlines())
+    if text.count("[") + text.count("{") + max(indents, default=0) <= SAFE_DEPTH:
+        return
+    depth = 0
+    for event in yaml.parse(text, yaml.CSafeLoader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > SAFE_DEPTH:
+            raise InputError(f"{path}: expected values at most {SAFE_DEPTH} deep, found more")
+
+
 def _check_object(path: Path, key: object, raw: object) -> Mapping[str, Any]:
     if not isinstance(raw, Mapping):
-        raise InputError(f"{path}: object {key}: expected a mapping with location, found {raw!r}")
+        raise InputError(f"{path}: object {key}: expected a mapping with location, found {describe_value(raw)}")
     if "obj_type" not in raw:
         raise InputError(f"{path}: object {key}: expected obj_type, found only {', '.join(map(str, raw))}")
     return raw
@@ -138,7 +155,7 @@ def _parse_box(path: Path, key: object, item: Mapping[str, Any]) -> tuple[float,
 
 def _parse_numbers(where: str, raw: object, count: int) -> tuple[float, ...]:
     if not isinstance(raw, list | tuple) or len(raw) != count or not all(type(n) in (int, float) for n in raw):
-        raise InputError(f"{where}: expected {count} numbers, found {raw!r}")
+        raise InputError(f"{where}: expected {count} numbers, found {describe_value(raw)}")
     return tuple(map(float, raw))
 
 

@@ -5,9 +5,8 @@ Classes of the original module become containers of their fields; all other name
 the order of a lane's points is not its direction of travel.
 """
 
-import collections
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -18,7 +17,8 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap, LaneKind, MapLane
-from real2sim.readers.checked_arrays import parse_points
+from real2sim.readers.checked_arrays import describe_value, parse_points
+from real2sim.readers.pickled_arrays import Constructor
 from real2sim.readers.safe_pickle import NUMPY_GLOBALS, load_pickle
 
 MODULE = "opencood.data_utils.datasets.map.map_types"
@@ -48,8 +48,15 @@ class PickledFields:
             self.fields.update(part if isinstance(part, dict) else {})
 
 
-class _LaneType(int):
-    """Any number; an enumeration would refuse unknown ones."""
+def _build_dict(items: Iterable[tuple[Any, Any]] = ()) -> dict[Any, Any]:
+    return dict(items)
+
+
+def _read_lane_type(number: object) -> int:
+    """Return any number; an enumeration would refuse unknown ones."""
+    if not isinstance(number, int):
+        raise ValueError(f"expected a number for LaneType, found {type(number).__name__}")
+    return number
 
 
 _CLASS_NAMES = (
@@ -65,8 +72,8 @@ _CLASS_NAMES = (
 _CLASS_BY_NAME = {name: type(name, (PickledFields,), {}) for name in _CLASS_NAMES}
 _ALLOWED_GLOBALS = {
     **NUMPY_GLOBALS,
-    ("collections", "OrderedDict"): collections.OrderedDict,
-    (MODULE, "LaneType"): _LaneType,
+    ("collections", "OrderedDict"): Constructor(_build_dict),
+    (MODULE, "LaneType"): Constructor(_read_lane_type),
     **{(MODULE, name): bag for name, bag in _CLASS_BY_NAME.items()},
 }
 
@@ -113,7 +120,7 @@ def _parse_list(where: str, raw: Any) -> list[Any]:
 
 def _parse_integer(where: str, raw: Any) -> int:
     if not isinstance(raw, int | np.integer):
-        raise InputError(f"{where}: expected a whole number, found {raw!r}")
+        raise InputError(f"{where}: expected a whole number, found {describe_value(raw)}")
     return int(raw)
 
 

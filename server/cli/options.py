@@ -2,6 +2,7 @@
 
 from collections.abc import Generator
 from contextlib import contextmanager
+from json import JSONDecodeError
 from pathlib import Path
 
 import click
@@ -31,8 +32,13 @@ def load_settings_with(file: Path | None, data: Path | None, **options: object) 
 
 @contextmanager
 def report_store_errors() -> Generator[None]:
-    """Raise InputError for StoreUnavailable: the user can start the database."""
+    """Raise InputError for StoreUnavailable: the user can start the database. Also for values that are damaged."""
     try:
         yield
     except StoreUnavailable as error:
         raise InputError(str(error)) from None
+    except (JSONDecodeError, UnicodeDecodeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(
+            f"database: expected values as this version writes them, found damaged ones: {reason}"
+        ) from None

@@ -62,6 +62,7 @@ def serve(
     settings = _apply_executor(load_settings_with(file, data, host=host, port=port), executor, scheduler)
     signal.signal(signal.SIGTERM, _exit_on_signal)
     with report_store_errors(), _lock_data_folder(settings), _open_listener(settings) as listener:
+        _check_database(settings)
         settings = _apply_phases(settings, file)
         _print_missing_environments(settings)
         app = make_app(settings)
@@ -186,6 +187,13 @@ def _apply_executor(settings: ServerSettings, executor: str | None, scheduler: s
     if (executor == "dask") != bool(scheduler):
         raise InputError(f"--executor {executor or EXECUTORS[0]}: expected --scheduler with dask and only then")
     return settings.model_copy(update={"work": settings.work.model_copy(update={"scheduler": scheduler})})
+
+
+def _check_database(settings: ServerSettings) -> None:
+    """Read a SQLite file once from end to end. Raises InputError if it is damaged."""
+    store = Store(settings.database_url)
+    store.check(whole=True)
+    store.close()
 
 
 def _apply_phases(settings: ServerSettings, file: Path | None) -> ServerSettings:

@@ -7,13 +7,15 @@ import shutil
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Exists, Table, delete, false, insert, select, text, true
-from sqlalchemy.exc import DatabaseError
+from sqlalchemy.exc import DatabaseError, IntegrityError
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
 from server.store import audit
+from server.store.database_check import check_sqlite_file
 from server.store.engine import Store, StoreUnavailable
 from server.store.row_check import find_row_differences
 from server.store.tables import AuditEntryRow, PhaseRow, TableBase, WorkerRow
@@ -57,6 +59,7 @@ def restore_backup(store: Store, file: Path) -> str:
     """
     if not file.is_file():
         raise InputError(f"{file}: expected a backup, found no file")
+    _check_file(file)
     with tempfile.TemporaryDirectory(prefix=".restore-", dir=_find_folder(file)) as folder:
         copy = Store(f"sqlite:///{shutil.copy(file, Path(folder) / 'copy.sqlite')}")
         try:
@@ -67,6 +70,15 @@ def restore_backup(store: Store, file: Path) -> str:
                 return _fill(source, target, file)
         finally:
             copy.close()
+
+
+def _check_file(file: Path) -> None:
+    try:
+        check_sqlite_file(file, whole=True)
+    except InputError as error:
+        raise InputError(
+            f"{file}: expected a backup written by `mdrive-sumo admin backup`, found something else ({error})"
+        ) from None
 
 
 def _find_folder(file: Path) -> Path:
@@ -113,8 +125,15 @@ def _copy(source: Session, target: Session) -> None:
     for table in TableBase.metadata.sorted_tables:
         found = source.execute(select(table).execution_options(yield_per=_CHUNK)).mappings()
         for part in found.partitions(_CHUNK):
-            target.execute(insert(table), [dict(row) for row in part])
+            _insert(target, table, [dict(row) for row in part])
         _set_sequence(target.connection(), table.name, "id" in table.c and table.c["id"].autoincrement is True)
+
+
+def _insert(target: Session, table: Table, rows: list[dict[str, Any]]) -> None:
+    try:
+        target.execute(insert(table), rows)
+    except IntegrityError as error:  # a damaged file: the rows of a sound one fit together
+        raise InputError(f"database: {table.name}: expected rows that fit together, found: {error.orig}") from None
 
 
 def _set_sequence(target: Connection, table: str, has_sequence: bool) -> None:

@@ -4,6 +4,7 @@ A challenge writes a few hundred rows a minute, so this costs nothing. In return
 of claims and the order of events need no locks of their own, and deadlocks are impossible.
 """
 
+import sqlite3
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,6 +20,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
+from server.store.database_check import check_sqlite_file
 
 BUSY_S = 30
 """Time limit of waiting for another writer [s]. Leases (60 s) must be longer."""
@@ -61,10 +63,11 @@ class Store:
     def migrate(self) -> None:
         """Migrate the tables to this version of the code; safe to call from several processes at once.
 
-        Raises InputError if a newer version created them, or a SQLite file's folder cannot be created.
+        Raises InputError if a newer version created them, a SQLite file is damaged or its folder cannot be created.
         """
         if self.is_sqlite:
             _make_folder(Path(str(self.url.database)).parent)
+        self.check()
         with _translate_errors(), self._writer.begin() as connection:
             config = Config()
             config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
@@ -75,6 +78,11 @@ class Store:
                 raise InputError(
                     f"database: expected one of this version or older, found one that is neither: {error}"
                 ) from None
+
+    def check(self, whole: bool = False) -> None:
+        """Raise InputError for a damaged SQLite file; with `whole` every page is read."""
+        if self.is_sqlite:
+            check_sqlite_file(Path(str(self.url.database)), whole, BUSY_S)
 
     def version(self) -> str | None:
         """Return the name of the last migration, None for an empty database."""
@@ -147,9 +155,16 @@ def _translate_errors() -> Generator[None]:
     except (OperationalError, PoolTimeout) as error:
         raise StoreUnavailable(f"the database does not answer: {_first_line(error)}") from error
     except DBAPIError as error:
+        if _is_damaged_sqlite(error):
+            raise StoreUnavailable(f"the database is damaged: {_first_line(error)}") from error
         if not error.connection_invalidated:
             raise
         raise StoreUnavailable(f"the database went away: {_first_line(error)}") from error
+
+
+def _is_damaged_sqlite(error: DBAPIError) -> bool:
+    """Return whether SQLite found its file malformed; other errors are subclasses."""
+    return type(error.orig) is sqlite3.DatabaseError
 
 
 def _first_line(error: Exception) -> str:

@@ -244,3 +244,17 @@ def test_the_19_stop_signs_of_town07_stand_shortly_before_a_junction(tmp_path: P
         lane = roads.lanes[box.lane]
         assert lane.successors and all(roads.lanes[after].junction for after in lane.successors)
         assert lane.centre.length - 5.0 < box.line_pos_m <= lane.centre.length
+
+
+@pytest.mark.parametrize("length", ["1e9", "1e300", "-1e12"])
+def test_roads_that_fill_the_memory_are_refused(length: str, tmp_path: Path) -> None:
+    """netconvert and the reader make a point for every metre."""
+    path = xodr(tmp_path, LINE.replace('length="60"', f'length="{length}"'))
+    with pytest.raises(InputError, match=r"TownXX\.xodr: expected roads of at most 1e\+06 m in all, found "):
+        read_opendrive(path)
+
+
+def test_netconvert_runs_with_a_limit_of_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(netconvert, "MEMORY_BYTES", 64 * 2**20)
+    with pytest.raises(InputError, match=r"TownXX\.xodr: expected a map that netconvert accepts, found: "):
+        netconvert.compile_opendrive(xodr(tmp_path))

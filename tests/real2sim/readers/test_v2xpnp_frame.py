@@ -146,3 +146,22 @@ def test_real_frames_have_the_regular_layout() -> None:
         assert fast is not None
         assert (fast.ids, fast.sensor, fast.labels, fast.static) == (slow.ids, slow.sensor, slow.labels, slow.static)
         np.testing.assert_array_equal(fast.boxes, slow.boxes)
+
+
+@pytest.mark.parametrize(
+    "text", ["[" * 200_000 + "\n", "- " * 200_000 + "1\n", "".join(f"{' ' * n}a:\n" for n in range(1500))]
+)
+def test_values_nested_deeper_than_the_stack_are_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "000000.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"000000\.yaml: expected values at most 1000 deep, found more"):
+        read_frame(path)
+
+
+def test_many_flat_lists_are_read(tmp_path: Path) -> None:
+    objects = "".join(
+        f"  {n}: {{angle: [0, 0, 0], extent: [1, 1, 1], location: [{n}, 0, 0], obj_type: Car}}\n" for n in range(400)
+    )
+    path = tmp_path / "000000.yaml"
+    path.write_text(f"lidar_pose: [0, 0, 0, 0, 0, 0]\nvehicles:\n{objects}")
+    assert len(read_frame(path).ids) == 400

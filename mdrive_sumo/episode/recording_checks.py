@@ -1,0 +1,70 @@
+"""Check that the parts of a recording from strangers fit together, before it is scored, drawn or replayed."""
+
+import json
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.episode.array_archive import Arrays, check_shapes
+from mdrive_sumo.episode.episode_schema import FORMAT, EpisodeHeader
+from mdrive_sumo.scenario.scenario import describe_first_error
+from mdrive_sumo.v2x.channel import DeliveryStatus
+
+MAX_TICK = 2**31
+
+
+def parse_header(header: dict[str, Any]) -> EpisodeHeader:
+    """Return the header of either format as its present version. Raises ValueError."""
+    endings: Any = header.get("endings")
+    if isinstance(endings, list):
+        endings = [{"failed_tick": None} | one if isinstance(one, dict) else one for one in endings]
+    upgraded = {"pseudonyms": {}} | header | {"format": FORMAT, "endings": endings}
+    try:
+        return EpisodeHeader.model_validate_json(json.dumps(upgraded), strict=True)
+    except ValidationError as error:
+        raise ValueError(f"header: {describe_first_error(error)}") from None
+
+
+def check_recording(header: EpisodeHeader, arrays: Arrays) -> None:
+    """Raise ValueError unless the arrays have the sizes that the header announces, and all references exist."""
+    if len(set(header.ids)) < len(header.ids) or not 0 <= header.egos <= len(header.ids):
+        raise ValueError("header: ids and egos do not fit together")
+    ticks = len(arrays["quanta"]) if "quanta" in arrays else 0
+    sizes = {
+        "T": ticks,
+        "T8": -(-ticks // 8),
+        "N": len(header.ids),
+        "E": header.egos,
+        "P": sum(plan.points for plan in header.plans),
+        "B": sum(message.size for message in header.messages),
+    }
+    check_shapes(arrays, sizes)
+    _check_counts(header)
+    _check_references(header, arrays)
+
+
+def _check_counts(header: EpisodeHeader) -> None:
+    if any(plan.points < 0 for plan in header.plans) or any(message.size < 0 for message in header.messages):
+        raise ValueError("header: a negative number of points or bytes")
+    entries = (*header.contacts, *header.signals, *header.plans, *header.messages, *header.notes, *header.endings)
+    if any(abs(one.tick) > MAX_TICK for one in entries):
+        raise ValueError(f"header: a tick beyond {MAX_TICK}")
+    egos = {*header.ids[: header.egos]}
+    named = {one.ego for one in (*header.contacts, *header.plans, *header.notes, *header.endings)}
+    if not named <= egos:
+        raise ValueError(f"header: no CAV {sorted(named - egos)[0][:60]!r}")
+
+
+def _check_references(header: EpisodeHeader, arrays: Arrays) -> None:
+    kinds = {int(kind) for kind in Kind}
+    if not {*arrays["kind"].tolist(), *(contact.kind for contact in header.contacts)} <= kinds:
+        raise ValueError("an unknown kind of road user")
+    sizes = np.concatenate((arrays["length"], arrays["width"]))
+    if not (np.isfinite(sizes) & (sizes >= 0)).all():
+        raise ValueError("a length or width that is no size")
+    rows = np.cumsum(arrays["fates"], axis=0, dtype=np.int64)
+    ends = (len(header.messages), len(header.receivers), len(DeliveryStatus), MAX_TICK)
+    if ((rows < (0, 0, 0, -MAX_TICK)) | (rows >= ends)).any():
+        raise ValueError("fates: an index that does not exist")
