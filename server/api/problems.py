@@ -30,7 +30,7 @@ class Problem(BaseModel):
     status: int
     detail: str
     kind: str | None = None
-    """Of a limit: day, parallel or total."""
+    """Of a limit: day, parallel, total or refused."""
     retry_at: str | None = None
     """When to come back, in UTC; absent where that does not help."""
 

@@ -126,6 +126,7 @@ class Dispatcher:
         if self._seen_us is None or now - self._seen_us >= self._beat_us:
             with self._store.write() as session:
                 workers.record_heartbeat(session, self._owner, self._settings.work.scheduler, now)
+            self._summarise_left_over()
             self._seen_us = now
 
     def _sign_out(self) -> None:
@@ -191,6 +192,8 @@ class Dispatcher:
             return
         waiting = {key for key, _ in self._unwritten}
         with self._store.write() as session:
+            for submission in {self._held[key].task.submission for key in due}:
+                submissions.end_if_over_budget(session, submission, self._settings.work.job_budget_us, now)
             lost = [key for key in due if not self._prolong(session, self._held[key].task, now)]
         for key in due:
             self._held[key].beat_us = now
@@ -227,14 +230,35 @@ class Dispatcher:
 
     def _write_outcome(self, task: JobTask, outcome: JobOutcome) -> None:
         now = self._clock()
+        complete = False
         with self._store.write() as session:
             counted = jobs.finish(session, task.job, self._owner, task.attempt, outcome, now)
             if counted and outcome.verdict is not ScenarioVerdict.FAILED_OURS:
                 _move_files(task)  # before the commit: a committed result has its files
-                if submissions.finish_if_complete(session, task.submission, summarise, now):
-                    self._draw_spot_checks(session, task.submission)
+                complete = submissions.is_complete(session, task.submission)
+                if not complete:
+                    submissions.end_if_over_budget(session, task.submission, self._settings.work.job_budget_us, now)
         if not counted:
             LOG.info("job %d: result of attempt %d dropped: the lease had ended", task.job, task.attempt)
+        if complete:
+            self._try(lambda: self._summarise(task.submission))
+
+    def _summarise(self, submission: str) -> None:
+        """Write the summary of a complete submission; it is computed before the write transaction begins."""
+        with self._store.read() as session:
+            if not submissions.is_complete(session, submission):
+                return
+            summary = summarise(submissions.list_finished_jobs(session, submission))
+        with self._store.write() as session:
+            if submissions.finish_if_complete(session, submission, summary, self._clock()):
+                self._draw_spot_checks(session, submission)
+
+    def _summarise_left_over(self) -> None:
+        """Write summaries that another worker died before writing."""
+        with self._store.read() as session:
+            found = submissions.list_complete(session)
+        for submission in found:
+            self._summarise(submission)
 
     def _draw_spot_checks(self, session: Session, submission: str) -> None:
         draw = audit.find_head(session)

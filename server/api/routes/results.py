@@ -1,10 +1,12 @@
 """Results, recordings and logs of single scenarios: of public phases; for admins of hidden ones, too."""
 
+from collections.abc import Collection, Mapping
+from contextlib import suppress
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -16,11 +18,10 @@ from server.api.problems import HiddenScenariosError, ProblemError, document_pro
 from server.enums import JobState
 from server.settings import ServerSettings
 from server.store import NotFound, tables
+from server.store.overviews import SCORES
 
 router = APIRouter(tags=["results"])
 REPLAY_S = 60.0
-SCORES = ("bucket", "category", "ds", "sr", "efficient_sr", "time_ratio", "rc", "ip")
-"""Fields of a result that a scenario shows as they are."""
 _SANDBOX_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Content-Security-Policy": "sandbox allow-scripts allow-downloads",
@@ -29,15 +30,36 @@ _SANDBOX_HEADERS = {
 _SCENARIO_PATH = "/submissions/{submission}/scenarios/{scenario}/{seed}"
 
 
-@router.get("/submissions/{submission}/scenarios", responses=document_problems(401, 403, 404, 422))
-def list_scenarios(submission: schemas.Id, caller: OptionalCaller, services: ServicesDep) -> schemas.ScenariosOut:
+@router.get(
+    "/submissions/{submission}/scenarios",
+    response_model=schemas.ScenariosOut,
+    responses=document_problems(401, 403, 404, 422),
+)
+async def show_scenarios(submission: schemas.Id, caller: OptionalCaller, services: ServicesDep) -> Response:
     """Return results, verdicts and resource usage, by scenario and seed."""
+    return await services.run_large_read(lambda: _scenarios_response(submission, caller, services))
+
+
+def _scenarios_response(submission: str, caller: Caller | None, services: Services) -> Response:
+    """Return the list as a response; serialised here, because in the event loop it would delay all requests."""
+    content = list_scenarios(submission, caller, services).model_dump_json()
+    return Response(content, media_type="application/json")
+
+
+def list_scenarios(submission: str, caller: Caller | None, services: Services) -> schemas.ScenariosOut:
+    """Return the scenarios of a submission; it reads overviews only, never results. Takes up to a few 0.1 s."""
     with services.store.read() as session:
         own = submission_views.may_see_all(caller, _find_disclosed(session, caller, submission))
-        jobs = select(tables.JobRow).where(tables.JobRow.submission == submission)
-        found = session.scalars(jobs.order_by(tables.JobRow.scenario, tables.JobRow.seed)).all()
         admin = caller is not None and caller.is_admin
-        return schemas.ScenariosOut(items=[_to_scenario(services.settings, job, own, admin) for job in found])
+        columns = _ROW_COLUMNS if admin else _ROW_COLUMNS[:-1]
+        found = session.execute(
+            select(*columns, tables.JobOverviewRow.data)
+            .outerjoin(tables.JobOverviewRow, tables.JobOverviewRow.job == tables.JobRow.id)
+            .where(tables.JobRow.submission == submission)
+            .order_by(tables.JobRow.scenario, tables.JobRow.seed)
+        ).all()
+    folders = _list_folders(services.settings, submission, {row.seed for row in found})
+    return schemas.ScenariosOut(items=[_to_scenario(row._mapping, own, folders[row.seed]) for row in found])
 
 
 @router.get(
@@ -145,20 +167,35 @@ def _require_file(path: Path, what: str) -> Path:
     return path
 
 
-def _to_scenario(settings: ServerSettings, job: tables.JobRow, own: bool, admin: bool) -> schemas.ScenarioOut:
-    result: dict[str, Any] = job.result or {}
-    log_names = [ego["id"] for ego in result.get("egos", ())] + [paths.JOINT_CAV]
-    place = (settings, job.submission, job.scenario, job.seed)
+_ROW_COLUMNS = (
+    *(tables.JobRow.scenario, tables.JobRow.seed, tables.JobRow.state, tables.JobRow.verdict, tables.JobRow.reason),
+    tables.JobRow.failure,
+)
+
+
+def _list_folders(settings: ServerSettings, submission: str, seeds: Collection[int]) -> dict[int, frozenset[str]]:
+    """Return the names of the files of a submission by seed: one listing instead of a look for each file."""
+    found: dict[int, frozenset[str]] = {}
+    for seed in seeds:
+        with suppress(FileNotFoundError):
+            folder = paths.recordings_folder(settings, submission, seed)
+            found[seed] = frozenset(file.name for file in folder.iterdir())
+    return {seed: found.get(seed, frozenset()) for seed in seeds}
+
+
+def _to_scenario(row: Mapping[str, Any], own: bool, files: frozenset[str]) -> schemas.ScenarioOut:
+    overview: dict[str, Any] = row["data"] or {}
+    log_names = [ego["id"] for ego in overview.get("egos", ())] + [paths.JOINT_CAV]
     return schemas.ScenarioOut(
-        scenario=job.scenario,
-        seed=job.seed,
-        state=JobState(job.state),
-        verdict=job.verdict,
-        reason=job.reason,
-        egos=[schemas.EgoOut.model_validate(ego) for ego in result["egos"]] if "egos" in result else None,
-        usage=job.usage,
-        recording=paths.recording_path(*place).is_file(),
-        logs=[name for name in log_names if own and paths.log_path(*place, name).is_file()],
-        failure=job.failure if admin else None,
-        **{name: result.get(name) for name in SCORES},
+        scenario=row["scenario"],
+        seed=row["seed"],
+        state=JobState(row["state"]),
+        verdict=row["verdict"],
+        reason=row["reason"],
+        egos=[schemas.EgoOut.model_validate(ego) for ego in overview["egos"]] if "egos" in overview else None,
+        usage=overview.get("usage"),
+        recording=paths.recording_name(row["scenario"]) in files,
+        logs=[name for name in log_names if own and paths.log_name(row["scenario"], name) in files],
+        failure=row.get("failure"),
+        **{name: overview.get(name) for name in SCORES},
     )

@@ -96,7 +96,7 @@ class Phase:
             while (job := jobs.claim(session, "w", LEASE, TIMES["started_us"])) is not None:
                 outcome = JobOutcome(ScenarioVerdict.OK, RESULT, usage={"cpu_s": 31.415926})
                 assert jobs.finish(session, job.id, "w", job.attempt, outcome, TIMES["finished_us"])
-            assert submissions.finish_if_complete(session, mine, lambda _: SUMMARY, self.server.now_us + S)
+            assert submissions.finish_if_complete(session, mine, SUMMARY, self.server.now_us + S)
             events.add_event(session, mine, "scenario", {"scenario": SCENARIO}, self.server.now_us)  # by mistake
         place = (self.server.settings, mine, SCENARIO, 0)
         paths.recordings_folder(self.server.settings, mine, 0).mkdir(parents=True)
