@@ -93,10 +93,7 @@ class SubprocessRunner:
         if self._child is None or not self._child[0].is_alive():
             self._end_child()
             self._child = _start_child(self._nice)
-            if not self._child[1].poll(START_S):
-                self._end_child()
-                raise _busy_error("its process does not start")
-            self._child[1].recv()
+            self._wait_until_ready(self._child[1])
         pipe = self._child[1]
         try:
             pipe.send(request)
@@ -107,6 +104,14 @@ class SubprocessRunner:
             problem = "its process ended"
         self._end_child()
         raise _describe_busy(CallEndedError, problem)
+
+    def _wait_until_ready(self, pipe: Connection) -> None:
+        with suppress(EOFError, OSError):
+            if pipe.poll(START_S):
+                pipe.recv()
+                return
+        self._end_child()
+        raise _busy_error("its process does not start")
 
     def _end_child(self) -> None:
         if self._child is not None:

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
 from server.store import audit
-from server.store.engine import Store, StoreUnavailable
+from server.store.engine import PRIVATE_MODE, Store, StoreUnavailable
 from server.store.tables import AuditEntryRow, PhaseRow, TableBase, WorkerRow
 
 _CHUNK = 500
@@ -44,6 +44,7 @@ def write_backup(store: Store, file: Path) -> str:
             _leave_wal_mode(copy)
         finally:
             copy.close()
+        part.chmod(PRIVATE_MODE)
         part.rename(file)
     return head
 
