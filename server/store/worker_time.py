@@ -9,8 +9,8 @@ from server.enums import JobState
 from server.store.tables import JobRow, SubmissionRow, WorkerTimeRow
 
 HALF_LIFE_US = 24 * 3_600_000_000
-"""Time after which used worker time counts half [us]. A team that always has work is then about 35 hours times its share
-of the workers behind: a team with a submission a day comes before it for the whole of that submission, not only for its
+"""Time after which used worker time counts half [us]. A team that always has work is then about 35 hours times its
+share of the workers behind: a team with a submission a day comes before it for all of that submission, not only for its
 first jobs, as with 6 hours (the simulated week of `tests/server/store/test_store_fairness.py`)."""
 
 WorkerTimes = Mapping[tuple[str, str], int]

@@ -87,6 +87,7 @@ def honest(teams: Sequence[str]) -> list[Arrival]:
     ]
 
 
+@pytest.mark.slow
 def test_a_week_of_attacks_at_most_doubles_the_waiting_time() -> None:
     """Two teams flood the hidden phase and one the public phase with jobs of two hours; hidden came first always.
 
