@@ -7,9 +7,9 @@ from typing import Any
 SCORES = ("bucket", "category", "ds", "sr", "efficient_sr", "time_ratio", "rc", "ip")
 """Fields of a result that a list shows as they are."""
 EGO_FIELDS = ("id", "outcome", "ds", "rc", "ip", "ticks", "time_ratio")
-MAX_INFRACTIONS = 20
+MAX_INFRACTIONS = 10
 """Infractions of each CAV that an overview lists; the stored result has all."""
-MAX_BYTES = 32 * 1024
+MAX_BYTES = 8 * 1024
 """Size limit of an overview [bytes]; larger ones list no infractions, and still larger ones no usage."""
 MAX_RESULT_BYTES = 512 * 1024
 """Size limit of a stored result [bytes]."""

@@ -81,9 +81,9 @@ def _fill_overviews(connection: sa.Connection) -> None:
 
 
 def _overview(row: Any) -> dict[str, Any]:
-    """Return what lists showed of a job's result until now, with at most 20 infractions of each CAV."""
+    """Return what lists showed of a job's result until now, with at most 10 infractions of each CAV."""
     result: dict[str, Any] = row.result
-    egos = [ego | {"infractions": ego.get("infractions", [])[:20]} for ego in result.get("egos", ())]
+    egos = [ego | {"infractions": ego.get("infractions", [])[:10]} for ego in result.get("egos", ())]
     found: dict[str, Any] = {name: result.get(name) for name in _SCORES}
     found |= {"egos": egos} if "egos" in result else {}
     return json.loads(json.dumps(found | {"usage": row.usage}))
