@@ -23,9 +23,9 @@ from server.store import Store
 
 MAX_STREAMS = 16
 """Event streams of one team at a time: each queries the database once a second."""
-MAX_LARGE_READS = 2
-"""Lists of a submission's scenarios made at a time: each occupies the interpreter for up to some 0.1 s. Others wait
-without a thread, so that they delay neither uploads nor the health check."""
+MAX_LARGE_READS = 1
+"""Lists of a submission's scenarios made at a time: each occupies the interpreter. Others wait without a thread, so
+that they delay neither uploads nor the health check."""
 CHECKERS = 2
 """Processes that check archives: one team can occupy all but one of them."""
 _R = TypeVar("_R")

@@ -3,6 +3,7 @@
 import asyncio
 import signal
 import socket
+import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,6 +32,8 @@ GRACE_S = 5
 """Time for open responses when the server stops [s]; event streams are closed, and clients reconnect."""
 HEADER_BYTES = 32 * 1024
 """Size limit of a request's headers [bytes]."""
+SWITCH_S = 0.001
+"""Time after which a busy thread lets another one run [s]; Python's 5 ms delay the event loop often."""
 REQUEST_S = 20.0
 """Time from the connection, or the last response, to the end of the next request's headers [s]."""
 BACKLOG = 2048
@@ -91,6 +94,7 @@ def _run(app: FastAPI, settings: ServerSettings, listener: socket.socket) -> Non
         h11_max_incomplete_event_size=HEADER_BYTES,
         server_header=False,
     )
+    sys.setswitchinterval(SWITCH_S)
     server = _Server(config)
     try:
         server.run(sockets=[listener])

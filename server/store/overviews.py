@@ -15,13 +15,16 @@ MAX_RESULT_BYTES = 512 * 1024
 """Size limit of a stored result [bytes]."""
 
 
+EMPTY_OVERVIEW: dict[str, Any] = {**dict.fromkeys(SCORES), "egos": None, "usage": None}
+"""Of a job without a result."""
+
+
 def make_overview(result: Mapping[str, Any], usage: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return the overview of a result."""
-    found: dict[str, Any] = {name: result.get(name) for name in SCORES}
+    found = EMPTY_OVERVIEW | {name: result.get(name) for name in SCORES} | {"usage": usage}
     if "egos" in result:
         found["egos"] = [_describe_ego(ego, MAX_INFRACTIONS) for ego in result["egos"]]
-    found["usage"] = usage
-    if count_bytes(found) > MAX_BYTES and "egos" in found:
+    if count_bytes(found) > MAX_BYTES and found["egos"] is not None:
         found["egos"] = [_describe_ego(ego, 0) for ego in result["egos"]]
     if count_bytes(found) > MAX_BYTES:
         found["usage"] = None
@@ -35,5 +38,5 @@ def count_bytes(data: object) -> int:
 
 def _describe_ego(ego: Mapping[str, Any], most: int) -> dict[str, Any]:
     listed = list(ego.get("infractions", ()))
-    found = {name: ego[name] for name in EGO_FIELDS if name in ego} | {"infractions": listed[:most]}
-    return found | ({"infractions_left_out": len(listed) - most} if len(listed) > most else {})
+    fields = {name: ego.get(name) for name in EGO_FIELDS}
+    return fields | {"infractions": listed[:most], "infractions_left_out": max(0, len(listed) - most)}

@@ -21,7 +21,8 @@ from pathlib import Path
 import click
 import httpx
 
-sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1]), str(Path(__file__).parent)]
+PATHS = [str(folder) for folder in Path(__file__).resolve().parents[:3]]
+sys.path[:0] = PATHS
 
 from submission import this_python  # noqa: E402
 from testing.api_app import another_zip  # noqa: E402
@@ -62,7 +63,13 @@ def serving(folder: Path) -> Iterator[str]:
     file = folder / "settings.toml"
     file.write_text(SETTINGS)
     command = [sys.executable, "-c", PROGRAM, "--settings", str(file), "--data", str(folder / "data")]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=os.environ | {"PYTHONUNBUFFERED": "1"})
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+    )
     assert process.stderr is not None
     try:
         line = next(line for line in process.stderr if "running on" in line)
@@ -142,13 +149,16 @@ sys.path[:0] = json.loads(sys.argv[1])
 import attacks
 address, mine, token, file = sys.argv[2:6]
 data = open(file, "rb").read()
+counts = open(file + ".counts", "ab", buffering=0)
 def read():
     while True:
-        httpx.get(f"{address}/api/v1/submissions/{mine}/scenarios", timeout=120).read()
+        httpx.get(f"{address}/api/v1/submissions/{mine}/scenarios", timeout=120).raise_for_status()
+        counts.write(b"r")
 def send():
     with httpx.Client(timeout=120) as client:
         while True:
             assert attacks.upload(client, address, token, data) == 422
+            counts.write(b"u")
 for work, count in ((read, attacks.READERS), (send, attacks.UPLOADERS)):
     for _ in range(count):
         threading.Thread(target=work, daemon=True).start()
@@ -161,14 +171,17 @@ def attack(address: str, mine: str, token: str, folder: Path) -> Iterator[None]:
     """Both attacks, from a process of their own."""
     file = folder / "bad.zip"
     file.write_bytes(broken_at_its_end(48))
-    arguments = [json.dumps(sys.path[:4]), address, mine, token, str(file)]
+    arguments = [json.dumps(PATHS), address, mine, token, str(file)]
     process = subprocess.Popen([sys.executable, "-c", ATTACKER, *arguments], stdin=subprocess.PIPE)
     try:
-        time.sleep(3.0)
+        while not Path(f"{file}.counts").is_file() or Path(f"{file}.counts").stat().st_size < READERS:
+            time.sleep(0.5)
         yield
     finally:
         process.kill()
         process.wait()
+        counts = Path(f"{file}.counts").read_bytes()
+        click.echo(f"attack: {counts.count(b'r')} lists read, {counts.count(b'u')} archives checked and refused")
 
 
 def show(name: str, found: dict[str, list[float]]) -> None:

@@ -1,6 +1,5 @@
 """Bounded work: overviews of jobs for lists, worker time of teams and submissions, refused uploads."""
 
-import json
 from typing import Any
 
 import sqlalchemy as sa
@@ -83,7 +82,12 @@ def _fill_overviews(connection: sa.Connection) -> None:
 def _overview(row: Any) -> dict[str, Any]:
     """Return what lists showed of a job's result until now, with at most 10 infractions of each CAV."""
     result: dict[str, Any] = row.result
-    egos = [ego | {"infractions": ego.get("infractions", [])[:10]} for ego in result.get("egos", ())]
     found: dict[str, Any] = {name: result.get(name) for name in _SCORES}
-    found |= {"egos": egos} if "egos" in result else {}
-    return json.loads(json.dumps(found | {"usage": row.usage}))
+    egos = [_ego(ego) for ego in result["egos"]] if "egos" in result else None
+    return found | {"egos": egos, "usage": row.usage}
+
+
+def _ego(ego: dict[str, Any]) -> dict[str, Any]:
+    fields = {name: ego.get(name) for name in ("id", "outcome", "ds", "rc", "ip", "ticks", "time_ratio")}
+    listed = ego.get("infractions", [])
+    return fields | {"infractions": listed[:10], "infractions_left_out": max(0, len(listed) - 10)}
