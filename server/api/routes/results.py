@@ -11,7 +11,7 @@ from typing import Any
 
 from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse
-from sqlalchemy import ColumnElement, Row, RowMapping, Text, cast, select
+from sqlalchemy import ColumnElement, RowMapping, Text, cast, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from server import paths
@@ -46,11 +46,11 @@ def _scenarios_response(submission: str, caller: Caller | None, services: Servic
     """Return a `ScenariosOut`, joined from the stored texts of the overviews: parsing them takes ten times as long."""
     data = cast(tables.JobOverviewRow.data, Text)
     found, own = _read_rows(submission, caller, services, data)
-    files = _list_files(services.settings, submission, {row.seed for row in found})
+    files = _list_files(services.settings, submission, {row["seed"] for row in found})
     items: list[str] = []
     for row in found:
-        fixed = json.dumps(_describe_row(row._mapping, own, files[row.seed]))
-        overview: str = row.data or _NO_OVERVIEW
+        fixed = json.dumps(_describe_row(row, own, files[row["seed"]]))
+        overview: str = row["data"] or _NO_OVERVIEW
         items.append(f"{fixed[:-1]},{overview[1:]}")
     return Response(f'{{"items":[{",".join(items)}]}}', media_type="application/json")
 
@@ -58,14 +58,14 @@ def _scenarios_response(submission: str, caller: Caller | None, services: Servic
 def list_scenarios(submission: str, caller: Caller | None, services: Services) -> schemas.ScenariosOut:
     """Return the scenarios of a submission for a page; it reads overviews only, never results."""
     found, own = _read_rows(submission, caller, services, tables.JobOverviewRow.data)
-    files = _list_files(services.settings, submission, {row.seed for row in found})
+    files = _list_files(services.settings, submission, {row["seed"] for row in found})
     items: list[schemas.ScenarioOut] = []
     for row in found:  # stored by us, so that nothing needs to be validated
-        overview: dict[str, Any] = row.data or EMPTY_OVERVIEW
+        overview: dict[str, Any] = row["data"] or EMPTY_OVERVIEW
         egos = overview["egos"]
-        listed = None if egos is None else [schemas.EgoOut.model_construct(**ego) for ego in egos]
-        fields = _describe_row(row._mapping, own, files[row.seed])
-        items.append(schemas.ScenarioOut.model_construct(**fields | overview | {"egos": listed}))
+        listed = None if egos is None else [schemas.EgoOut.model_construct(None, **ego) for ego in egos]
+        fields: dict[str, Any] = _describe_row(row, own, files[row["seed"]]) | overview | {"egos": listed}
+        items.append(schemas.ScenarioOut.model_construct(None, **fields))
     return schemas.ScenariosOut.model_construct(items=items)
 
 
@@ -183,7 +183,7 @@ _NO_OVERVIEW = json.dumps(EMPTY_OVERVIEW)
 
 def _read_rows(
     submission: str, caller: Caller | None, services: Services, data: ColumnElement[Any] | InstrumentedAttribute[Any]
-) -> tuple[Sequence[Row[Any]], bool]:
+) -> tuple[Sequence[RowMapping], bool]:
     """Return the jobs with their overviews as `data`, and whether the caller may see files of its own."""
     with services.store.read() as session:
         own = submission_views.may_see_all(caller, _find_disclosed(session, caller, submission))
@@ -195,7 +195,7 @@ def _read_rows(
             .where(tables.JobRow.submission == submission)
             .order_by(tables.JobRow.scenario, tables.JobRow.seed)
         )
-        return rows.all(), own
+        return rows.mappings().all(), own
 
 
 def _list_files(settings: ServerSettings, submission: str, seeds: Collection[int]) -> dict[int, Sequence[str]]:

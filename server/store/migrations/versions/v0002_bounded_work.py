@@ -73,9 +73,7 @@ def _fill_overviews(connection: sa.Connection) -> None:
     ids = connection.scalars(sa.select(jobs.c.id).where(jobs.c.result.is_not(None)).order_by(jobs.c.id)).all()
     for start in range(0, len(ids), _CHUNK):
         rows = connection.execute(sa.select(jobs).where(jobs.c.id.in_(ids[start : start + _CHUNK]))).all()
-        values = [
-            {"job": row.id, "submission": row.submission, "data": _overview(row.result, row.usage)} for row in rows
-        ]
+        values = [{"job": row.id, "submission": row.submission, "data": _overview(row)} for row in rows]
         connection.execute(sa.insert(target), values)
 
 
