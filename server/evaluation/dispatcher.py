@@ -21,7 +21,7 @@ from server.enums import JobState, ScenarioVerdict
 from server.evaluation import spot_checks
 from server.evaluation.job_task import AgentRejection, JobResult, JobTask, load_task
 from server.evaluation.stop_request import StopRequest
-from server.evaluation.summary import summarise
+from server.evaluation.write_summaries import write_left_over_summaries, write_summary
 from server.phase_suites import PhaseSuites
 from server.settings import ServerSettings
 from server.store import Store, StoreUnavailable, audit, jobs, phases, submissions, workers
@@ -126,7 +126,7 @@ class Dispatcher:
         if self._seen_us is None or now - self._seen_us >= self._beat_us:
             with self._store.write() as session:
                 workers.record_heartbeat(session, self._owner, self._settings.work.scheduler, now)
-            self._summarise_left_over()
+            write_left_over_summaries(self._store, self._clock, self._draw_spot_checks)
             self._seen_us = now
 
     def _sign_out(self) -> None:
@@ -241,24 +241,7 @@ class Dispatcher:
         if not counted:
             LOG.info("job %d: result of attempt %d dropped: the lease had ended", task.job, task.attempt)
         if complete:
-            self._try(lambda: self._summarise(task.submission))
-
-    def _summarise(self, submission: str) -> None:
-        """Write the summary of a complete submission; it is computed before the write transaction begins."""
-        with self._store.read() as session:
-            if not submissions.is_complete(session, submission):
-                return
-            summary = summarise(submissions.list_finished_jobs(session, submission))
-        with self._store.write() as session:
-            if submissions.finish_if_complete(session, submission, summary, self._clock()):
-                self._draw_spot_checks(session, submission)
-
-    def _summarise_left_over(self) -> None:
-        """Write summaries that another worker died before writing."""
-        with self._store.read() as session:
-            found = submissions.list_complete(session)
-        for submission in found:
-            self._summarise(submission)
+            self._try(lambda: write_summary(self._store, task.submission, self._clock, self._draw_spot_checks))
 
     def _draw_spot_checks(self, session: Session, submission: str) -> None:
         draw = audit.find_head(session)

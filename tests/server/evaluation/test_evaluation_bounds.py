@@ -10,7 +10,6 @@ from testing.evaluation_bench import Bench, S
 from testing.evaluation_fakes import read
 
 from server.enums import SubmissionState
-from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.summary import summarise
 from server.store.standings import SummaryData
 from server.store.tables import JobRow
@@ -35,7 +34,7 @@ def test_the_summary_is_computed_outside_of_the_write_transaction(
             computed.append(session.scalar(select(1)) == 1)
         return summarise(jobs)
 
-    monkeypatch.setattr("server.evaluation.dispatcher.summarise", summarise_and_write)
+    monkeypatch.setattr("server.evaluation.write_summaries.summarise", summarise_and_write)
     bench.steps(4)
     assert computed == [True]
     assert read(bench.store, submission).state == SubmissionState.DONE
@@ -44,7 +43,8 @@ def test_the_summary_is_computed_outside_of_the_write_transaction(
 def test_a_summary_that_a_dead_worker_left_is_written_by_another(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     submission = bench.begin("nap", "nap")
     with monkeypatch.context() as patch:
-        patch.setattr(Dispatcher, "_summarise", lambda *_: None)  # as if it died before
+        patch.setattr("server.evaluation.dispatcher.write_summary", lambda *_: None)  # as if it died before
+        patch.setattr("server.evaluation.dispatcher.write_left_over_summaries", lambda *_: None)
         bench.steps(4)
     assert read(bench.store, submission).state == SubmissionState.RUNNING
     bench.another("two").step(0.0, bench.stop)
