@@ -30,7 +30,7 @@ class Agent:
 MANY_RASTERS = 'tuple(SensorSpec("bev", id=str(i), options={"size": 1024}) for i in range(64))'
 GOSSIP = ', messages=tuple(Message("text", os.urandom(900)) for _ in range(60))'
 NOTES = ', notes=tuple(Note("note", os.urandom(60).hex()) for _ in range(300))'
-KINDS_OF_NOTES = ', notes=tuple(Note(os.urandom(8).hex(), "x") for _ in range(1500))'
+KINDS_OF_NOTES = ', notes=tuple(Note(os.urandom(3).hex(), "x") for _ in range(1500))'
 RASTERS = 'tuple(SensorSpec("bev", id=str(i), options={"size": 1024}) for i in range(8))'
 JOINT = b"""\
 import time
