@@ -38,6 +38,8 @@ class SubmissionState(StrEnum):
     FAILED_OURS = "failed-ours"
     """Our evaluation failed after every retry; does not count against a quota."""
     DISQUALIFIED = auto()
+    OVER_BUDGET = "over-budget"
+    """Its jobs used more worker time than a submission has; nothing is scored, and it counts against the quota."""
 
 
 class JobState(StrEnum):

@@ -28,7 +28,12 @@ def recordings_folder(settings: ServerSettings, submission: str, seed: int) -> P
 
 def recording_path(settings: ServerSettings, submission: str, scenario: str, seed: int) -> Path:
     """Return the path of a recorded episode."""
-    return recordings_folder(settings, submission, seed) / f"{scenario}.npz"
+    return recordings_folder(settings, submission, seed) / recording_name(scenario)
+
+
+def recording_name(scenario: str) -> str:
+    """Return the file name of a recorded episode."""
+    return f"{scenario}.npz"
 
 
 def replay_path(settings: ServerSettings, submission: str, scenario: str, seed: int) -> Path:
@@ -38,4 +43,9 @@ def replay_path(settings: ServerSettings, submission: str, scenario: str, seed: 
 
 def log_path(settings: ServerSettings, submission: str, scenario: str, seed: int, cav: str) -> Path:
     """Return the path of the log of one CAV's agent; `JOINT_CAV` for a joint agent."""
-    return recordings_folder(settings, submission, seed) / f"{scenario}.{cav}.log"
+    return recordings_folder(settings, submission, seed) / log_name(scenario, cav)
+
+
+def log_name(scenario: str, cav: str) -> str:
+    """Return the file name of the log of one CAV's agent."""
+    return f"{scenario}.{cav}.log"

@@ -42,7 +42,17 @@ class ArchiveSettings(_SettingsModel):
     unpacked_bytes: Count = 256 * MIB
     entries: Count = 2000
     ratio: Count = 200
-    """Unpacked size over packed size of each entry."""
+    """Unpacked size over packed size of each entry above 1 MiB."""
+    total_ratio: Count = 50
+    """Unpacked size over packed size of the whole archive above 8 MiB: bounds the work of a check by the upload."""
+    check_s: Annotated[float, Field(gt=0)] = 20.0
+    """Time limit of the check of one archive."""
+    refused_per_day: Count = 20
+    """Archives of a team that are examined and refused, per UTC day."""
+
+    def archive_fields(self) -> dict[str, int]:
+        """Return the fields of `server.archive.ArchiveLimits`."""
+        return self.model_dump(exclude={"check_s", "refused_per_day"})
 
 
 class SandboxSettings(_SettingsModel):
@@ -85,6 +95,13 @@ class WorkerSettings(_SettingsModel):
     heartbeat_s: Count = 10
     spot_check: Annotated[float, Field(ge=0, le=1)] = 0.02
     """Share of finished submissions of which one scenario is run again and compared."""
+    job_budget_s: Annotated[float, Field(gt=0)] = 120.0
+    """Worker time of a submission: this for each of its jobs, in sum (7.5 hours for 225 scenarios), at least 1 hour."""
+
+    @property
+    def job_budget_us(self) -> int:
+        """Return `job_budget_s` in microseconds."""
+        return round(self.job_budget_s * 1e6)
 
     @model_validator(mode="after")
     def _beats_in_time(self) -> Self:
@@ -96,11 +113,12 @@ class WorkerSettings(_SettingsModel):
 
 
 class RetentionSettings(_SettingsModel):
-    """Retention of files in days; see `store.retention.RetentionPolicy`."""
+    """Retention in days; see `store.retention.RetentionPolicy`."""
 
     archive_days: Count = _POLICY.archive_days
     refused_days: Count = _POLICY.refused_days
     recording_days: Count = _POLICY.recording_days
+    result_days: Count = _POLICY.result_days
 
     def policy(self) -> RetentionPolicy:
         """Return the policy for the store."""

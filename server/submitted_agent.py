@@ -7,12 +7,14 @@ from mdrive_sumo.agent_process.child_process import AgentBox
 from mdrive_sumo.agent_process.remote_driver import AgentLimits
 from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agent_process.sandbox import BoxLimits
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import declare_agent
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.observation_builder import KINDS
+from mdrive_sumo.sensing.sensor_cost import check_sensor_budget
 from server.archive import ArchiveRefused, Manifest
 from server.enums import ChallengeTrack, ScenarioVerdict
 from server.environments import RECIPES, Environment
@@ -77,6 +79,10 @@ def read_declaration(agent: SubmittedAgent) -> AgentDeclaration:
         if sensor.kind not in KINDS:
             unknown = f"sensor {sensor.kind!r:.40}: expected one of {', '.join(KINDS[:-1])}, found none of that kind"
             raise ArchiveRefused(describe_camera_error(sensor.kind) or unknown)
+    try:
+        check_sensor_budget(found.sensors)
+    except InputError as error:
+        raise ArchiveRefused(str(error)) from None
     return found
 
 

@@ -45,6 +45,7 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
         "messages": [(m.sender, m.tick, m.type, len(m.payload)) for m in (sent.message for sent in episode.messages)],
         "receivers": _list_receivers(episode.messages),
         "notes": [(n.tick, n.ego, n.note.kind, n.note.text) for n in episode.notes],
+        **({"dropped_notes": episode.dropped_notes} if episode.dropped_notes else {}),
         "thinking": [astuple(thinking) for thinking in episode.thinking],
         "pseudonyms": dict(episode.pseudonyms),
     }
@@ -112,6 +113,7 @@ def _build_record(header: dict[str, Any], data: dict[str, Any]) -> EpisodeRecord
         digests=data["digests"],
         messages=_build_messages(header, data),
         notes=tuple(NoteRecord(tick, ego, Note(kind, text)) for tick, ego, kind, text in header["notes"]),
+        dropped_notes=int(header.get("dropped_notes", 0)),
         thinking=tuple(ThinkTime(*thinking) for thinking in header["thinking"]),
         pseudonyms=header.get("pseudonyms", {}),
     )

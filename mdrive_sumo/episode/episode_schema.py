@@ -106,6 +106,8 @@ class EpisodeHeader(BaseModel):
     receivers: list[str]
     """Ids that the second column of `fates` refers to, sorted."""
     notes: list[NoteEntry]
+    dropped_notes: int = 0
+    """Notes beyond the limits of an episode, which are not in the file."""
     thinking: list[ThinkTimeEntry]
     pseudonyms: dict[str, str]
     """Id of a CAV or RSU by the id that agents knew it by, which payloads and notes contain; empty if they agree."""

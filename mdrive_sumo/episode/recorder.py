@@ -13,12 +13,12 @@ from mdrive_sumo.core.state import Contact, EgoState, Frame, Kind
 from mdrive_sumo.episode.episode import (
     Ending,
     EpisodeRecord,
-    NoteRecord,
     PlanRecord,
     ReceivedMessages,
     SignalChange,
     ThinkTime,
 )
+from mdrive_sumo.episode.note_log import NoteLog
 from mdrive_sumo.episode.quantization import Quanta, to_quanta
 from mdrive_sumo.v2x.channel import SentMessage
 
@@ -54,15 +54,18 @@ class Recorder:
         self._plans: list[PlanRecord] = []
         self._contacts: list[tuple[int, Contact]] = []
         self._signals: list[SignalChange] = []
-        self._notes: list[NoteRecord] = []
+        self._notes = NoteLog()
         self._last_signals: dict[str, str] = {}
         self._digests: list[bytes] = []
         self._chain = blake2b(digest_size=DIGEST_BYTES)
         self._names_digest_input = b""
 
     def note(self, tick: int, ego: str, notes: Sequence[Note]) -> None:
-        """Record notes of an agent. They are no part of the digest, because no behaviour depends on them."""
-        self._notes += [NoteRecord(tick, ego, note) for note in notes]
+        """Record notes of an agent, within the limits of `NoteLog`.
+
+        They are no part of the digest, because no behaviour depends on them.
+        """
+        self._notes.add(tick, ego, notes)
 
     def add(
         self, frame: Frame, controls: Mapping[str, Control], plans: Mapping[str, Plan], received: ReceivedMessages
@@ -162,7 +165,8 @@ class Recorder:
             endings=tuple(endings),
             digests=np.frombuffer(b"".join(self._digests), dtype=np.uint8).reshape(shape[0], DIGEST_BYTES),
             messages=tuple(sent),
-            notes=tuple(self._notes),
+            notes=self._notes.records,
+            dropped_notes=self._notes.dropped,
             thinking=tuple(thinking),
             pseudonyms=self._pseudonyms,
         )

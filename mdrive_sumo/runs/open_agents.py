@@ -18,6 +18,7 @@ from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
 from mdrive_sumo.runs.agent_spec import AgentSpec, pickle_agent
 from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.observation_builder import KINDS
+from mdrive_sumo.sensing.sensor_cost import check_sensor_budget
 
 PRIVILEGED = "privileged"
 ARRAY_SENSORS, MAX_ARRAY_SENSORS = ("lidar", "bev"), 8
@@ -62,6 +63,7 @@ def _check_boxed_sensors(sensors: tuple[SensorSpec, ...]) -> None:
         raise InputError(
             f"sensors: expected at most {MAX_ARRAY_SENSORS} of {' and '.join(ARRAY_SENSORS)}, found {count}"
         )
+    check_sensor_budget(sensors)
 
 
 @contextmanager

@@ -87,9 +87,11 @@ class ScenarioResult(Means):
     comm: dict[str, int] = Field(default_factory=lambda: {})
     """Messages and payload bytes sent, and per fate how many deliveries; empty if nothing was said."""
     exchanged: dict[str, int] = Field(default_factory=lambda: {})
-    """Messages of CAVs that reached another CAV, by type. The labels of the run follow from them."""
+    """Messages of CAVs that reached another CAV, by type, beyond 32 types as (other). The labels of the run follow
+    from them."""
     notes: dict[str, int] = Field(default_factory=lambda: {})
-    """How many notes of each kind the agents left, e.g. fallbacks of a language model."""
+    """How many notes of each kind the agents left, e.g. fallbacks of a language model; (dropped): notes beyond the
+    limits of an episode (32 kinds, 20 000 notes, 8 Mi characters)."""
 
     def find_scalar(self, name: str) -> float | None:
         """Return the value of a scalar metric; None where it is undefined or was not computed."""

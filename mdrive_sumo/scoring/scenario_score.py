@@ -13,6 +13,8 @@ from mdrive_sumo.scoring.results import EgoResult, Infraction, ScenarioResult
 from mdrive_sumo.scoring.score_mode import ScoreMode, compute_driving_score, compute_scenario_means
 from mdrive_sumo.v2x.channel import count_deliveries, count_exchanged
 
+DROPPED = "(dropped)"
+
 
 def score_episode(
     episode: EpisodeRecord,
@@ -44,7 +46,7 @@ def score_episode(
         egos=tuple(_ego_result(record) for record in records),
         comm=count_deliveries(episode.messages),
         exchanged=count_exchanged(episode.messages, episode.ego_ids),
-        notes=dict(Counter(record.note.kind for record in episode.notes)),
+        notes=_count_notes(episode),
     )
     return apply_reference_times(result, reference, mode)
 
@@ -70,6 +72,12 @@ def make_void_result(scenario: Scenario, seed: int, reason: str) -> ScenarioResu
         ticks=0,
         egos=(),
     )
+
+
+def _count_notes(episode: EpisodeRecord) -> dict[str, int]:
+    """Count notes by kind, and those that were not kept as `DROPPED`, which no agent can use as a kind."""
+    counts = dict(Counter(record.note.kind for record in episode.notes))
+    return counts | ({DROPPED: episode.dropped_notes} if episode.dropped_notes else {})
 
 
 def _means(records: Sequence[EgoRecord], mode: ScoreMode) -> dict[str, float]:

@@ -26,6 +26,8 @@ CAMERA_HEIGHT_M = 50.0
 """Of the paper's top views above the car's origin. The paper names only pixels and field of view; 50 m is what the
 public agents of Bench2Drive declare for theirs, and our assumption for the others."""
 LINE_WIDTH_M = 0.15
+MAX_SIZE = 1024
+"""Pixels along a side at most."""
 GAP_M = 0.1
 """Gaps between lanes up to this width are closed: neighbouring strips do not meet exactly in bends."""
 
@@ -80,7 +82,7 @@ class RasterSensor:
 
 
 def _whole(spec: SensorSpec, name: str, default: int) -> int:
-    value = read_number(spec, name, default, 16, 1024)
+    value = read_number(spec, name, default, 16, MAX_SIZE)
     if not value.is_integer():
         raise InputError(f"sensor {spec.kind!r}: option {name!r}: expected a whole number, found {value}")
     return int(value)

@@ -14,6 +14,8 @@ from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import displace_message, find_problem
 
 Position = tuple[float, float]
+MAX_COUNTED_TYPES, OTHER = 32, "(other)"
+"""Types of messages that results count one by one, and the name of all others, which no agent can use as a type."""
 
 
 class DeliveryStatus(StrEnum):
@@ -188,7 +190,7 @@ class _Budget:
 def count_exchanged(messages: Iterable[SentMessage], cavs: Collection[str]) -> dict[str, int]:
     """Return how many messages of a CAV reached at least one other CAV, by type; no message of a road-side unit counts.
 
-    Sorted by type; empty if the CAVs exchanged nothing.
+    Sorted by type; empty if the CAVs exchanged nothing. From the 33rd type on, all are counted together as `OTHER`.
     """
     arrived = (
         one.message.type
@@ -196,7 +198,10 @@ def count_exchanged(messages: Iterable[SentMessage], cavs: Collection[str]) -> d
         if one.message.sender in cavs
         and any(status is DeliveryStatus.DELIVERED for status, _ in one.deliveries.values())
     )
-    return dict(sorted(Counter(arrived).items()))
+    counts: Counter[str] = Counter()
+    for type_ in arrived:
+        counts[type_ if type_ in counts or len(counts) < MAX_COUNTED_TYPES else OTHER] += 1
+    return dict(sorted(counts.items()))
 
 
 def count_deliveries(messages: Iterable[SentMessage]) -> dict[str, int]:

@@ -12,15 +12,14 @@ from server import clock
 from server.api import problems
 from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.database_reader import DirectDatabaseReader, SubprocessDatabaseReader
-from server.api.dependencies import Services
+from server.api.dependencies import CHECKERS, Services
 from server.api.leaderboard_cache import LeaderboardCache
 from server.api.openapi import make_openapi
 from server.api.request_bodies import RequestBodyMiddleware
 from server.api.response_headers import ResponseHeadersMiddleware
 from server.api.routes import events, health, leaderboards, phases, register, results, submissions, submit, teams
-from server.api.subprocess_runner import CallRunner, SubprocessRunner
+from server.api.subprocess_runner import CallRunner, SubprocessPool, SubprocessRunner
 from server.api.upload import MAX_UPLOADS
-from server.archive import ArchiveLimits
 from server.phase_suites import LoadedPhaseSuites, PhaseSuites
 from server.settings import ServerSettings
 from server.store import Store, standings
@@ -30,10 +29,10 @@ from server.store.phases import set_phases as put_phases
 API = "/api/v1"
 UPLOADS = (f"{API}/submissions", "/submit")
 """Paths that receive archives: the API's and that of the web form."""
-START_S = 60.0
-MAX_CHECKS, MAX_REPLAYS = 20, 12
-"""Archive checks and replay pages under way at a time, waiting ones included: each holds one of the 40 threads that
-serve all requests."""
+CHECKER_NICE = 2
+"""Niceness of the checkers: requests have priority."""
+MAX_REPLAYS = 12
+"""Replay pages under way at a time, waiting ones included: each holds one of the 40 threads that serve all requests."""
 _ABOUT = """
 Submit an agent, follow its evaluation, see its rank. Errors are problem details (RFC 9457): `detail` is one sentence
 that says what to do. Send tokens as `Authorization: Bearer TOKEN`.
@@ -57,7 +56,7 @@ def create_app(
         settings,
         store if store is not None else Store(settings.database_url),
         suites if suites is not None else LoadedPhaseSuites(settings),
-        runner if runner is not None else SubprocessRunner(MAX_CHECKS),
+        runner if runner is not None else SubprocessPool(CHECKERS, CHECKER_NICE),
         runner if runner is not None else SubprocessRunner(MAX_REPLAYS),
         LeaderboardCache(reader),
         ConcurrencyLimit("upload", MAX_UPLOADS),
@@ -67,8 +66,8 @@ def create_app(
     async def lifespan(app: FastAPI) -> AsyncGenerator[None]:  # noqa: ARG001 (FastAPI's signature)
         await run_in_threadpool(prepare_storage, services, now())
         await services.leaderboards.refresh_all(now)
-        # Starts the child process before the first upload needs it.
-        await run_in_threadpool(services.check_runner.call, START_S, ArchiveLimits)
+        if isinstance(services.check_runner, SubprocessPool):  # before the first upload needs it
+            await run_in_threadpool(services.check_runner.start)
         refresher = create_task(services.leaderboards.refresh_forever(now))
         yield
         refresher.cancel()

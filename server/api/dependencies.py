@@ -1,14 +1,17 @@
 """Dependencies of the routes: services, the time of the request, the authenticated caller."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from typing import Annotated
+from typing import Annotated, TypeVar
 
+from anyio import CapacityLimiter, to_thread
 from fastapi import Depends, Request
 from fastapi.security import HTTPBearer
 from starlette.concurrency import run_in_threadpool
 
 from server.api.caller import Caller, find_caller
+from server.api.check_queue import CheckQueue
 from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.leaderboard_cache import LeaderboardCache
 from server.api.problems import ProblemError
@@ -20,6 +23,12 @@ from server.store import Store
 
 MAX_STREAMS = 16
 """Event streams of one team at a time: each queries the database once a second."""
+MAX_LARGE_READS = 1
+"""Lists of a submission's scenarios made at a time: each occupies the interpreter. Others wait without a thread, so
+that they delay neither uploads nor the health check."""
+CHECKERS = 2
+"""Processes that check archives: one team can occupy all but one of them."""
+_R = TypeVar("_R")
 _BEARER = "Bearer "
 _scheme = HTTPBearer(auto_error=False, description="A token of a team or of an admin.")
 """For OpenAPI only: `get_optional_caller` reads the header itself to distinguish a wrong token from none."""
@@ -39,6 +48,18 @@ class Services:
     leaderboards: LeaderboardCache
     upload_limit: ConcurrencyLimit
     stream_limit: ConcurrencyLimit = field(default_factory=lambda: ConcurrencyLimit("stream of events", MAX_STREAMS))
+    check_queue: CheckQueue = field(default_factory=lambda: CheckQueue(CHECKERS))
+    check_threads: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(CHECKERS))
+    large_reads: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(MAX_LARGE_READS))
+    health_thread: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(1))
+
+    async def run_large_read(self, function: Callable[[], _R]) -> _R:
+        """Run a function that reads and formats much in a thread, at most `MAX_LARGE_READS` at a time."""
+        return await to_thread.run_sync(function, limiter=self.large_reads)
+
+    async def run_health_check(self, function: Callable[[], _R]) -> _R:
+        """Run a function in a thread that is free even if those of all other requests are busy."""
+        return await to_thread.run_sync(function, limiter=self.health_thread)
 
 
 async def get_services(request: Request) -> Services:

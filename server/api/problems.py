@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from mdrive_sumo.core.errors import InputError
+from server.api.hidden_paths import hide_paths
 from server.archive import ArchiveRefused
 from server.clock import format_utc
 from server.store import NotFound, NotNow, OverLimit, StoreUnavailable
@@ -30,7 +31,7 @@ class Problem(BaseModel):
     status: int
     detail: str
     kind: str | None = None
-    """Of a limit: day, parallel or total."""
+    """Of a limit: day, parallel, total or refused."""
     retry_at: str | None = None
     """When to come back, in UTC; absent where that does not help."""
 
@@ -112,6 +113,7 @@ def install_handlers(app: FastAPI) -> None:
 async def _respond(
     request: Request, status: int, problem: str, detail: str, headers: Mapping[str, str] | None = None, **more: str
 ) -> Response:
+    detail = hide_paths(detail)
     page: ErrorPage | None = getattr(request.app.state, "error_page", None)
     if page is None or request.url.path.startswith("/api/"):
         return problem_response(status, problem, detail, headers, **more)

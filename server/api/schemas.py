@@ -245,6 +245,9 @@ class EgoOut(ResponseModel):
     time_ratio: float | None = None
     """Its time divided by `omniscient`'s; null unless it arrived."""
     infractions: list[dict[str, Any]]
+    """The first 10 of them."""
+    infractions_left_out: int = 0
+    """How many more there are."""
 
 
 class ScenarioOut(ResponseModel):

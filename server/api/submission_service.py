@@ -3,29 +3,52 @@
 import os
 from pathlib import Path
 
-from sqlalchemy.orm import Session
+from anyio import to_thread
+from fastapi import Request
+from starlette.concurrency import run_in_threadpool
 
 from mdrive_sumo.core.errors import InputError
 from server import environments, paths
 from server.api import schemas, submission_views
 from server.api.caller import Caller
 from server.api.dependencies import Services
-from server.api.upload import Upload
-from server.archive import ArchiveLimits, ArchiveRefused, check_archive
+from server.api.subprocess_runner import CallEndedError
+from server.api.upload import Upload, receive_upload
+from server.archive import ArchiveLimits, ArchiveRefused, Manifest, inspect_archive, verify_contents
 from server.enums import ChallengeTrack
 from server.store import phases, quota, submissions, tables
 from server.store.errors import check_text
 from server.store.submissions import NewSubmission
 from server.tracks import check_style
 
-CHECK_S = 60.0
-"""Time limit of an archive's check [s]: unpacking and hashing 256 MiB takes a few seconds."""
+INSPECT_S = 5.0
+"""Time limit of the inspection of an archive's directory and small files [s]; it takes milliseconds."""
 FIELDS = frozenset(("phase", "track", "name"))
 """Fields of the form besides the archive."""
 
 
+async def receive_submission(
+    request: Request, services: Services, caller: tuple[Caller, str], idempotency_key: str | None, at_us: int
+) -> schemas.SubmissionOut:
+    """Receive the upload of a request and accept it as a submission. Raises InputError and ProblemError.
+
+    Cheap checks come first: the team's quotas, the archive's directory, its environment. Only then are its contents
+    read, in turns of the teams (`CheckQueue`).
+    """
+    settings, team = services.settings, caller[1]
+    with services.upload_limit.acquire(team):
+        await run_in_threadpool(_check_refused, services, team, at_us)
+        async with receive_upload(request, FIELDS, settings.archives, settings.limits.archive_bytes) as upload:
+            service = SubmissionService(services, caller, upload, idempotency_key, at_us)
+            if (known := await run_in_threadpool(service.find_known)) is not None:
+                return known
+            async with services.check_queue.turn(team):
+                manifest = await to_thread.run_sync(service.check_archive, limiter=services.check_threads)
+            return await run_in_threadpool(service.accept, manifest)
+
+
 class SubmissionService:
-    """Accepts one upload; runs in a worker thread."""
+    """Accepts one upload; its methods run in worker threads."""
 
     def __init__(
         self, services: Services, caller: tuple[Caller, str], upload: Upload, idempotency_key: str | None, at_us: int
@@ -33,28 +56,54 @@ class SubmissionService:
         self._services, self._upload, self._key, self._at_us = services, upload, idempotency_key, at_us
         self._caller, self._team = caller
 
-    def accept(self) -> schemas.SubmissionOut:
-        """Check the upload, move the archive to its place and insert the submission. Raises InputError."""
-        limits = ArchiveLimits(**self._services.settings.limits.model_dump())
+    def find_known(self) -> schemas.SubmissionOut | None:
+        """Return the submission that the same upload made before; refuse what needs no look into the archive.
+
+        Raises InputError. `submissions.accept` makes the final decision.
+        """
         with self._services.store.read() as session:
             phase = phases.get(session, self._field("phase"))
-            self._check_first(session, phase)
-        manifest = self._services.check_runner.call(CHECK_S, check_archive, self._upload.file, limits)
+            sent_before = submissions.find_environment(session, self._team, self._upload.sha256)
+            known = submissions.find_known(session, self._make_submission(phase, sent_before), phase)
+            if known is not None:
+                return submission_views.to_submission(session, self._caller, known)
+            phases.check_open(phase, self._at_us)
+            quota.check_quota(session, self._team, phase, self._at_us)
+        return None
+
+    def check_archive(self) -> Manifest:
+        """Check the archive, what is cheap first; a refused one is counted. Raises ArchiveRefused and InputError."""
+        _check_refused(self._services, self._team, self._at_us)  # others were refused while this one waited
+        try:
+            return self._examine()
+        except (ArchiveRefused, CallEndedError) as error:
+            with self._services.store.write() as session:
+                quota.add_refused(session, self._team, self._at_us)
+            if isinstance(error, CallEndedError):
+                limit_s = self._services.settings.limits.check_s
+                sentence = f"archive: expected one that is checked within {limit_s:g} s, found one that is not"
+                raise ArchiveRefused(sentence) from None
+            raise
+
+    def _examine(self) -> Manifest:
+        limits = ArchiveLimits(**self._services.settings.limits.archive_fields())
+        call, file = self._services.check_runner.call, self._upload.file
+        manifest = call(INSPECT_S, inspect_archive, file, limits)
         check_style(manifest.style, self._track())
         self._check_environment(manifest.environment)
+        call(self._services.settings.limits.check_s, verify_contents, file, limits)
+        return manifest
+
+    def accept(self, manifest: Manifest) -> schemas.SubmissionOut:
+        """Move the checked archive to its place and insert the submission. Raises InputError."""
+        with self._services.store.read() as session:
+            phase = phases.get(session, self._field("phase"))
         new = self._make_submission(phase, manifest.environment)
         self._store_archive()
         jobs = self._services.suites.jobs(phase)
         with self._services.store.write() as session:
             accepted = submissions.accept(session, new, phase, jobs, self._at_us)
             return submission_views.to_submission(session, self._caller, accepted)
-
-    def _check_first(self, session: Session, phase: tables.PhaseRow) -> None:
-        """Refuse what needs no look into the archive; `submissions.accept` makes the final decision."""
-        sent_before = submissions.find_environment(session, self._team, self._upload.sha256)
-        if submissions.find_known(session, self._make_submission(phase, sent_before), phase) is None:
-            phases.check_open(phase, self._at_us)
-            quota.check_quota(session, self._team, phase, self._at_us)
 
     def _check_environment(self, environment: str) -> None:
         """Refuse an environment that is not built here: in a worker that would count as a failure on our side."""
@@ -96,6 +145,11 @@ class SubmissionService:
             os.fsync(file.fileno())
         self._upload.file.replace(target)
         _sync_folder(target.parent)
+
+
+def _check_refused(services: Services, team: str, at_us: int) -> None:
+    with services.store.read() as session:
+        quota.check_refused(session, team, services.settings.limits.refused_per_day, at_us)
 
 
 def _sync_folder(folder: Path) -> None:

@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 
 from server.api import schemas
 from server.api.caller import Caller
+from server.api.hidden_paths import hide_paths
 from server.api.schemas import to_datetime
 from server.clock import HOUR_US
 from server.enums import ChallengeTrack, SubmissionState
@@ -74,7 +75,7 @@ def to_submission(session: Session, caller: Caller | None, submission: tables.Su
 
 def visible_reason(phase: tables.PhaseRow, state: SubmissionState, said: str) -> str:
     """Return the reason of a state as it may be disclosed."""
-    return _REJECTED if said and state is SubmissionState.REJECTED and not phase.public else said
+    return _REJECTED if said and state is SubmissionState.REJECTED and not phase.public else hide_paths(said)
 
 
 def visible_summary(
@@ -112,7 +113,7 @@ def visible_ds(phase: tables.PhaseRow, ds: float) -> float:
 def visible_event(phase: tables.PhaseRow, kind: str, data: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """Return the data of an event that may be disclosed, None for nothing. Hidden phases disclose only states."""
     if phase.public:
-        return data
+        return dict(data) | ({"why": hide_paths(data["why"])} if "why" in data else {})
     if kind != "state":
         return None
     state = SubmissionState(data["state"])

@@ -11,6 +11,7 @@ from http import HTTPStatus
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from queue import Empty, LifoQueue
 from threading import BoundedSemaphore, Lock
 from typing import Any, ParamSpec, Protocol, TypeVar
 
@@ -21,6 +22,12 @@ from server.store import StoreUnavailable
 P = ParamSpec("P")
 R = TypeVar("R")
 _KILL_S = 5.0
+START_S = 60.0
+"""Time limit of the start of a child [s]; it is no part of the limit of the call that needs the child."""
+
+
+class CallEndedError(ProblemError):
+    """The call exceeded its time limit or crashed (503): what it worked on may be the reason."""
 
 
 class CallRunner(Protocol):
@@ -29,8 +36,8 @@ class CallRunner(Protocol):
     def call(self, limit_s: float, function: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
         """Return `function(*args, **kwargs)`.
 
-        Raises InputError, OSError and StoreUnavailable of the function; ProblemError (503) if it takes too long or
-        crashes.
+        Raises InputError, OSError and StoreUnavailable of the function; CallEndedError if it takes too long or crashes;
+        ProblemError (503) if it was not begun.
         """
         ...
 
@@ -86,6 +93,7 @@ class SubprocessRunner:
         if self._child is None or not self._child[0].is_alive():
             self._end_child()
             self._child = _start_child(self._nice)
+            self._wait_until_ready(self._child[1])
         pipe = self._child[1]
         try:
             pipe.send(request)
@@ -95,7 +103,15 @@ class SubprocessRunner:
         except (EOFError, OSError):
             problem = "its process ended"
         self._end_child()
-        raise _busy_error(problem)
+        raise _describe_busy(CallEndedError, problem)
+
+    def _wait_until_ready(self, pipe: Connection) -> None:
+        with suppress(EOFError, OSError):
+            if pipe.poll(START_S):
+                pipe.recv()
+                return
+        self._end_child()
+        raise _busy_error("its process does not start")
 
     def _end_child(self) -> None:
         if self._child is not None:
@@ -118,6 +134,7 @@ def _run_child(pipe: Connection, nice: int) -> None:
     """Answer calls until the parent closes the pipe."""
     os.nice(nice)
     with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
+        pipe.send("ready")
         while True:
             function, args, kwargs = pipe.recv()
             try:
@@ -128,5 +145,41 @@ def _run_child(pipe: Connection, nice: int) -> None:
 
 
 def _busy_error(problem: str) -> ProblemError:
+    return _describe_busy(ProblemError, problem)
+
+
+def _describe_busy(kind: type[ProblemError], problem: str) -> ProblemError:
     sentence = f"this cannot be done now: {problem}; try again later"
-    return ProblemError(HTTPStatus.SERVICE_UNAVAILABLE, "busy", sentence, {"Retry-After": "30"})
+    return kind(HTTPStatus.SERVICE_UNAVAILABLE, "busy", sentence, {"Retry-After": "30"})
+
+
+class SubprocessPool:
+    """Executes calls in several child processes, each one call at a time. Thread-safe."""
+
+    def __init__(self, processes: int, nice: int = 0) -> None:
+        """Prepare that many child processes; each starts with its first call."""
+        self._all = [SubprocessRunner(2, nice) for _ in range(processes)]  # a second call comes in while one is closed
+        self._free: LifoQueue[SubprocessRunner] = LifoQueue()
+        for runner in reversed(self._all):
+            self._free.put(runner)
+
+    def call(self, limit_s: float, function: Callable[P, R], /, *args: P.args, **kwargs: P.kwargs) -> R:
+        """See `CallRunner`. Raises ProblemError (503) if no child becomes free within the time limit."""
+        try:
+            runner = self._free.get(timeout=limit_s)
+        except Empty:
+            raise _busy_error("too many at a time") from None
+        try:
+            return runner.call(limit_s, function, *args, **kwargs)
+        finally:
+            self._free.put(runner)
+
+    def start(self) -> None:
+        """Start all children. Raises ProblemError."""
+        for runner in self._all:
+            runner.call(START_S, int)
+
+    def close(self) -> None:
+        """Kill the children; waiting calls raise ProblemError."""
+        for runner in self._all:
+            runner.close()

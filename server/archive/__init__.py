@@ -3,6 +3,14 @@
 from server.archive.errors import ArchiveRefused
 from server.archive.extraction import extract_archive
 from server.archive.limits import ArchiveLimits
-from server.archive.manifest import Manifest, check_archive
+from server.archive.manifest import Manifest, check_archive, inspect_archive, verify_contents
 
-__all__ = ["ArchiveLimits", "ArchiveRefused", "Manifest", "check_archive", "extract_archive"]
+__all__ = [
+    "ArchiveLimits",
+    "ArchiveRefused",
+    "Manifest",
+    "check_archive",
+    "extract_archive",
+    "inspect_archive",
+    "verify_contents",
+]

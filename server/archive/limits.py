@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 
 MEBIBYTE = 1024 * 1024
+FREE_BYTES = 8 * MEBIBYTE
+"""Unpacked size up to which the ratio of a whole archive does not matter [bytes]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,3 +19,5 @@ class ArchiveLimits:
     """Number of files and folders, including folders that occur only as parts of paths."""
     ratio: int = 200
     """Unpacked size over packed size of each entry above 1 MiB."""
+    total_ratio: int = 50
+    """Total unpacked size over the size of the archive, above `FREE_BYTES`: bounds the work that an upload causes."""

@@ -52,6 +52,16 @@ class Manifest:
 
 def check_archive(path: Path, limits: ArchiveLimits) -> Manifest:
     """Check an archive including every byte of its contents. Raises ArchiveRefused, one sentence."""
+    manifest = inspect_archive(path, limits)
+    verify_contents(path, limits)
+    return manifest
+
+
+def inspect_archive(path: Path, limits: ArchiveLimits) -> Manifest:
+    """Check the directory, `model_env.yaml` and `agents.py` of an archive: takes milliseconds whatever its size.
+
+    Raises ArchiveRefused.
+    """
     with open_archive(path, limits) as archive:
         infos = {info.filename: info for info in archive.infolist() if not layout.is_mac_metadata(info.filename)}
         root = layout.find_root(tuple(infos))
@@ -60,9 +70,6 @@ def check_archive(path: Path, limits: ArchiveLimits) -> Manifest:
         text = _read(archive, files, layout.AGENTS, layout.MAX_AGENTS_BYTES).decode("utf-8", errors="replace")
         style = layout.find_style(text)
         config = layout.find_config(tuple(files), environment.config)
-        for info in infos.values():
-            for _ in read_entry(archive, info):
-                pass
     return Manifest(
         style=style,
         config=config,
@@ -74,6 +81,18 @@ def check_archive(path: Path, limits: ArchiveLimits) -> Manifest:
         sha256=compute_sha256(path),
         root=root,
     )
+
+
+def verify_contents(path: Path, limits: ArchiveLimits) -> None:
+    """Read every byte of an archive's contents: sizes and checksums are as declared. Raises ArchiveRefused.
+
+    It reads at most `limits.total_ratio` times the archive's size, up to `limits.unpacked_bytes`.
+    """
+    with open_archive(path, limits) as archive:
+        for info in archive.infolist():
+            if not layout.is_mac_metadata(info.filename):
+                for _ in read_entry(archive, info):
+                    pass
 
 
 def compute_sha256(path: Path) -> str:

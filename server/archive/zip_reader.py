@@ -14,7 +14,7 @@ from zipfile import ZipFile, ZipInfo
 
 from server.archive.entry_names import check_names
 from server.archive.errors import ArchiveRefused
-from server.archive.limits import MEBIBYTE, ArchiveLimits
+from server.archive.limits import FREE_BYTES, MEBIBYTE, ArchiveLimits
 
 METHODS = {zipfile.ZIP_STORED: "stored", zipfile.ZIP_DEFLATED: "deflated"}
 ENCRYPTED = 0x1 | 0x40 | 0x2000
@@ -97,6 +97,11 @@ def _check_entries(archive: ZipFile, file: _BoundedFile, limits: ArchiveLimits) 
     total = sum(info.file_size for info in infos)
     if total > limits.unpacked_bytes:
         raise ArchiveRefused(f"archive: expected at most {limits.unpacked_bytes} bytes unpacked, found {total}")
+    size = os.fstat(file.fileno()).st_size
+    if total > max(FREE_BYTES, limits.total_ratio * size):
+        raise ArchiveRefused(
+            f"archive: expected to unpack to at most {limits.total_ratio} times its {size} bytes, found {total} bytes"
+        )
     _check_no_overlap(file, infos, archive.start_dir)
 
 

@@ -1,10 +1,9 @@
 """`mdrive-sumo serve`: API, web pages and workers."""
 
 import asyncio
-import fcntl
-import os
 import signal
 import socket
+import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,6 +19,7 @@ from mdrive_sumo.core.errors import InputError
 from server import environments
 from server.api.app import create_app, prepare_storage
 from server.api.upload import UPLOAD_S
+from server.cli.data_folder import lock_data_folder
 from server.cli.options import data_option, load_settings_with, report_store_errors, settings_option
 from server.clock import now_us
 from server.evaluation.supervisor import Supervisor
@@ -31,10 +31,11 @@ GRACE_S = 5
 """Time for open responses when the server stops [s]; event streams are closed, and clients reconnect."""
 HEADER_BYTES = 32 * 1024
 """Size limit of a request's headers [bytes]."""
+SWITCH_S = 0.001
+"""Time after which a busy thread lets another one run [s]; Python's 5 ms delay the event loop often."""
 REQUEST_S = 20.0
 """Time from the connection, or the last response, to the end of the next request's headers [s]."""
 BACKLOG = 2048
-LOCK_FILE = "serve.lock"
 EXECUTORS = ("local", "dask")
 """Executors as in `eval`, whose module would import the simulator."""
 
@@ -61,7 +62,7 @@ def serve(
     """
     settings = _apply_executor(load_settings_with(file, data, host=host, port=port), executor, scheduler)
     signal.signal(signal.SIGTERM, _exit_on_signal)
-    with report_store_errors(), _lock_data_folder(settings), _open_listener(settings) as listener:
+    with report_store_errors(), lock_data_folder(settings), _open_listener(settings) as listener:
         _check_database(settings)
         settings = _apply_phases(settings, file)
         _print_missing_environments(settings)
@@ -93,6 +94,7 @@ def _run(app: FastAPI, settings: ServerSettings, listener: socket.socket) -> Non
         h11_max_incomplete_event_size=HEADER_BYTES,
         server_header=False,
     )
+    sys.setswitchinterval(SWITCH_S)
     server = _Server(config)
     try:
         server.run(sockets=[listener])
@@ -151,32 +153,6 @@ def _open_listener(settings: ServerSettings) -> Generator[socket.socket]:
         ) from None
     with listener:
         yield listener
-
-
-@contextmanager
-def _lock_data_folder(settings: ServerSettings) -> Generator[None]:
-    """Lock the data folder if it contains the database. Raises InputError if another process serves it."""
-    try:
-        settings.data.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"serve: {settings.data}: cannot be created: {error.strerror}; choose another --data"
-        ) from None
-    if settings.database:  # several machines may share the folder
-        yield
-        return
-    with (settings.data / LOCK_FILE).open("a+") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            file.seek(0)
-            pid = file.read().strip() or "?"
-            sentence = f"serve: {settings.data} is being served by process {pid}; stop it, or choose another --data"
-            raise InputError(sentence) from None
-        file.truncate(0)
-        file.write(f"{os.getpid()}\n")
-        file.flush()
-        yield
 
 
 def _apply_executor(settings: ServerSettings, executor: str | None, scheduler: str) -> ServerSettings:

@@ -48,7 +48,7 @@ def _unpack(task: JobTask, home: Path) -> None:
     with task.archive.open("rb") as archive:
         if hashlib.file_digest(archive, "sha256").hexdigest() != task.archive_sha256:
             raise WorldError(f"{task.archive.name}: expected the bytes of the submission, found others")
-    manifest = check_archive(task.archive, ArchiveLimits(**task.limits.model_dump()))
+    manifest = check_archive(task.archive, ArchiveLimits(**task.limits.archive_fields()))
     part = Path(tempfile.mkdtemp(prefix=f"{home.name}.", dir=home.parent))
     try:
         part.chmod(0o755)

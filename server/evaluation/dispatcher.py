@@ -21,7 +21,7 @@ from server.enums import JobState, ScenarioVerdict
 from server.evaluation import spot_checks
 from server.evaluation.job_task import AgentRejection, JobResult, JobTask, load_task
 from server.evaluation.stop_request import StopRequest
-from server.evaluation.summary import summarise
+from server.evaluation.write_summaries import write_left_over_summaries, write_summary
 from server.phase_suites import PhaseSuites
 from server.settings import ServerSettings
 from server.store import Store, StoreUnavailable, audit, jobs, phases, submissions, workers
@@ -126,6 +126,7 @@ class Dispatcher:
         if self._seen_us is None or now - self._seen_us >= self._beat_us:
             with self._store.write() as session:
                 workers.record_heartbeat(session, self._owner, self._settings.work.scheduler, now)
+            write_left_over_summaries(self._store, self._clock, self._draw_spot_checks)
             self._seen_us = now
 
     def _sign_out(self) -> None:
@@ -191,6 +192,8 @@ class Dispatcher:
             return
         waiting = {key for key, _ in self._unwritten}
         with self._store.write() as session:
+            for submission in {self._held[key].task.submission for key in due}:
+                submissions.end_if_over_budget(session, submission, self._settings.work.job_budget_us, now)
             lost = [key for key in due if not self._prolong(session, self._held[key].task, now)]
         for key in due:
             self._held[key].beat_us = now
@@ -227,14 +230,18 @@ class Dispatcher:
 
     def _write_outcome(self, task: JobTask, outcome: JobOutcome) -> None:
         now = self._clock()
+        complete = False
         with self._store.write() as session:
             counted = jobs.finish(session, task.job, self._owner, task.attempt, outcome, now)
             if counted and outcome.verdict is not ScenarioVerdict.FAILED_OURS:
                 _move_files(task)  # before the commit: a committed result has its files
-                if submissions.finish_if_complete(session, task.submission, summarise, now):
-                    self._draw_spot_checks(session, task.submission)
+                complete = submissions.is_complete(session, task.submission)
+                if not complete:
+                    submissions.end_if_over_budget(session, task.submission, self._settings.work.job_budget_us, now)
         if not counted:
             LOG.info("job %d: result of attempt %d dropped: the lease had ended", task.job, task.attempt)
+        if complete:
+            self._try(lambda: write_summary(self._store, task.submission, self._clock, self._draw_spot_checks))
 
     def _draw_spot_checks(self, session: Session, submission: str) -> None:
         draw = audit.find_head(session)

@@ -51,7 +51,10 @@ def is_drawn(draw: str, share: float) -> bool:
 def sample_jobs(session: Session, submission: str, draw: str, size: int = SAMPLE_SIZE) -> Sequence[JobRow]:
     """Return finished jobs without agent failures (time-outs are not reproducible), chosen by `draw`."""
     finished = select(JobRow).where(
-        JobRow.submission == submission, JobRow.state == JobState.DONE, JobRow.verdict == ScenarioVerdict.OK
+        JobRow.submission == submission,
+        JobRow.state == JobState.DONE,
+        JobRow.verdict == ScenarioVerdict.OK,
+        JobRow.result.is_not(None),  # its retention period may be over
     )
 
     def place(job: JobRow) -> bytes:

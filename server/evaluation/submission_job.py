@@ -20,6 +20,7 @@ from server.environments import load_environment
 from server.evaluation.archive_cache import unpack_archive
 from server.evaluation.job_task import AgentRejection, JobResult, JobTask
 from server.store.jobs import JobOutcome
+from server.store.overviews import MAX_RESULT_BYTES, count_bytes
 from server.submitted_agent import SubmittedAgent, find_verdict
 from server.tracks import COMM_BY_TRACK, check_style
 
@@ -63,11 +64,14 @@ def _run_agent(task: JobTask, agent: SubmittedAgent) -> JobResult:
     except RejectedError as error:
         return AgentRejection(str(error))
     _drop_large(task.stage / f"{task.scenario}.npz")
+    content = result.model_dump(mode="json")
+    if (size := count_bytes(content)) > MAX_RESULT_BYTES:
+        return AgentRejection(f"{task.scenario}: expected a result of at most {MAX_RESULT_BYTES} bytes, found {size}")
     verdict, reason = find_verdict(result)
     wall_s = round(time.monotonic() - start_s, 3)
     layers = _find_layers(task.sandbox.required, task.sandbox.backend)
     used = {"wall_s": wall_s, "layers": list(layers), **collect_usage(task.stage)}
-    return JobOutcome(verdict, result.model_dump(mode="json"), reason, used)
+    return JobOutcome(verdict, content, reason, used)
 
 
 def _drop_large(recording: Path) -> None:

@@ -135,6 +135,7 @@ class Supervisor:
                 needed = set(session.scalars(unfinished))
             retention.delete_expired(kept, self._settings.data, self._clock())
             delete_stale(self._settings.data, needed)
+            retention.delete_expired_rows(self._store, self._settings.keep.policy(), self._clock())
         except (StoreUnavailable, OSError) as error:
             LOG.warning("old files were not deleted: %s", error)
 

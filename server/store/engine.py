@@ -4,9 +4,10 @@ A challenge writes a few hundred rows a minute, so this costs nothing. In return
 of claims and the order of events need no locks of their own, and deadlocks are impossible.
 """
 
+import os
 import sqlite3
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from sqlalchemy.orm import Session
 from mdrive_sumo.core.errors import InputError
 from server.store.database_check import check_sqlite_file
 
+PRIVATE_MODE = 0o600
+"""Mode of databases and backups: they hold hidden results and hashes of tokens."""
 BUSY_S = 30
 """Time limit of waiting for another writer [s]. Leases (60 s) must be longer."""
 _WRITER_LOCK = 0x6D647269
@@ -68,6 +71,8 @@ class Store:
         if self.is_sqlite:
             _make_folder(Path(str(self.url.database)).parent)
         self.check()
+        if self.is_sqlite:
+            _make_private(Path(str(self.url.database)))
         with _translate_errors(), self._writer.begin() as connection:
             config = Config()
             config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
@@ -108,13 +113,27 @@ def _parse_url(url: str) -> URL:
 
 def _make_folder(folder: Path) -> None:
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"database: {folder}: cannot be made: {error.strerror}") from None
 
 
+def _make_private(file: Path) -> None:
+    """Create the database file for its owner only, or make it so; SQLite gives its other files the same mode.
+
+    A file of another user stays as it is. Raises InputError.
+    """
+    try:
+        os.close(os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, PRIVATE_MODE))
+        for name in (file.name, f"{file.name}-wal", f"{file.name}-shm"):
+            with suppress(FileNotFoundError, PermissionError):
+                file.with_name(name).chmod(PRIVATE_MODE)
+    except OSError as error:
+        raise InputError(f"database: {file}: cannot be opened: {error.strerror}") from None
+
+
 def _open_sqlite(url: URL) -> Engine:
-    engine = create_engine(url, connect_args={"timeout": BUSY_S}, pool_size=10, max_overflow=30)
+    engine = create_engine(url, connect_args={"timeout": BUSY_S}, pool_size=10, max_overflow=40)
 
     @event.listens_for(engine, "connect")
     def prepare(connection: Any, _record: object) -> None:  # pyright: ignore[reportUnusedFunction]
@@ -136,7 +155,7 @@ def _open_sqlite(url: URL) -> Engine:
 def _open_postgresql(url: URL) -> Engine:
     # The server cuts off a writer that hangs inside a transaction, as if it had died.
     options = f"-c lock_timeout={BUSY_S}s -c idle_in_transaction_session_timeout={BUSY_S}s"
-    engine = create_engine(url, connect_args={"options": options}, pool_size=10, max_overflow=30, pool_pre_ping=True)
+    engine = create_engine(url, connect_args={"options": options}, pool_size=10, max_overflow=40, pool_pre_ping=True)
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:  # pyright: ignore[reportUnusedFunction]

@@ -17,7 +17,7 @@ class OverLimit(InputError):
     """A quota is used up."""
 
     def __init__(self, kind: str, sentence: str, retry_us: int | None) -> None:
-        """`kind` is day, parallel or total; `retry_us` the time to try again, None for never in this phase."""
+        """`kind` is day, parallel, total or refused; `retry_us` the time to try again, None for never in this phase."""
         super().__init__(sentence)
         self.kind = kind
         self.retry_us = retry_us

@@ -4,18 +4,19 @@ Execution is at least once (workers die, leases end); scoring is exactly once, b
 owner and attempt that hold the job at that moment.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import ColumnElement, Select, and_, exists, func, select, update
-from sqlalchemy.orm import Session, aliased
+from sqlalchemy import ColumnElement, and_, select, update
+from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.state import FailureReason
 from server.enums import JobState, ScenarioVerdict, SubmissionState
-from server.store import events, submissions
+from server.store import events, job_selection, submissions, worker_time
 from server.store.errors import NotFound
-from server.store.quota import UNFINISHED
-from server.store.tables import JobRow, PhaseRow, SubmissionRow
+from server.store.overviews import make_overview
+from server.store.tables import JobOverviewRow, JobRow, PhaseRow, SubmissionRow
 
 MAX_FAILURES = 3
 """Failed attempts on our side after which the submission fails."""
@@ -39,14 +40,16 @@ class JobOutcome:
             raise ValueError(f"expected a result unless it is our failure, found verdict {self.verdict}")
 
 
-def claim(session: Session, owner: str, lease_us: int, now_us: int) -> JobRow | None:
-    """Claim the next job for `owner` (unique to a process) until now + `lease_us`; return None if the queue is empty.
+def claim(
+    session: Session, owner: str, lease_us: int, now_us: int, public: Collection[bool] = (True, False)
+) -> JobRow | None:
+    """Claim the next job for `owner` (unique to a process) until now + `lease_us`; return None if no job waits.
 
-    Order: hidden phases before public ones, then the team with the fewest running jobs, then age. Jobs with expired
-    leases are put back first.
+    `job_selection` says which is next; `public`: kinds of phases that may be served. Jobs with expired leases are put
+    back first.
     """
     reclaim_expired(session, now_us)
-    submission_id = session.scalar(_select_next_submission())
+    submission_id = job_selection.select_next(session, now_us, public)
     if submission_id is None:
         return None
     oldest = select(JobRow.id).where(JobRow.submission == submission_id, JobRow.state == JobState.QUEUED)
@@ -89,6 +92,10 @@ def finish(session: Session, job_id: int, owner: str, attempt: int, outcome: Job
     if not _update_held(session, _is_held_by(job_id, owner, attempt), values):
         return False
     job = get(session, job_id)
+    assert outcome.result is not None
+    overview = make_overview(outcome.result, outcome.usage)
+    session.add(JobOverviewRow(job=job.id, submission=job.submission, data=overview))
+    _charge(session, job, now_us, is_result=True)
     _add_event(
         session,
         job,
@@ -132,26 +139,6 @@ def get(session: Session, job_id: int) -> JobRow:
     return job
 
 
-def _select_next_submission() -> Select[str]:
-    running = aliased(SubmissionRow)
-    busy = (
-        select(running.team, func.count().label("jobs"))
-        .join(JobRow, JobRow.submission == running.id)
-        .where(JobRow.state == JobState.RUNNING)
-        .group_by(running.team)
-        .subquery()
-    )
-    waiting = exists().where(JobRow.submission == SubmissionRow.id, JobRow.state == JobState.QUEUED)
-    return (
-        select(SubmissionRow.id)
-        .join(PhaseRow, PhaseRow.id == SubmissionRow.phase)
-        .outerjoin(busy, busy.c.team == SubmissionRow.team)
-        .where(SubmissionRow.state.in_(UNFINISHED), waiting)
-        .order_by(PhaseRow.public, func.coalesce(busy.c.jobs, 0), SubmissionRow.created_us, SubmissionRow.id)
-        .limit(1)
-    )
-
-
 def _mark_running(session: Session, submission_id: str, now_us: int) -> None:
     submission = submissions.get(session, submission_id)
     if submission.state == SubmissionState.QUEUED:
@@ -159,7 +146,20 @@ def _mark_running(session: Session, submission_id: str, now_us: int) -> None:
         events.add_event(session, submission_id, "state", {"state": SubmissionState.RUNNING.value}, now_us)
 
 
+def _charge(session: Session, job: JobRow, now_us: int, is_result: bool) -> None:
+    """Charge the time of an attempt to its team: failures on our side too, which an agent might cause on purpose.
+
+    Only results count towards the submission's budget.
+    """
+    submission = submissions.get(session, job.submission)
+    used_us = max(0, now_us - job.started_us) if job.started_us is not None else 0
+    worker_time.charge(session, submission, used_us, now_us)
+    if is_result:
+        submission.spent_us += used_us
+
+
 def _apply_failure(session: Session, job: JobRow, failure: str, now_us: int) -> None:
+    _charge(session, job, now_us, is_result=False)
     job.failures += 1
     job.failure = failure
     job.owner = job.lease_us = None

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 from server.clock import DAY_US, day_start_us, format_utc
 from server.enums import SubmissionState
 from server.store.errors import OverLimit
-from server.store.tables import PhaseRow, SubmissionRow
+from server.store.tables import PhaseRow, RefusedUploadRow, SubmissionRow
 
 UNFINISHED = (SubmissionState.QUEUED.value, SubmissionState.RUNNING.value)
 _RETRY_US = 60_000_000
@@ -56,3 +56,25 @@ def check_quota(session: Session, team: str, phase: PhaseRow, now_us: int) -> No
             f"phase {phase.id}: {now.in_parallel} of at most {phase.in_parallel} submissions at a time are unfinished"
         )
         raise OverLimit("parallel", sentence, now_us + _RETRY_US)
+
+
+def count_refused(session: Session, team: str, now_us: int) -> int:
+    """Count the archives of a team that were examined and refused on this UTC day."""
+    refused = (RefusedUploadRow.team == team, RefusedUploadRow.at_us >= day_start_us(now_us))
+    return session.scalar(select(func.count()).select_from(RefusedUploadRow).where(*refused)) or 0
+
+
+def check_refused(session: Session, team: str, per_day: int, now_us: int) -> None:
+    """Raise OverLimit if too many archives of a team were refused today: each costs the time of a checker."""
+    if count_refused(session, team, now_us) >= per_day:
+        tomorrow = day_start_us(now_us) + DAY_US
+        sentence = (
+            f"archive: {per_day} archives of your team were refused today; the next one is possible at "
+            f"{format_utc(tomorrow)}; test archives with `mdrive-sumo check`"
+        )
+        raise OverLimit("refused", sentence, tomorrow)
+
+
+def add_refused(session: Session, team: str, now_us: int) -> None:
+    """Count an archive that was refused."""
+    session.add(RefusedUploadRow(team=team, at_us=now_us))

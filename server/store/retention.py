@@ -1,18 +1,19 @@
-"""Deletes old archives and recordings by a policy. Rows of the database are never deleted."""
+"""Deletes old archives, recordings and results of single scenarios by a policy. Rows of submissions stay."""
 
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqlalchemy import select
+from sqlalchemy import delete, exists, select, update
 from sqlalchemy.orm import Session
 
-from server.clock import DAY_US
+from server.clock import DAY_US, day_start_us
 from server.enums import SubmissionState
-from server.store import queries
+from server.store import queries, worker_time
+from server.store.engine import Store
 from server.store.quota import UNFINISHED
-from server.store.tables import SubmissionRow
+from server.store.tables import EventRow, JobOverviewRow, JobRow, RefusedUploadRow, SubmissionRow, WorkerTimeRow
 
 _MIN_AGE_US = DAY_US
 """Minimum age of deleted files [us]: an unknown younger file may be an upload that is just being accepted."""
@@ -20,13 +21,15 @@ _MIN_AGE_US = DAY_US
 
 @dataclass(frozen=True, slots=True)
 class RetentionPolicy:
-    """Retention in days after a submission's end. Submissions on a leaderboard keep their files."""
+    """Retention in days after a submission's end. Submissions on a leaderboard keep everything."""
 
     archive_days: int = 365
     """Archives of finished submissions: an admin can run them again during this time."""
     refused_days: int = 30
     """Archives of rejected, cancelled and failed submissions."""
     recording_days: int = 90
+    result_days: int = 365
+    """Results of single scenarios, and events; the summary stays."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +73,38 @@ def delete_expired(retained: RetainedFiles, data: Path, now_us: int) -> list[Pat
         else:
             path.unlink(missing_ok=True)
     return deleted
+
+
+def delete_expired_rows(store: Store, policy: RetentionPolicy, now_us: int) -> int:
+    """Delete results, usage and events of submissions whose time is over; return of how many.
+
+    One short transaction for each submission, so that no other writer waits.
+    """
+    with store.read() as session:
+        expired = _find_expired_submissions(session, policy, now_us)
+    for submission in expired:
+        with store.write() as session:
+            jobs = update(JobRow).where(JobRow.submission == submission)
+            session.execute(jobs.values(result=None, usage=None), execution_options={"synchronize_session": False})
+            for table in (JobOverviewRow, EventRow):
+                session.execute(delete(table).where(table.submission == submission))
+    with store.write() as session:
+        session.execute(delete(RefusedUploadRow).where(RefusedUploadRow.at_us < day_start_us(now_us) - DAY_US))
+        forgotten_us = now_us - 40 * worker_time.HALF_LIFE_US
+        session.execute(delete(WorkerTimeRow).where(WorkerTimeRow.at_us < forgotten_us))
+    return len(expired)
+
+
+def _find_expired_submissions(session: Session, policy: RetentionPolicy, now_us: int) -> list[str]:
+    has_rows = exists().where(JobOverviewRow.submission == SubmissionRow.id)
+    has_events = exists().where(EventRow.submission == SubmissionRow.id)
+    old = select(SubmissionRow.id).where(
+        SubmissionRow.state.not_in(UNFINISHED),
+        SubmissionRow.finished_us < now_us - policy.result_days * DAY_US,
+        has_rows | has_events,
+    )
+    standing = queries.find_standing_ids(session)
+    return [id_ for id_ in session.scalars(old) if id_ not in standing]
 
 
 def _list_expired(folder: Path, retained: frozenset[str], now_us: int) -> Iterator[Path]:

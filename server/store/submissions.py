@@ -1,26 +1,26 @@
 """Life cycle of submissions: accepted, run, and done, rejected, cancelled, disqualified or failed on our side.
 
 queued -> running -> done -> disqualified
-  any of the first two -> rejected | cancelled | failed-ours
+  any of the first two -> rejected | cancelled | failed-ours | over-budget
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from sqlalchemy import delete, func, select, update
+from sqlalchemy import delete, exists, func, select, update
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
 from server.enums import ChallengeTrack, JobState, SubmissionState
-from server.store import audit, events, phases, quota, standings
+from server.store import audit, events, phases, quota, standings, worker_time
 from server.store.checksums import compute_checksum
 from server.store.errors import NotFound, NotNow, check_text, new_id
-from server.store.tables import JobRow, PhaseRow, SubmissionRow, TeamRow
+from server.store.tables import JobOverviewRow, JobRow, PhaseRow, SubmissionRow, TeamRow
 
 UNFINISHED_JOBS = (JobState.QUEUED.value, JobState.RUNNING.value)
-SummariseJobs = Callable[[Sequence[JobRow]], standings.SummaryData]
-"""Summarises the finished jobs, ordered by scenario and seed."""
+MIN_BUDGET_US = 3_600_000_000
+"""Worker time that every submission has, however few its jobs are [us]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,9 @@ def renew(
     """Restart an unfinished submission under another evaluator, with the present jobs of its suite."""
     old = JobRow.submission == submission.id
     begun = session.scalar(select(func.max(JobRow.attempt)).where(old)) or 0
+    session.execute(delete(JobOverviewRow).where(JobOverviewRow.submission == submission.id))
     session.execute(delete(JobRow).where(old))
+    submission.spent_us = 0
     submission.evaluator, submission.state = evaluator, SubmissionState.QUEUED.value
     # SQLite reuses ids of deleted rows; attempts continue, so that no late result of the older version fits.
     _queue_jobs(session, submission, jobs, now_us, attempt=begun)
@@ -148,19 +150,56 @@ def get(session: Session, submission_id: str) -> SubmissionRow:
     return submission
 
 
-def finish_if_complete(session: Session, submission_id: str, summarise: SummariseJobs, now_us: int) -> bool:
-    """Mark the submission done if every job is; return True for the one call that does so."""
+def is_complete(session: Session, submission_id: str) -> bool:
+    """Return whether an unfinished submission only waits for its summary."""
     submission = get(session, submission_id)
-    if submission.state not in quota.UNFINISHED or not _is_complete(session, submission_id):
+    return submission.state in quota.UNFINISHED and _are_jobs_done(session, submission_id)
+
+
+def list_complete(session: Session) -> Sequence[str]:
+    """Return the unfinished submissions that only wait for their summary: a worker may die before it writes one."""
+    undone = exists().where(JobRow.submission == SubmissionRow.id, JobRow.state != JobState.DONE)
+    found = select(SubmissionRow.id).where(SubmissionRow.state == SubmissionState.RUNNING, ~undone)
+    return session.scalars(found.order_by(SubmissionRow.created_us)).all()
+
+
+def list_finished_jobs(session: Session, submission_id: str) -> Sequence[JobRow]:
+    """Return the jobs of a complete submission for its summary, by scenario and seed."""
+    own = JobRow.submission == submission_id
+    return session.scalars(select(JobRow).where(own).order_by(JobRow.scenario, JobRow.seed)).all()
+
+
+def finish_if_complete(session: Session, submission_id: str, summary: standings.SummaryData, now_us: int) -> bool:
+    """Mark the submission done if every job is, with the summary of its jobs; return True for the call that does so."""
+    if not is_complete(session, submission_id):
         return False
-    jobs = select(JobRow).where(JobRow.submission == submission_id).order_by(JobRow.scenario, JobRow.seed)
-    summary = summarise(session.scalars(jobs).all())
+    submission = get(session, submission_id)
     submission.summary = dict(summary)
     submission.ds = standings.round_ds(summary["overall"])
     _enter(session, submission, SubmissionState.DONE, now_us)
     standings.update_standings(session, submission)
     scores = {"ds": submission.ds, "summary_sha256": compute_checksum(submission.summary)}
     audit.add_entry(session, "server", "submission-done", _audit_data(submission) | scores, now_us)
+    return True
+
+
+def end_if_over_budget(session: Session, submission_id: str, job_budget_us: int, now_us: int) -> bool:
+    """End an unfinished submission whose jobs used more worker time than it has; return True for the call that does.
+
+    It has `job_budget_us` for each job, in sum, but at least `MIN_BUDGET_US`. It counts against the quota.
+    """
+    submission = get(session, submission_id)
+    if submission.state not in quota.UNFINISHED:
+        return False
+    jobs = session.scalar(select(func.count()).where(JobRow.submission == submission_id)) or 0
+    budget_us = max(MIN_BUDGET_US, jobs * job_budget_us)
+    if worker_time.spent_us(session, submission, now_us) <= budget_us:
+        return False
+    why = (
+        f"its {jobs} scenarios and seeds need more than the {budget_us / 3.6e9:.3g} hours of worker time that it "
+        f"has (on average {budget_us / jobs / 1e6:g} s for each): make the agent faster and submit it again"
+    )
+    _stop(session, submission, SubmissionState.OVER_BUDGET, why, now_us)
     return True
 
 
@@ -219,7 +258,7 @@ def _queue_jobs(
     session.flush()
 
 
-def _is_complete(session: Session, submission_id: str) -> bool:
+def _are_jobs_done(session: Session, submission_id: str) -> bool:
     undone = select(JobRow.id).where(JobRow.submission == submission_id, JobRow.state != JobState.DONE).limit(1)
     session.flush()
     return session.scalar(undone) is None
@@ -235,6 +274,7 @@ def _get_unfinished(session: Session, submission_id: str, change: str) -> Submis
 def _stop(
     session: Session, submission: SubmissionRow, state: SubmissionState, why: str, now_us: int, actor: str = "server"
 ) -> None:
+    worker_time.charge_running(session, submission, now_us)
     open_jobs = update(JobRow).where(JobRow.submission == submission.id, JobRow.state.in_(UNFINISHED_JOBS))
     session.execute(open_jobs.values(state=JobState.CANCELLED.value, finished_us=now_us, lease_us=None))
     submission.why = why

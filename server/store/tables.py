@@ -98,6 +98,8 @@ class SubmissionRow(TableBase):
     """A `standings.SummaryData`; written once, when the submission is done."""
     ds: Mapped[float | None]
     """Overall DS as in `summary`: leaderboards sort by it."""
+    spent_us: Mapped[int] = mapped_column(default=0, server_default="0")
+    """Worker time of its finished jobs [us]: counts towards its budget."""
 
 
 class JobRow(TableBase):
@@ -130,6 +132,38 @@ class JobRow(TableBase):
     """Usage of the sandboxes: CPU time, memory, latency histogram, exit, layers."""
     failure: Mapped[str] = mapped_column(Text, default="")
     """Failure on our side in the last attempt; for admins only."""
+
+
+class JobOverviewRow(TableBase):
+    """What lists show of a finished job. Its size is bounded, and reading it reads no part of `JobRow.result`."""
+
+    __tablename__ = "job_overviews"
+    __table_args__ = (Index("job_overviews_of_submission", "submission"),)
+    job: Mapped[int] = mapped_column(Integer, ForeignKey("jobs.id"), primary_key=True, autoincrement=False)
+    submission: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
+    data: Mapped[dict[str, Any]]
+    """Scores, outcome of each CAV, and `JobRow.usage`; see `store.overviews`."""
+
+
+class WorkerTimeRow(TableBase):
+    """Recent worker time of a team in a phase: the queue gives the next job to the team with the least."""
+
+    __tablename__ = "worker_time"
+    team: Mapped[str] = mapped_column(ForeignKey("teams.id"), primary_key=True)
+    phase: Mapped[str] = mapped_column(ForeignKey("phases.id"), primary_key=True)
+    used_us: Mapped[int]
+    """Worker time as of `at_us`, halved every `store.worker_time.HALF_LIFE_US`."""
+    at_us: Mapped[int]
+
+
+class RefusedUploadRow(TableBase):
+    """An upload whose archive was examined and refused: a team has a daily quota of these."""
+
+    __tablename__ = "refused_uploads"
+    __table_args__ = (Index("refused_uploads_of_team", "team", "at_us"),)
+    id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
+    team: Mapped[str] = mapped_column(ForeignKey("teams.id"))
+    at_us: Mapped[int]
 
 
 class WorkerRow(TableBase):

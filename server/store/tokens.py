@@ -38,6 +38,12 @@ def find_token(session: Session, text: str) -> TokenRow | None:
     return session.scalar(select(TokenRow).where(TokenRow.hash == compute_hash(text), TokenRow.revoked_us.is_(None)))
 
 
+def is_valid(session: Session, token_id: str) -> bool:
+    """Return whether the token exists and is not revoked: for requests that last, such as streams of events."""
+    token = session.get(TokenRow, token_id)
+    return token is not None and token.revoked_us is None
+
+
 def list_tokens(session: Session, team: TeamRow | None) -> Sequence[TokenRow]:
     """Return the tokens of a team, or of admins and workers (None); the oldest first."""
     return session.scalars(

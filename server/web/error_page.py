@@ -8,6 +8,7 @@ from http import HTTPStatus
 from fastapi import Request, Response
 
 from mdrive_sumo.core.errors import InputError
+from server.api.hidden_paths import hide_paths
 from server.api.problems import ProblemError, find_status
 from server.store import OverLimit, StoreUnavailable
 from server.web.templating import render_page
@@ -17,10 +18,10 @@ from server.web.visitor import get_visitor
 def describe_refusal(error: InputError | ProblemError, at_us: int) -> tuple[int, str, Mapping[str, str]]:
     """Return status, sentence and headers for showing a refusal on its form."""
     if isinstance(error, ProblemError):
-        return error.status, error.detail, error.headers
+        return error.status, hide_paths(error.detail), error.headers
     again_us = error.retry_us if isinstance(error, OverLimit) else None
     headers = {} if again_us is None else {"Retry-After": str(max(1, math.ceil((again_us - at_us) / 1e6)))}
-    return find_status(error)[0], str(error), headers
+    return find_status(error)[0], hide_paths(str(error)), headers
 
 
 async def render_error(request: Request, status: int, detail: str, headers: Mapping[str, str]) -> Response:

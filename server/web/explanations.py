@@ -13,6 +13,7 @@ STATES: Mapping[SubmissionState, str] = {
     SubmissionState.CANCELLED: "Cancelled by its team or by an admin.",
     SubmissionState.FAILED_OURS: "Our evaluation failed; it does not count against the quota.",
     SubmissionState.DISQUALIFIED: "Removed from the leaderboards.",
+    SubmissionState.OVER_BUDGET: "It needs more worker time than a submission has; counts against the quota.",
 }
 VERDICTS: Mapping[str, str] = {
     ScenarioVerdict.OK: "The scenario was completed.",
@@ -36,6 +37,7 @@ COLOURS: Mapping[str, str] = {
     SubmissionState.REJECTED: "bad",
     SubmissionState.FAILED_OURS: "warn",
     SubmissionState.DISQUALIFIED: "bad",
+    SubmissionState.OVER_BUDGET: "bad",
     ScenarioVerdict.OK: "good",
     ScenarioVerdict.AGENT_FAILED: "bad",
 }

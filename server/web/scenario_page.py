@@ -4,7 +4,7 @@ from fastapi import APIRouter, Request, Response
 
 from server.api import schemas
 from server.api.caller import Caller
-from server.api.dependencies import ServicesDep
+from server.api.dependencies import Services, ServicesDep
 from server.api.routes import results, submissions
 from server.store import NotFound
 from server.web import explanations
@@ -17,7 +17,7 @@ _SCENARIO_PATH = "/submissions/{submission}/scenarios/{scenario}/{seed}"
 
 
 @router.get(_SCENARIO_PATH)
-def show(
+async def show(
     request: Request,
     submission: schemas.Id,
     scenario: schemas.ScenarioId,
@@ -27,6 +27,12 @@ def show(
 ) -> Response:
     """Show the page, with the replay in a frame of an opaque origin."""
     caller = _get_caller(visitor)
+    return await services.run_large_read(lambda: _render_page(request, submission, scenario, seed, caller, services))
+
+
+def _render_page(
+    request: Request, submission: str, scenario: str, seed: int, caller: Caller | None, services: Services
+) -> Response:
     rows = results.list_scenarios(submission, caller, services).items
     places = [i for i, row in enumerate(rows) if (row.scenario, row.seed) == (scenario, seed)]
     if not places:

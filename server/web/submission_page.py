@@ -77,7 +77,7 @@ class SubmissionStatus:
 
 
 @router.get("/submissions/{submission}")
-def show(
+async def show(
     request: Request,
     submission: schemas.Id,
     visitor: OptionalVisitor,
@@ -87,6 +87,12 @@ def show(
 ) -> Response:
     """Show the page; `verdict` and `sort` apply to the table of scenarios."""
     caller = visitor.caller if visitor else None
+    return await services.run_large_read(lambda: _render_page(request, submission, caller, services, verdict, sort))
+
+
+def _render_page(
+    request: Request, submission: str, caller: Caller | None, services: Services, verdict: str, sort: SortOrder
+) -> Response:
     status = read_status(services, caller, submission)
     rows = _list_scenarios(services, caller, submission)
     chosen = _sort_rows([row for row in rows or () if not verdict or verdict in (row.verdict, row.state)], sort)

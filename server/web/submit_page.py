@@ -11,8 +11,8 @@ from server.api import schemas
 from server.api.dependencies import Now, Services, ServicesDep
 from server.api.problems import ProblemError
 from server.api.routes.phases import list_phases, show_quota
-from server.api.submission_service import FIELDS, SubmissionService
-from server.api.upload import receive_upload, received_fields
+from server.api.submission_service import receive_submission
+from server.api.upload import received_fields
 from server.store.errors import new_id
 from server.tracks import TRACK_LABELS
 from server.web.error_page import describe_refusal
@@ -37,11 +37,8 @@ async def send(request: Request, visitor: TeamVisitor, services: ServicesDep, at
 
     `key` is an idempotency key: the same form sent twice makes one submission.
     """
-    settings = services.settings
     try:
-        with services.upload_limit.acquire(visitor[1]):
-            async with receive_upload(request, FIELDS, settings.archives, settings.limits.archive_bytes) as upload:
-                made = await run_in_threadpool(SubmissionService(services, visitor, upload, key, at_us).accept)
+        made = await receive_submission(request, services, visitor, key, at_us)
     except (InputError, ProblemError) as error:
         return await _render_refusal(request, visitor, at_us, error)
     target = f"/submissions/{made.id}"

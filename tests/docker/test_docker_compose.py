@@ -1,5 +1,6 @@
 """The Dockerfile and the compose file say nothing that is not so: read without an engine."""
 
+import configparser
 import re
 import shlex
 from pathlib import Path
@@ -196,3 +197,22 @@ def test_a_container_has_room_for_its_boxes() -> None:
     limits = load_settings(DOCKER / "settings.toml", {}).sandbox.box_limits()
     assert BoxLimits().processes < limits.processes < evaluator["pids_limit"]
     assert int(evaluator["mem_limit"].removesuffix("g")) * 2**30 > 8 * limits.memory_bytes
+
+
+def test_containers_and_the_systemd_unit_have_the_documented_limits() -> None:
+    """The unit has those of a server and two evaluators together."""
+    page = (ROOT / "docs" / "docker.md").read_text()
+    for name in ("database", "scheduler", "server", "evaluator"):
+        assert f"| `{name}` | {SERVICES[name]['mem_limit'][:-1]} GiB | {SERVICES[name]['pids_limit']} |" in page
+    unit = configparser.ConfigParser(strict=False, interpolation=None)
+    unit.optionxform = str  # type: ignore[assignment, method-assign]
+    unit.read(DOCKER / "mdrive-server.service")
+    service = unit["Service"]
+    workers = int(re.search(r"PROCESSES=(\d+)", service["Environment"])[1])  # type: ignore[index]
+    each = [(int(one["mem_limit"][:-1]), one["pids_limit"]) for one in (SERVICES["server"], SERVICES["evaluator"])]
+    memory, tasks = (each[0][n] + workers * each[1][n] for n in (0, 1))
+    assert (service["MemoryMax"], service["TasksMax"]) == (f"{memory}G", str(tasks))
+    assert f"| `mdrive-server.service`, {workers} workers | {memory} GiB | {tasks} |" in page
+    assert service["UMask"] == "0077" and service["StateDirectoryMode"] == "0700" and service["Delegate"] == "yes"
+    program, *words = shlex.split(service["ExecStart"])
+    assert program.endswith("/bin/mdrive-sumo") and usage(main, words)

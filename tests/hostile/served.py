@@ -106,8 +106,14 @@ DRIVERS: Mapping[str, Served] = {
         "sends 54 kB of noise in messages every tick", "act: expected answers of at most 16777216 bytes"
     ),
     "printer": _late("prints without end and answers nothing", answers=0),
-    "archivist": Served("fills its recording with notes: it is not kept", OK),
+    "archivist": Served("fills its recording with notes: those beyond the limits are dropped", OK),
+    "labeller": Served("gives its notes 1500 kinds a tick: 32 are counted, the others dropped", OK),
     "glutton": Served("asks for 64 rasters of 1024 pixels", REJECTED, "sensors: expected at most 8 of lidar and bev"),
+    "painter": Served(
+        "asks for 8 rasters of 1024 pixels, which cost the evaluator 240 ms a tick",
+        REJECTED,
+        "sensors: expected a price of at most 40 ms a tick for each car",
+    ),
     "joint-sleeper": Served("one program for all CAVs, in its track; sleeps", TIMEOUT, LATE_ANSWER),
     "until-a-date": Served("behaves until a date: then a spot re-run differs and is flagged", OK),
 }

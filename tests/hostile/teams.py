@@ -30,6 +30,8 @@ class Agent:
 MANY_RASTERS = 'tuple(SensorSpec("bev", id=str(i), options={"size": 1024}) for i in range(64))'
 GOSSIP = ', messages=tuple(Message("text", os.urandom(900)) for _ in range(60))'
 NOTES = ', notes=tuple(Note("note", os.urandom(60).hex()) for _ in range(300))'
+KINDS_OF_NOTES = ', notes=tuple(Note(os.urandom(3).hex(), "x") for _ in range(1500))'
+RASTERS = 'tuple(SensorSpec("bev", id=str(i), options={"size": 1024}) for i in range(8))'
 JOINT = b"""\
 import time
 
@@ -104,7 +106,9 @@ def drivers(date_s: float) -> Mapping[str, bytes]:
         "gossip": team(driver(more=GOSSIP, throttle="0.0")),
         "archivist": team(driver(more=NOTES, throttle="0.0")),
         "printer": team(driver(act="pass\n        while True: os.write(1, b'x' * 65536)")),
+        "labeller": team(driver(more=KINDS_OF_NOTES, throttle="0.0")),
         "glutton": team(driver(sensors=MANY_RASTERS)),
+        "painter": team(driver(sensors=RASTERS)),
         "joint-sleeper": team(JOINT),
         "until-a-date": team(driver(throttle=f"0.5 if time.time() < {date_s!r} else 0.1")),
     }

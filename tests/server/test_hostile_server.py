@@ -4,6 +4,7 @@ All in one test: the server, its workers and the environment are the same for al
 """
 
 import hashlib
+import json
 import logging
 import re
 import socket
@@ -24,6 +25,7 @@ from testing.sandbox_runs import AGENTS
 from mdrive_sumo.agent_process.sandbox import examine_layers
 from mdrive_sumo.agent_process.sandbox.box_spec import SLOTS
 from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
+from mdrive_sumo.episode.note_log import MAX_KINDS
 from mdrive_sumo.runs.fingerprint import compute_code_checksum
 from server.enums import MIN_HIDDEN_SCENARIOS
 from server.settings import SandboxSettings
@@ -133,7 +135,10 @@ def check_verdicts(door: Door, found: Mapping[str, Mapping[str, Any]]) -> None:
     assert {job.verdict for each in jobs.values() for job in each} <= {"ok", "agent-failed", None}
     assert all(job.attempt == 1 for each in jobs.values() for job in each if job.verdict)
     assert door.runs("impostor")[0]["ds"] == 0.0
-    assert [door.runs(name)[0]["recording"] for name in ("archivist", "gossip", "impostor")] == [False, False, True]
+    assert [door.runs(name)[0]["recording"] for name in ("archivist", "gossip", "impostor")] == [True, False, True]
+    notes = jobs["labeller"][0].result["notes"]
+    assert len(notes) == MAX_KINDS + 1 and notes["(dropped)"] > 1000
+    assert all(len(json.dumps(job.result)) < 10_000 for each in jobs.values() for job in each if job.result)
 
 
 def verdict(submission: Mapping[str, Any], job: JobRow) -> str:

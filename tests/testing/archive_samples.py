@@ -1,5 +1,6 @@
 """Archives, good and bad, made by hand where zipfile would not make them. No tests in here."""
 
+import random
 import stat
 import struct
 import zipfile
@@ -68,3 +69,11 @@ def written(folder: Path, data: bytes) -> Path:
     path = folder / "team.zip"
     path.write_bytes(data)
     return path
+
+
+def broken_at_its_end(size: int, blocks: int = 25) -> bytes:
+    """The good archive and a file of so many MiB that packs about 20 times; its checksum is wrong."""
+    noise = random.Random(1)
+    data = b"".join(noise.randbytes(1000) * blocks for _ in range(size * 2**20 // (1000 * blocks)))
+    packed_file = with_entry("weights/x", data)
+    return patched(packed_file, "weights/x", 16, "I", 0x12345678, 14)

@@ -30,6 +30,7 @@ archive_bytes = 2097152
 unpacked_bytes = 8388608
 entries = 50
 ratio = 100
+refused_per_day = 1000
 [sandbox]
 tick_s = 4.0
 processes = 24

@@ -47,7 +47,7 @@ def driven(session: Session, submission: SubmissionRow, now_us: int, ds: float =
     while (job := jobs.claim(session, "worker", LEASE, now_us)) is not None:
         assert job.submission == submission.id
         assert jobs.finish(session, job.id, "worker", job.attempt, GOOD, now_us + S)
-    assert submissions.finish_if_complete(session, submission.id, lambda _: summary(ds), now_us + S)
+    assert submissions.finish_if_complete(session, submission.id, summary(ds), now_us + S)
 
 
 def summary(ds: float) -> SummaryData:

@@ -179,7 +179,7 @@ def driven(server: Server, who: str, ds: float, **fields: str) -> str:
         while (job := jobs.claim(session, "worker", LEASE, server.now_us)) is not None:
             outcome = JobOutcome(ScenarioVerdict.OK, {"ds": ds, "sr": 0.0})
             assert jobs.finish(session, job.id, "worker", job.attempt, outcome, server.now_us)
-        assert submissions.finish_if_complete(session, mine, lambda _: parts, server.now_us)
+        assert submissions.finish_if_complete(session, mine, parts, server.now_us)
     server.now_us += STALE_US
     return mine
 

@@ -1,7 +1,7 @@
 """Live events of a submission: server-sent events (WHATWG HTML, section 9.2).
 
-A client that reconnects with `Last-Event-ID` gets the events that it missed. A stream ends with the submission, or
-after some minutes.
+A client that reconnects with `Last-Event-ID` gets the events that it missed. A stream ends with the submission, when
+its token is revoked, or after some minutes.
 """
 
 import asyncio
@@ -18,7 +18,7 @@ from server.api import schemas, submission_views
 from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.dependencies import AnyCaller, Caller, Services, ServicesDep
 from server.api.problems import document_problems
-from server.store import StoreUnavailable, events
+from server.store import StoreUnavailable, events, tokens
 from server.store.quota import UNFINISHED
 
 router = APIRouter(tags=["submissions"])
@@ -48,6 +48,8 @@ class EventBatch(NamedTuple):
     has_more: bool
     """Whether further events are available at once."""
     is_finished: bool
+    is_revoked: bool = False
+    """Whether the caller's token has been revoked since; then there are no events."""
 
 
 @router.get(
@@ -92,7 +94,7 @@ async def _stream_events(services: Services, caller: Caller, submission: str, ba
         for number, kind, data in batch.events:
             yield f"id: {number}\nevent: {kind}\ndata: {json.dumps(data, separators=(',', ':'))}\n\n"
         quiet = 0 if batch.events else quiet + 1
-        if batch.is_finished:
+        if batch.is_finished or batch.is_revoked:
             return
         if quiet >= QUIET_POLLS:
             quiet = 0
@@ -106,6 +108,8 @@ async def _stream_events(services: Services, caller: Caller, submission: str, ba
 
 def _read_events(services: Services, caller: Caller, submission_id: str, after: int) -> EventBatch:
     with services.store.read() as session:
+        if not tokens.is_valid(session, caller.token):
+            return EventBatch([], after, has_more=False, is_finished=False, is_revoked=True)
         submission = submission_views.find_own(session, caller, submission_id)
         phase = submission_views.get_phase(session, submission)
         found = events.list_since(session, submission_id, after, PAGE)

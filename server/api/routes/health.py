@@ -19,9 +19,9 @@ _TEXT = {"content": {"text/plain": {"schema": {"type": "string"}}}}
 
 
 @router.get("/health", responses=document_problems())
-def health(services: ServicesDep) -> schemas.HealthOut:
+async def health(services: ServicesDep) -> schemas.HealthOut:
     """Return 200 while the server and its database answer."""
-    services.store.version()
+    await services.run_health_check(services.store.version)
     return schemas.HealthOut(status="ok", version=__version__)
 
 

@@ -3,13 +3,12 @@
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Request
-from starlette.concurrency import run_in_threadpool
 
 from server.api import schemas
 from server.api.dependencies import Now, ServicesDep, TeamCaller
 from server.api.problems import document_problems
-from server.api.submission_service import FIELDS, SubmissionService
-from server.api.upload import FILE_FIELD, receive_upload
+from server.api.submission_service import receive_submission
+from server.api.upload import FILE_FIELD
 from server.enums import ChallengeTrack
 
 router = APIRouter(tags=["submissions"])
@@ -52,7 +51,4 @@ async def submit(
 
     The same archive in the same phase and track returns the finished result and uses no quota.
     """
-    settings = services.settings
-    with services.upload_limit.acquire(caller[1]):
-        async with receive_upload(request, FIELDS, settings.archives, settings.limits.archive_bytes) as upload:
-            return await run_in_threadpool(SubmissionService(services, caller, upload, idempotency_key, at_us).accept)
+    return await receive_submission(request, services, caller, idempotency_key, at_us)

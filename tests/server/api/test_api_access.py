@@ -115,7 +115,7 @@ def test_other_teams_cannot_read_what_a_team_does_not_show(server: Server) -> No
     with server.store.write() as session:
         while (job := jobs.claim(session, "w", LEASE, server.now_us)) is not None:
             jobs.finish(session, job.id, "w", job.attempt, GOOD, server.now_us + S)
-        submissions.finish_if_complete(session, mine, lambda _: summary(80.0), server.now_us + S)
+        submissions.finish_if_complete(session, mine, summary(80.0), server.now_us + S)
     paths = (f"/submissions/{mine}", f"/submissions/{mine}/scenarios")
     assert [server.ask("GET", path).status_code for path in paths] == [200, 200]
     assert server.get(paths[0])["archive_sha256"] is None and server.get(paths[0], "red")["archive_sha256"]

@@ -10,6 +10,7 @@ from testing.api_submissions import drive_submissions
 from testing.processes import wait_for
 
 from server.api.concurrency_limit import ConcurrencyLimit
+from server.store import submissions, tokens
 
 
 def test_events_are_replayed_from_the_last_one_seen(server: Server) -> None:
@@ -47,6 +48,26 @@ def test_events_come_while_it_runs(server: Server, monkeypatch: pytest.MonkeyPat
     assert text.startswith("id: ") and '{"state":"queued"}' in text.split("\n\n")[0]
     assert ": keep-alive\n\n" in text and text.endswith('data: {"state":"done"}\n\n')
     assert waits == [1.0] * 3
+
+
+def test_a_stream_ends_when_its_token_is_revoked(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = server.send().json()["id"]
+    waits: list[float] = []
+
+    async def sleep(seconds: float) -> None:
+        waits.append(seconds)
+        assert len(waits) < 5
+        if len(waits) == 2:
+            with server.store.write() as session:
+                token = tokens.find_token(session, server.tokens["red"])
+                assert token is not None
+                tokens.revoke(session, token.id, server.now_us)
+                submissions.cancel(session, mine, server.now_us)
+
+    monkeypatch.setattr("server.api.routes.events.asyncio.sleep", sleep)
+    text = server.ask("GET", f"/submissions/{mine}/events", "red").text
+    assert len(waits) == 2 and '{"state":"queued"}' in text and "cancelled" not in text
+    problem(server.ask("GET", f"/submissions/{mine}/events", "red"), 401)
 
 
 def test_a_team_follows_a_few_at_a_time(server: Server) -> None:

@@ -24,7 +24,7 @@ def finish(server: Server, submission: str, ds: float) -> None:
     with server.store.write() as session:
         while (job := jobs.claim(session, "w", LEASE, server.now_us)) is not None:
             assert jobs.finish(session, job.id, "w", job.attempt, GOOD, server.now_us)
-        assert submissions.finish_if_complete(session, submission, lambda _: summary(ds), server.now_us)
+        assert submissions.finish_if_complete(session, submission, summary(ds), server.now_us)
 
 
 @given(ds=st.floats(0, 100), sr=st.floats(0, 100), more=st.dictionaries(st.sampled_from(FIGURES), st.floats(0, 100)))

@@ -102,7 +102,7 @@ class Phase:
                 outcome = JobOutcome(ScenarioVerdict.OK, RESULT, usage={"cpu_s": 31.415926})
                 assert jobs.finish(session, job.id, "w", job.attempt, outcome, TIMES["finished_us"])
             finished_us = self.server.now_us + (47 * 60 + 10) * S
-            assert submissions.finish_if_complete(session, mine, lambda _: SUMMARY, finished_us)
+            assert submissions.finish_if_complete(session, mine, SUMMARY, finished_us)
             events.add_event(session, mine, "scenario", {"scenario": SCENARIO}, self.server.now_us)  # by mistake
         place = (self.server.settings, mine, SCENARIO, 0)
         paths.recordings_folder(self.server.settings, mine, 0).mkdir(parents=True)

@@ -43,7 +43,7 @@ def furnished(folder: Path, backend: str) -> Server:
         while (job := jobs.claim(session, "w", LEASE, server.now_us)) is not None:
             jobs.finish(session, job.id, "w", job.attempt, GOOD, server.now_us + S)
         for each in ids:
-            submissions.finish_if_complete(session, each, lambda _: summary(80.0), server.now_us + S)
+            submissions.finish_if_complete(session, each, summary(80.0), server.now_us + S)
     return server
 
 

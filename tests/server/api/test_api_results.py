@@ -47,7 +47,7 @@ def finished(server: Server, phase: str = "dev", with_files: bool = True) -> str
     with server.store.write() as session:
         while (job := jobs.claim(session, "worker", LEASE, server.now_us)) is not None:
             assert jobs.finish(session, job.id, "worker", job.attempt, OUTCOME, server.now_us + S)
-        assert submissions.finish_if_complete(session, mine, lambda _: summary(20.0), server.now_us + S)
+        assert submissions.finish_if_complete(session, mine, summary(20.0), server.now_us + S)
     if with_files:
         place = (server.settings, mine, "merge", 0)
         paths.recordings_folder(server.settings, mine, 0).mkdir(parents=True)

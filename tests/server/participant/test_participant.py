@@ -145,3 +145,11 @@ def test_links_are_not_packed(tmp_path: Path) -> None:
     (tmp_path / "weights").symlink_to("/etc")
     with pytest.raises(ArchiveRefused, match="symbolic link"):
         pack(tmp_path, tmp_path.parent / f"{tmp_path.name}.zip")
+
+
+def test_sensors_beyond_the_budget_are_named_before_anything_is_submitted(run: Run, tmp_path: Path) -> None:
+    many = "*(SensorSpec('bev', id=str(i), options={'size': 1024}) for i in range(8)),"
+    found = run("check", agent_in(tmp_path, own(many)))
+    assert found.exit_code == 2
+    assert "sensors: expected a price of at most 40 ms a tick for each car" in found.output
+    assert "found 242.9 ms for 8 sensors" in found.output

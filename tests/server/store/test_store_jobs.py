@@ -89,7 +89,7 @@ def test_of_a_hidden_phase_events_tell_states_only(store: Store) -> None:
     job = claimed(store)
     with store.write() as session:
         jobs.finish(session, job.id, "w", 1, GOOD, NOON + S)
-        submissions.finish_if_complete(session, submission, lambda _: summary(1), NOON + S)
+        submissions.finish_if_complete(session, submission, summary(1), NOON + S)
         told = [(event.kind, event.data) for event in events.list_since(session, submission)]
     assert told == [("state", {"state": name}) for name in ("queued", "running", "done")]
 
@@ -242,7 +242,7 @@ def test_many_claimers_get_every_job_once(store: Store) -> None:
                     assert jobs.record_failure(session, job.id, owner, 1, "once", NOON)
                 elif jobs.finish(session, job.id, owner, job.attempt, GOOD, NOON):
                     finished.append(job.id)
-                submissions.finish_if_complete(session, job.submission, lambda _: summary(50), NOON)
+                submissions.finish_if_complete(session, job.submission, summary(50), NOON)
 
     with ThreadPoolExecutor(8) as pool:
         finished = Counter(job for found in pool.map(work, [f"worker-{n}" for n in range(8)]) for job in found)

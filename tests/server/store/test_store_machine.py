@@ -107,7 +107,7 @@ class Challenge(RuleBasedStateMachine):
                 assert job_id not in self.scored, "scored twice"
                 self.scored[job_id] = ds
             submission = jobs.get(session, job_id).submission
-            submissions.finish_if_complete(session, submission, lambda _: summary(ds), self.now_us)
+            submissions.finish_if_complete(session, submission, summary(ds), self.now_us)
 
     @precondition(lambda self: self.held)
     @rule(data=st.data(), deed=st.sampled_from(["heartbeat", "give back", "release"]))

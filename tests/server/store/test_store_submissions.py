@@ -158,28 +158,25 @@ def test_it_is_done_once_when_all_jobs_are(store: Store, red: str) -> None:
         submission = sent(session, red)
         for expected in (False, True):
             job = jobs.claim(session, "w", LEASE, NOON)
-            assert job is not None and not submissions.finish_if_complete(
-                session, submission.id, lambda _: summary(1), NOON
-            )
+            assert job is not None and not submissions.finish_if_complete(session, submission.id, summary(1), NOON)
             jobs.finish(session, job.id, "w", 1, GOOD, NOON + S)
-            assert submissions.finish_if_complete(session, submission.id, lambda _: summary(80), NOON + S) is expected
-        assert not submissions.finish_if_complete(session, submission.id, lambda _: summary(1), NOON)
+            assert submissions.finish_if_complete(session, submission.id, summary(80), NOON + S) is expected
+        assert not submissions.finish_if_complete(session, submission.id, summary(1), NOON)
         assert (submission.state, submission.ds, submission.finished_us) == ("done", 80.0, NOON + S)
         assert submission.summary == summary(80)
 
 
 def test_the_summary_is_made_of_the_jobs_in_order(store: Store, red: str) -> None:
-    seen: list[tuple[str, int, object]] = []
-
-    def summarise(done: object) -> object:
-        seen.extend((job.scenario, job.seed, job.result) for job in done)  # type: ignore[attr-defined]
-        return summary(80)
-
     with store.write() as session:
         submission = sent(session, red, jobs=[("b", 1), ("b", 0), ("a", 0)])
         while (job := jobs.claim(session, "w", LEASE, NOON)) is not None:
+            assert not submissions.is_complete(session, submission.id)
             jobs.finish(session, job.id, "w", 1, GOOD, NOON)
-        submissions.finish_if_complete(session, submission.id, summarise, NOON)
+        assert submissions.is_complete(session, submission.id)
+        assert submissions.list_complete(session) == [submission.id]
+        seen = [(job.scenario, job.seed, job.result) for job in submissions.list_finished_jobs(session, submission.id)]
+        assert submissions.finish_if_complete(session, submission.id, summary(80), NOON)
+        assert not submissions.is_complete(session, submission.id) and submissions.list_complete(session) == []
     assert seen == [("a", 0, GOOD.result), ("b", 0, GOOD.result), ("b", 1, GOOD.result)]
 
 

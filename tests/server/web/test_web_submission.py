@@ -133,7 +133,7 @@ def test_an_unfinished_submission_is_polled_and_says_seldom_how_far_it_is(server
 def finish_rest(server: Server, submission: str) -> None:
     drive(server, failed=True)
     with server.store.write() as session:
-        assert submissions.finish_if_complete(session, submission, lambda _: web_scenes.SUMMARY, NOON + 2 * S)
+        assert submissions.finish_if_complete(session, submission, web_scenes.SUMMARY, NOON + 2 * S)
 
 
 def test_a_second_submission_waits_behind_the_first(server: Server, red: Visit) -> None:
