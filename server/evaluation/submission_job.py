@@ -33,7 +33,7 @@ def run_submission_job(task: JobTask) -> JobResult:
     Raises on failures on our side: InputError (the machine lacks a sandbox layer, an environment is not built),
     WorldError, OSError.
     """
-    _find_layers(task.sandbox.required, task.sandbox.backend)
+    _find_task_layers(task)
     try:
         agent = _load_agent(task)
     except ArchiveRefused as error:
@@ -51,9 +51,13 @@ def run_submission_job(task: JobTask) -> JobResult:
 
 
 @lru_cache(maxsize=1)
-def _find_layers(required: tuple[str, ...], backend: str) -> tuple[str, ...]:
+def _find_layers(required: tuple[str, ...], backend: str, copies: Path) -> tuple[str, ...]:
     """Return the active sandbox layers, checked once per process. Raises InputError if a required one is missing."""
-    return check_layers(required, backend)
+    return check_layers(required, backend, copies)
+
+
+def _find_task_layers(task: JobTask) -> tuple[str, ...]:
+    return _find_layers(task.sandbox.required, task.sandbox.backend, task.sandbox.copies)
 
 
 def _run_agent(task: JobTask, agent: SubmittedAgent) -> JobResult:
@@ -65,7 +69,7 @@ def _run_agent(task: JobTask, agent: SubmittedAgent) -> JobResult:
     _drop_large(task.stage / f"{task.scenario}.npz")
     verdict, reason = find_verdict(result)
     wall_s = round(time.monotonic() - start_s, 3)
-    layers = _find_layers(task.sandbox.required, task.sandbox.backend)
+    layers = _find_task_layers(task)
     used = {"wall_s": wall_s, "layers": list(layers), **collect_usage(task.stage)}
     return JobOutcome(verdict, result.model_dump(mode="json"), reason, used)
 
@@ -85,6 +89,7 @@ def _load_agent(task: JobTask) -> SubmittedAgent:
         sandbox.box_limits(),
         sandbox.line_limits(),
         sandbox.backend,
+        sandbox.copies_folder(),
     )
 
 

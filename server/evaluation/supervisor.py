@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from sqlalchemy import select
 
+from mdrive_sumo.agent_process.sandbox.private_files import remove_idle_files
 from server.clock import now_us
 from server.evaluation.archive_cache import delete_stale
 from server.evaluation.machine_check import check_machine
@@ -80,6 +81,8 @@ class Supervisor:
             process.kill()
             process.wait()
             _close_stdin(process)
+        if (copies := self._settings.sandbox.copies_folder()) is not None:
+            remove_idle_files(copies)
 
     @property
     def pids(self) -> list[int]:

@@ -165,7 +165,7 @@ def test_a_plain_users_box_limits_the_memory_of_each_process() -> None:
 def test_layers_are_looked_at_from_inside(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine without bubblewrap has none, and the sentence says why."""
     needs_root()
-    expected = ("namespaces", "read-only", "privileges", "seccomp", "uid", "rlimits")
+    expected = ("namespaces", "read-only", "privileges", "seccomp", "private-files", "proc", "uid", "rlimits")
     assert tuple(name for name in check_layers(expected) if name != "cgroup") == expected
     with pytest.raises(InputError, match=r"expected layers among namespaces, .*found walls"):
         check_layers(("namespaces", "walls"))
