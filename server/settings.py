@@ -56,6 +56,8 @@ class SandboxSettings(_SettingsModel):
     """Layers of `mdrive-sumo doctor --sandbox` that a machine must have to run agents."""
     copies: Path = MEMORY
     """Folder for the files of each box, used if the layer `private-files` is required; best a tmpfs."""
+    episode_memory_bytes: Count = 6 * 1024 * MIB
+    """Memory of a worker's process outside the sandboxes: simulation, sensors, frames, copies that it makes."""
     memory_bytes: Count = _BOX.memory_bytes
     processes: Count = _BOX.processes
     cpu_s: Count = _BOX.cpu_s

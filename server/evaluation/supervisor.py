@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from sqlalchemy import select
 
+from mdrive_sumo.agent_process.sandbox.episode_group import remove_dead_episode_groups
 from mdrive_sumo.agent_process.sandbox.private_files import remove_idle_files
 from server.clock import now_us
 from server.evaluation.archive_cache import delete_stale
@@ -83,6 +84,7 @@ class Supervisor:
             _close_stdin(process)
         if (copies := self._settings.sandbox.copies_folder()) is not None:
             remove_idle_files(copies)
+        remove_dead_episode_groups()
 
     @property
     def pids(self) -> list[int]:
