@@ -91,6 +91,10 @@ class WorkerSettings(_SettingsModel):
     """Worker processes of this server; 0 if others work for it."""
     scheduler: str = ""
     """Address of a Dask scheduler, tcp://...; "" for local processes."""
+    phase_kinds: Literal["all", "hidden", "public"] = "all"
+    """Whose jobs the workers of this machine take; all: hidden and public ones, never at the same time."""
+    drop_caches: bool = True
+    """Drop the machine's page cache when hidden and public work change (root only)."""
     lease_s: Annotated[int, Field(ge=40)] = 60
     """Must exceed the 30 s that a writer may wait for the database."""
     heartbeat_s: Count = 10

@@ -39,14 +39,14 @@ class JobOutcome:
             raise ValueError(f"expected a result unless it is our failure, found verdict {self.verdict}")
 
 
-def claim(session: Session, owner: str, lease_us: int, now_us: int) -> JobRow | None:
+def claim(session: Session, owner: str, lease_us: int, now_us: int, public: bool | None = None) -> JobRow | None:
     """Claim the next job for `owner` (unique to a process) until now + `lease_us`; return None if the queue is empty.
 
     Order: hidden phases before public ones, then the team with the fewest running jobs, then age. Jobs with expired
-    leases are put back first.
+    leases are put back first. `public`: only jobs of public phases, or only of hidden ones; None: of all.
     """
     reclaim_expired(session, now_us)
-    submission_id = session.scalar(_select_next_submission())
+    submission_id = session.scalar(_select_next_submission(public))
     if submission_id is None:
         return None
     oldest = select(JobRow.id).where(JobRow.submission == submission_id, JobRow.state == JobState.QUEUED)
@@ -132,7 +132,7 @@ def get(session: Session, job_id: int) -> JobRow:
     return job
 
 
-def _select_next_submission() -> Select[str]:
+def _select_next_submission(public: bool | None = None) -> Select[str]:
     running = aliased(SubmissionRow)
     busy = (
         select(running.team, func.count().label("jobs"))
@@ -146,7 +146,7 @@ def _select_next_submission() -> Select[str]:
         select(SubmissionRow.id)
         .join(PhaseRow, PhaseRow.id == SubmissionRow.phase)
         .outerjoin(busy, busy.c.team == SubmissionRow.team)
-        .where(SubmissionRow.state.in_(UNFINISHED), waiting)
+        .where(SubmissionRow.state.in_(UNFINISHED), waiting, *([] if public is None else [PhaseRow.public == public]))
         .order_by(PhaseRow.public, func.coalesce(busy.c.jobs, 0), SubmissionRow.created_us, SubmissionRow.id)
         .limit(1)
     )
