@@ -10,6 +10,7 @@ and a third mark asks the other dispatchers of this host to do the same.
 import logging
 import os
 import socket
+import weakref
 from collections.abc import Callable
 from contextlib import suppress
 from hashlib import blake2b
@@ -45,7 +46,8 @@ class PhaseSeparation:
         self._scope = blake2b(os.fsencode(data.absolute()), digest_size=8).hexdigest()
         self._drop_caches = drop_caches
         self._running: dict[str, bool] = {}
-        self._marks: dict[str, socket.socket] = {}
+        self._marks: dict[str, int] = {}
+        weakref.finalize(self, _close_marks, self._marks)
         self._kind: bool | None = None
         self._since_us = 0
 
@@ -66,10 +68,10 @@ class PhaseSeparation:
     def try_begin(self, key: str, public: bool, now_us: int) -> bool:
         """Note that this work begins; False, and nothing noted, if work of the other kind runs on this host."""
         name = self._name("runs", public)
-        own = self._marks.get(name) or _bind(name)
+        own = self._marks[name] if name in self._marks else _bind(name)
         if own is None or self._is_marked(self._name("runs", not public)):
             if own is not None and name not in self._marks:
-                own.close()
+                os.close(own)
             self._ask_for(public)
             return False
         self._marks[name] = own
@@ -91,8 +93,7 @@ class PhaseSeparation:
 
     def close(self) -> None:
         """Remove all marks."""
-        for name in tuple(self._marks):
-            self._unmark(name)
+        _close_marks(self._marks)
 
     def _find_present_kind(self) -> bool | None:
         """Return the kind of work that runs on this host; None if there is none."""
@@ -115,7 +116,7 @@ class PhaseSeparation:
 
     def _unmark(self, name: str) -> None:
         if (mark := self._marks.pop(name, None)) is not None:
-            mark.close()
+            os.close(mark)
 
     def _is_marked(self, name: str) -> bool:
         return f"@{name}-" in SOCKETS.read_text(errors="replace")
@@ -124,8 +125,13 @@ class PhaseSeparation:
         return f"mdrive-sumo-{what}-{'public' if public else 'hidden'}-{os.geteuid()}-{self._scope}"
 
 
-def _bind(name: str) -> socket.socket | None:
-    """Return a mark of this name; None if all are taken."""
+def _close_marks(marks: dict[str, int]) -> None:
+    while marks:
+        os.close(marks.popitem()[1])
+
+
+def _bind(name: str) -> int | None:
+    """Return the descriptor of a mark of this name; None if all are taken."""
     for number in range(MARKS):
         mark = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
@@ -133,7 +139,7 @@ def _bind(name: str) -> socket.socket | None:
         except OSError:
             mark.close()
         else:
-            return mark
+            return mark.detach()
     return None
 
 
