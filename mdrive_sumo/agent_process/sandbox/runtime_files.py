@@ -28,8 +28,10 @@ UNUSED = ("test", "idlelib", "turtledemo", "ensurepip", "site-packages", "dist-p
 def is_unused(relative: Path) -> bool:
     """Whether a path below an interpreter's prefix is left out of a copy."""
     parts = relative.parts
-    if parts[0] in ("include", "share"):
+    if parts[0] in ("include", "share") or relative.name.endswith((".opt-1.pyc", ".opt-2.pyc")):
         return True
+    if parts[0] == "bin" and len(parts) > 1:
+        return not parts[1].startswith("python")
     if parts[0] != "lib" or len(parts) < 2:
         return False
     if len(parts) == 2:
