@@ -134,7 +134,7 @@ def _find_tree(source: Path, hidden: frozenset[Path]) -> FileTree:
     interpreter = is_interpreter_prefix(source)
 
     def skip(relative: Path) -> bool:
-        return (interpreter and is_unused(relative)) or (source / relative).resolve() in hidden
+        return (interpreter and is_unused(relative)) or (source / relative).parent.resolve() in hidden
 
     tree = _read_tree(source, skip if interpreter or hidden else _skip_nothing)
     _TREES[source] = identity, tree

@@ -4,6 +4,7 @@ import json
 import os
 import platform
 import random
+import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -15,6 +16,7 @@ from testing.sandbox_runs import AGENTS, PATIENCE_S, SMALL, needs_bubblewrap, ow
 
 from mdrive_sumo.agent_process.sandbox import Box, BoxSpec, open_box
 from mdrive_sumo.agent_process.sandbox.private_files import MEMORY, remove_idle_files
+from mdrive_sumo.core.errors import InputError
 
 pytestmark = [
     needs_bubblewrap,
@@ -116,3 +118,74 @@ def test_without_boxes_every_channel_carries_every_bit(shared: Path) -> None:
         found = find_open_channels(pair)
         clear = {channel for channel, (zero, one) in ((c, f.values()) for c, f in found.items()) if not zero & one}
     assert clear >= set(CHANNELS) - NOISY, set(CHANNELS) - NOISY - clear
+
+
+@pytest.mark.skipif(shutil.which("runsc") is None, reason="needs gVisor")
+def test_boxes_of_gvisor_exchange_no_bit(shared: Path) -> None:
+    with open_pair(shared, backend="gvisor", copies=MEMORY) as pair:
+        assert find_open_channels(pair) == {}
+    remove_idle_files(MEMORY, (SLOT, SLOT + 1))
+
+
+def test_a_slots_copies_are_kept_for_the_next_box_and_renewed_with_the_files(tmp_path: Path) -> None:
+    agent = reachable(tmp_path) / "agent"
+    agent.mkdir()
+    (agent / "text").write_text("one")
+    place = tmp_path / "copies"
+    place.mkdir()
+    spec = BoxSpec(("/bin/sh", "-c", "cat /agent/text"), {agent: "/agent"}, slot=SLOT, copies=place, limits=SMALL)
+
+    def look() -> tuple[bytes, set[int]]:
+        with open_box(spec) as box:
+            box.ready(PATIENCE_S)
+            box.close()
+        return box.log(), {path.stat().st_ino for path in place.rglob("cat")}
+
+    first, again = look(), look()
+    assert first == again == (b"one", first[1])
+    assert (agent / "text").stat().st_ino not in {path.stat().st_ino for path in place.rglob("text")}
+    (agent / "text").unlink()
+    (agent / "text").write_text("two, longer")
+    assert look()[0] == b"two, longer"
+    remove_idle_files(place)
+    assert [path.name for path in place.rglob("*")] == ["mdrive-sumo-files-0"]
+
+
+def test_no_room_for_the_copies_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=0))
+    with pytest.raises(InputError, match=r"sandbox: expected \d+ MiB free in .* found 0 MiB; make it larger"):
+        open_box(BoxSpec(("/bin/true",), {}, slot=SLOT, copies=tmp_path))
+    with pytest.raises(InputError, match="absent, for the files of boxes"):
+        open_box(BoxSpec(("/bin/true",), {}, slot=SLOT, copies=Path("/proc/absent")))
+
+
+def test_what_a_box_is_told_of_the_host_stays_files_that_it_may_read(tmp_path: Path) -> None:
+    """Permissions are copied, links too, hidden folders are left out, what the caller writes meanwhile is seen."""
+    shown = reachable(tmp_path) / "shown"
+    (shown / "secret").mkdir(parents=True)
+    (shown / "secret" / "route").write_text("A to B")
+    (shown / "closed").write_text("closed")
+    (shown / "closed").chmod(0o600)
+    (shown / "link").symlink_to("open")
+    (shown / "open").write_text("open ")
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    text = "cat /shown/link /shown/closed; ls /shown/secret; read line <&3; cat /frames/now"
+    spec = BoxSpec(
+        ("/bin/sh", "-c", text),
+        {shown: "/shown", frames: "/frames"},
+        slot=SLOT,
+        copies=MEMORY,
+        live=frozenset({"/frames"}),
+        hidden=(shown / "secret",),
+    )
+    with open_box(spec) as box:
+        (frames / "now").write_text("frame")
+        (frames / "now").chmod(0o644)
+        box.socket.sendall(b"go\n")
+        box.ready(PATIENCE_S)
+        box.close()
+    assert box.log() == b"open cat: /shown/closed: Permission denied\nframe"
+    assert not list((MEMORY / "mdrive-sumo-files-0" / str(SLOT)).rglob("route"))
+    remove_idle_files(MEMORY, (SLOT,))
