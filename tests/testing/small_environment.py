@@ -16,14 +16,18 @@ PACKAGES = ("numpy", "numpy.libs", "msgpack", "yaml", "_yaml")
 
 def describe_small_environment(about: Path) -> None:
     """Write the file that describes it into its folder, and its packages beside it: links where possible."""
-    found = environments.current_environment()
-    assert found.site is not None
-    site = about / "site"
-    for name in PACKAGES:
-        if (found.site / name).is_dir():
-            shutil.copytree(found.site / name, site / name, copy_function=_link_or_copy)
-    made = replace(found, site=site.absolute())
+    made = replace(environments.current_environment(), site=link_packages(about / "site"))
     (about / environments.ABOUT_FILE).write_text(json.dumps(asdict(made), default=str))
+
+
+def link_packages(site: Path) -> Path:
+    """Fill a folder with the packages of the environment; returns its absolute path."""
+    found = environments.current_environment().site
+    assert found is not None
+    for name in PACKAGES:
+        if (found / name).is_dir():
+            shutil.copytree(found / name, site / name, copy_function=_link_or_copy)
+    return site.absolute()
 
 
 def _link_or_copy(source: str, target: str) -> None:

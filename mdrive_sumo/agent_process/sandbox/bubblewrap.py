@@ -1,5 +1,6 @@
 """Arguments of bubblewrap: what the box sees and what it loses."""
 
+import stat
 from functools import cache
 from pathlib import Path, PurePosixPath
 
@@ -28,7 +29,12 @@ DEVICES = tuple(f"/dev/{name}" for name in ("null", "zero", "full", "random", "u
 """Of the host. Root stages them on read-only mounts, so that a program writes to the device but cannot set the times of
 its file, which all boxes see. There are no terminals: their number is limited for all of the host."""
 
-SHOWN_IN_PROC = frozenset({"self", "thread-self", "mounts", "net", "version", "cpuinfo", "filesystems"})
+SHOWN_IN_PROC = frozenset(
+    {
+        *("self", "thread-self", "mounts", "net", "version", "cpuinfo", "filesystems"),
+        *("config.gz", "consoles", "devices", "dma", "execdomains", "misc", "mtrr", "partitions"),
+    }
+)
 """What stays of `/proc` beside the box's own processes: links to those, and what does not change."""
 
 
@@ -41,6 +47,8 @@ def _mask_proc() -> tuple[str, ...]:
     words: list[str] = []
     for entry in sorted(Path("/proc").iterdir()):
         if entry.name in SHOWN_IN_PROC or (entry.name.isdigit() and entry.name != "1"):
+            continue
+        if not entry.stat().st_mode & stat.S_IROTH:  # root's alone, and no box is root for the kernel
             continue
         place = str(entry)
         words += ("--tmpfs", place, "--remount-ro", place) if entry.is_dir() else ("--ro-bind", "/dev/null", place)
