@@ -16,9 +16,6 @@ from pathlib import Path
 import click
 import numpy as np
 
-sys.path[0] = str(Path(__file__).parents[1])  # not this folder, whose `server` is another one
-from testing.small_environment import link_packages
-
 from mdrive_sumo.agent_process.child_process import AgentBox, AgentProgram
 from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, open_agent_connection
 from mdrive_sumo.agent_process.sandbox.private_files import MEMORY
@@ -105,6 +102,9 @@ def row(what: str, values: Sequence[float]) -> str:
 
 def main() -> None:
     """Prints two tables."""
+    sys.path[0] = str(Path(__file__).parents[1])  # not this folder, whose `server` is another one
+    from testing.small_environment import link_packages
+
     name = sys.argv[1] if len(sys.argv) > 1 else "i01"
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)

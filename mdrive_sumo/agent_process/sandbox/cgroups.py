@@ -19,6 +19,8 @@ EPISODE_PREFIX = "mdrive-episode-"
 """Of the groups of evaluators' processes (`episode_group`). Boxes are made beside them, not inside."""
 PERIOD_US = 100_000
 PAUSE_S = 0.005
+CHARGE_BYTES = 1 << 20
+"""How far below its limit a group may be when the kernel refuses it more memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,8 +191,12 @@ class Cgroup:
         if self.version == 2:
             events = self.folders["memory"] / "memory.events"
             return bool(_read_number(events, "oom") or _read_number(events, "max"))
-        files = (self.folders["memory"] / f"memory.{name}failcnt" for name in ("", "memsw."))
-        return any(words[0] != "0" for words in map(_read_words, files) if words)
+        # Not `memory.failcnt`: Linux 6.18 leaves it at 0. A charge takes up to 64 pages at once.
+        most, limit = (
+            int(words[0]) if (words := _read_words(self.folders["memory"] / f"memory.{name}_in_bytes")) else 0
+            for name in ("max_usage", "limit")
+        )
+        return most >= limit - CHARGE_BYTES
 
     def _group_folders(self) -> tuple[Path, ...]:
         return tuple(dict.fromkeys(self.folders.values()))
