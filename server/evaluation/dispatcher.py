@@ -19,7 +19,7 @@ from mdrive_sumo.runs.worker_process import WorkerFailure, describe_write_error
 from server.clock import now_us
 from server.enums import JobState, ScenarioVerdict
 from server.evaluation import spot_checks
-from server.evaluation.job_task import AgentRejection, JobResult, JobTask, load_task
+from server.evaluation.job_task import AgentRejection, JobResult, JobTask, load_task, move_files
 from server.evaluation.phase_separation import CLAIMED, PhaseSeparation
 from server.evaluation.stop_request import StopRequest
 from server.evaluation.summary import summarise
@@ -243,7 +243,7 @@ class Dispatcher:
         with self._store.write() as session:
             counted = jobs.finish(session, task.job, self._owner, task.attempt, outcome, now)
             if counted and outcome.verdict is not ScenarioVerdict.FAILED_OURS:
-                _move_files(task)  # before the commit: a committed result has its files
+                move_files(task)  # before the commit: a committed result has its files
                 if submissions.finish_if_complete(session, task.submission, summarise, now):
                     self._draw_spot_checks(session, task.submission)
         if not counted:
@@ -299,12 +299,3 @@ class Dispatcher:
         self._try(self._sign_out)
         for key in tuple(self._held):
             self._drop(key)
-
-
-def _move_files(task: JobTask) -> None:
-    """Move recording and logs to their final folder. Raises OSError: then the job is not finished."""
-    if not task.public or not task.stage.is_dir():
-        return
-    task.home.mkdir(parents=True, exist_ok=True)
-    for path in sorted(task.stage.iterdir()):
-        path.replace(task.home / path.name)

@@ -44,7 +44,7 @@ GAPS = {
     "gvisor": (
         "timing side channels, and CPU or cache taken by a box on the same core",
         "GPU devices, which no box is given",
-        "the set of hostile programs is tested under bubblewrap; of it, only the channels between boxes under gVisor too",
+        "of the hostile programs, only that for channels between boxes is tested under gVisor",
     ),
     "none": ("anything: the program runs as the user who started it",),
 }
