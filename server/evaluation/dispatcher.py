@@ -167,7 +167,9 @@ class Dispatcher:
         now = self._clock()
         try:
             with self._store.write() as session:
-                job = self._separation.claim(session, lambda public: self._claim_job(session, now, public), now)
+                job = self._separation.claim(
+                    session, lambda public: jobs.claim(session, self._owner, self._lease_us, now, public), now
+                )
                 if job is None:
                     return False
                 task = load_task(session, job, self._settings) if self._has_our_evaluator(session, job) else None
@@ -187,9 +189,6 @@ class Dispatcher:
         self._held[key] = _HeldJob(task, now)
         self._executor.submit(key, task)
         return True
-
-    def _claim_job(self, session: Session, now: int, public: bool | None) -> JobRow | None:
-        return jobs.claim(session, self._owner, self._lease_us, now, public)
 
     def _has_our_evaluator(self, session: Session, job: JobRow) -> bool:
         submission = submissions.get(session, job.submission)

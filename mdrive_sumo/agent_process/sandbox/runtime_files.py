@@ -27,16 +27,16 @@ UNUSED = ("test", "idlelib", "turtledemo", "ensurepip", "site-packages", "dist-p
 
 def is_unused(relative: Path) -> bool:
     """Whether a path below an interpreter's prefix is left out of a copy."""
-    parts = relative.parts
-    if parts[0] in ("include", "share") or relative.name.endswith((".opt-1.pyc", ".opt-2.pyc")):
+    top, *rest = relative.parts
+    if top in ("include", "share") or relative.name.endswith((".opt-1.pyc", ".opt-2.pyc")):
         return True
-    if parts[0] == "bin" and len(parts) > 1:
-        return not parts[1].startswith("python")
-    if parts[0] != "lib" or len(parts) < 2:
+    if top == "bin" and rest:
+        return not rest[0].startswith("python")
+    if top != "lib" or not rest:
         return False
-    if len(parts) == 2:
-        return parts[1].endswith(".a") or parts[1] == "pkgconfig"
-    return parts[1].startswith("python3") and (parts[2] in UNUSED or parts[2].startswith("config-"))
+    if len(rest) == 1:
+        return rest[0].endswith(".a") or rest[0] == "pkgconfig"
+    return rest[0].startswith("python3") and (rest[1] in UNUSED or rest[1].startswith("config-"))
 
 
 def is_interpreter_prefix(folder: Path) -> bool:

@@ -77,33 +77,14 @@ class OpenFileLock(RecordLock):
 
 
 class Flock(Channel):
-    def send(self, bit: int) -> None:
-        fcntl.flock(FILE, fcntl.LOCK_SH if bit else fcntl.LOCK_UN)
-
-    def read(self) -> object:
-        other = os.open(PATH, os.O_RDONLY)
-        try:
-            fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return "held"
-        finally:
-            os.close(other)
-        return "free"
-
-    def rest(self) -> None:
-        self.send(0)
-
-
-class DeviceLock(Flock):
-    """The device files are the host's."""
+    path = PATH
 
     def send(self, bit: int) -> None:
-        device = os.open("/dev/null", os.O_RDONLY)
-        self._held = device
-        fcntl.flock(device, fcntl.LOCK_SH if bit else fcntl.LOCK_UN)
+        self._held = os.open(self.path, os.O_RDONLY)
+        fcntl.flock(self._held, fcntl.LOCK_SH if bit else fcntl.LOCK_UN)
 
     def read(self) -> object:
-        other = os.open("/dev/null", os.O_RDONLY)
+        other = os.open(self.path, os.O_RDONLY)
         try:
             fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -114,6 +95,12 @@ class DeviceLock(Flock):
 
     def rest(self) -> None:
         os.close(self._held)
+
+
+class DeviceLock(Flock):
+    """The device files are the host's."""
+
+    path = "/dev/null"
 
 
 class Inotify(Channel):
