@@ -15,6 +15,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits as ConnectionLimits
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
+from mdrive_sumo.agent_process.sandbox.private_files import MEMORY
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import describe_first_error
 from server.store.phases import NewPhase
@@ -59,8 +60,14 @@ class SandboxSettings(_SettingsModel):
     """Sandboxes of the agents. The limits are those of `mdrive_sumo.agent_process.sandbox.BoxLimits`."""
 
     backend: Literal["bubblewrap", "gvisor"] = "bubblewrap"
-    required: tuple[str, ...] = ("namespaces", "read-only", "privileges", "seccomp", "uid", "cgroup", "rlimits")
+    required: tuple[str, ...] = (
+        *("namespaces", "read-only", "privileges", "seccomp", "private-files", "proc", "uid", "cgroup", "rlimits"),
+    )
     """Layers of `mdrive-sumo doctor --sandbox` that a machine must have to run agents."""
+    copies: Path = MEMORY
+    """Folder for the files of each box, used if the layer `private-files` is required; best a tmpfs."""
+    episode_memory_bytes: Count = 6 * 1024 * MIB
+    """Memory of a worker's process outside the sandboxes: simulation, sensors, frames, copies that it makes."""
     memory_bytes: Count = _BOX.memory_bytes
     processes: Count = _BOX.processes
     cpu_s: Count = _BOX.cpu_s
@@ -78,6 +85,10 @@ class SandboxSettings(_SettingsModel):
         """Return the limits of a sandbox."""
         return BoxLimits(**{field.name: getattr(self, field.name) for field in fields(BoxLimits)})
 
+    def copies_folder(self) -> Path | None:
+        """Return where boxes get files of their own; None if they share those of the host."""
+        return self.copies if "private-files" in self.required else None
+
     def line_limits(self) -> ConnectionLimits:
         """Return the limits of the connection to an agent."""
         return ConnectionLimits(tick_s=self.tick_s, episode_s=self.episode_s, reply_bytes=self.reply_bytes)
@@ -90,6 +101,10 @@ class WorkerSettings(_SettingsModel):
     """Worker processes of this server; 0 if others work for it."""
     scheduler: str = ""
     """Address of a Dask scheduler, tcp://...; "" for local processes."""
+    phase_kinds: Literal["all", "hidden", "public"] = "all"
+    """Whose jobs the workers of this machine take; all: hidden and public ones, never at the same time."""
+    drop_caches: bool = True
+    """Drop the machine's page cache when hidden and public work change (root only)."""
     lease_s: Annotated[int, Field(ge=40)] = 60
     """Must exceed the 30 s that a writer may wait for the database."""
     heartbeat_s: Count = 10

@@ -40,6 +40,8 @@ class SubmittedAgent:
     box: BoxLimits = field(default_factory=BoxLimits)
     limits: AgentLimits = field(default_factory=AgentLimits)
     backend: str = "bubblewrap"
+    copies: Path | None = None
+    """Folder for the files of each sandbox; None: sandboxes share those of the host."""
 
     def agent_box(self) -> AgentBox | None:
         """Return its sandbox, with the memory that its environment needs; None for a plain child process."""
@@ -52,6 +54,7 @@ class SubmittedAgent:
             site=self.environment.site,
             backend=self.backend,
             rootfs=self.environment.rootfs,
+            copies=self.copies,
             limits=replace(self.box, memory_bytes=max(self.box.memory_bytes, recipe.memory_bytes)),
         )
 

@@ -114,7 +114,10 @@ class AgentConnection:
         while not size or len(data) < wire_protocol.LENGTH.size + size:
             if not self._child.wait_readable(deadline - time.monotonic()) or (data and time.monotonic() > deadline):
                 self._fail(FailureReason.TIMEOUT, "no answer within the time limit")
-            data += self._receive_available(min(wire_protocol.LENGTH.size + most + 1, AT_ONCE))
+            received = self._receive_available(min(wire_protocol.LENGTH.size + most + 1, AT_ONCE))
+            if not received and time.monotonic() > deadline:  # readable without data, again and again
+                self._fail(FailureReason.TIMEOUT, "no answer within the time limit")
+            data += received
             if not size and len(data) >= wire_protocol.LENGTH.size:
                 size = wire_protocol.LENGTH.unpack_from(data)[0]
                 if not 0 < size <= most:

@@ -84,6 +84,8 @@ class AgentBox:
     limits: sandbox.BoxLimits = field(default_factory=sandbox.BoxLimits)
     hidden: tuple[Path, ...] = ()
     """Folders whose content the agent must not see, wherever they lie in what the box shows."""
+    copies: Path | None = None
+    """Folder for copies of all files that the box shows, so that no two boxes share one; None: boxes share them."""
 
 
 class PlainAgentProcess:
@@ -141,6 +143,8 @@ class BoxedAgentProcess:
             backend=box.backend,
             rootfs=box.rootfs,
             hidden=box.hidden,
+            copies=box.copies,
+            live=frozenset({FRAMES}),
         )
         self._backend, self._log = box.backend, program.log
         self._box = sandbox.open_box(spec)

@@ -10,16 +10,16 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sqlalchemy import exists, or_, select
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.executor import Executor
 from mdrive_sumo.runs.worker_process import WorkerFailure, describe_write_error
 from server.clock import now_us
-from server.enums import JobState, ScenarioVerdict
+from server.enums import ScenarioVerdict
 from server.evaluation import spot_checks
-from server.evaluation.job_task import AgentRejection, JobResult, JobTask, load_task
+from server.evaluation.job_task import AgentRejection, JobResult, JobTask, load_task, move_files
+from server.evaluation.phase_separation import CLAIMED, PhaseSeparation
 from server.evaluation.stop_request import StopRequest
 from server.evaluation.write_summaries import write_left_over_summaries, write_summary
 from server.phase_suites import PhaseSuites
@@ -68,6 +68,7 @@ class Dispatcher:
         self._held: dict[str, _HeldJob] = {}
         self._unwritten: deque[tuple[str, JobResult | WorkerFailure]] = deque()
         self._spot_checks: deque[int] = deque()
+        self._separation = PhaseSeparation(settings.work.phase_kinds, settings.data, settings.work.drop_caches)
         self._failed_in_a_row, self._resume_us = 0, 0
         self._seen_us: int | None = None
 
@@ -81,6 +82,7 @@ class Dispatcher:
                 self.step(IDLE_S, stop)
         finally:
             self._release_all()
+            self._separation.close()
 
     def step(self, wait_s: float, stop: StopRequest) -> None:
         """Claim jobs, wait at most `wait_s` for results, write them, prolong leases.
@@ -129,14 +131,11 @@ class Dispatcher:
             write_left_over_summaries(self._store, self._clock, self._draw_spot_checks)
             self._seen_us = now
 
-    def _sign_out(self) -> None:
-        with self._store.write() as session:
-            workers.remove_worker(session, self._owner)
-
     def _claim(self) -> None:
         while self._clock() >= self._resume_us and self._executor.free_slots > 0:
             if self._spot_checks:  # before new jobs: a queue that is never empty must not delay them for ever
-                self._start_spot_check()
+                if not self._start_spot_check():
+                    return
             elif not (self._has_queued_job() and self._has_disk_space() and self._claim_one()):
                 return
 
@@ -155,27 +154,32 @@ class Dispatcher:
         return False
 
     def _has_queued_job(self) -> bool:
-        """Whether a claim is worth a write transaction."""
-        lapsed = (JobRow.state == JobState.RUNNING) & (JobRow.lease_us < self._clock())
         with self._store.read() as session:
-            return bool(session.scalar(select(exists().where(or_(JobRow.state == JobState.QUEUED, lapsed)))))
+            return jobs.is_any_waiting(session, self._clock())
 
     def _claim_one(self) -> bool:
-        now, task = self._clock(), None
-        with self._store.write() as session:
-            job = jobs.claim(session, self._owner, self._lease_us, now)
-            if job is None:
-                return False
-            if self._has_our_evaluator(session, job):
-                task = load_task(session, job, self._settings)
-            else:
-                jobs.release(session, job.id, self._owner, job.attempt)
+        now = self._clock()
+        try:
+            with self._store.write() as session:
+                job = self._separation.claim(
+                    session, lambda public: jobs.claim(session, self._owner, self._lease_us, now, public), now
+                )
+                if job is None:
+                    return False
+                task = load_task(session, job, self._settings) if self._has_our_evaluator(session, job) else None
+                if task is None:
+                    jobs.release(session, job.id, self._owner, job.attempt)
+        except Exception:
+            self._separation.end(CLAIMED)
+            raise
         if task is None:
+            self._separation.end(CLAIMED)
             raise EvaluatorMismatchError(
                 f"submission {job.submission}: expected this worker's code, suite, sandbox and environment, found"
                 " another evaluator's; restart the server, which queues it anew"
             )
         key = f"{task.job}.{task.attempt}"
+        self._separation.rename(CLAIMED, key)
         self._held[key] = _HeldJob(task, now)
         self._executor.submit(key, task)
         return True
@@ -207,6 +211,7 @@ class Dispatcher:
 
     def _handle_outcome(self, key: str, outcome: JobResult | WorkerFailure) -> None:
         if key.startswith(SPOT_CHECK_PREFIX):
+            self._separation.end(key)
             spot_checks.record_outcome(self._store, int(key.removeprefix(SPOT_CHECK_PREFIX)), outcome, self._clock())
             return
         if key not in self._held:
@@ -234,7 +239,7 @@ class Dispatcher:
         with self._store.write() as session:
             counted = jobs.finish(session, task.job, self._owner, task.attempt, outcome, now)
             if counted and outcome.verdict is not ScenarioVerdict.FAILED_OURS:
-                _move_files(task)  # before the commit: a committed result has its files
+                move_files(task)  # before the commit: a committed result has its files
                 complete = submissions.is_complete(session, task.submission)
                 if not complete:
                     submissions.end_if_over_budget(session, task.submission, self._settings.work.job_budget_us, now)
@@ -264,35 +269,31 @@ class Dispatcher:
         self._failed_in_a_row += 1
         self._resume_us = self._clock() + int(pause_s * SECOND_US)
 
-    def _start_spot_check(self) -> None:
+    def _start_spot_check(self) -> bool:
+        """Start the first; return False while the other kind of phases has this host."""
         task = spot_checks.make_check_task(self._store, self._spot_checks[0], self._settings)
+        key = f"{SPOT_CHECK_PREFIX}{task.job}"
+        if not self._separation.try_begin(key, task.public, self._clock()):
+            return False
         self._spot_checks.popleft()
-        self._executor.submit(f"{SPOT_CHECK_PREFIX}{task.job}", task)
+        self._executor.submit(key, task)
+        return True
 
     def _drop(self, key: str) -> None:
+        self._separation.end(key)
         shutil.rmtree(self._held.pop(key).task.stage, ignore_errors=True)
 
     def _release_all(self) -> None:
-        """Return all jobs to the queue; if the database is unavailable the leases expire."""
+        """Return all jobs to the queue and sign out; if the database is unavailable the leases expire."""
 
         def release() -> None:
             with self._store.write() as session:
                 for held in self._held.values():
                     jobs.release(session, held.task.job, self._owner, held.task.attempt)
+                workers.remove_worker(session, self._owner)
 
-        if self._held:
-            for key in self._held:
-                self._executor.cancel(key)
-            self._try(release)
-        self._try(self._sign_out)
+        for key in self._held:
+            self._executor.cancel(key)
+        self._try(release)
         for key in tuple(self._held):
             self._drop(key)
-
-
-def _move_files(task: JobTask) -> None:
-    """Move recording and logs to their final folder. Raises OSError: then the job is not finished."""
-    if not task.public or not task.stage.is_dir():
-        return
-    task.home.mkdir(parents=True, exist_ok=True)
-    for path in sorted(task.stage.iterdir()):
-        path.replace(task.home / path.name)

@@ -82,3 +82,12 @@ def load_task(session: Session, job: JobRow, settings: ServerSettings) -> JobTas
         sandbox=settings.sandbox,
         limits=settings.limits,
     )
+
+
+def move_files(task: JobTask) -> None:
+    """Move recording and logs to their final folder. Raises OSError: then the job is not finished."""
+    if not task.public or not task.stage.is_dir():
+        return
+    task.home.mkdir(parents=True, exist_ok=True)
+    for path in sorted(task.stage.iterdir()):
+        path.replace(task.home / path.name)

@@ -26,7 +26,8 @@ def check_machine(settings: ServerSettings) -> None:
         check_scheduler_address(settings.work.scheduler)
     else:
         try:
-            sandbox.check_layers(settings.sandbox.required, settings.sandbox.backend)
+            wanted = settings.sandbox
+            sandbox.check_layers(wanted.required, wanted.backend, wanted.copies)
         except InputError as error:
             raise InputError(f"{error}. {_ADVICE}") from None
 

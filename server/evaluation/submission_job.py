@@ -5,11 +5,13 @@ import shutil
 import time
 from collections.abc import Mapping
 from functools import lru_cache
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.agent_process.agent_connection import HISTOGRAM_MS
 from mdrive_sumo.agent_process.sandbox import check_layers
+from mdrive_sumo.agent_process.sandbox.episode_group import join_episode_group
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
@@ -34,7 +36,8 @@ def run_submission_job(task: JobTask) -> JobResult:
     Raises on failures on our side: InputError (the machine lacks a sandbox layer, an environment is not built),
     WorldError, OSError.
     """
-    _find_layers(task.sandbox.required, task.sandbox.backend)
+    _join_group(task.sandbox.episode_memory_bytes)
+    _find_task_layers(task)
     try:
         agent = _load_agent(task)
     except ArchiveRefused as error:
@@ -52,9 +55,21 @@ def run_submission_job(task: JobTask) -> JobResult:
 
 
 @lru_cache(maxsize=1)
-def _find_layers(required: tuple[str, ...], backend: str) -> tuple[str, ...]:
+def _join_group(memory_bytes: int) -> bool:
+    """Put a worker's process into a control group, once; where there are none, the layer `cgroup` is absent too."""
+    return parent_process() is not None and join_episode_group(memory_bytes)
+
+
+@lru_cache(maxsize=1)
+def _find_layers(required: tuple[str, ...], backend: str, copies: Path) -> tuple[str, ...]:
     """Return the active sandbox layers, checked once per process. Raises InputError if a required one is missing."""
-    return check_layers(required, backend)
+    return check_layers(required, backend, copies)
+
+
+def _find_task_layers(task: JobTask) -> tuple[str, ...]:
+    """Return the layers of this task's sandboxes; they may lack copies that this machine could make."""
+    found = _find_layers(task.sandbox.required, task.sandbox.backend, task.sandbox.copies)
+    return tuple(name for name in found if name != "private-files" or task.sandbox.copies_folder() is not None)
 
 
 def _run_agent(task: JobTask, agent: SubmittedAgent) -> JobResult:
@@ -69,7 +84,7 @@ def _run_agent(task: JobTask, agent: SubmittedAgent) -> JobResult:
         return AgentRejection(f"{task.scenario}: expected a result of at most {MAX_RESULT_BYTES} bytes, found {size}")
     verdict, reason = find_verdict(result)
     wall_s = round(time.monotonic() - start_s, 3)
-    layers = _find_layers(task.sandbox.required, task.sandbox.backend)
+    layers = _find_task_layers(task)
     used = {"wall_s": wall_s, "layers": list(layers), **collect_usage(task.stage)}
     return JobOutcome(verdict, content, reason, used)
 
@@ -89,6 +104,7 @@ def _load_agent(task: JobTask) -> SubmittedAgent:
         sandbox.box_limits(),
         sandbox.line_limits(),
         sandbox.backend,
+        sandbox.copies_folder(),
     )
 
 

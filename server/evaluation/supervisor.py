@@ -12,12 +12,15 @@ from dataclasses import dataclass, field
 
 from sqlalchemy import select
 
+from mdrive_sumo.agent_process.sandbox.episode_group import remove_dead_episode_groups
+from mdrive_sumo.agent_process.sandbox.private_files import remove_idle_files
 from server.clock import now_us
 from server.evaluation.archive_cache import delete_stale
 from server.evaluation.machine_check import check_machine
+from server.evaluation.phase_separation import describe_mixed_phases
 from server.evaluation.requeue import requeue_outdated
 from server.settings import ServerSettings
-from server.store import Store, StoreUnavailable, quota, retention
+from server.store import Store, StoreUnavailable, phases, quota, retention
 from server.store.tables import SubmissionRow
 
 LOG = logging.getLogger("mdrive.supervisor")
@@ -62,9 +65,16 @@ class Supervisor:
         """Start. Raises InputError if this machine cannot sandbox agents as the settings require."""
         if self._slots:
             check_machine(self._settings)
+            self._warn_of_mixed_phases()
         if count := requeue_outdated(self._store, self._settings, self._clock()):
             LOG.warning("%d unfinished submissions restart under this version", count)
         self._thread.start()
+
+    def _warn_of_mixed_phases(self) -> None:
+        with self._store.read() as session:
+            publics = frozenset(phase.public for phase in phases.list_phases(session))
+        if warning := describe_mixed_phases(self._settings.work.phase_kinds, publics):
+            LOG.warning("%s", warning)
 
     def stop(self) -> None:
         """Terminate the workers, which return their jobs; kill those that do not end, whose leases then expire."""
@@ -80,6 +90,9 @@ class Supervisor:
             process.kill()
             process.wait()
             _close_stdin(process)
+        if (copies := self._settings.sandbox.copies_folder()) is not None:
+            remove_idle_files(copies)
+        remove_dead_episode_groups()
 
     @property
     def pids(self) -> list[int]:

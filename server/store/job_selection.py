@@ -5,7 +5,7 @@ between equals do hidden phases come before public ones, and older submissions b
 """
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from sqlalchemy import exists, func, select
@@ -30,10 +30,10 @@ class WaitingSubmission(NamedTuple):
     created_us: int
 
 
-def select_next(session: Session, now_us: int, public: Collection[bool] = (True, False)) -> str | None:
+def select_next(session: Session, now_us: int, public: bool | None = None) -> str | None:
     """Return the id of the submission whose job is next; None if no job waits.
 
-    public: kinds of phases that may be served now, e.g. only `(False,)` while this host runs hidden scenarios.
+    public: only jobs of public phases, or only of hidden ones; None: of all.
     """
     waiting = _list_waiting(session, public)
     if len(waiting) < 2:
@@ -55,13 +55,13 @@ def choose(waiting: Sequence[WaitingSubmission], recent: worker_time.WorkerTimes
     return min(waiting, key=place).id
 
 
-def _list_waiting(session: Session, public: Collection[bool]) -> list[WaitingSubmission]:
+def _list_waiting(session: Session, public: bool | None) -> list[WaitingSubmission]:
     queued = exists().where(JobRow.submission == SubmissionRow.id, JobRow.state == JobState.QUEUED)
     columns = (SubmissionRow.id, SubmissionRow.team, SubmissionRow.phase, PhaseRow.public, SubmissionRow.created_us)
     found = (
         select(*columns)
         .join(PhaseRow, PhaseRow.id == SubmissionRow.phase)
-        .where(SubmissionRow.state.in_(UNFINISHED), PhaseRow.public.in_(tuple(public)), queued)
+        .where(SubmissionRow.state.in_(UNFINISHED), queued, *([] if public is None else [PhaseRow.public == public]))
     )
     return [WaitingSubmission(*row) for row in session.execute(found)]
 

@@ -4,11 +4,10 @@ Execution is at least once (workers die, leases end); scoring is exactly once, b
 owner and attempt that hold the job at that moment.
 """
 
-from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import ColumnElement, and_, select, update
+from sqlalchemy import ColumnElement, and_, exists, or_, select, update
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.state import FailureReason
@@ -40,13 +39,11 @@ class JobOutcome:
             raise ValueError(f"expected a result unless it is our failure, found verdict {self.verdict}")
 
 
-def claim(
-    session: Session, owner: str, lease_us: int, now_us: int, public: Collection[bool] = (True, False)
-) -> JobRow | None:
+def claim(session: Session, owner: str, lease_us: int, now_us: int, public: bool | None = None) -> JobRow | None:
     """Claim the next job for `owner` (unique to a process) until now + `lease_us`; return None if no job waits.
 
-    `job_selection` says which is next; `public`: kinds of phases that may be served. Jobs with expired leases are put
-    back first.
+    `job_selection` says which is next; `public`: only jobs of public phases, or only of hidden ones; None: of all. Jobs
+    with expired leases are put back first.
     """
     reclaim_expired(session, now_us)
     submission_id = job_selection.select_next(session, now_us, public)
@@ -137,6 +134,12 @@ def get(session: Session, job_id: int) -> JobRow:
     if job is None:
         raise NotFound(f"job: there is no {job_id}")
     return job
+
+
+def is_any_waiting(session: Session, now_us: int) -> bool:
+    """Return whether a job is queued or its lease has ended: whether a claim is worth a write transaction."""
+    lapsed = (JobRow.state == JobState.RUNNING) & (JobRow.lease_us < now_us)
+    return bool(session.scalar(select(exists().where(or_(JobRow.state == JobState.QUEUED, lapsed)))))
 
 
 def _mark_running(session: Session, submission_id: str, now_us: int) -> None:

@@ -47,7 +47,7 @@ def show_machine(request: Request, _visitor: AdminVisitor, services: ServicesDep
     return render_page(
         request,
         "admin_machine.html",
-        layers=services.check_runner.call(LAYERS_S, sandbox.examine_layers, wanted.backend),
+        layers=services.check_runner.call(LAYERS_S, sandbox.examine_layers, wanted.backend, wanted.copies),
         required=wanted.required,
         backend=wanted.backend,
         gaps=sandbox.GAPS.get(wanted.backend, ()),

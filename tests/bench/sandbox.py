@@ -9,6 +9,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import click
@@ -16,6 +18,7 @@ import numpy as np
 
 from mdrive_sumo.agent_process.child_process import AgentBox, AgentProgram
 from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, open_agent_connection
+from mdrive_sumo.agent_process.sandbox.private_files import MEMORY
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
@@ -99,29 +102,37 @@ def row(what: str, values: Sequence[float]) -> str:
 
 def main() -> None:
     """Prints two tables."""
+    sys.path[0] = str(Path(__file__).parents[1])  # not this folder, whose `server` is another one
+    from testing.small_environment import link_packages
+
     name = sys.argv[1] if len(sys.argv) > 1 else "i01"
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
         folder.chmod(0o755)
         (folder / "agents.py").write_text(SOURCE)
-        plan = AgentBox(Path(made), python=sys.executable, site=Path(np.__file__).parents[1])
+        (folder / "agent").mkdir()
+        (folder / "agents.py").rename(folder / "agent" / "agents.py")
+        shared = AgentBox(folder / "agent", python=sys.executable, site=link_packages(folder / "site"))
+        plans = {"box": shared, "box, own files": replace(shared, copies=MEMORY)}
 
         def plain() -> RemoteDriver:
-            return RemoteDriver(open_agent_connection(AgentProgram(f"{made}/agents.py:Agent"), AgentLimits()), {})
+            return RemoteDriver(open_agent_connection(AgentProgram(f"{made}/agent/agents.py:Agent"), AgentLimits()), {})
 
-        def boxed() -> RemoteDriver:
+        def boxed(plan: AgentBox = shared) -> RemoteDriver:
             return RemoteDriver(open_agent_connection(AgentProgram("/agent/agents.py:Agent"), AgentLimits(), plan), {})
+
+        boxes = {name: partial(boxed, plan) for name, plan in plans.items()}
 
         click.echo("| a tick [ms] | p10 | p50 | p99 |\n|---|---|---|---|")
         for what, sensors in SENSORS.items():
             probe = recorded(name, sensors)
             makers: dict[str, Callable[[], AgentDriver]] = {
-                "in process": lambda probe=probe: LocalDriver(Probe(probe.sensors())), "child": plain, "box": boxed
+                "in process": lambda probe=probe: LocalDriver(Probe(probe.sensors())), "child": plain, **boxes
             }  # fmt: skip
             for where, make in makers.items():
                 click.echo(row(f"{what}: {where}", times_ms(make(), probe)))
         click.echo("\n| start [ms] | p10 | p50 | p99 |\n|---|---|---|---|")
-        for where, make in (("child", plain), ("box", boxed)):
+        for where, make in (("child", plain), *boxes.items()):
             click.echo(row(f"{where}, until it has declared its sensors", [started_ms(make) for _ in range(STARTS)]))
 
 

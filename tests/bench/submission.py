@@ -6,19 +6,18 @@ boxes, of which about 0.12 s each is their start.
 """
 
 import argparse
-import json
 import os
 import resource
 import sys
 import tempfile
 import time
-from dataclasses import asdict
 from hashlib import sha256
 from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parents[2]), str(Path(__file__).parents[1])]
 
 from testing.archive_samples import packed  # noqa: E402
+from testing.small_environment import describe_small_environment  # noqa: E402
 
 from server import environments  # noqa: E402
 from server.clock import DAY_US, now_us  # noqa: E402
@@ -44,7 +43,7 @@ def this_python(data: Path) -> None:
     """Says that this Python is the environment."""
     folder = data / "environments" / ENVIRONMENT
     folder.mkdir(parents=True)
-    (folder / environments.ABOUT_FILE).write_text(json.dumps(asdict(environments.current_environment()), default=str))
+    describe_small_environment(folder)
 
 
 def stored_archive(data: Path) -> str:

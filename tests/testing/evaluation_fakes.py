@@ -44,7 +44,7 @@ def steady() -> str:
 
 def settings(data: Path, processes: int = 2, lease_s: int = LONG_LEASE_S) -> ServerSettings:
     """Of a server in that folder."""
-    work = WorkerSettings(processes=processes, spot_check=0.0, lease_s=lease_s)
+    work = WorkerSettings(processes=processes, spot_check=0.0, lease_s=lease_s, drop_caches=False)
     return ServerSettings(data=data, work=work, sandbox=SandboxSettings(required=()))
 
 

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -17,9 +17,9 @@ import httpx
 from hostile.teams import MARKER
 
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
-from server import environments
 from server.enums import MIN_HIDDEN_SCENARIOS, TokenScope
 from server.store import Store, teams, tokens
+from testing.small_environment import describe_small_environment
 
 PATIENCE_S = 600.0
 """For everything together; it takes a tenth of it."""
@@ -39,6 +39,7 @@ tmp_bytes = 8388608
 [work]
 processes = 2
 spot_check = 0.0
+drop_caches = false
 """
 PHASE = """\
 [[phases]]
@@ -179,7 +180,7 @@ def prepared(folder: Path) -> Path:
     (folder / "server.toml").write_text(SETTINGS + "".join(texts))
     about = folder / "data" / "environments" / "python3.11-numpy"
     about.mkdir(parents=True)
-    (about / environments.ABOUT_FILE).write_text(json.dumps(asdict(environments.current_environment()), default=str))
+    describe_small_environment(about)
     return folder / "data"
 
 

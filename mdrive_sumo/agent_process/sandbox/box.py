@@ -124,7 +124,8 @@ class Box:
     def close(self) -> BoxReport:
         """Kills whatever still runs and gives everything back; waits only as long as the times above allow.
 
-        Raises BoxError if bubblewrap failed before the program had begun, or was killed from outside.
+        Raises BoxError if bubblewrap failed before the program had begun, or was killed from outside, and if memory ran
+        out on the host (or in the evaluator's group) while the box kept to its own limit.
         """
         if self._report is None:
             self._report = self._close_and_report()
@@ -162,10 +163,11 @@ class Box:
             parts.group.kill()
         clean = self._wait_for_exit(DYING_S)
         peak, cpu, oom = _read_usage(parts.group)
+        starved = oom and parts.group is not None and not parts.group.reached_own_limit()
         if parts.group is not None:
             clean = parts.group.remove(DYING_S) and clean
         self._log.pump()
-        ours, problem = self._is_our_failure(by_itself, oom), self._log.text()
+        ours, problem = self._is_our_failure(by_itself, oom) or starved, self._log.text()
         self._release(clean)
         exit_code, ended_by = _decode_status(self._wait_status, self._backend)
         report = BoxReport(
@@ -173,6 +175,9 @@ class Box:
         )
         if ours:
             self._report = report
+        if starved:
+            raise BoxError("sandbox: the kernel ended a process of the box for want of memory outside of it")
+        if ours:
             why = f"ended by signal {ended_by} from outside" if ended_by is not None else _read_last_words(problem)
             raise BoxError(f"sandbox: bubblewrap failed: {why}")
         return report

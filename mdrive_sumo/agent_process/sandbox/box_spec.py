@@ -31,6 +31,11 @@ class BoxSpec:
     backend: str = "bubblewrap"
     rootfs: Path | None = None
     """Unpacked container image whose programs the box sees; None: this host's `/usr`."""
+    copies: Path | None = None
+    """Folder, best in memory, where the box gets copies of all files that it sees; None: it sees the host's own, which
+    all boxes then share. With copies the host's `/usr` is reduced to the interpreter and what it loads."""
+    live: frozenset[str] = frozenset()
+    """Paths of the box whose files the caller changes while it runs: never copied."""
     hidden: tuple[Path, ...] = ()
     """Folders outside that appear empty wherever they lie in what the box sees; those that do not exist are ignored.
     The backend `none` hides nothing."""

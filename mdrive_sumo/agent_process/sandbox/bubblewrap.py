@@ -1,5 +1,7 @@
 """Arguments of bubblewrap: what the box sees and what it loses."""
 
+import stat
+from functools import cache
 from pathlib import Path, PurePosixPath
 
 from mdrive_sumo.agent_process.sandbox.box_spec import TAKEN, BoxSpec
@@ -21,6 +23,36 @@ ENVIRONMENT = {
     # A box has one core; a library that starts a thread for each core of the host runs into the limit of processes.
     **{f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMEXPR", "VECLIB_MAXIMUM")},
 }
+
+
+DEVICES = tuple(f"/dev/{name}" for name in ("null", "zero", "full", "random", "urandom", "tty"))
+"""Of the host. Root stages them on read-only mounts, so that a program writes to the device but cannot set the times of
+its file, which all boxes see. There are no terminals: their number is limited for all of the host."""
+
+SHOWN_IN_PROC = frozenset(
+    {
+        *("self", "thread-self", "mounts", "net", "version", "cpuinfo", "filesystems"),
+        *("config.gz", "consoles", "devices", "dma", "execdomains", "misc", "mtrr", "partitions"),
+    }
+)
+"""What stays of `/proc` beside the box's own processes: links to those, and what does not change."""
+
+
+@cache
+def _mask_proc() -> tuple[str, ...]:
+    """Hide what tells of the host: memory, load, locks, interrupts, `/proc/sys`; and the process that holds the box.
+
+    Read once: files that a new kernel module brings later are not hidden.
+    """
+    words: list[str] = []
+    for entry in sorted(Path("/proc").iterdir()):
+        if entry.name in SHOWN_IN_PROC or (entry.name.isdigit() and entry.name != "1"):
+            continue
+        if not entry.stat().st_mode & stat.S_IROTH:  # root's alone, and no box is root for the kernel
+            continue
+        place = str(entry)
+        words += ("--tmpfs", place, "--remount-ro", place) if entry.is_dir() else ("--ro-bind", "/dev/null", place)
+    return tuple(words)
 
 
 def sources(spec: BoxSpec) -> dict[str, Path]:
@@ -58,7 +90,10 @@ def arguments(spec: BoxSpec, seen: dict[str, Path]) -> tuple[str, ...]:
     They go through a descriptor, because the box can read bubblewrap's command line in its `/proc/1/cmdline`.
     """
     mounts: list[str] = []
+    devices = [("--dev-bind", str(seen[inner]), inner) for inner in DEVICES if inner in seen]
     for inner, outer in sorted(seen.items()):
+        if inner in DEVICES:
+            continue
         link = outer.is_symlink()
         mounts += ("--symlink", str(outer.readlink()), inner) if link else ("--ro-bind", str(outer), inner)
     for inner in find_hidden_paths(spec):
@@ -69,7 +104,9 @@ def arguments(spec: BoxSpec, seen: dict[str, Path]) -> tuple[str, ...]:
         *("--unshare-all", "--unshare-user", "--disable-userns", "--die-with-parent", "--new-session"),
         *("--cap-drop", "ALL", "--hostname", "agent", "--clearenv"),
         *mounts,
-        *("--proc", "/proc", "--dev", "/dev"),
+        *("--proc", "/proc", *_mask_proc()),
+        *("--dev", "/dev", *(word for row in devices for word in row)),
+        *("--tmpfs", "/dev/pts", "--remount-ro", "/dev/pts"),
         *("--size", size, "--tmpfs", "/dev/shm", "--remount-ro", "/dev"),
         *("--size", size, "--tmpfs", "/tmp", "--remount-ro", "/"),
         *(word for name, value in environment.items() for word in ("--setenv", name, value)),

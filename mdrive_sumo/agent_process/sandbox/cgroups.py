@@ -15,8 +15,12 @@ from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 
 NEEDED = ("memory", "pids")
 WANTED = ("cpu", "cpuacct")
+EPISODE_PREFIX = "mdrive-episode-"
+"""Of the groups of evaluators' processes (`episode_group`). Boxes are made beside them, not inside."""
 PERIOD_US = 100_000
 PAUSE_S = 0.005
+CHARGE_BYTES = 1 << 20
+"""How far below its limit a group may be when the kernel refuses it more memory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +46,17 @@ def find_hierarchy(proc: Path = Path("/proc/self")) -> CgroupHierarchy | None:
 def _parse_own_groups(text: str) -> dict[str, str]:
     """Controller ("" = version 2) to this process's group, from `/proc/self/cgroup`."""
     rows = (line.split(":", 2) for line in text.splitlines())
-    return {controller: group for _, controllers, group in rows for controller in controllers.split(",")}
+    return {
+        controller: _leave_episode_group(group)
+        for _, controllers, group in rows
+        for controller in controllers.split(",")
+    }
+
+
+def _leave_episode_group(group: str) -> str:
+    """The group around that of an episode, or the group itself: an episode's ceiling must not hold for its boxes."""
+    above, _, name = group.rpartition("/")
+    return (above or "/") if name.startswith(EPISODE_PREFIX) else group
 
 
 def _parse_mounts(text: str) -> list[tuple[frozenset[str], str, Path]]:
@@ -171,6 +185,18 @@ class Cgroup:
         """Whether the kernel killed a process here for want of memory."""
         file = "memory.events" if self.version == 2 else "memory.oom_control"
         return bool(_read_number(self.folders["memory"] / file, "oom_kill"))
+
+    def reached_own_limit(self) -> bool:
+        """Whether memory ran out by the limit of this group, and not by that of a group around it or of the host."""
+        if self.version == 2:
+            events = self.folders["memory"] / "memory.events"
+            return bool(_read_number(events, "oom") or _read_number(events, "max"))
+        # Not `memory.failcnt`: Linux 6.18 leaves it at 0. A charge takes up to 64 pages at once.
+        most, limit = (
+            int(words[0]) if (words := _read_words(self.folders["memory"] / f"memory.{name}_in_bytes")) else 0
+            for name in ("max_usage", "limit")
+        )
+        return most >= limit - CHARGE_BYTES
 
     def _group_folders(self) -> tuple[Path, ...]:
         return tuple(dict.fromkeys(self.folders.values()))

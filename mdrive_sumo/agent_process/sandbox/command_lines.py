@@ -26,6 +26,8 @@ class BoxPlacement:
     """Open `cgroup.procs` files of its control group."""
     folder: Path | None
     """A temporary folder that lasts as long as the box; only gVisor needs one."""
+    seen: Mapping[str, Path]
+    """Where the box sees which path of the host."""
 
 
 def launch(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
@@ -37,7 +39,7 @@ def launch(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
 
 def _plan_bubblewrap(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
     program = _find_program("bwrap", "bubblewrap")
-    seen, staged = _plan_staging(bubblewrap.sources(spec))
+    seen, staged = _plan_staging(place.seen, bubblewrap.DEVICES)
     words = "\0".join(bubblewrap.arguments(spec, seen)).encode()
     first = (ends.nothing, ends.log_writing, ends.log_writing, ends.agent.fileno())
     descriptors = (*first, ends.in_memory(words), ends.in_memory(seccomp.compiled()), ends.status_writing)
@@ -50,8 +52,8 @@ def _plan_gvisor(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPl
     """gVisor's own kernel keeps the limits inside; of the outer ones it bears only the control group."""
     program, folder = _find_program("runsc", "gvisor"), place.folder
     assert folder is not None
-    seen, staged = _plan_staging(bubblewrap.sources(spec))
-    gvisor.write_bundle(spec, seen, folder, place.uid)
+    seen, staged = _plan_staging(place.seen)
+    gvisor.write_bundle(spec, place.seen, seen, folder, place.uid)
     descriptors = (ends.agent.fileno(), ends.log_writing, ends.log_writing)
     env = {"PATH": os.defpath, "TMPDIR": str(folder)}
     return LaunchPlan(gvisor.command(program, folder), env, descriptors, (), place.entries, place.uid, staged)
@@ -67,11 +69,14 @@ def _plan_unboxed(spec: BoxSpec, ends: PipeEnds, _place: BoxPlacement) -> Launch
     return LaunchPlan(argv, env, first, (), nice=0, cwd=_to_host_path(bubblewrap.working_folder(spec), spec))
 
 
-def _plan_staging(seen: Mapping[str, Path]) -> tuple[dict[str, Path], tuple[tuple[Path, str], ...]]:
+def _plan_staging(
+    seen: Mapping[str, Path], devices: tuple[str, ...] = ()
+) -> tuple[dict[str, Path], tuple[tuple[Path, str], ...]]:
     """What the box sees where, and what is bound below `STAGE` for that, while still root."""
     if not may_mount():
         return dict(seen), ()
     bound = [(inner, outer) for inner, outer in seen.items() if not outer.is_symlink()]
+    bound += [(device, Path(device)) for device in devices]
     places = {inner: STAGE / str(i) for i, (inner, _) in enumerate(bound)}
     return dict(seen) | places, tuple((outer, str(i)) for i, (_, outer) in enumerate(bound))
 

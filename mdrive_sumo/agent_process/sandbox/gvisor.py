@@ -2,12 +2,13 @@
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
-from mdrive_sumo.agent_process.sandbox.bubblewrap import ENVIRONMENT, find_hidden_paths, sources, working_folder
+from mdrive_sumo.agent_process.sandbox.bubblewrap import ENVIRONMENT, find_hidden_paths, working_folder
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 
 PLATFORM = "ptrace"
@@ -38,9 +39,11 @@ def command(program: str, folder: Path) -> tuple[str, ...]:
     )
 
 
-def write_bundle(spec: BoxSpec, seen: dict[str, Path], folder: Path, uid: int | None) -> None:
+def write_bundle(
+    spec: BoxSpec, originals: Mapping[str, Path], seen: dict[str, Path], folder: Path, uid: int | None
+) -> None:
     """An OCI bundle: `config.json`, and a root that holds nothing but links and mount points."""
-    root, originals = folder / "bundle" / "rootfs", sources(spec)
+    root = folder / "bundle" / "rootfs"
     for path in (folder / "state", root, root / "proc", root / "dev", root / "tmp"):
         path.mkdir(parents=True, exist_ok=True)
     mounts = [_make_mount("/proc", "proc", "proc", "nosuid", "nodev", "noexec")]

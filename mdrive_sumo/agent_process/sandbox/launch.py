@@ -20,7 +20,7 @@ from mdrive_sumo.core.errors import WorldError
 STAGE = Path("/run/mdrive-sumo")
 """Mount point, in the launched process's own view, of a folder with everything that the box will see."""
 
-MS_BIND, MS_REC, MS_PRIVATE, MS_NOSUID, MS_NODEV = 4096, 16384, 1 << 18, 2, 4
+MS_BIND, MS_REC, MS_PRIVATE, MS_NOSUID, MS_NODEV, MS_RDONLY, MS_REMOUNT = 4096, 16384, 1 << 18, 2, 4, 1, 32
 CLONE_NEWNS = 0x00020000
 PR_SET_PDEATHSIG = 1
 FAILED = 126
@@ -138,11 +138,14 @@ def _mount_staged(staged: tuple[tuple[Path, str], ...]) -> None:
     os.chmod(STAGE, 0o755)  # noqa: PTH101 (no more Python than needed between fork and exec)
     for outer, name in staged:
         target = f"{STAGE}/{name}"
-        if outer.is_dir():
+        is_folder = outer.is_dir()
+        if is_folder:
             os.mkdir(target)  # noqa: PTH102
         else:
             os.close(os.open(target, os.O_CREAT | os.O_WRONLY))
         _mount(str(outer), target, None, MS_BIND | MS_REC)
+        if not is_folder and outer.is_char_device():
+            _mount("none", target, None, MS_BIND | MS_REMOUNT | MS_RDONLY)
 
 
 def _mount(source: str, target: str, kind: str | None, flags: int) -> None:

@@ -3,17 +3,20 @@
 import os
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import bubblewrap, cgroups
+from mdrive_sumo.agent_process.sandbox.box import Box
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.agent_process.sandbox.open_box import opened
+from mdrive_sumo.agent_process.sandbox.private_files import FOLDER, MEMORY, find_file_system
+from mdrive_sumo.agent_process.sandbox.refused_calls import REFUSALS
 from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
 from mdrive_sumo.core.errors import InputError, WorldError
 
-LAYERS = ("namespaces", "read-only", "privileges", "seccomp", "uid", "cgroup", "rlimits")
+LAYERS = ("namespaces", "read-only", "privileges", "seccomp", "private-files", "proc", "uid", "cgroup", "rlimits")
 NAMESPACES = ("cgroup", "ipc", "mnt", "net", "pid", "user", "uts")
 LOOK = f"""
 for name in {" ".join(NAMESPACES)}; do echo "ns-$name $(readlink /proc/self/ns/$name)"; done
@@ -21,6 +24,9 @@ while read -r name value rest; do case $name in Uid:|CapEff:|CapBnd:|NoNewPrivs:
 done </proc/self/status
 read -r kernel </proc/version; echo "kernel $kernel"
 echo "open-files $(ulimit -n)"
+while read -r a b c root place rest; do case $place in /usr) echo "usr $root"; esac; done </proc/self/mountinfo
+for name in sys/fs/aio-nr sys/kernel/osrelease meminfo locks loadavg 1/mem
+do if ( read -r word </proc/$name ) 2>&-; then echo "told $name"; fi; done
 if ( : >/left-over ) 2>&-; then echo "root writable"; else echo "root read-only"; fi
 """
 """What a shell in a box reads about itself."""
@@ -30,14 +36,15 @@ WAIT_S = 10.0
 GAPS = {
     "bubblewrap": (
         "faults of the kernel, which all boxes share with the host (for a public event use gVisor or a machine each)",
-        "timing side channels, and CPU or cache taken by a box on the same core",
+        "what boxes tell each other by timing: CPU, memory and caches are shared (docs/sandbox.md, Residual channels)",
+        "numbers that the kernel counts for all boxes, such as those of new pipes",
         "what a program keeps in its own temporary folder while its box lasts",
         "GPU devices, which no box is given",
     ),
     "gvisor": (
         "timing side channels, and CPU or cache taken by a box on the same core",
         "GPU devices, which no box is given",
-        "the set of hostile programs was run under bubblewrap only",
+        "of the hostile programs, only that for channels between boxes is tested under gVisor",
     ),
     "none": ("anything: the program runs as the user who started it",),
 }
@@ -60,11 +67,15 @@ def shown(rootfs: Path | None = None) -> frozenset[Path]:
     return frozenset(path.resolve() for path in seen if not path.is_symlink())  # links are made anew inside
 
 
-def examine_layers(backend: str = "bubblewrap") -> tuple[SandboxLayer, ...]:
-    """Opens a box of this backend, looks around in it, and says what was found."""
+def examine_layers(backend: str = "bubblewrap", copies: Path = MEMORY) -> tuple[SandboxLayer, ...]:
+    """Opens a box of this backend, looks around in it, and says what was found.
+
+    copies: where boxes get files of their own; if that is not possible, a box without them is examined.
+    """
     limits = BoxLimits()
+    spec = BoxSpec(("/bin/sh", "-c", LOOK), {}, limits=limits, backend=backend, copies=copies)
     try:
-        box = opened(BoxSpec(("/bin/sh", "-c", LOOK), {}, limits=limits, backend=backend))
+        box, problem = _open_with_copies(spec)
     except (InputError, WorldError) as error:
         return _make_missing_layers(str(error))
     with box:
@@ -78,11 +89,44 @@ def examine_layers(backend: str = "bubblewrap") -> tuple[SandboxLayer, ...]:
     seen = _parse_rows(told)
     return (
         *_examine_all(seen, backend),
+        _examine_files(seen, backend, copies, problem),
+        _examine_proc(told, backend),
         _examine_uid(outside),
         _examine_cgroup(),
         _examine_rlimits(seen, limits),
         *_examine_optional(),
     )
+
+
+def _open_with_copies(spec: BoxSpec) -> tuple[Box, str]:
+    """Return a box, and why it has no files of its own ("" if it has)."""
+    try:
+        return opened(spec), ""
+    except InputError as error:
+        return opened(replace(spec, copies=None)), str(error)
+
+
+def _examine_files(seen: Mapping[str, str], backend: str, copies: Path, problem: str) -> SandboxLayer:
+    """gVisor shows no roots of mounts; there it counts that the copies could be made."""
+    own = not problem and (backend == "gvisor" or FOLDER in seen.get("usr", ""))
+    if not own:
+        return SandboxLayer("private-files", False, problem or "boxes share the host's files")
+    kind = find_file_system(copies)
+    warnings = (
+        [] if kind == "tmpfs" else [f"{kind} is no tmpfs: a later box in a slot can learn what an earlier one read"]
+    )
+    if kind == "tmpfs" and len(Path("/proc/swaps").read_text().splitlines()) > 1:
+        warnings.append("this host swaps, which a box can notice: switch swap off")
+    return SandboxLayer("private-files", True, "; ".join((f"copies for each slot in {copies} ({kind})", *warnings)))
+
+
+def _examine_proc(told: str, backend: str) -> SandboxLayer:
+    """Of gVisor's own kernel, /proc tells nothing of the host."""
+    open_names = [line.partition(" ")[2] for line in told.splitlines() if line.startswith("told ")]
+    if backend == "gvisor":
+        return SandboxLayer("proc", True, "of gVisor's own kernel")
+    how = f"/proc tells {', '.join(open_names)}" if open_names else "nothing of /proc/sys, memory, load or process 1"
+    return SandboxLayer("proc", not open_names, how)
 
 
 def _parse_rows(text: str) -> dict[str, str]:
@@ -114,7 +158,9 @@ def _examine_all(seen: Mapping[str, str], backend: str) -> tuple[SandboxLayer, .
 
 
 def _describe_filter(walled: bool) -> str:
-    return "system calls end in gVisor's own kernel" if walled else "filter of system calls"
+    refused = sum(len(rule.calls) for rule in REFUSALS)
+    text = f"{refused} system calls refused, among them all locks and watches of files, and what tells the page cache"
+    return "system calls end in gVisor's own kernel" if walled else text
 
 
 def _examine_uid(outside: Mapping[str, str]) -> SandboxLayer:
@@ -143,9 +189,9 @@ def _examine_optional() -> tuple[SandboxLayer, ...]:
     return (gvisor, rootfs)
 
 
-def check_layers(required: Sequence[str], backend: str = "bubblewrap") -> tuple[str, ...]:
+def check_layers(required: Sequence[str], backend: str = "bubblewrap", copies: Path = MEMORY) -> tuple[str, ...]:
     """What boxes of this backend have here. Raises InputError, one sentence, if they lack any of these layers."""
-    found = {layer.name: layer for layer in examine_layers(backend)}
+    found = {layer.name: layer for layer in examine_layers(backend, copies)}
     unknown = [name for name in required if name not in found]
     if unknown:
         raise InputError(f"sandbox: expected layers among {', '.join(found)}, found {', '.join(unknown)}")

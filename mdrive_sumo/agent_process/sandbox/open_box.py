@@ -8,13 +8,14 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from mdrive_sumo.agent_process.sandbox import cgroups, gvisor
+from mdrive_sumo.agent_process.sandbox import bubblewrap, cgroups, gvisor
 from mdrive_sumo.agent_process.sandbox.box import Box, BoxParts
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
 from mdrive_sumo.agent_process.sandbox.command_lines import BoxPlacement, launch
 from mdrive_sumo.agent_process.sandbox.launch import BoxError, start
 from mdrive_sumo.agent_process.sandbox.output_log import LogRing
 from mdrive_sumo.agent_process.sandbox.pipe_ends import PipeEnds
+from mdrive_sumo.agent_process.sandbox.private_files import provide_private_files
 from mdrive_sumo.agent_process.sandbox.user_slots import UserSlot, take
 
 GVISOR_START_S = 30.0
@@ -73,7 +74,8 @@ def _start(spec: BoxSpec, slot: UserSlot, group: cgroups.Cgroup | None, folder: 
         entries = () if group is None else group.entries()
         for fd in entries:
             ends.theirs.callback(os.close, fd)
-        pid = start(launch(spec, ends, BoxPlacement(slot.uid, entries, folder)))
+        seen = provide_private_files(spec, slot.number) if spec.copies is not None else bubblewrap.sources(spec)
+        pid = start(launch(spec, ends, BoxPlacement(slot.uid, entries, folder, seen)))
         parts = BoxParts(pid, os.pidfd_open(pid), ends.status, slot, group, time.monotonic(), folder)
         ends.undo.pop_all()
     return Box(parts, ends.own, LogRing(ends.log, spec.limits.log_bytes), spec.backend)

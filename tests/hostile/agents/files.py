@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -20,6 +21,12 @@ def lists(path: str) -> bool:
 def writes(path: str) -> bool:
     with Path(path).open("ab") as file:
         return file.write(b"1") == 1
+
+
+def writes_at(path: str) -> bool:
+    """Opening is enough: an address that one may write to is easily found."""
+    with Path(path).open("r+b"):
+        return True
 
 
 secret = ("/etc/shadow", "/etc/passwd", "/etc/hostname", "/proc/kcore", "/proc/kmsg", "/proc/1/mem", "/dev/mem")
@@ -47,15 +54,20 @@ attempts |= {f"write {path}": partial(writes, path) for path in (*closed, *kerne
 attempts["climb out"] = partial(reads, "/proc/1/root/../../etc/shadow")
 attempts["less likely to be killed"] = lambda: Path("/proc/self/oom_score_adj").write_text("-500")
 attempts["change mode"] = lambda: Path("/agent").chmod(0o777) is None
-host_paths = [
-    word
-    for word in Path("/proc/1/cmdline").read_bytes().decode().split("\0")
-    if "/tmp/" in word and word not in sys.argv
-]
+attempts["write to the box's first process"] = partial(writes_at, "/proc/1/mem")
+
+
+def told_by(name: str) -> str:
+    with suppress(OSError):
+        return Path(name).read_bytes().decode()
+    return ""
+
+
+host_paths = [word for word in told_by("/proc/1/cmdline").split("\0") if "/tmp/" in word and word not in sys.argv]
 tell(
     open=opened(attempts),
     told_by_command_line=host_paths,
-    told_by_environment=Path("/proc/1/environ").read_bytes().decode(),
+    told_by_environment=told_by("/proc/1/environ"),
     linked={fd: str(Path(f"/proc/self/fd/{fd}").readlink()).partition(":")[0] for fd in ("0", "1", "2", "3")},
     more_descriptors=[fd for fd in range(4, 200) if Path(f"/proc/self/fd/{fd}").is_symlink()],
 )

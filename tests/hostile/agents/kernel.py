@@ -11,6 +11,11 @@ from tell import opened, syscall, tell
 
 NEWUSER, NEWNS = 0x10000000, 0x00020000
 buffer = ctypes.create_string_buffer(4096)
+memory = os.memfd_create("x")
+os.write(memory, bytes(4096))
+vector = (ctypes.c_void_p * 2)(ctypes.addressof(buffer), 16)
+mapped = mmap.mmap(-1, 4096)
+page = ctypes.c_void_p(ctypes.addressof(ctypes.c_char.from_buffer(mapped)))
 
 
 def own(number: int, *arguments: object) -> bool:
@@ -83,6 +88,32 @@ tell(
             "netlink with high bits": partial(own, 41, (1 << 32) | int(socket.AF_NETLINK), 3, 0),
             "raise a limit": raises_limit,
             "32-bit entry": runs_32_bit,
+            "flock": partial(own, 73, 3, 1),
+            "lock of a record": partial(own, 72, 3, 5, buffer),
+            "lock of a record with high bits": partial(own, 72, 3, (1 << 32) | 5, buffer),
+            "lock of an open file": partial(own, 72, 3, 36, buffer),
+            "lease": partial(own, 72, 3, 1025, 0),
+            "delegation": partial(own, 72, 3, 1039, buffer),
+            "hint of a file": partial(own, 72, 3, 1037, buffer),
+            "notify": partial(own, 72, 3, 1026, 0),
+            "inotify_init": partial(own, 294, 0),
+            "fanotify_init": partial(own, 300, 0, 0),
+            "io_setup": partial(own, 206, 1, ctypes.byref(ctypes.c_ulong(0))),
+            "preadv2 with flags": partial(own, 327, memory, vector, 1, 0, 0, 8),
+            "fadvise64": partial(own, 221, memory, 0, 0, 4),
+            "readahead": partial(own, 187, memory, 0, 4096),
+            "mincore": partial(own, 27, page, 4096, buffer),
+            "cachestat": partial(own, 451, memory, (ctypes.c_uint64 * 2)(0, 4096), buffer, 0),
+            "sync_file_range": partial(own, 277, memory, 0, 0, 0),
+            "sync": partial(own, 162),
+            "sysinfo": partial(own, 99, buffer),
+            "statfs": partial(own, 137, b"/", buffer),
+            "fstatfs": partial(own, 138, memory, buffer),
+            "statmount": partial(own, 457, (ctypes.c_uint64 * 3)(24, 1, 1), buffer, 4096, 0),
+            "listmount": partial(own, 458, (ctypes.c_uint64 * 3)(24, (1 << 64) - 1, 0), buffer, 8, 0),
+            "open_tree_attr": partial(own, 467, -100, b"/", 1, buffer, 32),
+            "socket cookie": partial(own, 55, 3, 1, 57, buffer, ctypes.byref(ctypes.c_int(8))),
+            "terminal": lambda: os.open("/dev/ptmx", os.O_RDWR) > 0,
             "x32 entry": partial(own, 0x40000000 + 39),
         }
     )

@@ -26,9 +26,14 @@ class FakeChild:
     def __init__(self) -> None:
         self.socket, self.theirs = socket.socketpair()
         self.drip = b""
+        self.false_alarms = 0
         self.closed = 0
 
     def wait_readable(self, timeout_s: float) -> bool:
+        if self.false_alarms:
+            self.false_alarms -= 1
+            time.sleep(0.01)
+            return True
         if self.drip:
             time.sleep(0.02)
             self.theirs.send(self.drip[:1])
@@ -201,3 +206,9 @@ def test_all_answers_of_an_episode_have_a_limit(child: FakeChild, tmp_path: Path
         line.send("act", 1, None)
         line.receive(reply_decoding.read_reply)
     assert time.monotonic() - begin < 30.0
+
+
+def test_a_socket_that_is_readable_without_data_observes_the_deadline(child: FakeChild, hasty: AgentConnection) -> None:
+    child.false_alarms = 200
+    fails(hasty, FailureReason.TIMEOUT, "act: no answer within the time limit")
+    assert child.false_alarms > 100

@@ -3,15 +3,17 @@
 import json
 import os
 import shutil
+import signal
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import pyseccomp
 import pytest
-from testing.sandbox_runs import SMALL, needs_bubblewrap, needs_root, own_slot, python_spec, shell_spec
+from testing.sandbox_runs import MEBIBYTE, SMALL, needs_bubblewrap, needs_root, own_slot, python_spec, shell_spec
 
 from mdrive_sumo.agent_process.sandbox import (
+    BoxError,
     BoxLimits,
     BoxSpec,
     cgroups,
@@ -20,6 +22,7 @@ from mdrive_sumo.agent_process.sandbox import (
     open_box,
     seccomp,
 )
+from mdrive_sumo.agent_process.sandbox.episode_group import join_episode_group, remove_dead_episode_groups
 from mdrive_sumo.core.errors import InputError
 
 SLOT = own_slot()
@@ -130,6 +133,70 @@ def test_version_2_is_used_where_it_is_delegated(tmp_path: Path) -> None:
     (folder / "cpu.stat").write_text("usage_usec 1500000\nuser_usec 1\n")
     assert (group.oom_killed(), group.peak_memory_bytes(), group.cpu_s()) == (True, 4096, 1.5)
 
+    assert group.reached_own_limit()
+    (folder / "memory.events").write_text("low 0\nhigh 0\nmax 0\noom 0\noom_kill 1\n")
+    assert group.oom_killed() and not group.reached_own_limit()
+
+
+def test_an_episode_has_a_group_beside_those_of_its_boxes(tmp_path: Path) -> None:
+    service = fake_version_2(tmp_path, "cpu memory pids\n")
+    (service / f"{cgroups.EPISODE_PREFIX}7").mkdir()
+    (tmp_path / "cgroup").write_text(f"0::/service/{cgroups.EPISODE_PREFIX}7\n")
+    hierarchy = cgroups.find_hierarchy(tmp_path)
+    assert hierarchy is not None and set(hierarchy.folders.values()) == {service}
+
+
+def test_an_episodes_memory_is_limited_and_its_group_removed() -> None:
+    hierarchy = cgroups.find_hierarchy()
+    if hierarchy is None or hierarchy.version != 1:
+        pytest.skip("needs control groups")
+
+    def drive() -> list[object]:
+        joined = join_episode_group(64 * MEBIBYTE), join_episode_group(64 * MEBIBYTE)
+        with open_box(shell("sleep 600", limits=SMALL)) as box:
+            beside = (hierarchy.folders["memory"] / f"mdrive-box-{box.slot}").is_dir()
+        pid = os.fork()  # the kernel would end the largest process of the group, that is this one
+        if pid == 0:
+            Path("/proc/self/oom_score_adj").write_text("1000")
+            held = bytearray(b"x") * (100 * MEBIBYTE)
+            os._exit(len(held) and 0)
+        return [*joined, beside, os.waitpid(pid, 0)[1], str(os.getpid())]
+
+    found = in_a_child(None, drive)
+    assert isinstance(found, list)
+    group = hierarchy.folders["memory"] / f"{cgroups.EPISODE_PREFIX}{found.pop()}"
+    assert found == [True, True, True, signal.SIGKILL]
+    assert group.is_dir()
+    remove_dead_episode_groups()
+    assert not group.exists()
+
+
+def test_a_box_that_starves_by_the_limit_of_a_group_around_it_is_our_failure() -> None:
+    hierarchy = cgroups.find_hierarchy()
+    if hierarchy is None or hierarchy.version != 1:
+        pytest.skip("needs control groups")
+    outer = hierarchy.folders["memory"] / f"mdrive-test-{os.getpid()}"
+    outer.mkdir()
+
+    def drive() -> str:
+        (outer / "cgroup.procs").write_text("0")
+        (outer / "memory.limit_in_bytes").write_text(str(80 * MEBIBYTE))
+        spec = shell("echo 1000 > /proc/self/oom_score_adj; a=xxxxxxxx; while :; do a=$a$a; done")
+        try:
+            with open_box(spec) as box:
+                box.ready(30.0)
+                box.close()
+        except BoxError as error:
+            return str(error)
+        return "the agent's"
+
+    try:
+        assert (
+            in_a_child(None, drive) == "sandbox: the kernel ended a process of the box for want of memory outside of it"
+        )
+    finally:
+        outer.rmdir()
+
 
 def test_version_2_without_memory_is_not_taken_for_a_limit(tmp_path: Path) -> None:
     fake_version_2(tmp_path, "hugetlb\n")
@@ -165,7 +232,7 @@ def test_a_plain_users_box_limits_the_memory_of_each_process() -> None:
 def test_layers_are_looked_at_from_inside(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine without bubblewrap has none, and the sentence says why."""
     needs_root()
-    expected = ("namespaces", "read-only", "privileges", "seccomp", "uid", "rlimits")
+    expected = ("namespaces", "read-only", "privileges", "seccomp", "private-files", "proc", "uid", "rlimits")
     assert tuple(name for name in check_layers(expected) if name != "cgroup") == expected
     with pytest.raises(InputError, match=r"expected layers among namespaces, .*found walls"):
         check_layers(("namespaces", "walls"))

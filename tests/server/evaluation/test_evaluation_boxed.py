@@ -12,8 +12,10 @@ import pytest
 from testing.archive_samples import packed
 from testing.dask_cluster import cluster
 from testing.sandbox_runs import needs_bubblewrap
+from testing.small_environment import describe_small_environment
 
 from mdrive_sumo.agent_process.sandbox import check_layers
+from mdrive_sumo.agent_process.sandbox.private_files import remove_idle_files
 from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.episode import load_episode
@@ -109,7 +111,7 @@ def test_the_result_is_that_of_eval_and_the_boxes_are_accounted_for(tmp_path: Pa
     assert outcome.result == run_job(again).model_dump(mode="json")
     used = outcome.usage
     assert used is not None and outcome.result is not None
-    assert used["layers"] == list(check_layers(())) != []
+    assert used["layers"] == [layer for layer in check_layers(()) if layer != "private-files"] != []
     assert {box["backend"] for box in used["boxes"].values()} == {"bubblewrap"}
     assert sum(used["latency"]["counts"]) == sum(box["answers"] for box in used["boxes"].values()) > 100
     assert len(used["latency"]["counts"]) == len(used["latency"]["ends_ms"]) + 1
@@ -197,3 +199,17 @@ def test_a_cluster_drives_boxes_as_this_machine_does(tmp_path: Path) -> None:
     assert here.result == there.result
     recorded = [(one.stage / f"{OTHER}.npz").read_bytes() for one in (local, elsewhere)]
     assert recorded[0] == recorded[1]
+
+
+def test_an_agent_with_files_of_its_own_drives_as_one_without(tmp_path: Path) -> None:
+    """The server's default; the digest is that of boxes that share files."""
+    place = tmp_path / "copies"
+    place.mkdir()
+    wanted = task(tmp_path, team(), sandbox=SandboxSettings(required=("private-files", "proc"), copies=place))
+    describe_small_environment(tmp_path / "environments" / "python3.11-numpy")
+    private, shared = driven(wanted), driven(task(tmp_path, team(), job=2))
+    assert private.usage is not None and private.result is not None and shared.result is not None
+    assert "private-files" in private.usage["layers"]
+    assert private.result["digest"] == shared.result["digest"]
+    assert [path.name for path in place.glob("*/*/system-*")] != []
+    remove_idle_files(place)

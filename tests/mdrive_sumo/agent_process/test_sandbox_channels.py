@@ -1,0 +1,191 @@
+"""Two boxes that live at the same time tell each other nothing; without boxes, the same programs do."""
+
+import json
+import os
+import platform
+import random
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from testing.sandbox_runs import AGENTS, PATIENCE_S, SMALL, needs_bubblewrap, own_slot, reachable
+
+from mdrive_sumo.agent_process.sandbox import Box, BoxSpec, open_box
+from mdrive_sumo.agent_process.sandbox.private_files import MEMORY, remove_idle_files
+from mdrive_sumo.core.errors import InputError
+
+pytestmark = [
+    needs_bubblewrap,
+    pytest.mark.slow,
+    pytest.mark.skipif(platform.machine() != "x86_64", reason="the program uses numbers of x86-64"),
+    pytest.mark.skipif(os.geteuid() != 0, reason="needs root"),
+]
+
+SLOT = own_slot()
+BITS = (0, 1, 1, 0, 1, 0, 0, 1, 0, 1)
+"""Ten tries."""
+CHANNELS = (
+    *("record lock", "open file lock", "flock", "lock of a device", "inotify", "aio-nr"),
+    *("residency by mincore", "residency by cachestat", "residency by RWF_NOWAIT", "residency by time"),
+    *("residency by readahead", "futex", "shared pages", "times of a device", "memory of the host"),
+)
+NOISY = {"memory of the host", "residency by time", "residency by readahead", "residency by RWF_NOWAIT"}
+"""Other work on the machine disturbs them, so that it is not required that they work without boxes."""
+BOUND = {"futex", "shared pages"}
+"""Open as long as boxes see the same files, whatever calls are refused."""
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A file that all boxes are shown, on a disk so that its pages can be dropped."""
+    path = tmp_path_factory.mktemp("shared") / "file"
+    path.write_bytes(random.Random(0).randbytes(1 << 20))
+    with path.open("rb") as file:
+        os.fsync(file)
+    path.chmod(0o644)
+    reachable(path.parent)
+    return path
+
+
+class Pair:
+    """A sending and a receiving program."""
+
+    def __init__(self, sender: Box, receiver: Box) -> None:
+        self._files = {name: box.socket.makefile("rw") for name, box in (("send", sender), ("read", receiver))}
+        for box in (sender, receiver):
+            box.socket.settimeout(PATIENCE_S)
+
+    def _ask(self, side: str, words: str) -> object:
+        self._files[side].write(words + "\n")
+        self._files[side].flush()
+        return json.loads(self._files[side].readline())
+
+    def carry(self, channel: str, bit: int) -> str:
+        """What the receiver sees when this bit is sent."""
+        self._ask("read", f"arm {channel}")
+        self._ask("send", f"send {bit} {channel}")
+        seen = self._ask("read", f"read {channel}")
+        self._ask("send", f"rest {channel}")
+        return json.dumps(seen)
+
+
+def find_interpreter() -> tuple[str, dict[Path, str]]:
+    """The system's if there is one: its copy is small."""
+    if Path("/usr/bin/python3").exists():
+        return str(Path("/usr/bin/python3").resolve()), {}
+    name = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    return f"/opt/python/bin/{name}", {Path(sys.base_prefix): "/opt/python"}
+
+
+@contextmanager
+def open_pair(shared: Path, **more: Any) -> Iterator[Pair]:
+    inner = "/shared/file"
+    path = str(shared) if more.get("backend") == "none" else inner
+    python, folder = find_interpreter()
+    readonly = {AGENTS: "/agent", shared.parent: "/shared", **folder}
+    command = (python, "/agent/relay.py", path)
+    specs = [BoxSpec(command, readonly, slot=SLOT + i, limits=SMALL, **more) for i in range(2)]
+    with ExitStack() as stack:
+        yield Pair(*(stack.enter_context(open_box(spec)) for spec in specs))
+
+
+def find_open_channels(pair: Pair) -> dict[str, dict[int, set[str]]]:
+    """The channels through which the receiver saw different things for different bits."""
+    seen = {channel: {0: set[str](), 1: set[str]()} for channel in CHANNELS}
+    for channel in CHANNELS:
+        for bit in BITS:
+            seen[channel][bit].add(pair.carry(channel, bit))
+    return {channel: found for channel, found in seen.items() if found[0] != found[1]}
+
+
+def test_boxes_with_files_of_their_own_exchange_no_bit(shared: Path) -> None:
+    with open_pair(shared, copies=MEMORY) as pair:
+        assert find_open_channels(pair) == {}
+    remove_idle_files(MEMORY, (SLOT, SLOT + 1))
+
+
+def test_boxes_that_share_files_have_no_lock_watch_or_residency(shared: Path) -> None:
+    with open_pair(shared) as pair:
+        assert set(find_open_channels(pair)) <= BOUND
+
+
+def test_without_boxes_every_channel_carries_every_bit(shared: Path) -> None:
+    with open_pair(shared, backend="none") as pair:
+        found = find_open_channels(pair)
+        clear = {channel for channel, (zero, one) in ((c, f.values()) for c, f in found.items()) if not zero & one}
+    assert clear >= set(CHANNELS) - NOISY, set(CHANNELS) - NOISY - clear
+
+
+@pytest.mark.skipif(shutil.which("runsc") is None, reason="needs gVisor")
+def test_boxes_of_gvisor_exchange_no_bit(shared: Path) -> None:
+    with open_pair(shared, backend="gvisor", copies=MEMORY) as pair:
+        assert find_open_channels(pair) == {}
+    remove_idle_files(MEMORY, (SLOT, SLOT + 1))
+
+
+def test_a_slots_copies_are_kept_for_the_next_box_and_renewed_with_the_files(tmp_path: Path) -> None:
+    agent = reachable(tmp_path) / "agent"
+    agent.mkdir()
+    (agent / "text").write_text("one")
+    place = tmp_path / "copies"
+    place.mkdir()
+    spec = BoxSpec(("/bin/sh", "-c", "cat /agent/text"), {agent: "/agent"}, slot=SLOT, copies=place, limits=SMALL)
+
+    def look() -> tuple[bytes, set[int]]:
+        with open_box(spec) as box:
+            box.ready(PATIENCE_S)
+            box.close()
+        return box.log(), {path.stat().st_ino for path in place.rglob("cat")}
+
+    first, again = look(), look()
+    assert first == again == (b"one", first[1])
+    assert (agent / "text").stat().st_ino not in {path.stat().st_ino for path in place.rglob("text")}
+    (agent / "text").unlink()
+    (agent / "text").write_text("two, longer")
+    assert look()[0] == b"two, longer"
+    remove_idle_files(place)
+    assert [path.name for path in place.rglob("*")] == ["mdrive-sumo-files-0"]
+
+
+def test_no_room_for_the_copies_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=0))
+    with pytest.raises(InputError, match=r"sandbox: expected \d+ MiB free in .* found 0 MiB; make it larger"):
+        open_box(BoxSpec(("/bin/true",), {}, slot=SLOT, copies=tmp_path))
+    with pytest.raises(InputError, match="absent, for the files of boxes"):
+        open_box(BoxSpec(("/bin/true",), {}, slot=SLOT, copies=Path("/proc/absent")))
+
+
+def test_what_a_box_is_told_of_the_host_stays_files_that_it_may_read(tmp_path: Path) -> None:
+    """Permissions are copied, links too, hidden folders are left out, what the caller writes meanwhile is seen."""
+    shown = reachable(tmp_path) / "shown"
+    (shown / "secret").mkdir(parents=True)
+    (shown / "secret" / "route").write_text("A to B")
+    (shown / "closed").write_text("closed")
+    (shown / "closed").chmod(0o600)
+    (shown / "link").symlink_to("open")
+    (shown / "open").write_text("open ")
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    text = "cat /shown/link /shown/closed; ls /shown/secret; read line <&3; cat /frames/now"
+    spec = BoxSpec(
+        ("/bin/sh", "-c", text),
+        {shown: "/shown", frames: "/frames"},
+        slot=SLOT,
+        copies=MEMORY,
+        live=frozenset({"/frames"}),
+        hidden=(shown / "secret",),
+    )
+    with open_box(spec) as box:
+        (frames / "now").write_text("frame")
+        (frames / "now").chmod(0o644)
+        box.socket.sendall(b"go\n")
+        box.ready(PATIENCE_S)
+        box.close()
+    assert box.log() == b"open cat: /shown/closed: Permission denied\nframe"
+    assert not list((MEMORY / "mdrive-sumo-files-0" / str(SLOT)).rglob("route"))
+    remove_idle_files(MEMORY, (SLOT,))
