@@ -120,7 +120,7 @@ def _spans(boxes: LidarBoxes, cos: Float, sin: Float, over: Bool) -> tuple[Float
 
 def _slab(start: Float, step: Float, half: Float) -> tuple[Float, Float]:
     """Distances at which start + distance * step enters and leaves [-half, half]."""
-    inverse = 1 / np.where(step == 0, 1e-300, step)
+    inverse = 1 / np.where(abs(step) < 1e-300, 1e-300, step)  # the inverse of a smaller step is infinite
     middle, reach = -start * inverse, half * abs(inverse)
     return middle - reach, middle + reach
 

@@ -7,6 +7,7 @@ users and 40 buildings around the car): at most 10 % below the measured medians.
 from collections.abc import Sequence
 
 from mdrive_sumo.contract import SensorSpec
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.sensing.lidar_sensor import CHANNELS, PROFILES
 from mdrive_sumo.sensing.raster_sensor import MAX_SIZE
@@ -29,7 +30,7 @@ EXTRAS = ("hit_ids", "noise_m", "dropout")
 def price_sensor(spec: SensorSpec) -> float:
     """Return the price of a sensor in CPU time [ms a tick]. Unusable options cost the most; the sensor refuses them."""
     if spec.kind == "bev":
-        return RASTER_MS + PIXEL_MS * _read_size(spec) ** 2
+        return RASTER_MS + PIXEL_MS * portable.square(_read_size(spec))
     if spec.kind == "lidar":
         return _price_lidar(spec)
     return OBJECTS_MS if spec.kind == "objects" else SMALL_MS

@@ -18,7 +18,7 @@ from mdrive_sumo.core.errors import InputError
 from real2sim.hd_map import HdMap
 from real2sim.pipeline import reader_process
 from real2sim.pipeline.log_source import LogSource
-from real2sim.pipeline.reader_process import FAILED, NO_MEMORY, READ, REFUSED, AnnotatedMap
+from real2sim.pipeline.reader_process import FAILED, NO_MEMORY, NO_ROOM, READ, REFUSED, AnnotatedMap
 from real2sim.pipeline.recording_transfer import TransferError, decode_value
 from real2sim.recording import Recording
 
@@ -96,4 +96,6 @@ def _describe_exit(exit_code: int, kind: bytes) -> str:
     if exit_code < 0:
         name = signal.Signals(-exit_code).name
         return f"expected a complete file, found one that crashes its reader ({name}) or needs over {gib} GiB of memory"
+    if exit_code > NO_ROOM:
+        return f"expected room for a temporary file of its reader, found: {os.strerror(exit_code - NO_ROOM)}"
     return f"expected an answer of its reader, found none and the exit code {exit_code}"

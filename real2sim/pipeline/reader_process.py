@@ -21,6 +21,8 @@ from real2sim.pipeline.recording_transfer import encode_value
 ANSWER_BYTES = 4 * 2**30
 READ, REFUSED, FAILED, NO_MEMORY = b"R", b"E", b"F", b"M"
 """First byte of an answer: a value, an InputError, another exception, out of memory."""
+NO_ROOM = 100
+"""Exit code of an answer that cannot be written, plus the error number (below 150)."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +37,14 @@ def main() -> None:
     """Read what standard input orders and answer on what was standard output."""
     order = json.load(sys.stdin)
     _set_limits(order["memory_bytes"], order["cpu_s"])
-    with os.fdopen(os.dup(1), "wb") as answer:
-        os.dup2(2, 1)  # libraries print warnings
-        answer.write(_answer(order))
+    out = os.dup(1)
+    os.dup2(2, 1)  # libraries print warnings
+    answer = _answer(order)
+    try:
+        with os.fdopen(out, "wb") as file:
+            file.write(answer)
+    except OSError as error:
+        sys.exit(NO_ROOM + (error.errno or 0))
 
 
 def _set_limits(memory_bytes: int, cpu_s: int) -> None:

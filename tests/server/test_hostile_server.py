@@ -279,4 +279,4 @@ def test_the_page_shows_the_table() -> None:
 
 
 def test_the_table_has_every_program() -> None:
-    assert {path.stem for path in AGENTS.glob("*.py")} == PROGRAMS.keys() | {"spin", "good", "tell"}
+    assert {path.stem for path in AGENTS.glob("*.py")} == PROGRAMS.keys() | {"spin", "good", "tell", "relay"}

@@ -180,7 +180,7 @@ def test_a_box_that_starves_by_the_limit_of_a_group_around_it_is_our_failure() -
 
     def drive() -> str:
         (outer / "cgroup.procs").write_text("0")
-        (outer / "memory.limit_in_bytes").write_text(str(80 * MEBIBYTE))
+        (outer / "memory.limit_in_bytes").write_text(str(400 * MEBIBYTE))
         spec = shell("echo 1000 > /proc/self/oom_score_adj; a=xxxxxxxx; while :; do a=$a$a; done")
         try:
             with open_box(spec) as box:

@@ -30,7 +30,7 @@ class Oracle:
     def distances(self, rays: Float) -> Float:
         """(R, owners) distance [m] to the nearest outside face of each."""
         best = np.full((len(rays), self.owners), np.inf)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             fall = -self.origin[2] / rays[:, 2]
             best[:, 0] = np.where(rays[:, 2] < 0, fall, np.inf)
             for owner, ring, height in self.rings:

@@ -14,7 +14,7 @@ from testing import archive_samples
 from testing.api_app import API, FakeSuites, Server, another_zip, listening, problem
 from testing.store_samples import NOON, PHASE
 
-from server.api import create_app
+from server.api.app import create_app
 from server.api.check_queue import CheckQueue
 from server.api.subprocess_runner import CallEndedError, SubprocessPool
 from server.archive import verify_contents

@@ -28,7 +28,7 @@ def server(tmp_path: Path) -> Server:
 
 @pytest.fixture
 def admin(server: Server, monkeypatch: pytest.MonkeyPatch) -> Visit:
-    monkeypatch.setattr(sandbox, "examine_layers", lambda _: LAYERS)
+    monkeypatch.setattr(sandbox, "examine_layers", lambda *_: LAYERS)
     return Visit(server, "admin")
 
 
