@@ -155,12 +155,9 @@ def test_the_variables_are_settings_that_fit_the_services() -> None:
 
 
 def test_a_plain_user_in_a_container_has_the_layers_that_are_demanded() -> None:
-    assert set(load_settings(DOCKER / "settings.toml", {}).sandbox.required) == set(
-        ServerSettings().sandbox.required
-    ) - {
-        "uid",
-        "cgroup",
-    }
+    missing = {"uid", "cgroup", "private-files", "proc"}
+    demanded = set(load_settings(DOCKER / "settings.toml", {}).sandbox.required)
+    assert demanded == set(ServerSettings().sandbox.required) - missing
 
 
 def test_only_what_opens_boxes_is_less_confined() -> None:
