@@ -17,6 +17,7 @@ import pytest
 
 from mdrive_sumo.agent_process.sandbox import BoxLimits, BoxReport, BoxSpec, open_box
 from mdrive_sumo.agent_process.sandbox.box_spec import SLOTS
+from mdrive_sumo.agent_process.sandbox.cgroups import find_hierarchy
 from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
 from testing.paths import TESTS
 
@@ -132,8 +133,13 @@ def run(spec: BoxSpec, stays: bool = False) -> Ended:
 
 
 def left_behind(slot: int) -> list[str]:
-    """Processes and control groups of a slot whose box is closed."""
-    groups = [str(path) for path in Path("/sys/fs/cgroup").rglob(f"mdrive-box-{slot}")]
+    """Processes and control groups of a slot whose box is closed.
+
+    Groups are looked for inside the own one only: elsewhere may stand those of a test run that was killed.
+    """
+    hierarchy = find_hierarchy()
+    own = set(hierarchy.folders.values()) if hierarchy else set()
+    groups = [str(folder / f"mdrive-box-{slot}") for folder in own if (folder / f"mdrive-box-{slot}").exists()]
     return groups + [str(pid) for pid in processes_of(FIRST_UID + slot)]
 
 
