@@ -43,6 +43,10 @@ scenarios (our failure or the simulator's, never the agent's) count as DS 0 and 
 mean of DS and SR. IC, LM and LC are InterDrive's groups: intersection crossing, lane merge, lane change;
 static-avoidance, dynamic-avoidance and dynamic-coordination are the interactivity levels of Interaction."""
 
+BESIDE = """\
+No score depends on these: means over the scenarios in which each is defined. Minimum PET: least time from when a CAV
+or another road user leaves a place until the other takes it, at most 5 s. Comfort: share of the CAVs' time in which
+accelerations, jerks and yaw rate are within nuPlan's bounds. Messages: payload that all stations send in a second."""
 MEANS = ("bucket mean", "scenario mean")
 CAPTURED = """\
 Captured cooperation is (agent - the same agent with the channel off) / (omniscient - the same agent with the
@@ -60,6 +64,7 @@ def build_run_report(results: Results, captured: CapturedCooperation | None = No
         _reference_note(results),
         "## Scores",
         _score_table(results, captured),
+        *(("## Beside the score", BESIDE, _scalar_table(results)) if results.overall.scalars else ()),
         "## How it ended",
         _counts("outcome", "CAVs", count_outcomes(results).items()),
         _counts("infraction", "times", count_infractions(results).items()),
@@ -107,6 +112,14 @@ def _score_table(results: Results, captured: CapturedCooperation | None) -> str:
     return format_markdown_table(header, [(f"**{row[0]}**" if row[0] in MEANS else row[0], *row[1:]) for row in rows])
 
 
+def _scalar_table(results: Results) -> str:
+    metrics = [metric for metric in list_scalar_metrics() if metric.name in results.overall.scalars]
+    groups = {name: bucket.scalars for name, bucket in results.buckets.items()}
+    groups["**scenario mean**"] = results.overall.scalars
+    rows = [(name, *(_format_scalar(found.get(m.name), m) for m in metrics)) for name, found in groups.items()]
+    return format_markdown_table(("bucket", *(metric.label for metric in metrics)), rows)
+
+
 def _counts(name: str, unit: str, counts: Iterable[tuple[str, int]], empty: str = "") -> str:
     rows = [(kind, str(count)) for kind, count in counts]
     return format_markdown_table((name, unit), rows) if rows else empty or f"No {name}s."
@@ -134,15 +147,18 @@ def _category_table(results: Results, captured: CapturedCooperation | None) -> s
 def _scenario_table(results: Results) -> str:
     metrics = list_scalar_metrics()
     rows = [
-        (s.id, s.category, *format_scores(s), *(_scalar_cell(s, m) for m in metrics), str(s.ticks), _endings(s))
+        (s.id, s.category, *format_scores(s), *_format_scalars(s, metrics), str(s.ticks), _endings(s))
         for s in results.scenarios
     ]
     header = ("scenario", "category", *SCORE_HEADER, *(metric.label for metric in metrics), "ticks", "CAVs")
     return format_markdown_table(header, rows, left=2)
 
 
-def _scalar_cell(scenario: ScenarioResult, metric: ScalarMetric) -> str:
-    value = scenario.find_scalar(metric.name)
+def _format_scalars(scenario: ScenarioResult, metrics: tuple[ScalarMetric, ...]) -> list[str]:
+    return [_format_scalar(scenario.find_scalar(metric.name), metric) for metric in metrics]
+
+
+def _format_scalar(value: float | None, metric: ScalarMetric) -> str:
     return "-" if value is None else f"{value:.{metric.decimals}f}"
 
 

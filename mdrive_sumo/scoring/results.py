@@ -6,9 +6,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from mdrive_sumo.core.state import End
 
-FORMAT = "mdrive-sumo/results/3"
-READABLE_FORMATS = (FORMAT, "mdrive-sumo/results/2")
-"""Version 2 has no times: its time ratios and efficient success rates are undefined."""
+FORMAT = "mdrive-sumo/results/4"
+READABLE_FORMATS = (FORMAT, "mdrive-sumo/results/3", "mdrive-sumo/results/2")
+"""Version 3 has no scalars but `min_ttc`; version 2 has no times, so time ratios and efficient SR are undefined."""
 
 
 def _six_decimals(value: float) -> float:
@@ -16,6 +16,18 @@ def _six_decimals(value: float) -> float:
 
 
 Number = Annotated[float, AfterValidator(_six_decimals)]
+
+
+def _no_scalars() -> dict[str, float | None]:
+    return {}
+
+
+def _is_empty(scalars: dict[str, float | None]) -> bool:
+    return not scalars
+
+
+Scalars = Annotated[dict[str, Number | None], Field(exclude_if=_is_empty)]
+"""Values of the scalar metrics other than `min_ttc`, null where undefined; absent if there are none."""
 
 
 class _Part(BaseModel):
@@ -79,8 +91,7 @@ class ScenarioResult(Means):
     """Why it is void, else ""."""
     min_ttc: Number | None
     """Least time to contact [s]; null if never within 1.8 s, or void."""
-    scalars: dict[str, Number | None] = Field(default_factory=lambda: {}, exclude_if=lambda scalars: not scalars)
-    """Values of the scalar metrics other than `min_ttc`; absent if there are none."""
+    scalars: Scalars = Field(default_factory=_no_scalars)
     digest: str
     ticks: int
     egos: tuple[EgoResult, ...]
@@ -104,6 +115,8 @@ class BucketResult(Means):
     scenarios: int
     timed: int = 0
     """Over how many of them `time_ratio` is a mean: those in which every CAV arrived."""
+    scalars: Scalars = Field(default_factory=_no_scalars)
+    """Means of the scalar metrics over the scenarios in which each is defined."""
 
 
 class Overall(_Part):
@@ -113,6 +126,8 @@ class Overall(_Part):
     scenario_mean: Means
     timed: int = 0
     """Scenarios in which every CAV arrived; the time ratios are means over these."""
+    scalars: Scalars = Field(default_factory=_no_scalars)
+    """Means of the scalar metrics over the scenarios in which each is defined."""
 
 
 class RunInfo(_Part):
@@ -149,7 +164,7 @@ class RunInfo(_Part):
 class Results(_Part):
     """The whole file."""
 
-    format: Literal["mdrive-sumo/results/3"] = FORMAT
+    format: Literal["mdrive-sumo/results/4"] = FORMAT
     run: RunInfo
     overall: Overall
     buckets: dict[str, BucketResult]

@@ -24,7 +24,17 @@ def compute_overall(scenarios: Sequence[ScenarioResult]) -> Overall:
         bucket_mean=compute_means(compute_bucket_means(scenarios).values()),
         scenario_mean=compute_means(scenarios),
         timed=count_timed(scenarios),
+        scalars=compute_scalar_means(scenarios),
     )
+
+
+def compute_scalar_means(scenarios: Sequence[ScenarioResult]) -> dict[str, float | None]:
+    """Return the mean of each scalar metric but `min_ttc` over the scenarios in which it is defined.
+
+    No driving score depends on them. The minimum TTC has no mean: it is undefined where nothing came close.
+    """
+    names = dict.fromkeys(name for scenario in scenarios for name in scenario.scalars)
+    return {name: compute_mean_of_known(scenario.scalars.get(name) for scenario in scenarios) for name in names}
 
 
 def count_timed(scenarios: Iterable[ScenarioResult]) -> int:
@@ -79,6 +89,11 @@ def compute_group_means(
     for scenario in scenarios:
         groups.setdefault(group_of(scenario), []).append(scenario)
     return {
-        name: BucketResult(scenarios=len(found), timed=count_timed(found), **compute_means(found).model_dump())
+        name: BucketResult(
+            scenarios=len(found),
+            timed=count_timed(found),
+            scalars=compute_scalar_means(found),
+            **compute_means(found).model_dump(),
+        )
         for name, found in sorted(groups.items())
     }

@@ -43,7 +43,8 @@ def with_max_speed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "METRICS", (*METRICS, MAX_SPEED))
 
 
-def test_without_further_scalars_the_file_has_no_key_for_them() -> None:
+def test_without_further_scalars_the_file_has_no_key_for_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "METRICS", tuple(one for one in METRICS if one.name == "min_ttc"))
     assert "scalars" not in json.loads(score().model_dump_json())
 
 
@@ -53,15 +54,17 @@ def test_a_new_scalar_appears_in_the_results_file_and_in_the_report(tmp_path: Pa
     results = summarize_run(info, [score(), make_void_result(scenario(ego("0"), id="void"), 0, "SUMO stopped")])
     save_results(results, tmp_path / "results.json")
     stored = json.loads((tmp_path / "results.json").read_text())["scenarios"]
-    assert stored[0]["scalars"] == {"max_speed": 10.0}
+    assert list(stored[0]["scalars"]) == ["min_pet", "mean_speed", "comfort", "message_rate", "max_speed"]
+    assert stored[0]["scalars"]["max_speed"] == 10.0
     assert stored[0]["min_ttc"] is None
     assert "scalars" not in stored[1]
     loaded = load_results(tmp_path / "results.json")
     assert loaded == results
     table = [line.replace(" ", "") for line in build_run_report(loaded).splitlines()]
-    (header,) = [line for line in table if "maxspeed[m/s]" in line]
-    assert header.endswith("|minTTC[s]|maxspeed[m/s]|ticks|CAVs|")
-    assert any("|-|10.0|" in line for line in table)
+    means, header = [line for line in table if "maxspeed[m/s]" in line]
+    assert means == "|bucket|minPET[s]|speed[m/s]|comfort[%]|messages[B/s]|maxspeed[m/s]|"
+    assert header.endswith("|minTTC[s]|minPET[s]|speed[m/s]|comfort[%]|messages[B/s]|maxspeed[m/s]|ticks|CAVs|")
+    assert "|**scenariomean**|-|10.00|100.0|0|10.0|" in table
 
 
 def test_a_new_infraction_multiplies_the_penalty(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,74 @@
+"""Minimum post-encroachment time of boxes of 4.9 x 2.0 m, against hand values and all pairs of frames with shapely."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import Polygon, box
+from shapely.affinity import rotate, translate
+from testing.sampling import examples
+from testing.score_golden import BOX, Row, actor, ego, episode, scenario, straight
+
+from mdrive_sumo.core.state import End
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.scoring.metrics.min_pet import HORIZON_S, MIN_TURN, compute_min_pet
+
+
+def two(first: list[Row], second: list[Row]) -> EpisodeRecord:
+    about = scenario(ego("0"), ego("1"))
+    return episode(about, {"0": first, "1": second}, {"0": End.TIMED_OUT, "1": End.TIMED_OUT})
+
+
+def northward(ticks: int, x: float, begin: float, speed: float = 10.0) -> list[Row]:
+    return [(x, begin + speed * tick / 20, math.pi / 2, speed) for tick in range(ticks)]
+
+
+@pytest.mark.parametrize(("begin", "expected"), [(-30.0, 2.4), (-20.0, 1.4), (20.0, None), (0.0, 0.0)])
+def test_two_cross_at_ten_metres_a_second(begin: float, expected: float | None) -> None:
+    """The rear of the first leaves x = 21 (side of the other) at (21 + 2.45 - 20) / 10 s after its centre is there.
+
+    The other's front enters y = -1 at (-1 - 2.45 - begin) / 10 s. With begin = -30 that is 2.655 s; the first has left
+    at 0.345 s (it starts in x = 20): 2.31 s, on frames of 0.1 s 2.4.
+    """
+    first = straight(100, begin=20.0)
+    assert compute_min_pet(two(first, northward(100, 20.0, begin))) == expected
+
+
+def test_one_behind_the_other_has_no_conflict() -> None:
+    assert compute_min_pet(two(straight(100), straight(100, begin=-10.0))) is None
+
+
+def test_what_never_moves_is_left_out() -> None:
+    """A parked car is driven through: a collision, but no place was left and taken."""
+    parked = actor(20.0, 0.0, math.pi / 2)
+    assert compute_min_pet(episode(scenario(), {"0": straight(100)}, {"0": End.TIMED_OUT}, actors=parked)) is None
+
+
+def outline(row: Row) -> Polygon:
+    x, y, yaw, _ = row
+    length, width = BOX
+    return translate(rotate(box(-length / 2, -width / 2, length / 2, width / 2), yaw, use_radians=True), x, y)
+
+
+def expected_pet(first: list[Row], second: list[Row]) -> float | None:
+    """The least time between any two frames 0.1 s apart in which outlines overlap across."""
+    least = None
+    for a, own in list(enumerate(first))[::2]:
+        for b, other in list(enumerate(second))[::2]:
+            apart = abs(a - b) / 20
+            turn = abs(math.remainder(other[2] - own[2], math.tau))
+            near = math.hypot(other[0] - own[0], other[1] - own[1]) < math.hypot(*BOX)
+            if near and turn >= MIN_TURN and apart <= HORIZON_S and outline(own).overlaps(outline(other)):
+                least = apart if least is None else min(least, apart)
+    return least
+
+
+@settings(max_examples=examples(20, 200))
+@given(st.floats(-3.0, 3.0), st.floats(2.0, 12.0), st.floats(-25.0, 25.0))
+def test_equals_the_least_over_all_pairs_of_frames(yaw: float, speed: float, offset: float) -> None:
+    first = straight(60, begin=-10.0)
+    steps = (offset + speed * np.arange(60) / 20).tolist()
+    second = [(5.0 + s * math.cos(yaw), s * math.sin(yaw), yaw, speed) for s in steps]
+    assert compute_min_pet(two(first, second)) == pytest.approx(expected_pet(first, second))
