@@ -73,6 +73,11 @@ class EpisodeSimulation:
         """Ids of the CAVs in the world, also of those whose agent failed, in the order of the scenario file."""
         return tuple(ego for ego in self._egos if ego not in self._endings)
 
+    @property
+    def failed_agents(self) -> dict[str, str]:
+        """Why the agent of a CAV failed, by CAV id."""
+        return {ego: f"{failure.failure}: {failure.text}" for ego, failure in self._failures.items()}
+
     def reset(self) -> dict[str, Observation]:
         """Start the episode; return the observations of its first frame by CAV.
 
