@@ -55,8 +55,8 @@ def command(
 ) -> None:
     """Compare an agent's plans and detections with recorded drives, without driving.
 
-    The agent sees every second frame of a recording, with its messages over the channel; each fifth of a second its
-    plan is compared with what the CAV did in the next 3 s, and its detections with what was there within 70 m.
+    The agent sees five frames a second of a recording, with messages over the channel. Each plan is compared with what
+    the CAV did in the next 3 s, and detections with what was there within 70 m.
 
     Exit codes: 0 all recordings were compared, 2 unusable input, 130 interrupted.
     """

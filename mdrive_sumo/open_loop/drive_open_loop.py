@@ -17,8 +17,6 @@ from mdrive_sumo.open_loop.detection_precision import DetectionCounts, match_fra
 from mdrive_sumo.open_loop.plan_errors import PlanErrors, compute_plan_errors
 from mdrive_sumo.open_loop.recorded_frames import RecordedFrames
 
-SCORED_EVERY_TICKS = 4
-"""5 Hz: the rate at which the systems of the paper plan."""
 TRUTH_RANGE_M = 70.0
 """Road users this far from the CAV [m] count in average precision, hidden ones as well: our own choice."""
 
@@ -51,9 +49,8 @@ def drive_open_loop(
     while not simulation.is_done:
         tick = simulation.tick
         replies = scheduler.collect_replies(tick, observations)
-        if tick % SCORED_EVERY_TICKS == 0:
-            for ego, reply in replies.items():
-                _score_reply(samples, episode, tick, columns[ego], reply)
+        for ego, reply in replies.items():
+            _score_reply(samples, episode, tick, columns[ego], reply)
         observations = simulation.step(replies, busy=scheduler.find_busy(tick + 1))
     samples.failures = simulation.failed_agents
     return samples

@@ -7,12 +7,12 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, Frame
 from mdrive_sumo.episode import EpisodeRecord, rebuild_frame
 
-STRIDE = 2
-"""Ticks between frames: 10 Hz, as the logs of V2XPnP (protocol 13.1)."""
+STRIDE = 4
+"""Ticks between frames: 5 Hz, the rate at which the systems of the paper plan; logs have 10 Hz (protocol 13.1)."""
 
 
 class RecordedFrames:
-    """Every second frame of a recording; a CAV ends with the last frame in which it is in the world."""
+    """Every fourth frame of a recording; a CAV ends with the last frame in which it is in the world."""
 
     def __init__(self, episode: EpisodeRecord) -> None:
         """Raises InputError for an episode in which a CAV is not in the world in tick 0."""
@@ -28,7 +28,7 @@ class RecordedFrames:
         return self._build_frame(0)
 
     def advance(self, frame: Frame, controls: Mapping[str, Control]) -> Frame:
-        """Return the recorded frame two ticks later, whatever the controls are."""
+        """Return the recorded frame four ticks later, whatever the controls are."""
         del controls
         return self._build_frame(frame.tick + STRIDE)
 
