@@ -14,7 +14,17 @@ import msgpack
 import numpy as np
 
 from mdrive_sumo.agent_process.wire_protocol import DTYPES
-from mdrive_sumo.contract import MAX_MESSAGES, MAX_PLAN_POINTS, Control, Message, Note, Plan, Reply, SensorSpec
+from mdrive_sumo.contract import (
+    MAX_MESSAGES,
+    MAX_PLAN_POINTS,
+    Control,
+    Detections,
+    Message,
+    Note,
+    Plan,
+    Reply,
+    SensorSpec,
+)
 from mdrive_sumo.loop.agent_driver import shorten, validate_reply
 
 T = TypeVar("T")
@@ -76,13 +86,14 @@ def read_reply(value: object) -> Reply:
     """Return one CAV's checked reply; raises AgentFailure, too."""
     if value is None:
         return validate_reply(None)
-    fields = _check_fields(value, "Reply", ("control", "plan", "messages", "notes"))
+    fields = _check_fields(value, "Reply", ("control", "plan", "messages", "notes", "detections"))
     return validate_reply(
         Reply(
             control=None if fields["control"] is None else _read_control(fields["control"]),
             plan=None if fields["plan"] is None else _read_plan(fields["plan"]),
             messages=tuple(_read_message(item) for item in _check_list(fields["messages"], "messages", MAX_MESSAGES)),
             notes=tuple(_read_note(item) for item in _check_list(fields["notes"], "notes", MAX_ITEMS)),
+            detections=None if fields["detections"] is None else _read_detections(fields["detections"]),
         )
     )
 
@@ -136,6 +147,12 @@ def _read_plan(value: object) -> Plan:
     fields = _check_fields(value, "Plan", ("points", "interval_s", "controller"))
     interval_s = _check_number(fields["interval_s"], "interval_s")
     return Plan(_read_points(fields["points"]), interval_s, _check_type(fields["controller"], str, "controller"))
+
+
+def _read_detections(value: object) -> Detections:
+    fields = _check_fields(value, "Detections", ("boxes", "scores"))
+    arrays = {name: _check_type(array, dict, f"detections: {name}") for name, array in fields.items()}
+    return Detections(**{name: _read_array(array, f"detections: {name}") for name, array in arrays.items()})
 
 
 def _read_points(value: object) -> Any:

@@ -30,8 +30,8 @@ Array = npt.NDArray[Any]
 _CLASSES = {
     cls.__name__: cls
     for cls in (
-        contract.Briefing, contract.Control, contract.Gnss, contract.Imu, contract.Message, contract.Note,
-        contract.Objects, contract.Observation, contract.OwnState, contract.Plan, contract.PointCloud,
+        contract.Briefing, contract.Control, contract.Detections, contract.Gnss, contract.Imu, contract.Message,
+        contract.Note, contract.Objects, contract.Observation, contract.OwnState, contract.Plan, contract.PointCloud,
         contract.Privileged, contract.Raster, contract.Reply, contract.SensorSpec, contract.StopSign,
         contract.TrafficLight, contract.VehicleFacts,
     )

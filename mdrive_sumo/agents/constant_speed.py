@@ -44,9 +44,11 @@ class ConstantSpeedAgent:
         lateral, braking = CONSTANT_SPEED.lateral_acceleration, CONSTANT_SPEED.braking
         self._follower = PathFollower(path)
         self._limits = compute_curve_speeds(path, self._speed, lateral, braking)
-        self._tick_s = briefing.tick_s
+        self._tick_s, self._tick = briefing.tick_s, -1
 
     def act(self, seen: Observation) -> Reply:
         """Return a plan that accelerates until the speed is reached."""
         self._follower.update(seen.own.x, seen.own.y, seen.own.speed)
-        return Reply(plan=self._follower.advance(CONSTANT_SPEED.acceleration, self._limits, self._tick_s))
+        elapsed_s = (seen.tick - self._tick) * self._tick_s  # of several ticks in open loop, or if replies are late
+        self._tick = seen.tick
+        return Reply(plan=self._follower.advance(CONSTANT_SPEED.acceleration, self._limits, elapsed_s))

@@ -1,6 +1,6 @@
 """`sharing`: drives by its own detections and those that others share."""
 
-from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.contract import Briefing, Detections, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config
 from mdrive_sumo.perception.object_tracker import ObjectTracker
 from mdrive_sumo.planning.driving_options import DrivingOptions
@@ -34,7 +34,11 @@ class SharingAgent:
         if self._ego_planner is None:
             self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
         notes = self._tracker.receive(seen.messages)
+        detections = None
         if self._ego_planner.track_ego(seen):
-            self._ego_planner.update_plan(seen, self._tracker.update(seen))
+            tracked = self._tracker.update(seen)
+            detections = Detections.from_objects(tracked)
+            self._ego_planner.update_plan(seen, tracked)
         plan = self._ego_planner.planner.build_plan(seen.tick)
-        return Reply(plan=plan, messages=self._awareness.compose_messages(seen), notes=notes)
+        messages = self._awareness.compose_messages(seen)
+        return Reply(plan=plan, messages=messages, notes=notes, detections=detections)

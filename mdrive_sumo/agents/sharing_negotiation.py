@@ -1,7 +1,7 @@
 """`sharing+negotiation`: perception sharing and negotiation together."""
 
 from mdrive_sumo.agents.sharing import SharingAgent
-from mdrive_sumo.contract import Briefing, Observation, Reply
+from mdrive_sumo.contract import Briefing, Detections, Observation, Reply
 from mdrive_sumo.negotiation import NegotiationInterface, RuleNegotiator
 from mdrive_sumo.planning.ego_planner import EgoPlanner, exclude_objects
 
@@ -24,10 +24,13 @@ class SharingNegotiationAgent(SharingAgent):
         planner = self._ego_planner.planner
         notes = self._tracker.receive(seen.messages)
         self._negotiation.receive(seen)
+        detections = None
         if self._ego_planner.track_ego(seen):
             names, motions = self._negotiation.predict_announced_motions(seen, planner)
-            self._ego_planner.update_plan(seen, exclude_objects(self._tracker.update(seen), names), motions)
+            tracked = self._tracker.update(seen)
+            detections = Detections.from_objects(tracked)
+            self._ego_planner.update_plan(seen, exclude_objects(tracked, names), motions)
         plan = planner.build_plan(seen.tick)
         step = self._negotiation.negotiate(seen, planner, plan.points)
         messages = self._awareness.compose_messages(seen) + step.messages
-        return Reply(plan=plan, messages=messages, notes=notes + step.notes)
+        return Reply(plan=plan, messages=messages, notes=notes + step.notes, detections=detections)

@@ -1,6 +1,6 @@
 """`single`: drives by its own sensors."""
 
-from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.contract import Briefing, Detections, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config
 from mdrive_sumo.perception.object_tracker import ObjectTracker
 from mdrive_sumo.planning.driving_options import DrivingOptions
@@ -29,6 +29,9 @@ class SingleAgent:
         """Return the plan, updated when it is due."""
         if self._ego_planner is None:
             self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
+        detections = None
         if self._ego_planner.track_ego(seen):
-            self._ego_planner.update_plan(seen, self._tracker.update(seen))
-        return Reply(plan=self._ego_planner.planner.build_plan(seen.tick))
+            tracked = self._tracker.update(seen)
+            detections = Detections.from_objects(tracked)
+            self._ego_planner.update_plan(seen, tracked)
+        return Reply(plan=self._ego_planner.planner.build_plan(seen.tick), detections=detections)

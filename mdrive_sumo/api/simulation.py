@@ -11,7 +11,7 @@ from mdrive_sumo.api.scenario_source import find_scenario
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import FailureReason, Frame
-from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, run_episode
+from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, SimulatedFrames, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, validate_reply
 from mdrive_sumo.loop.episode_config import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.loop.open_world import open_world
@@ -146,7 +146,10 @@ class Simulation:
             raise InputError("Simulation: agent_clock: expected none, for the caller replies in the tick it was asked")
         self._config = _make_config(self.scenario, self.roads, seed, "external", options)
         self._world: SumoWorld | None = None
-        self._simulation = EpisodeSimulation(self._config, open_world(self._config), self._sensors)
+        self._simulation = self._make_simulation(open_world(self._config))
+
+    def _make_simulation(self, world: SumoWorld) -> EpisodeSimulation:
+        return EpisodeSimulation(self._config, SimulatedFrames(self._config, world), self._sensors)
 
     @classmethod
     def close_open(cls) -> None:
@@ -188,7 +191,7 @@ class Simulation:
         """Start the episode, or start it anew, and return the first observations by CAV id. Raises WorldError."""
         Simulation.close_open()
         self._world = open_world(self._config)
-        self._simulation = EpisodeSimulation(self._config, self._world, self._sensors)
+        self._simulation = self._make_simulation(self._world)
         self._world.__enter__()
         Simulation._open = self
         return self._simulation.reset()

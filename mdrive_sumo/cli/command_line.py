@@ -14,6 +14,7 @@ PLUG_IN_GROUP = "mdrive_sumo.commands"
 
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "eval": ("evaluate", "Drive a suite with an agent and score it."),
+    "eval-open": ("evaluate_open", "Compare an agent's plans and detections with recorded drives."),
     "list": ("list", "List suites, scenarios, agents or networks."),
     "show": ("show", "Draw a scenario."),
     "view": ("view", "Replay a recorded episode in the browser."),

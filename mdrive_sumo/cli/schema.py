@@ -9,6 +9,7 @@ import click
 from mdrive_sumo import contract
 from mdrive_sumo.episode import build_episode_schema
 from mdrive_sumo.generate.proposal import Proposal
+from mdrive_sumo.open_loop import OpenLoopResults
 from mdrive_sumo.roads import NetworkFile
 from mdrive_sumo.scenario.reference_times import ReferenceTimesFile
 from mdrive_sumo.scenario.scenario import Scenario
@@ -24,6 +25,7 @@ SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
     "suite": SuiteFile.model_json_schema,
     "reference-times": ReferenceTimesFile.model_json_schema,
     "episode": build_episode_schema,
+    "open-loop": OpenLoopResults.model_json_schema,
 }
 
 

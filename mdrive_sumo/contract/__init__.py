@@ -23,6 +23,7 @@ from mdrive_sumo.contract.exchange import (
 )
 from mdrive_sumo.contract.reply_check import (
     CONTROL_STEP,
+    MAX_DETECTIONS,
     MAX_MESSAGES,
     MAX_NOTES,
     MAX_PLAN_POINTS,
@@ -31,9 +32,10 @@ from mdrive_sumo.contract.reply_check import (
     check_reply,
 )
 from mdrive_sumo.contract.schema import CONTRACT, schema
-from mdrive_sumo.contract.sensors import Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
+from mdrive_sumo.contract.sensors import Detections, Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
 
 __all__ = [
+    "Detections",
     "Gnss",
     "Imu",
     "Objects",
@@ -56,6 +58,7 @@ __all__ = [
     "Privileged",
     "Reply",
     "CONTROL_STEP",
+    "MAX_DETECTIONS",
     "MAX_MESSAGES",
     "MAX_NOTES",
     "MAX_PLAN_POINTS",

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Protocol
 
 from mdrive_sumo.contract.briefing import Briefing
-from mdrive_sumo.contract.sensors import Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
+from mdrive_sumo.contract.sensors import Detections, Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
 from mdrive_sumo.core.geometry import Float
 
 LABELS = ("single", "sharing", "negotiation", "joint", "privileged")
@@ -122,12 +122,14 @@ class Observation:
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """An agent's answer: a control or a plan (exactly one), and what it says to others."""
+    """An agent's answer: a control or a plan (exactly one), what it says to others, and what it has detected."""
 
     control: Control | None = None
     plan: Plan | None = None
     messages: tuple[Message, ...] = ()
     notes: tuple[Note, ...] = ()
+    detections: Detections | None = None
+    """Scored in open loop, without effect otherwise; None unless the agent has looked in this tick."""
 
 
 class Agent(Protocol):

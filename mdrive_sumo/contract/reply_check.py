@@ -7,8 +7,10 @@ from typing import Any, cast
 import numpy as np
 
 from mdrive_sumo.contract.exchange import Control, Message, Note, Plan, Reply
+from mdrive_sumo.contract.sensors import Detections
 
 MAX_PLAN_POINTS = 200
+MAX_DETECTIONS = 1000
 MAX_MESSAGES = 64
 """In one reply."""
 MAX_NOTES = 200_000
@@ -29,7 +31,7 @@ def check_reply(reply: object, controllers: frozenset[str]) -> Reply:
         raise ReplyError(f"expected a Reply, found {type(reply).__name__}")
     if (reply.control is None) == (reply.plan is None):
         raise ReplyError("expected either a control or a plan, found " + ("neither" if reply.plan is None else "both"))
-    attachments = _check_messages(reply.messages), _check_notes(reply.notes)
+    attachments = _check_messages(reply.messages), _check_notes(reply.notes), _check_detections(reply.detections)
     if reply.control is not None:
         return Reply(_check_control(reply.control), None, *attachments)
     return Reply(None, _check_plan(reply.plan, controllers), *attachments)
@@ -58,6 +60,28 @@ def _check_notes(notes: object) -> tuple[Note, ...]:
     if (size := sum(len(note.text) for note in checked)) > MAX_NOTES:
         raise ReplyError(f"notes: expected at most {MAX_NOTES} characters a tick, found {size}")
     return checked
+
+
+def _check_detections(detections: object) -> Detections | None:
+    if detections is None:
+        return None
+    if not isinstance(detections, Detections):
+        raise ReplyError(f"detections: expected Detections or None, found {type(detections).__name__}")
+    try:
+        boxes = np.array(detections.boxes, dtype=np.float64)
+        scores = np.array(detections.scores, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ReplyError("detections: expected numbers for boxes and scores") from None
+    if boxes.ndim != 2 or boxes.shape[1] != 5 or scores.shape != (len(boxes),) or len(boxes) > MAX_DETECTIONS:
+        raise ReplyError(
+            f"detections: expected boxes (0..{MAX_DETECTIONS}, 5) and as many scores, found {boxes.shape} and "
+            f"{scores.shape}"
+        )
+    if not np.isfinite(boxes).all() or (boxes[:, 3:] <= 0.0).any() or (np.abs(boxes) > 1e6).any():
+        raise ReplyError("detections: expected finite boxes of positive size within 1000 km of the origin")
+    if not ((scores >= 0.0) & (scores <= 1.0)).all():  # NaN fails too
+        raise ReplyError("detections: expected scores in [0, 1]")
+    return Detections(boxes, scores)
 
 
 def _describe_count(value: object) -> str:

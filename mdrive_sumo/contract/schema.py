@@ -10,7 +10,7 @@ from mdrive_sumo.contract.exchange import Observation, Reply
 from mdrive_sumo.contract.reply_check import CONTROL_STEP
 from mdrive_sumo.contract.sensors import SensorSpec
 
-CONTRACT = "mdrive-sumo/contract/2"
+CONTRACT = "mdrive-sumo/contract/3"
 CROSSING: tuple[type, ...] = (SensorSpec, Briefing, Observation, Reply)
 
 

@@ -42,6 +42,22 @@ class Objects(RoadUsers):
 
 
 @dataclass(frozen=True, slots=True)
+class Detections:
+    """What an agent takes to be around its car in the tick of the observation; open loop scores it (`eval-open`)."""
+
+    boxes: Float
+    """(N, 5): x, y [m] of the box centre in the world frame, yaw [rad], length, width [m]."""
+    scores: Float
+    """(N,) confidence in [0, 1]: only its order counts."""
+
+    @classmethod
+    def from_objects(cls, objects: RoadUsers) -> "Detections":
+        """Return the boxes of objects or tracks, all with score 1: the first ones count as the most certain."""
+        columns = (objects.x, objects.y, objects.yaw, objects.length, objects.width)
+        return cls(np.stack(columns, axis=-1), np.ones(len(objects.ids)))
+
+
+@dataclass(frozen=True, slots=True)
 class PointCloud:
     """One LiDAR scan in the sensor's own frame (x ahead, y left, z up)."""
 

@@ -12,6 +12,7 @@ from mdrive_sumo.episode.episode import (
 from mdrive_sumo.episode.episode_file import load_episode, save_episode
 from mdrive_sumo.episode.episode_schema import build_episode_schema
 from mdrive_sumo.episode.quantization import quantize_frame
+from mdrive_sumo.episode.recorded_frame import rebuild_frame
 from mdrive_sumo.episode.recorder import Recorder
 
 __all__ = [
@@ -26,5 +27,6 @@ __all__ = [
     "build_episode_schema",
     "load_episode",
     "quantize_frame",
+    "rebuild_frame",
     "save_episode",
 ]

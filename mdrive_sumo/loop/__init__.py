@@ -4,7 +4,18 @@
 """
 
 from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig, EpisodeOptions
-from mdrive_sumo.loop.episode_runner import run_episode
-from mdrive_sumo.loop.episode_simulation import EpisodeSimulation, World
+from mdrive_sumo.loop.episode_runner import run_episode, start_agents
+from mdrive_sumo.loop.episode_simulation import EpisodeSimulation
+from mdrive_sumo.loop.frame_source import FrameSource, SimulatedFrames, World
 
-__all__ = ["VEHICLE", "EpisodeConfig", "EpisodeOptions", "EpisodeSimulation", "World", "run_episode"]
+__all__ = [
+    "VEHICLE",
+    "EpisodeConfig",
+    "EpisodeOptions",
+    "EpisodeSimulation",
+    "FrameSource",
+    "SimulatedFrames",
+    "World",
+    "run_episode",
+    "start_agents",
+]

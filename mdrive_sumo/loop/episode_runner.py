@@ -7,7 +7,8 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure
 from mdrive_sumo.loop.agent_scheduler import AgentScheduler
 from mdrive_sumo.loop.episode_config import EpisodeConfig
-from mdrive_sumo.loop.episode_simulation import EpisodeSimulation, World
+from mdrive_sumo.loop.episode_simulation import EpisodeSimulation
+from mdrive_sumo.loop.frame_source import FrameSource, SimulatedFrames, World
 
 
 def run_episode(config: EpisodeConfig, world: World, drivers: Mapping[str, AgentDriver]) -> EpisodeRecord:
@@ -16,9 +17,23 @@ def run_episode(config: EpisodeConfig, world: World, drivers: Mapping[str, Agent
     `drivers` maps the id of every CAV to its agent. If an agent fails, its own CAV brakes to a stop; others drive on.
     Raises InputError for an invalid sensor and WorldError if the simulator fails.
     """
+    simulation = start_agents(config, SimulatedFrames(config, world), drivers)
+    scheduler = AgentScheduler(drivers, config.options.clock, config.think_times, simulation.fail_agent)
+    observations = simulation.reset()
+    while not simulation.is_done:
+        replies = scheduler.collect_replies(simulation.tick, observations)
+        observations = simulation.step(replies, busy=scheduler.find_busy(simulation.tick + 1))
+    return simulation.finish(scheduler.think_times)
+
+
+def start_agents(config: EpisodeConfig, frames: FrameSource, drivers: Mapping[str, AgentDriver]) -> EpisodeSimulation:
+    """Ask the agents for their sensors, brief them, and return the simulation, which has not been reset yet.
+
+    An agent that fails leaves its CAV without one. Raises InputError for an invalid sensor.
+    """
     failures: dict[str, AgentFailure] = {}
     sensors = {ego.id: _declare_sensors(ego.id, drivers, failures) for ego in config.scenario.egos}
-    simulation = EpisodeSimulation(config, world, sensors)
+    simulation = EpisodeSimulation(config, frames, sensors)
     for ego, briefing in simulation.briefings.items():
         if ego not in failures:
             try:
@@ -27,12 +42,7 @@ def run_episode(config: EpisodeConfig, world: World, drivers: Mapping[str, Agent
                 failures[ego] = error
     for ego, error in failures.items():
         simulation.fail_agent(ego, error)
-    scheduler = AgentScheduler(drivers, config.options.clock, config.think_times, simulation.fail_agent)
-    observations = simulation.reset()
-    while not simulation.is_done:
-        replies = scheduler.collect_replies(simulation.tick, observations)
-        observations = simulation.step(replies, busy=scheduler.find_busy(simulation.tick + 1))
-    return simulation.finish(scheduler.think_times)
+    return simulation
 
 
 def _declare_sensors(

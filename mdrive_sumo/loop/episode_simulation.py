@@ -2,15 +2,14 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol
 
-from mdrive_sumo.actors import ScriptedActors
 from mdrive_sumo.contract import STANDSTILL, Briefing, Control, Message, Observation, Plan, Reply, SensorSpec
 from mdrive_sumo.core.seeding import derive_seed
-from mdrive_sumo.core.state import TICKS_PER_SECOND, Actors, EgoState, End, Frame, Kind, WorldState
+from mdrive_sumo.core.state import TICKS_PER_SECOND, End, Frame
 from mdrive_sumo.episode import Ending, EpisodeRecord, ReceivedMessages, Recorder, ThinkTime, quantize_frame
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig
+from mdrive_sumo.loop.frame_source import FrameSource
 from mdrive_sumo.loop.pseudonyms import rename_senders
 from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.scoring import criteria
@@ -19,22 +18,7 @@ from mdrive_sumo.sensing.observation_builder import ObservationBuilder, SensorCo
 from mdrive_sumo.sensing.roadside_units import RoadsideUnits
 from mdrive_sumo.sensing.sensing_frame import SensingFrame
 from mdrive_sumo.v2x.channel import Channel
-from mdrive_sumo.vehicle import contact, control, dynamics
-
-
-class World(Protocol):
-    """The simulator of everything but CAVs and scripted actors: `sumo.SumoWorld`, or a fake in tests."""
-
-    def start(self, egos: Mapping[str, EgoState], scripted: Actors) -> WorldState:
-        """Place CAVs and scripted actors, and return the state of everything else in frame 0."""
-        ...
-
-    def advance(self, egos: Mapping[str, EgoState], scripted: Actors, struck: Collection[str]) -> WorldState:
-        """Place CAVs and scripted actors for the next tick, advance everything else by one tick and return its state.
-
-        CAVs that are not named leave the world. `struck`: ids of the actors that a CAV touched in the last frame.
-        """
-        ...
+from mdrive_sumo.vehicle import control, dynamics
 
 
 class EpisodeSimulation:
@@ -43,32 +27,24 @@ class EpisodeSimulation:
     The caller owns the loop and the agents; `run_episode` is such a caller.
     """
 
-    def __init__(self, config: EpisodeConfig, world: World, sensors: Mapping[str, tuple[SensorSpec, ...]]) -> None:
+    def __init__(
+        self, config: EpisodeConfig, frames: FrameSource, sensors: Mapping[str, tuple[SensorSpec, ...]]
+    ) -> None:
         """`sensors` maps the id of every CAV to its sensors. Raises InputError for an invalid sensor."""
         scenario = config.scenario
-        self._config, self._world = config, world
-        self._time_limit = criteria.compute_time_limit_ticks(scenario)
-        self._references = {ego.id: criteria.build_route_reference(ego) for ego in scenario.egos}
-        self._progress = {ego.id: criteria.RouteProgress() for ego in scenario.egos}
-        self._vehicle_states = {
-            ego.id: dynamics.initial_state(ego.start.x, ego.start.y, ego.start.yaw, ego.start_speed)
-            for ego in scenario.egos
-        }
-        self._vehicle = replace(VEHICLE, grip=config.road_grip)
-        self._vehicles = dict.fromkeys(self._vehicle_states, self._vehicle)
-        self._walls = contact.build_walls(building.outline for building in config.roads.buildings)
-        self._scripted = ScriptedActors(scenario, config.roads, config.options.actor_mode)
+        egos = [ego.id for ego in scenario.egos]
+        self._config, self._frames, self._egos = config, frames, egos
         self._controllers: dict[tuple[str, str], control.Controller] = {}
-        self._controls: dict[str, Control] = dict.fromkeys(self._vehicle_states, STANDSTILL)
+        self._controls: dict[str, Control] = dict.fromkeys(egos, STANDSTILL)
         self._plans: dict[str, Plan] = {}
         self._endings: dict[str, Ending] = {}
         self._failures: dict[str, Ending] = {}
         """The CAVs without a working agent; their endings once they stand and nothing else drives."""
-        self._pending_messages: dict[str, tuple[Message, ...]] = dict.fromkeys(self._vehicle_states, ())
+        self._pending_messages: dict[str, tuple[Message, ...]] = dict.fromkeys(egos, ())
         self._received: ReceivedMessages = {}
         self._scene: SensingFrame | None = None
         self._frame: Frame | None = None
-        self._dimensions = dict.fromkeys(self._vehicle_states, (VEHICLE.length, VEHICLE.width))
+        self._dimensions = dict.fromkeys(egos, (VEHICLE.length, VEHICLE.width))
         self._recorder = Recorder(scenario.id, config.about, self._dimensions, config.pseudonyms)
         self._channel = Channel(config.options.comm, derive_seed(config.seed, scenario.id, "channel"))
         self.briefings: Mapping[str, Briefing] = self._build_briefings()
@@ -95,19 +71,21 @@ class EpisodeSimulation:
     @property
     def active_egos(self) -> tuple[str, ...]:
         """Ids of the CAVs in the world, also of those whose agent failed, in the order of the scenario file."""
-        return tuple(ego for ego in self._vehicle_states if ego not in self._endings)
+        return tuple(ego for ego in self._egos if ego not in self._endings)
+
+    @property
+    def failed_agents(self) -> dict[str, str]:
+        """Why the agent of a CAV failed, by CAV id."""
+        return {ego: f"{failure.failure}: {failure.text}" for ego, failure in self._failures.items()}
 
     def reset(self) -> dict[str, Observation]:
-        """Place every CAV on its start with its start speed; return the observations of frame 0 by CAV.
+        """Start the episode; return the observations of its first frame by CAV.
 
         Raises RuntimeError on a second call: a world runs one episode.
         """
         if self._frame is not None:
             raise RuntimeError("episode: expected one reset(), found a second one")
-        states = _ego_states(self._vehicle_states)
-        around = self._world.start(states, self._scripted.present)
-        actors = around.actors.merge(self._scripted.present)
-        self._frame = quantize_frame(Frame(0, states, actors, around.signals))
+        self._frame = quantize_frame(self._frames.start())
         return self._begin_tick(())
 
     def step(self, replies: Mapping[str, Reply], busy: Collection[str] = ()) -> dict[str, Observation]:
@@ -122,7 +100,7 @@ class EpisodeSimulation:
         self._end_tick(replies)
         if self.is_done:
             return {}
-        self._frame = quantize_frame(self._advance(self.frame))
+        self._frame = quantize_frame(self._frames.advance(self.frame, self._controls))
         return self._begin_tick(busy)
 
     def fail_agent(self, ego: str, error: AgentFailure) -> None:
@@ -146,7 +124,7 @@ class EpisodeSimulation:
 
     def _build_briefings(self) -> dict[str, Briefing]:
         config, facts = self._config, dynamics.to_vehicle_facts(VEHICLE)
-        limit_s = self._time_limit / TICKS_PER_SECOND
+        limit_s = criteria.compute_time_limit_ticks(config.scenario) / TICKS_PER_SECOND
         detector = config.options.sensing.standard_detector
         briefings: dict[str, Briefing] = {}
         for ego in config.scenario.egos:
@@ -186,14 +164,8 @@ class EpisodeSimulation:
 
         A CAV whose agent failed keeps that outcome, whatever ends it.
         """
-        for ego in self.active_egos:
-            state = frame.egos[ego]
-            self._progress[ego] = criteria.update_progress(
-                self._progress[ego], self._references[ego], frame.tick, state.x, state.y, state.speed
-            )
-            end = criteria.find_end(self._progress[ego], frame.tick, self._time_limit)
-            if end is not None:
-                self._end(ego, end)
+        for ego, end in self._frames.find_ends(frame, self.active_egos).items():
+            self._end(ego, end)
         self._end_failed_cavs()
         for failure in self._config.replayed_failures:
             if failure.failed_tick == frame.tick and failure.ego not in self._endings:
@@ -252,26 +224,3 @@ class EpisodeSimulation:
         if key not in self._controllers:
             self._controllers[key] = control.CONTROLLERS[plan.controller](dynamics.to_vehicle_facts(VEHICLE))
         return self._controllers[key].follow(plan, state, 0)
-
-    def _advance(self, frame: Frame) -> Frame:
-        """Move the CAVs by their dynamics, advance the world, then resolve contacts (docs/decisions/022)."""
-        before = {ego: self._vehicle_states[ego] for ego in self.active_egos}
-        after = {ego: dynamics.step(state, self._controls[ego], self._vehicle) for ego, state in before.items()}
-        struck = _find_struck(frame)
-        scripted = self._scripted.advance(replace(frame, egos={ego: frame.egos[ego] for ego in before}), struck)
-        around = self._world.advance(_ego_states(after), scripted, struck)
-        actors = around.actors.merge(scripted)
-        obstacles = contact.build_obstacle_motion(frame.actors, actors)
-        settled, contacts = contact.resolve_contacts(before, after, self._vehicles, obstacles, self._walls)
-        self._vehicle_states |= after if self._config.pass_through else settled
-        states = _ego_states({ego: self._vehicle_states[ego] for ego in after})
-        return Frame(frame.tick + 1, states, actors, around.signals, contacts)
-
-
-def _find_struck(frame: Frame) -> set[str]:
-    """Return the ids of the actors that a CAV touches in this frame; they stand for 2 s. Props never move."""
-    return {c.other for c in frame.contacts if c.kind != Kind.STATIC and c.other not in frame.egos}
-
-
-def _ego_states(vehicle_states: Mapping[str, dynamics.VehicleState]) -> dict[str, EgoState]:
-    return {ego: dynamics.to_ego_state(state) for ego, state in vehicle_states.items()}

@@ -17,8 +17,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
-from mdrive_sumo.core.state import DT, Actors, EgoState, Frame
-from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.core.state import DT
+from mdrive_sumo.episode import EpisodeRecord, rebuild_frame
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.loop.pseudonyms import StationIds
 from mdrive_sumo.roads import RoadMap
@@ -181,7 +181,7 @@ class _VisibilityAnalysis:
         views = {name: np.zeros((len(self.ticks), len(self.episode.ids)), dtype=np.bool_) for name in self._observers}
         for k, tick in enumerate(self.ticks.tolist()):
             columns = np.flatnonzero(self.episode.valid[tick])
-            scene = build_sensing_frame(_build_frame(self.episode, tick, columns), self._sizes)
+            scene = build_sensing_frame(rebuild_frame(self.episode, tick, columns), self._sizes)
             for name, eye in self._list_sensor_poses(tick, columns):
                 views[name][k, columns] = (
                     SightView(eye, scene, buildings, RANGE_M).visible_fractions() >= MIN_VISIBLE_SHARE
@@ -248,15 +248,3 @@ def _find_runs(mask: Bool) -> Iterator[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate(((False,), mask, (False,))).astype(np.int8)))
     for first, after in edges.reshape(-1, 2).tolist():
         yield first, after - 1
-
-
-def _build_frame(episode: EpisodeRecord, tick: int, columns: Int) -> Frame:
-    """Return a recorded frame with the fields that visibility needs."""
-    e, cars, rest = episode, columns[columns < episode.egos], columns[columns >= episode.egos]
-    egos = {
-        e.ids[i]: EgoState(float(e.x[tick, i]), float(e.y[tick, i]), float(e.yaw[tick, i]), float(e.speed[tick, i]))
-        for i in cars.tolist()
-    }
-    state = (e.x[tick, rest], e.y[tick, rest], e.yaw[tick, rest], e.speed[tick, rest])
-    actors = Actors(tuple(e.ids[i] for i in rest.tolist()), e.kind[rest], *state, e.length[rest], e.width[rest])
-    return Frame(tick, egos, actors, {})

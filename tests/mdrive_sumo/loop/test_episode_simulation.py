@@ -9,7 +9,7 @@ from mdrive_sumo.contract import Message, Observation, Reply, SensorSpec
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, FailureReason
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, EpisodeSimulation, run_episode
+from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, EpisodeSimulation, SimulatedFrames, run_episode
 from mdrive_sumo.loop.agent_driver import AgentFailure, LocalDriver
 from mdrive_sumo.v2x.comm_settings import PRESETS
 
@@ -19,6 +19,11 @@ SENSORS = {"0": (SensorSpec("objects", range_m=100.0),), "1": (SensorSpec("privi
 
 def make_config() -> EpisodeConfig:
     return EpisodeConfig(SCENARIO, straight_road(), seed=3, options=EpisodeOptions(comm=PRESETS["realistic"]))
+
+
+def make_simulation(sensors: Mapping[str, tuple[SensorSpec, ...]]) -> EpisodeSimulation:
+    config = make_config()
+    return EpisodeSimulation(config, SimulatedFrames(config, EmptyWorld()), sensors)
 
 
 def decide(ego: str, observation: Observation) -> Reply:
@@ -35,7 +40,7 @@ def run_with_drivers() -> tuple[str, int]:
 
 
 def test_stepping_from_outside_gives_the_digest_of_run_episode() -> None:
-    simulation = EpisodeSimulation(make_config(), EmptyWorld(), SENSORS)
+    simulation = make_simulation(SENSORS)
     observations = simulation.reset()
     while not simulation.is_done:
         assert set(observations) == set(simulation.active_egos)
@@ -48,7 +53,7 @@ def test_stepping_from_outside_gives_the_digest_of_run_episode() -> None:
 
 
 def test_a_busy_cav_gets_no_observation_and_keeps_its_messages_until_the_next_one() -> None:
-    simulation = EpisodeSimulation(make_config(), EmptyWorld(), SENSORS)
+    simulation = make_simulation(SENSORS)
     observations = simulation.reset()
     counts: list[int] = []
     for _ in range(12):
@@ -69,7 +74,7 @@ def test_a_fixed_clock_lets_a_cav_repeat_its_last_control() -> None:
 
 
 def test_a_failed_agent_gets_no_more_observations_from_the_current_tick_on() -> None:
-    simulation = EpisodeSimulation(make_config(), EmptyWorld(), SENSORS)
+    simulation = make_simulation(SENSORS)
     observations = simulation.reset()
     for _ in range(3):
         observations = simulation.step({ego: decide(ego, seen) for ego, seen in observations.items()})
@@ -86,7 +91,7 @@ def test_a_failed_agent_gets_no_more_observations_from_the_current_tick_on() -> 
 
 
 def test_calls_out_of_order_are_refused() -> None:
-    simulation = EpisodeSimulation(make_config(), EmptyWorld(), SENSORS)
+    simulation = make_simulation(SENSORS)
     with pytest.raises(RuntimeError, match="expected reset"):
         simulation.step({})
     simulation.reset()
@@ -103,4 +108,4 @@ def test_calls_out_of_order_are_refused() -> None:
 
 def test_an_unknown_sensor_is_refused_before_the_first_tick() -> None:
     with pytest.raises(InputError, match="sensor 'sonar': expected one of"):
-        EpisodeSimulation(make_config(), EmptyWorld(), {"0": (SensorSpec("sonar"),), "1": ()})
+        make_simulation({"0": (SensorSpec("sonar"),), "1": ()})

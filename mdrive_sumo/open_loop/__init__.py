@@ -1,0 +1,17 @@
+"""Open loop: agents see the frames of a recorded drive, and their plans and detections are compared with it."""
+
+from mdrive_sumo.open_loop.detection_precision import DetectionCounts, compute_average_precision
+from mdrive_sumo.open_loop.evaluate_open import OPEN_LOOP_FILE, evaluate_open
+from mdrive_sumo.open_loop.open_loop_run import OpenLoopRun, prepare_open_loop
+from mdrive_sumo.open_loop.results import OpenLoopResults, OpenLoopScenario
+
+__all__ = [
+    "OPEN_LOOP_FILE",
+    "DetectionCounts",
+    "OpenLoopResults",
+    "OpenLoopRun",
+    "OpenLoopScenario",
+    "compute_average_precision",
+    "evaluate_open",
+    "prepare_open_loop",
+]

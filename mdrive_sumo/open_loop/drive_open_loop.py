@@ -1,0 +1,80 @@
+"""Show agents the frames of a recording, and compare each plan and each detection with it."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from mdrive_sumo.contract import Reply
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.loop import EpisodeConfig, start_agents
+from mdrive_sumo.loop.agent_driver import AgentDriver
+from mdrive_sumo.loop.agent_scheduler import AgentScheduler
+from mdrive_sumo.open_loop.detection_precision import DetectionCounts, match_frame
+from mdrive_sumo.open_loop.plan_errors import PlanErrors, compute_plan_errors
+from mdrive_sumo.open_loop.recorded_frames import RecordedFrames
+
+TRUTH_RANGE_M = 70.0
+"""Road users this far from the CAV [m] count in average precision, hidden ones as well: our own choice."""
+
+
+@dataclass
+class OpenLoopSamples:
+    """What was scored in one recording."""
+
+    errors: list[PlanErrors] = field(default_factory=lambda: [])
+    detections: DetectionCounts | None = None
+    """None if no agent replied detections."""
+    skipped: Counter[str] = field(default_factory=lambda: Counter[str]())
+    """Number of replies that could not be scored, by reason."""
+    failures: dict[str, str] = field(default_factory=lambda: {})
+    """Why the agent of a CAV failed, by CAV."""
+
+
+def drive_open_loop(
+    config: EpisodeConfig, episode: EpisodeRecord, drivers: Mapping[str, AgentDriver]
+) -> OpenLoopSamples:
+    """Drive nothing: ask the agents of all CAVs for replies to recorded frames, and score them.
+
+    Messages go over the channel as in closed loop. Raises InputError for an invalid sensor.
+    """
+    samples = OpenLoopSamples()
+    simulation = start_agents(config, RecordedFrames(episode), drivers)
+    scheduler = AgentScheduler(drivers, config.options.clock, (), simulation.fail_agent)
+    columns = {ego: column for column, ego in enumerate(episode.ego_ids)}
+    observations = simulation.reset()
+    while not simulation.is_done:
+        tick = simulation.tick
+        replies = scheduler.collect_replies(tick, observations)
+        for ego, reply in replies.items():
+            _score_reply(samples, episode, tick, columns[ego], reply)
+        observations = simulation.step(replies, busy=scheduler.find_busy(tick + 1))
+    samples.failures = simulation.failed_agents
+    return samples
+
+
+def _score_reply(samples: OpenLoopSamples, episode: EpisodeRecord, tick: int, column: int, reply: Reply) -> None:
+    if reply.detections is not None:
+        samples.detections = samples.detections or DetectionCounts()
+        samples.detections.add(match_frame(reply.detections, _find_truth(episode, tick, column)))
+    if reply.plan is None:
+        samples.skipped["no plan"] += 1
+        return
+    errors = compute_plan_errors(episode, tick, column, reply.plan)
+    if errors is None:
+        samples.skipped["no 3 s to compare"] += 1
+    else:
+        samples.errors.append(errors)
+
+
+def _find_truth(episode: EpisodeRecord, tick: int, column: int) -> Float:
+    """Return the boxes (M, 5) of all other road users and obstacles within range of a CAV."""
+    x, y = episode.x[tick], episode.y[tick]
+    near = episode.valid[tick] & (portable.hypot(x - x[column], y - y[column]) <= TRUTH_RANGE_M)
+    near[column] = False
+    rows = np.flatnonzero(near)
+    state = (x[rows], y[rows], episode.yaw[tick, rows], episode.length[rows], episode.width[rows])
+    return np.stack(state, axis=-1)

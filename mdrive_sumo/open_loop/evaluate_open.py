@@ -1,0 +1,76 @@
+"""`evaluate_open`: show an agent all recordings of a run in worker processes; a journal keeps every finished one."""
+
+from collections.abc import Callable, Generator, Mapping
+
+from pydantic import ValidationError
+
+from mdrive_sumo.core.errors import InputError, WorldError
+from mdrive_sumo.open_loop.open_loop_job import run_open_loop_job
+from mdrive_sumo.open_loop.open_loop_run import OpenLoopRun
+from mdrive_sumo.open_loop.results import OpenLoopResults, OpenLoopScenario, summarize_open_loop
+from mdrive_sumo.runs.evaluate import TRIES, report_write_errors
+from mdrive_sumo.runs.executor import run_jobs
+from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
+from mdrive_sumo.runs.make_executor import make_executor
+from mdrive_sumo.runs.prepared_run import LOGS_FOLDER
+from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure
+from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
+
+OPEN_LOOP_FILE = "open_loop.json"
+Report = Callable[[int, int, OpenLoopScenario], None]
+"""Receives the number of finished recordings, their total and the newest result."""
+
+
+def evaluate_open(run: OpenLoopRun, report: Report, *, fresh: bool = False) -> OpenLoopResults:
+    """Show the recordings that the journal does not hold yet, write `open_loop.json`, and return the results.
+
+    Raises InputError, WorldError if a worker dies twice over one recording, and KeyboardInterrupt; the journal then
+    keeps every finished recording.
+    """
+    with open_journal(run.folder, run.fingerprint, fresh=fresh) as journal:
+        found = _load_kept_results(run, journal)
+        todo = {scenario.id: scenario for scenario in run.scenarios if scenario.id not in found}
+        with report_write_errors(run.folder):
+            if not run.agent.is_builtin:
+                (run.folder / LOGS_FOLDER).mkdir(parents=True, exist_ok=True)
+        for result in _show(run, todo, journal):
+            journal.add_result(result.model_dump(mode="json"))
+            found[result.id] = result
+            report(len(found), len(run.scenarios), result)
+        whole = summarize_open_loop(run.info, [found[scenario.id] for scenario in run.scenarios])
+        path = run.folder / OPEN_LOOP_FILE
+        with report_write_errors(path):
+            path.write_text(whole.model_dump_json(indent=1) + "\n", encoding="utf-8")
+    return whole
+
+
+def _load_kept_results(run: OpenLoopRun, journal: Journal) -> dict[str, OpenLoopScenario]:
+    place, known = run.folder / JOURNAL_FILE, {scenario.id for scenario in run.scenarios}
+    try:
+        kept = {entry.id: entry for entry in map(OpenLoopScenario.model_validate, journal.results)}
+    except ValidationError as error:
+        raise InputError(f"{place}: {describe_first_error(error)}; --fresh starts anew") from None
+    if foreign := sorted({*kept} - known):
+        raise InputError(f"{place}: expected scenarios of this run, found {foreign[0]!r:.80}; --fresh starts anew")
+    return kept
+
+
+def _show(run: OpenLoopRun, todo: Mapping[str, Scenario], journal: Journal) -> Generator[OpenLoopScenario]:
+    jobs = [run.make_job(scenario) for scenario in todo.values()]
+    if not jobs:
+        return
+    with make_executor(run_open_loop_job, min(run.workers, len(jobs)), run.reference.limit_s()) as executor:
+        for tries_left in reversed(range(TRIES)):
+            failed = jobs[:0]
+            for job, outcome in run_jobs(executor, jobs):
+                if not isinstance(outcome, WorkerFailure):
+                    yield outcome
+                    continue
+                if outcome.kind is FailureKind.INPUT:
+                    raise InputError(outcome.reason)
+                name = job.episode_job.scenario
+                journal.add_failure(name, outcome.reason)
+                if not tries_left:
+                    raise WorldError(f"{name}: {outcome.reason}; the same command tries again")
+                failed.append(job)
+            jobs = failed

@@ -1,0 +1,80 @@
+"""OpenLoopRun: an open-loop evaluation that is ready to start."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from mdrive_sumo.core.checksum import compute_file_checksum
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.open_loop.open_loop_job import OpenLoopJob
+from mdrive_sumo.open_loop.results import OpenLoopRunInfo
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
+from mdrive_sumo.runs.journal import Fingerprint
+from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER, LOGS_FOLDER, PreparedRun, recording_path
+from mdrive_sumo.runs.run_config import RUNS_FOLDER
+from mdrive_sumo.runs.stored_run import StoredRun
+from mdrive_sumo.scenario.scenario import Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class OpenLoopRun:
+    """The recordings of a finished run, and the agent that sees them."""
+
+    reference: PreparedRun
+    """The run that made the recordings."""
+    scenarios: tuple[Scenario, ...]
+    """Those of its scenarios that have a recording."""
+    agent: AgentSpec
+    options: EpisodeOptions
+    folder: Path
+    workers: int
+    info: OpenLoopRunInfo
+    fingerprint: Fingerprint
+
+    def make_job(self, scenario: Scenario) -> OpenLoopJob:
+        """Return the job of one recording."""
+        logs = None if self.agent.is_builtin else self.folder / LOGS_FOLDER
+        driven = self.reference.make_job(scenario)
+        job = replace(
+            driven, agent=self.agent.resolve(), options=self.options, recording=None, transcripts=None, logs=logs
+        )
+        return OpenLoopJob(job, recording_path(self.reference.folder, scenario.id).resolve())
+
+
+def prepare_open_loop(
+    stored: StoredRun, agent: AgentSpec, options: EpisodeOptions, folder: Path | None, workers: int
+) -> OpenLoopRun:
+    """Return the open-loop evaluation of an agent on the recordings of a finished run.
+
+    folder: for results and journal; None: a folder of runs/ that is named after agent and reference. Raises InputError
+    if the run has no recordings.
+    """
+    run = stored.run
+    driven = {scenario.id for scenario in stored.results.scenarios if scenario.status == "ok"}
+    scenarios = tuple(one for one in run.scenarios if one.id in driven)
+    missing = [one.id for one in scenarios if not recording_path(run.folder, one.id).is_file()]
+    if missing or not scenarios:
+        raise InputError(
+            f"{run.folder / EPISODES_FOLDER}: expected the recordings of the run, found none of "
+            f"{missing[0] if missing else 'any scenario'}; eval without --no-record makes them"
+        )
+    config = replace(run.config, agent=agent, options=options)
+    recordings = {one.id: compute_file_checksum(recording_path(run.folder, one.id)) for one in scenarios}
+    fingerprint = {
+        **compute_fingerprint(config, run.suite, scenarios),
+        "reference": run.config.agent.name,
+        **{f"recording {name}": checksum for name, checksum in recordings.items()},
+    }
+    info = OpenLoopRunInfo(
+        agent=agent.name,
+        agent_config=agent.config_hash(),
+        suite=run.suite.name,
+        suite_checksum=run.suite.checksum(),
+        seed=run.config.seed,
+        reference=run.config.agent.name,
+        versions=read_versions(),
+        options=options.to_dict(),
+    )
+    out = folder or RUNS_FOLDER / f"open-{agent.name.replace('/', '_')}-on-{run.folder.name}"
+    return OpenLoopRun(run, scenarios, agent, options, out, workers, info, fingerprint)
