@@ -10,6 +10,9 @@ from server.enums import ScenarioVerdict
 FAILURES = "failures"
 """Filter for scenarios with a failure: see `has_failure`."""
 
+OUTCOMES = frozenset((*(end.value for end in End), "route-deviation"))
+"""Kinds of infractions that only mark how a car ended."""
+
 
 def has_failure(row: ScenarioOut) -> bool:
     """Return whether a scenario has a result in which not every car arrived without a penalty, or none by our fault."""
@@ -44,10 +47,13 @@ def grade_outcome(row: ScenarioOut) -> str:
 
 
 def describe_infractions(egos: Sequence[EgoOut] | None) -> str:
-    """Return the infractions of the cars by kind: "2 x collision-vehicle, stop-sign"; "none", "" without a result."""
+    """Return the infractions of the cars by kind: "2 x collision-vehicle, stop-sign"; "none", "" without a result.
+
+    Marks of an outcome (blocked, timed-out, ...) are left out: `describe_outcomes` has them.
+    """
     if not egos:
         return ""
-    counts = Counter(str(found["kind"]) for ego in egos for found in ego.infractions)
+    counts = Counter(str(found["kind"]) for ego in egos for found in ego.infractions if found["kind"] not in OUTCOMES)
     words = [kind if count == 1 else f"{count} x {kind}" for kind, count in sorted(counts.items())]
     if left_out := sum(ego.infractions_left_out for ego in egos):
         words.append(f"{left_out} more")
