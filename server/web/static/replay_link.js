@@ -8,7 +8,9 @@ document.addEventListener("DOMContentLoaded", () => {
   const open = () => {
     if (location.hash.startsWith("#t=")) frame.src = page + location.hash;
   };
-  open();
+  // Not before the frame is loaded: a navigation during the first one can get lost.
+  if (document.readyState === "complete") open();
+  else addEventListener("load", open, { once: true });
   addEventListener("hashchange", open);
   for (const link of document.querySelectorAll('a[target="replay"]')) {
     link.addEventListener("click", (event) => {

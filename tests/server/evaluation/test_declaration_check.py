@@ -58,17 +58,10 @@ def check(tmp_path: Path) -> Iterator[Check]:
 @pytest.mark.slow
 @needs_bubblewrap
 def test_sensors_are_refused_and_good_agents_are_not(check: Check) -> None:
+    """In a real box; which sensors there are to be refused is `check`'s, in the tests of participants."""
     assert check("SensorSpec('objects'),")
-    refused = {
-        "SensorSpec('rgb'),": "found a camera",
-        "SensorSpec('x-ray'),": "sensor 'x-ray': expected one of",
-        "SensorSpec('privileged'),": "found one that knows everything",
-        "*(SensorSpec('bev', id=str(i), options={'size': 1024}) for i in range(8)),": "price of at most 40 ms",
-    }
-    for sensors, said in refused.items():
-        with pytest.raises(ArchiveRefused, match=said):
-            check(sensors)
-    assert check("", made="raise ValueError('no weights')") is False  # a failure of the agent is a result
+    with pytest.raises(ArchiveRefused, match="found a camera"):
+        check("SensorSpec('rgb'),")
 
 
 def test_nothing_is_started_beside_jobs_of_a_hidden_phase(check: Check, tmp_path: Path) -> None:
