@@ -1,4 +1,4 @@
-"""Takes the pictures of docs/pages.md: `PYTHONPATH=tests:. python -m testing.web_pictures docs/pages`. No tests in here.
+"""Takes the pictures of docs/pages.md: `PYTHONPATH=tests:. python -m testing.web_pictures docs/pages`. No tests.
 
 Everything on them was driven: three teams send the sample agent with different settings.
 """
