@@ -1,5 +1,7 @@
 """Suites of the phases: the jobs of a submission and the description of its evaluator."""
 
+from importlib.resources import files
+from pathlib import Path
 from threading import Lock
 from typing import Any, Protocol
 
@@ -17,7 +19,10 @@ class PhaseSuites(Protocol):
     """What accepting a submission needs of a phase's suite."""
 
     def jobs(self, phase: PhaseRow) -> list[tuple[str, int]]:
-        """Return (scenario, seed) of each job. Raises InputError for an unreadable or, if hidden, too small suite."""
+        """Return (scenario, seed) of each job.
+
+        Raises InputError for an unreadable suite, and for one that a hidden phase must not have: too small or packaged.
+        """
         ...
 
     def evaluator(self, phase: PhaseRow, environment: str) -> dict[str, Any]:
@@ -37,11 +42,8 @@ class LoadedPhaseSuites:
     def jobs(self, phase: PhaseRow) -> list[tuple[str, int]]:
         """See `PhaseSuites`; by scenario, then seed."""
         suite, _ = self._load(phase.suite)
-        if not phase.public and (found := len(suite.scenarios)) < MIN_HIDDEN_SCENARIOS:
-            why = "so that their mean does not disclose single ones"
-            raise InputError(
-                f"phase {phase.id}: expected at least {MIN_HIDDEN_SCENARIOS} hidden scenarios, {why}; found {found}"
-            )
+        if not phase.public:
+            self._check_hidden(phase, suite)
         return [(scenario.id, seed) for scenario in suite.scenarios for seed in range(phase.seeds)]
 
     def evaluator(self, phase: PhaseRow, environment: str) -> dict[str, Any]:
@@ -57,6 +59,23 @@ class LoadedPhaseSuites:
     def suite(self, phase: PhaseRow) -> Suite:
         """Return the suite of a phase."""
         return self._load(phase.suite)[0]
+
+    def _check_hidden(self, phase: PhaseRow, suite: Suite) -> None:
+        if (found := len(suite.scenarios)) < MIN_HIDDEN_SCENARIOS:
+            why = "so that their mean does not disclose single ones"
+            raise InputError(
+                f"phase {phase.id}: expected at least {MIN_HIDDEN_SCENARIOS} hidden scenarios, {why}; found {found}"
+            )
+        if any(each.id == phase.id and each.packaged_suite for each in self._settings.phases):
+            return
+        packaged = Path(str(files("mdrive_sumo"))).resolve()
+        for scenario in suite.scenarios:
+            if (folder := suite.find_folder(scenario.id).resolve()).is_relative_to(packaged):
+                raise InputError(
+                    f"phase {phase.id}: expected hidden scenarios that only the organisers have, found"
+                    f" {scenario.id} of the packaged suite {folder.name}, which everyone can read; name a"
+                    " folder of your own as its suite, or set packaged_suite = true in its section for a trial"
+                )
 
     def _load(self, name: str) -> tuple[Suite, str]:
         with self._lock:

@@ -50,10 +50,12 @@ class ArchiveSettings(_SettingsModel):
     """Time limit of the check of one archive."""
     refused_per_day: Count = 20
     """Archives of a team that are examined and refused, per UTC day."""
+    start_agents: bool = True
+    """Start each uploaded agent once in a sandbox, where this machine runs agents, to refuse its sensors at once."""
 
     def archive_fields(self) -> dict[str, int]:
         """Return the fields of `server.archive.ArchiveLimits`."""
-        return self.model_dump(exclude={"check_s", "refused_per_day"})
+        return self.model_dump(exclude={"check_s", "refused_per_day", "start_agents"})
 
 
 class SandboxSettings(_SettingsModel):
@@ -157,6 +159,8 @@ class PhaseSettings(_SettingsModel):
     """A packaged suite's name or a folder on this machine."""
     public: bool
     """False: the scenarios are hidden; only aggregates are shown."""
+    packaged_suite: bool = False
+    """Whether a hidden phase may have scenarios of a packaged suite, which everyone can read: for trials."""
     opens: AwareDatetime
     closes: AwareDatetime
     per_day: Count = 10
@@ -172,7 +176,7 @@ class PhaseSettings(_SettingsModel):
 
     def as_new(self) -> NewPhase:
         """Return the phase for the store."""
-        copied = self.model_dump(exclude={"opens", "closes"})
+        copied = self.model_dump(exclude={"opens", "closes", "packaged_suite"})
         return NewPhase(opens_us=_to_us(self.opens), closes_us=_to_us(self.closes), **copied)
 
 
@@ -197,6 +201,8 @@ class ServerSettings(_SettingsModel):
     """postgresql://USER@HOST/NAME; "" for a SQLite file in `data`."""
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8000
+    wheel: Path | None = None
+    """Wheel of mdrive-sumo that participants download; None: they install from a clone."""
     limits: ArchiveSettings = ArchiveSettings()
     sandbox: SandboxSettings = SandboxSettings()
     work: WorkerSettings = WorkerSettings()

@@ -10,7 +10,7 @@ from mdrive_sumo.agent_process.sandbox import BoxLimits
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.runs.agent_spec import AgentSpec
-from mdrive_sumo.runs.open_agents import declare_agent
+from mdrive_sumo.runs.open_agents import RejectedError, declare_agent
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.observation_builder import KINDS
@@ -73,7 +73,10 @@ def read_declaration(agent: SubmittedAgent) -> AgentDeclaration:
     Raises ArchiveRefused if a declared sensor is not allowed (the submission is `rejected`); AgentFailure if the agent
     cannot be created; InputError and BoxError if the sandbox cannot be opened.
     """
-    found = declare_agent(agent.agent_spec())
+    try:
+        found = declare_agent(agent.agent_spec())
+    except RejectedError as error:
+        raise ArchiveRefused(str(error)) from None
     if found.label == "privileged" or any(sensor.kind == "privileged" for sensor in found.sensors):
         raise ArchiveRefused(
             "agent: expected sensors that a car can have, found the privileged one, which is not allowed"

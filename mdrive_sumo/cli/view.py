@@ -56,4 +56,4 @@ def _build_page(run: PreparedRun, scenario: Scenario, result: ScenarioResult) ->
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
     episode = load_episode(recording_path(run.folder, scenario.id))
     varied, roads = load_varied_scenario(run.suite, scenario, result.seed)
-    return render_replay(episode, varied, roads, find_marks(episode, result))
+    return render_replay(episode, varied, roads, find_marks(episode, result), result)

@@ -8,15 +8,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.patches import Circle, Patch, Polygon
 
 from mdrive_sumo.core.geometry import Float, box_corners
+from mdrive_sumo.report.palette import LIGHT
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scripted_actor import Actor, KindName, LaneMotion, PathMotion, ReplayMotion
 
-KIND_COLOURS: dict[KindName, str] = {
-    "vehicle": "#3d4047",
-    "pedestrian": "#a2467f",
-    "cyclist": "#9a5b12",
-    "static": "#e8b008",
-}
+KINDS: tuple[KindName, ...] = ("vehicle", "pedestrian", "cyclist", "static")
+KIND_COLOURS: dict[KindName, str] = {kind: LIGHT[kind] for kind in KINDS}
 """Colour by kind, as in the replay page."""
 MIN_SIZE_M = 0.9
 """Smaller actors are drawn at this size, because they would not be visible otherwise."""

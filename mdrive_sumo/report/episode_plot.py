@@ -12,7 +12,7 @@ from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.report.actor_plot import KIND_COLOURS, MIN_SIZE_M
 from mdrive_sumo.report.map_plot import draw_map, fit_view
-from mdrive_sumo.report.scenario_plot import EGO_COLOURS
+from mdrive_sumo.report.palette import CAV_COLOURS
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 
@@ -20,7 +20,7 @@ from mdrive_sumo.scenario.scenario import Scenario
 def draw_episode(axes: Axes, record: EpisodeRecord, scenario: Scenario, roads: RoadMap, tick: int) -> None:
     """Draw the road users that are present in a tick; CAVs in colour with their routes and the paths driven so far."""
     draw_map(axes, roads, fit_view(np.concatenate([ego.xy for ego in scenario.egos])))
-    for ego, colour in zip(scenario.egos, cycle(EGO_COLOURS)):
+    for ego, colour in zip(scenario.egos, cycle(CAV_COLOURS)):
         axes.plot(*ego.xy.T, color=colour, linewidth=2.0, linestyle=":", zorder=7)
     colours = _choose_colours(record)
     for i in np.flatnonzero(record.valid[tick]).tolist():
@@ -34,7 +34,7 @@ def draw_episode(axes: Axes, record: EpisodeRecord, scenario: Scenario, roads: R
 def _choose_colours(record: EpisodeRecord) -> Sequence[str]:
     """Return the colour of every road user by column: CAVs by their order, others by their kind."""
     by_kind = {Kind[name.upper()]: colour for name, colour in KIND_COLOURS.items()}
-    egos = [colour for _, colour in zip(range(record.egos), cycle(EGO_COLOURS), strict=False)]
+    egos = [colour for _, colour in zip(range(record.egos), cycle(CAV_COLOURS), strict=False)]
     return [*egos, *(by_kind[Kind(kind)] for kind in record.kind[record.egos :].tolist())]
 
 

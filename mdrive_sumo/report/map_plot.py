@@ -12,10 +12,11 @@ from matplotlib.path import Path
 from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.core.geometry import Float, build_polyline
+from mdrive_sumo.report.palette import LIGHT
 from mdrive_sumo.roads import RoadMap
 
-GROUND, PAVEMENT, ASPHALT, PAINT = "#eef0ea", "#d5d6d1", "#787f88", "#f7f7f2"
-BUILDING, BUILDING_EDGE = "#c9b79c", "#8d7b62"
+GROUND, PAVEMENT, ASPHALT, PAINT = (LIGHT[name] for name in ("ground", "footway", "road", "line"))
+BUILDING, BUILDING_EDGE = LIGHT["building"], LIGHT["building-edge"]
 
 
 @dataclass(frozen=True, slots=True)

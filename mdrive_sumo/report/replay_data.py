@@ -22,6 +22,7 @@ from mdrive_sumo.report.replay_notes import list_notes
 from mdrive_sumo.report.replay_visibility import SIGHT_EVERY_TICKS, SIGHT_RANGE_M, compute_visibility
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring import ScenarioResult
 
 SURROUNDINGS_M = 80.0
 """Roads farther than this from every road user and route are left out of the page."""
@@ -29,8 +30,14 @@ CELL_M = 20.0
 """Side of the grid cells by which positions are grouped before the surroundings are computed around them."""
 
 
-def pack_replay_data(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, marks: Sequence[ReplayMark]) -> str:
-    """Return the data block of a page."""
+def pack_replay_data(
+    episode: EpisodeRecord,
+    scenario: Scenario,
+    roads: RoadMap,
+    marks: Sequence[ReplayMark],
+    result: ScenarioResult | None = None,
+) -> str:
+    """Return the data block of a page; without a result it has no scores."""
     # Browsers draw paths in single precision: coordinates stay small, wherever the network has its origin.
     origin = np.rint((scenario.egos[0].start.x, scenario.egos[0].start.y))
     talk, talk_tables = build_message_tables(episode, scenario, origin)
@@ -44,6 +51,7 @@ def pack_replay_data(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap,
     }
     header = {
         **_run(episode, scenario, marks, origin),
+        "scores": None if result is None else _scores(episode, result),
         "origin": origin.tolist(),
         "map": _map(roads, _surroundings(episode, scenario), origin),
         "talk": talk,
@@ -85,6 +93,7 @@ def _run(episode: EpisodeRecord, scenario: Scenario, marks: Sequence[ReplayMark]
     routes = {ego.id: _line(ego.xy, origin) for ego in scenario.egos}
     return {
         "scenario": scenario.id,
+        "description": scenario.description,
         "category": f"{scenario.bucket} / {scenario.category}",
         "network": scenario.network,
         "about": {str(key): str(value) for key, value in episode.about.items()},
@@ -101,6 +110,13 @@ def _run(episode: EpisodeRecord, scenario: Scenario, marks: Sequence[ReplayMark]
         "signals": [(change.tick, change.light, change.state) for change in episode.signals],
         "plans": [(plan.tick, column[plan.ego], len(plan.points)) for plan in episode.plans],
     }
+
+
+def _scores(episode: EpisodeRecord, result: ScenarioResult) -> dict[str, Any]:
+    """Scores of the scenario, and of each CAV by its column: [DS %, RC %, IP], None for one without."""
+    of_ego = {ego.id: (ego.ds, ego.rc, ego.ip) for ego in result.egos}
+    scenario = {"ds": result.ds, "sr": result.sr, "rc": result.rc, "ip": result.ip}
+    return scenario | {"egos": [of_ego.get(ego) for ego in episode.ego_ids]}
 
 
 def _ending(column: Mapping[str, int], ending: Ending) -> tuple[int, int, str, str]:

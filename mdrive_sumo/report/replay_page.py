@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import html
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -12,6 +13,7 @@ from typing import Self
 from jinja2 import Environment, StrictUndefined
 
 from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.report.palette import CAV_COLOURS, format_custom_properties
 from mdrive_sumo.report.replay_data import pack_replay_data
 from mdrive_sumo.report.replay_marks import ReplayMark, find_marks
 from mdrive_sumo.roads import RoadMap
@@ -27,6 +29,7 @@ SCRIPTS = (
     "viewer_timeline.js",
     "viewer_panel.js",
     "viewer_lists.js",
+    "viewer_room.js",
     "viewer_input.js",
     "viewer.js",
 )
@@ -43,7 +46,7 @@ class ReplayPage:
     @classmethod
     def build(cls, record: EpisodeRecord, scenario: Scenario, roads: RoadMap, result: ScenarioResult) -> Self:
         """Build the page of a scored episode, with marks for its infractions and arrivals."""
-        return cls(render_replay(record, scenario, roads, find_marks(record, result)))
+        return cls(render_replay(record, scenario, roads, find_marks(record, result), result))
 
     def save(self, path: str | Path) -> Path:
         """Write the page, for any browser, and return its path."""
@@ -63,11 +66,21 @@ class ReplayPage:
         )
 
 
-def render_replay(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, marks: Sequence[ReplayMark]) -> str:
-    """Return the page. The same episode gives the same bytes; its content policy forbids every connection."""
+def render_replay(
+    episode: EpisodeRecord,
+    scenario: Scenario,
+    roads: RoadMap,
+    marks: Sequence[ReplayMark],
+    result: ScenarioResult | None = None,
+) -> str:
+    """Return the page, with the scores of `result`.
+
+    The same episode gives the same bytes; its content policy forbids every connection.
+    """
     static = files("mdrive_sumo.report") / "static"
-    script = "\n".join((static / name).read_text("utf-8") for name in SCRIPTS)
-    style = (static / "viewer.css").read_text("utf-8")
+    colours = f"const CAV_COLOURS = {json.dumps(CAV_COLOURS)};"
+    script = "\n".join((colours, *((static / name).read_text("utf-8") for name in SCRIPTS)))
+    style = format_custom_properties() + (static / "viewer.css").read_text("utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)
     return environment.from_string((static / "viewer.html").read_text("utf-8")).render(
         title=f"{scenario.id} · mdrive-sumo",
@@ -75,7 +88,7 @@ def render_replay(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, ma
         style_hash=hash_for_policy(style),
         script=script,
         script_hash=hash_for_policy(script),
-        data=pack_replay_data(episode, scenario, roads, marks),
+        data=pack_replay_data(episode, scenario, roads, marks, result),
     )
 
 

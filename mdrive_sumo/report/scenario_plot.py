@@ -12,13 +12,12 @@ from matplotlib.patches import Polygon
 from mdrive_sumo.core.geometry import Float, box_corners, build_polyline
 from mdrive_sumo.report.actor_plot import draw_actors
 from mdrive_sumo.report.map_plot import MapView, draw_map, fit_view
+from mdrive_sumo.report.palette import CAV_COLOURS, LIGHT
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.vehicle.dynamics import MKZ_2017
 
-EGO_COLOURS = ("#e4572e", "#2e86de", "#12a67c", "#9b5de5", "#f2a104", "#d6336c", "#0fa3b1", "#7a5230")
-"""Colours of the CAVs in the order of the scenario; they repeat after eight."""
 SIDE_INCHES = 9.0
 """Longer side of the picture."""
 CAPTION_INCHES = 0.95
@@ -45,7 +44,7 @@ def draw_scenario(axes: Axes, scenario: Scenario, roads: RoadMap, view: MapView)
     for vehicle in scenario.background.vehicles:
         _draw_background(axes, vehicle, roads)
     draw_actors(axes, scenario.actors, roads)
-    for ego, colour in zip(scenario.egos, cycle(EGO_COLOURS)):
+    for ego, colour in zip(scenario.egos, cycle(CAV_COLOURS)):
         _draw_ego(axes, ego, colour)
 
 
@@ -64,7 +63,7 @@ def _draw_background(axes: Axes, vehicle: BackgroundVehicle, roads: RoadMap) -> 
     if lane is not None:
         s = vehicle.depart_pos_m - vehicle.length / 2
         corners = box_corners(*lane.centre.at(s), lane.centre.yaw_at(s), vehicle.length, vehicle.width)
-        axes.add_patch(Polygon(corners, facecolor="#3d4047", edgecolor="white", linewidth=0.6, zorder=8))
+        axes.add_patch(Polygon(corners, facecolor=LIGHT["vehicle"], edgecolor="white", linewidth=0.6, zorder=8))
 
 
 def _draw_ego(axes: Axes, ego: Ego, colour: str) -> None:
@@ -133,7 +132,7 @@ def _write_captions(figure: Figure, scenario: Scenario, roads: RoadMap) -> None:
     figure.text(0.012, 1 - 0.22 / height, scenario.id, weight="bold", fontsize=12, va="center")
     figure.text(0.988, 1 - 0.22 / height, known, fontsize=8.5, va="center", ha="right", color="#444444")
     figure.text(0.012, 1 - 0.45 / height, scenario.description, fontsize=8.5, va="center", color="#444444")
-    for i, (ego, colour) in enumerate(zip(scenario.egos, cycle(EGO_COLOURS))):
+    for i, (ego, colour) in enumerate(zip(scenario.egos, cycle(CAV_COLOURS))):
         x = 0.012 + 0.976 * i / max(len(scenario.egos), 6)
         length = build_polyline(ego.xy).length
         figure.text(

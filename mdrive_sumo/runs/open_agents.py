@@ -35,7 +35,7 @@ class RejectedError(InputError):
 def declare_agent(spec: AgentSpec) -> AgentDeclaration:
     """Create an agent and return its label and sensors.
 
-    Raises AgentFailure, BoxError, and InputError, also for sensors that a boxed agent must not have.
+    Raises AgentFailure, BoxError, InputError; RejectedError for sensors that a boxed agent must not have.
     """
     with open_agents(spec, {DECLARING_CAV: DECLARING_CAV}) as drivers:
         driver = drivers[DECLARING_CAV]
@@ -52,18 +52,21 @@ def find_unknown_sensor(sensors: Sequence[SensorSpec]) -> str:
 
 
 def _check_boxed_sensors(sensors: tuple[SensorSpec, ...]) -> None:
-    """Raise InputError for sensors that a competing agent must not have."""
+    """Raise RejectedError for sensors that a competing agent must not have."""
     if unknown := find_unknown_sensor(sensors):
-        raise InputError(unknown)
+        raise RejectedError(unknown)
     if any(spec.kind == PRIVILEGED for spec in sensors):
-        raise InputError(
+        raise RejectedError(
             f"sensor {PRIVILEGED!r}: expected sensors that a car can have, found one that knows everything"
         )
     if (count := sum(sensor.kind in ARRAY_SENSORS for sensor in sensors)) > MAX_ARRAY_SENSORS:
-        raise InputError(
+        raise RejectedError(
             f"sensors: expected at most {MAX_ARRAY_SENSORS} of {' and '.join(ARRAY_SENSORS)}, found {count}"
         )
-    check_sensor_budget(sensors)
+    try:
+        check_sensor_budget(sensors)
+    except InputError as error:
+        raise RejectedError(str(error)) from None
 
 
 @contextmanager

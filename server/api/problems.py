@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from mdrive_sumo.core.errors import InputError
+from server.api import schemas
 from server.api.hidden_paths import hide_paths
 from server.archive import ArchiveRefused
 from server.clock import format_utc
@@ -73,6 +74,14 @@ _DESCRIPTION_BY_STATUS: Mapping[int, str] = {
 }
 
 
+_PATTERN_WORDS: Mapping[str, str] = {
+    schemas.ID_PATTERN: "an id of 32 hexadecimal digits",
+    schemas.PHASE_PATTERN: "the id of a phase: lower-case letters, digits and hyphens, at most 40",
+    schemas.SCENARIO_PATTERN: "the id of a scenario or CAV: letters, digits and ._+-, at most 80",
+}
+"""What is expected by a regular expression of `schemas`, in words."""
+
+
 _STATUS_BY_ERROR = (
     (OverLimit, 429, "over-limit"),
     (NotFound, 404, "not-found"),
@@ -114,10 +123,15 @@ async def _respond(
     request: Request, status: int, problem: str, detail: str, headers: Mapping[str, str] | None = None, **more: str
 ) -> Response:
     detail = hide_paths(detail)
-    page: ErrorPage | None = getattr(request.app.state, "error_page", None)
-    if page is None or request.url.path.startswith("/api/"):
+    if not _has_pages(request):
         return problem_response(status, problem, detail, headers, **more)
+    page: ErrorPage = request.app.state.error_page
     return await page(request, status, detail, headers or {})
+
+
+def _has_pages(request: Request) -> bool:
+    """Return whether the request is for a page, not for the API."""
+    return hasattr(request.app.state, "error_page") and not request.url.path.startswith("/api/")
 
 
 async def _handle_problem(request: Request, error: ProblemError) -> Response:
@@ -169,7 +183,11 @@ async def _handle_validation_error(request: Request, error: RequestValidationErr
         return await _respond(
             request, 422, "invalid", f"body: expected JSON, found other text ({first['ctx']['error']})"
         )
+    if first["loc"][0] == "path" and _has_pages(request):
+        return await _respond(request, 404, "not-found", f"there is nothing at {request.url.path:.200}")
+    pattern: str = first.get("ctx", {}).get("pattern", "")
     said = str(first["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+    said = _PATTERN_WORDS.get(pattern, said)
     said = said.replace(" should have ", " with ")
     expected = f"{said[:1].lower()}{said[1:]}".rstrip(".")
     return await _respond(request, 422, "invalid", f"{place}: expected {expected}, found {first['input']!r:.80}")

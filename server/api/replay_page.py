@@ -38,5 +38,5 @@ def write_replay_page(request: ReplayRequest) -> None:
     episode = load_episode(request.recording)
     marks = find_marks(episode, result)
     part = request.page.with_suffix(".part")
-    part.write_text(render_replay(episode, scenario, roads, marks), encoding="utf-8")
+    part.write_text(render_replay(episode, scenario, roads, marks, result), encoding="utf-8")
     part.replace(request.page)

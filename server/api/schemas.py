@@ -24,9 +24,12 @@ def _printable(text: str) -> str:
 
 TeamName = Annotated[str, Field(min_length=1, max_length=64), AfterValidator(_printable)]
 """Name of a team, or its id."""
-Id = Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
-PhaseId = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
-ScenarioId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,79}$")]
+ID_PATTERN, PHASE_PATTERN = r"^[0-9a-f]{32}$", r"^[a-z0-9][a-z0-9-]{0,39}$"
+SCENARIO_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.+-]{0,79}$"
+"""Every pattern has its words in `problems`, which people read instead of it."""
+Id = Annotated[str, Field(pattern=ID_PATTERN)]
+PhaseId = Annotated[str, Field(pattern=PHASE_PATTERN)]
+ScenarioId = Annotated[str, Field(pattern=SCENARIO_PATTERN)]
 """Id of a scenario as in its file, or of a CAV."""
 Seed = Annotated[int, Field(ge=0, le=1_000_000)]
 PartName = Annotated[str, Field(min_length=1, max_length=60), AfterValidator(_printable)]

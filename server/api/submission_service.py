@@ -1,6 +1,7 @@
 """Turns an upload into a submission; for the API and for the pages."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from anyio import to_thread
@@ -10,6 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from mdrive_sumo.core.errors import InputError
 from server import environments, paths
 from server.api import schemas, submission_views
+from server.api.agent_start import AGENT_START_S, check_uploaded_agent, starts_agents
 from server.api.caller import Caller
 from server.api.dependencies import Services
 from server.api.subprocess_runner import CallEndedError
@@ -92,7 +94,15 @@ class SubmissionService:
         check_style(manifest.style, self._track())
         self._check_environment(manifest.environment)
         call(self._services.settings.limits.check_s, verify_contents, file, limits)
+        self._start_agent(manifest)
         return manifest
+
+    def _start_agent(self, manifest: Manifest) -> None:
+        """Refuse sensors that the agent declares; one that cannot be started in time is accepted, unchecked."""
+        settings, checker = self._services.settings, self._services.check_runner
+        if starts_agents(settings):
+            with suppress(CallEndedError):
+                checker.call(AGENT_START_S, check_uploaded_agent, self._upload.file, manifest, settings)
 
     def accept(self, manifest: Manifest) -> schemas.SubmissionOut:
         """Move the checked archive to its place and insert the submission. Raises InputError."""

@@ -71,12 +71,17 @@ class ChallengeClient:
         return f"{self._server}/submissions/{submission}"
 
     def open_phase(self) -> str:
-        """Return the only open phase. Raises InputError if there is none or more than one."""
+        """Return the only open public phase; hidden ones, whose quota is small, must be named.
+
+        Raises InputError if there is none or more than one.
+        """
         rows = cast("list[Mapping[str, Any]]", self._json("GET", "/phases")["items"])
-        phases = [str(row["id"]) for row in rows if row.get("open")]
-        if len(phases) != 1:
-            raise InputError(f"{self._server}: expected --phase, one of: {', '.join(phases) or 'none is open now'}")
-        return phases[0]
+        phases = {str(row["id"]): bool(row.get("public", True)) for row in rows if row.get("open")}
+        public = [name for name, is_public in phases.items() if is_public]
+        if len(public) != 1:
+            known = ", ".join(name if is_public else f"{name} (hidden)" for name, is_public in phases.items())
+            raise InputError(f"{self._server}: expected --phase, one of: {known or 'none is open now'}")
+        return public[0]
 
     def submit(self, archive: Path, entry: SubmissionForm, on_sent: OnBytesSent) -> Mapping[str, Any]:
         """Upload an archive; `on_sent` receives the number of bytes sent.

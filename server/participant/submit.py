@@ -25,7 +25,7 @@ UNLIMITED = ArchiveLimits(archive_bytes=2**40, unpacked_bytes=2**40, entries=10*
 @click.argument("path", metavar="DIR|team.zip", type=click.Path(path_type=Path))
 @click.option("--server", envvar="MDRIVE_SERVER", metavar="URL", help="Address of the server; also MDRIVE_SERVER.")
 @click.option("--token", envvar="MDRIVE_TOKEN", metavar="T", help="Token of your team; preferably in MDRIVE_TOKEN.")
-@click.option("--phase", metavar="ID", help="Phase of the challenge [default: the open one].")
+@click.option("--phase", metavar="ID", help="Phase of the challenge [default: the open public one].")
 @click.option("--track", type=click.Choice(TRACKS), help="Track [default: joint for joint agents, else single-agent].")
 @click.option("--name", metavar="TEXT", help="Name of the method [default: name of DIR or of the archive].")
 @click.option("--no-follow", is_flag=True, help="Submit without following.")

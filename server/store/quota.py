@@ -6,9 +6,9 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from server.clock import DAY_US, day_start_us, format_utc
-from server.enums import SubmissionState
+from server.enums import JobState, SubmissionState
 from server.store.errors import OverLimit
-from server.store.tables import PhaseRow, RefusedUploadRow, SubmissionRow
+from server.store.tables import JobRow, PhaseRow, RefusedUploadRow, SubmissionRow
 
 UNFINISHED = (SubmissionState.QUEUED.value, SubmissionState.RUNNING.value)
 _RETRY_US = 60_000_000
@@ -78,3 +78,15 @@ def check_refused(session: Session, team: str, per_day: int, now_us: int) -> Non
 def add_refused(session: Session, team: str, now_us: int) -> None:
     """Count an archive that was refused."""
     session.add(RefusedUploadRow(team=team, at_us=now_us))
+
+
+def count_rejected(session: Session, submission: SubmissionRow, now_us: int) -> None:
+    """Count a submission that is rejected before its first result as a refused upload, not against the quota.
+
+    Its agent's sensors could not be checked at upload. In a hidden phase it counts: every start may disclose something.
+    """
+    done = select(func.count()).where(JobRow.submission == submission.id, JobRow.state == JobState.DONE)
+    phase = session.get(PhaseRow, submission.phase)
+    if submission.counts and phase is not None and phase.public and not session.scalar(done):
+        add_refused(session, submission.team, now_us)
+        submission.counts = False

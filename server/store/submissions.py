@@ -144,8 +144,7 @@ def renew(
 
 def get(session: Session, submission_id: str) -> SubmissionRow:
     """Return a submission. Raises NotFound."""
-    submission = session.get(SubmissionRow, submission_id)
-    if submission is None:
+    if (submission := session.get(SubmissionRow, submission_id)) is None:
         raise NotFound(f"submission: there is no {submission_id!r}")
     return submission
 
@@ -213,7 +212,8 @@ def cancel(session: Session, submission_id: str, now_us: int, actor: str = "serv
 
 def reject(session: Session, submission_id: str, why: str, now_us: int) -> None:
     """Reject a submission; `why` is one sentence for the team. Raises NotNow if it is finished."""
-    _stop(session, _get_unfinished(session, submission_id, "rejected"), SubmissionState.REJECTED, why, now_us)
+    quota.count_rejected(session, submission := _get_unfinished(session, submission_id, "rejected"), now_us)
+    _stop(session, submission, SubmissionState.REJECTED, why, now_us)
 
 
 def fail(session: Session, submission_id: str, why: str, now_us: int) -> None:

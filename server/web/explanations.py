@@ -9,14 +9,17 @@ STATES: Mapping[SubmissionState, str] = {
     SubmissionState.QUEUED: "Waiting in the queue.",
     SubmissionState.RUNNING: "Running.",
     SubmissionState.DONE: "Every scenario has a result.",
-    SubmissionState.REJECTED: "The agent requires what is not allowed; nothing is scored; counts against the quota.",
+    SubmissionState.REJECTED: (
+        "The agent requires what is not allowed; nothing is scored."
+        " It uses quota only after a first result, or in a hidden phase."
+    ),
     SubmissionState.CANCELLED: "Cancelled by its team or by an admin.",
     SubmissionState.FAILED_OURS: "Our evaluation failed; it does not count against the quota.",
     SubmissionState.DISQUALIFIED: "Removed from the leaderboards.",
     SubmissionState.OVER_BUDGET: "It needs more worker time than a submission has; counts against the quota.",
 }
 VERDICTS: Mapping[str, str] = {
-    ScenarioVerdict.OK: "The scenario was completed.",
+    ScenarioVerdict.OK: "No agent failed; outcome and scores say how well the cars drove.",
     ScenarioVerdict.AGENT_FAILED: "The agent of at least one car failed: it brakes to a stop, at a cost of x 0.60.",
     ScenarioVerdict.FAILED_OURS: "Our evaluation failed: the scenario has no result.",
 }
@@ -38,7 +41,6 @@ COLOURS: Mapping[str, str] = {
     SubmissionState.FAILED_OURS: "warn",
     SubmissionState.DISQUALIFIED: "bad",
     SubmissionState.OVER_BUDGET: "bad",
-    ScenarioVerdict.OK: "good",
     ScenarioVerdict.AGENT_FAILED: "bad",
 }
 """CSS classes of tags; the text always accompanies the colour."""

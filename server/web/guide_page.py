@@ -1,10 +1,13 @@
 """The page "How to take part", with the phases and limits of this server."""
 
 from fastapi import APIRouter, Request, Response
+from fastapi.responses import FileResponse
 
+from mdrive_sumo import __version__
 from server import environments
 from server.api.dependencies import Now, ServicesDep
-from server.api.routes.phases import list_phases
+from server.api.routes.phases import find_default_phase, list_phases
+from server.store import NotFound
 from server.tracks import TRACK_LABELS
 from server.web import explanations
 from server.web.templating import render_page
@@ -18,14 +21,13 @@ def show(request: Request, services: ServicesDep, at_us: Now, _visitor: Optional
     """Show the page."""
     settings = services.settings
     found = list_phases(services, at_us).items
-    is_open = [phase for phase in found if phase.open]
     return render_page(
         request,
         "how.html",
         address=str(request.base_url).rstrip("/"),
         phases=found,
         now_us=at_us,
-        example=(is_open or found or [None])[0],
+        example=find_default_phase(found),
         limits=settings.limits,
         sandbox=settings.sandbox,
         registration=settings.registration,
@@ -33,4 +35,15 @@ def show(request: Request, services: ServicesDep, at_us: Now, _visitor: Optional
         built=environments.list_built(settings.environments),
         tracks=TRACK_LABELS,
         explanations=explanations,
+        wheel=settings.wheel.name if settings.wheel else "",
+        version=__version__,
     )
+
+
+@router.get("/download/{name}")
+def download_wheel(name: str, services: ServicesDep) -> Response:
+    """Return the wheel of this server's version, which participants install."""
+    wheel = services.settings.wheel
+    if wheel is None or name != wheel.name or not wheel.is_file():
+        raise NotFound(f"download: there is no {name!r:.80}")
+    return FileResponse(wheel, media_type="application/zip", filename=wheel.name)

@@ -7,7 +7,7 @@ from server.api.caller import Caller
 from server.api.dependencies import Services, ServicesDep
 from server.api.routes import results, submissions
 from server.store import NotFound
-from server.web import explanations
+from server.web import explanations, scenario_outcome
 from server.web.charts import make_latency_histogram
 from server.web.templating import render_page
 from server.web.visitor import AnyVisitor, OptionalVisitor, Visitor
@@ -45,6 +45,7 @@ def _render_page(
         row=rows[at],
         before=rows[at - 1] if at else None,
         after=rows[at + 1] if at + 1 < len(rows) else None,
+        outcome=scenario_outcome,
         latency=make_latency_histogram([rows[at].usage]),
         explanations=explanations,
     )

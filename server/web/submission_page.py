@@ -16,7 +16,7 @@ from server.enums import JobState
 from server.store import tables
 from server.store.errors import check_text
 from server.store.quota import UNFINISHED
-from server.web import explanations
+from server.web import explanations, scenario_outcome
 from server.web.charts import make_latency_histogram
 from server.web.templating import page_headers, render, render_page
 from server.web.visitor import AdminVisitor, AnyVisitor, OptionalVisitor
@@ -95,9 +95,14 @@ def _render_page(
 ) -> Response:
     status = read_status(services, caller, submission)
     rows = _list_scenarios(services, caller, submission)
-    chosen = _sort_rows([row for row in rows or () if not verdict or verdict in (row.verdict, row.state)], sort)
+    not_run = [row for row in rows or () if row.state == JobState.CANCELLED]
+    rows = None if rows is None else [row for row in rows if row.state != JobState.CANCELLED]
+    chosen = _sort_rows([row for row in rows or () if scenario_outcome.match_filter(row, verdict)], sort)
     context: dict[str, Any] = {
         "rows": rows,
+        "not_run": len(not_run),
+        "failures": sum(map(scenario_outcome.has_failure, rows or ())),
+        "outcome": scenario_outcome,
         "chosen": chosen,
         "verdict": verdict,
         "sort": sort,

@@ -10,7 +10,7 @@ from mdrive_sumo.core.errors import InputError
 from server.api import schemas
 from server.api.dependencies import Now, Services, ServicesDep
 from server.api.problems import ProblemError
-from server.api.routes.phases import list_phases, show_quota
+from server.api.routes.phases import find_default_phase, list_phases, show_quota
 from server.api.submission_service import receive_submission
 from server.api.upload import received_fields
 from server.store.errors import new_id
@@ -68,9 +68,10 @@ def _is_htmx(request: Request) -> bool:
 def _form_context(services: Services, visitor: TeamVisitor, at_us: int) -> dict[str, Any]:
     """Return the choices of the form."""
     found = list_phases(services, at_us).items
-    is_open = [(phase, show_quota(phase.id, visitor, services, at_us)) for phase in found if phase.open]
+    is_open = sorted((phase for phase in found if phase.open), key=lambda phase: not phase.public)
     return {
-        "open": is_open,
+        "open": [(phase, show_quota(phase.id, visitor, services, at_us)) for phase in is_open],
+        "default": find_default_phase(found),
         "others": [phase for phase in found if not phase.open],
         "tracks": TRACK_LABELS,
         "most": services.settings.limits.archive_bytes,

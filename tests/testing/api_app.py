@@ -62,7 +62,9 @@ class Server:
     now_us: int = NOON
 
     def __post_init__(self) -> None:
-        self.settings = ServerSettings(data=self.folder, limits=ArchiveSettings(archive_bytes=self.archive_bytes))
+        self.settings = ServerSettings(
+            data=self.folder, limits=ArchiveSettings(archive_bytes=self.archive_bytes, start_agents=False)
+        )
         with self.store.write() as session:
             phases.set_phases(session, [PHASE, HIDDEN, CLOSED], NOON)
             red, blue = (teams.create(session, name, NOON) for name in ("red", "blue"))

@@ -9,6 +9,20 @@ FLAGS = (
     " --disable-component-update --disable-sync"
 )
 
+COVERED = """() => {
+    const covered = [];
+    for (let tick = 0; tick < viewer.ticks; tick += 25) {
+        viewer.seek(tick);
+        for (let ego = 0; ego < viewer.replay.egos; ego++) {
+            const at = viewer.screen(ego);
+            const over = at && document.elementFromPoint(...at)?.closest("#map, .card");
+            if (at && over?.id !== "map") covered.push([tick, ego, over?.id ?? "outside"]);
+        }
+    }
+    return covered;
+}"""
+"""Every CAV at every second that lies under a card or outside of the window."""
+
 
 def list_flags() -> list[str]:
     """Return the flags with which Chromium runs here, also as root."""

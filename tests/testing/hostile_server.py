@@ -31,6 +31,7 @@ unpacked_bytes = 8388608
 entries = 50
 ratio = 100
 refused_per_day = 1000
+start_agents = false
 [sandbox]
 tick_s = 4.0
 processes = 24

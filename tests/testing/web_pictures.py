@@ -1,4 +1,4 @@
-"""Takes the pictures of docs/pages.md: `python -m tests.testing.web_pictures docs/pages`. No tests in here.
+"""Takes the pictures of docs/pages.md: `PYTHONPATH=tests:. python -m testing.web_pictures docs/pages`. No tests.
 
 Everything on them was driven: three teams send the sample agent with different settings.
 """
@@ -100,7 +100,7 @@ def _all(camera: Camera, browser: Any, home: str, here: Path) -> None:
         tab.click("#send")
         tab.wait_for_url(f"{home}/submissions/*")
         if number:
-            tab.wait_for_selector("#scenarios .tag.good", timeout=120_000)
+            tab.wait_for_selector("#scenarios .tag:is(.good, .warn)", timeout=120_000)
             camera.shot("submission-running", tab)
             camera.take("admin", "/admin", admin)
         web_story.watch(tab, Story())
@@ -113,7 +113,8 @@ def _all(camera: Camera, browser: Any, home: str, here: Path) -> None:
     camera.take("leaderboard", "/", story.token)
     camera.take("leaderboard-phone", "/", story.token, dark=True, phone=True)
     camera.take("submission-phone", mine, story.token, phone=True)
-    camera.take("replay", f"{mine}/scenarios/{SCENARIOS[0]}/0", story.token)
+    camera.take("replay", f"{mine}/scenarios/{SCENARIOS[0]}/0#t=4.00", story.token)
+    camera.take("replay-phone", f"{mine}/scenarios/{SCENARIOS[0]}/0/replay#t=4.00", story.token, phone=True)
     camera.take("admin-machine", "/admin/machine", admin, dark=True)
     camera.take("admin-teams", "/admin/teams", admin)
 

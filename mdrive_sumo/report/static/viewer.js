@@ -4,7 +4,7 @@ const RATES = [0.25, 0.5, 1, 2, 4, 8];
 const LAYERS = ["sight", "intentions", "messages", "shared", "transcript"];
 const LABELS = ["near", "all", "none"];
 const LONGEST_FRAME_MS = 100; // after a pause of the browser: go on from here, do not jump
-const LEAST_STAGE_PX = 260; // where less is left for the map, the strips start hidden
+const LEAST_STAGE_PX = 380; // where less is left for the map, the strips start hidden
 const KEPT_TIMES = 1200;
 const SCALE_BARS_M = [0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000];
 
@@ -32,9 +32,10 @@ class Viewer {
     this.lists.show("events");
     $("duration").textContent = ` / ${replay.seconds(replay.lastTick).toFixed(2)} s`;
     this.theme = readTheme();
-    this.resize();
-    if (this.stage.height < LEAST_STAGE_PX * devicePixelRatio) this.toggleStrips();
+    this.bounds = sceneBounds(replay);
     this.fit();
+    listenToFolds(this);
+    if ($("stage").clientHeight < LEAST_STAGE_PX) this.toggleStrips();
     this.readLink();
   }
 
@@ -87,6 +88,7 @@ class Viewer {
   follow(ego) {
     this.followed = ego < this.replay.egos ? ego : -1;
     if (this.followed >= 0) this.select(this.followed);
+    this.fitted = false;
     if (this.followed >= 0 && this.view.scale < 6 * devicePixelRatio) this.view.scale = 8 * devicePixelRatio;
     this.changed();
   }
@@ -119,23 +121,12 @@ class Viewer {
     this.changed();
   }
 
+  /** Shows the whole scene, and keeps showing it when panels fold or the window changes, until the view is moved. */
   fit() {
-    const { replay, stage } = this;
-    const points = replay.routes.flatMap(pairs);
-    for (let ego = 0; ego < replay.egos; ego++) points.push(...this.placesOf(ego));
-    const [xs, ys] = [0, 1].map((axis) => points.map((point) => point[axis]));
-    const least = (values) => values.reduce((a, b) => Math.min(a, b));
-    const most = (values) => values.reduce((a, b) => Math.max(a, b));
-    const room = 60 * devicePixelRatio;
     this.followed = -1;
-    this.view.fit([least(xs), least(ys), most(xs), most(ys)], stage.width - room, stage.height - room);
+    this.fitted = true;
+    arrangeScene(this, true);
     this.changed();
-  }
-
-  placesOf(ego) {
-    const pose = {};
-    const ticks = Array.from({ length: Math.ceil(this.replay.ticks / 20) }, (_, i) => 20 * i);
-    return ticks.filter((tick) => this.replay.sample(ego, tick, pose)).map((tick) => (this.replay.sample(ego, tick, pose), [pose.x, pose.y]));
   }
 
   resize() {
@@ -143,10 +134,7 @@ class Viewer {
     const ratio = devicePixelRatio;
     [$("map").width, $("map").height] = [Math.round(innerWidth * ratio), Math.round(innerHeight * ratio)];
     this.timeline.draw(this.theme, this.selected); // first: its height decides how much is left for the stage
-    const { left, top, width, height } = $("stage").getBoundingClientRect();
-    this.stage = { width: width * ratio, height: height * ratio };
-    this.view.middleX = Math.round((left + width / 2) * ratio);
-    this.view.middleY = Math.round((top + height / 2) * ratio);
+    arrangeScene(this, this.fitted);
     this.roads.invalidate();
     this.changed();
   }
@@ -281,6 +269,12 @@ async function start() {
     },
     get view() {
       return { x: viewer.view.x, y: viewer.view.y, scale: viewer.view.scale };
+    },
+    /** Where the CAV is on the screen [px of the style sheet]; undefined if it is not in the world. */
+    screen(ego) {
+      const pose = {};
+      if (!viewer.replay.sample(ego, viewer.time, pose)) return undefined;
+      return viewer.view.toScreen(pose.x, pose.y).map((px) => px / devicePixelRatio);
     },
     get layers() {
       return [...viewer.on];

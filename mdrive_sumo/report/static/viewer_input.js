@@ -27,7 +27,6 @@ function listenToButtons(viewer) {
   // After a click with the pointer the keys belong to the player again; after the keyboard's, focus stays visible.
   document.addEventListener("click", (event) => event.detail > 0 && event.target.closest("button")?.blur());
   $("rate").addEventListener("change", () => $("rate").blur());
-  new ResizeObserver(() => viewer.resize()).observe($("stage"));
   addEventListener("hashchange", () => viewer.readLink());
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => viewer.restyle());
 }
@@ -44,6 +43,7 @@ function listenToLayer(viewer, name) {
 }
 
 function zoomBy(viewer, factor, px, py) {
+  viewer.fitted = false;
   if (viewer.followed >= 0) viewer.view.zoom(factor);
   else viewer.view.zoom(factor, px, py);
   viewer.changed();
@@ -65,6 +65,8 @@ function listenToKeys(viewer) {
     f: () => viewer.follow(viewer.followed + 1),
     l: () => viewer.cycleLabels(),
     s: () => viewer.toggleStrips(),
+    h: () => $("panel-fold").click(),
+    y: () => $("layers-fold").click(),
     "+": () => zoomBy(viewer, KEY_ZOOM),
     "=": () => zoomBy(viewer, KEY_ZOOM),
     "-": () => zoomBy(viewer, 1 / KEY_ZOOM),
@@ -107,7 +109,7 @@ function listenToPointer(viewer) {
     travelled += Math.hypot(px - ox, py - oy);
     if (down.size === 2) pinch(viewer, before, [...down.values()]);
     else if (travelled > 4) {
-      viewer.followed = -1;
+      Object.assign(viewer, { followed: -1, fitted: false });
       viewer.view.pan(px - ox, py - oy);
       map.classList.add("dragging");
     }

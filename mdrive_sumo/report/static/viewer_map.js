@@ -5,11 +5,9 @@ const MAX_SCALE = 150;
 const MARGIN = 0.3; // of the screen, on every side of the drawn map
 const SETTLE_MS = 140; // after the last change of scale the map is drawn anew
 
-const PALETTE = ["#2f6bed", "#e0701a", "#12946b", "#b83fa6", "#0f93b5", "#c93a4b", "#7a5be0", "#8a7a12"];
-
+/** CAV_COLOURS: from `palette.py`, in front of the scripts. */
 function colourOf(ego) {
-  if (ego < PALETTE.length) return PALETTE[ego];
-  return `hsl(${Math.round((ego * 137.5) % 360)} 62% 46%)`; // golden angle: neighbours in the list differ
+  return CAV_COLOURS[ego % CAV_COLOURS.length];
 }
 
 /** Colours of the theme: the same custom properties as the style sheet. */
@@ -52,8 +50,11 @@ class View {
   fit([x0, y0, x1, y1], width, height) {
     this.x = (x0 + x1) / 2;
     this.y = (y0 + y1) / 2;
-    const wanted = Math.min(30, width / Math.max(x1 - x0, 30), height / Math.max(y1 - y0, 30));
-    this.scale = Math.max(MIN_SCALE, wanted); // a stage smaller than its margins has less than no room
+    this.scale = this.scaleFor([x0, y0, x1, y1], width, height);
+  }
+  /** The scale at which the bounds fit into this many px. */
+  scaleFor([x0, y0, x1, y1], width, height) {
+    return Math.max(MIN_SCALE, Math.min(30, width / Math.max(x1 - x0, 30), height / Math.max(y1 - y0, 30)));
   }
 }
 

@@ -5,10 +5,26 @@ class Panel {
     this.replay = replay;
     document.getElementById("scenario").textContent = replay.scenario;
     document.getElementById("category").textContent = replay.category;
+    document.getElementById("description").textContent = replay.description;
+    this.addScores();
     const list = document.getElementById("cavs");
     this.rows = replay.ids.slice(0, replay.egos).map((id, ego) => this.addCav(list, id, ego, select, follow));
     this.addEvents(seek);
     this.addFacts();
+  }
+
+  /** Scores of the scenario, where the page has them. */
+  addScores() {
+    const { scores } = this.replay;
+    const list = document.getElementById("scores");
+    list.hidden = !scores;
+    if (!scores) return;
+    const texts = { DS: percent(scores.ds), SR: percent(scores.sr), RC: percent(scores.rc), IP: scores.ip.toFixed(2) };
+    for (const [name, text] of Object.entries(texts)) {
+      const item = element("div", "");
+      item.append(element("dt", "", name), element("dd", "", text));
+      list.append(item);
+    }
   }
 
   addCav(list, id, ego, select, follow) {
@@ -19,6 +35,8 @@ class Panel {
     const state = element("span", "state");
     const speed = element("span", "speed");
     choose.append(swatch, element("span", "name", id), speed, state);
+    const scores = this.replay.scores?.egos[ego];
+    if (scores) choose.append(element("span", "score", `DS ${percent(scores[0])} · RC ${percent(scores[1])} · IP ${scores[2].toFixed(2)}`));
     choose.setAttribute("aria-label", `Select ${id}`);
     choose.addEventListener("click", () => select(ego));
     const target = element("button", "target", "◎");
@@ -72,6 +90,10 @@ class Panel {
     });
     for (const { button, tick: at } of this.events) button.classList.toggle("past", at <= tick);
   }
+}
+
+function percent(value) {
+  return `${value.toFixed(1)} %`;
 }
 
 /** An element with a text that is never read as markup. */

@@ -90,7 +90,7 @@ class Timeline {
     this.track.setAttribute("aria-valuetext", `${replay.seconds(tick).toFixed(2)} seconds`);
     const here = replay.present(selected, tick);
     const pedals = replay.control(selected, 0, tick) - replay.control(selected, 1, tick);
-    const texts = [`${replay.speed(selected, tick).toFixed(1)} m/s`, signed(pedals), signed(replay.control(selected, 2, tick))];
+    const texts = [`${replay.speed(selected, tick).toFixed(1)} m/s`, share(pedals), share(replay.control(selected, 2, tick))];
     this.values.forEach((value, i) => (value.textContent = here ? texts[i] : "–"));
   }
 
@@ -131,7 +131,7 @@ class Timeline {
       ctx.moveTo(x, AXIS_PX - 4);
       ctx.lineTo(x, this.height);
       ctx.textAlign = s === 0 ? "left" : x > this.width - 16 ? "right" : "center";
-      ctx.fillText(s === 0 ? "0 s" : `${s}`, s === 0 ? 0 : Math.min(x, this.width), 10);
+      ctx.fillText(`${s} s`, s === 0 ? 0 : Math.min(x, this.width), 10);
     }
     ctx.stroke();
   }
@@ -192,7 +192,7 @@ class Timeline {
     const y = this.frame(ctx, theme, 0, 1);
     ctx.strokeStyle = colourOf(ego);
     this.polyline(ctx, ego, (tick) => y + STRIP_PX * (1 - Math.max(speeds[tick], 0) / top));
-    this.caption(ctx, theme, 0, `${top}`, "0");
+    this.caption(ctx, theme, 0, `${top} m/s`, "0");
   }
 
   /** Throttle as an area upwards, brake as one downwards. */
@@ -209,19 +209,20 @@ class Timeline {
       ctx.lineTo(this.width, middle);
       ctx.fill();
     }
-    this.caption(ctx, theme, 1, "throttle", "brake");
+    this.caption(ctx, theme, 1, "throttle 100 %", "brake 100 %");
   }
 
   drawSteer(ctx, theme, ego) {
     const middle = this.frame(ctx, theme, 2, 0.5) + STRIP_PX / 2;
     ctx.strokeStyle = colourOf(ego);
     this.polyline(ctx, ego, (tick) => middle - (this.replay.control(ego, 2, tick) * STRIP_PX) / 2);
-    this.caption(ctx, theme, 2, "left", "right");
+    this.caption(ctx, theme, 2, "left 100 % of the lock", "right 100 %");
   }
 }
 
-function signed(value) {
-  return `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(2)}`;
+/** Of the whole pedal or lock. */
+function share(value) {
+  return `${value < 0 ? "−" : "+"}${Math.round(100 * Math.abs(value))} %`;
 }
 
 function describe(replay, mark) {

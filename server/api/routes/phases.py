@@ -1,5 +1,6 @@
 """Phases: when submissions are accepted, on which suite, and how many."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 from fastapi import APIRouter
@@ -33,6 +34,11 @@ def show_quota(phase: schemas.PhaseId, caller: TeamCaller, services: ServicesDep
     with services.store.read() as session:
         used = quota.count_used(session, caller[1], phases.get(session, phase).id, at_us)
         return schemas.QuotaOut(today=used.today, in_parallel=used.in_parallel, in_total=used.in_total)
+
+
+def find_default_phase(found: Iterable[schemas.PhaseOut]) -> schemas.PhaseOut | None:
+    """Return the phase for a first submission: the first open public one, never a hidden one, whose quota is small."""
+    return next((phase for phase in found if phase.open and phase.public), None)
 
 
 def _to_phase(phase: tables.PhaseRow, at_us: int) -> schemas.PhaseOut:

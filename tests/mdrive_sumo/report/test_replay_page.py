@@ -125,8 +125,8 @@ def page(browser: Any, replay_file: Path) -> Iterator[Any]:
     yield from opened(browser, replay_file.as_uri())
 
 
-def opened(browser: Any, address: str) -> Iterator[Any]:
-    tab = browser.new_page(viewport={"width": 1280, "height": 720})
+def opened(browser: Any, address: str, size: tuple[int, int] = (1280, 720)) -> Iterator[Any]:
+    tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
     trouble: list[str] = []
     tab.on("console", lambda message: trouble.append(message.text))
     tab.on("pageerror", lambda error: trouble.append(str(error)))

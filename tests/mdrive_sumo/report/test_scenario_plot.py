@@ -10,7 +10,8 @@ from testing.actors_world import actor
 
 from mdrive_sumo.report.actor_plot import KIND_COLOURS
 from mdrive_sumo.report.map_plot import BUILDING
-from mdrive_sumo.report.scenario_plot import EGO_COLOURS, save_scenario_plot
+from mdrive_sumo.report.palette import CAV_COLOURS, LIGHT
+from mdrive_sumo.report.scenario_plot import save_scenario_plot
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Scenario
@@ -34,12 +35,12 @@ def pixels(path: Path, colour: str) -> int:
 def test_every_cav_and_the_houses_are_in_the_picture(tmp_path: Path) -> None:
     one = scenario("i38")
     path = drawn(one, tmp_path / "new" / "i38.png")
-    assert all(pixels(path, colour) > 50 for colour in EGO_COLOURS[: len(one.egos)])
+    assert all(pixels(path, colour) > 50 for colour in CAV_COLOURS[: len(one.egos)])
     assert pixels(path, BUILDING) > 5000
 
 
 def test_an_absent_cav_is_not(tmp_path: Path) -> None:
-    assert pixels(drawn(scenario("i07"), tmp_path / "i07.png"), EGO_COLOURS[2]) == 0
+    assert pixels(drawn(scenario("i07"), tmp_path / "i07.png"), CAV_COLOURS[2]) == 0
 
 
 @pytest.mark.parametrize(("start", "words"), [("i13", ("i13_ins_sl_minor_road", "STOP")), ("i46", ("hw_c",))])
@@ -51,9 +52,9 @@ def test_names_and_signs_are_written(tmp_path: Path, start: str, words: tuple[st
 def test_background_cars_wait_where_they_depart(tmp_path: Path) -> None:
     one = scenario("i07")
     car = BackgroundVehicle(id="car", depart_s=0, edges=("east_in",), depart_lane=1, depart_pos_m=70)
-    before = pixels(drawn(one, tmp_path / "before.png"), "#3d4047")
+    before = pixels(drawn(one, tmp_path / "before.png"), LIGHT["vehicle"])
     busy = one.model_copy(update={"background": Background(vehicles=(car,))})
-    assert pixels(drawn(busy, tmp_path / "busy.png"), "#3d4047") > before + 50
+    assert pixels(drawn(busy, tmp_path / "busy.png"), LIGHT["vehicle"]) > before + 50
 
 
 def test_an_unknown_format_is_refused(tmp_path: Path) -> None:

@@ -1,11 +1,20 @@
 """Uploads that are refused: wrong fields, bad archives, too many bytes, broken forms, no token."""
 
+from dataclasses import replace
+from http import HTTPStatus
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
 from testing import archive_samples
 from testing.api_app import ZIP, Server, listening, problem
+
+from server.api import submission_service
+from server.api.agent_start import starts_agents
+from server.api.subprocess_runner import CallEndedError
+from server.archive import ArchiveRefused, Manifest
+from server.settings import ArchiveSettings, ServerSettings, WorkerSettings
 
 
 @pytest.mark.parametrize(
@@ -102,3 +111,53 @@ def test_a_refusal_reaches_a_client_that_is_still_sending(tmp_path: Path) -> Non
 def test_without_a_token_nothing_is_taken_in(server: Server) -> None:
     problem(server.send(""), 401)
     problem(server.send("admin"), 403, "submit")
+
+
+def test_what_an_agent_declares_is_refused_at_upload_and_costs_no_quota(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first start in a box, by `declaration_check`, is in its own tests; here it says no."""
+
+    def refuse(archive: Path, manifest: Manifest, settings: ServerSettings) -> bool:
+        assert archive.is_file() and manifest.style == "agent" and settings.limits.start_agents
+        raise ArchiveRefused("sensor 'rgb': expected another")
+
+    limits = server.settings.limits.model_copy(update={"start_agents": True, "refused_per_day": 2})
+    server.app.state.services = replace(
+        server.app.state.services, settings=server.settings.model_copy(update={"limits": limits})
+    )
+    monkeypatch.setattr(submission_service, "check_uploaded_agent", refuse)
+    for _ in range(2):
+        problem(server.send(), 422, "sensor 'rgb'")
+    assert server.get("/phases/dev/quota", "red") == {"today": 0, "in_parallel": 0, "in_total": 0}
+    assert server.get("/submissions", "red")["items"] == [] and list(server.settings.archives.iterdir()) == []
+    problem(server.send(), 429, "2 archives of your team were refused today")  # each occupied a checker
+
+
+def test_an_agent_whose_start_takes_too_long_is_accepted_unchecked(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def hang(*_: object) -> bool:
+        raise CallEndedError(HTTPStatus.SERVICE_UNAVAILABLE, "busy", "it took longer")
+
+    limits = server.settings.limits.model_copy(update={"start_agents": True})
+    server.app.state.services = replace(
+        server.app.state.services, settings=server.settings.model_copy(update={"limits": limits})
+    )
+    monkeypatch.setattr(submission_service, "check_uploaded_agent", hang)
+    assert server.send().status_code == 201
+
+
+@pytest.mark.parametrize(
+    ("work", "starts"),
+    [({}, True), ({"processes": 0}, False), ({"scheduler": "tcp://h:1"}, False), ({"phase_kinds": "hidden"}, False)],
+)
+def test_agents_are_started_only_where_agents_of_public_phases_run(work: dict[str, Any], starts: bool) -> None:
+    assert starts_agents(ServerSettings(work=WorkerSettings(**work))) is starts
+    assert not starts_agents(ServerSettings(limits=ArchiveSettings(start_agents=False)))
+
+
+@pytest.mark.parametrize("path", ["/submissions/abc", "/phases/A%20B", f"/submissions/{'0' * 32}/scenarios/:/0/replay"])
+def test_no_regular_expression_is_shown(server: Server, path: str) -> None:
+    found = problem(server.ask("GET", path, "red"), 422, "expected ")
+    assert "pattern" not in found["detail"] and "^" not in found["detail"]

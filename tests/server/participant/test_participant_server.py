@@ -1,18 +1,19 @@
 """The participants' client and the real server understand each other."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from testing.api_app import Server
 from testing.archive_samples import GOOD, packed, written
-from testing.store_samples import NOON
+from testing.store_samples import NOON, PHASE
 
 from mdrive_sumo.core.errors import InputError
 from server.enums import ChallengeTrack, SubmissionState
 from server.participant.client import ChallengeClient, SubmissionForm
 from server.participant.follow import follow
-from server.store import submissions
+from server.store import phases, submissions
 
 ENTRY = SubmissionForm("dev", ChallengeTrack.SINGLE, "Mine")
 
@@ -43,8 +44,11 @@ def test_a_submission_is_sent_and_followed_to_its_end(server: Server, team: Chal
     assert said == ["queued", "rejected: no camera here"]
 
 
-def test_the_open_phase_is_found(team: ChallengeClient) -> None:
-    with pytest.raises(InputError, match=r"expected --phase, one of: dev, test$"):
+def test_the_open_public_phase_is_found_and_a_hidden_one_never_taken(server: Server, team: ChallengeClient) -> None:
+    assert team.open_phase() == "dev"
+    with server.store.write() as session:
+        phases.set_phases(session, [replace(PHASE, closes_us=1)], NOON)
+    with pytest.raises(InputError, match=r"expected --phase, one of: test \(hidden\)$"):
         team.open_phase()
 
 

@@ -48,6 +48,26 @@ def test_the_quota_of_a_day_is_of_a_utc_day(store: Store, red: str) -> None:
         assert sent(session, red, last + 1).state == SubmissionState.QUEUED
 
 
+@pytest.mark.parametrize(
+    ("public", "scored", "counts"), [(True, False, False), (True, True, True), (False, False, True)]
+)
+def test_a_rejection_before_any_result_is_a_refused_upload(
+    store: Store, public: bool, scored: bool, counts: bool
+) -> None:
+    """But not in a hidden phase, where every start may tell something, nor after work of the evaluator."""
+    (red,) = with_teams(store, "red", phase=replace(PHASE, public=public))
+    with store.write() as session:
+        submission = sent(session, red)
+        if scored:
+            job = jobs.claim(session, "worker", LEASE, NOON)
+            assert job is not None and jobs.finish(session, job.id, "worker", job.attempt, GOOD, NOON)
+        submissions.reject(session, submission.id, "sensor 'rgb': expected another", NOON)
+        assert submission.counts is counts
+        assert quota.count_used(session, red, PHASE.id, NOON).today == counts
+        assert quota.count_refused(session, red, NOON) == (not counts)
+        assert audit.verify_chain(session).broken is None
+
+
 def test_the_quota_in_parallel_is_free_again_after_an_end(store: Store, red: str) -> None:
     with store.write() as session:
         first, _ = sent(session, red, NOON), sent(session, red, NOON + 1)

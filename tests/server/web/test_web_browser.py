@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 from testing import web_story
+from testing.archive_samples import packed
+from testing.chromium import COVERED
 from testing.evaluation_real import wait_for
 from testing.paths import TESTS
 from testing.sandbox_runs import needs_bubblewrap
@@ -113,6 +115,42 @@ def test_a_refusal_stands_beside_the_form_with_its_file_still_chosen(world: Worl
     # Chromium itself notes that an answer was 422; nothing else may have gone wrong.
     assert [text for text in world.seen.trouble if "status of 422" not in text] == []
     world.seen.trouble.clear()
+
+
+def test_an_agent_that_wants_a_camera_is_refused_at_upload_and_costs_no_quota(world: World, tmp_path: Path) -> None:
+    """The server starts it in a box before it is in the queue."""
+    source = "from mdrive_sumo.contract import SensorSpec\nclass Agent:\n    label = 'single'\n"
+    source += "    def __init__(self, config): ...\n    def sensors(self): return (SensorSpec('rgb'),)\n"
+    archive = tmp_path / "camera.zip"
+    archive.write_bytes(packed({"agents.py": source.encode(), "model_env.yaml": b"environment: python3.11-numpy\n"}))
+    tab = world.tab(world.story.token)
+    tab.goto(f"{world.seen.home}/submit")
+    used = tab.inner_text("main table tbody tr")
+    tab.fill("#name", "With eyes")
+    tab.set_input_files("#archive", archive)
+    tab.click("#send")
+    tab.wait_for_selector("#refusal .problem")
+    assert "sensor 'rgb': expected a sensor that needs no rendered images" in tab.inner_text("#refusal")
+    tab.reload()
+    assert tab.inner_text("main table tbody tr") == used
+    tab.context.close()
+    world.seen.trouble.clear()
+
+
+@pytest.mark.parametrize("size", [{"width": 1440, "height": 900}, PHONE])
+def test_a_replay_opens_at_the_time_of_its_link_and_hides_no_cav(world: World, size: dict[str, int]) -> None:
+    tab = world.tab(viewport=size)
+    tab.goto(f"{world.seen.home}{world.story.submission}/scenarios/{web_story.SCENARIOS[0]}/0#t=2.00")
+    frame = tab.wait_for_selector("iframe.replay").content_frame()
+    wait_for(lambda: frame.evaluate("window.viewer?.tick") == 40)
+    assert frame.evaluate(COVERED) == []
+    assert frame.evaluate("document.getElementById('events').getBoundingClientRect().top < innerHeight - 100")
+    ds = tab.inner_text(".figures b >> nth=0")
+    assert frame.inner_text("#scores").split()[:3] == ["DS", ds, "%"]
+    tab.evaluate("location.hash = '#t=3.00'")
+    wait_for(lambda: frame.evaluate("window.viewer?.tick") == 60)
+    tab.context.close()
+    assert world.seen.trouble == []
 
 
 def test_the_form_works_without_scripts(world: World) -> None:

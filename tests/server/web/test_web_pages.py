@@ -36,6 +36,20 @@ def test_how_to_take_part_has_the_numbers_of_this_server(server: Server) -> None
     assert "suite-marker" not in words and "/register" not in words
 
 
+def test_the_commands_begin_with_an_installation_that_works(server: Server) -> None:
+    """There is no release: a clone, or the wheel that the organisers give."""
+    guide = Visit(server).get("/how").words
+    assert "from a clone of its repository: pip install '.[server]'" in guide and "mdrive-sumo[server]" not in guide
+    wheel = server.folder / "mdrive_sumo-1.0-py3-none-any.whl"
+    wheel.write_bytes(b"PK wheel")
+    changed = server.settings.model_copy(update={"wheel": wheel})
+    server.app.state.services = replace(server.app.state.services, settings=changed)
+    visit = Visit(server)
+    assert f"pip install 'mdrive-sumo[server] @ http://testserver/download/{wheel.name}'" in visit.get("/how").words
+    assert visit.client.get(f"/download/{wheel.name}").content == b"PK wheel"
+    visit.get("/download/settings.toml", 404)
+
+
 def test_logging_in_and_out(server: Server) -> None:
     visit = Visit(server)
     assert "may be mistyped" in sound(visit.post("/login", 401, token="mdrive_x")).words
@@ -104,6 +118,12 @@ def test_errors_are_pages_for_people_and_problems_for_programs(server: Server) -
     visit = Visit(server, "red")
     page = visit.get("/nope", 404)
     assert "there is nothing at GET /nope" in page.words and "Log out" in page.all("nav")[0].text
+    for path in ("/submissions/abc", "/submissions/abc/scenarios/a/0"):
+        assert visit.get(path, 404).words == f"Not Found there is nothing at {path} Leaderboards"
+    assert (
+        "query key: expected an id of 32 hexadecimal digits"
+        in sound(visit.client.post("/submit?key=x", headers={"Sec-Fetch-Site": "none"})).words
+    )
     assert "not offered here" in sound(visit.client.delete("/how")).words
     too_long = visit.client.post("/register", data={"name": "x" * 300}, headers={"Sec-Fetch-Site": "none"})
     assert too_long.status_code == 422 and "body name: expected" in sound(too_long).words

@@ -1,0 +1,88 @@
+"""The colours of a scene, the same in the replay, in `show` and in pictures of episodes."""
+
+import colorsys
+from collections.abc import Mapping
+from types import MappingProxyType
+
+_FIXED = ("#2f6bed", "#e0701a", "#12946b", "#b83fa6", "#0f93b5", "#c93a4b", "#7a5be0", "#8a7a12")
+_GOLDEN_ANGLE = 137.5 / 360
+_COUNT = 32
+
+
+def _make_colour(number: int) -> str:
+    """Return a colour whose hue is the golden angle away from that before: neighbours in a list differ."""
+    parts = colorsys.hls_to_rgb(number * _GOLDEN_ANGLE % 1.0, 0.46, 0.62)
+    return "#" + "".join(f"{round(255 * part):02x}" for part in parts)
+
+
+CAV_COLOURS = (*_FIXED, *(_make_colour(number) for number in range(len(_FIXED), _COUNT)))
+"""Colours of the CAVs in the order of the scenario; they repeat after the last."""
+LIGHT: Mapping[str, str] = MappingProxyType(
+    {
+        "ground": "#f1f2ee",
+        "road": "#c9ced6",
+        "line": "#fdfdfd",
+        "footway": "#e1dccfcc",
+        "building": "#ddd8cf",
+        "building-edge": "#c4bdb0",
+        "vehicle": "#5d6877",
+        "vehicle-edge": "#eef1f5",
+        "cyclist": "#9a5b12",
+        "pedestrian": "#a2467f",
+        "static": "#c99700",
+        "ink": "#1b2129",
+        "muted": "#5c6673",
+        "halo": "#ffffff",
+        "good": "#16855a",
+        "warn": "#b96a00",
+        "bad": "#cf2f3c",
+        "grid": "#e3e6ea",
+        "card": "#ffffff",
+        "border": "#dfe2e6",
+        "hover": "#eff2f6",
+        "chosen": "#e6eefc",
+        "focus": "#1f5fe0",
+        "cam": "#6b7685",
+        "cpm": "#0b8f8f",
+        "mcm": "#7a4fd6",
+        "text": "#b86a00",
+    }
+)
+"""Custom properties of the replay in light mode, and the colours of pictures."""
+DARK: Mapping[str, str] = MappingProxyType(
+    {
+        "ground": "#14171b",
+        "road": "#2b3038",
+        "line": "#6d7683",
+        "footway": "#3e4348a6",
+        "building": "#22272d",
+        "building-edge": "#3d444d",
+        "vehicle": "#9aa5b4",
+        "vehicle-edge": "#1a1e24",
+        "cyclist": "#d69a4e",
+        "pedestrian": "#d986bb",
+        "static": "#e0b040",
+        "ink": "#e8ebef",
+        "muted": "#98a2af",
+        "halo": "#f4f6f8",
+        "good": "#3dbb86",
+        "warn": "#e3a13c",
+        "bad": "#ef5964",
+        "grid": "#2c323a",
+        "card": "#1b1f25",
+        "border": "#30363e",
+        "hover": "#262b33",
+        "chosen": "#22304a",
+        "focus": "#79a6ff",
+        "cam": "#9aa6b5",
+        "cpm": "#36c2bd",
+        "mcm": "#ab8bff",
+        "text": "#f0ad4a",
+    }
+)
+
+
+def format_custom_properties() -> str:
+    """Return the colours as a style sheet: custom properties of the root, light and dark."""
+    light, dark = (" ".join(f"--{name}: {value};" for name, value in colours.items()) for colours in (LIGHT, DARK))
+    return f":root {{ {light} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"
