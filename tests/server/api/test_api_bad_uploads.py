@@ -37,7 +37,7 @@ BAD = {
     "link": (archive_samples.with_entry("x", mode=0o120777), "symbolic link"),
     "twice": (archive_samples.twice("agents.py"), "once"),
     "wrong root": (archive_samples.packed({"a/agents.py": b"", "b/x": b""}), "agents.py at the top"),
-    "bomb": (archive_samples.packed({**archive_samples.GOOD, "x": bytes(40_000_000)}), "200 times"),
+    "bomb": (archive_samples.packed({**archive_samples.GOOD, "x": bytes(4_000_000)}), "200 times"),
     "encrypted": (archive_samples.patched(ZIP, "agents.py", 8, "H", 1, 6), "encryption"),
     "environment": (archive_samples.packed({**archive_samples.GOOD, "model_env.yaml": b"name: cuda"}), "'cuda'"),
 }
