@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from testing import web_story
+from testing.chromium import CHROMIUM
 from testing.evaluation_real import wait_for
 from testing.paths import TESTS
 from testing.sandbox_runs import needs_bubblewrap
@@ -21,7 +22,7 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.timeout(1200),
     needs_bubblewrap,
-    pytest.mark.skipif(web_story.CHROMIUM is None, reason="needs Chromium"),
+    pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium"),
 ]
 DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 SENT = """() => {
