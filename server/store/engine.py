@@ -18,6 +18,7 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
 from server.store.database_check import check_sqlite_file
+from server.store.errors import StoreUnavailable
 
 PRIVATE_MODE = 0o600
 """Mode of databases and backups: they hold hidden results and hashes of tokens."""
@@ -26,10 +27,6 @@ BUSY_S = 30
 _WRITER_LOCK = 0x6D647269
 """Key of the PostgreSQL advisory lock that every write transaction takes first."""
 _MIGRATIONS = Path(__file__).parent / "migrations"
-
-
-class StoreUnavailable(Exception):
-    """The database does not answer, is locked for too long, or is full. Nothing was written."""
 
 
 class Store:
