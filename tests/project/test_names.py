@@ -31,6 +31,7 @@ def functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionD
     return (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
 
 
+@pytest.mark.slow
 def test_a_public_class_name_has_one_meaning() -> None:
     files_by_class: dict[str, list[str]] = defaultdict(list)
     for path in SOURCES:
@@ -52,6 +53,7 @@ def test_vehicles_and_data_are_not_called_people(package: str) -> None:
     assert found == []
 
 
+@pytest.mark.slow
 def test_files_and_functions_are_small() -> None:
     long: list[str] = []
     for path in SOURCES:

@@ -37,6 +37,7 @@ def test_admins_make_teams_and_tokens(server: Server) -> None:
     problem(server.ask("POST", "/tokens", "admin", json={"scope": "submit"}), 422, "a team")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "path", "body"),
     [
@@ -59,6 +60,7 @@ def test_what_is_for_admins_only(server: Server, method: str, path: str, body: o
     problem(server.ask(method, path, "red", json=body), 403, "scope")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("header", ["Bearer mdrive_nonsense", "Bearer ", "Basic cmVkOnJlZA==", "bearer \xff"])
 def test_a_wrong_token_is_refused_even_where_none_is_needed(server: Server, header: str) -> None:
     headers = {"Authorization": header.encode("latin-1")}
@@ -96,6 +98,7 @@ def test_phases_say_whether_they_are_open_and_hide_where_suites_lie(server: Serv
     problem(server.ask("GET", "/phases/dev/quota", "admin"), 403, "submit")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "path", "more", "status", "word"),
     [

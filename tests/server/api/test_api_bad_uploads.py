@@ -8,6 +8,7 @@ from testing import archive_samples
 from testing.api_app import ZIP, Server, listening, problem
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fields", "status", "words"),
     [
@@ -43,6 +44,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_bad_archives_are_refused(server: Server, name: str) -> None:
@@ -58,6 +60,7 @@ def test_what_is_too_large_is_refused_while_it_comes(server: Server) -> None:
     assert list(server.settings.archives.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "content", "status", "word"),
     [
@@ -90,6 +93,7 @@ def test_broken_forms_are_refused(server: Server, kind: str, content: bytes, sta
     assert list(server.settings.archives.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_refusal_reaches_a_client_that_is_still_sending(tmp_path: Path) -> None:
     """Without reading on, the connection would be cut, and a client would report that and not the answer."""
     server = Server(tmp_path, archive_bytes=20_000_000)
