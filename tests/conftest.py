@@ -89,7 +89,12 @@ def pytest_collection() -> Generator[None, object, object]:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Measure coverage by the fast tests only: tracing costs as much as two thirds of all tests."""
+    """Run modules with a costly fixture first, and measure coverage by the fast tests only.
+
+    The last tests are dealt to the workers of pytest-xdist one by one, and each worker would make the fixture again.
+    Tracing costs as much as two thirds of all tests.
+    """
+    items.sort(key=lambda item: item.get_closest_marker("costly_fixture") is None)
     if config.pluginmanager.hasplugin("_cov"):
         for item in items:
             if item.get_closest_marker("slow"):

@@ -38,6 +38,8 @@ from server.evaluation.stop_request import StopRequest
 from server.phase_suites import LoadedPhaseSuites
 from server.store.tables import JobRow as Job_
 
+pytestmark = pytest.mark.costly_fixture
+
 wait_for = partial(processes.wait_for, limit_s=60.0)
 
 

@@ -12,7 +12,11 @@ from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.index_page import build_index_row, write_index
 from real2sim.fidelity_report.report_page import write_report
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.costly_fixture,
+    pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium"),
+]
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,7 @@ from server.store import Store, teams, tokens
 
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.costly_fixture,
     pytest.mark.timeout(1200),
     needs_bubblewrap,
     pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium"),
