@@ -5,7 +5,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 
 from mdrive_sumo.core.errors import InputError
-from server.store.errors import StoreUnavailable
+from server.errors import StoreUnavailable
 
 
 def answer_calls(pipe: Connection, nice: int) -> None:

@@ -17,8 +17,8 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
+from server.errors import StoreUnavailable
 from server.store.database_check import check_sqlite_file
-from server.store.errors import StoreUnavailable
 
 PRIVATE_MODE = 0o600
 """Mode of databases and backups: they hold hidden results and hashes of tokens."""

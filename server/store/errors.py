@@ -5,10 +5,6 @@ import secrets
 from mdrive_sumo.core.errors import InputError
 
 
-class StoreUnavailable(Exception):
-    """The database does not answer, is locked for too long, or is full. Nothing was written."""
-
-
 class NotFound(InputError):
     """Nothing has that name or id."""
 
