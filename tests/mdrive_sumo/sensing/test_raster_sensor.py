@@ -129,7 +129,7 @@ def test_narrow_gaps_between_lanes_are_closed_and_nothing_else_grows(gap: float,
 def test_lane_lines_are_at_the_borders_of_the_streets_lanes(metres: float) -> None:
     roads = load_road_map(find_network_folder("skewed_crossing"))
     top, half = sensor(roads, metres_per_pixel=metres), max(metres, 0.15) / 2
-    for pose in poses(roads, 4):
+    for pose in poses(roads, 2):
         raster = look(top, pose, objects())
         gap = np.abs(beside(roads, centres(raster, pose)[::3, ::3].reshape(-1, 2), streets_only=True)).min(axis=1)
         drawn = layer(raster, "lane_lines")[::3, ::3].ravel()
