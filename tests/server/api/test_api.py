@@ -2,7 +2,8 @@
 
 import pytest
 from sqlalchemy import update
-from testing.api_app import API, Server, TestClient, problem
+from testing.api_app import API, Server, problem
+from testing.api_client import Client
 from testing.store_samples import NOON, S
 
 from server.store import StoreUnavailable, audit, tables, workers
@@ -128,7 +129,7 @@ def test_what_breaks_here_is_a_problem_without_details(server: Server, monkeypat
         raise RuntimeError("secret of the house")
 
     monkeypatch.setattr(server.store, "version", broken)
-    answer = TestClient(server.app, raise_server_exceptions=False).get(f"{API}/health")
+    answer = Client(server.app, raise_server_exceptions=False).get(f"{API}/health")
     assert "secret" not in problem(answer, 500, "internal error")["detail"]
 
 
