@@ -42,10 +42,10 @@ test: install ## the tests
 	$(PYTEST) -n 3 --dist worksteal -m "not full" $(PYTEST_FLAGS)
 
 test-all: install ## every test: each scenario, each log, long soaks
-	MDRIVE_HYPOTHESIS=all $(PYTEST) -n 2
+	TESTS_PROFILE=all $(PYTEST) -n 2
 
 check: lint changed-types imports ## lint, types of changed files, import contracts, fast tests
-	MDRIVE_HYPOTHESIS=check $(PYTEST) -n 2 --dist worksteal -m "not slow and not full" -q
+	TESTS_PROFILE=check $(PYTEST) -n 2 --dist worksteal -m "not slow and not full" -q
 
 lint: install
 	$(BIN)/ruff check .

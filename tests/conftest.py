@@ -27,7 +27,7 @@ settings.register_profile("laptop", deadline=None, max_examples=30)
 settings.register_profile("ci", deadline=None, max_examples=30, derandomize=True)
 settings.register_profile("check", deadline=None, max_examples=20)
 settings.register_profile("all", deadline=None)  # `testing.sampling`: properties get all their examples
-settings.load_profile(os.environ.get("MDRIVE_HYPOTHESIS") or ("ci" if os.environ.get("CI") else "laptop"))
+settings.load_profile(os.environ.get("TESTS_PROFILE") or ("ci" if os.environ.get("CI") else "laptop"))
 
 
 @pytest.fixture(scope="session")
