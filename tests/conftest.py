@@ -1,7 +1,9 @@
 """Shared by all tests: hypothesis profiles, material that may be absent, which skips are accepted."""
 
+import gc
 import os
 import signal
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -25,7 +27,7 @@ settings.register_profile("laptop", deadline=None, max_examples=30)
 settings.register_profile("ci", deadline=None, max_examples=30, derandomize=True)
 settings.register_profile("check", deadline=None, max_examples=20)
 settings.register_profile("all", deadline=None)  # `testing.sampling`: properties get all their examples
-settings.load_profile(os.environ.get("MDRIVE_HYPOTHESIS") or ("ci" if os.environ.get("CI") else "laptop"))
+settings.load_profile(os.environ.get("TESTS_PROFILE") or ("ci" if os.environ.get("CI") else "laptop"))
 
 
 @pytest.fixture(scope="session")
@@ -74,8 +76,25 @@ class Guard:
             terminalreporter.write_line(problem, red=True)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Collect without the garbage collector, and let it never look at modules and tests again: they stay."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.collect()
+        gc.freeze()
+        gc.enable()
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Measure coverage by the fast tests only: tracing costs as much as two thirds of all tests."""
+    """Run modules with a costly fixture first, and measure coverage by the fast tests only.
+
+    The last tests are dealt to the workers of pytest-xdist one by one, and each worker would make the fixture again.
+    Tracing costs as much as two thirds of all tests.
+    """
+    items.sort(key=lambda item: item.get_closest_marker("costly_fixture") is None)
     if config.pluginmanager.hasplugin("_cov"):
         for item in items:
             if item.get_closest_marker("slow"):

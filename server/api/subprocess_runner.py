@@ -4,7 +4,6 @@ The child starts with the first call and stays for the next one, since starting 
 that exceeds its time limit or crashes ends the child.
 """
 
-import os
 from collections.abc import Callable
 from contextlib import suppress
 from http import HTTPStatus
@@ -15,9 +14,8 @@ from queue import Empty, LifoQueue
 from threading import BoundedSemaphore, Lock
 from typing import Any, ParamSpec, Protocol, TypeVar
 
-from mdrive_sumo.core.errors import InputError
 from server.api.problems import ProblemError
-from server.store import StoreUnavailable
+from server.api.subprocess_child import answer_calls
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -124,24 +122,12 @@ class SubprocessRunner:
 
 def _start_child(nice: int) -> tuple[BaseProcess, Connection]:
     parent_end, child_end = get_context("spawn").Pipe()
-    process = get_context("spawn").Process(target=_run_child, args=(child_end, nice), daemon=True, name="mdrive-runner")
+    process = get_context("spawn").Process(
+        target=answer_calls, args=(child_end, nice), daemon=True, name="mdrive-runner"
+    )
     process.start()
     child_end.close()
     return process, parent_end
-
-
-def _run_child(pipe: Connection, nice: int) -> None:
-    """Answer calls until the parent closes the pipe."""
-    os.nice(nice)
-    with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
-        pipe.send("ready")
-        while True:
-            function, args, kwargs = pipe.recv()
-            try:
-                answer = True, function(*args, **kwargs)
-            except (InputError, OSError, StoreUnavailable) as error:
-                answer = False, error
-            pipe.send(answer)
 
 
 def _busy_error(problem: str) -> ProblemError:

@@ -11,16 +11,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from alembic import command
-from alembic.config import Config
-from alembic.runtime.migration import MigrationContext
-from alembic.util import CommandError
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
+from server.errors import StoreUnavailable
 from server.store.database_check import check_sqlite_file
 
 PRIVATE_MODE = 0o600
@@ -30,10 +27,6 @@ BUSY_S = 30
 _WRITER_LOCK = 0x6D647269
 """Key of the PostgreSQL advisory lock that every write transaction takes first."""
 _MIGRATIONS = Path(__file__).parent / "migrations"
-
-
-class StoreUnavailable(Exception):
-    """The database does not answer, is locked for too long, or is full. Nothing was written."""
 
 
 class Store:
@@ -68,6 +61,10 @@ class Store:
 
         Raises InputError if a newer version created them, a SQLite file is damaged or its folder cannot be created.
         """
+        from alembic import command  # here: workers and their children import the store, and migrate nothing
+        from alembic.config import Config
+        from alembic.util import CommandError
+
         if self.is_sqlite:
             _make_folder(Path(str(self.url.database)).parent)
         self.check()
@@ -91,6 +88,8 @@ class Store:
 
     def version(self) -> str | None:
         """Return the name of the last migration, None for an empty database."""
+        from alembic.runtime.migration import MigrationContext
+
         with _translate_errors(), self._reader.connect() as connection:
             return MigrationContext.configure(connection).get_current_revision()
 

@@ -21,6 +21,7 @@ EXAMPLES = 12
 """Inputs of each reader in the fast tests."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, target in TARGETS.items() if not target.native])
 def test_some_damaged_files_are_read_or_refused(name: str, tmp_path: Path) -> None:
     harness, draws = Harness(name, tmp_path), random.Random(f"{name} {SEED}")

@@ -12,3 +12,11 @@ def in_process() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         run_in_process(patch)
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def short_pauses() -> Iterator[None]:
+    """Ask a language model that fails again after a hundredth of a second: tests wait for nothing."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mdrive_sumo.negotiation.language_model.FIRST_PAUSE_S", 0.01)
+        yield

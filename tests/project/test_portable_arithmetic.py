@@ -69,6 +69,7 @@ def test_operations_that_agree_are_accepted(text: str) -> None:
     assert list(find_problems(text)) == []
 
 
+@pytest.mark.slow
 def test_the_library_uses_operations_with_the_same_bits_everywhere() -> None:
     assert len(SOURCES) > 200
     problems = {str(path.relative_to(ROOT)): list(find_problems(path.read_text("utf-8"))) for path in SOURCES}

@@ -20,6 +20,8 @@ from typing import Any, NamedTuple
 import pytest
 from testing.paths import ROOT, TESTS
 
+pytestmark = pytest.mark.costly_fixture
+
 PAGES = sorted((ROOT / "docs" / "how-to").glob("*.md"))
 PACKAGES = ("mdrive_sumo", "real2sim", "server")
 LIMIT_S = 120

@@ -19,6 +19,7 @@ BAD = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BAD)
 def test_bad_xml_is_refused_in_a_sentence(name: str, tmp_path: Path) -> None:
     path = tmp_path / "map.osm"

@@ -1,7 +1,6 @@
 """A server for the tests of the API: an in-memory client, a database of its own, a clock that stands still."""
 
 import time
-import warnings
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -20,11 +19,8 @@ from server.settings import ArchiveSettings, ServerSettings
 from server.store import Store, phases, teams, tokens
 from server.store.phases import NewPhase
 from testing import archive_samples, databases
+from testing.api_client import Client
 from testing.store_samples import JOBS, NOON, PHASE
-
-with warnings.catch_warnings():
-    warnings.simplefilter("ignore")  # Starlette would rather have httpx2, a package of its own
-    from fastapi.testclient import TestClient
 
 API = "/api/v1"
 HIDDEN = NewPhase("test", "Test", "/srv/secret/suite-marker", False, 0, 30_000 * DAY_US, 3, 2, 100)
@@ -78,7 +74,7 @@ class Server:
         self.app = create_app(self.settings, self.store, FakeSuites(), Here(), lambda: self.now_us)
         self.settings.archives.mkdir(parents=True, exist_ok=True)
         with_environment(self.settings)
-        self.client = TestClient(self.app)
+        self.client = Client(self.app)
 
     def ask(self, method: str, path: str, who: str = "", **more: Any) -> Response:
         """One request, by the holder of a token."""

@@ -19,4 +19,4 @@ def sampled(values: Iterable[T], kept: Collection[T]) -> list[ParameterSet]:
 
 def examples(usual: int, thorough: int) -> int:
     """How many examples a property gets that takes long or needs many: `thorough` of them in `make test-all`."""
-    return thorough if os.environ.get("MDRIVE_HYPOTHESIS") == "all" else usual
+    return thorough if os.environ.get("TESTS_PROFILE") == "all" else usual

@@ -15,7 +15,8 @@ from server.store.jobs import JobOutcome
 from server.web.mount_pages import mount_pages
 from server.web.templating import POLICY
 from server.web.visitor import COOKIE
-from testing.api_app import Server, TestClient, another_zip
+from testing.api_app import Server, another_zip
+from testing.api_client import Client
 from testing.store_samples import LEASE, S
 
 VOID = frozenset(("area", "br", "col", "hr", "img", "input", "link", "meta", "wbr"))
@@ -139,7 +140,7 @@ class Visit:
     def __post_init__(self) -> None:
         if not hasattr(self.server.app.state, "error_page"):
             mount_pages(self.server.app)
-        self.client = TestClient(self.server.app, follow_redirects=False)
+        self.client = Client(self.server.app, follow_redirects=False)
         if self.who:
             self.client.cookies.set(COOKIE, self.server.tokens[self.who])
 

@@ -1,8 +1,6 @@
 """A challenge as people meet it: a real server, a real browser, a team from its registration to its rank. No tests."""
 
 import json
-import os
-import shutil
 import subprocess
 import sys
 import time
@@ -16,17 +14,9 @@ from mdrive_sumo.scenario.reference_times import find_reference_times, save_refe
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
 from server import environments
 from server.participant.packaging import write_archive
+from testing.chromium import CHROMIUM, list_flags
 from testing.processes import wait_for
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-FLAGS = (
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-)
 SCENARIOS = ("i07_ins_ss_town", "i08_ins_ss_old_town")
 STARTED_S, DRIVEN_S = 90.0, 240.0
 DRAWN = 20
@@ -100,8 +90,7 @@ def sample(folder: Path) -> Path:
 @contextmanager
 def chromium(playwright: Any) -> Generator[Any]:
     """A browser."""
-    as_root = ["--no-sandbox"] if os.geteuid() == 0 else []
-    browser = playwright.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS, *as_root])
+    browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list_flags())
     try:
         yield browser
     finally:

@@ -131,6 +131,7 @@ def test_parked_vehicles_do_not_overlap(roads: RoadMap) -> None:
             assert apart > (one.length + other.length) / 2 or apart > 10.0
 
 
+@pytest.mark.slow
 def test_cavs_start_apart_on_one_axis_before_a_junction_and_many_turn(roads: RoadMap) -> None:
     turns = 0
     for seed in range(20):

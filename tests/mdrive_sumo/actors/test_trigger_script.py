@@ -104,6 +104,7 @@ def test_hard_brake_waits_for_the_metres_too() -> None:
     assert x[int(np.argmax(v < 8.0))] == pytest.approx(60.0, abs=0.9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("direction", "lane", "y"), [("left", "r_0", 3.5), ("right", "r_1", 0.0)])
 def test_lane_change_keeps_for_5_m_goes_over_in_25_m_and_then_on_in_parallel(
     direction: str, lane: str, y: float
@@ -121,6 +122,7 @@ def test_lane_change_keeps_for_5_m_goes_over_in_25_m_and_then_on_in_parallel(
     assert film[-1, 3] == 8.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cav_y", "y"), [(-3.5, 0.0), (7.0, 3.5), (0.0, 3.5)])
 def test_without_a_direction_it_goes_toward_the_target_vehicle_else_left(cav_y: float, y: float) -> None:
     start = (1.75 if cav_y == 0.0 else 3.5, "r_1") if y == 0.0 else (0.0, "r_0")

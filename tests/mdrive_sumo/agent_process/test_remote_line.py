@@ -134,6 +134,7 @@ def test_the_deadline_is_for_the_whole_answer(child: FakeChild, hasty: AgentConn
     assert child.drip  # it would have gone on
 
 
+@pytest.mark.slow
 def test_an_answer_in_pieces_in_time_is_one(child: FakeChild, tmp_path: Path) -> None:
     line = AgentConnection(child, FrameFolder(tmp_path), AgentLimits(tick_s=60.0))
     child.drip = framed(answer(1, GOOD))
@@ -142,6 +143,7 @@ def test_an_answer_in_pieces_in_time_is_one(child: FakeChild, tmp_path: Path) ->
     line.close()
 
 
+@pytest.mark.slow
 def test_an_agent_that_does_not_read_runs_out_of_time(hasty: AgentConnection) -> None:
     begin = time.monotonic()
     with pytest.raises(AgentFailure, match="act: the agent does not read within the time limit") as caught:

@@ -54,6 +54,7 @@ def test_the_programs_may_come_from_an_image(tmp_path: Path) -> None:
     assert box.log() == b"tiny image/usr/bin/cat /usr/bin/dash\n"
 
 
+@pytest.mark.slow
 def test_gvisor_passes_the_socket_and_shows_a_kernel_of_its_own() -> None:
     if shutil.which("runsc") is None:
         pytest.skip("needs gVisor's runsc")

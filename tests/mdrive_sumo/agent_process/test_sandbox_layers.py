@@ -242,6 +242,7 @@ def test_layers_are_looked_at_from_inside(monkeypatch: pytest.MonkeyPatch) -> No
         check_layers(("seccomp",))
 
 
+@pytest.mark.slow
 def test_layers_of_gvisor_are_those_of_its_own_box() -> None:
     needs_root()
     if shutil.which("runsc") is None:

@@ -79,6 +79,7 @@ def test_several_arrays_of_a_frame_lie_beside_each_other(folder: frame_file.Fram
     assert all(np.array_equal(a, b) for a, b in zip(arrays, found, strict=True))
 
 
+@pytest.mark.slow
 def test_a_frame_may_grow(folder: frame_file.FrameFolder) -> None:
     reader = frame_file.FrameReader(folder.path)
     for size in (5_000, 500_000, 50, 3_000_000):
@@ -118,6 +119,7 @@ def test_a_closed_folder_is_gone_and_readers_keep_what_they_have(tmp_path: Path)
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_the_next_one_removes_what_a_killed_process_left_and_nothing_else(tmp_path: Path) -> None:
     code = (
         "import os, sys; from pathlib import Path; from mdrive_sumo.agent_process.frame_file import FrameFolder;"
@@ -159,6 +161,7 @@ def test_what_the_contract_does_not_know_does_not_travel(value: object) -> None:
         wire_protocol.encode(value)
 
 
+@pytest.mark.slow
 def test_the_agents_side_imports_little() -> None:
     """What the host needs must be there in a box that has numpy and msgpack only."""
     code = (

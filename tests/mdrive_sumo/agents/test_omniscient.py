@@ -56,12 +56,14 @@ def told(ego: str) -> Briefing:
     return Briefing(ego, 0, 0.05, 100.0, CAR, route, yaw, s, np.full(101, 3.5), np.full(101, 13.0))
 
 
+@pytest.mark.slow
 def test_omniscient_passes_a_parked_car() -> None:
     episode = drive("omniscient", {"0": EAST}, [Box(45.0, -0.9, 0.0)], two_lanes())
     assert all_arrived(episode)
     assert not episode.contacts
 
 
+@pytest.mark.slow
 def test_omniscient_passes_a_parked_car_with_oncoming_cavs() -> None:
     episode = drive("omniscient", {"0": EAST, "1": WEST}, [Box(45.0, -0.9, 0.0)], two_lanes())
     assert all_arrived(episode)

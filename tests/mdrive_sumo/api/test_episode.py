@@ -13,7 +13,7 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.scoring import ScoreMode
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 
 SCENARIO = "i12_ins_sl_old_town"
 mpl.use("Agg")

@@ -9,7 +9,7 @@ from testing.local_executor import run_in_process
 
 import mdrive_sumo as md
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 
 SCENARIOS = "i0[12]*"
 

@@ -26,6 +26,7 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_list_suites_shows_our_statistics_beside_the_papers() -> None:
     rows = [line.split() for line in call("list", "suites").output.splitlines()]
     ours = next(row for row in rows if row[:1] == ["interdrive"])

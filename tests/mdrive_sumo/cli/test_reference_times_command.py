@@ -29,6 +29,7 @@ def slow(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_run_of_omniscient_becomes_the_reference_and_results_follow_it(tmp_path: Path) -> None:
     """A suite of one's own: undefined before the times are known, then 1 for the reference, more for a slow agent."""
     ours = load_suite("interdrive")[TOWN]

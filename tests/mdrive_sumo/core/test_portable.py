@@ -95,6 +95,7 @@ def test_the_sign_of_zero_does_not_turn_a_direction() -> None:
     assert np.array_equal(portable.atan2(-many, many - 1.0), many + math.pi)
 
 
+@pytest.mark.slow
 @given(x=EXPONENTS, small=st.floats(-0.9, 0.9).filter(lambda x: abs(x) > 1e-30), positive=POSITIVE)
 def test_exponential_and_logarithm_are_accurate(x: float, small: float, positive: float) -> None:
     with localcontext(prec=DIGITS):

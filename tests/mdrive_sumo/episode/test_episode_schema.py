@@ -46,6 +46,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_recorded_file_has_the_published_arrays(recording: Path) -> None:
     sizes: dict[str, int] = {}
     with np.load(recording, allow_pickle=False) as data:

@@ -128,6 +128,7 @@ DAMAGE: dict[str, tuple[Callable[[Members], Members], str]] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DAMAGE)
 def test_a_damaged_recording_is_refused_in_a_sentence(name: str, members: Members, tmp_path: Path) -> None:
     change, message = DAMAGE[name]
@@ -158,6 +159,7 @@ def test_an_archive_that_unpacks_to_gigabytes_is_refused_unread(members: Members
 NAMES = sorted(re.findall(r"\w+", "header kind length width valid quanta controls plan_points payloads fates digests"))
 
 
+@pytest.mark.slow
 @given(
     name=st.sampled_from(NAMES),
     damage=st.lists(st.tuples(st.integers(0, 2000), st.integers(0, 255)), min_size=1, max_size=3),

@@ -76,6 +76,7 @@ def test_overtaking_leaves_the_left_half_of_the_lane_free_and_room_to_turn_out()
             assert along - actor.length / 2 >= NEAREST_M
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("category", [Category.BLOCKED_LANE, Category.CONSTRUCTION, Category.CROSSWALK])
 def test_groups_do_not_stand_in_each_other(category: Category) -> None:
     for scenario in scenarios(category, 6):

@@ -21,7 +21,7 @@ from mdrive_sumo.generate.template_proposer import propose
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import load_suite
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture, pytest.mark.usefixtures("in_process")]
 
 FAST = Category.PRE_CRASH
 SECRET, OTHER = "battery horse staple correct", "one two three four"

@@ -92,6 +92,7 @@ def test_the_same_recipe_makes_the_same_bytes() -> None:
     assert made(Category.CONSTRUCTION, "x").model_dump_json() != made(Category.CONSTRUCTION, "y").model_dump_json()
 
 
+@pytest.mark.slow
 def test_the_selection_comes_nearer_to_the_paper_than_the_pool() -> None:
     pool = [made(Category.DEADLOCK, str(seed)) for seed in range(14)]
     figures = CATEGORIES[Category.DEADLOCK].paper

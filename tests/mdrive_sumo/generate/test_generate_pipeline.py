@@ -151,6 +151,7 @@ def proposals(draw: st.DrawFn) -> Proposal:
     return template.model_copy(update={"ego_vehicles": tuple(egos), "actors": (*template.actors, *actors)})
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(15, 60))
 @given(proposals(), st.integers(0, 10**6))
 def test_whatever_is_proposed_becomes_a_scenario_or_is_refused_with_a_reason(proposal: Proposal, seed: int) -> None:
@@ -171,6 +172,7 @@ def searched(
     return list(generation_search.search_scenarios(GenerationRequest(Category.DEADLOCK, count), known=known))
 
 
+@pytest.mark.slow
 def test_of_ten_scenarios_three_are_cloudy_three_by_night_two_clear_and_two_in_rain(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -206,6 +208,7 @@ def test_what_is_packaged_is_not_made_again(monkeypatch: pytest.MonkeyPatch, tmp
     assert explained(tmp_path / "new")[0] == twin_of(first.scenario.id)
 
 
+@pytest.mark.slow
 def test_hidden_scenarios_are_held_against_what_may_be_public(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     screening(monkeypatch, GOOD)
     order = GenerationRequest(Category.DEADLOCK, 1, split="hidden", secret="0123456789abcdef")
@@ -223,6 +226,7 @@ def test_hidden_scenarios_are_held_against_what_may_be_public(monkeypatch: pytes
     assert said[first.number] == twin_of("public", first.number)
 
 
+@pytest.mark.slow
 def test_the_search_gives_up_after_so_many_proposals(monkeypatch: pytest.MonkeyPatch) -> None:
     attempts = searched(monkeypatch, ScreeningResult(None, 0.0), count=2)
     assert len(attempts) == 2 * MAX_TRIES

@@ -192,6 +192,7 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Suite, Result]:
     return load_suite(str(folder / "both")), told
 
 
+@pytest.mark.slow
 def test_a_suite_of_parts_passes(both: tuple[Suite, Result]) -> None:
     _, told = both
     assert told.exit_code == 0
@@ -226,6 +227,7 @@ def test_writing_some_scenarios_needs_the_others_unchanged(tmp_path: Path) -> No
     assert validate("interdrive", "--scenario", TOWN, "--sample", "1").exit_code == 2
 
 
+@pytest.mark.slow
 def test_writing_one_scenario_keeps_what_is_known_of_the_others(tmp_path: Path) -> None:
     other = ours("i25_ins_oppo_boulevard")
     suite = suite_of(tmp_path / "mine", ours(TOWN), other)
@@ -246,6 +248,7 @@ def test_a_scenario_that_fails_is_exit_code_1(tmp_path: Path) -> None:
     assert told.output.endswith("0 of 1 pass; 0 difficult, 0 hidden until late\n")
 
 
+@pytest.mark.slow
 def test_a_suite_that_fails_as_a_whole_is_exit_code_1(tmp_path: Path) -> None:
     about = SuiteFile(name="interdrive", title="")
     save_suite(Suite(about, tmp_path, (ours(TOWN),)))

@@ -53,10 +53,12 @@ def with_changed(suite: Suite, category: str, change: Callable[[int, Scenario], 
     return replace(suite, scenarios=tuple(scenarios))
 
 
+@pytest.mark.slow
 def test_a_suite_like_the_papers_has_no_problem(interaction: Suite) -> None:
     assert find_suite_problems(interaction, examined(interaction)) == ()
 
 
+@pytest.mark.slow
 def test_a_suite_of_another_size_is_told(interaction: Suite) -> None:
     short = replace(interaction, scenarios=interaction.scenarios[:-1])
     problems = find_suite_problems(short, ())
@@ -64,6 +66,7 @@ def test_a_suite_of_another_size_is_told(interaction: Suite) -> None:
     assert "interaction: unprotected-left: expected 10 scenarios, found 9" in problems
 
 
+@pytest.mark.slow
 def test_a_category_that_the_paper_lacks_is_told(interaction: Suite) -> None:
     odd = with_changed(interaction, "deadlock", lambda k, _: {"category": "lane-drop" if k == 0 else "deadlock"})
     problems = find_suite_problems(odd, ())
@@ -71,6 +74,7 @@ def test_a_category_that_the_paper_lacks_is_told(interaction: Suite) -> None:
     assert "interaction: deadlock: expected 10 scenarios, found 9" in problems
 
 
+@pytest.mark.slow
 def test_a_category_without_scenarios_is_told(interaction: Suite) -> None:
     rest = replace(interaction, scenarios=tuple(s for s in interaction.scenarios if s.category != "crosswalk"))
     assert "interaction: crosswalk: expected 10 scenarios, found 0" in find_suite_problems(rest, ())
@@ -88,6 +92,7 @@ def fewer_actors(scenario: Scenario) -> dict[str, object]:
     return {"actors": scenario.actors[:3]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
@@ -104,6 +109,7 @@ def test_means_of_a_category_far_from_the_papers_are_told(
     assert any(told.startswith(f"interaction: {problem}") for told in find_suite_problems(changed, ()))
 
 
+@pytest.mark.slow
 def test_small_means_are_compared_as_differences(interaction: Suite) -> None:
     """0.3 actors in unprotected left turns: 0.4 are within a tenth of one actor, 0.5 are not."""
     cone = next(s for s in interaction.scenarios if s.actors).actors[0]
@@ -126,6 +132,7 @@ def test_means_of_a_suite_far_from_the_papers_are_told(tmp_path: Path) -> None:
     assert problems == ("interdrive: actors: expected 0 +- 0.05 on average, found 1.00",)
 
 
+@pytest.mark.slow
 def test_weather_that_is_not_the_papers_is_told(interaction: Suite) -> None:
     wet = with_changed(interaction, "overtaking", lambda k, s: {"weather": "rain" if k < 3 else s.weather})
     assert find_suite_problems(wet, ()) == (
@@ -136,6 +143,7 @@ def test_weather_that_is_not_the_papers_is_told(interaction: Suite) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("category", "least"), [("pre-crash", 10), ("crosswalk", 10)])
 def test_too_few_hidden_conflicts_in_a_category_are_told(interaction: Suite, category: str, least: int) -> None:
     names = [s.id for s in interaction.scenarios if s.category == category]
@@ -149,12 +157,14 @@ def test_too_few_hidden_conflicts_in_a_category_are_told(interaction: Suite, cat
     )
 
 
+@pytest.mark.slow
 def test_hidden_conflicts_are_not_counted_while_some_are_unknown(interaction: Suite) -> None:
     assert find_suite_problems(interaction, examined(interaction, hidden=False)[:-20]) != ()
     few = [one for one in examined(interaction, hidden=False) if not one.scenario.endswith("_01")]
     assert find_suite_problems(interaction, few) == ()
 
 
+@pytest.mark.slow
 def test_kept_certificates_count_where_only_a_sample_was_driven(interaction: Suite) -> None:
     kept = tuple(certificate(s.id, hidden=False) for s in interaction.scenarios)
     save_certificates(
@@ -282,6 +292,7 @@ def test_each_part_is_checked_on_its_own(tmp_path: Path) -> None:
     assert problem.startswith("b: occlusion.json: expected what was just found")
 
 
+@pytest.mark.slow
 def test_every_packaged_suite_keeps_what_it_must() -> None:
     for name in list_packaged_suites().keys() - {"mdrive"}:  # of which test_mdrive_suite is
         assert find_suite_problems(load_suite(name), ()) == ()

@@ -51,6 +51,7 @@ def overlaps_parked_car(x: float, y: float, yaw: float) -> bool:
     return bool(boxes_overlap(own, box_corners(PARKED_X, 0.0, 0.0, 5.0, 1.8)))
 
 
+@pytest.mark.slow
 def test_without_contact_the_world_and_the_frame_have_the_same_pose() -> None:
     record, world, first = drive_into_the_parked_car()
     assert first > 10
@@ -58,6 +59,7 @@ def test_without_contact_the_world_and_the_frame_have_the_same_pose() -> None:
         assert record.x[tick, 0] == pytest.approx(world.egos_by_tick[tick]["0"].x, abs=5.1e-4)
 
 
+@pytest.mark.slow
 def test_in_the_tick_of_a_contact_the_world_gets_the_proposed_pose_and_the_frame_shows_the_resolved_one() -> None:
     record, world, first = drive_into_the_parked_car()
     proposed = world.egos_by_tick[first]["0"]
@@ -68,12 +70,14 @@ def test_in_the_tick_of_a_contact_the_world_gets_the_proposed_pose_and_the_frame
     assert record.speed[first, 0] < proposed.speed - 1.0
 
 
+@pytest.mark.slow
 def test_the_next_proposal_starts_from_the_resolved_pose() -> None:
     record, world, first = drive_into_the_parked_car()
     following = world.egos_by_tick[first + 1]["0"]
     assert abs(following.x - record.x[first, 0]) < 0.02  # at rest against the parked car, full throttle for 50 ms
 
 
+@pytest.mark.slow
 def test_a_struck_actor_is_reported_to_the_world_one_tick_after_the_frame_with_the_contact() -> None:
     _, world, first = drive_into_the_parked_car()
     assert not any(world.struck_by_tick[: first + 1])

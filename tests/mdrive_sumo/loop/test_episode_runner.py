@@ -62,6 +62,7 @@ def test_all_agents_reply_to_the_same_frame() -> None:
         assert mine.objects.x[0] == other.own.x
 
 
+@pytest.mark.slow
 def test_only_declared_sensors_are_filled_and_range_is_honoured() -> None:
     near = Says(lambda seen: stand, SensorSpec("objects", range_m=37.0))
     far = Says(lambda seen: stand, SensorSpec("objects", range_m=41.0))
@@ -76,6 +77,7 @@ def test_only_declared_sensors_are_filled_and_range_is_honoured() -> None:
     assert all(agent.seen[0].privileged is None for agent in (near, far, blind))
 
 
+@pytest.mark.slow
 def test_the_privileged_sensor_tells_states_routes_and_last_ticks_plans() -> None:
     def plan(seen: Observation) -> Reply:
         return Reply(plan=Plan(np.array([(seen.own.x + 1, 0.0), (seen.own.x + 2, 0.0)]), 0.2))
@@ -101,6 +103,7 @@ def test_an_unknown_sensor_is_an_input_error_that_names_what_exists() -> None:
         drive(straight_scenario(straight_ego("0")), {"0": Says(lambda seen: go, SensorSpec("sonar"))})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("answer", "failure", "text"),
     [
@@ -167,6 +170,7 @@ def test_the_time_limit_of_ego_0_holds_for_all_cavs() -> None:
     assert (episode.find_ending("1").end, episode.find_ending("1").tick) == (End.TIMED_OUT, 16 * 20)
 
 
+@pytest.mark.slow
 def test_cavs_collide_and_do_not_pass_through_each_other() -> None:
     egos = (straight_ego("0", x=40, length=100), straight_ego("1", x=10, length=100))
     episode, _ = drive(

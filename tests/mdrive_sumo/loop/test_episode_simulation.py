@@ -39,6 +39,7 @@ def run_with_drivers() -> tuple[str, int]:
     return record.digest, len(record.messages)
 
 
+@pytest.mark.slow
 def test_stepping_from_outside_gives_the_digest_of_run_episode() -> None:
     simulation = make_simulation(SENSORS)
     observations = simulation.reset()

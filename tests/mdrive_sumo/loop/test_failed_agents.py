@@ -66,6 +66,7 @@ def test_failing_is_never_better_than_colliding_in_the_same_tick(data: st.DataOb
     assert mine.ds <= theirs.ds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tick", sampled((0, 20, 87), (20, 87)))
 def test_a_failed_agent_is_for_all_others_a_car_that_brakes(tick: int) -> None:
     failed, braking = drive(QUEUE, fail_in(tick), go)[0], drive(QUEUE, brake_from(tick), go)[0]
@@ -78,6 +79,7 @@ def test_a_failed_agent_is_for_all_others_a_car_that_brakes(tick: int) -> None:
         assert here.egos[0].ds <= 0.6 * there.egos[0].ds + 1e-9
 
 
+@pytest.mark.slow
 def test_a_vanished_car_would_have_been_worth_a_collision() -> None:
     """The case of the attack: car 0 gives up on the way, and car 1 would pass where it was."""
     nothing, failing = (score(drive(QUEUE, answer, go)[0], QUEUE).egos for answer in (go, fail_in(20)))
@@ -105,6 +107,7 @@ def test_the_car_brakes_from_the_tick_of_the_failure_and_is_asked_no_more() -> N
     assert (infraction.x, infraction.y) == (episode.x[30, 0], 0.0)
 
 
+@pytest.mark.slow
 def test_it_waits_for_the_others_and_is_blocked_after_thirty_seconds() -> None:
     short, long = straight_ego("1", x=60, length=10), straight_ego("1", x=60, length=100)
     crawl: Answer = lambda seen: pedals(throttle=0.35) if seen.own.speed < 2.5 else pedals(brake=0.1)  # noqa: E731
@@ -126,6 +129,7 @@ class Broken(Says):
         raise RuntimeError("no weights")
 
 
+@pytest.mark.slow
 def test_an_agent_that_fails_before_the_first_tick_leaves_its_car_at_its_start() -> None:
     drivers = {"0": LocalDriver(Broken(go)), "1": LocalDriver(Says(go))}
     episode = run_episode(EpisodeConfig(QUEUE, straight_road(), 0), EmptyWorld(), drivers)
@@ -145,6 +149,7 @@ def test_rolling_over_the_goal_does_not_undo_the_failure() -> None:
     assert score(episode, LONE).sr == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tick", sampled((0, 1, 25, 60), (25,)))  # 0: the test of `Broken`
 def test_a_replayed_failure_repeats_every_tick(tick: int) -> None:
     episode, _ = drive(QUEUE, fail_in(tick), go)

@@ -59,6 +59,7 @@ def list_told_ids(agent: Says) -> set[str]:
     return {told_id(agent), *senders, *(name for known in privileged for name in known.ego_ids)}
 
 
+@pytest.mark.slow
 def test_agents_get_pseudonyms_and_the_recording_has_the_scenarios_ids() -> None:
     episode, agents = driven()
     pseudonym = {ego: told_id(agent) for ego, agent in agents.items()}
@@ -73,6 +74,7 @@ def test_agents_get_pseudonyms_and_the_recording_has_the_scenarios_ids() -> None
     assert {receiver for sent in episode.messages for receiver in sent.deliveries} == set(NAMES)
 
 
+@pytest.mark.slow
 def test_ids_scenario_restores_the_scenarios_ids() -> None:
     episode, agents = driven("scenario")
     assert {told_id(agent) for agent in agents.values()} == set(NAMES)
@@ -115,6 +117,7 @@ def test_the_order_of_pseudonyms_is_not_that_of_the_scenario() -> None:
     assert min(counts.values()) > 60  # 100 expected; 60 is 4.4 standard deviations away
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", sampled(range(4), (0, 1)))
 def test_nothing_is_listed_in_the_order_of_the_scenario(seed: int) -> None:
     _, agents = driven(seed=seed)
@@ -137,6 +140,7 @@ def test_the_privileged_rows_belong_to_their_pseudonyms() -> None:
             assert route[0, 0] == THREE.egos[column].start.x
 
 
+@pytest.mark.slow
 def test_lidar_names_are_sorted_and_points_keep_their_names() -> None:
     _, agents = drive(sensors=LIDAR)
     seen = agents["1"].seen[0]
@@ -158,6 +162,7 @@ def test_a_message_within_one_tick_keeps_its_place_behind_earlier_ones_of_its_se
     ]
 
 
+@pytest.mark.slow
 def test_track_names_differ_by_episode_and_observer() -> None:
     def track(observer: str, seed: int, scenario: Scenario = THREE) -> set[str]:
         _, agents = driven(seed=seed) if scenario is THREE else drive(seed=seed, scenario=scenario)

@@ -41,6 +41,7 @@ def compute_own_errors(found: list[tuple[Frame, dict[str, Observation]]]) -> Flo
     )
 
 
+@pytest.mark.slow
 def test_realistic_is_the_default_and_own_states_are_off_by_as_much_as_they_say() -> None:
     found = drive("realistic", 40)
     errors = compute_own_errors(found)

@@ -186,6 +186,7 @@ def test_a_car_confused_with_a_station_regains_its_name() -> None:
     assert fusion.fuse(2, own(), both).ids == ("t00000001", "b")
 
 
+@pytest.mark.slow
 def test_the_channels_pose_error_hardly_ever_makes_two_of_one() -> None:
     """0.6 m in x and y, 0.6 degrees (protocol 12.1) at 30 m from the sender."""
     rng = np.random.default_rng(7)

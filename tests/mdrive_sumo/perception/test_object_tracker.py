@@ -71,6 +71,7 @@ def place(x: float, y: float, speed: float, yaw: float = 0.0) -> Callable[[int],
 TICKS = range(0, 240, 4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_a_standing_car_stands_although_detections_move(seed: int) -> None:
     found = run(ObjectTracker(REALISTIC, LIDAR_SINGLE), TICKS, noisy(place(12.0, 1.0, 0.0), seed))
@@ -81,6 +82,7 @@ def test_a_standing_car_stands_although_detections_move(seed: int) -> None:
     assert len({one.ids for one in found.values()}) == 1
 
 
+@pytest.mark.slow
 def test_a_moving_car_is_known_better_than_it_is_measured() -> None:
     truth = place(-30.0, 8.0, 6.0)
     errors: list[tuple[float, float]] = []
@@ -129,6 +131,7 @@ def test_a_moving_car_is_reported_the_second_time() -> None:
     assert min(tick for tick in TICKS if found[tick].ids) == 64
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(8, 100))
 @given(st.floats(-0.45, 0.45), st.floats(-0.45, 0.45), st.integers(0, 99))
 def test_an_own_detection_and_a_cam_are_one_car_and_the_detection_says_where(dx: float, dy: float, seed: int) -> None:

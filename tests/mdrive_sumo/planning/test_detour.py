@@ -54,6 +54,7 @@ def told_by(roads: RoadMap) -> Float:
     return compute_route_room(roads, xy, np.zeros(len(xy)))
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=examples(6, 30))
 @given(
     radius=st.sampled_from([1e6, 60.0, -60.0, 25.0]),

@@ -141,6 +141,7 @@ def test_yielding_has_hysteresis() -> None:
     assert not Driver().looks(own(speed=8.0), slightly_later)[1]
 
 
+@pytest.mark.slow
 def test_patience_ends_is_drawn_from_the_seed_and_comes_back() -> None:
     waiting = things((20.0, -4.0, RIGHT, 0.0))
 

@@ -63,6 +63,7 @@ class TestObstacleAvoidance:
             driver.avoidance.update(Observation(tick, own, both), both, driver.planner, [])
         assert driver.planner.path is driver.path
 
+    @pytest.mark.slow
     def test_the_car_waits_for_oncoming_traffic(self) -> None:
         driver, own = Driver(), STANDING_OWN
         diverted_at = None
@@ -79,11 +80,13 @@ class TestObstacleAvoidance:
         assert diverted_at is not None
         assert diverted_at < 20.0
 
+    @pytest.mark.slow
     def test_standing_vehicles_side_by_side_are_not_passed(self) -> None:
         driver = Driver()
         both = things((35.0, 0.0, 0.0), (35.0, WIDTH, 0.0), kind=Kind.VEHICLE)
         assert not driver.looks(15.0, both)[0]
 
+    @pytest.mark.slow
     def test_the_car_waits_at_a_blocked_road(self) -> None:
         diverted, held = Driver(oncoming=0).looks(3.0, things((35.0, 0.0, 0.0)))
         assert not diverted

@@ -160,6 +160,7 @@ def test_bends_are_driven_slowly() -> None:
     assert planned(8.0).get_planned_points(0)[-1, 0] > 70
 
 
+@pytest.mark.slow
 @given(st.floats(0.0, 8.0))
 def test_what_it_desires_is_a_free_road(speed: float) -> None:
     planner = planned(speed, barriers=[StopPoint(3.0)])
@@ -221,6 +222,7 @@ def crossers(draw: st.DrawFn) -> PredictedMotion:
     return moving(at - gap * math.cos(angle), -gap * math.sin(angle), angle, speed)
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(15, 60))
 @given(speed=st.integers(0, 8), motions=st.lists(crossers(), min_size=1, max_size=4))
 def test_a_plan_never_overlaps_a_prediction(speed: int, motions: list[PredictedMotion]) -> None:

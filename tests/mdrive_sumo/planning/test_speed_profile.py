@@ -31,6 +31,7 @@ def free_task(path: ReferencePath, speed: float = 0.0, until_s: float = 30.0) ->
     return build_free_road_problem(path, np.full(len(path.xy), 9.0), (0.0, speed), 0.0, until_s)
 
 
+@pytest.mark.slow
 @given(speed=st.floats(0.0, 9.0), wall=st.integers(0, 200), opens=st.floats(0.0, 20.0))
 def test_profiles_keep_limits_and_never_enter_what_is_blocked(speed: float, wall: int, opens: float) -> None:
     task = free_task(straight_path(), speed)

@@ -11,6 +11,7 @@ from mdrive_sumo.cli.doctor import NEEDED_LAYERS, command
 from mdrive_sumo.report import installation
 
 
+@pytest.mark.slow
 def test_the_test_environment_lacks_nothing_that_the_core_needs() -> None:
     checks = {check.name: check for check in installation.examine_installation()}
     assert [name for name, check in checks.items() if check.is_required and not check.is_found] == []
@@ -18,6 +19,7 @@ def test_the_test_environment_lacks_nothing_that_the_core_needs() -> None:
     assert checks["cores"].found == str(installation.count_usable_cores())
 
 
+@pytest.mark.slow
 def test_what_is_missing_is_named_with_its_command_and_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(installation, "PACKAGES", (("no-such-package", "convert", "convert"),))
     table = installation.format_installation_table(installation.examine_installation())
@@ -31,11 +33,13 @@ def test_a_broken_simulator_is_found_without_breaking_the_doctor(monkeypatch: py
     assert "missing for eval, verify: libsumo (exit code -11; on Debian" in result.output
 
 
+@pytest.mark.slow
 def test_a_missing_extra_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(installation, "PACKAGES", (("no-such-package", "convert", "convert"),))
     assert CliRunner().invoke(command).exit_code == 0
 
 
+@pytest.mark.slow
 def test_netconvert_is_found_beside_the_interpreter(monkeypatch: pytest.MonkeyPatch) -> None:
     """As the installed script: `.venv/bin/mdrive-sumo` without an activated environment."""
     monkeypatch.setenv("PATH", "/nowhere")

@@ -20,7 +20,7 @@ from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, decode
 from tests.mdrive_sumo.report.test_replay_page import HOSTILE, SETTLED, carried, needs_browser, opened, wait
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 
 LAYERS = ("sight", "intentions", "messages", "shared", "transcript")
 

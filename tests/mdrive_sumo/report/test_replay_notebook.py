@@ -3,12 +3,14 @@
 from pathlib import Path
 from typing import Any
 
+import pytest
 from testing.viewer_crossing import crossing, record, scenario
 
 from mdrive_sumo.report.replay_page import ReplayPage, render_replay
 from tests.mdrive_sumo.report.test_replay_page import needs_browser
 
 
+@pytest.mark.slow
 @needs_browser
 def test_the_replay_works_inside_a_notebook(browser: Any, tmp_path: Path) -> None:
     """A notebook shows the page in a frame without an address or an origin of its own."""

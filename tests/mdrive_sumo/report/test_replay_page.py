@@ -20,7 +20,7 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.scenario.scenario import Scenario
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 
 HOSTILE = '</script><script>document.title="owned"</script><img src=x onerror=alert(1)>'
 

@@ -32,6 +32,7 @@ def pixels(path: Path, colour: str) -> int:
     return int((np.abs(imread(path)[..., :3] - to_rgb(colour)).max(-1) < 0.006).sum())
 
 
+@pytest.mark.slow
 def test_every_cav_and_the_houses_are_in_the_picture(tmp_path: Path) -> None:
     one = scenario("i38")
     path = drawn(one, tmp_path / "new" / "i38.png")
@@ -39,16 +40,19 @@ def test_every_cav_and_the_houses_are_in_the_picture(tmp_path: Path) -> None:
     assert pixels(path, BUILDING) > 5000
 
 
+@pytest.mark.slow
 def test_an_absent_cav_is_not(tmp_path: Path) -> None:
     assert pixels(drawn(scenario("i07"), tmp_path / "i07.png"), CAV_COLOURS[2]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("start", "words"), [("i13", ("i13_ins_sl_minor_road", "STOP")), ("i46", ("hw_c",))])
 def test_names_and_signs_are_written(tmp_path: Path, start: str, words: tuple[str, ...]) -> None:
     text = drawn(scenario(start), tmp_path / "picture.svg").read_text()
     assert all(word in text for word in words)
 
 
+@pytest.mark.slow
 def test_background_cars_wait_where_they_depart(tmp_path: Path) -> None:
     one = scenario("i07")
     car = BackgroundVehicle(id="car", depart_s=0, edges=("east_in",), depart_lane=1, depart_pos_m=70)
@@ -62,6 +66,7 @@ def test_an_unknown_format_is_refused(tmp_path: Path) -> None:
         drawn(scenario("i07"), tmp_path / "i07.docx")
 
 
+@pytest.mark.slow
 def test_scripted_road_users_stand_out_by_kind_and_are_named_in_a_legend(tmp_path: Path) -> None:
     one = scenario("i07")
     start = one.egos[0].start

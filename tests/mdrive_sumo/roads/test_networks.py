@@ -39,6 +39,7 @@ def surface(roads: RoadMap) -> shapely.Geometry:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("name", sampled(NAMES, ("freeway", "market_crossing", "minor_road", "old_town")))
 def test_the_recipe_makes_the_packaged_net(name: str) -> None:
@@ -74,6 +75,7 @@ def test_comments_go_and_nothing_else() -> None:
     assert strip_xml_comments(b"<a>\n<!-- x\n y -->\n<b/></a>") == b"<a>\n<b/></a>"
 
 
+@pytest.mark.slow
 def test_turns_are_drivable(roads: RoadMap) -> None:
     for lane in (lane for lane in roads.driving if lane.junction and lane.centre.length > 4):
         yaws = np.unwrap(lane.centre.resample(1.0).yaws)

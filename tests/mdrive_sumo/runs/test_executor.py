@@ -38,6 +38,8 @@ from server.evaluation.stop_request import StopRequest
 from server.phase_suites import LoadedPhaseSuites
 from server.store.tables import JobRow as Job_
 
+pytestmark = pytest.mark.costly_fixture
+
 wait_for = partial(processes.wait_for, limit_s=60.0)
 
 
@@ -77,6 +79,7 @@ def test_an_ended_job_is_gone_with_its_worker_and_has_no_outcome(fakes: ModuleTy
         pool.cancel("quick")  # too late: nothing happens
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_while_it_answers_is_a_dead_worker(fakes: ModuleType, tmp_path: Path) -> None:
     hand = WorkerProcess[Any, bytes](fakes.dies_answering)
     hand.start_job(fakes.Task("x", folder=str(tmp_path)))
@@ -103,6 +106,7 @@ def test_waiting_ends_for_something_else_to_read_and_with_the_time(fakes: Module
         os.close(writing)
 
 
+@pytest.mark.slow
 def test_no_scheduler_is_one_sentence(monkeypatch: pytest.MonkeyPatch, fakes: ModuleType) -> None:
     monkeypatch.setattr("mdrive_sumo.runs.dask_executor.CONNECT_S", 0.5)
     with pytest.raises(InputError, match=r"^--scheduler tcp://127.0.0.1:1: no Dask scheduler answers there"):

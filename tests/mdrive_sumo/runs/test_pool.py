@@ -72,15 +72,15 @@ def test_a_failed_job_has_a_reason_and_the_next_one_a_result(
 
 
 def test_a_hung_job_is_ended_with_all_that_it_started(fakes: ModuleType, tmp_path: Path) -> None:
-    failure, answer = run(fakes, "hang with child", "answer", limit_s=8.0, folder=str(tmp_path))
-    assert failure == WorkerFailure(FailureKind.HUNG, "hung: no result within 8 s")
+    failure, answer = run(fakes, "hang with child", "answer", limit_s=5.0, folder=str(tmp_path))
+    assert failure == WorkerFailure(FailureKind.HUNG, "hung: no result within 5 s")
     assert answer.startswith("1 ")
     child = int((tmp_path / "child").read_text())
     wait_for(lambda: not alive(child))
 
 
 def test_a_hung_job_does_not_hold_up_the_other_worker(fakes: ModuleType) -> None:
-    outcomes = run(fakes, "hang", "answer", "answer", "answer", workers=2, limit_s=12.0)
+    outcomes = run(fakes, "hang", "answer", "answer", "answer", workers=2, limit_s=5.0)
     assert [isinstance(outcome, WorkerFailure) for outcome in outcomes] == [True, False, False, False]
 
 

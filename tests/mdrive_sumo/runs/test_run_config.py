@@ -109,6 +109,7 @@ def spec() -> AgentSpec:
     return AgentSpec(make_local_class(), {"range": 30.0})
 
 
+@pytest.mark.slow
 def test_a_class_runs_in_a_process_of_its_own(spec: AgentSpec) -> None:
     in_worker = pickle.loads(pickle.dumps(spec))
     assert in_worker.agent is not spec.agent or in_worker == spec

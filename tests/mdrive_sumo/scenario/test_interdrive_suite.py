@@ -38,6 +38,7 @@ def street() -> RoadMap:
     return load_road_map(find_network_folder("main_street"))
 
 
+@pytest.mark.slow
 def test_the_recipe_makes_the_packaged_files(suite: Suite, tmp_path: Path) -> None:
     shutil.copy(list_packaged_suites()["interdrive"] / RECIPE_FILE, tmp_path)
     write_suite(tmp_path)
@@ -94,6 +95,7 @@ def examined(suite: Suite, scenario: str) -> validation.ScenarioValidation:
     return validation.validate_scenario(validation.ValidationTask(suite.folder, scenario))
 
 
+@pytest.mark.slow
 def test_a_conflict_is_found_difficult_solvable_and_hidden(suite: Suite) -> None:
     found = examined(suite, "i07_ins_ss_town")
     assert found.problems == ()
@@ -111,6 +113,7 @@ def changed(suite: Suite, folder: Path, **update: object) -> Suite:
     return made
 
 
+@pytest.mark.slow
 def test_a_harmless_scenario_fails(suite: Suite, tmp_path: Path) -> None:
     alone = changed(suite, tmp_path, egos=suite.scenarios[0].egos[:1])
     (problem,) = examined(alone, alone.scenarios[0].id).problems

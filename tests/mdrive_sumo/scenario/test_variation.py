@@ -97,6 +97,7 @@ def check_vehicles(varied: Scenario, written: Scenario) -> None:
     assert all(0.0 <= trim <= BOUNDS.log_trim_s for trim in trims)
 
 
+@pytest.mark.slow
 def test_seed_0_is_the_scenario_as_written(whole: Suite, sample: tuple[Scenario, ...]) -> None:
     for written in sample:
         again, roads = load_varied_scenario(whole, written, 0)
@@ -104,6 +105,7 @@ def test_seed_0_is_the_scenario_as_written(whole: Suite, sample: tuple[Scenario,
         assert vary_scenario(vary_scenario(written, roads, 3), roads, 0) is written
 
 
+@pytest.mark.slow
 def test_other_seeds_are_other_worlds_within_the_bounds(whole: Suite, sample: tuple[Scenario, ...]) -> None:
     for written in sample:
         worlds = [check_varied(whole, written, seed).model_dump_json() for seed in SEEDS]

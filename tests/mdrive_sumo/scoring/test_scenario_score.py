@@ -67,6 +67,7 @@ def rescored(recorded: EpisodeRecord, about: Scenario, mode: ScoreMode) -> Scena
     return score_episode(recorded, about, ROADS, mode, 1)
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(12, 40), deadline=None)
 @given(recorded=episodes())
 def test_scores_are_in_range_and_consistent(recorded: EpisodeRecord) -> None:
@@ -80,6 +81,7 @@ def test_scores_are_in_range_and_consistent(recorded: EpisodeRecord) -> None:
         assert one.ds == pytest.approx(one.rc * one.ip, abs=1e-4)
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(5, 15), deadline=None)
 @given(recorded=episodes())
 def test_a_stored_episode_scores_as_the_live_one(

@@ -184,6 +184,7 @@ def test_the_scan_is_in_the_frame_of_the_sensor_on_its_car() -> None:
     assert turned[:2] == pytest.approx((0.0, -9.8), abs=0.05)
 
 
+@pytest.mark.slow
 def test_roll_and_pitch_turn_right_handed() -> None:
     for option, turn in (
         ("pitch_deg", rotation(0, math.radians(10), 0)),

@@ -33,6 +33,7 @@ def test_an_estimate_depends_on_seed_and_tick_only(seed: int, order: list[int]) 
     assert mixed == {tick: straight.estimate(tick, TRUTH) for tick in range(12)}
 
 
+@pytest.mark.slow
 def test_errors_have_the_stated_deviations_and_are_stationary() -> None:
     sample = np.array([errors(seed, 40) for seed in range(600)])
     expected = np.array(
@@ -44,6 +45,7 @@ def test_errors_have_the_stated_deviations_and_are_stationary() -> None:
         assert (np.abs(sample[:, tick].mean(axis=0)) < 4 * expected / math.sqrt(600)).all()
 
 
+@pytest.mark.slow
 def test_position_and_yaw_drift_slowly_and_speed_errors_are_new_in_every_tick() -> None:
     sample = np.concatenate([errors(seed, 400)[None] for seed in range(20)])
     kept = math.exp(-20 * DT / PARAMETERS.correlation_s)

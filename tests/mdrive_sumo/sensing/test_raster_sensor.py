@@ -89,6 +89,7 @@ def poses(roads: RoadMap, count: int) -> list[tuple[float, float, float]]:
     return [(x + rng.normal(0, 5), y + rng.normal(0, 5), rng.uniform(-math.pi, math.pi)) for x, y in chosen]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("network", ["town_crossing", "old_town", "ramp_merge"])
 def test_drivable_is_where_lanes_and_junctions_are(network: str) -> None:
     roads = load_road_map(find_network_folder(network))
@@ -123,11 +124,12 @@ def test_narrow_gaps_between_lanes_are_closed_and_nothing_else_grows(gap: float,
     assert not edge[129:].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("metres", [0.1, 0.5])
 def test_lane_lines_are_at_the_borders_of_the_streets_lanes(metres: float) -> None:
     roads = load_road_map(find_network_folder("skewed_crossing"))
     top, half = sensor(roads, metres_per_pixel=metres), max(metres, 0.15) / 2
-    for pose in poses(roads, 4):
+    for pose in poses(roads, 2):
         raster = look(top, pose, objects())
         gap = np.abs(beside(roads, centres(raster, pose)[::3, ::3].reshape(-1, 2), streets_only=True)).min(axis=1)
         drawn = layer(raster, "lane_lines")[::3, ::3].ravel()

@@ -106,6 +106,7 @@ HOUSES = st.lists(
 
 
 class TestAgainstRays:
+    @pytest.mark.slow
     @settings(max_examples=examples(15, 50), deadline=None)
     @given(boxes=boxes_around(10), houses=HOUSES, clockwise=st.booleans())
     def test_any_scene(self, boxes: list[Box], houses: list[list[tuple[float, float]]], clockwise: bool) -> None:

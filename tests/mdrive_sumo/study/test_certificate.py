@@ -41,6 +41,7 @@ def hidden_in(scenario: str, **changes: object) -> tuple[OccludedInterval, ...]:
     return find_occluded_intervals("constant-speed", episode, found, replace(TOWN, **changes))
 
 
+@pytest.mark.slow
 def test_houses_hide_vehicles_from_the_side() -> None:
     intervals = hidden_in("i07_ins_ss_town")
     assert {(h.ego, h.actor) for h in intervals if h.matters} >= {("0", "1"), ("1", "0")}
@@ -52,6 +53,7 @@ def test_without_houses_no_vehicle_is_hidden() -> None:
     assert not any(h.matters for h in hidden_in("i07_ins_ss_town", buildings=()))
 
 
+@pytest.mark.slow
 def test_oncoming_traffic_in_plain_sight_is_not_hidden() -> None:
     assert not any(h.matters for h in hidden_in("i25_ins_oppo_boulevard"))
 

@@ -63,6 +63,7 @@ def gains(summary: GainSummary, group: str = "all") -> dict[str, ConfidenceInter
     return {line.part.name: line.gain["ds"] for line in summary.gains if line.group == group}
 
 
+@pytest.mark.slow
 def test_the_parts_are_what_they_are_called_and_sum_up() -> None:
     summary = summarise_gain(rows())
     found = gains(summary)
@@ -77,6 +78,7 @@ def test_the_parts_are_what_they_are_called_and_sum_up() -> None:
     assert set(total.values()) == {0}, "the parts sum up to the total"
 
 
+@pytest.mark.slow
 def test_only_intervals_without_0_show_a_difference() -> None:
     found = {name: judge(one) for name, one in gains(summarise_gain(rows())).items()}
     assert found == {"occlusion": "gain", "noise": "gain", "intent": "no difference shown", "total": "gain"}
@@ -86,6 +88,7 @@ def test_only_intervals_without_0_show_a_difference() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_differences_are_paired() -> None:
     """Scores that vary much between scenarios, differences that do not: the interval is narrow."""
     found = gains(summarise_gain(rows(scenarios=4)))["occlusion"]
@@ -94,6 +97,7 @@ def test_differences_are_paired() -> None:
     assert spread > 1.0
 
 
+@pytest.mark.slow
 def test_what_is_void_anywhere_counts_nowhere() -> None:
     given = rows()
     void = make_scenario("s3", 0.0, 0, bucket="Interaction").model_copy(update={"status": "void"})
@@ -132,6 +136,7 @@ def study(tmp_path: Path, *more: str) -> Result:
     return invoke("study", "gain", "--suite", tmp_path / "suite", "--out", tmp_path / "out", "--workers", "1", *more)
 
 
+@pytest.mark.slow
 def test_one_command_makes_the_tables_and_a_second_one_drives_nothing(calls: list[EpisodeJob], tmp_path: Path) -> None:
     ended = study(tmp_path)
     assert ended.exit_code == 0, ended.output

@@ -64,6 +64,7 @@ BRIEF = ("--latency", "6", "--no-captured")
 SWEEP = ("--latency", "0,10", "--loss", "0.5", "--seeds", "2")
 
 
+@pytest.mark.slow
 def test_one_command_makes_the_table_the_numbers_and_the_pictures(suite: Path, tmp_path: Path) -> None:
     ended = study(tmp_path, *SWEEP)
     assert ended.exit_code == 0, ended.output
@@ -86,6 +87,7 @@ def test_one_command_makes_the_table_the_numbers_and_the_pictures(suite: Path, t
     assert load_results(out / "runs" / "stationary" / "loss_0.5" / "seed1" / "results.json").run.comm["loss"] == 0.5
 
 
+@pytest.mark.slow
 def test_an_agent_without_messages_is_driven_once_and_finished_runs_never_again(suite: Path, tmp_path: Path) -> None:
     sweep = ("--latency", "0,10", "--seeds", "2")
     ended = study(tmp_path, *sweep)
@@ -103,6 +105,7 @@ def test_an_agent_without_messages_is_driven_once_and_finished_runs_never_again(
     assert len(called(suite)) == len(calls) + 4
 
 
+@pytest.mark.slow
 def test_the_references_can_be_left_out_and_omniscient_is_driven_once(suite: Path, tmp_path: Path) -> None:
     ended = study(tmp_path, "--loss", "0.5", "--no-captured", "--no-record", agents="stationary")
     assert ended.exit_code == 0, ended.output
@@ -113,6 +116,7 @@ def test_the_references_can_be_left_out_and_omniscient_is_driven_once(suite: Pat
     assert len(called(suite)) == 6
 
 
+@pytest.mark.slow
 def test_the_whole_grid(suite: Path, tmp_path: Path) -> None:
     study(tmp_path, "--latency", "0,10", "--pose-error", "0,1", "--grid", "full", "--no-captured", agents="stationary")
     page = json.loads((tmp_path / "out" / "study.json").read_text())

@@ -84,6 +84,7 @@ def test_a_line_compares_with_the_base_and_the_references() -> None:
     assert best.captured is None
 
 
+@pytest.mark.slow
 def test_curves_go_through_the_base_and_are_drawn_alike_every_time(tmp_path: Path) -> None:
     found, base = compare_conditions()
     (curve,) = make_curves(found, FACTORS["latency"], base)

@@ -46,6 +46,7 @@ def lane_x(roads: RoadMap) -> float:
     return float(roads.lanes["c_0"].centre.xy[0, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("size", "kind"), [((4.6, 1.85), Kind.VEHICLE), ((0.5, 0.5), Kind.PEDESTRIAN), ((0.4, 0.4), Kind.STATIC)]
 )
@@ -85,6 +86,7 @@ def test_a_follower_keeps_behind_a_cyclist_ahead(roads: RoadMap) -> None:
     assert around.speed[0] == pytest.approx(4.0, abs=0.7)
 
 
+@pytest.mark.slow
 def test_traffic_waits_for_a_pedestrian_that_stops_on_the_lane(roads: RoadMap) -> None:
     x = lane_x(roads)
     path = [thing(x + max(6.0 - 0.07 * i, 0.0), -40.0, (0.5, 0.5), 1.4 * (i < 86), Kind.PEDESTRIAN) for i in range(400)]

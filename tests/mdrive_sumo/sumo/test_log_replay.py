@@ -48,6 +48,7 @@ def errors(frames: list[Actors], vehicle: BackgroundVehicle) -> list[float]:
     return [math.hypot(frame.x[j] - at[0][i], frame.y[j] - at[1][i]) for i, j, frame in rows]
 
 
+@pytest.mark.slow
 def test_replay_is_the_log_to_a_millimetre_whatever_stands_there(roads: RoadMap) -> None:
     vehicle = logged()
     frames = run(roads, "replay", [vehicle], [EgoState(-60.0, -4.8, 0.0, 0.0)] * 330)
@@ -65,6 +66,7 @@ def test_replay_needs_no_road(roads: RoadMap) -> None:
     assert frames[50].ids is frames[60].ids
 
 
+@pytest.mark.slow
 def test_hybrid_is_replay_where_no_cav_comes_in_the_way(roads: RoadMap) -> None:
     vehicles = [
         logged(),
@@ -74,6 +76,7 @@ def test_hybrid_is_replay_where_no_cav_comes_in_the_way(roads: RoadMap) -> None:
     assert_same(run(roads, "hybrid", vehicles, beside), run(roads, "replay", vehicles, beside))
 
 
+@pytest.mark.slow
 def test_a_cav_that_brakes_behind_or_drives_off_in_front_releases_no_vehicle(roads: RoadMap) -> None:
     """As in a queue of a log: the CAV stops behind a slow vehicle; and it starts just before the vehicle behind it."""
     slow = logged(4.0)
@@ -107,6 +110,7 @@ def assert_same(found: list[Actors], wanted: list[Actors]) -> None:
         assert np.array_equal(one.yaw, other.yaw)
 
 
+@pytest.mark.slow
 def test_hybrid_stops_for_a_cav_in_the_way_and_replay_does_not(roads: RoadMap) -> None:
     ego = EgoState(-60.0, -4.8, 0.0, 0.0)
     hit = {
@@ -133,6 +137,7 @@ def test_a_released_vehicle_sees_ghosts_at_once(roads: RoadMap, monkeypatch: pyt
     assert any(name.startswith("ghost:ego:e:") for name in placed)
 
 
+@pytest.mark.slow
 def test_a_release_is_no_jump_and_for_good(roads: RoadMap) -> None:
     cav = EgoState(-60.0, -4.8, 0.0, 0.0)
     frames = run(roads, "hybrid", [logged()], [*[cav] * 200, *[AWAY] * 300])
@@ -143,6 +148,7 @@ def test_a_release_is_no_jump_and_for_good(roads: RoadMap) -> None:
     assert max(frame.speed[0] for frame in frames[200:] if len(frame)) == pytest.approx(12.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_vehicle_about_to_hit_a_released_vehicle_is_released_as_well(roads: RoadMap) -> None:
     """The CAV is gone before the second, fast vehicle comes near; the first one has just begun to drive again."""
     first, second = logged(), logged(20.0, name="second")

@@ -241,6 +241,7 @@ def errors(comm: CommSettings, ticks: int, receiver: str = "b", sender: str = "a
     return np.array(rows)
 
 
+@pytest.mark.slow
 def test_pose_errors_have_the_given_deviations_and_are_independent() -> None:
     found = errors(CommSettings(link=LinkSettings(pose_error_m=0.6, pose_error_deg=0.8)), 3000)
     assert found.shape == (3000, 3)

@@ -55,6 +55,7 @@ owns = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(25, 100), deadline=None)
 @given(st.lists(st.tuples(plans, owns, st.integers(0, 300)), min_size=1, max_size=4))
 def test_any_plan_gives_a_valid_control(asked: list[tuple[Plan, EgoState, int]]) -> None:

@@ -102,6 +102,7 @@ MEASURED = {"v2x-5": 0.65, "carla-pid-6": 1.95, "carla-pid-8": 1.95, "b2d": 1.01
 """Worst lateral error [m] in a quarter circle of 8 m radius at 5 m/s, measured; the gains are the paper's."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(MEASURED))
 def test_paper_controllers_get_round_a_corner(name: str) -> None:
     rows = drive(name, turn(8.0), lambda t: 5.0 * t, 16.0, 1, VehicleState(0, 0, 0, vx=5.0))

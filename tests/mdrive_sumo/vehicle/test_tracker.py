@@ -22,6 +22,7 @@ def stopping(speed: float, deceleration: float, after_s: float) -> Profile:
 STRAIGHT = build_polyline(((0.0, 0.0), (500.0, 0.0)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hold", [1, 10])
 @pytest.mark.parametrize(
     ("path", "speed"),

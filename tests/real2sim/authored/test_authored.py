@@ -32,7 +32,7 @@ from real2sim.readers.carla_frame import UCLA_FRAME
 from real2sim.readers.mdrive import VectorMap, find_mdrive_folders, read_mdrive
 from real2sim.source_scene import SourceScene
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 
 ABOUT = SuiteFile(name="made-up", title="Made up")
 

@@ -42,6 +42,7 @@ def directory(tmp_path: Path) -> Directory:
     return Directory(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_v2xpnp_scenario_runs_on_its_vector_map(directory: Directory, tmp_path: Path) -> None:
     """The map is a pickle whose lanes tell no direction; the logged car and a pedestrian are where the log has them."""
     west = lane("0_1", UCLA_FRAME.to_map_xy(np.array([(x, 0.0) for x in range(200, -1, -1)])), directed=False)

@@ -30,7 +30,7 @@ from real2sim.recording import ObserverView
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 
 
 def only(suite: Path) -> Scenario:

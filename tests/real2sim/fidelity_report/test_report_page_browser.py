@@ -1,21 +1,22 @@
 """The report page in a browser: nothing is fetched, nothing complains, it fits every screen, its links open cards."""
 
-import os
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from testing.chromium import CHROMIUM, list_flags
 from testing.report_findings import HOSTILE, small_findings
 
 from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.index_page import build_index_row, write_index
 from real2sim.fidelity_report.report_page import write_report
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-FLAGS = ("--disable-gpu", "--no-first-run", "--disable-background-networking", "--disable-component-update")
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.costly_fixture,
+    pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -26,9 +27,8 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> ConversionFindings:
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
     playwright = pytest.importorskip("playwright.sync_api", reason="needs Chromium")
-    as_root = ["--no-sandbox"] if os.geteuid() == 0 else []
     with playwright.sync_playwright() as started:
-        chromium = started.chromium.launch(executable_path=CHROMIUM, args=[*FLAGS, *as_root])
+        chromium = started.chromium.launch(executable_path=CHROMIUM, args=list_flags())
         yield chromium
         chromium.close()
 

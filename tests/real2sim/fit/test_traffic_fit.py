@@ -247,6 +247,7 @@ def test_fitting_nothing_but_a_cav_gives_an_empty_road(roads: RoadMap) -> None:
 # --- real logs ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_everything_in_a_real_log_becomes_something_with_a_reason_where_it_is_not_plain(
     shared_data: Path, tmp_path: Path
 ) -> None:

@@ -101,6 +101,7 @@ LEAST_M = 11.0
 SINGLE_ROADS = {"avenue", "country_road", "crescent", "village_street"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", sampled(sorted({*list_packaged_networks()} - SINGLE_ROADS), ("roundabout", "old_town", "lane_drop"))
 )
@@ -122,6 +123,7 @@ def test_every_way_through_the_packaged_networks_is_found_in_noise(name: str) ->
     assert driven >= (3 if name == "lane_drop" else 5)
 
 
+@pytest.mark.slow
 def test_lane_changes_are_seen_where_they_happen(tmp_path: Path) -> None:
     roads = roads_of(tmp_path, lanes_map(*(lane(f"l{k}", moved(EAST, 0.0, 3.5 * k)) for k in range(3))))
     s = np.linspace(0.0, 200.0, 201)
@@ -150,6 +152,7 @@ def test_a_merge_is_followed_from_the_ramp(tmp_path: Path) -> None:
     assert edges == ["eramp", "eon"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("goal", "end"), [("left", 15.0), ("right", -15.0)])
 def test_at_a_fork_the_whole_track_decides(goal: str, end: float, tmp_path: Path) -> None:
     """Both ways begin alike; the nearest lane alone could not tell them apart."""
@@ -178,6 +181,7 @@ def test_gaps_are_bridged_and_unseen_frames_have_no_lane(roundabout: Town) -> No
     assert np.isnan(found.s[40:60]).all()
 
 
+@pytest.mark.slow
 def test_the_offset_is_signed(tmp_path: Path) -> None:
     roads = roads_of(tmp_path, lanes_map(lane("a", EAST)))
     assert match_track(drive(moved(EAST, 0.0, 0.7)), roads).offset == pytest.approx(0.7)
@@ -199,6 +203,7 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> RoadMap:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("track", "reason"),
     [

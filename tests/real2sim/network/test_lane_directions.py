@@ -75,6 +75,7 @@ def repair(hd_map: HdMap) -> tuple[set[str], set[tuple[str, str]]]:
     return inverted, set(rebuild_links(strips, all_links(lanes)).added)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [pytest.param(0.1, marks=pytest.mark.full), 0.25])
 def test_reversed_lanes_and_missing_links_are_repaired(share: float) -> None:
     rng = np.random.default_rng(4)
@@ -93,6 +94,7 @@ def test_reversed_lanes_and_missing_links_are_repaired(share: float) -> None:
 
 
 # --- side of the traffic ------------------------------------------------------------------------------------------
+@pytest.mark.slow
 @pytest.mark.parametrize(("y", "left_hand"), [(3.5, False), (-3.5, True)])
 def test_the_side_of_the_traffic_is_where_the_oncoming_lane_is_not(y: float, left_hand: bool, tmp_path: Path) -> None:
     lanes = lanes_map(
@@ -109,6 +111,7 @@ def test_the_side_of_the_traffic_is_where_the_oncoming_lane_is_not(y: float, lef
     assert report.deviation.max < 0.01
 
 
+@pytest.mark.slow
 def test_what_the_map_says_about_the_side_of_the_traffic_counts(tmp_path: Path) -> None:
     report, _ = built(tmp_path, replace(lanes_map(lane("a", EAST)), left_hand=True))
     assert report.left_hand

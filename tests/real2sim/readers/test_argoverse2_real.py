@@ -79,6 +79,7 @@ def test_everything_of_the_real_scenario_is_there(forecasting: Recording, foreca
     assert forecasting.map.left_hand is None
 
 
+@pytest.mark.slow
 def test_everything_of_the_real_log_is_there(sensor: Recording, sensor_folder: Path) -> None:
     rows = feather.read_table(sensor_folder / "annotations_with_ego.feather").to_pylist()
     boxes = [row for row in rows if row["category"] != "EGO_VEHICLE"]

@@ -31,6 +31,7 @@ from real2sim.readers.argoverse2_sensor import AXLE_TO_CENTRE_M
 from real2sim.recording import ObjectCategory
 
 
+@pytest.mark.slow
 @given(x=st.floats(600, 800), y=st.floats(1900, 2100), yaw=st.floats(-math.pi, math.pi))
 @no_fixture_check
 def test_boxes_come_from_the_egos_frame_into_the_citys(tmp_path: Path, x: float, y: float, yaw: float) -> None:

@@ -54,6 +54,7 @@ def _xy(points: list[ElementTree.Element]) -> np.ndarray:
     return np.array(list(dict.fromkeys((_float(point, "x"), _float(point, "y")) for point in points)))
 
 
+@pytest.mark.slow
 def test_every_recorded_state_is_there(real: Real) -> None:
     recording, root = real
     obstacles = [one for one in root if one.tag in ("obstacle", "dynamicObstacle")]
@@ -129,6 +130,7 @@ def test_recorded_vehicles_drive_along_lanes(real: Real) -> None:
     assert along / len(poses) >= 0.95
 
 
+@pytest.mark.slow
 def test_lanes_within_an_intersection(shared_data: Path) -> None:
     """Of the intersection at Peachtree Street: the ways through it, whole, and none of the arms."""
     lanes = read_commonroad(shared_data / "real_logs/commonroad/USA_Peach-4_8_T-1.xml").map.lanes
@@ -141,6 +143,7 @@ def test_lanes_within_an_intersection(shared_data: Path) -> None:
     assert not arms & inside
 
 
+@pytest.mark.slow
 def test_a_window_of_a_recording(shared_data: Path) -> None:
     path = shared_data / "real_logs/commonroad/USA_Peach-4_8_T-1.xml"
     whole, part = read_commonroad(path), read_commonroad(path, (2.5, 4.0))

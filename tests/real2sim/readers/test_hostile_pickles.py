@@ -86,6 +86,7 @@ ATTACKS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("attack", ATTACKS)
 def test_a_pickle_that_makes_numpy_read_an_address_is_refused(attack: str, tmp_path: Path) -> None:
     path = tmp_path / "scenario.pkl"
@@ -132,6 +133,7 @@ def test_plain_arrays_are_read_as_numpy_reads_them(number: int, protocol: int, t
     assert np.array_equal(found["b"], wanted)
 
 
+@pytest.mark.slow
 @given(damage=st.lists(st.tuples(st.integers(0, 400), st.integers(0, 255)), min_size=1, max_size=4))
 @settings(max_examples=200)
 def test_bytes_that_are_changed_are_read_or_refused(

@@ -43,6 +43,7 @@ def _areas(hd_map: HdMap) -> list[shapely.Geometry]:
     return [shapely.make_valid(shapely.Polygon(ring)) for ring in rings]
 
 
+@pytest.mark.slow
 def test_real_counts_and_clock(real: Recording) -> None:
     kinds = [track.category.kind for track in _tracks(real)]
     assert (kinds.count(Kind.VEHICLE), kinds.count(Kind.PEDESTRIAN)) == (74, 23)
@@ -124,6 +125,7 @@ def test_real_crosswalks(real: Recording) -> None:
     assert shapely.contains_xy(walks, *on_road.T).mean() > 0.5
 
 
+@pytest.mark.slow
 def test_real_window(real: Recording, data: Path) -> None:
     part = read_interaction(data / "vehicle_tracks_000.csv", data / MAP, (100.0, 110.0))
     assert part.frame_count == 101

@@ -19,7 +19,7 @@ from mdrive_sumo.scenario.suite import Suite, load_suite
 from real2sim.cli import convert
 from real2sim.readers.interdrive import read_interdrive
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 
 ROUTES = SHARED_DATA / "mdrive" / "interdrive"
 

@@ -125,6 +125,7 @@ def test_pairs_of_markings_are_crosswalks(tmp_path: Path) -> None:
     assert [shapely.Polygon(walk).area for walk in hd_map.crosswalks] == [pytest.approx(24, rel=0.01)] * 2
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(37, 150), suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(data=st.data())
 def test_a_map_without_some_element(tmp_path: Path, data: st.DataObject) -> None:

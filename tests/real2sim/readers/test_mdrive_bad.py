@@ -104,6 +104,7 @@ BAD: Mapping[str, tuple[Spoil, str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BAD)
 def test_bad_directories_are_refused_in_one_sentence(directory: Directory, case: str) -> None:
     spoil, sentence = BAD[case]

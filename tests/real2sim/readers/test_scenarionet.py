@@ -45,6 +45,7 @@ def _moving(recording: Recording) -> list[RecordedTrack]:
     return [track for track in vehicles if np.hypot(*np.ptp(track.xy[track.valid_frames], axis=0)) > 5]
 
 
+@pytest.mark.slow
 def test_everything_of_a_real_scene_is_there(scene: Scene) -> None:
     recording, raw = scene
     assert recording.id == raw["id"]

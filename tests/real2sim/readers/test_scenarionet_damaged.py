@@ -182,6 +182,7 @@ ARRAYS: tuple[Any, ...] = tuple(map(np.asarray, ([], [[], []], np.zeros((5, 2)),
 JUNK = st.sampled_from((*WORDS, *LISTS, *ARRAYS))
 
 
+@pytest.mark.slow
 @given(place=st.sampled_from(_places(RICH)), junk=JUNK)
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=examples(75, 300))
 def test_any_damage_is_read_or_refused_in_one_sentence(tmp_path: Path, place: tuple[Any, ...], junk: Any) -> None:

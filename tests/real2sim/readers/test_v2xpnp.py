@@ -174,6 +174,7 @@ BAD: dict[str, tuple[Spoil, str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", BAD)
 def test_bad_logs(tmp_path: Path, case: str) -> None:
     folder = log(tmp_path / "a", {"1": [frame()] * 3, "2": [frame()] * 3})

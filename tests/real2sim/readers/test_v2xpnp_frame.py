@@ -58,6 +58,7 @@ frames = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.slow
 @given(frames)
 @settings(max_examples=examples(37, 150), deadline=None)
 def test_fast_path_is_the_yaml_parser(raw: dict[str, Any]) -> None:
@@ -95,6 +96,7 @@ def test_a_frame_may_be_empty(tmp_path: Path, vehicles: str) -> None:
     assert read_frame(tmp_path / "f.yaml").ids == ()
 
 
+@pytest.mark.slow
 def test_every_truncation_shows_unless_whole_objects_are_gone(tmp_path: Path) -> None:
     text = frame({7: thing(1.0, 2.0), 8: thing(3.0, 4.0), 9: thing(5.0, 6.0)})
     file = tmp_path / "f.yaml"

@@ -56,6 +56,7 @@ def converted(name: str) -> tuple[ReconstructionQuality, Recording]:
     ), recording
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sampled(READ, SAMPLE))
 def test_the_figures_of_the_issue_hold(name: str, shared_data: Path) -> None:
     quality, _ = converted(name)

@@ -34,6 +34,7 @@ def changed(scene: Made, **fields: object) -> Made:
 # --- position -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_traffic_alone_on_the_road_is_where_the_log_has_it(roads: RoadMap) -> None:
     found = measured(made(roads, track("a", 20.0 + 10.0 * seconds(), 0.0)))
     assert [(one.after_s, one.vehicles) for one in found.errors] == [(t, 1) for t in (1.0, 2.0, 3.0, 5.0, 8.0)]
@@ -94,6 +95,7 @@ def test_vehicles_that_follow_or_drive_beside_have_no_conflict_point(aside: floa
     assert find_conflict_points({"a": one.xy, "b": other.xy}) == ()
 
 
+@pytest.mark.slow
 def test_crossing_traffic_keeps_the_order_of_the_log(roads: RoadMap) -> None:
     """The vehicle from the side goes first in the log: with SUMO's own right of way it might not."""
     for east in (130.0, 145.0, 172.0, 190.0):

@@ -147,6 +147,7 @@ def test_range_and_occlusion() -> None:
     assert by_id(simulate_observers(truth, ObservationNoise(cav_range_m=200.0), 0).views[0]).keys() == {"1", "3", "4"}
 
 
+@pytest.mark.slow
 def test_labels_and_attributes_disagree() -> None:
     angles = [(n, n / 100 * math.pi) for n in range(2, 200)]
     ring = [track(str(n), 180 * math.cos(a), 180 * math.sin(a), a + math.pi / 2, parked=n % 2 == 0) for n, a in angles]
@@ -163,6 +164,7 @@ def test_labels_and_attributes_disagree() -> None:
     assert 0.005 < np.mean(wrong) < 0.12
 
 
+@pytest.mark.slow
 def test_the_seed_decides(observed: tuple[Recording, Recording], tmp_path: Path) -> None:
     truth, seen = observed
     noise = ObservationNoise(min_visible_share=0.0)

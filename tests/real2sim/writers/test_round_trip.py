@@ -23,7 +23,7 @@ from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Reco
 from real2sim.writers.v2xpnp_map import write_vector_map
 from tests.real2sim.network.test_network_builder_real import READ
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 
 SHARE = 0.98
 """Of the moving vehicles that were visible long enough, found again one to one."""

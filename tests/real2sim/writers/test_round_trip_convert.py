@@ -27,7 +27,7 @@ from real2sim.writers.v2xpnp_map import write_vector_map
 from tests.real2sim.network.test_network_builder_real import READ
 from tests.real2sim.writers.test_round_trip import real
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 
 
 @pytest.fixture(scope="module")

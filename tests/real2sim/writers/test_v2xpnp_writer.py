@@ -49,6 +49,7 @@ def recordings(draw: st.DrawFn) -> Recording:
     return Recording("log", "v2xpnp", 0.1, frames, drawn, HdMap(), tuple(o for o in observers if not o.startswith("-")))
 
 
+@pytest.mark.slow
 @given(recordings())
 @settings(max_examples=examples(15, 60), deadline=None)
 def test_what_is_written_is_read(written: Recording) -> None:
@@ -100,6 +101,7 @@ def test_what_the_format_cannot_say_is_refused(tmp_path: Path, spoil: Any, messa
     assert not (tmp_path / "bad").exists()
 
 
+@pytest.mark.slow
 def test_a_log_of_four_agents_and_84_actors_is_read_in_seconds(tmp_path: Path) -> None:
     rows = np.random.default_rng(0).uniform(-60, 60, (84, 2))
     crowd = [track(str(n), x, y) for n, (x, y) in enumerate(rows.tolist())]
@@ -111,6 +113,7 @@ def test_a_log_of_four_agents_and_84_actors_is_read_in_seconds(tmp_path: Path) -
     assert sum(int(one.valid.sum()) for view in read.views for one in view.tracks) == FRAMES * (4 * 84 - 2)
 
 
+@pytest.mark.slow
 @needs_data
 def test_a_real_log_and_its_map_are_read_back_unchanged(tmp_path: Path) -> None:
     real = read_scenarionet(REAL)
@@ -150,6 +153,7 @@ def typed(value: object) -> object:
     return [typed(one) for one in value] if isinstance(value, list) else type(value).__name__
 
 
+@pytest.mark.slow
 @needs_data
 def test_files_are_like_the_real_ones_key_by_key(tmp_path: Path) -> None:
     t = np.arange(FRAMES) * 0.1

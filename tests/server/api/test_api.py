@@ -2,7 +2,8 @@
 
 import pytest
 from sqlalchemy import update
-from testing.api_app import API, Server, TestClient, problem
+from testing.api_app import API, Server, problem
+from testing.api_client import Client
 from testing.store_samples import NOON, S
 
 from server.store import StoreUnavailable, audit, tables, workers
@@ -37,6 +38,7 @@ def test_admins_make_teams_and_tokens(server: Server) -> None:
     problem(server.ask("POST", "/tokens", "admin", json={"scope": "submit"}), 422, "a team")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "path", "body"),
     [
@@ -59,6 +61,7 @@ def test_what_is_for_admins_only(server: Server, method: str, path: str, body: o
     problem(server.ask(method, path, "red", json=body), 403, "scope")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("header", ["Bearer mdrive_nonsense", "Bearer ", "Basic cmVkOnJlZA==", "bearer \xff"])
 def test_a_wrong_token_is_refused_even_where_none_is_needed(server: Server, header: str) -> None:
     headers = {"Authorization": header.encode("latin-1")}
@@ -96,6 +99,7 @@ def test_phases_say_whether_they_are_open_and_hide_where_suites_lie(server: Serv
     problem(server.ask("GET", "/phases/dev/quota", "admin"), 403, "submit")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "path", "more", "status", "word"),
     [
@@ -125,7 +129,7 @@ def test_what_breaks_here_is_a_problem_without_details(server: Server, monkeypat
         raise RuntimeError("secret of the house")
 
     monkeypatch.setattr(server.store, "version", broken)
-    answer = TestClient(server.app, raise_server_exceptions=False).get(f"{API}/health")
+    answer = Client(server.app, raise_server_exceptions=False).get(f"{API}/health")
     assert "secret" not in problem(answer, 500, "internal error")["detail"]
 
 

@@ -92,6 +92,7 @@ def test_every_route_has_its_line(server: Server) -> None:
     )
 
 
+@pytest.mark.slow
 def test_who_may_do_what(server: Server) -> None:
     with server.store.write() as session:
         set_phases(session, [replace(PHASE, per_day=500, in_parallel=500, in_total=500)], server.now_us)
@@ -123,6 +124,7 @@ def test_other_teams_cannot_read_what_a_team_does_not_show(server: Server) -> No
     assert [server.ask("GET", path, who).status_code for path in paths for who in ("", "blue")] == [404] * 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["%2e%2e", "..%2f..%2fetc%2fpasswd", "a%2f..%2fb", "%00", ".hidden", "x%0aINFO: y"])
 def test_no_part_of_a_path_is_a_path(server: Server, part: str) -> None:
     mine = sent(server)
@@ -171,6 +173,7 @@ def test_the_audit_log_says_who_did_it(server: Server) -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_audit_log_says_who_made_teams_and_tokens(server: Server) -> None:
     """By the API, then by the pages."""
     page = Visit(server, "admin")

@@ -70,6 +70,7 @@ def test_a_stream_ends_when_its_token_is_revoked(server: Server, monkeypatch: py
     problem(server.ask("GET", f"/submissions/{mine}/events", "red"), 401)
 
 
+@pytest.mark.slow
 def test_a_team_follows_a_few_at_a_time(server: Server) -> None:
     mine = server.send().json()["id"]
     other = server.send("blue").json()["id"]

@@ -63,6 +63,7 @@ def statements(server: Server) -> Iterator[list[str]]:
         event.remove(server.store.engine, "before_cursor_execute", note)
 
 
+@pytest.mark.slow
 def test_no_list_reads_results(server: Server) -> None:
     mount_pages(server.app)
     mine = finish_all(server, JobOutcome(ScenarioVerdict.OK, result(2, 1), usage={"cpu_s": 1.0}))

@@ -13,6 +13,7 @@ from server.api.leaderboards import BoardKey
 from server.store import queries
 
 
+@pytest.mark.slow
 def test_boards_rank_by_ds_and_mark_published_rows(server: Server) -> None:
     for who, ds in (("red", 70.0), ("blue", 90.0)):
         drive_submissions(server, server.send(who, data=another_zip(int(ds))).json()["id"], ds=ds)
@@ -71,6 +72,7 @@ def test_ties_go_to_the_earlier_one(server: Server) -> None:
     assert [row["team"] for row in server.get("/leaderboards/dev")["rows"]] == ["red", "blue"]
 
 
+@pytest.mark.slow
 def test_a_teams_history(server: Server) -> None:
     ids: list[str] = []
     for number, ds in enumerate((50.0, 60.0, 55.0)):

@@ -7,7 +7,8 @@ from unittest.mock import patch
 
 import pytest
 from sqlalchemy.orm import Session
-from testing.api_app import CLOSED, HIDDEN, Server, TestClient
+from testing.api_app import CLOSED, HIDDEN, Server
+from testing.api_client import TestClient
 from testing.store_samples import NOON, PHASE
 from testing.web_page import driven
 

@@ -45,6 +45,7 @@ def test_the_same_archive_gets_the_finished_result(server: Server) -> None:
     assert (again["id"], again["state"], again["summary"]["overall"]["ds"]) == (first, "done", 80.0)
 
 
+@pytest.mark.slow
 def test_over_the_limits_it_says_when_to_come_back(server: Server) -> None:
     ids = [server.send(data=another_zip(number)).json()["id"] for number in range(2)]
     parallel = server.send(data=another_zip(3))
@@ -99,6 +100,7 @@ def test_what_stands_on_a_leaderboard_is_seen_by_all_but_its_archive(server: Ser
     problem(server.ask("GET", f"/submissions/{mine}"), 404)
 
 
+@pytest.mark.slow
 def test_pages_of_submissions(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     ids: list[str] = []
     for number in range(3):

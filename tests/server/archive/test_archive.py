@@ -83,7 +83,7 @@ BAD: Mapping[str, tuple[bytes, str]] = {
         patched(with_entry("x", NOISE), "x", 24, "I", 3001, 22),
         "3001 bytes as declared, found 3000",
     ),
-    "bomb declared small": (patched(with_entry("x", ZEROS * 99), "x", 24, "I", 1000, 22), "its size declared"),
+    "bomb declared small": (patched(with_entry("x", ZEROS * 9), "x", 24, "I", 1000, 22), "its size declared"),
     "wrong checksum": (patched(with_entry("x", NOISE), "x", 16, "I", HALF, 14), "Bad CRC-32"),
     "damaged data": (
         with_entry("x", NOISE * 9)[:200] + bytes(40) + with_entry("x", NOISE * 9)[240:],

@@ -52,6 +52,7 @@ def refused(data: Path, words: tuple[object, ...]) -> str:
     return sentence.removeprefix("Error: ")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.parametrize("damage", ["text", "header only", "cut off", "schema", "another program"])
 def test_a_damaged_database_costs_a_sentence(
@@ -84,6 +85,7 @@ def test_a_database_of_zero_bytes_is_a_new_one(tmp_path: Path) -> None:
     assert run(tmp_path / "data", "admin", "team", "create", "red").exit_code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_flipped_bytes_are_a_sentence_or_harmless(seed: int, backup: bytes, tmp_path: Path) -> None:
     draws = random.Random(seed)

@@ -49,6 +49,7 @@ def test_a_submission_is_driven_scored_and_ranked(bench: Bench) -> None:
     assert not list((bench.settings.data / "stage").iterdir())
 
 
+@pytest.mark.slow
 def test_of_hidden_phases_nothing_is_kept(bench: Bench) -> None:
     submission = bench.begin(*["nap"] * MIN_HIDDEN_SCENARIOS, public=False)
     bench.steps(MIN_HIDDEN_SCENARIOS + 1)
@@ -92,6 +93,7 @@ def test_a_cancelled_job_is_killed_with_the_next_heartbeat(bench: Bench) -> None
     assert read(bench.store, submission).state == SubmissionState.CANCELLED
 
 
+@pytest.mark.slow
 def test_heartbeats_keep_a_long_job_and_a_late_twin_is_dropped(bench: Bench) -> None:
     submission = bench.begin("nap")
     bench.executor.stuck = {"s0"}
@@ -144,6 +146,7 @@ def test_results_wait_for_a_database_that_is_away(bench: Bench) -> None:
     assert [(job.attempt, job.failures) for job in bench.rows()] == [(1, 0)]
 
 
+@pytest.mark.slow
 def test_waiting_for_a_database_counts_as_one_failure_of_ours(bench: Bench) -> None:
     """However long: a second between the tries, and a failure of ours is counted once."""
     bench.begin("raise")
@@ -183,6 +186,7 @@ def test_a_disk_that_is_full_is_our_failure(bench: Bench) -> None:
     assert read(bench.store, submission).state == SubmissionState.DONE
 
 
+@pytest.mark.slow
 def test_nothing_is_begun_without_room_on_the_disk(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     submission = bench.begin("nap", "nap")
     with monkeypatch.context() as patch:

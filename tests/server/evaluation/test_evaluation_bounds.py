@@ -51,6 +51,7 @@ def test_a_summary_that_a_dead_worker_left_is_written_by_another(bench: Bench, m
     assert read(bench.store, submission).state == SubmissionState.DONE
 
 
+@pytest.mark.slow
 def test_a_submission_that_takes_too_long_ends_within_a_heartbeat(bench: Bench) -> None:
     submission = bench.begin("nap", "nap")
     bench.executor.stuck = {"s0"}

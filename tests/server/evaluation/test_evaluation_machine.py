@@ -80,6 +80,7 @@ def test_a_service_does_not_start_with_what_is_no_address(tmp_path: Path) -> Non
         Supervisor(databases.emptied("sqlite"), found).start()
 
 
+@pytest.mark.slow
 def test_a_worker_that_cannot_be_started_is_tried_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

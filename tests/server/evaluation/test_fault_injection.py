@@ -71,6 +71,7 @@ def test_a_killed_server_takes_its_workers_along_and_the_next_goes_on(tmp_path: 
     check_scored_once(store, settings, submission, 2)
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_at_once_is_not_started_at_full_speed(tmp_path: Path) -> None:
     store = databases.emptied("sqlite")
     settings = evaluation_fakes.settings(tmp_path, processes=1)

@@ -109,6 +109,7 @@ def test_a_job_that_may_not_run_now_stays_as_it_was(separation: Callable[..., Ph
     assert [(row.id, row.attempt) for row in rows if row.attempt] == [(found[0].id, 1)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_all_jobs_are_run_by_turns_and_no_two_kinds_together(
     separation: Callable[..., PhaseSeparation], queue: Store, seed: int
@@ -136,6 +137,7 @@ def test_all_jobs_are_run_by_turns_and_no_two_kinds_together(
     pytest.fail(f"only {done} of 24 jobs were run")
 
 
+@pytest.mark.slow
 def test_workers_of_one_kind_take_no_other(separation: Callable[..., PhaseSeparation], queue: Store) -> None:
     found = [claim(queue, separation("public"), 0), claim(queue, separation("public"), 2 * TURN_US)]
     assert [each is not None and each[1] for each in found] == [True, True]

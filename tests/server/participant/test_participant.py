@@ -52,6 +52,7 @@ def agent_in(folder: Path, agents: str) -> Path:
     return written(folder, packed(dict(GOOD) | {"agents.py": agents.encode()}))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("style", "sensors"), [("agent", "objects"), ("joint", "lidar:lidar, gnss, imu, speedometer")])
 def test_samples_are_accepted(run: Run, tmp_path: Path, style: str, sensors: str) -> None:
     made = run("init-agent", tmp_path / "mine", "--style", style)
@@ -72,6 +73,7 @@ def test_init_agent_overwrites_nothing(run: Run, tmp_path: Path) -> None:
     assert (tmp_path / "mine" / "agents.py").read_text() == "precious"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("agents", "expected"),
     [
@@ -99,6 +101,7 @@ def test_what_is_rejected_is_told_in_a_sentence(run: Run, tmp_path: Path, agents
     assert "Traceback" not in found.output
 
 
+@pytest.mark.slow
 def test_the_agent_is_run_in_another_process(run: Run, tmp_path: Path) -> None:
     found = run("check", agent_in(tmp_path, own(made="raise ValueError(f'pid {os.getpid()}.')")))
     assert "ValueError: pid" in found.output
@@ -147,6 +150,7 @@ def test_links_are_not_packed(tmp_path: Path) -> None:
         pack(tmp_path, tmp_path.parent / f"{tmp_path.name}.zip")
 
 
+@pytest.mark.slow
 def test_sensors_beyond_the_budget_are_named_before_anything_is_submitted(run: Run, tmp_path: Path) -> None:
     many = "*(SensorSpec('bev', id=str(i), options={'size': 1024}) for i in range(8)),"
     found = run("check", agent_in(tmp_path, own(many)))

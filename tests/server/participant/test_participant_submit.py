@@ -109,6 +109,7 @@ def test_a_server_that_is_away_is_asked_again_for_a_while(
     assert said in found.output.splitlines()[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("state", "exit_code"), [("rejected", 2), ("cancelled", 1), ("failed-ours", 1)])
 def test_what_ended_otherwise_has_another_exit_code(
     run: Run, fake: Fake, archive: Path, state: str, exit_code: int
@@ -128,6 +129,7 @@ def test_an_upload_that_breaks_off_is_repeated_under_the_same_key(run: Run, fake
     assert {fields["archive"] for _, fields in fake.uploads} == {archive.read_bytes()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("refusal", "expected"),
     [
@@ -149,6 +151,7 @@ def test_refusals_are_the_servers_own_sentence(
     assert len(fake.uploads) == (client.TRIES if "503" in expected else 1)  # that one may go by
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("phases", "expected"),
     [([OPEN, OPEN | {"id": "more"}], "expected --phase, one of: warm-up, more"), ([CLOSED], "none is open now")],

@@ -35,6 +35,7 @@ def store(backend: str) -> Store:
     return databases.emptied(backend)
 
 
+@pytest.mark.slow
 def test_the_migrations_make_the_tables_of_the_models(backend: str, tmp_path: Path) -> None:
     store = databases.opened(backend, tmp_path)
     with store.engine.connect() as connection:
@@ -47,6 +48,7 @@ def test_the_migrations_make_the_tables_of_the_models(backend: str, tmp_path: Pa
     store.close()
 
 
+@pytest.mark.slow
 def test_several_processes_may_migrate_at_once(backend: str, tmp_path: Path) -> None:
     stores = [Store(databases.url(backend, tmp_path))]
     stores += [Store(stores[0].url.render_as_string(hide_password=False)) for _ in range(2)]
@@ -89,6 +91,7 @@ def test_a_reader_cannot_write_and_sees_one_moment(store: Store) -> None:
         teams.create(session, "other", 1)
 
 
+@pytest.mark.slow
 def test_there_is_one_writer_at_a_time(store: Store) -> None:
     """The second writer waits before it reads: it sees what the first wrote."""
     entered = threading.Event()
@@ -128,6 +131,7 @@ def test_sqlite_writers_begin_immediately_in_wal_mode_and_wait_30_s(tmp_path: Pa
     store.close()
 
 
+@pytest.mark.slow
 def test_a_database_locked_for_too_long_is_unavailable(
     backend: str, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -198,6 +202,7 @@ with store.write() as session:
 """
 
 
+@pytest.mark.slow
 def test_a_writer_killed_half_way_leaves_nothing_and_blocks_no_other(store: Store) -> None:
     url = store.url.render_as_string(hide_password=False)
     writer = subprocess.Popen([sys.executable, "-c", _KILLED, url], stdout=subprocess.PIPE, cwd=ROOT)

@@ -154,6 +154,7 @@ def test_a_jumping_clock_scores_once(store: Store, jump_us: int) -> None:
     assert sum(done) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["lease", "give back", "outcome"])
 def test_three_failures_of_ours_end_the_submission_without_cost(store: Store, how: str) -> None:
     (red,) = with_teams(store, "red")
@@ -223,6 +224,7 @@ def test_an_outcome_without_result_is_our_failure() -> None:
             JobOutcome(verdict, result)
 
 
+@pytest.mark.slow
 def test_many_claimers_get_every_job_once(store: Store) -> None:
     """Eight workers of three teams' 20 jobs, a fifth of which they give back: all done, none twice."""
     teams = with_teams(store, "red", "blue", "green", phase=WIDE)

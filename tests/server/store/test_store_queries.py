@@ -39,6 +39,7 @@ def board(
         return [(row.rank, row.team, row.ds) for row in queries.find_leaderboard(session, PHASE.id, track, **which)]
 
 
+@pytest.mark.slow
 def test_the_best_of_each_team_and_ties_go_to_the_earlier(store: Store, ids: list[str]) -> None:
     red, blue, green = ids
     place(store, red, 50, NOON + 1)
@@ -57,12 +58,14 @@ def test_the_best_of_each_team_and_ties_go_to_the_earlier(store: Store, ids: lis
     )
 
 
+@pytest.mark.slow
 def test_a_difference_beyond_what_results_print_is_a_tie(store: Store, ids: list[str]) -> None:
     place(store, ids[0], 70.0, NOON + 1)
     place(store, ids[1], 70.0000001, NOON + 2)
     assert [team for _, team, _ in board(store)] == ["red", "blue"]
 
 
+@pytest.mark.slow
 def test_by_bucket_and_category(store: Store, ids: list[str]) -> None:
     place(store, ids[0], 30, NOON + 1)
     place(store, ids[1], 60, NOON + 2)
@@ -73,6 +76,7 @@ def test_by_bucket_and_category(store: Store, ids: list[str]) -> None:
         board(store, bucket="interaction", category="merge")
 
 
+@pytest.mark.slow
 def test_tracks_are_apart_and_joint_agents_stand_only_in_their_own(store: Store, ids: list[str]) -> None:
     place(store, ids[0], 30, NOON + 1)
     place(store, ids[0], 40, NOON + 2, track=ChallengeTrack.SHARING)
@@ -89,6 +93,7 @@ def test_another_phase_is_another_board(store: Store, ids: list[str]) -> None:
     assert board(store) == []
 
 
+@pytest.mark.slow
 def test_only_results_of_the_same_evaluator_are_ranked(store: Store, ids: list[str]) -> None:
     place(store, ids[0], 99, NOON + 1)
     place(store, ids[1], 98, NOON + 2)
@@ -98,12 +103,14 @@ def test_only_results_of_the_same_evaluator_are_ranked(store: Store, ids: list[s
     assert board(store) == [(1, "green", 60), (2, "red", 50), (None, "blue", 98)]
 
 
+@pytest.mark.slow
 def test_agents_of_two_environments_are_ranked_together(store: Store, ids: list[str]) -> None:
     for number, holds in enumerate(("numpy 1", "torch 1", "numpy 2")):
         place(store, ids[number], 50 - number, NOON + number, evaluator={"version": "1", "environment": holds})
     assert [rank for rank, _, _ in board(store)] == [1, 2, 3]
 
 
+@pytest.mark.slow
 def test_the_evaluator_that_finished_last_is_the_current_one(store: Store, ids: list[str]) -> None:
     """Not that of the submission sent last: an older one may have begun anew under a newer evaluator."""
     place(store, ids[0], 90, NOON + 2)
@@ -113,6 +120,7 @@ def test_the_evaluator_that_finished_last_is_the_current_one(store: Store, ids: 
     assert board(store) == [(1, "blue", 50), (None, "red", 90)]
 
 
+@pytest.mark.slow
 def test_hidden_teams_and_submissions_not_shown_are_not_there(store: Store, ids: list[str]) -> None:
     better = place(store, ids[0], 60, NOON + 1)
     place(store, ids[0], 50, NOON + 2)
@@ -127,6 +135,7 @@ def test_hidden_teams_and_submissions_not_shown_are_not_there(store: Store, ids:
     assert board(store) == [(1, "red", 60), (2, "blue", 40)]
 
 
+@pytest.mark.slow
 def test_a_history_is_in_order_and_a_course_has_finished_ones_only(store: Store, ids: list[str]) -> None:
     place(store, ids[0], 60, NOON + 1)
     place(store, ids[0], 50, NOON + 2)
@@ -145,6 +154,7 @@ def test_a_history_is_in_order_and_a_course_has_finished_ones_only(store: Store,
         assert [found.id for found in queries.list_history(session, ids[1], PHASE.id)] == [place_of_blue.id]
 
 
+@pytest.mark.slow
 def test_the_queue_knows_its_length_and_pace(store: Store, ids: list[str]) -> None:
     done = place(store, ids[0], 60, NOON + 1)
     with store.write() as session:
@@ -172,6 +182,7 @@ def test_the_pace_is_unknown_at_first(store: Store, ids: list[str]) -> None:
         assert queries.find_queue_position(session, sent(session, ids[0]).id) == queries.QueuePosition(1, 2, None)
 
 
+@pytest.mark.slow
 def test_a_leaderboard_costs_what_it_shows(ids: list[str], store: Store) -> None:
     """However many submissions there are, one line of each team, track and part of the suite is kept."""
     for number in range(4):

@@ -37,6 +37,7 @@ def test_an_accepted_submission_waits_with_its_jobs(store: Store, red: str) -> N
         assert audit.verify_chain(session).broken is None
 
 
+@pytest.mark.slow
 def test_the_quota_of_a_day_is_of_a_utc_day(store: Store, red: str) -> None:
     last = day_start_us(NOON) + DAY_US - 1
     with store.write() as session:
@@ -115,6 +116,7 @@ def test_many_at_once_do_not_pass_the_quota(store: Store, red: str) -> None:
         assert len(all_of(session, SubmissionRow)) == PHASE.in_parallel
 
 
+@pytest.mark.slow
 def test_our_failure_costs_nothing_and_an_unstarted_cancellation_one_of_the_day(store: Store, red: str) -> None:
     with store.write() as session:
         failed, unstarted = (sent(session, red, NOON + number).id for number in range(2))
@@ -149,6 +151,7 @@ def test_unusable_text_is_refused_and_nothing_kept(store: Store, red: str, chang
         assert all_of(session, SubmissionRow) == []
 
 
+@pytest.mark.slow
 def test_the_same_archive_is_answered_with_the_finished_one(store: Store, red: str) -> None:
     same = {"archive_sha256": "b" * 64}
     (blue,) = with_teams(store, "blue")
@@ -212,6 +215,7 @@ def test_a_result_that_is_no_number_finishes_nothing(store: Store, red: str) -> 
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", ["cancel", "reject", "fail", "disqualify"])
 def test_every_early_end_stops_the_jobs_and_says_why(store: Store, red: str, end: str) -> None:
     with store.write() as session:
@@ -247,6 +251,7 @@ def test_a_disqualified_one_leaves_the_leaderboard(store: Store, red: str) -> No
         assert submission.ds == 80.0
 
 
+@pytest.mark.slow
 def test_a_rerun_keeps_both_and_counts_nowhere(store: Store, red: str) -> None:
     with store.write() as session:
         old = sent(session, red)

@@ -32,6 +32,7 @@ def admin(server: Server, monkeypatch: pytest.MonkeyPatch) -> Visit:
     return Visit(server, "admin")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("who", ["", "red", "worker"])
 def test_for_others_there_is_no_such_page(server: Server, who: str) -> None:
     visit = Visit(server, who)
@@ -47,12 +48,14 @@ def test_for_others_there_is_no_such_page(server: Server, who: str) -> None:
     assert [each["name"] for each in server.get("/teams", "admin")["items"]] == ["blue", "red"]
 
 
+@pytest.mark.slow
 def test_an_empty_server_says_so(admin: Visit) -> None:
     words = admin.get("/admin").words
     for said in ("No workers", "The queue is empty.", "No finished submissions yet.", "No spot checks yet."):
         assert said in words
 
 
+@pytest.mark.slow
 def test_the_queue_and_who_drives(server: Server, admin: Visit) -> None:
     first = sent(server, name="First")
     server.now_us = NOON + 5 * S
@@ -77,6 +80,7 @@ def test_the_queue_and_who_drives(server: Server, admin: Visit) -> None:
     assert "hx-trigger" in swapped and not without_ids(swapped)
 
 
+@pytest.mark.slow
 def test_spot_checks_the_audit_log_and_what_ended(server: Server, admin: Visit) -> None:
     id_ = sent(server, name="Mine")
     finish(server, id_)
@@ -106,6 +110,7 @@ def test_the_machine_names_missing_layers_the_disk_and_a_broken_chain(server: Se
     assert "broken Entry 3 was changed" in admin.get("/admin/machine").words
 
 
+@pytest.mark.slow
 def test_teams_are_made_with_a_token_shown_once(server: Server, admin: Visit) -> None:
     answer = admin.post("/admin/teams", 200, name="<green>")
     page = sound(answer)
@@ -118,6 +123,7 @@ def test_teams_are_made_with_a_token_shown_once(server: Server, admin: Visit) ->
     assert "expected 1 to 64" in sound(admin.post("/admin/teams", 422, name=" ")).words
 
 
+@pytest.mark.slow
 def test_teams_are_hidden_and_tokens_issued_and_revoked(server: Server, admin: Visit) -> None:
     admin.post(f"/admin/teams/{server.red}/hidden", hidden="true")
     assert {each["name"]: each["hidden"] for each in server.get("/teams", "admin")["items"]} == {

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
@@ -14,7 +14,7 @@ from testing.web_page import PAPER, Visit, driven, first_table, links
 from server.api.schemas import FiguresOut
 from server.clock import DAY_US
 from server.enums import TokenScope
-from server.store import phases, teams, tokens
+from server.store import Store, phases, teams, tokens
 from server.web import templating
 
 pytestmark = pytest.mark.slow
@@ -99,6 +99,28 @@ def test_filters(tmp_path: Path, backend: str) -> None:
         assert "page: expected a number" in visit.get(f"/?phase=dev&page={number}", 422).words
 
 
+@pytest.fixture(scope="module")
+def three(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Visit]:
+    """A visitor of a board of three teams, one of them driven by an older evaluator; with a database of its own."""
+    folder = tmp_path_factory.mktemp("three")
+    store = Store(f"sqlite:///{folder / 'challenge.sqlite'}")
+    store.migrate()
+    server = Server(folder, store)
+    with store.write() as session:
+        server.tokens["green"] = tokens.issue(session, teams.create(session, "green", NOON), TokenScope.SUBMIT, NOON)
+
+    def older(*_: object) -> dict[str, str]:
+        return {"version": "0"}
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("testing.api_app.FakeSuites.evaluator", older)
+        driven(server, "green", 90.0, name="b")
+    driven(server, "red", 41.0, name="A")
+    driven(server, "blue", 80.0, name="c")
+    yield Visit(server)
+    store.close()
+
+
 @pytest.mark.parametrize(
     ("sort", "order"),
     [
@@ -115,19 +137,8 @@ def test_filters(tmp_path: Path, backend: str) -> None:
         ("date", ["blue", "red", "green"]),
     ],
 )
-def test_order(server: Server, sort: str, order: Sequence[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    with server.store.write() as session:
-        server.tokens["green"] = tokens.issue(session, teams.create(session, "green", NOON), TokenScope.SUBMIT, NOON)
-
-    def older(*_: object) -> dict[str, str]:
-        return {"version": "0"}
-
-    with monkeypatch.context() as patched:
-        patched.setattr("testing.api_app.FakeSuites.evaluator", older)
-        driven(server, "green", 90.0, name="b")
-    driven(server, "red", 41.0, name="A")
-    driven(server, "blue", 80.0, name="c")
-    page = Visit(server).get(f"/?phase=dev&sort={sort}")
+def test_order(three: Visit, sort: str, order: Sequence[str]) -> None:
+    page = three.get(f"/?phase=dev&sort={sort}")
     assert first_table(page) == order
     assert "cannot be compared" in page.words
     falling = (sort.partition("&")[0] in ("ds", "sr", "efficient_sr", "date")) != ("turned" in sort)

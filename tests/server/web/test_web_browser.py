@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from testing import web_story
 from testing.archive_samples import packed
-from testing.chromium import COVERED
+from testing.chromium import CHROMIUM, COVERED
 from testing.evaluation_real import wait_for
 from testing.paths import TESTS
 from testing.sandbox_runs import needs_bubblewrap
@@ -21,9 +21,10 @@ from server.store import Store, teams, tokens
 
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.costly_fixture,
     pytest.mark.timeout(1200),
     needs_bubblewrap,
-    pytest.mark.skipif(web_story.CHROMIUM is None, reason="needs Chromium"),
+    pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium"),
 ]
 DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 SENT = """() => {

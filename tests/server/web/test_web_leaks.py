@@ -62,10 +62,12 @@ def found(server: Server, phase: Phase) -> set[str]:
     return hits
 
 
+@pytest.mark.slow
 def test_pages_of_hidden_phases_leak_nothing(server: Server) -> None:
     assert not found(server, Phase(server, HIDDEN))
 
 
+@pytest.mark.slow
 def test_the_search_finds_what_is_there(server: Server) -> None:
     """What the pages of a public phase show: all but our failures, and when a scenario began and ended."""
     phase = Phase(server, PHASE)

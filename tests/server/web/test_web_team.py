@@ -22,6 +22,7 @@ def server(tmp_path: Path) -> Server:
     return Server(tmp_path)
 
 
+@pytest.mark.slow
 def test_names_of_strangers_are_text(server: Server) -> None:
     with server.store.write() as session:
         hostile = teams.create(session, HOSTILE, NOON)
@@ -35,6 +36,7 @@ def test_names_of_strangers_are_text(server: Server) -> None:
     assert page.all("h1")[0].text == HOSTILE
 
 
+@pytest.mark.slow
 def test_teams_see_their_own_and_others_what_is_shown(server: Server) -> None:
     shown, kept = driven(server, "red", 41.0, name="shown one"), driven(server, "red", 30.0, name="kept one")
     server.ask("PUT", f"/submissions/{kept}/shown", "red", json={"shown": False})
@@ -52,6 +54,7 @@ def test_teams_see_their_own_and_others_what_is_shown(server: Server) -> None:
     assert "no 'nobody'" in Visit(server).get("/teams/nobody", 404).words
 
 
+@pytest.mark.slow
 def test_a_hidden_team_is_hidden(server: Server) -> None:
     driven(server, "red", 41.0)
     with server.store.write() as session:
@@ -63,6 +66,7 @@ def test_a_hidden_team_is_hidden(server: Server) -> None:
     assert "red" not in first_table(Visit(server).get("/?phase=dev"))
 
 
+@pytest.mark.slow
 def test_the_history_is_drawn_and_said(server: Server) -> None:
     driven(server, "red", 41.0)
     server.now_us += DAY_US
@@ -78,6 +82,7 @@ def test_the_history_is_drawn_and_said(server: Server) -> None:
     assert [len(line) for line in lines] == [2, 1], "results of different tracks are not joined"
 
 
+@pytest.mark.slow
 def test_a_team_chooses_what_is_shown(server: Server) -> None:
     mine = driven(server, "red", 41.0)
     Visit(server, "blue").post(f"/teams/{server.blue}/shown", 404, submission=mine, shown="false")
@@ -88,6 +93,7 @@ def test_a_team_chooses_what_is_shown(server: Server) -> None:
     assert "No submissions yet" in Visit(server).get("/?phase=dev").words
 
 
+@pytest.mark.slow
 def test_a_team_revokes_its_tokens(server: Server) -> None:
     with server.store.write() as session:
         spare = tokens.issue(session, teams.get(session, "red"), TokenScope.SUBMIT, NOON)

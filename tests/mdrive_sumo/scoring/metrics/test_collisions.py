@@ -138,6 +138,7 @@ def count_by_the_rule(rows: Sequence[Row], contacts: dict[int, list[str]]) -> li
     return registered
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(15, 100))
 @given(
     st.dictionaries(st.integers(0, 399), st.lists(st.sampled_from(["", "a", "b"]), max_size=2, unique=True)),
