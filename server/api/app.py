@@ -17,7 +17,19 @@ from server.api.leaderboard_cache import LeaderboardCache
 from server.api.openapi import make_openapi
 from server.api.request_bodies import RequestBodyMiddleware
 from server.api.response_headers import ResponseHeadersMiddleware
-from server.api.routes import events, health, leaderboards, phases, register, results, submissions, submit, teams
+from server.api.routes import (
+    events,
+    health,
+    leaderboards,
+    overviews,
+    phases,
+    register,
+    results,
+    submissions,
+    submit,
+    teams,
+    webhook,
+)
 from server.api.subprocess_runner import CallRunner, SubprocessPool, SubprocessRunner
 from server.api.upload import MAX_UPLOADS
 from server.phase_suites import LoadedPhaseSuites, PhaseSuites
@@ -112,6 +124,9 @@ def prepare_storage(services: Services, now_us: int) -> None:
 
 def _make_router() -> APIRouter:
     router = APIRouter()
-    for part in (teams, register, phases, submit, submissions, results, events, leaderboards, health):
+    for part in (
+        *(teams, webhook, register, phases, submit, submissions, results),
+        *(overviews, events, leaderboards, health),
+    ):
         router.include_router(part.router)
     return router

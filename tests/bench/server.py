@@ -43,8 +43,8 @@ import sys, uvicorn
 from server.web.mount_pages import mount_pages
 from server.api.app import create_app
 from server.evaluation.supervisor import Supervisor
-from server.settings import Settings
-settings = Settings.model_validate_json(sys.argv[1])
+from server.settings import ServerSettings
+settings = ServerSettings.model_validate_json(sys.argv[1])
 app = create_app(settings)
 mount_pages(app)
 supervisor = Supervisor(app.state.services.store, settings)
