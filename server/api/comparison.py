@@ -1,6 +1,7 @@
 """Compare two submissions of a phase: what the caller may see of each, and the scenarios that both have."""
 
 from collections.abc import Sequence
+from statistics import fmean
 
 import numpy as np
 
@@ -66,7 +67,7 @@ def _compute_difference(pairs: Sequence[schemas.ScenarioPairOut]) -> schemas.Pai
     by_scenario: dict[str, list[float]] = {}
     for pair in pairs:
         by_scenario.setdefault(pair.scenario, []).append(pair.ds_difference)
-    means = np.array([np.mean(by_scenario[name]) for name in sorted(by_scenario)])
+    means = np.array([fmean(by_scenario[name]) for name in sorted(by_scenario)], np.float64)
     interval = bootstrap_mean(means)
     better, worse = int(np.sum(means >= TIE)), int(np.sum(means <= -TIE))
     return schemas.PairedDifferenceOut(

@@ -11,8 +11,7 @@ def to_csv(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return the table as CSV (RFC 4180); None becomes an empty cell."""
     text = io.StringIO()
     writer = csv.writer(text)
-    writer.writerow(header)
-    writer.writerows([_escape_formula(cell) for cell in row] for row in rows)
+    writer.writerows([_escape_formula(cell) for cell in row] for row in (header, *rows))
     return text.getvalue()
 
 
