@@ -16,6 +16,7 @@ from server.api.dependencies import CHECKERS, Services
 from server.api.leaderboard_cache import LeaderboardCache
 from server.api.openapi import make_openapi
 from server.api.request_bodies import RequestBodyMiddleware
+from server.api.response_cache import ResponseCacheMiddleware
 from server.api.response_headers import ResponseHeadersMiddleware
 from server.api.routes import (
     events,
@@ -100,9 +101,21 @@ def create_app(
     problems.install_handlers(app)
     app.add_middleware(RequestBodyMiddleware, uploads=UPLOADS, max_upload=settings.limits.archive_bytes)
     app.add_middleware(ResponseHeadersMiddleware)
+    app.add_middleware(
+        ResponseCacheMiddleware,
+        is_cached_path=_is_board,
+        now=now,
+        generation=lambda: services.leaderboards.generation,
+    )
     app.include_router(_make_router(), prefix=API)
     app.openapi = make_openapi(app)
     return app
+
+
+def _is_board(path: str) -> bool:
+    """Return whether a path is that of a leaderboard: the page, the API or the CSV, but no team's history."""
+    is_of_api = path.startswith(f"{API}/leaderboards/") and "/teams/" not in path
+    return path in ("/", "/leaderboard.csv") or is_of_api
 
 
 def prepare_storage(services: Services, now_us: int) -> None:

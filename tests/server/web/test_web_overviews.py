@@ -156,7 +156,7 @@ def test_the_webhook_of_a_team(server: Server) -> None:
 
 def test_empty_pages_name_the_next_step(server: Server) -> None:
     page = Visit(server).get("/?phase=dev&track=negotiation")
-    assert "Driving agents for connected automated vehicles" in page.words and "/how" in links(page)
+    assert "Agents of teams drive connected automated vehicles" in page.words and "/how" in links(page)
     assert "mdrive-sumo submit my_team --phase dev --track negotiation" in page.words
     assert "submit --dry-run my_team" in Visit(server).get("/?phase=past").words
     assert "Next: submit an agent" in Visit(server, "red").get("/teams/red").words
