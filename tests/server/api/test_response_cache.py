@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import pytest
@@ -43,8 +44,8 @@ def test_a_repeated_request_reaches_no_route(server: Server) -> None:
 
 def test_an_unchanged_board_is_not_sent_again(server: Server) -> None:
     client = Visit(server).client
-    for path in BOARDS:
-        etag = client.get(path).headers["etag"]
+    etags = {path: client.get(path).headers["etag"] for path in BOARDS}
+    for path, etag in etags.items():
         server.now_us += STALE_US
         for asked in (etag, f"W/{etag}", f'"other", {etag}'):
             answer = client.get(path, headers={"If-None-Match": asked})
@@ -52,7 +53,7 @@ def test_an_unchanged_board_is_not_sent_again(server: Server) -> None:
             assert "content-type" not in answer.headers and "content-length" not in answer.headers
         assert client.get(path, headers={"If-None-Match": '"other"'}).status_code == 200
     driven(server, "red", 90.0)
-    assert all(client.get(path, headers={"If-None-Match": etag}).status_code == 200 for path in BOARDS)
+    assert all(client.get(path, headers={"If-None-Match": etag}).status_code == 200 for path, etag in etags.items())
 
 
 def test_a_disqualification_is_seen_at_once(server: Server) -> None:
@@ -94,7 +95,7 @@ def test_the_memory_is_bounded(server: Server, monkeypatch: pytest.MonkeyPatch) 
     client = Visit(server).client
     for number in range(7):
         assert client.get(f"/?phase={HIDDEN.id}&page={number + 1}").status_code == 200
-    layer = server.app.middleware_stack
+    layer: Any = server.app.middleware_stack
     while not isinstance(layer, response_cache.ResponseCacheMiddleware):
         layer = getattr(layer, "app", None) or layer._app
     assert len(layer._entries) <= 3
