@@ -99,17 +99,18 @@ def create_app(
     )
     app.state.services, app.state.now = services, now
     problems.install_handlers(app)
-    app.add_middleware(RequestBodyMiddleware, uploads=UPLOADS, max_upload=settings.limits.archive_bytes)
-    app.add_middleware(ResponseHeadersMiddleware)
-    app.add_middleware(
-        ResponseCacheMiddleware,
-        is_cached_path=_is_board,
-        now=now,
-        generation=lambda: services.leaderboards.generation,
-    )
+    _add_middleware(app, services, now)
     app.include_router(_make_router(), prefix=API)
     app.openapi = make_openapi(app)
     return app
+
+
+def _add_middleware(app: FastAPI, services: Services, now: Callable[[], int]) -> None:
+    """Add the layers around the routes, the innermost first."""
+    max_upload, boards = services.settings.limits.archive_bytes, services.leaderboards
+    app.add_middleware(RequestBodyMiddleware, uploads=UPLOADS, max_upload=max_upload)
+    app.add_middleware(ResponseHeadersMiddleware)
+    app.add_middleware(ResponseCacheMiddleware, is_cached_path=_is_board, now=now, generation=lambda: boards.generation)
 
 
 def _is_board(path: str) -> bool:
