@@ -2,8 +2,10 @@
 
 COMMANDS = {
     "admin": "Administer a challenge: teams, tokens, phases, backups.",
+    "cancel": "Cancel a submission.",
     "check": "Check an agent before submission.",
     "init-agent": "Write a sample agent as a starting point.",
+    "results": "Show the result of a submission, or list yours.",
     "serve": "Serve a challenge: API, web pages and workers.",
     "submit": "Submit an agent to a challenge, or test it locally.",
 }

@@ -60,3 +60,13 @@ class ScenarioVerdict(StrEnum):
     AGENT_FAILED = "agent-failed"
     """At least one CAV's agent failed, see `mdrive_sumo.core.state.FailureReason`. The scenario is scored."""
     FAILED_OURS = "failed-ours"
+
+
+class DeliveryState(StrEnum):
+    """State of a notification by webhook."""
+
+    WAITING = auto()
+    """It was not sent yet, or will be tried again."""
+    DELIVERED = auto()
+    FAILED = auto()
+    """Every attempt failed."""

@@ -150,6 +150,16 @@ class RegistrationSettings(_SettingsModel):
     """Registrations of all teams per UTC day."""
 
 
+class WebhookSettings(_SettingsModel):
+    """Notifications of teams over HTTP; see `server.api.webhook_address` for where they may go."""
+
+    enabled: bool = False
+    allowed_hosts: tuple[str, ...] = ()
+    """HOST or HOST:PORT to which http, private addresses and other ports are allowed."""
+    timeout_s: Annotated[float, Field(gt=0, le=60)] = 10.0
+    """Time limit of one attempt, from the look-up of the name to the status of the answer."""
+
+
 class PhaseSettings(_SettingsModel):
     """One `[[phases]]` section."""
 
@@ -208,6 +218,7 @@ class ServerSettings(_SettingsModel):
     work: WorkerSettings = WorkerSettings()
     keep: RetentionSettings = RetentionSettings()
     registration: RegistrationSettings = RegistrationSettings()
+    webhooks: WebhookSettings = WebhookSettings()
     phases: tuple[PhaseSettings, ...] = ()
 
     @model_validator(mode="after")
@@ -245,9 +256,12 @@ _SECTIONS: Mapping[str, Mapping[str, object]] = {
     "work": WorkerSettings.model_fields,
     "keep": RetentionSettings.model_fields,
     "registration": RegistrationSettings.model_fields,
+    "webhooks": WebhookSettings.model_fields,
 }
 _NOT_SCALAR = (*_SECTIONS, "phases")
 """Settings that no single variable can express."""
+_LISTS = ("required", "allowed_hosts")
+"""Settings that are lists; a variable has commas between the items."""
 
 
 def load_settings(file: Path | None, environ: Mapping[str, str] = os.environ) -> ServerSettings:
@@ -279,7 +293,7 @@ def _apply_variable(content: dict[str, Any], name: str, text: str) -> None:
     table = content.setdefault(section, {}) if section else content
     if not isinstance(table, dict):
         raise InputError(f"settings: {section}: expected a table, found {table!r}")
-    table[field] = text.split(",") if field == "required" else text  # the only list among the settings
+    table[field] = text.split(",") if field in _LISTS else text
 
 
 def _to_us(moment: datetime) -> int:

@@ -16,8 +16,21 @@ from server.api.dependencies import CHECKERS, Services
 from server.api.leaderboard_cache import LeaderboardCache
 from server.api.openapi import make_openapi
 from server.api.request_bodies import RequestBodyMiddleware
+from server.api.response_cache import ResponseCacheMiddleware
 from server.api.response_headers import ResponseHeadersMiddleware
-from server.api.routes import events, health, leaderboards, phases, register, results, submissions, submit, teams
+from server.api.routes import (
+    events,
+    health,
+    leaderboards,
+    overviews,
+    phases,
+    register,
+    results,
+    submissions,
+    submit,
+    teams,
+    webhook,
+)
 from server.api.subprocess_runner import CallRunner, SubprocessPool, SubprocessRunner
 from server.api.upload import MAX_UPLOADS
 from server.phase_suites import LoadedPhaseSuites, PhaseSuites
@@ -86,11 +99,24 @@ def create_app(
     )
     app.state.services, app.state.now = services, now
     problems.install_handlers(app)
-    app.add_middleware(RequestBodyMiddleware, uploads=UPLOADS, max_upload=settings.limits.archive_bytes)
-    app.add_middleware(ResponseHeadersMiddleware)
+    _add_middleware(app, services, now)
     app.include_router(_make_router(), prefix=API)
     app.openapi = make_openapi(app)
     return app
+
+
+def _add_middleware(app: FastAPI, services: Services, now: Callable[[], int]) -> None:
+    """Add the layers around the routes, the innermost first."""
+    max_upload, boards = services.settings.limits.archive_bytes, services.leaderboards
+    app.add_middleware(RequestBodyMiddleware, uploads=UPLOADS, max_upload=max_upload)
+    app.add_middleware(ResponseHeadersMiddleware)
+    app.add_middleware(ResponseCacheMiddleware, is_cached_path=_is_board, now=now, generation=lambda: boards.generation)
+
+
+def _is_board(path: str) -> bool:
+    """Return whether a path is that of a leaderboard: the page, the API or the CSV, but no team's history."""
+    is_of_api = path.startswith(f"{API}/leaderboards/") and "/teams/" not in path
+    return path in ("/", "/leaderboard.csv") or is_of_api
 
 
 def prepare_storage(services: Services, now_us: int) -> None:
@@ -112,6 +138,9 @@ def prepare_storage(services: Services, now_us: int) -> None:
 
 def _make_router() -> APIRouter:
     router = APIRouter()
-    for part in (teams, register, phases, submit, submissions, results, events, leaderboards, health):
+    for part in (
+        *(teams, webhook, register, phases, submit, submissions, results),
+        *(overviews, events, leaderboards, health),
+    ):
         router.include_router(part.router)
     return router

@@ -13,7 +13,10 @@ READ_S = 30.0
 """Time limit of one read [s]."""
 NICE = 5
 """Niceness of the reading process: requests come first and get the cached boards meanwhile."""
-_IRRELEVANT_ACTIONS = ("token-issued", "token-revoked", "team-created", "submission-accepted", "spot-check")
+_IRRELEVANT_ACTIONS = (
+    *("token-issued", "token-revoked", "team-created", "submission-accepted", "spot-check"),
+    *("webhook-set", "webhook-removed"),
+)
 """Actions of the audit log that change no leaderboard; every other action may."""
 _Content = TypeVar("_Content")
 

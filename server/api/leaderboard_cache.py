@@ -43,6 +43,8 @@ class LeaderboardCache:
     def __init__(self, reader: DatabaseReader) -> None:
         """Take over the reader: `close` closes it."""
         self._reader = reader
+        self.generation = 0
+        """Number of calls of `invalidate`: what was made of an older one may show what is hidden now."""
         self._builders: list[BoardBuilder] = [partial(self.get_json, stale_us=FRESH_US)]
         self._entries: dict[Hashable, _CacheEntry] = {}
         self._tasks: dict[Hashable, asyncio.Task[Any]] = {}
@@ -104,6 +106,7 @@ class LeaderboardCache:
     def invalidate(self) -> None:
         """Drop all entries, also those being built: the next request sees the change just made."""
         self._entries, self._tasks = {}, {}
+        self.generation += 1
 
     async def _check(self, key: Hashable, build: Callable[[Session], object], now_us: int) -> Any:
         return await asyncio.get_running_loop().run_in_executor(

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from server.enums import ChallengeTrack, JobState, SubmissionState, TokenScope
+from server.enums import ChallengeTrack, DeliveryState, JobState, SubmissionState, TokenScope
 
 
 def to_datetime(at_us: int) -> datetime:
@@ -31,6 +31,8 @@ Id = Annotated[str, Field(pattern=ID_PATTERN)]
 PhaseId = Annotated[str, Field(pattern=PHASE_PATTERN)]
 ScenarioId = Annotated[str, Field(pattern=SCENARIO_PATTERN)]
 """Id of a scenario as in its file, or of a CAV."""
+SearchText = Annotated[str, Field(min_length=2, max_length=80), AfterValidator(_printable)]
+"""Part of a name, or an id."""
 Seed = Annotated[int, Field(ge=0, le=1_000_000)]
 PartName = Annotated[str, Field(min_length=1, max_length=60), AfterValidator(_printable)]
 """A bucket or a category."""
@@ -73,6 +75,42 @@ class ReasonIn(RequestModel):
     """Shown to everyone who may see the submission."""
 
     reason: Annotated[str, Field(min_length=1, max_length=500), AfterValidator(_printable)]
+
+
+class NewWebhookIn(RequestModel):
+    """A team's webhook."""
+
+    url: Annotated[str, Field(min_length=1, max_length=500)]
+
+
+class DeliveryOut(ResponseModel):
+    """A notification by webhook."""
+
+    id: str
+    """The header `webhook-id`."""
+    submission: str
+    state: DeliveryState
+    attempts: int
+    problem: str
+    """Why the last attempt failed, if it did."""
+
+
+class WebhookOut(ResponseModel):
+    """A team's webhook without its secret."""
+
+    enabled: bool
+    """Whether this server sends notifications."""
+    url: str | None
+    created: datetime | None
+    deliveries: list[DeliveryOut]
+    """The latest ones, the newest first."""
+
+
+class WebhookSecretOut(ResponseModel):
+    """A new webhook; its secret is shown this once."""
+
+    url: str
+    secret: str
 
 
 class TeamOut(ResponseModel):
@@ -283,6 +321,110 @@ class ScenariosOut(ResponseModel):
     """Scenarios by name and seed."""
 
     items: list[ScenarioOut]
+
+
+class ScenarioPairOut(ResponseModel):
+    """One scenario and seed in two submissions, A and B."""
+
+    scenario: str
+    seed: int
+    bucket: str | None
+    category: str | None
+    verdict_a: str | None
+    verdict_b: str | None
+    ds_a: float
+    ds_b: float
+    ds_difference: float
+    """DS of B minus that of A: positive means that B is better."""
+
+
+class PairedDifferenceOut(ResponseModel):
+    """DS of B minus that of A over the scenarios that both have."""
+
+    scenarios: int
+    """Each counts once, with the mean over its seeds."""
+    ds: float
+    ds_low: float
+    ds_high: float
+    """95 % bootstrap interval of `ds`: the scenarios are resampled."""
+    better: int
+    """Scenarios in which B has at least 0.005 more."""
+    equal: int
+    worse: int
+
+
+class ComparisonOut(ResponseModel):
+    """Two submissions of one phase. In a hidden phase without scenarios, except for admins."""
+
+    a: SubmissionOut
+    b: SubmissionOut
+    same_evaluator: bool
+    """False: another version, suite or sandbox, so that the results cannot be compared."""
+    paired: PairedDifferenceOut | None
+    """Null if the scenarios are hidden or the two have none in common."""
+    scenarios: list[ScenarioPairOut] | None
+    """Those that both have, the largest losses of B first; null if they are hidden."""
+
+
+class MatrixColumnOut(ResponseModel):
+    """A team of the matrix with its best shown submission."""
+
+    team: str
+    submission: str
+    method: str
+    track: ChallengeTrack
+    rank: int | None
+    ds: float
+
+
+class MatrixCellOut(ResponseModel):
+    """One team in one scenario."""
+
+    ds: float
+    """Mean over the seeds."""
+    failed: int
+    """Seeds in which an agent failed."""
+
+
+class MatrixRowOut(ResponseModel):
+    """One scenario."""
+
+    scenario: str
+    bucket: str | None
+    category: str | None
+    ds: float
+    """Mean of the teams that have a result."""
+    failed: int
+    """Teams of which an agent failed with a seed or more."""
+    cells: list[MatrixCellOut | None]
+    """In the order of the columns; null without a result."""
+
+
+class MatrixOut(ResponseModel):
+    """DS of teams (columns, by rank) in each scenario (rows, by name); for admins."""
+
+    phase: str
+    track: ChallengeTrack | None
+    page: int
+    pages: int
+    columns: list[MatrixColumnOut]
+    rows: list[MatrixRowOut]
+
+
+class FoundTeamOut(ResponseModel):
+    """A team that a search found."""
+
+    id: str
+    name: str
+
+
+class SearchOut(ResponseModel):
+    """Teams by name, and submissions with the latest first: at most 20 of each."""
+
+    teams: list[FoundTeamOut]
+    submissions: list[SubmissionOut]
+    more: bool
+    """Whether more were found than are listed."""
 
 
 class RowOut(ResponseModel):

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, and_, or_, select, true
 from sqlalchemy.orm import Session
 
 from server.api import schemas
@@ -41,6 +41,25 @@ def find_own(session: Session, caller: Caller, submission_id: str) -> tables.Sub
 def may_see_all(caller: Caller | None, submission: tables.SubmissionRow) -> bool:
     """Return whether the caller may see everything of a submission: its own team, or an admin."""
     return caller is not None and (caller.is_admin or (caller.team is not None and caller.team == submission.team))
+
+
+def may_see_scenarios(caller: Caller | None, phase: tables.PhaseRow) -> bool:
+    """Return whether the caller may see results of single scenarios of the phase's visible submissions."""
+    return phase.public or (caller is not None and caller.is_admin)
+
+
+def is_visible(caller: Caller | None) -> ColumnElement[bool]:
+    """Return the condition on `SubmissionRow` under which `find_visible` returns a submission to the caller."""
+    if caller is not None and caller.is_admin:
+        return true()
+    shown_teams = select(tables.TeamRow.id).where(~tables.TeamRow.hidden)
+    published = and_(
+        tables.SubmissionRow.state == SubmissionState.DONE.value,
+        tables.SubmissionRow.shown,
+        tables.SubmissionRow.team.in_(shown_teams),
+    )
+    own = caller.team if caller is not None else None
+    return published if own is None else or_(published, tables.SubmissionRow.team == own)
 
 
 def get_phase(session: Session, submission: tables.SubmissionRow) -> tables.PhaseRow:

@@ -19,6 +19,7 @@ from mdrive_sumo.core.errors import InputError
 from server import environments
 from server.api.app import create_app, prepare_storage
 from server.api.upload import UPLOAD_S
+from server.api.webhook_sender import WebhookSender
 from server.cli.data_folder import lock_data_folder
 from server.cli.options import data_option, load_settings_with, report_store_errors, settings_option
 from server.clock import now_us
@@ -72,9 +73,23 @@ def serve(
         supervisor = Supervisor(services.store, settings)
         supervisor.start()
         try:
-            _run(app, settings, listener)
+            with _send_webhooks(services.store, settings):
+                _run(app, settings, listener)
         finally:
             supervisor.stop()
+
+
+@contextmanager
+def _send_webhooks(store: Store, settings: ServerSettings) -> Generator[None]:
+    sender = WebhookSender(store, settings.webhooks)
+    if not settings.webhooks.enabled:
+        yield
+        return
+    sender.start()
+    try:
+        yield
+    finally:
+        sender.stop()
 
 
 def make_app(settings: ServerSettings) -> FastAPI:

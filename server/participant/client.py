@@ -3,7 +3,7 @@
 import json
 import time
 import uuid
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -105,6 +105,30 @@ class ChallengeClient:
     def show(self, submission: str) -> Mapping[str, Any]:
         """Return the submission as the API shows it."""
         return self._json("GET", f"/submissions/{submission}")
+
+    def list_submissions(self) -> Sequence[Mapping[str, Any]]:
+        """Return the latest submissions of the token's team, the newest first, at most 50."""
+        return cast("Sequence[Mapping[str, Any]]", self._json("GET", "/submissions").get("items", ()))
+
+    def cancel(self, submission: str) -> Mapping[str, Any]:
+        """Cancel a submission, and return it."""
+        return self._json("POST", f"/submissions/{submission}/cancel")
+
+    def scenarios(self, submission: str) -> Sequence[Mapping[str, Any]] | None:
+        """Return the scenarios of a submission, None if they are hidden."""
+        with self._connection_errors():
+            answer = self._http.get(f"/submissions/{submission}/scenarios")
+        if answer.status_code == HTTPStatus.FORBIDDEN:
+            return None
+        return cast("Sequence[Mapping[str, Any]]", self._content(answer).get("items", ()))
+
+    def scenarios_csv(self, submission: str) -> str:
+        """Return the scenarios as CSV."""
+        with self._connection_errors():
+            answer = self._http.get(f"/submissions/{submission}/scenarios.csv")
+        if not answer.is_success:
+            raise self._refusal(answer)
+        return answer.text
 
     def events(self, submission: str, after: str) -> Generator[tuple[str, str, Mapping[str, Any]]]:
         """Yield id, kind and data of the events after `after` until the connection ends."""

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from server.clock import DAY_US, day_start_us
 from server.enums import SubmissionState
-from server.store import queries, worker_time
+from server.store import queries, webhooks, worker_time
 from server.store.engine import Store
 from server.store.quota import UNFINISHED
 from server.store.tables import EventRow, JobOverviewRow, JobRow, RefusedUploadRow, SubmissionRow, WorkerTimeRow
@@ -92,6 +92,7 @@ def delete_expired_rows(store: Store, policy: RetentionPolicy, now_us: int) -> i
         session.execute(delete(RefusedUploadRow).where(RefusedUploadRow.at_us < day_start_us(now_us) - DAY_US))
         forgotten_us = now_us - 40 * worker_time.HALF_LIFE_US
         session.execute(delete(WorkerTimeRow).where(WorkerTimeRow.at_us < forgotten_us))
+        webhooks.delete_old(session, now_us)
     return len(expired)
 
 

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
 from server.enums import ChallengeTrack, JobState, SubmissionState
-from server.store import audit, events, phases, quota, standings, worker_time
+from server.store import audit, events, phases, quota, standings, webhooks, worker_time
 from server.store.checksums import compute_checksum
 from server.store.errors import NotFound, NotNow, check_text, new_id
 from server.store.tables import JobOverviewRow, JobRow, PhaseRow, SubmissionRow, TeamRow
@@ -283,8 +283,8 @@ def _stop(
 
 
 def _enter(session: Session, submission: SubmissionRow, state: SubmissionState, now_us: int) -> None:
-    submission.state = state.value
-    submission.finished_us = now_us
+    submission.state, submission.finished_us = state.value, now_us
+    webhooks.enqueue(session, submission, now_us)
     data = {"state": state.value} | ({"why": submission.why} if submission.why else {})
     events.add_event(session, submission.id, "state", data, now_us)
 

@@ -203,6 +203,38 @@ class StandingRow(TableBase):
     """This slice's part of `SubmissionRow.summary`."""
 
 
+class WebhookRow(TableBase):
+    """Where a team is notified of its finished submissions."""
+
+    __tablename__ = "webhooks"
+    team: Mapped[str] = mapped_column(ForeignKey("teams.id"), primary_key=True)
+    url: Mapped[str] = mapped_column(Text)
+    secret: Mapped[str] = mapped_column(String(64))
+    """Key of the signatures, `whsec_` and base64 as in Standard Webhooks; signing needs its text, not a hash."""
+    created_us: Mapped[int]
+
+
+class WebhookDeliveryRow(TableBase):
+    """One notification: written with the end of its submission, delivered later by `server.api.webhook_sender`."""
+
+    __tablename__ = "webhook_deliveries"
+    __table_args__ = (
+        Index("webhook_deliveries_due", "state", "next_us"),
+        Index("webhook_deliveries_of_team", "team", "created_us"),
+    )
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    submission: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
+    team: Mapped[str] = mapped_column(ForeignKey("teams.id"))
+    state: Mapped[str] = mapped_column(String(16))
+    attempts: Mapped[int] = mapped_column(default=0)
+    """How often it was begun, so that a crash while sending counts."""
+    next_us: Mapped[int]
+    """Time of the next attempt."""
+    created_us: Mapped[int]
+    problem: Mapped[str] = mapped_column(Text, default="")
+    """Why the last attempt failed."""
+
+
 class EventRow(TableBase):
     """An event of a submission; server-sent events replay them from any id on."""
 

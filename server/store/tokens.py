@@ -51,11 +51,17 @@ def list_tokens(session: Session, team: TeamRow | None) -> Sequence[TokenRow]:
     ).all()
 
 
-def revoke(session: Session, token_id: str, now_us: int, actor: str = "admin") -> None:
-    """Revoke a token; a second time changes nothing. Raises NotFound."""
+def get(session: Session, token_id: str) -> TokenRow:
+    """Return a token. Raises NotFound."""
     token = session.get(TokenRow, token_id)
     if token is None:
         raise NotFound(f"token: there is no {token_id!r}")
+    return token
+
+
+def revoke(session: Session, token_id: str, now_us: int, actor: str = "admin") -> None:
+    """Revoke a token; a second time changes nothing. Raises NotFound."""
+    token = get(session, token_id)
     if token.revoked_us is None:
         token.revoked_us = now_us
         audit.add_entry(session, actor, "token-revoked", {"token": token.id, "team": token.team}, now_us)

@@ -104,6 +104,24 @@ def issue_token(
     )
 
 
+@router.get("/tokens/{token}/revoke")
+def confirm_revoke(request: Request, token: schemas.Id, _visitor: AdminVisitor, services: ServicesDep) -> Response:
+    """Ask before a token is revoked."""
+    with services.store.read() as session:
+        found = tokens.get(session, token)
+        team = teams.get(session, found.team) if found.team is not None else None
+        held = tokens.list_tokens(session, team) if team is not None else []
+    return render_page(
+        request,
+        "confirm_revoke.html",
+        token=found,
+        holder=f"team {team.name}" if team is not None else f"the scope {found.scope}",
+        is_last=sum(each.revoked_us is None for each in held) == 1,
+        action=f"/admin/tokens/{token}/revoke",
+        back="/admin/teams",
+    )
+
+
 @router.post("/tokens/{token}/revoke")
 def revoke_token(token: schemas.Id, visitor: AdminVisitor, services: ServicesDep, at_us: Now) -> Response:
     """Revoke a token."""

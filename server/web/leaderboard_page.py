@@ -1,7 +1,5 @@
 """The leaderboard page, rendered once for all visitors who are not logged in and cached until a board changes."""
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,6 +12,7 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
 from server.api import schemas, submission_views
+from server.api.csv_format import csv_headers, to_csv
 from server.api.dependencies import Services, get_now
 from server.api.leaderboard_cache import FRESH_US, STALE_US
 from server.api.leaderboards import BoardKey, PhaseParts, list_parts, read_leaderboard
@@ -131,8 +130,8 @@ async def show_csv(request: Request) -> Response:
         raise NotFound("phase: no phases yet")
     view, _ = await _parse_view(request.query_params, services, tabs, at_us)
     board = schemas.LeaderboardOut.model_validate_json(await services.leaderboards.get_json(view.key, at_us))
-    headers = {"Content-Disposition": f'attachment; filename="leaderboard-{board.phase}.csv"'}
-    return Response(_to_csv(board), media_type="text/csv", headers=headers | {"Cache-Control": "no-cache"})
+    headers = csv_headers(f"leaderboard-{board.phase}") | {"Cache-Control": "no-cache"}
+    return Response(_format_csv(board), media_type="text/csv", headers=headers)
 
 
 async def _get_page(
@@ -266,22 +265,19 @@ def _sort_key(row: schemas.RowOut, sort: str) -> tuple[bool, Any]:
     return value is not None, value.casefold() if isinstance(value, str) else value
 
 
-def _to_csv(board: schemas.LeaderboardOut) -> str:
+def _format_csv(board: schemas.LeaderboardOut) -> str:
     figures = (
         *("ds", "ds_low", "ds_high", "sr", "sr_low", "sr_high"),
         *("efficient_sr", "time_ratio", "timed", "rc", "ip", "scenarios"),
     )
-    text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(("rank", "team", "method", "track", *figures, "created", "submission", "published"))
-    for row in (*board.rows, *board.published):
-        numbers = [getattr(row.figures, name) for name in figures]
-        created = row.created.isoformat() if row.created else None
-        names = (row.rank, _escape_formula(row.team), _escape_formula(row.method), row.track.value)
-        writer.writerow((*names, *numbers, created, row.submission, row.published))
-    return text.getvalue()
-
-
-def _escape_formula(name: str) -> str:
-    """Return the name so that spreadsheets do not evaluate it as a formula: names are untrusted text."""
-    return f"'{name}" if name.startswith(("=", "+", "-", "@")) else name
+    return to_csv(
+        ("rank", "team", "method", "track", *figures, "created", "submission", "published"),
+        (
+            (
+                *(row.rank, row.team, row.method, row.track.value),
+                *(getattr(row.figures, name) for name in figures),
+                *(row.created.isoformat() if row.created else None, row.submission, row.published),
+            )
+            for row in (*board.rows, *board.published)
+        ),
+    )

@@ -10,10 +10,13 @@ from server.web import (
     guide_page,
     leaderboard_page,
     login_pages,
+    matrix_page,
+    overview_pages,
     scenario_page,
     static_files,
     submission_page,
     submit_page,
+    team_actions,
     team_page,
 )
 from server.web.visitor import check_same_site
@@ -32,8 +35,11 @@ def mount_pages(app: FastAPI) -> None:
         submit_page,
         submission_page,
         scenario_page,
+        overview_pages,
         team_page,
+        team_actions,
         admin_pages,
+        matrix_page,
     ):
         pages.include_router(part.router)
     app.include_router(pages)

@@ -11,13 +11,14 @@ from sqlalchemy.orm import Session
 from server.api import schemas, submission_views
 from server.api.dependencies import Now, ServicesDep
 from server.api.routes import submissions
+from server.api.routes import webhook as api
 from server.clock import format_utc
 from server.enums import SubmissionState
 from server.store import NotFound, phases, queries, quota, tables, teams, tokens
 from server.tracks import TRACK_LABELS
 from server.web import charts, explanations
 from server.web.templating import render_page
-from server.web.visitor import AnyVisitor, OptionalVisitor, Visitor, delete_token_cookie
+from server.web.visitor import AnyVisitor, OptionalVisitor, Visitor
 
 router = APIRouter()
 SubmissionField = Annotated[schemas.Id, Form()]
@@ -68,9 +69,12 @@ def show(
     if visitor is not None and own:
         of_team = found.id if visitor.caller.is_admin else None
         listed = submissions.list_submissions(visitor.caller, services, None, of_team, before)
+    is_member = visitor is not None and visitor.caller.team == found.id
+    webhook = api.show_webhook((visitor.caller, found.id), services) if visitor is not None and is_member else None
     return render_page(
         request,
         "team.html",
+        webhook=webhook,
         team=found,
         histories=histories,
         own=own,
@@ -94,23 +98,6 @@ def choose(
     """Choose whether a submission may be on the leaderboard."""
     submissions.choose_submission(submission, schemas.ShowIn(shown=shown), visitor.caller, services, at_us)
     return RedirectResponse(f"/teams/{team}#submissions", 303)
-
-
-@router.post("/teams/{team}/revoke")
-def revoke(
-    team: schemas.Id, token: SubmissionField, visitor: AnyVisitor, services: ServicesDep, at_us: Now
-) -> Response:
-    """Revoke a token of the visitor's team, or any for admins; revoking the browser's own token logs out."""
-    with services.store.write() as session:
-        found = teams.get(session, team)
-        if not _is_own(visitor, found) or token not in (each.id for each in tokens.list_tokens(session, found)):
-            raise NotFound(f"token: there is no {token!r}")
-        tokens.revoke(session, token, at_us, visitor.caller.actor)
-    if token != visitor.caller.token:
-        return RedirectResponse(f"/teams/{team}#tokens", 303)
-    response = RedirectResponse("/login", 303)
-    delete_token_cookie(response)
-    return response
 
 
 def _is_own(visitor: Visitor | None, team: tables.TeamRow) -> bool:

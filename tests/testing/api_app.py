@@ -15,7 +15,7 @@ from server.api.app import create_app
 from server.clock import DAY_US
 from server.enums import TokenScope
 from server.environments import ABOUT_FILE
-from server.settings import ArchiveSettings, ServerSettings
+from server.settings import ArchiveSettings, ServerSettings, WebhookSettings
 from server.store import Store, phases, teams, tokens
 from server.store.phases import NewPhase
 from testing import archive_samples, databases
@@ -58,9 +58,9 @@ class Server:
     now_us: int = NOON
 
     def __post_init__(self) -> None:
-        self.settings = ServerSettings(
-            data=self.folder, limits=ArchiveSettings(archive_bytes=self.archive_bytes, start_agents=False)
-        )
+        limits = ArchiveSettings(archive_bytes=self.archive_bytes, start_agents=False)
+        hooks = WebhookSettings(enabled=True)
+        self.settings = ServerSettings(data=self.folder, limits=limits, webhooks=hooks)
         with self.store.write() as session:
             phases.set_phases(session, [PHASE, HIDDEN, CLOSED], NOON)
             red, blue = (teams.create(session, name, NOON) for name in ("red", "blue"))

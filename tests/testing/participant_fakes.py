@@ -18,6 +18,8 @@ from mdrive_sumo.cli import command_line as cli
 
 COMMANDS = {
     "init-agent": "server.participant.init_agent:init_agent",
+    "cancel": "server.participant.manage:cancel",
+    "results": "server.participant.manage:results",
     "check": "server.participant.check:check",
     "submit": "server.participant.submit:submit",
 }

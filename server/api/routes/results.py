@@ -16,6 +16,7 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from server import paths
 from server.api import replay_page, schemas, submission_views
+from server.api.csv_format import csv_headers, to_csv
 from server.api.dependencies import AnyCaller, Caller, OptionalCaller, Services, ServicesDep
 from server.api.problems import HiddenScenariosError, ProblemError, document_problems
 from server.settings import ServerSettings
@@ -53,6 +54,17 @@ def _scenarios_response(submission: str, caller: Caller | None, services: Servic
         overview: str = row["data"] or _NO_OVERVIEW
         items.append(f"{fixed[:-1]},{overview[1:]}")
     return Response(f'{{"items":[{",".join(items)}]}}', media_type="application/json")
+
+
+@router.get(
+    "/submissions/{submission}/scenarios.csv",
+    response_class=Response,
+    responses=document_problems(401, 403, 404, 422) | {200: {"content": {"text/csv": {"schema": {"type": "string"}}}}},
+)
+async def download_scenarios(submission: schemas.Id, caller: OptionalCaller, services: ServicesDep) -> Response:
+    """Return the results by scenario and seed as CSV, one line each."""
+    found = await services.run_large_read(lambda: list_scenarios(submission, caller, services))
+    return Response(_format_csv(found.items), media_type="text/csv", headers=csv_headers(f"submission-{submission}"))
 
 
 def list_scenarios(submission: str, caller: Caller | None, services: Services) -> schemas.ScenariosOut:
@@ -138,10 +150,28 @@ def fetch_log(
     return FileResponse(path, media_type="text/plain; charset=utf-8", headers=_SANDBOX_HEADERS)
 
 
+def _format_csv(rows: Sequence[schemas.ScenarioOut]) -> str:
+    fields = ("scenario", "seed", "bucket", "category", "state", "verdict", "reason")
+    scores = ("ds", "sr", "efficient_sr", "time_ratio", "rc", "ip")
+    usage = ("latency_p99_ms", "peak_memory_bytes", "cpu_s")
+    return to_csv(
+        (*fields, *scores, "outcomes", "infractions", *usage),
+        (
+            (
+                *(getattr(row, name) for name in (*fields, *scores)),
+                " ".join(f"{ego.id}:{ego.outcome}" for ego in row.egos or ()),
+                sum(len(ego.infractions) + ego.infractions_left_out for ego in row.egos or ()),
+                *((row.usage or {}).get(name) for name in usage),
+            )
+            for row in rows
+        ),
+    )
+
+
 def _find_disclosed(session: Session, caller: Caller | None, submission_id: str) -> tables.SubmissionRow:
     """Return a submission whose scenarios the caller may see. Raises NotFound, HiddenScenariosError."""
     submission = submission_views.find_visible(session, caller, submission_id)
-    if not submission_views.get_phase(session, submission).public and not (caller is not None and caller.is_admin):
+    if not submission_views.may_see_scenarios(caller, submission_views.get_phase(session, submission)):
         raise HiddenScenariosError
     return submission
 

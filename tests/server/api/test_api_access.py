@@ -19,6 +19,7 @@ WHO = ("", "blue", "red", "worker", "admin")
 PUBLIC = "200 200 200 200 200"
 NO_OTHERS = "401 404 200 404 200"
 ADMINS = "401 403 403 403 200"
+TEAMS = "401 200 200 403 403"
 SCENARIO = "/submissions/{submission}/scenarios/left-turn/0"
 ACCESS = {
     "GET /me": "401 200 200 200 200",
@@ -29,8 +30,12 @@ ACCESS = {
     "POST /tokens": ADMINS.replace("200", "201"),
     "DELETE /tokens/{token}": ADMINS.replace("200", "204"),
     "POST /register": "403 403 403 403 403",  # closed, unless the settings open it
+    "GET /webhook": TEAMS,
+    "PUT /webhook": TEAMS,
+    "DELETE /webhook": TEAMS.replace("200", "204"),
     "GET /phases": PUBLIC,
     "GET /phases/{phase}": PUBLIC,
+    "GET /phases/{phase}/matrix": ADMINS,
     "GET /phases/{phase}/quota": "401 200 200 403 403",
     "POST /submissions": "401 415 415 403 403",  # the body is looked at after the token
     "GET /submissions": "401 200 200 200 200",
@@ -40,12 +45,15 @@ ACCESS = {
     "POST /submissions/{submission}/disqualify": ADMINS,
     "POST /submissions/{submission}/rerun": ADMINS.replace("200", "201"),
     "GET /submissions/{submission}/scenarios": "404 404 200 404 200",
+    "GET /submissions/{submission}/scenarios.csv": "404 404 200 404 200",
+    "GET /submissions/{submission}/compare/{other}": "404 404 200 404 200",
     "GET /submissions/{submission}/scenarios/{scenario}/{seed}/recording": "404 404 404 404 404",  # there is none yet
     "GET /submissions/{submission}/scenarios/{scenario}/{seed}/replay": "404 404 404 404 404",
     "GET /submissions/{submission}/scenarios/{scenario}/{seed}/logs/{cav}": "401 404 404 404 404",
     "GET /submissions/{submission}/events": NO_OTHERS,
     "GET /leaderboards/{phase}": PUBLIC,
     "GET /leaderboards/{phase}/teams/{team}": PUBLIC,
+    "GET /search": PUBLIC,
     "GET /health": PUBLIC,
     "GET /metrics": "401 403 403 200 200",
     "GET /audit": ADMINS,
@@ -55,6 +63,7 @@ BODIES = {
     "POST /teams": {"name": "green"},
     "PUT /teams/{name}/hidden": {"hidden": False},
     "POST /tokens": {"scope": "worker"},
+    "PUT /webhook": {"url": "https://ci.example/hook"},
     "POST /register": {"name": "green"},
     "PUT /submissions/{submission}/shown": {"shown": True},
     "POST /submissions/{submission}/disqualify": {"reason": "it cheats"},
@@ -80,9 +89,11 @@ def filled(server: Server, path: str, submission: str) -> str:
         tokens.issue(session, blue, TokenScope.SUBMIT, server.now_us + len(tokens.list_tokens(session, blue)))
         token = tokens.list_tokens(session, blue)[-1].id
     values = {"submission": submission, "scenario": "left-turn", "seed": "0", "cav": "cav-1", "phase": "dev"}
+    if "{other}" in path:
+        values["other"] = queued(server)
     for name, value in (values | {"name": "red", "team": "red", "token": token}).items():
         path = path.replace(f"{{{name}}}", value)
-    return path
+    return f"{path}?q=red" if path == "/search" else path
 
 
 def test_every_route_has_its_line(server: Server) -> None:

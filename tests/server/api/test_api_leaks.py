@@ -156,7 +156,10 @@ class Phase:
             if template.endswith("/events") and each == self.ids[3]:
                 continue
             path = template.replace("{submission}", each).replace("{scenario}", SCENARIO).replace("{seed}", "0")
-            yield path.replace("{cav}", "cav-1")
+            path = path.replace("{cav}", "cav-1").replace(
+                "{other}", self.ids[0] if each != self.ids[0] else self.ids[3]
+            )
+            yield f"{path}?q=method" if path == "/search" else path
             if path.startswith("/leaderboards") and "teams" not in path:
                 yield f"{path}?bucket=interaction"
                 for part in ("bucket=marker-bucket", "category=marker-category"):

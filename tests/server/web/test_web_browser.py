@@ -47,7 +47,8 @@ class World:
         store = Store(f"sqlite:///{folder / 'data' / 'challenge.sqlite'}")
         with store.write() as session:
             self.admin = tokens.issue(session, None, TokenScope.ADMIN, 1)
-            self.team = teams.get(session, "The red team").id
+            team = teams.get(session, "The red team")
+            self.team, self.token_id = team.id, tokens.list_tokens(session, team)[0].id
         store.close()
 
     def tab(self, token: str = "", **options: Any) -> Any:
@@ -61,10 +62,11 @@ class World:
         """Every page and who may see it."""
         mine = self.story.submission
         one = f"{mine}/scenarios/{web_story.SCENARIOS[0]}/0"
+        token = f"/teams/{self.team}/tokens/{self.token_id}/revoke"
         team = ("/", f"/teams/{self.team}", "/how", "/login", "/register", "/submit", mine, one, "/nowhere")
-        return [(path, self.story.token) for path in team] + [
-            (path, self.admin) for path in ("/admin", "/admin/machine", "/admin/teams", mine)
-        ]
+        more = ("/?phase=warm-up&track=joint", "/search?q=red", f"{mine}/compare", token)
+        admins = ("/admin", "/admin/machine", "/admin/teams", "/admin/matrix", mine)
+        return [(path, self.story.token) for path in (*team, *more)] + [(path, self.admin) for path in admins]
 
 
 @pytest.fixture(scope="module")
@@ -201,6 +203,24 @@ def test_scenarios_are_filtered_in_place(world: World) -> None:
     tab.wait_for_selector("#scenarios th[aria-sort=ascending] >> text=DS")
     assert "sort=ds" in tab.url and tab.evaluate("window.notReloaded")
     tab.context.close()
+
+
+def test_a_token_is_made_and_revoked_after_a_question(world: World) -> None:
+    tab = world.tab(world.story.token)
+    page = f"{world.seen.home}/teams/{world.team}"
+    tab.goto(page)
+    tab.click("text=New token")
+    assert tab.input_value("#issued").startswith("mdrive_")
+    tab.click("main >> text=Back")
+    tab.click("#tokens ~ div tbody tr:last-child >> text=Revoke")
+    assert tab.inner_text("h1") == "Revoke this token?"
+    tab.click("text=Keep it")
+    assert tab.locator("#tokens ~ div tbody .good").count() == 2
+    tab.click("#tokens ~ div tbody tr:last-child >> text=Revoke")
+    tab.click("main form button")
+    assert tab.locator("#tokens ~ div tbody .good").count() == 1
+    tab.context.close()
+    assert world.seen.trouble == []
 
 
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.full)])

@@ -41,7 +41,12 @@ def paths(server: Server, phase: Phase) -> Iterator[str]:
     for template in sorted(path for path in found if path and not path.startswith(("/api/", "/static/"))):
         for each in phase.ids if "{submission}" in template else [""]:
             path = template.replace("{submission}", each).replace("{scenario}", SCENARIO).replace("{seed}", "0")
-            yield path.replace("{team}", "red").replace("{cav}", "cav-1")
+            path = path.replace("{team}", "red").replace("{cav}", "cav-1")
+            query = {
+                "/search": "?q=method",
+                f"/submissions/{each}/compare": f"?other={phase.ids[0 if each != phase.ids[0] else 3]}",
+            }
+            yield path + query.get(path, "")
     for path in ("/", "/leaderboard.csv"):
         for part in ("", "&bucket=interaction", "&bucket=marker-bucket", "&category=marker-category"):
             yield f"{path}?phase={phase.phase}{part}"

@@ -1,0 +1,61 @@
+"""Overviews of several submissions: compare two, search by name, the matrix of teams and scenarios."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+
+from server.api import schemas
+from server.api.caller import Caller
+from server.api.comparison import compare_submissions
+from server.api.dependencies import AdminCaller, OptionalCaller, Services, ServicesDep
+from server.api.matrix import read_matrix
+from server.api.problems import document_problems
+from server.api.search import search_names
+from server.enums import ChallengeTrack
+
+router = APIRouter(tags=["overviews"])
+PageNumber = Annotated[int, Query(ge=1, le=10_000)]
+
+
+@router.get("/submissions/{submission}/compare/{other}", responses=document_problems(401, 404, 422))
+async def compare(
+    submission: schemas.Id, other: schemas.Id, caller: OptionalCaller, services: ServicesDep
+) -> schemas.ComparisonOut:
+    """Compare two submissions of one phase, both of which you may see: `other` (B) minus `submission` (A)."""
+    return await services.run_large_read(lambda: compare_submissions(submission, other, caller, services))
+
+
+@router.get("/search", responses=document_problems(401, 422))
+async def search(
+    q: Annotated[schemas.SearchText, Query(description="Part of a name, or an id.")],
+    caller: OptionalCaller,
+    services: ServicesDep,
+) -> schemas.SearchOut:
+    """Return teams and submissions whose names contain a text: of your team, and those that are shown to everyone."""
+    return await services.run_large_read(lambda: find_names(q, caller, services))
+
+
+@router.get("/phases/{phase}/matrix", responses=document_problems(401, 403, 404, 422))
+async def show_matrix(
+    phase: schemas.PhaseId,
+    caller: AdminCaller,
+    services: ServicesDep,
+    track: ChallengeTrack | None = None,
+    page: PageNumber = 1,
+) -> schemas.MatrixOut:
+    """Return DS by team and scenario, for admins; 20 teams per page; without a track, of all tracks but joint."""
+    return await services.run_large_read(lambda: find_matrix(phase, track, page, caller, services))
+
+
+def find_names(text: str, caller: Caller | None, services: Services) -> schemas.SearchOut:
+    """Search in a transaction of its own."""
+    with services.store.read() as session:
+        return search_names(session, caller, text)
+
+
+def find_matrix(
+    phase: str, track: ChallengeTrack | None, page: int, caller: Caller, services: Services
+) -> schemas.MatrixOut:
+    """Read the matrix in a transaction of its own."""
+    with services.store.read() as session:
+        return read_matrix(session, caller, phase, track, page)

@@ -1,0 +1,68 @@
+"""The webhook of the token's team: one address that is notified of the end of each submission."""
+
+from http import HTTPStatus
+
+from fastapi import APIRouter
+
+from server.api import schemas
+from server.api.dependencies import Now, Services, ServicesDep, TeamCaller
+from server.api.problems import ProblemError, document_problems
+from server.api.schemas import to_datetime
+from server.api.webhook_address import check_url
+from server.enums import DeliveryState
+from server.store import webhooks
+
+router = APIRouter(tags=["webhook"])
+LISTED = 10
+"""Latest notifications that are listed."""
+
+
+@router.get("/webhook", responses=document_problems(401, 403))
+def show_webhook(caller: TeamCaller, services: ServicesDep) -> schemas.WebhookOut:
+    """Return your team's webhook and its latest notifications."""
+    with services.store.read() as session:
+        found = webhooks.find_webhook(session, caller[1])
+        sent = webhooks.list_deliveries(session, caller[1], LISTED)
+        return schemas.WebhookOut(
+            enabled=services.settings.webhooks.enabled,
+            url=found.url if found is not None else None,
+            created=to_datetime(found.created_us) if found is not None else None,
+            deliveries=[
+                schemas.DeliveryOut(
+                    id=each.id,
+                    submission=each.submission,
+                    state=DeliveryState(each.state),
+                    attempts=each.attempts,
+                    problem=each.problem,
+                )
+                for each in sent
+            ],
+        )
+
+
+@router.put("/webhook", responses=document_problems(400, 401, 403, 408, 413, 422))
+def set_webhook(
+    new: schemas.NewWebhookIn, caller: TeamCaller, services: ServicesDep, at_us: Now
+) -> schemas.WebhookSecretOut:
+    """Set your team's webhook, or replace it. Its secret is new, and in this response only.
+
+    The address begins with https:// and is public, unless the operator allows its host.
+    """
+    _require_enabled(services)
+    url = str(check_url(new.url, services.settings.webhooks.allowed_hosts))
+    with services.store.write() as session:
+        secret = webhooks.set_webhook(session, caller[1], url, at_us, caller[0].actor)
+    return schemas.WebhookSecretOut(url=url, secret=secret)
+
+
+@router.delete("/webhook", status_code=204, responses=document_problems(401, 403))
+def remove_webhook(caller: TeamCaller, services: ServicesDep, at_us: Now) -> None:
+    """Remove your team's webhook; notifications that wait are not sent."""
+    with services.store.write() as session:
+        webhooks.remove_webhook(session, caller[1], at_us, caller[0].actor)
+
+
+def _require_enabled(services: Services) -> None:
+    if not services.settings.webhooks.enabled:
+        sentence = "webhook: this server sends none; its operator enables them with `enabled = true` in `[webhooks]`"
+        raise ProblemError(HTTPStatus.FORBIDDEN, "scope", sentence)
