@@ -63,6 +63,8 @@ class _LoggedWorld:
 class _CavStates:
     """Progress and ending of every CAV while its drive is recorded."""
 
+    references: Mapping[str, criteria.RouteReference]
+    limit_ticks: int
     progress: dict[str, criteria.RouteProgress]
     endings: dict[str, Ending] = field(default_factory=dict[str, Ending])
     end_by_cav: dict[str, str] = field(default_factory=dict[str, str])
@@ -79,7 +81,11 @@ def record_logged_drive(
     vehicles = {ego.id: _with_logged_size(tracks[ego.id]) for ego in scenario.egos}
     walls = contact.build_walls(building.outline for building in roads.buildings)
     recorder = Recorder(scenario.id, {}, {name: (one.length, one.width) for name, one in vehicles.items()})
-    states = _CavStates({ego.id: criteria.RouteProgress() for ego in scenario.egos})
+    states = _CavStates(
+        {ego.id: criteria.build_route_reference(ego) for ego in scenario.egos},
+        criteria.compute_time_limit_ticks(scenario),
+        {ego.id: criteria.RouteProgress() for ego in scenario.egos},
+    )
     before = Frame(0, world.place_egos(0.0), world.place_others(0.0), {})
     tick = 0
     while True:
@@ -93,7 +99,7 @@ def record_logged_drive(
             walls,
         )
         frame = quantize_frame(Frame(tick, egos, others, {}, contacts))
-        _judge(scenario, world, frame, states)
+        _judge(world, frame, states)
         recorder.add(frame, {}, {}, {})
         if len(states.endings) == len(scenario.egos):
             break
@@ -120,18 +126,13 @@ def _to_vehicle_states(egos: Mapping[str, EgoState]) -> dict[str, dynamics.Vehic
     return {name: dynamics.initial_state(ego.x, ego.y, ego.yaw, ego.speed) for name, ego in egos.items()}
 
 
-def _judge(scenario: Scenario, world: _LoggedWorld, frame: Frame, states: _CavStates) -> None:
+def _judge(world: _LoggedWorld, frame: Frame, states: _CavStates) -> None:
     """Update the progress of every CAV, and end those that a criterion or the log ends in this frame."""
-    limit = criteria.compute_time_limit_ticks(scenario)
-    present_next = world.place_egos((frame.tick + 1) * DT)
-    for ego in scenario.egos:
-        if ego.id not in frame.egos:
-            continue
-        state = frame.egos[ego.id]
-        states.progress[ego.id] = criteria.update_progress(
-            states.progress[ego.id], criteria.build_route_reference(ego), frame.tick, state.x, state.y, state.speed
+    for name, state in frame.egos.items():
+        states.progress[name] = criteria.update_progress(
+            states.progress[name], states.references[name], frame.tick, state.x, state.y, state.speed
         )
-        end = criteria.find_end(states.progress[ego.id], frame.tick, limit)
-        if end is not None or ego.id not in present_next:
-            states.endings[ego.id] = Ending(ego.id, frame.tick, end or End.ARRIVED)
-            states.end_by_cav[ego.id] = LOG_ENDED if end is None else str(end)
+        end = criteria.find_end(states.progress[name], frame.tick, states.limit_ticks)
+        if end is not None or world.cavs[name].at((frame.tick + 1) * DT) is None:
+            states.endings[name] = Ending(name, frame.tick, end or End.ARRIVED)
+            states.end_by_cav[name] = LOG_ENDED if end is None else str(end)
