@@ -13,15 +13,13 @@ from typing import Any
 import numpy as np
 import shapely
 
-from mdrive_sumo.core.geometry import Polyline
 from real2sim.network.lane_segment import LaneLink, LaneSegment, compute_yaw_difference, split_segments
-from real2sim.polylines import PolylineIndex
+from real2sim.polylines import PolylineIndex, compute_angles_between
 
 STUB_M = 2.0
 """[m] Length of the edge added where the map's border cuts off a connector."""
-SHORT_M = 8.0
-"""[m] A lane up to this length that leads nowhere is treated like a stub: parts of lanes are longer
-(`segment_splitting.MARGIN_M`)."""
+SHORT_M = 20.0
+"""[m] A lane up to this length that leads nowhere is treated like a stub: about the way across a junction."""
 ON_LANE_M = 1.5
 """[m] A stub this near to a centre line lies on that lane: half of a narrow lane."""
 OPPOSITE_RAD = float(np.radians(120.0))
@@ -29,8 +27,8 @@ OPPOSITE_RAD = float(np.radians(120.0))
 SAME_POINT_M = 0.3
 SAME_RAD = float(np.radians(20.0))
 """Open ends this close and aligned begin or end on the same lane beyond the border."""
-SAMPLES = (0.1, 0.5, 0.9)
-"""Where a stub is compared with other lanes, as shares of its length."""
+SAMPLES, SPACING_M = 3, 2.0
+"""Least number of points at which a stub is compared with other lanes, and their largest distance [m]."""
 
 SegmentsAndLinks = tuple[dict[str, LaneSegment], set[LaneLink]]
 
@@ -59,22 +57,20 @@ def find_contraflow_ends(
         length = segment.centreline.length
         stub = compute_stub_length(segment) if id_ in inside else length
         begin = 0.0 if is_open[0] else length - stub
-        if _is_on_opposite_lane(lines, ids, id_, segment.centreline, (begin, begin + stub)):
+        if _is_on_opposite_lanes(lines, ids.index(id_), (begin, begin + stub)):
             found.add(id_)
     return found
 
 
-def _is_on_opposite_lane(
-    lines: PolylineIndex, ids: Sequence[str], own: str, line: Polyline, part: tuple[float, float]
-) -> bool:
-    """Return whether one other segment runs against the part of the line (from, to [m]) at all of its samples."""
-    at = [part[0] + share * (part[1] - part[0]) for share in SAMPLES]
-    feet = lines.project_points(np.array([line.at(s) for s in at]), ON_LANE_M)
-    own_yaw = np.array([line.yaw_at(s) for s in at])[feet.point]
-    turn = np.abs(np.angle(np.exp(1j * (feet.yaw - own_yaw))))
-    against = (turn >= OPPOSITE_RAD) & (np.abs(feet.longitudinal) < ON_LANE_M / 3)
-    hits = [lane for lane in feet.line[against].tolist() if ids[lane] != own]
-    return any(hits.count(lane) == len(at) for lane in set(hits))
+def _is_on_opposite_lanes(lines: PolylineIndex, own: int, part: tuple[float, float]) -> bool:
+    """Return whether other segments run against the part (from, to [m]) of a segment at all of its samples."""
+    line = lines.polylines[own]
+    count = max(SAMPLES, round((part[1] - part[0]) / SPACING_M) + 1)
+    at = part[0] + (part[1] - part[0]) * (np.arange(count) + 0.5) / count
+    feet = lines.project_points(np.array([line.at(float(s)) for s in at]), ON_LANE_M)
+    turn = compute_angles_between(feet.yaw, line.yaws_at(at)[feet.point])
+    against = (turn >= OPPOSITE_RAD) & (np.abs(feet.longitudinal) < ON_LANE_M / 3) & (feet.line != own)
+    return len(np.unique(feet.point[against])) == count
 
 
 def add_stubs(segments: Mapping[str, LaneSegment], links: set[LaneLink], inside: Collection[str]) -> SegmentsAndLinks:
