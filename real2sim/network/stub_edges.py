@@ -1,7 +1,7 @@
 """Stub edges where the map's border cuts off connectors, without stubs that lie on other lanes.
 
 A connector without predecessor or successor gets a short edge at its open end. Two classes of such edges would overlap
-other lanes, and whoever drives there would be on either:
+other lanes, and a vehicle there would be on either of them:
 - The connector ends inside the junction on a lane of the opposite direction (maps converted from OpenStreetMap lead a
   left-turn lane straight on into the oncoming one). Such a connector leads nowhere and is left out.
 - Several connectors begin or end at one point of the map's border. They share one stub.
