@@ -28,7 +28,7 @@ class ConfirmedInfraction(BaseModel):
     cav: Text
     """Id in the scenario."""
     kind: Text
-    time_s: float = Field(ge=0)
+    time_s: float = Field(ge=0, allow_inf_nan=False)
     factor: float = Field(ge=0, le=1)
     """Penalty factor of the infraction."""
     reason: Text
@@ -53,13 +53,16 @@ def load_confirmed_infractions(path: Path) -> tuple[ConfirmedInfraction, ...]:
     try:
         with path.open("rb") as file:
             content = file.read(MAX_BYTES + 1)
-        if len(content) > MAX_BYTES:
-            raise InputError(f"{path}: expected at most {MAX_BYTES} bytes, found more")
-        return _ConfirmedFile.model_validate(tomllib.loads(content.decode())).confirmed
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+    if len(content) > MAX_BYTES:
+        raise InputError(f"{path}: expected at most {MAX_BYTES} bytes, found more")
+    try:
+        tables = tomllib.loads(content.decode())
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: expected TOML with [[confirmed]] tables, found: {error}") from None
+    try:
+        return _ConfirmedFile.model_validate(tables).confirmed
     except ValidationError as error:
         raise InputError(f"{path}: {describe_first_error(error)}") from None
 
