@@ -7,6 +7,7 @@ from mdrive_sumo.roads import RoadMap
 from real2sim.clean import CleanedRecording
 from real2sim.fidelity_targets import FidelityTarget
 from real2sim.fit.disposition import TrackRole
+from real2sim.logged_drive import LoggedDrive
 from real2sim.network import NetworkReport
 from real2sim.quality import ReconstructionQuality
 from real2sim.recording import RecordedTrack, Recording
@@ -31,6 +32,7 @@ class ConversionFindings:
     names: Mapping[str, str] = field(default_factory=dict[str, str])
     """`Fitted.names`: track id -> id in the scenario."""
     closeness: TrafficFidelity | None = None
+    logged_drive: LoggedDrive | None = None
     targets: tuple[FidelityTarget, ...] = ()
     """All targets; () if the pipeline has set none: then those of quality and traffic fidelity are shown."""
     misses: tuple[str, ...] = ()

@@ -6,6 +6,7 @@ from pydantic import BaseModel, ConfigDict, computed_field
 
 from real2sim.clean import CleanedRecording
 from real2sim.fit.disposition import Disposition, TrackRole
+from real2sim.logged_drive import LoggedDrive
 from real2sim.network import NetworkReport
 from real2sim.quality import SCRIPTED_CATEGORIES, ReconstructionQuality
 from real2sim.recording import Recording
@@ -24,6 +25,8 @@ class FidelityTarget(BaseModel):
     at_least: bool = False
     """Whether the limit is a minimum; otherwise it is a maximum."""
     unit: str = ""
+    detail: str = ""
+    """What was found, for the sentence of a missed target."""
 
     @computed_field
     @property
@@ -37,7 +40,8 @@ class FidelityTarget(BaseModel):
         """Return figure and limit as a sentence."""
         value = "unknown" if self.value is None else self._format_number(self.value)
         bound = "at least" if self.at_least else "at most"
-        return f"{self.name}: {value}, {bound} {self._format_number(self.limit)} wanted"
+        more = f" ({self.detail})" if self.detail else ""
+        return f"{self.name}: {value}, {bound} {self._format_number(self.limit)} wanted{more}"
 
     def _format_number(self, value: float) -> str:
         return f"{100 * value:.1f} %" if self.unit == "share" else f"{value:.3g} {self.unit}".strip()
@@ -102,4 +106,15 @@ def build_traffic_targets(close: TrafficFidelity) -> tuple[FidelityTarget, ...]:
         FidelityTarget(
             name="order kept at conflicts", value=close.order_share, limit=ORDER_SHARE, at_least=True, unit="share"
         ),
+    )
+
+
+def build_logged_drive_target(drive: LoggedDrive) -> FidelityTarget:
+    """Build the target that the scorer finds no infraction in the CAVs' logged drives but those a person confirmed."""
+    found = "; ".join(
+        f"CAV {cav}: {one.kind} at {one.from_s:g} s, factor {one.factor:.4g}, at ({one.x:.1f}, {one.y:.1f})"
+        for cav, one in drive.unconfirmed
+    )
+    return FidelityTarget(
+        name="unconfirmed infractions of the logged drive", value=len(drive.unconfirmed), limit=0, detail=found
     )

@@ -18,6 +18,7 @@ from mdrive_sumo.vehicle import dynamics
 OFF_LANE_M = 4.0
 """A route point further than this from all lanes of its route is off the map; a lane change needs half a lane."""
 START_GAP_M = 2.0
+"""[m] Largest distance of a start from its route; in a lane wider than twice that, half the lane's width."""
 OFF_MAP_M = 500.0
 """An actor further than this from the map's lanes belongs to another map; parking places lie beside the road."""
 TOUCHING_M2 = 0.01
@@ -64,10 +65,14 @@ def _check_points(where: str, ego: Ego, roads: RoadMap) -> None:
             f" found {gaps[worst]:.1f} m"
         )
     gap = portable.hypot(ego.start.x - ego.xy[0, 0], ego.start.y - ego.xy[0, 1])
-    if gap > START_GAP_M:
-        raise InputError(
-            f"{where}: start: expected within {START_GAP_M:g} m of the first route point, found {gap:.1f} m"
-        )
+    most = compute_max_start_gap(roads.lanes[ego.lanes[0]].width)
+    if gap > most:
+        raise InputError(f"{where}: start: expected within {most:g} m of the first route point, found {gap:.1f} m")
+
+
+def compute_max_start_gap(lane_width: float) -> float:
+    """Return how far [m] a CAV may start from the centre line of its first lane: anywhere in the lane."""
+    return max(START_GAP_M, lane_width / 2)
 
 
 def _check_map_bounds(where: str, actor: Actor, map_box: tuple[Float, Float]) -> None:

@@ -79,6 +79,12 @@ _OPTIONS = (
         show_default=True,
         help="SUMO drives along the log; its poses, never reacting; its poses until a CAV is in the way.",
     ),
+    click.option(
+        "--confirmed",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help="TOML file of infractions of logged drives that a person has confirmed on the picture.",
+    ),
     click.option("--report", is_flag=True, help="Write pages: raw against reconstructed, verdicts."),
     workers_option,
 )
@@ -102,17 +108,23 @@ class LogCliOptions:
     every_s: float | None
     cavs: tuple[str, ...]
     traffic: "BackgroundMode"
+    confirmed: Path | None
     report: bool
     workers: int
 
 
 def run_conversion(ctx: click.Context, logs: Sequence[LogSource], cli_options: LogCliOptions) -> None:
     """Convert the logs, print the results and exit with the exit code."""
+    from real2sim.logged_drive import load_confirmed_infractions
     from real2sim.pipeline.batch import BatchOptions, convert_logs
     from real2sim.pipeline.scenario_builder import ConversionOptions
 
     order = BatchOptions(
-        ConversionOptions(cli_options.traffic, cli_options.cavs),
+        ConversionOptions(
+            cli_options.traffic,
+            cli_options.cavs,
+            confirmed=load_confirmed_infractions(cli_options.confirmed) if cli_options.confirmed else (),
+        ),
         cli_options.report,
         cli_options.every_s,
         cli_options.workers,

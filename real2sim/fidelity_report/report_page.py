@@ -17,6 +17,7 @@ from real2sim.fidelity_report.html import (
     render_table,
     tag,
 )
+from real2sim.fidelity_report.logged_drive_section import render_logged_drive_section
 from real2sim.fidelity_report.map_figures import MapFrame, draw_definitions, draw_overview, fit_map_frame
 from real2sim.fidelity_report.network_section import render_network_section
 from real2sim.fidelity_report.report_entry import ReportEntry, build_entries, number_by_id
@@ -54,6 +55,9 @@ def render_report(findings: ConversionFindings) -> str:
             _render_section("pictures", "Actor by actor", _render_picture_legend(), render_actor_cards(actors)),
             _render_section("traffic", "Reactive traffic against the log", render_traffic_section(findings, entries)),
             _render_section(
+                "drive", "Logged drive of the CAVs", render_logged_drive_section(findings, entries, map_frame)
+            ),
+            _render_section(
                 "network", "Network against the map of the log", render_network_section(findings, map_frame)
             ),
             _render_section("cleaning", "What cleaning changed", _render_cleaning(findings, actors)),
@@ -75,7 +79,7 @@ def _render_heading(findings: ConversionFindings) -> Markup:
         facts.append(f"window {findings.window_s[0]:g} s to {findings.window_s[1]:g} s of the log")
     facts += [f"{len(quality.actors)} actors", f"network {findings.roads.name}", f"traffic {findings.mode}"]
     back = tag("a", "all scenarios", href=f"../{PAGE}")
-    links = ("map", "actors", "pictures", "traffic", "network", "cleaning", "reading")
+    links = ("map", "actors", "pictures", "traffic", "drive", "network", "cleaning", "reading")
     menu = tag("nav", back, *(tag("a", name, href=f"#{name}") for name in links), aria_label="Page")
     return join_markup((menu, tag("h1", findings.id), tag("p", " · ".join(facts), class_="facts-line")))
 

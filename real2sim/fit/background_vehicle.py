@@ -20,6 +20,9 @@ BEYOND_M = 300.0
 """[m] Length of the route after the end of the log: 20 s at 15 m/s."""
 OFF_M = 3.0
 """[m] A vehicle that drives further than this before its first lane or after its last was off the road there."""
+BETWEEN_M = 10.0
+"""[m] A vehicle that drives further than this between two of its lanes leaves the road: two car lengths. The largest
+gap in the logs of docs/real2sim.md, a corner that is cut, is 3.6 m."""
 EDGE_OF_MAP_M = 8.0
 """[m] A lane without predecessor or successor ends the map; within this distance of its end a vehicle leaves the
 map."""
@@ -114,6 +117,10 @@ def _explain_off_road(track: RecordedTrack, match: LaneMatch, on: np.ndarray, ro
         if onward or rest > EDGE_OF_MAP_M:
             away = _compute_end_length(track, end, at)
             return f"drives {away:.1f} m off the road {'before its first' if first else 'after its last'} lane"
+    for before, after in pairwise(on.tolist()):
+        away = float(np.hypot(*np.diff(track.xy[before : after + 1], axis=0).T).sum()) if after > before + 1 else 0.0
+        if away > BETWEEN_M:
+            return f"drives {away:.1f} m off the road between two of its lanes"
     return ""
 
 

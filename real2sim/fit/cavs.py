@@ -8,8 +8,10 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, Route, build_lane_route
+from mdrive_sumo.scenario.checks import compute_max_start_gap
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
+from real2sim.fit.log_aside import follow_log_aside
 from real2sim.fit.route_path import find_straight_continuation
 from real2sim.match import LaneMatch
 from real2sim.match.dense_route import build_dense_route
@@ -18,8 +20,6 @@ from real2sim.recording import RecordedTrack
 
 MIN_ROUTE_M = 20.0
 """[m] Least length of a route; that of a CAV that hardly moves in the log is extended along its lane."""
-MAX_START_OFFSET_M = 2.0
-"""[m] Largest distance of the start from the first lane (`checks.START_GAP_M`)."""
 LANE_CHANGE_M = 20.0
 """[m] Length of a lane change of a route; it begins half of that before the lane marking is crossed."""
 
@@ -77,7 +77,7 @@ def explain_unusable(track: RecordedTrack, match: LaneMatch | None) -> str:
         return match.reason
     if not match.lanes[0]:
         return "it is on no lane in the first frame"
-    if abs(float(match.offset[0])) > MAX_START_OFFSET_M:
+    if abs(float(match.offset[0])) > compute_max_start_gap(match.first_lane_width):
         return f"it starts {abs(float(match.offset[0])):.1f} m beside its lane"
     return ""
 
@@ -147,9 +147,10 @@ def _build_dense_route(
     if len(lanes) == 1 and goal - start < 0.2:
         return None
     try:
-        return build_lane_route(roads, lanes, start, goal, _find_lane_change_positions(match, roads, lanes))
+        route = build_lane_route(roads, lanes, start, goal, _find_lane_change_positions(match, roads, lanes))
     except (InputError, ValueError):  # no room to change lanes there: as early as there is room
-        return build_dense_route(roads, (RouteLeg(tuple(lanes), start, goal),))
+        route = build_dense_route(roads, (RouteLeg(tuple(lanes), start, goal),))
+    return follow_log_aside(route, match, roads) if match.aside_frames else route
 
 
 def _find_lane_change_positions(match: LaneMatch, roads: RoadMap, lanes: Sequence[str]) -> dict[int, float]:

@@ -2,9 +2,9 @@
 
 import heapq
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -45,6 +45,8 @@ class LaneCandidateIndex:
 
     roads: RoadMap
     lines: PolylineIndex
+    changes_connectors: bool = False
+    """Whether paths may change between connectors of a junction that part from one lane or join in one."""
     _paths: dict[tuple[str, float], dict[str, LanePath]] = field(
         default_factory=dict[tuple[str, float], dict[str, LanePath]]
     )
@@ -75,22 +77,50 @@ class LaneCandidateIndex:
             if here in best:
                 continue
             best[here] = LanePath(length, changes, path)
-            for there, step in _list_successors(self.roads.lanes[here]):
+            for there, step, is_change in self._list_next_lanes(self.roads.lanes[here]):
                 if there not in best and length + step <= limit + self.roads.lanes[start].centre.length:
-                    extra = step or change_m
-                    heapq.heappush(queue, (cost + extra, (*path, there), length + step, changes + (step == 0.0)))
+                    extra = change_m if is_change else step
+                    heapq.heappush(queue, (cost + extra, (*path, there), length + step, changes + is_change))
         return best
 
+    def _list_next_lanes(self, lane: Lane) -> Iterable[tuple[str, float, bool]]:
+        """Yield lanes after or beside a lane, the distance [m] between their beginnings, and whether it is a change."""
+        for successor in lane.successors:
+            yield successor, lane.centre.length, False
+        for neighbour in (lane.left, lane.right):
+            if neighbour:
+                yield neighbour, 0.0, True
+        if self.changes_connectors:
+            for other in self.connectors_from_same_lane[lane.id]:
+                yield other, 0.0, True
+            for other in self.connectors_to_same_lane[lane.id]:
+                yield other, lane.centre.length - self.roads.lanes[other].centre.length, True
 
-def _list_successors(lane: Lane) -> Iterable[tuple[str, float]]:
-    for successor in lane.successors:
-        yield successor, lane.centre.length
-    for neighbour in (lane.left, lane.right):
-        if neighbour:
-            yield neighbour, 0.0
+    @cached_property
+    def connectors_from_same_lane(self) -> Mapping[str, tuple[str, ...]]:
+        """The other junction lanes with a common predecessor, by junction lane."""
+        return _group_siblings([lane.successors for lane in self.roads.driving], self.roads)
+
+    @cached_property
+    def connectors_to_same_lane(self) -> Mapping[str, tuple[str, ...]]:
+        """The other junction lanes with a common successor, by junction lane."""
+        before: dict[str, list[str]] = {}
+        for lane in self.roads.driving:
+            for id_ in lane.successors:
+                before.setdefault(id_, []).append(lane.id)
+        return _group_siblings(list(before.values()), self.roads)
+
+
+def _group_siblings(groups: Sequence[Sequence[str]], roads: RoadMap) -> dict[str, tuple[str, ...]]:
+    found: dict[str, set[str]] = {lane.id: set() for lane in roads.driving}
+    for group in groups:
+        inside = {id_ for id_ in group if roads.lanes[id_].junction}
+        for id_ in inside:
+            found[id_] |= inside - {id_}
+    return {id_: tuple(sorted(others)) for id_, others in found.items()}
 
 
 @lru_cache(maxsize=8)
-def load_candidate_index(roads: RoadMap) -> LaneCandidateIndex:
+def load_candidate_index(roads: RoadMap, changes_connectors: bool = False) -> LaneCandidateIndex:
     """Return the index of a network; cached because a RoadMap never changes."""
-    return LaneCandidateIndex(roads, PolylineIndex([lane.centre for lane in roads.driving]))
+    return LaneCandidateIndex(roads, PolylineIndex([lane.centre for lane in roads.driving]), changes_connectors)

@@ -5,27 +5,20 @@ additional evidence and lane changes as transitions. Emission costs depend on la
 costs on the difference between the distance along the network and the driven distance.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import groupby
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Float, Int
+from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.roads import RoadMap
+from real2sim.match.connector_changes import resolve_connector_changes
 from real2sim.match.lane_candidates import LaneCandidateIndex, LaneCandidates, LanePath, load_candidate_index
+from real2sim.match.lane_chain import find_best_chain
 
 REACH_M = 4.0
 """[m] Lanes further away are no candidates: an object beyond a lane's width is off the road."""
-OFFSET_SIGMA_M = 0.8
-HEADING_SIGMA_RAD = np.radians(15)
 MAX_TURN_RAD = np.radians(75)
-DISTANCE_SCALE_M = 1.5
-LANE_CHANGE_COST = 4.0
-"""Cost of a lane change: that of driving 2.3 sigma off a centre line in a single key frame."""
-LANE_CHANGE_M = 5.0
-"""[m] Cost of a lane change in the choice between paths to the same lane."""
-BREAK_COST = 60.0
-"""Cost of a step between lanes without a path: higher than any real step."""
-DETOUR_M = 40.0
 KEY_FRAME_M = 2.0
 """[m] Distance between key frames."""
 STILL_M = 2.0
@@ -34,6 +27,10 @@ ROADSIDE_OFFSET_M = 1.5
 """[m] An object this far from every centre line does not stand in a lane."""
 MIN_ON_LANE_SHARE = 0.5
 """Tracks with a lane in less than this share of their frames are off the road."""
+ASIDE_M = 1.2
+"""[m] A track that is nowhere further from its lanes stays in them: it changes between no connectors."""
+MIN_COVERED_SHARE = 0.9
+"""A route has to be within reach in this share of the frames that are near lanes."""
 MOTION_YAW_M = 0.25
 """[m] Over at least this distance between frames the direction of motion replaces the yaw of the box."""
 
@@ -56,15 +53,10 @@ class LaneMatch:
     """Why the track is off the road, or why the route does not cover it; "" if it does."""
     break_frames: tuple[int, ...] = ()
     """Frames that cannot be reached from the lane before."""
-
-
-@dataclass(frozen=True)
-class _ViterbiStep:
-    """Best step to a candidate: predecessor (row of `LaneCandidates`), accumulated cost and path (None: a break)."""
-
-    predecessor: int
-    cost: float
-    path: LanePath | None
+    aside_frames: tuple[int, ...] = ()
+    """Frames on another connector than the one of the route, before or after a change between them."""
+    first_lane_width: float = 0.0
+    """Width [m] of the lane of the first frame that has one."""
 
 
 def match_track(track: Float, roads: RoadMap) -> LaneMatch:
@@ -80,7 +72,43 @@ def match_track(track: Float, roads: RoadMap) -> LaneMatch:
         return _build_unmatched(len(track), why)
     keys = _select_key_frames(xy, np.unique(near.point))
     rows, hops = find_best_chain(index, near, keys, xy)
-    return _assemble_match(index, track, seen, near, rows, hops)
+    aside: Int = np.zeros(0, dtype=np.int64)
+    if hops.count(None) or np.abs(near.offset[rows]).max() > ASIDE_M:
+        unchanged = near, rows, hops, aside
+        near, rows, hops, aside = _follow_connector_change(roads, near, keys, xy) or unchanged
+    found = _assemble_match(index, track, seen, near, rows, hops)
+    return replace(found, aside_frames=tuple(int(frame) for frame in seen[aside]))
+
+
+def _follow_connector_change(
+    roads: RoadMap, near: LaneCandidates, keys: list[int], xy: Float
+) -> tuple[LaneCandidates, list[int], list[LanePath | None], Int] | None:
+    """Return candidates, rows, paths, and the points on another connector than the route's, of a track that changes
+    between connectors at the entry or exit of a junction.
+
+    None if it does not: if the cheapest chain without such a change is as good, or no other route covers the track.
+    """
+    relaxed = load_candidate_index(roads, changes_connectors=True)
+    rows, hops = find_best_chain(relaxed, near, keys, xy)
+    if None in hops:
+        return None
+    driven = [roads.driving[near.lane[row]].id for row in rows]
+    lanes = [lane for hop in hops if hop is not None for lane in hop.lanes]
+    route = resolve_connector_changes(relaxed, [lane for lane, _ in groupby(lanes)])
+    if route is None:
+        return None
+    kept = np.isin(near.lane, [k for k, lane in enumerate(roads.driving) if lane.id in route])
+    on_route = _take_candidates(near, kept)
+    if len(np.unique(on_route.point)) < MIN_COVERED_SHARE * len(np.unique(near.point)):
+        return None
+    rows, hops = find_best_chain(
+        load_candidate_index(roads), on_route, _select_key_frames(xy, np.unique(on_route.point)), xy
+    )
+    if None in hops:
+        return None
+    other = [k for k, lane in enumerate(driven) if lane not in route]
+    aside = np.arange(keys[other[0]], keys[other[-1]] + 1) if other else np.zeros(0, dtype=np.int64)
+    return on_route, rows, hops, aside
 
 
 def _build_unmatched(frames: int, why: str) -> LaneMatch:
@@ -99,8 +127,11 @@ def _compute_headings(track: Float) -> Float:
 
 
 def _drop_implausible(near: LaneCandidates) -> LaneCandidates:
-    keep = ~(np.abs(near.turn) > MAX_TURN_RAD)  # unknown directions are kept
-    return LaneCandidates(near.point[keep], near.lane[keep], near.s[keep], near.offset[keep], near.turn[keep])
+    return _take_candidates(near, ~(np.abs(near.turn) > MAX_TURN_RAD))  # unknown directions are kept
+
+
+def _take_candidates(near: LaneCandidates, kept: Bool) -> LaneCandidates:
+    return LaneCandidates(near.point[kept], near.lane[kept], near.s[kept], near.offset[kept], near.turn[kept])
 
 
 def _find_off_road_reason(around: LaneCandidates, near: LaneCandidates, xy: Float) -> str:
@@ -133,62 +164,6 @@ def _select_key_frames(xy: Float, candidates: Int) -> list[int]:
     return keys
 
 
-def compute_emission_cost(d: Float, turn: Float) -> Float:
-    """Return costs of candidates with lateral distance d [m] and angle turn [rad]; unknown angles cost nothing."""
-    heading = np.where(np.isnan(turn), 0.0, turn / HEADING_SIGMA_RAD)
-    return 0.5 * (d / OFFSET_SIGMA_M) ** 2 + 0.5 * heading**2
-
-
-def compute_transition_cost(network_m: float, driven_m: float, changes: int) -> float:
-    """Return the cost of a step from network distance and driven distance [m] and the number of lane changes."""
-    return abs(network_m - driven_m) / DISTANCE_SCALE_M + LANE_CHANGE_COST * changes
-
-
-def find_best_chain(
-    index: LaneCandidateIndex, near: LaneCandidates, keys: list[int], xy: Float
-) -> tuple[list[int], list[LanePath | None]]:
-    """Return the cheapest rows of `near`, one per key frame, and the paths between them (None: a break)."""
-    cost = compute_emission_cost(near.offset, near.turn)
-    driven = np.concatenate(((0.0,), np.cumsum(np.hypot(*np.diff(xy, axis=0).T)))) if len(xy) > 1 else np.zeros(1)
-    layers = [np.flatnonzero(near.point == key) for key in keys]
-    chain: list[dict[int, _ViterbiStep]] = [{int(row): _ViterbiStep(-1, float(cost[row]), None) for row in layers[0]}]
-    for k in range(1, len(keys)):
-        distance = float(driven[keys[k]] - driven[keys[k - 1]])
-        chain.append({int(row): _find_best_step(index, near, chain[-1], int(row), distance) for row in layers[k]})
-        for row, step in chain[-1].items():
-            chain[-1][row] = _ViterbiStep(step.predecessor, step.cost + float(cost[row]), step.path)
-    return _backtrack(chain)
-
-
-def _find_best_step(
-    index: LaneCandidateIndex, near: LaneCandidates, before: dict[int, _ViterbiStep], row: int, driven: float
-) -> _ViterbiStep:
-    goal = index.roads.driving[near.lane[row]].id
-    best = _ViterbiStep(-1, np.inf, None)
-    for there, step in before.items():
-        start = index.roads.driving[near.lane[there]].id
-        hop = index.find_paths(start, driven + DETOUR_M, LANE_CHANGE_M).get(goal)
-        added = BREAK_COST
-        if hop is not None:
-            network = hop.length + float(near.s[row] - near.s[there])
-            added = compute_transition_cost(network, driven, hop.lane_changes)
-        if added >= BREAK_COST:
-            hop, added = None, BREAK_COST
-        if step.cost + added < best.cost:
-            best = _ViterbiStep(there, step.cost + added, hop)
-    return best
-
-
-def _backtrack(chain: list[dict[int, _ViterbiStep]]) -> tuple[list[int], list[LanePath | None]]:
-    row = min(chain[-1], key=lambda one: chain[-1][one].cost)
-    rows, hops = [row], list[LanePath | None]()
-    for layer in reversed(chain[1:]):
-        step = layer[rows[-1]]
-        rows.append(step.predecessor)
-        hops.append(step.path)
-    return rows[::-1], hops[::-1]
-
-
 def _assemble_match(
     index: LaneCandidateIndex,
     track: Float,
@@ -213,6 +188,7 @@ def _assemble_match(
                 near.offset[best],
             )
     broken = [k for k, hop in enumerate(hops) if hop is None]
+    first = next((name for name in lane if name), None)
     route = _find_longest_route(index, rows, hops, near, names)
     return LaneMatch(
         tuple(lane),
@@ -222,6 +198,7 @@ def _assemble_match(
         False,
         _describe_breaks(rows, broken, near, names),
         _find_break_frames(seen, keys, broken),
+        first_lane_width=index.roads.lanes[first].width if first else 0.0,
     )
 
 

@@ -81,10 +81,12 @@ def build_network(map: HdMap, motions: Sequence[Float], folder: Path, name: str,
     left_hand = map.left_hand if map.left_hand is not None else is_left_hand_traffic(decided, directions.votes)
     segments, lost = _build_segments(map, lanes, measure_observed_speeds(lanes, motions, dt_s))
     links = rebuild_links(segments, _collect_source_links(lanes))
-    plan = plan_network(*_select_driving(segments, links))
+    plan = plan_network(*_select_driving(segments, links), directions.votes)
     lane_ids = {id_: f"{edge}_{k}" for id_, (edge, k) in assign_lane_indices(plan, left_hand).items()}
     roads = _compile_network(_add_footways(plan, segments, map), map, left_hand, folder, name)
     lost |= dict.fromkeys(_find_unused_lanes(plan), "no way through the junction uses it")
+    contraflow = _find_contraflow_lanes(plan)
+    lost |= dict.fromkeys(contraflow, "it leads nowhere but onto a lane of the opposite direction")
     return NetworkReport(
         name=name,
         folder=folder,
@@ -99,7 +101,7 @@ def build_network(map: HdMap, motions: Sequence[Float], folder: Path, name: str,
         links_added=links.added,
         drop_reason_by_lane=lost,
         deviation=measure_centreline_deviation(
-            [s.centreline for s in segments.values() if s.kind is LaneKind.DRIVING], roads
+            [s.centreline for s in segments.values() if s.kind is LaneKind.DRIVING and s.id not in contraflow], roads
         ),
         default_widths=sum(_measure_width(lane) is None for lane in lanes.values()),
         default_speeds=sum(not lane.speed_limit > 0 for lane in lanes.values()),
@@ -228,3 +230,10 @@ def _find_unused_lanes(plan: NetworkPlan) -> set[str]:
     kept = {lane.source_lane for edge in plan.edges for lane in edge.lanes}
     kept |= {id_.split("~")[0] for way in plan.connections for id_ in way.connectors}
     return {id_.split("~")[0] for id_ in plan.unused} - kept
+
+
+def _find_contraflow_lanes(plan: NetworkPlan) -> set[str]:
+    """Return the lanes of the source that are left out altogether."""
+    kept = {lane.source_lane for edge in plan.edges for lane in edge.lanes}
+    kept |= {id_.split("~")[0] for way in plan.connections for id_ in way.connectors}
+    return {id_.split("~")[0] for id_ in plan.contraflow} - kept

@@ -10,9 +10,8 @@ from mdrive_sumo.core.geometry import Polyline, build_polyline
 from real2sim.network.lane_adjacency import find_crossings
 from real2sim.network.lane_segment import LaneLink, LaneSegment, split_segments
 from real2sim.network.segment_splitting import group_adjacent_segments
+from real2sim.network.stub_edges import add_stubs, find_contraflow_ends
 
-STUB_M = 2.0
-"""[m] Length of the edge added where the map's border cuts off a connector."""
 FOLD_M = 40.0
 """[m] Edges up to this length that return to the same junction are part of it."""
 MAX_PATHS = 64
@@ -51,6 +50,8 @@ class NetworkPlan:
     connections: tuple[PlannedConnection, ...]
     unused: tuple[str, ...]
     """Connectors without any connection."""
+    contraflow: tuple[str, ...] = ()
+    """Segments that are left out: their open end lies on a lane of the opposite direction."""
 
 
 class _DisjointSets:
@@ -72,9 +73,15 @@ class _DisjointSets:
         self._parent[self.find(first)] = self.find(second)
 
 
-def plan_network(segments: Mapping[str, LaneSegment], links: Iterable[LaneLink]) -> NetworkPlan:
-    """Decide which segments are edges, which are connectors inside junctions, and which ends share a node."""
-    parts, joined = _add_stubs(segments, set(links))
+def plan_network(
+    segments: Mapping[str, LaneSegment], links: Iterable[LaneLink], driven: Collection[str] = ()
+) -> NetworkPlan:
+    """Decide which segments are edges, which are connectors inside junctions, and which ends share a node.
+
+    `driven`: lanes of the source on which the log shows traffic; they are never left out.
+    """
+    kept, ways, contraflow = _leave_out_contraflow(segments, set(links), driven)
+    parts, joined = add_stubs(kept, ways, _find_connectors(kept, ways))
     inside = _find_connectors(parts, joined)
     groups = group_adjacent_segments({id_: part for id_, part in parts.items() if id_ not in inside})
     sets = _join_ends(parts, joined, inside, groups)
@@ -88,28 +95,25 @@ def plan_network(segments: Mapping[str, LaneSegment], links: Iterable[LaneLink])
         sets = _join_ends(parts, joined, inside, groups)
     connections = _build_connections(parts, joined, inside)
     used = {id_ for connection in connections for id_ in connection.connectors}
-    return NetworkPlan(_build_edges(parts, groups, sets), tuple(connections), tuple(sorted(inside - used)))
+    return NetworkPlan(_build_edges(parts, groups, sets), tuple(connections), tuple(sorted(inside - used)), contraflow)
+
+
+def _leave_out_contraflow(
+    segments: Mapping[str, LaneSegment], links: set[LaneLink], driven: Collection[str]
+) -> tuple[dict[str, LaneSegment], set[LaneLink], tuple[str, ...]]:
+    """Leave out segments that end on lanes of the opposite direction, until none is left; also return their ids."""
+    kept, left_out = dict(segments), list[str]()
+    while gone := find_contraflow_ends(kept, links, _find_connectors(kept, links), driven):
+        kept = {id_: segment for id_, segment in kept.items() if id_ not in gone}
+        links = {(a, b) for a, b in links if a not in gone and b not in gone}
+        left_out += sorted(gone)
+    return kept, links, tuple(left_out)
 
 
 def _split_group(group: tuple[str, ...], loops: Collection[str]) -> Iterable[tuple[str, ...]]:
     if group[0] not in loops:
         return (group,)
     return (tuple(f"{id_}~{k}" for id_ in group) for k in (0, 1))
-
-
-def _add_stubs(
-    segments: Mapping[str, LaneSegment], links: set[LaneLink]
-) -> tuple[dict[str, LaneSegment], set[LaneLink]]:
-    inside = _find_connectors(segments, links)
-    behind, ahead = {b for _, b in links}, {a for a, _ in links}
-    stations: dict[str, list[float]] = {}
-    for id_ in inside:
-        length = segments[id_].centreline.length
-        stub = min(STUB_M, length / 4)
-        cuts = ([stub] if id_ not in behind else []) + ([length - stub] if id_ not in ahead else [])
-        if cuts:
-            stations[id_] = cuts
-    return split_segments(segments, links, stations)
 
 
 def _find_connectors(segments: Mapping[str, LaneSegment], links: Collection[LaneLink]) -> set[str]:

@@ -9,6 +9,7 @@ from real2sim.clean.cleaning_report import CleaningReport
 from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_targets import (
     FidelityTarget,
+    build_logged_drive_target,
     build_lost_target,
     build_network_targets,
     build_reconstruction_targets,
@@ -17,6 +18,7 @@ from real2sim.fidelity_targets import (
 )
 from real2sim.fit import FittedTraffic
 from real2sim.fit.disposition import Disposition, TrackRole
+from real2sim.logged_drive import LoggedDrive
 from real2sim.match import LaneMatch
 from real2sim.network import NetworkReport
 from real2sim.pipeline.quality_file import CleaningChange, CleaningFigures, NetworkFigures, QualityFile, TrackRoleEntry
@@ -42,6 +44,7 @@ class ConversionResults:
     fitted: FittedTraffic
     closeness: TrafficFidelity
     """Fidelity of reactive traffic, whatever the mode."""
+    logged_drive: LoggedDrive
     notes: tuple[str, ...]
     """What the conversion had to omit; the reader's notes are in `recording`."""
 
@@ -56,6 +59,7 @@ class ConversionResults:
             *build_network_targets(self.network, broken),
             build_lost_target(self.recording, self.cleaned, self.fitted.roles),
             *build_traffic_targets(self.closeness),
+            build_logged_drive_target(self.logged_drive),
         )
 
     @property
@@ -83,10 +87,11 @@ def build_quality_file(steps: ConversionResults) -> QualityFile:
         by_sumo=count_sumo_driven(steps.quality, steps.fitted.roles, steps.fitted.background.mode),
         fit=_role_entries(steps.fitted),
         closeness=steps.closeness,
+        logged_drive=steps.logged_drive,
         targets=steps.targets,
         misses=steps.misses,
         passed=not steps.misses,
-        notes=(*steps.recording.notes, *steps.notes),
+        notes=(*steps.recording.notes, *steps.notes, *steps.logged_drive.notes),
     )
 
 
@@ -103,9 +108,10 @@ def build_findings(steps: ConversionResults) -> ConversionFindings:
         roles=steps.fitted.roles,
         names=steps.fitted.names,
         closeness=steps.closeness,
+        logged_drive=steps.logged_drive,
         targets=steps.targets,
         misses=steps.misses,
-        notes=steps.notes,
+        notes=(*steps.notes, *steps.logged_drive.notes),
         mode=steps.fitted.background.mode,
         window_s=steps.window_s,
     )

@@ -14,6 +14,7 @@ from mdrive_sumo.scenario.suite import SCENARIO_FILE, natural_sort_key
 from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.fidelity_targets import FidelityTarget
 from real2sim.fit.disposition import Disposition
+from real2sim.logged_drive import LoggedDrive
 from real2sim.quality import ReconstructionQuality
 from real2sim.traffic_fidelity import TrafficFidelity
 
@@ -96,6 +97,8 @@ class QualityFile(_Part):
     """Part of `fidelity.moving_vehicles`; the others are CAVs, or scripted on their path of the log."""
     fit: tuple[TrackRoleEntry, ...]
     closeness: TrafficFidelity
+    logged_drive: LoggedDrive | None = None
+    """The scorer's verdict on the CAVs' own tracks; None in files of versions before 0.2."""
     targets: tuple[FidelityTarget, ...]
     misses: tuple[str, ...]
     """Targets that are not met, a sentence each."""

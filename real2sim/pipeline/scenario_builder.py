@@ -13,6 +13,7 @@ from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
 from real2sim.clean import CleanedRecording, clean_recording
 from real2sim.conversion_findings import ConversionFindings
 from real2sim.fit import FittedTraffic, fit_traffic
+from real2sim.logged_drive import ConfirmedInfraction, score_logged_drive
 from real2sim.match import match_track
 from real2sim.network import NetworkReport, build_network
 from real2sim.pipeline.cav_selection import (
@@ -43,6 +44,8 @@ class ConversionOptions:
     """Names of observers or tracks; (): the CAVs of the source, else one is chosen."""
     window_s: tuple[float, float] | None = None
     """The part of the log that the scene covers, for the report."""
+    confirmed: tuple[ConfirmedInfraction, ...] = ()
+    """Infractions of logged drives that a person has confirmed."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,7 @@ def build_scenario(
         fitted=fitted,
         notes=notes,
         closeness=measure_traffic_fidelity(_with_reactive_traffic(scenario), roads, tracks, fitted.names, dt_s),
+        logged_drive=score_logged_drive(scenario, roads, tracks, fitted.names, dt_s, wish.confirmed),
     )
     return BuiltScenario(scenario, build_quality_file(steps), build_findings(steps))
 

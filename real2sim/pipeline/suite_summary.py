@@ -9,7 +9,7 @@ from real2sim.pipeline.quality_file import QualityFile
 
 HEAD = (
     *("scenario", "moving ok", "by SUMO", "median", "p95", "jerk", "wrong", "spawn", "twice", "jumps", "overlap"),
-    *("5 s", "worst", "touch", "order", "verdict"),
+    *("5 s", "worst", "touch", "order", "drive", "verdict"),
 )
 LEGEND = (
     "moving ok: moving vehicles that pass all checks; by SUMO: moving vehicles that SUMO drives, the others are CAVs or"
@@ -17,7 +17,8 @@ LEGEND = (
     " wrong: frames against the lane; spawn: overlaps at the start; twice: duplicate tracks; jumps: over 1 m;"
     " overlap: pairs of reconstructed boxes that overlap later (no target);"
     " 5 s, worst: traffic off the log after 5 s [m], median and worst vehicle; touch: pairs of background vehicles that"
-    " overlap in SUMO but not in the log (no target); order: kept at conflicts.\n"
+    " overlap in SUMO but not in the log (no target); order: kept at conflicts;"
+    " drive: infractions of the CAVs' logged drives, unconfirmed + confirmed.\n"
     "The last row: sums of counts; median, p95, jerk and worst of the worst scenario; 5 s of the median scenario."
 )
 
@@ -46,6 +47,9 @@ class FidelityRow(BaseModel):
     """Pairs of background vehicles that overlap in SUMO but not in the log; no target."""
     order_kept: int
     order_pairs: int
+    logged_infractions: int
+    """Infractions of the CAVs' logged drives that no person has confirmed."""
+    confirmed_infractions: int
     passed: bool
 
 
@@ -92,6 +96,8 @@ def _build_row(quality: QualityFile) -> FidelityRow:
         contacts=len(close.contacts),
         order_kept=close.order_kept,
         order_pairs=close.order_pairs,
+        logged_infractions=len(quality.logged_drive.unconfirmed) if quality.logged_drive else 0,
+        confirmed_infractions=quality.logged_drive.confirmed_count if quality.logged_drive else 0,
         passed=quality.passed,
     )
 
@@ -113,6 +119,8 @@ def _aggregate(lines: Sequence[FidelityRow]) -> FidelityRow:
         "teleports",
         "order_kept",
         "order_pairs",
+        "logged_infractions",
+        "confirmed_infractions",
     )
     return FidelityRow(
         scenario=f"all {len(lines)}",
@@ -160,6 +168,7 @@ def _format_cells(line: FidelityRow) -> tuple[str, ...]:
         _number(line.worst_at_5s, 2),
         str(line.contacts),
         f"{line.order_kept}/{line.order_pairs}",
+        f"{line.logged_infractions}+{line.confirmed_infractions}",
         "passed" if line.passed else "misses",
     )
 

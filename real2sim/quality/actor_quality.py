@@ -29,6 +29,8 @@ CROSSING_RAD = float(np.radians(20.0))
 """[rad] Ours: a longer path at this angle to the lane is crossing too: it leaves a 3.5 m lane within 10 m. Lane changes
 take 3 s and more: 5 degrees in a street, at most 10 at walking pace."""
 WRONG_WAY_RAD = float(np.radians(90.0))
+"""[rad] MDrive. It counts in a lane only, at most `HALF_LANE_M` from its centre line: beside an oncoming lane a vehicle
+is in a lane or gateway that the map lacks."""
 
 
 class ActorQuality(BaseModel):
@@ -210,7 +212,7 @@ def _compute_lane_figures(
         "share_within_1m": float((offset <= 1.0).mean()),
         "share_within_05m": float((offset <= 0.5).mean()),
         "off_route_frames": int((offset > OFF_ROUTE_M).sum()),
-        "wrong_way_frames": _count_wrong_way_frames((away > WRONG_WAY_RAD) & (offset <= OFF_ROUTE_M), xy, away),
+        "wrong_way_frames": _count_wrong_way_frames((away > WRONG_WAY_RAD) & (offset <= HALF_LANE_M), xy, away),
         "spawn_offset": float(offset[0]),
         "spawn_yaw_offset_deg": float(np.degrees(away[0])),
     }

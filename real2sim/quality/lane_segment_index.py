@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
@@ -78,12 +79,17 @@ class LaneSegmentIndex:
     def heading_deviations(self, xy: Float, yaw: Float, offsets: Float | None = None) -> Float:
         """Return angles (N,) [rad] between a heading and the best aligned directed lane near each point; 0 without one.
 
-        Near are all lanes within `SAME_LANE_M`, and those at most `ALMOST_M` further away than the nearest one.
+        Near are all lanes within `SAME_LANE_M`, and those at most `ALMOST_M` further away than the nearest one; in a
+        lane wider than usual the distance counts from further out, as in `offsets`.
         """
         nearest = self.offsets(xy) if offsets is None else offsets
         reach = np.where(np.isfinite(nearest), np.maximum(nearest + ALMOST_M, SAME_LANE_M), 0.0)
-        point, segment = self.tree.query(shapely.points(xy), predicate="dwithin", distance=reach)
-        point, segment = point[self.directed[segment]], segment[self.directed[segment]]
+        points: Any = shapely.points(xy)
+        widest = float(self.wider.max(initial=0.0))
+        point, segment = self.tree.query(points, predicate="dwithin", distance=reach + widest)
+        gap = shapely.distance(points[point], self.tree.geometries[segment]) - self.wider[segment]
+        near = self.directed[segment] & (gap <= reach[point])
+        point, segment = point[near], segment[near]
         direction = np.arctan2(self.vectors[segment, 1], self.vectors[segment, 0])
         away = np.full(len(xy), np.inf)
         np.minimum.at(away, point, np.abs(wrap_angles(direction - yaw[point])))

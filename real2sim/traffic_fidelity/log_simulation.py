@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.state import DT, Actors, EgoState
+from mdrive_sumo.core.state import DT
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, ReplayMotion
 from mdrive_sumo.sumo import SumoWorld
 from real2sim.fit.background_vehicle import median_size
 from real2sim.recording import RecordedTrack
+from real2sim.traffic_fidelity.timed_path import build_actor_path, build_track_path, place_actors, place_egos
 
 
 @dataclass(frozen=True)
@@ -26,87 +26,24 @@ class SimulatedTraffic:
         return self.poses[name][:, :2] if name in self.poses else np.full((frames, 2), np.nan)
 
 
-@dataclass(frozen=True)
-class _TimedPath:
-    """Timed poses of an object that repeats the log: times (N,) [s], x, y, yaw, speed (N, 4)."""
-
-    times: Float
-    states: Float
-    stays: bool = False
-
-    def at(self, time: float) -> Float | None:
-        """x, y [m], yaw [rad], speed [m/s]; None before and after."""
-        if time < self.times[0] - 1e-6 or (time > self.times[-1] + 1e-6 and not self.stays):
-            return None
-        if len(self.times) == 1:
-            return self.states[0]
-        return np.array([np.interp(time, self.times, column) for column in self.states.T])
-
-
 def simulate_log(
     scenario: Scenario, roads: RoadMap, tracks: Mapping[str, RecordedTrack], dt_s: float, seed: int = 0
 ) -> SimulatedTraffic:
     """Run the scenario until the log ends. `tracks`: by id in the scenario; CAVs follow theirs."""
     frames = len(next(iter(tracks.values())).valid)
-    cavs = {ego.id: _path_of_track(tracks[ego.id], dt_s) for ego in scenario.egos}
-    actors = [(actor, _path_of_actor(actor)) for actor in sorted(scenario.actors, key=lambda one: one.id)]
+    cavs = {ego.id: build_track_path(tracks[ego.id], dt_s) for ego in scenario.egos}
+    actors = [(actor, build_actor_path(actor)) for actor in sorted(scenario.actors, key=lambda one: one.id)]
     sizes = {ego.id: median_size(tracks[ego.id]) for ego in scenario.egos}
     seen: dict[str, list[tuple[float, float, float, float]]] = {}
     with SumoWorld(scenario, roads, sizes, seed) as world:
         for tick in range(round((frames - 1) * dt_s / DT) + 1):
             time = tick * DT
-            egos, scripted = _ego_states(cavs, time), _scripted_actors(actors, time)
+            egos, scripted = place_egos(cavs, time), place_actors(actors, time)
             around = world.advance(egos, scripted, ()) if tick else world.start(egos, scripted)
             now = around.actors
             for name, x, y, yaw in zip(now.ids, now.x.tolist(), now.y.tolist(), now.yaw.tolist(), strict=True):
                 seen.setdefault(name, []).append((time, x, y, yaw))
     return SimulatedTraffic({name: _resample(np.array(rows), frames, dt_s) for name, rows in seen.items()})
-
-
-def _path_of_track(track: RecordedTrack, dt_s: float) -> _TimedPath:
-    rows = track.valid_frames
-    xy, yaw = track.xy[rows], np.unwrap(np.nan_to_num(track.yaw[rows]))
-    times = rows.astype(np.float64) * dt_s
-    return _TimedPath(times, np.column_stack((xy, yaw, _compute_speeds(xy, times))))
-
-
-def _compute_speeds(xy: Float, times: Float) -> Float:
-    """[m/s] (N,)"""
-    if len(times) < 2:
-        return np.zeros(len(times))
-    x, y = (np.asarray(np.gradient(column, times), dtype=np.float64) for column in xy.T)
-    return np.hypot(x, y)
-
-
-def _path_of_actor(actor: Actor) -> _TimedPath:
-    if not isinstance(actor.motion, ReplayMotion):
-        start = actor.start
-        return _TimedPath(np.zeros(1), np.array([[start.x, start.y, start.yaw, 0.0]]), stays=True)
-    timed = np.array(actor.motion.poses)
-    speed = _compute_speeds(timed[:, 1:3], timed[:, 0])
-    return _TimedPath(timed[:, 0], np.column_stack((timed[:, 1:], speed)), actor.motion.stays)
-
-
-def _ego_states(cavs: Mapping[str, _TimedPath], time: float) -> dict[str, EgoState]:
-    now = ((name, rail.at(time)) for name, rail in cavs.items())
-    return {name: EgoState(*(float(value) for value in state)) for name, state in now if state is not None}
-
-
-def _scripted_actors(actors: list[tuple[Actor, _TimedPath]], time: float) -> Actors:
-    now = [(actor, state) for actor, rail in actors if (state := rail.at(time)) is not None]
-    if not now:
-        return Actors.empty()
-    x, y, yaw, speed = np.array([state for _, state in now]).T
-    return Actors(
-        tuple(actor.id for actor, _ in now),
-        np.array([KIND_BY_NAME[actor.kind] for actor, _ in now], dtype=np.uint8),
-        x,
-        y,
-        yaw,
-        speed,
-        np.array([actor.length for actor, _ in now]),
-        np.array([actor.width for actor, _ in now]),
-    )
 
 
 def _resample(rows: Float, frames: int, dt_s: float) -> Float:

@@ -27,6 +27,7 @@ from mdrive_sumo.scenario.scenario import load_scenario
 from mdrive_sumo.scenario.suite import list_packaged_suites, load_suite
 from mdrive_sumo.scoring import ScoreMode, load_results, save_results, score_episode, summarize_run
 from real2sim.carla.opendrive import read_opendrive
+from real2sim.logged_drive import load_confirmed_infractions
 from real2sim.pipeline.recording_transfer import TransferError, decode_value, encode_value
 from real2sim.readers.argoverse2 import read_argoverse2
 from real2sim.readers.commonroad import read_commonroad
@@ -211,6 +212,14 @@ TARGETS: Mapping[str, FuzzTarget] = {
     "argoverse2 map": FuzzTarget(_write_map_archive, _read_sweeps),
     "interaction": FuzzTarget(_write_csv, lambda path: read_interaction(path, path.parent / "map.osm")),
     "lanelet2": FuzzTarget(_write_osm, read_lanelet2),
+    "confirmed infractions": FuzzTarget(
+        _file(
+            "confirmed.toml",
+            '[[confirmed]]\nscenario = "s"\ncav = "c"\nkind = "stop-sign"\ntime_s = 1.5\nfactor = 0.8\n'
+            'reason = "rolls"\nby = "me"\n',
+        ),
+        load_confirmed_infractions,
+    ),
     "carla route": FuzzTarget(_file("a_0.xml", EGO), read_route_file),
     "mdrive manifest": FuzzTarget(
         _file(MANIFEST, '{"ego": [{"file": "a_0.xml", "speed": 3}], "npc": []}'),

@@ -45,8 +45,12 @@ def build_ego_records(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap
     )
 
 
+def find_infractions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
+    """Return the infractions of one CAV by all metrics, in temporal order."""
+    found = [infraction for metric in list_infraction_metrics() for infraction in metric.find(track)]
+    return tuple(sorted(found, key=lambda infraction: infraction.tick))
+
+
 def _build_ego_record(track: EgoTrack) -> EgoRecord:
     rc = compute_route_completion(track)
-    found = [infraction for metric in list_infraction_metrics() for infraction in metric.find(track)]
-    found.sort(key=lambda infraction: infraction.tick)
-    return EgoRecord(track.ego.id, track.ending, rc, tuple(found))
+    return EgoRecord(track.ego.id, track.ending, rc, find_infractions(track))

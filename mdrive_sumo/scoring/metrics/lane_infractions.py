@@ -10,6 +10,8 @@ from mdrive_sumo.scoring.metrics.ego_track import EgoTrack
 from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric
 
+OUTSIDE_LANES = "outside-lanes"
+"""Kind of the infraction."""
 OUTSIDE_MARGIN_M = 1.3
 """A box centre may be this far [m] beyond the edge of its nearest lane."""
 WRONG_AFTER_JUNCTION_RAD = np.radians(120.0)
@@ -26,21 +28,26 @@ def find_lane_infractions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
     if share == 0.0:
         return ()
     x, y = track.xy[-1].tolist()
-    return (InfractionEvent("outside-lanes", len(track.xy) - 1, x, y, 1.0 - share),)
+    return (InfractionEvent(OUTSIDE_LANES, len(track.xy) - 1, x, y, 1.0 - share),)
 
 
 def compute_wrong_share(track: EgoTrack) -> float:
     """Return the share in [0, 1] of the distance driven outside lanes or on a wrong lane; 0 without any distance."""
     reference, index = track.reference, 0
     total = wrong = 0.0
-    is_infringing = find_outside_lanes(track) | find_wrong_lane(track)
-    for (x, y), infringes in zip(track.xy.tolist(), is_infringing.tolist(), strict=True):
+    is_infringing = find_infringing_ticks(track).tolist()
+    for (x, y), infringes in zip(track.xy.tolist(), is_infringing, strict=True):
         now = advance_index(reference, index, DISTANCE_WINDOW, x, y)
         if now > index:
             total += reference.s[now] - reference.s[index]
             wrong += (reference.s[now] - reference.s[index]) * infringes
             index = now
     return wrong / total if wrong else 0.0
+
+
+def find_infringing_ticks(track: EgoTrack) -> Bool:
+    """Return an (n,) mask: the CAV is outside lanes or on a wrong lane."""
+    return find_outside_lanes(track) | find_wrong_lane(track)
 
 
 def find_outside_lanes(track: EgoTrack) -> Bool:

@@ -10,8 +10,15 @@ from testing.convert_command import run
 
 from real2sim.clean import clean_recording
 from real2sim.clean.cleaning_report import ChangeReason, CleaningReport, TrackChange
-from real2sim.fidelity_targets import FidelityTarget, build_lost_target, count_sumo_driven, find_silently_lost
+from real2sim.fidelity_targets import (
+    FidelityTarget,
+    build_logged_drive_target,
+    build_lost_target,
+    count_sumo_driven,
+    find_silently_lost,
+)
 from real2sim.fit.disposition import Disposition, TrackRole
+from real2sim.logged_drive import LoggedDrive, LoggedInfraction
 from real2sim.pipeline.log_source import LogSource, read_log
 from real2sim.pipeline.quality_file import load_quality
 from real2sim.pipeline.suite_summary import format_summary, summarize_suite
@@ -129,9 +136,37 @@ def test_cavs_and_scripted_vehicles_are_not_driven_by_sumo(suite: Path, mode: st
 def test_every_target_has_a_tile(suite: Path) -> None:
     page = (suite / "small" / "conversion.html").read_text()
     targets = load_quality(suite / "small" / "quality.json").targets
-    assert len(targets) == 14
+    assert len(targets) == 15
     for target in targets:
         assert f"<span>{target.name}</span>" in page
+
+
+def test_the_logged_drive_is_part_of_quality_verdict_summary_and_page(suite: Path, tmp_path: Path) -> None:
+    quality = load_quality(suite / "small" / "quality.json")
+    assert quality.logged_drive is not None
+    assert [(cav.end, cav.infractions) for cav in quality.logged_drive.cavs] == [("log ended", ())] * 2
+    crash = LoggedInfraction(kind="stop-sign", time_s=1.0, from_s=1.0, to_s=1.0, x=0.0, y=0.0, factor=0.8, other="s")
+    seen = crash.model_copy(update={"confirmed_by": "me", "reason": "rolls"})
+    cav = quality.logged_drive.cavs[0].model_copy(update={"infractions": (crash, seen)})
+    worse = quality.model_copy(update={"logged_drive": LoggedDrive(cavs=(cav,))})
+    assert worse.logged_drive is not None
+    target = build_logged_drive_target(worse.logged_drive)
+    assert f"(CAV {cav.id}: stop-sign at 1 s, factor 0.8, at (0.0, 0.0))" in target.format_sentence()
+    found = summarize_suite([quality, worse])
+    assert [(row.logged_infractions, row.confirmed_infractions) for row in found.scenarios] == [(0, 0), (1, 1)]
+    assert "1+1" in format_summary(found)
+    before = tmp_path / "quality.json"  # of a version without this check
+    before.write_text(
+        json.dumps({k: v for k, v in json.loads(quality.model_dump_json()).items() if k != "logged_drive"})
+    )
+    assert load_quality(before).logged_drive is None
+    assert "Logged drive of the CAVs" in (suite / "small" / "conversion.html").read_text()
+
+
+def test_a_missing_file_of_confirmed_infractions_is_one_sentence(small: tuple[Path, Path], tmp_path: Path) -> None:
+    done = run("v2xpnp", small[0], "--map", small[1], "--out", tmp_path / "out", "--confirmed", tmp_path / "no.toml")
+    assert (done.exit_code, (tmp_path / "out").exists()) == (2, False)
+    assert "no.toml: cannot be read" in done.stderr
 
 
 def test_an_authored_suite_has_no_summary(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from real2sim.match.lane_candidates import load_candidate_index
-from real2sim.match.lane_matcher import (
+from real2sim.match.lane_chain import (
     DETOUR_M,
     LANE_CHANGE_M,
     compute_emission_cost,

@@ -1,0 +1,138 @@
+"""Record the logged drive of the CAVs of a converted log as an episode, with everything else as in the log."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mdrive_sumo.core.state import DT, Actors, EgoState, End, Frame, Kind
+from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantize_frame
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.scoring import criteria
+from mdrive_sumo.vehicle import contact, dynamics
+from real2sim.fit.background_vehicle import median_size
+from real2sim.recording import RecordedTrack
+from real2sim.traffic_fidelity.timed_path import (
+    TimedPath,
+    build_actor_path,
+    build_track_path,
+    place_actors,
+    place_egos,
+)
+
+LOG_ENDED = "log ended"
+"""The end of a CAV whose log ends before a criterion ends it."""
+
+
+@dataclass(frozen=True)
+class LoggedEpisode:
+    """The logged drives of all CAVs of a scenario, in the form in which scoring reads an episode."""
+
+    record: EpisodeRecord
+    """A CAV whose log ends before a criterion ends it is recorded as arrived in its last frame."""
+    progress: Mapping[str, criteria.RouteProgress]
+    """By CAV, at its end."""
+    end_by_cav: Mapping[str, str]
+    """The value of `End` of the criterion that ended the CAV, or `LOG_ENDED`."""
+
+
+@dataclass(frozen=True)
+class _LoggedWorld:
+    """Timed poses of everything in the log."""
+
+    cavs: Mapping[str, TimedPath]
+    background: tuple[tuple[str, tuple[float, float], TimedPath], ...]
+    """Id, (length, width) [m] and poses, sorted by id."""
+    scripted: list[tuple[Actor, TimedPath]]
+
+    def place_egos(self, time: float) -> dict[str, EgoState]:
+        """Return the CAVs that are present at `time` [s]."""
+        return place_egos(self.cavs, time)
+
+    def place_others(self, time: float) -> Actors:
+        """Return all other road users and obstacles at `time` [s]."""
+        now = [(id_, size, state) for id_, size, path in self.background if (state := path.at(time)) is not None]
+        columns = np.array([(*state, *size) for _, size, state in now], dtype=np.float64).reshape(-1, 6).T
+        kinds = np.full(len(now), Kind.VEHICLE, dtype=np.uint8)
+        return Actors(tuple(id_ for id_, _, _ in now), kinds, *columns).merge(place_actors(self.scripted, time))
+
+
+@dataclass
+class _CavStates:
+    """Progress and ending of every CAV while its drive is recorded."""
+
+    references: Mapping[str, criteria.RouteReference]
+    limit_ticks: int
+    progress: dict[str, criteria.RouteProgress]
+    endings: dict[str, Ending] = field(default_factory=dict[str, Ending])
+    end_by_cav: dict[str, str] = field(default_factory=dict[str, str])
+
+
+def record_logged_drive(
+    scenario: Scenario, roads: RoadMap, tracks: Mapping[str, RecordedTrack], dt_s: float
+) -> LoggedEpisode:
+    """Record the drive of every CAV of the scenario along its logged poses; `tracks`: by id in the scenario.
+
+    Contacts, criteria and the recorder are those of a live episode. CAVs have their size in the log.
+    """
+    world = _build_logged_world(scenario, tracks, dt_s)
+    vehicles = {ego.id: _with_logged_size(tracks[ego.id]) for ego in scenario.egos}
+    walls = contact.build_walls(building.outline for building in roads.buildings)
+    recorder = Recorder(scenario.id, {}, {name: (one.length, one.width) for name, one in vehicles.items()})
+    states = _CavStates(
+        {ego.id: criteria.build_route_reference(ego) for ego in scenario.egos},
+        criteria.compute_time_limit_ticks(scenario),
+        {ego.id: criteria.RouteProgress() for ego in scenario.egos},
+    )
+    before = Frame(0, world.place_egos(0.0), world.place_others(0.0), {})
+    tick = 0
+    while True:
+        egos, others = world.place_egos(tick * DT), world.place_others(tick * DT)
+        egos = {name: state for name, state in egos.items() if name not in states.endings}
+        _, contacts = contact.resolve_contacts(
+            _to_vehicle_states({name: before.egos.get(name, state) for name, state in egos.items()}),
+            _to_vehicle_states(egos),
+            vehicles,
+            contact.build_obstacle_motion(before.actors, others),
+            walls,
+        )
+        frame = quantize_frame(Frame(tick, egos, others, {}, contacts))
+        _judge(world, frame, states)
+        recorder.add(frame, {}, {}, {})
+        if len(states.endings) == len(scenario.egos):
+            break
+        before, tick = frame, tick + 1
+    endings = [states.endings[ego.id] for ego in scenario.egos]
+    return LoggedEpisode(recorder.finish(endings), states.progress, states.end_by_cav)
+
+
+def _build_logged_world(scenario: Scenario, tracks: Mapping[str, RecordedTrack], dt_s: float) -> _LoggedWorld:
+    vehicles = sorted(scenario.background.vehicles, key=lambda one: one.id)
+    return _LoggedWorld(
+        {ego.id: build_track_path(tracks[ego.id], dt_s) for ego in scenario.egos},
+        tuple((one.id, (one.length, one.width), build_track_path(tracks[one.id], dt_s)) for one in vehicles),
+        [(actor, build_actor_path(actor)) for actor in sorted(scenario.actors, key=lambda one: one.id)],
+    )
+
+
+def _with_logged_size(track: RecordedTrack) -> dynamics.VehicleParameters:
+    length, width = median_size(track)
+    return replace(dynamics.MKZ_2017, length=length, width=width)
+
+
+def _to_vehicle_states(egos: Mapping[str, EgoState]) -> dict[str, dynamics.VehicleState]:
+    return {name: dynamics.initial_state(ego.x, ego.y, ego.yaw, ego.speed) for name, ego in egos.items()}
+
+
+def _judge(world: _LoggedWorld, frame: Frame, states: _CavStates) -> None:
+    """Update the progress of every CAV, and end those that a criterion or the log ends in this frame."""
+    for name, state in frame.egos.items():
+        states.progress[name] = criteria.update_progress(
+            states.progress[name], states.references[name], frame.tick, state.x, state.y, state.speed
+        )
+        end = criteria.find_end(states.progress[name], frame.tick, states.limit_ticks)
+        if end is not None or world.cavs[name].at((frame.tick + 1) * DT) is None:
+            states.endings[name] = Ending(name, frame.tick, end or End.ARRIVED)
+            states.end_by_cav[name] = LOG_ENDED if end is None else str(end)
