@@ -59,8 +59,16 @@ class StopLine:
 
 
 @dataclass(frozen=True)
+class MapArea:
+    """A valid polygon: outline and holes, corners (N, 2) [m] each without the first one again."""
+
+    outline: Float
+    holes: tuple[Float, ...] = ()
+
+
+@dataclass(frozen=True)
 class HdMap:
-    """Lanes, crosswalks, stop lines and signals of a map."""
+    """Lanes, crosswalks, stop lines, signals and drivable areas of a map."""
 
     lanes: Mapping[str, MapLane] = field(default_factory=dict[str, MapLane])
     crosswalks: tuple[Float, ...] = ()
@@ -68,5 +76,7 @@ class HdMap:
     stop_lines: tuple[StopLine, ...] = ()
     signals: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
     """Ids of traffic lights with the ids of the lanes they control."""
+    drivable_areas: tuple[MapArea, ...] = ()
+    """Where vehicles may drive or park, lanes included if the source says so; for pictures."""
     left_hand: bool | None = None
     """Whether traffic keeps to the left; None: unknown, to be estimated."""
