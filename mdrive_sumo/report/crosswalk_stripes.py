@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.core.geometry import Float, build_polyline
 from mdrive_sumo.roads import Lane
@@ -53,13 +54,13 @@ def _measure_traffic_along(outline: Float, line: Float, lanes: Sequence[Lane]) -
     return float(np.abs(np.concatenate(steps)).sum()) if steps else 0.0
 
 
-def _clip_line(xy: Float, area: shapely.Geometry) -> Iterator[Float]:
+def _clip_line(xy: Float, area: BaseGeometry) -> Iterator[Float]:
     for part in shapely.get_parts(shapely.intersection(shapely.LineString(xy), area)).tolist():
         if isinstance(part, shapely.LineString):
             yield shapely.get_coordinates(part)
 
 
-def clip_stripes(stripes: Sequence[shapely.Polygon], asphalt: shapely.Geometry) -> Iterator[shapely.Polygon]:
+def clip_stripes(stripes: Sequence[shapely.Polygon], asphalt: BaseGeometry) -> Iterator[shapely.Polygon]:
     """Yield the parts of stripes that lie on asphalt, without stripes of which little does."""
     shapely.prepare(asphalt)
     for stripe in stripes:

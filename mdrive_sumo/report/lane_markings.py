@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.report.line_joining import join_lines, smooth_line
@@ -88,7 +89,7 @@ class _Facing:
     is_oncoming: Bool
 
 
-def compute_lane_markings(lanes: Sequence[Lane], bare: shapely.Geometry, asphalt: shapely.Geometry) -> LaneMarkings:
+def compute_lane_markings(lanes: Sequence[Lane], bare: BaseGeometry, asphalt: BaseGeometry) -> LaneMarkings:
     """Return the markings of lanes outside junctions on asphalt; none within `bare`, the area of the junctions."""
     if not lanes:
         return LaneMarkings((), ())
@@ -158,7 +159,7 @@ def _choose_kinds(borders: _Borders, facing: _Facing) -> Int:
     return np.asarray(np.where(facing.lane < 0, MarkingKind.EDGE, kinds), dtype=np.int64)
 
 
-def _find_inside(borders: _Borders, kinds: Int, bare: shapely.Geometry, asphalt: shapely.Geometry) -> Bool:
+def _find_inside(borders: _Borders, kinds: Int, bare: BaseGeometry, asphalt: BaseGeometry) -> Bool:
     """Return whether samples (S,) lie in a junction, or edge lines away from the edge of the asphalt."""
     shapely.prepare(bare)
     kerb = shapely.boundary(asphalt)

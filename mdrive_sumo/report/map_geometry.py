@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.report.crosswalk_stripes import build_crossing_stripes, clip_stripes, find_walking_line
@@ -55,7 +56,7 @@ class MapGeometry:
     buildings: tuple[shapely.Polygon, ...]
 
 
-def build_map_geometry(roads: RoadMap, area: shapely.Geometry) -> MapGeometry:
+def build_map_geometry(roads: RoadMap, area: BaseGeometry) -> MapGeometry:
     """Return everything of a network that touches an area."""
     shapely.prepare(area)
     lanes = [lane for lane in roads.driving if area.intersects(shapely.LineString(lane.centre.xy))]
@@ -79,12 +80,12 @@ def build_map_geometry(roads: RoadMap, area: shapely.Geometry) -> MapGeometry:
     )
 
 
-def make_polygon(outline: Float) -> shapely.Geometry:
+def make_polygon(outline: Float) -> BaseGeometry:
     """Return the valid area within an outline (N, 2), which may cross itself."""
     return shapely.make_valid(shapely.Polygon(outline))
 
 
-def _list_polygons(shapes: Iterable[shapely.Geometry]) -> tuple[shapely.Polygon, ...]:
+def _list_polygons(shapes: Iterable[BaseGeometry]) -> tuple[shapely.Polygon, ...]:
     return tuple(
         part
         for shape in shapes
@@ -93,24 +94,24 @@ def _list_polygons(shapes: Iterable[shapely.Geometry]) -> tuple[shapely.Polygon,
     )
 
 
-def _build_strip(lane: Lane) -> shapely.Geometry:
+def _build_strip(lane: Lane) -> BaseGeometry:
     return shapely.LineString(lane.centre.xy).buffer(lane.width / 2 + SEAM_M, cap_style="flat")
 
 
-def _fit_junction(outline: shapely.Geometry, drivable: shapely.Geometry) -> shapely.Geometry:
+def _fit_junction(outline: BaseGeometry, drivable: BaseGeometry) -> BaseGeometry:
     """Return a junction up to the edge of the drivable area if that is known there."""
     is_known = shapely.intersection(outline, drivable).area >= KNOWN_SHARE * outline.area
     return shapely.intersection(outline.convex_hull, drivable) if is_known else outline
 
 
-def _build_asphalt(lanes: Sequence[Lane], junctions: Sequence[shapely.Geometry]) -> shapely.Geometry:
+def _build_asphalt(lanes: Sequence[Lane], junctions: Sequence[BaseGeometry]) -> BaseGeometry:
     whole = shapely.union_all([*(_build_strip(lane) for lane in lanes), *junctions])
     closed = whole.buffer(CLOSING_M, quad_segs=4).buffer(-CLOSING_M, quad_segs=4)
     opened = _open(shapely.union(whole, closed), SPIKE_M)
     return shapely.union_all([_fill_islands(part) for part in _list_polygons([opened])]).simplify(TOLERANCE_M)
 
 
-def _open(shape: shapely.Geometry, half_width: float) -> shapely.Geometry:
+def _open(shape: BaseGeometry, half_width: float) -> BaseGeometry:
     """Return a shape without parts narrower than twice the half width [m]."""
     return shape.buffer(-half_width, quad_segs=4).buffer(half_width, quad_segs=4)
 
@@ -120,7 +121,7 @@ def _fill_islands(part: shapely.Polygon) -> shapely.Polygon:
     return shapely.Polygon(part.exterior, islands)
 
 
-def _build_stripes(roads: RoadMap, area: shapely.Geometry, lanes: Sequence[Lane]) -> list[shapely.Polygon]:
+def _build_stripes(roads: RoadMap, area: BaseGeometry, lanes: Sequence[Lane]) -> list[shapely.Polygon]:
     crossings = [(line, width) for line, width in roads.crossings if area.intersects(shapely.LineString(line))]
     outlines = [roads.pavements[i] for i in roads.crosswalk_pavements]
     found = (find_walking_line(outline, lanes) for outline in outlines if area.intersects(make_polygon(outline)))

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import Kind
@@ -47,7 +48,7 @@ def add_observed_areas(map: HdMap, tracks: Iterable[RecordedTrack]) -> HdMap:
     return replace(map, drivable_areas=(*map.drivable_areas, *split_areas(areas)))
 
 
-def _build_swept_area(track: RecordedTrack) -> shapely.Geometry:
+def _build_swept_area(track: RecordedTrack) -> BaseGeometry:
     """Return the area that a vehicle covers, with a margin."""
     rows = track.valid_frames
     length, width = (
@@ -55,15 +56,13 @@ def _build_swept_area(track: RecordedTrack) -> shapely.Geometry:
         for column, usual in zip((track.length, track.width), DEFAULT_SIZE_M[track.category], strict=True)
     )
     size = length + 2 * MARGIN_M, width + 2 * MARGIN_M
-    ends = [
-        shapely.Polygon(box_corners(track.x[row], track.y[row], np.nan_to_num(track.yaw[row]), *size))
-        for row in (rows[0], rows[-1])
-    ]
+    poses = np.nan_to_num(np.column_stack((track.x, track.y, track.yaw))[rows[[0, -1]]]).tolist()
+    ends = [shapely.Polygon(box_corners(x, y, yaw, *size)) for x, y, yaw in poses]
     path = shapely.LineString(track.xy[rows]) if len(rows) > 1 else shapely.Point(track.xy[rows[0]])
     return shapely.union_all([*ends, path.simplify(TOLERANCE_M).buffer(size[1] / 2)])
 
 
-def _build_lane_area(lane: MapLane) -> shapely.Geometry:
+def _build_lane_area(lane: MapLane) -> BaseGeometry:
     if min(len(lane.left), len(lane.right)) > 1:
         return shapely.make_valid(shapely.Polygon(np.concatenate((lane.left, lane.right[::-1]))))
     if len(lane.centre) < 2:

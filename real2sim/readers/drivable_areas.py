@@ -4,6 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import MapArea
@@ -28,7 +29,7 @@ def build_separate_areas(outlines: Iterable[Float]) -> tuple[MapArea, ...]:
     return tuple(area for outline in outlines for area in build_nested_areas([outline]))
 
 
-def split_areas(shape: shapely.Geometry) -> tuple[MapArea, ...]:
+def split_areas(shape: BaseGeometry) -> tuple[MapArea, ...]:
     """Return the polygons of a shape."""
     return tuple(
         MapArea(_get_corners(part.exterior), tuple(_get_corners(ring) for ring in part.interiors))

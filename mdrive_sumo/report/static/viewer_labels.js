@@ -1,6 +1,6 @@
 // Names of road users and pins of events: none covers another one.
 
-const NEAR_SCALE = 5; // px/m (of the style sheet) from which moving road users have labels in "near"
+const NEAR_SCALE = 6; // px/m (of the style sheet) from which moving road users have labels in "near"
 const MOVED_M = 1; // a road user that never gets this far from where it appeared stands: parked, or a prop
 const LABEL_HEIGHT = 17; // px
 const STEP_PX = 6;
@@ -18,8 +18,8 @@ class Labels {
     Object.assign(this, { ctx, theme, dpr: devicePixelRatio, rects: [] });
   }
 
-  isFree([left, top, right, bottom]) {
-    return this.rects.every(([l, t, r, b]) => left >= r || l >= right || top >= b || t >= bottom);
+  isFree(rect) {
+    return this.rects.every((other) => areApart(rect, other));
   }
 
   /** A pill below a point, below the pins that are there already. */
@@ -34,6 +34,7 @@ class Labels {
     const { replay, dpr } = this;
     const near = scale >= NEAR_SCALE * dpr;
     const tops = new Map();
+    this.bodies = shown.map(({ px, py, halfWidth, halfHeight }) => [px - halfWidth, py - halfHeight, px + halfWidth, py + halfHeight]);
     for (const { i, px, py, halfWidth, halfHeight } of shown.toReversed()) {
       const isEgo = i < replay.egos;
       if (labels === "none" && !words[i]) continue; // an intention is shown even without labels
@@ -67,12 +68,12 @@ class Labels {
     return rect;
   }
 
-  /** Above, below, right or left of a box, undefined if another label is at each. */
+  /** Above, below, right or left of a box, undefined if another label or road user is at each. */
   beside(i, px, py, halfWidth, halfHeight, width) {
     const [up, aside] = [halfHeight + 10 * this.dpr, halfWidth + width / 2 + 3 * this.dpr];
     const places = [[0, -up], [0, up], [aside, 0], [-aside, 0]].map(([x, y]) => this.around(px + x, py + y, width));
     const last = this.sides.get(i) ?? 0;
-    const side = [last, 0, 1, 2, 3].find((each) => this.isFree(places[each]));
+    const side = [last, 0, 1, 2, 3].find((each) => this.isFree(places[each]) && this.bodies.every((body) => areApart(body, places[each])));
     if (side !== undefined) this.sides.set(i, side);
     return places[side];
   }
@@ -81,7 +82,7 @@ class Labels {
     const { ctx, dpr, theme } = this;
     this.align(false);
     ctx.lineJoin = "round";
-    ctx.lineWidth = 3 * dpr;
+    ctx.lineWidth = 2 * dpr;
     ctx.strokeStyle = theme.ground;
     ctx.strokeText(text, (left + right) / 2, (top + bottom) / 2);
     ctx.fillStyle = theme.muted;
@@ -104,6 +105,10 @@ class Labels {
     this.ctx.textAlign = "center";
     this.ctx.textBaseline = "middle";
   }
+}
+
+function areApart([left, top, right, bottom], [l, t, r, b]) {
+  return left >= r || l >= right || top >= b || t >= bottom;
 }
 
 /** Whether a road user ever gets away from where it appeared. */
