@@ -10,7 +10,7 @@ RINGS = 12
 
 @dataclass(frozen=True, slots=True)
 class LabelBox:
-    """A rectangle with its middle and its full size, in any unit, y up or down."""
+    """A rectangle with its middle and its full size, in any unit; y is up."""
 
     x: float
     y: float

@@ -130,7 +130,7 @@ def _sample_borders(lanes: Sequence[Lane]) -> _Borders:
 
 
 def _find_facing(borders: _Borders) -> _Facing:
-    points = shapely.points(borders.xy)
+    points = np.asarray(shapely.points(borders.xy), dtype=object)
     reach = float(np.hypot(MAX_GAP_M, MAX_STAGGER_M))
     here, there = shapely.STRtree(points).query(points, predicate="dwithin", distance=reach)
     step = borders.xy[there] - borders.xy[here]
@@ -164,7 +164,7 @@ def _find_inside(borders: _Borders, kinds: Int, bare: BaseGeometry, asphalt: Bas
     shapely.prepare(bare)
     kerb = shapely.boundary(asphalt)
     shapely.prepare(kerb)
-    points = shapely.points(borders.xy)
+    points = np.asarray(shapely.points(borders.xy), dtype=object)
     inside = shapely.contains_xy(bare, borders.xy[:, 0], borders.xy[:, 1])
     return inside | ((kinds == MarkingKind.EDGE) & ~shapely.dwithin(points, kerb, MAX_INSIDE_M))
 
@@ -173,7 +173,7 @@ def _find_overlapped(borders: _Borders, facing: _Facing, lanes: Sequence[Lane]) 
     """Return whether samples (S,) lie deep inside a lane that is neither their own nor the one that they face."""
     depth = np.array([max(lane.width / 2 - HIDDEN_DEPTH_M, 0.1) for lane in lanes])
     lines = np.array([shapely.LineString(lane.centre.xy) for lane in lanes], dtype=object)
-    points = shapely.points(borders.xy)
+    points = np.asarray(shapely.points(borders.xy), dtype=object)
     sample, other = shapely.STRtree(lines).query(points, predicate="dwithin", distance=float(depth.max()))
     deep = shapely.distance(points[sample], lines[other]) < depth[other]
     deep &= (other != borders.lane[sample]) & (other != facing.lane[sample])

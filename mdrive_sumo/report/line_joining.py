@@ -44,7 +44,7 @@ def _match_ends(pieces: Sequence[Float]) -> dict[int, int]:
         return {}
     starts, ends = (np.array([piece[row] for piece in pieces]) for row in (0, -1))
     entry, leave = (_compute_direction(pieces, row) for row in (0, -2))
-    here, there = shapely.STRtree(shapely.points(starts)).query(
+    here, there = shapely.STRtree(np.asarray(shapely.points(starts), dtype=object)).query(
         shapely.points(ends), predicate="dwithin", distance=float(np.hypot(MAX_AHEAD_M, MAX_ASIDE_M))
     )
     step = starts[there] - ends[here]

@@ -178,12 +178,12 @@ def _draw_numbers(map_frame: MapFrame, entries: Sequence[ReportEntry], size: flo
     names = [f"CAV {entry.number}" if entry.is_cav else f"{entry.number}" for entry in named]
     spots = [_find_last_spot(map_frame.svg_frame, entry) for entry in named]
     requests = [
-        LabelRequest(x, y, NAME_ASPECT * size * len(name), size, 0.7 * size)
+        LabelRequest(x, -y, NAME_ASPECT * size * len(name), size, 0.7 * size)
         for name, (x, y) in zip(names, spots, strict=True)
     ]
     for entry, name, box in zip(named, names, place_labels(requests, _list_boxes(spots)), strict=True):
         look = f"name {'cav' if entry.is_cav else 'fail'}"
-        place = {"x": f"{box.x:.0f}", "y": f"{box.y + 0.35 * size:.0f}"}
+        place = {"x": f"{box.x:.0f}", "y": f"{0.35 * size - box.y:.0f}"}
         yield tag("text", name, **place, font_size=f"{size:.0f}", class_=look, text_anchor="middle")
 
 
@@ -197,8 +197,8 @@ def _find_last_spot(svg: SvgFrame, entry: ReportEntry) -> tuple[float, float]:
 
 
 def _list_boxes(spots: Iterable[tuple[float, float]]) -> list[LabelBox]:
-    """Return the middles of the objects, which labels keep free."""
-    return [LabelBox(x, y, CM, CM) for x, y in spots]
+    """Return the middles of the objects, which labels keep free; y is up, as for labels."""
+    return [LabelBox(x, -y, CM, CM) for x, y in spots]
 
 
 def draw_actor_map(map_frame: MapFrame, entry: ReportEntry) -> Markup | None:

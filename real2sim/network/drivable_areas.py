@@ -28,7 +28,7 @@ CLOSING_M = 2.5
 SLIVER_M = 0.3
 """[m] Strips up to twice this width beside known asphalt come from imprecise maps and tracks."""
 REACH_M = 40.0
-"""[m] Areas farther from all lanes and tracks are left out: nuScenes gives those of half a city."""
+"""[m] Areas of the map farther from all lanes are left out: nuScenes gives those of half a city."""
 MIN_CORE_M2 = 1.0
 """[m²] Areas that are smaller without a strip of `SLIVER_M` come from imprecise maps and tracks as well."""
 TOLERANCE_M, GRID_M = 0.1, 0.01
@@ -45,7 +45,7 @@ def add_observed_areas(map: HdMap, tracks: Iterable[RecordedTrack]) -> HdMap:
     beyond = shapely.difference(observed, known)
     cores = [part for part in shapely.get_parts(beyond.buffer(-SLIVER_M)).tolist() if part.area >= MIN_CORE_M2]
     areas = shapely.intersection(shapely.union_all(cores).buffer(SLIVER_M + MARGIN_M), observed)
-    return replace(map, drivable_areas=(*map.drivable_areas, *split_areas(areas)))
+    return replace(map, observed_areas=split_areas(areas))
 
 
 def _build_swept_area(track: RecordedTrack) -> BaseGeometry:
@@ -76,12 +76,16 @@ def _to_polygon(area: MapArea) -> shapely.Polygon:
 
 
 def collect_drivable_areas(map: HdMap) -> tuple[DrivableArea, ...]:
-    """Return the map's areas near its driving lanes, with its bicycle, parking and shoulder lanes, for network.json."""
+    """Return the map's areas near its driving lanes and the observed ones, for network.json.
+
+    With them its bicycle, parking and shoulder lanes.
+    """
     aside = [_build_lane_area(lane) for lane in map.lanes.values() if lane.kind in WIDTH_M]
     whole = shapely.union_all([*aside, *(_to_polygon(area) for area in map.drivable_areas)])
     lines = [lane.centre for lane in map.lanes.values() if lane.kind is LaneKind.DRIVING and len(lane.centre) > 1]
     near = shapely.buffer(shapely.MultiLineString(lines).simplify(1.0), REACH_M, quad_segs=4)
-    kept = shapely.intersection(whole, near).simplify(TOLERANCE_M)
+    observed = [_to_polygon(area) for area in map.observed_areas]
+    kept = shapely.union_all([shapely.intersection(whole, near), *observed]).simplify(TOLERANCE_M)
     return tuple(
         DrivableArea(outline=_to_ring(area.outline), holes=tuple(_to_ring(hole) for hole in area.holes))
         for area in split_areas(shapely.set_precision(kept, GRID_M))

@@ -278,22 +278,6 @@ def test_hostile_texts_do_nothing_in_a_browser(browser: Any, tmp_path: Path) -> 
 
 
 @needs_browser
-def test_no_label_covers_another_one(page: Any) -> None:
-    page.evaluate("viewer.seek(150)")
-    counts: dict[str, int] = {}
-    for _ in range(3):
-        page.wait_for_timeout(60)
-        mode, rects = page.evaluate("[viewer.labels.mode, viewer.labels.rects]")
-        counts[mode] = len(rects)
-        boxes = np.array([shapely.box(*rect) for rect in rects], dtype=object)
-        one, other = shapely.STRtree(boxes).query(boxes, predicate="intersects")
-        assert not (shapely.area(shapely.intersection(boxes[one], boxes[other]))[one != other] > 0.5).any(), mode
-        page.keyboard.press("l")
-    assert counts["none"] < 4 <= counts["near"] <= counts["all"]  # events keep their names
-    assert counts["all"] > 20
-
-
-@needs_browser
 def test_a_hundred_actors_draw_fast_enough(page: Any, record_property: Any) -> None:
     """60 frames/s leave 16.7 ms, and drawing took 1.2 of them when written; the limit is for machines that are busy."""
     page.keyboard.press("l")  # all labels

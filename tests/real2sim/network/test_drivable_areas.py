@@ -117,7 +117,13 @@ def test_a_parked_car_stands_on_asphalt_wherever_it_is(x: float, y: float, yaw: 
 
 def test_pedestrians_and_props_need_no_asphalt() -> None:
     tracks = [standing(50, 20, category=category) for category in (ObjectCategory.PEDESTRIAN, ObjectCategory.STATIC)]
-    assert add_observed_areas(lanes_map(lane("a", EAST)), tracks).drivable_areas == ()
+    assert add_observed_areas(lanes_map(lane("a", EAST)), tracks).observed_areas == ()
+
+
+def test_cars_far_from_the_map_stand_on_asphalt_too() -> None:
+    hd_map = add_observed_areas(lanes_map(lane("a", EAST)), [standing(300.0, 200.0, 0.5)])
+    car = shapely.Polygon(box_corners(300.0, 200.0, 0.5, 4.6, 1.9))
+    assert to_shape(collect_drivable_areas(hd_map)).contains(car)
 
 
 @pytest.mark.parametrize("name", ["av2-forecasting", pytest.param("scene-0103", marks=pytest.mark.full)])
