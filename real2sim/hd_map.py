@@ -76,9 +76,9 @@ class HdMap:
     stop_lines: tuple[StopLine, ...] = ()
     signals: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
     """Ids of traffic lights with the ids of the lanes they control."""
+    left_hand: bool | None = None
+    """Whether traffic keeps to the left; None: unknown, to be estimated."""
     drivable_areas: tuple[MapArea, ...] = ()
     """Where vehicles may drive or park, lanes included if the source says so; for pictures."""
     observed_areas: tuple[MapArea, ...] = ()
     """Where vehicles of the log drive or stand beyond lanes and drivable areas; for pictures."""
-    left_hand: bool | None = None
-    """Whether traffic keeps to the left; None: unknown, to be estimated."""

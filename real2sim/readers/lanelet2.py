@@ -104,7 +104,7 @@ def read_lanelet2(path: Path) -> tuple[HdMap, tuple[str, ...]]:
     )
     notes += tuple(f"{count} lanelets of the subtype {name!r} skipped" for name, count in sorted(unknown.items()))
     areas = tuple(area for one in osm.list_relations("multipolygon") for area in _build_areas(osm, one))
-    return HdMap(lanes, crosswalks, stop_lines, _build_signals(osm, lanes), areas), notes
+    return HdMap(lanes, crosswalks, stop_lines, _build_signals(osm, lanes), drivable_areas=areas), notes
 
 
 def _build_areas(osm: OsmFile, relation: OsmRelation) -> tuple[MapArea, ...]:
