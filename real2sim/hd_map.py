@@ -59,8 +59,16 @@ class StopLine:
 
 
 @dataclass(frozen=True)
+class MapArea:
+    """A valid polygon: outline and holes, corners (N, 2) [m] each without the first one again."""
+
+    outline: Float
+    holes: tuple[Float, ...] = ()
+
+
+@dataclass(frozen=True)
 class HdMap:
-    """Lanes, crosswalks, stop lines and signals of a map."""
+    """Lanes, crosswalks, stop lines, signals and drivable areas of a map."""
 
     lanes: Mapping[str, MapLane] = field(default_factory=dict[str, MapLane])
     crosswalks: tuple[Float, ...] = ()
@@ -70,3 +78,7 @@ class HdMap:
     """Ids of traffic lights with the ids of the lanes they control."""
     left_hand: bool | None = None
     """Whether traffic keeps to the left; None: unknown, to be estimated."""
+    drivable_areas: tuple[MapArea, ...] = ()
+    """Where vehicles may drive or park, lanes included if the source says so; for pictures."""
+    observed_areas: tuple[MapArea, ...] = ()
+    """Where vehicles of the log drive or stand beyond lanes and drivable areas; for pictures."""

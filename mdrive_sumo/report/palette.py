@@ -21,6 +21,7 @@ LIGHT: Mapping[str, str] = MappingProxyType(
     {
         "ground": "#f1f2ee",
         "road": "#c9ced6",
+        "apron": "#dadde1",
         "line": "#fdfdfd",
         "footway": "#e1dccfcc",
         "building": "#ddd8cf",
@@ -53,6 +54,7 @@ DARK: Mapping[str, str] = MappingProxyType(
     {
         "ground": "#14171b",
         "road": "#2b3038",
+        "apron": "#22262c",
         "line": "#6d7683",
         "footway": "#3e4348a6",
         "building": "#22272d",

@@ -12,15 +12,17 @@ from typing import Any
 
 import numpy as np
 import shapely
+from shapely.geometry.polygon import orient
 
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord
+from mdrive_sumo.report.map_geometry import StopMark, build_map_geometry
 from mdrive_sumo.report.replay_marks import ReplayMark
 from mdrive_sumo.report.replay_messages import build_message_tables
 from mdrive_sumo.report.replay_notes import list_notes
 from mdrive_sumo.report.replay_visibility import SIGHT_EVERY_TICKS, SIGHT_RANGE_M, compute_visibility
-from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
+from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScenarioResult
 
@@ -139,34 +141,35 @@ def _surroundings(episode: EpisodeRecord, scenario: Scenario) -> Any:
 
 
 def _map(roads: RoadMap, area: Any, origin: Float) -> dict[str, Any]:
-    """The roads that come near the area, each whole."""
-    shapely.prepare(area)
-
-    def near(xy: Float) -> bool:
-        return bool(shapely.intersects(area, shapely.linestrings(xy)))
-
-    lanes = [lane for lane in roads.driving if near(lane.centre.xy)]
-    buildings = [building.outline for building in roads.buildings]
-    signs = [sign for sign in roads.stop_signs or () if near(roads.lanes[sign.lane].centre.xy)]
+    """The roads that come near the area, each whole: the geometry that plots draw as well."""
+    geometry = build_map_geometry(roads, area)
+    lanes = (lane for lane in roads.driving if lane.lights)
     return {
-        "lanes": [_lane(lane, origin) for lane in lanes],
-        "junctions": [_line(outline, origin) for outline in roads.junctions if near(outline)],
-        "pavements": [_line(outline, origin) for outline in roads.pavements if near(outline)],
-        "crossings": [(_line(xy, origin), round(width, 2)) for xy, width in roads.crossings if near(xy)],
-        "buildings": [_line(outline, origin) for outline in buildings if near(outline)],
-        "stops": [_stop(sign, roads.lanes[sign.lane], origin) for sign in signs],
+        "pavements": [_rings(shape, origin) for shape in geometry.pavements],
+        "aprons": [_rings(shape, origin) for shape in geometry.aprons],
+        "asphalt": [_rings(shape, origin) for shape in geometry.asphalt],
+        "stripes": [_rings(shape, origin) for shape in geometry.stripes],
+        "solid": [_line(line, origin) for line in geometry.markings.solid],
+        "dashed": [_line(line, origin) for line in geometry.markings.dashed],
+        "buildings": [_rings(shape, origin) for shape in geometry.buildings],
+        "heads": [_head(lane, origin) for lane in lanes if shapely.intersects(area, shapely.Point(lane.centre.xy[-1]))],
+        "stops": [(_line(mark.line, origin), _sign(mark, origin)) for mark in geometry.stop_signs],
         "signs_known": roads.stop_signs is not None,
     }
 
 
-def _lane(lane: Lane, origin: Float) -> tuple[list[int], float, bool, bool, bool, list[str]]:
-    """Centre line, width, in a junction, neighbours to the left and right, ids of the lights at its end."""
+def _rings(shape: shapely.Polygon, origin: Float) -> list[list[int]]:
+    """Outline counter-clockwise, holes clockwise: areas that overlap are filled once, holes are not."""
+    turned = orient(shape)
+    return [_line(shapely.get_coordinates(ring)[:-1], origin) for ring in (turned.exterior, *turned.interiors)]
+
+
+def _head(lane: Lane, origin: Float) -> tuple[list[int], float, float, list[str]]:
+    """Where a lane with lights ends [cm], its direction there [rad], its width [m], the ids of the lights."""
     lights = list(dict.fromkeys(lane.lights.values()))
-    line, width = _line(lane.centre.xy, origin), round(lane.width, 2)
-    return line, width, lane.junction, bool(lane.left), bool(lane.right), lights
+    yaw = lane.centre.yaw_at(lane.centre.length)
+    return _line(lane.centre.xy[-1:], origin), round(yaw, 4), round(lane.width, 2), lights
 
 
-def _stop(sign: StopSignBox, lane: Lane, origin: Float) -> tuple[int, int, float, float]:
-    """Where the line crosses the lane [cm], the lane's direction there [rad] and its width [m]."""
-    x, y = _line(np.array([lane.centre.at(sign.line_pos_m)]), origin)
-    return x, y, round(lane.centre.yaw_at(sign.line_pos_m), 4), lane.width
+def _sign(mark: StopMark, origin: Float) -> list[int] | None:
+    return None if mark.sign is None else _line(mark.sign[None], origin)

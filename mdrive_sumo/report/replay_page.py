@@ -24,6 +24,7 @@ SCRIPTS = (
     "viewer_replay.js",
     "viewer_talk.js",
     "viewer_map.js",
+    "viewer_labels.js",
     "viewer_scene.js",
     "viewer_layers.js",
     "viewer_timeline.js",

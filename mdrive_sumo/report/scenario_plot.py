@@ -1,5 +1,7 @@
 """Plot a scenario: network, routes, starts, goals, scripted actors and background vehicles at their departure."""
 
+import textwrap
+from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from matplotlib.patches import Polygon
 
 from mdrive_sumo.core.geometry import Float, box_corners, build_polyline
 from mdrive_sumo.report.actor_plot import draw_actors
+from mdrive_sumo.report.label_placement import LabelBox, LabelRequest, place_labels
 from mdrive_sumo.report.map_plot import MapView, draw_map, fit_view
 from mdrive_sumo.report.palette import CAV_COLOURS, LIGHT
 from mdrive_sumo.roads import RoadMap
@@ -18,8 +21,15 @@ from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.vehicle.dynamics import MKZ_2017
 
+LATER_ALPHA = 0.35
+"""Opacity of background vehicles that depart later, where others may be until then."""
 SIDE_INCHES = 9.0
 """Longer side of the picture."""
+TITLE_ASPECT = 0.72
+"""Mean width of a bold letter relative to its size."""
+NAME_POINTS, NAME_ASPECT = 9.0, 0.66
+"""Size of the names of CAVs, and the mean width of a letter relative to it."""
+POINTS_PER_INCH = 72.0
 CAPTION_INCHES = 0.95
 """Height of the captions above and below the map."""
 
@@ -46,6 +56,7 @@ def draw_scenario(axes: Axes, scenario: Scenario, roads: RoadMap, view: MapView)
     draw_actors(axes, scenario.actors, roads)
     for ego, colour in zip(scenario.egos, cycle(CAV_COLOURS)):
         _draw_ego(axes, ego, colour)
+    _draw_names(axes, scenario.egos, view)
 
 
 def _make_figure(view: MapView) -> tuple[Figure, Axes]:
@@ -63,7 +74,8 @@ def _draw_background(axes: Axes, vehicle: BackgroundVehicle, roads: RoadMap) -> 
     if lane is not None:
         s = vehicle.depart_pos_m - vehicle.length / 2
         corners = box_corners(*lane.centre.at(s), lane.centre.yaw_at(s), vehicle.length, vehicle.width)
-        axes.add_patch(Polygon(corners, facecolor=LIGHT["vehicle"], edgecolor="white", linewidth=0.6, zorder=8))
+        alpha, colour = LATER_ALPHA if vehicle.depart_s > 0 else 1.0, LIGHT["vehicle"]
+        axes.add_patch(Polygon(corners, facecolor=colour, edgecolor="white", linewidth=0.6, zorder=8, alpha=alpha))
 
 
 def _draw_ego(axes: Axes, ego: Ego, colour: str) -> None:
@@ -78,17 +90,35 @@ def _draw_ego(axes: Axes, ego: Ego, colour: str) -> None:
     nose = (corners[0] + corners[3]) / 2
     glass = np.array((corners[0] * 0.8 + corners[1] * 0.2, nose, corners[3] * 0.8 + corners[2] * 0.2))
     axes.add_patch(Polygon(glass, facecolor="white", alpha=0.75, zorder=12))
-    axes.text(
-        start.x,
-        start.y,
-        ego.id,
-        color="white",
-        fontsize=9,
-        weight="bold",
-        ha="center",
-        va="center",
-        zorder=13,
-    )
+
+
+def _draw_names(axes: Axes, egos: Sequence[Ego], view: MapView) -> None:
+    """Write the name of every CAV on it if it fits there, else beside it where there is room."""
+    metres = max(view.size) / (SIDE_INCHES * POINTS_PER_INCH)  # of a point
+    size = NAME_POINTS * metres
+    colours = [colour for _, colour in zip(egos, cycle(EGO_COLOURS), strict=False)]
+    widths = [NAME_ASPECT * size * len(ego.id) for ego in egos]
+    long = [i for i, width in enumerate(widths) if width > MKZ_2017.length * 0.6]
+    requests = [
+        LabelRequest(egos[i].start.x, egos[i].start.y, widths[i] + size, 1.7 * size, MKZ_2017.length / 2) for i in long
+    ]
+    cars = [LabelBox(ego.start.x, ego.start.y, MKZ_2017.width, MKZ_2017.width) for ego in egos]
+    places = dict(zip(long, place_labels(requests, cars), strict=True))
+    for i, ego in enumerate(egos):
+        place = places.get(i)
+        axes.text(
+            place.x if place else ego.start.x,
+            place.y if place else ego.start.y,
+            ego.id,
+            color="white",
+            fontsize=NAME_POINTS,
+            weight="bold",
+            ha="center",
+            va="center",
+            zorder=13,
+            clip_on=True,
+            bbox={"boxstyle": "round,pad=0.25", "facecolor": colours[i], "edgecolor": "white"} if place else None,
+        )
 
 
 def _draw_arrows(axes: Axes, xy: Float, colour: str) -> None:
@@ -128,10 +158,20 @@ def _draw_scale(axes: Axes, view: MapView) -> None:
 
 def _write_captions(figure: Figure, scenario: Scenario, roads: RoadMap) -> None:
     height = float(figure.get_figheight())
-    known = f"{scenario.category} · {roads.name} · {len(scenario.egos)} CAVs · signals {scenario.signals}"
+    cavs = len(scenario.egos)
+    network = () if roads.name == scenario.id else (roads.name,)
+    known = " · ".join(
+        (scenario.category, *network, f"{cavs} CAV{'s' if cavs > 1 else ''}", f"signals {scenario.signals}")
+    )
     figure.text(0.012, 1 - 0.22 / height, scenario.id, weight="bold", fontsize=12, va="center")
-    figure.text(0.988, 1 - 0.22 / height, known, fontsize=8.5, va="center", ha="right", color="#444444")
-    figure.text(0.012, 1 - 0.45 / height, scenario.description, fontsize=8.5, va="center", color="#444444")
+    inches = float(figure.get_figwidth())
+    room = 0.97 * inches * POINTS_PER_INCH - TITLE_ASPECT * 12 * len(scenario.id)  # beside the title
+    if NAME_ASPECT * 8.5 * len(known) < room:
+        figure.text(0.988, 1 - 0.22 / height, known, fontsize=8.5, va="center", ha="right", color="#444444")
+        known = ""
+    text = " · ".join(filter(None, (scenario.description, known)))
+    line = textwrap.shorten(text, int(inches * POINTS_PER_INCH / (8.5 * NAME_ASPECT) * 1.15), placeholder=" …")
+    figure.text(0.012, 1 - 0.45 / height, line, fontsize=8.5, va="center", color="#444444")
     for i, (ego, colour) in enumerate(zip(scenario.egos, cycle(CAV_COLOURS))):
         x = 0.012 + 0.976 * i / max(len(scenario.egos), 6)
         length = build_polyline(ego.xy).length

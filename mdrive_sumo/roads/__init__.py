@@ -1,6 +1,6 @@
 """Road networks: lanes, routing, stop lines, buildings. The only room that imports sumolib."""
 
-from mdrive_sumo.roads.network_file import NetworkFile, StopSignBox
+from mdrive_sumo.roads.network_file import DrivableArea, NetworkFile, StopSignBox
 from mdrive_sumo.roads.road_map import Lane, RoadMap, find_network_folder, list_packaged_networks, load_road_map
 from mdrive_sumo.roads.routing import Route, build_lane_route, find_lane_path, join_route_pieces
 
@@ -11,6 +11,7 @@ __all__ = [
     "find_network_folder",
     "list_packaged_networks",
     "NetworkFile",
+    "DrivableArea",
     "StopSignBox",
     "Route",
     "join_route_pieces",

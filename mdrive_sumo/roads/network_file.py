@@ -2,10 +2,11 @@
 
 import hashlib
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+import shapely
+from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, ValidationError, model_serializer
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
@@ -13,6 +14,10 @@ from mdrive_sumo.core.geometry import Float
 NET_FILE = "map.net.xml.gz"
 NETWORK_FILE = "network.json"
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
+WideCoordinate = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False)]
+"""Of a log's own frame, which may be that of a map projection."""
+Ring = Annotated[tuple[tuple[WideCoordinate, WideCoordinate], ...], Field(min_length=3)]
+"""Corners [m] of a closed line; the last differs from the first."""
 
 
 class _Part(BaseModel):
@@ -29,6 +34,18 @@ class Building(_Part):
     def outline(self) -> Float:
         """Corners (N, 2) [m]."""
         return np.array(self.polygon)
+
+
+class DrivableArea(_Part):
+    """Asphalt beyond the lanes [m]: parking lanes, car parks, driveways. Only pictures show it; no sensor reads it."""
+
+    outline: Ring
+    holes: tuple[Ring, ...] = ()
+
+    @property
+    def polygon(self) -> shapely.Polygon:
+        """The area as a polygon with holes."""
+        return shapely.Polygon(self.outline, self.holes)
 
 
 class StopSignBox(_Part):
@@ -57,6 +74,14 @@ class NetworkFile(_Part):
     buildings: tuple[Building, ...] = ()
     stop_signs: tuple[StopSignBox, ...] | None = None
     """None: unknown (the report says 'signs unknown'); (): there are none."""
+    drivable_areas: tuple[DrivableArea, ...] = ()
+    """Of converted logs, from the HD map and from where the log's vehicles drive and park; for pictures."""
+
+    @model_serializer(mode="wrap")
+    def _omit_missing_areas(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out `drivable_areas` if there are none: checksums of networks without them stay as they were."""
+        plain: dict[str, Any] = serialize(self)
+        return plain if self.drivable_areas else {key: value for key, value in plain.items() if key != "drivable_areas"}
 
 
 def read_network_file(folder: Path) -> NetworkFile:

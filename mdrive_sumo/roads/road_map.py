@@ -20,6 +20,7 @@ from mdrive_sumo.core.geometry import Bool, Float, Int, Polyline, build_polyline
 from mdrive_sumo.roads.network_file import (
     NET_FILE,
     Building,
+    DrivableArea,
     NetworkFile,
     StopSignBox,
     compute_net_checksum,
@@ -27,6 +28,8 @@ from mdrive_sumo.roads.network_file import (
 )
 
 NEARBY_M = 4.0
+CROSSWALK_EDGE = re.compile(r"ecrosswalk_\d+")
+"""Ids of the unconnected footways by which `convert` draws the crosswalks of a log's map."""
 MAX_NET_BYTES = 256 * 2**20
 """Of an uncompressed net; a map of CARLA's Town04 has 0.7 MB."""
 _NET_ERRORS = (
@@ -86,6 +89,10 @@ class RoadMap:
     buildings: tuple[Building, ...]
     stop_signs: tuple[StopSignBox, ...] | None
     checksum: str
+    crosswalk_pavements: tuple[int, ...] = ()
+    """Indices into `pavements` of the crosswalks of a converted log, for pictures."""
+    drivable_areas: tuple[DrivableArea, ...] = ()
+    """Asphalt beyond the lanes, for pictures."""
 
     @property
     def net_file(self) -> Path:
@@ -210,6 +217,7 @@ def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: boo
     cars = {lane.getID(): lane for lane in raw if lane.allows("passenger") and _build_centre_line(lane) is not None}
     foot = [lane for lane in raw if lane.allows("pedestrian") and not lane.allows("passenger")]
     zebras = [lane for lane in foot if lane.getEdge().getFunction() == "crossing"]
+    walks = [lane for lane in foot if lane not in zebras]
     return RoadMap(
         name=about.name,
         folder=folder,
@@ -219,11 +227,15 @@ def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: boo
             for node in net.getNodes()
             if len(node.getShape()) >= 3 and node.getType() != "dead_end"
         ),
-        pavements=tuple(_build_outline(lane) for lane in foot if lane not in zebras),
+        pavements=tuple(_build_outline(lane) for lane in walks),
         crossings=tuple((_points(lane.getShape()), lane.getWidth()) for lane in zebras),
         buildings=about.buildings,
         stop_signs=about.stop_signs,
         checksum=about.checksum,
+        crosswalk_pavements=tuple(
+            i for i, lane in enumerate(walks) if CROSSWALK_EDGE.fullmatch(lane.getEdge().getID())
+        ),
+        drivable_areas=about.drivable_areas,
     )
 
 

@@ -5,8 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from shapely.geometry.polygon import orient
 
 from mdrive_sumo.core.geometry import Float, Polyline
+from mdrive_sumo.report.label_placement import LabelBox, LabelRequest, place_labels
+from mdrive_sumo.report.map_geometry import build_map_geometry
 from mdrive_sumo.roads import RoadMap
 from real2sim.fidelity_report.html import Markup, MarkupValue, join_markup, tag
 from real2sim.fidelity_report.report_entry import ReportEntry
@@ -26,9 +29,10 @@ MARGIN_M = 12.0
 AROUND_M = 60.0
 """[m] Roads are drawn this far beyond the overview, for the small maps at its edge."""
 LEAST_M, LEAST_THING_M = 50.0, 24.0
-WIDTH_STEP_M = 0.25
 ARROWS_M, ARROW_M = 10.0, 0.45
 """[m] Distance between the arrows on a lane, and half their width."""
+NAME_ASPECT = 0.66
+"""Mean width of a letter relative to its height."""
 THUMBNAIL_LANE_M, THUMBNAIL_STEP_M = 3.5, 0.4
 
 
@@ -54,30 +58,31 @@ def draw_definitions(map_frame: MapFrame, roads: RoadMap, entries: Sequence[Repo
 
 
 def _draw_roads(map_frame: MapFrame, roads: RoadMap) -> Markup:
+    """Return the roads with the geometry of all pictures of the network, and an arrow along every lane."""
     svg, view = map_frame.svg_frame, map_frame.view
-    widths: dict[int, list[str]] = {}
-    middles: list[str] = []
-    arrows: list[str] = []
-    for lane in roads.driving:
-        if view.is_near(lane.centre.xy, AROUND_M):
-            line = svg.line_path(lane.centre.xy)
-            widths.setdefault(round(lane.width / WIDTH_STEP_M), []).append(line)
-            if not lane.junction:
-                middles.append(line)
-                arrows.append(_arrow_path(svg, lane.centre))
-    areas = "".join(svg.area_path(outline) for outline in roads.junctions if view.is_near(outline, AROUND_M))
-    walks = "".join(svg.area_path(outline) for outline in roads.pavements if view.is_near(outline, AROUND_M))
-    crossings = [(line, width) for line, width in roads.crossings if view.is_near(line, AROUND_M)]
+    area = shapely.box(view.left, view.low, view.right, view.high).buffer(AROUND_M, join_style="mitre")
+    geometry = build_map_geometry(roads, area)
+    lanes = (lane for lane in roads.driving if not lane.junction and view.is_near(lane.centre.xy, AROUND_M))
+    surfaces = (
+        ("walkway", geometry.pavements),
+        ("apron", geometry.aprons),
+        ("asphalt-area", geometry.asphalt),
+        ("stripes", geometry.stripes),
+    )
+    markings = (("solid", geometry.markings.solid), ("dashed", geometry.markings.dashed))
     return tag(
         "g",
-        tag("path", d=walks, class_="walkway") if walks else None,
-        *(tag("path", d=svg.line_path(line), class_="crossing", stroke_width=f"{w * CM:.0f}") for line, w in crossings),
-        tag("path", d=areas, class_="asphalt-area") if areas else None,
-        *(_draw_asphalt("".join(lines), steps * WIDTH_STEP_M) for steps, lines in sorted(widths.items())),
-        render_path("".join(middles), class_="middle"),
-        render_path("".join(arrows), class_="arrows"),
+        *(tag("path", d=_areas_path(svg, shapes), class_=look) for look, shapes in surfaces if shapes),
+        *(render_path("".join(map(svg.line_path, lines)), class_=look) for look, lines in markings if lines),
+        render_path("".join(_arrow_path(svg, lane.centre) for lane in lanes), class_="arrows"),
         id="roads",
     )
+
+
+def _areas_path(svg: SvgFrame, shapes: Iterable[shapely.Polygon]) -> str:
+    """Return the path of areas; outlines turn one way, holes the other way."""
+    rings = (ring for shape in map(orient, shapes) for ring in (shape.exterior, *shape.interiors))
+    return "".join(svg.area_path(shapely.get_coordinates(ring)[:-1]) for ring in rings)
 
 
 def _arrow_path(svg: SvgFrame, line: Polyline) -> str:
@@ -138,14 +143,7 @@ def draw_overview(map_frame: MapFrame, entries: Sequence[ReportEntry]) -> Markup
         _render_layer("raw", (render_use(f"raw-{entry.number}", "raw") for entry in moving if entry.raw)),
         _render_layer("way", (_draw_reference(entry, boxes=False) for entry in moving)),
         _render_layer("boxes", (_draw_reference(entry, boxes=True) for entry in moving)),
-        _render_layer(
-            "names",
-            (
-                _draw_number(map_frame.svg_frame, entry, size)
-                for entry in moving
-                if entry.is_cav or entry.verdict_class == "fail"
-            ),
-        ),
+        _render_layer("names", _draw_numbers(map_frame, moving, size)),
         render_scale_bar(map_frame.svg_frame, map_frame.view),
         class_="map",
     )
@@ -170,15 +168,37 @@ def _draw_reference(entry: ReportEntry, boxes: bool) -> Markup | None:
     return tag("a", words, shape, href=f"#actor-{entry.number}", tabindex="-1")
 
 
-def _draw_number(svg: SvgFrame, entry: ReportEntry, size: float) -> Markup | None:
-    known = entry.best_track
-    if known is None or not known.valid.any():
-        return None
-    last = int(known.valid_frames[-1])
-    x, y = svg.to_cm(np.array([[known.x[last], known.y[last]]]))[0]
-    name = f"CAV {entry.number}" if entry.is_cav else f"{entry.number}"
-    look = "cav" if entry.is_cav else "fail"
-    return tag("text", name, x=f"{x + size:.0f}", y=f"{y - size:.0f}", font_size=f"{size:.0f}", class_=f"name {look}")
+def _draw_numbers(map_frame: MapFrame, entries: Sequence[ReportEntry], size: float) -> Iterable[Markup]:
+    """Yield the numbers of CAVs and failing actors beside their boxes, `size` [cm] high, none over another one."""
+    named = [
+        entry
+        for entry in reversed(entries)  # CAVs first
+        if (entry.is_cav or entry.verdict_class == "fail") and entry.best_track and entry.best_track.valid.any()
+    ]
+    names = [f"CAV {entry.number}" if entry.is_cav else f"{entry.number}" for entry in named]
+    spots = [_find_last_spot(map_frame.svg_frame, entry) for entry in named]
+    requests = [
+        LabelRequest(x, -y, NAME_ASPECT * size * len(name), size, 0.7 * size)
+        for name, (x, y) in zip(names, spots, strict=True)
+    ]
+    for entry, name, box in zip(named, names, place_labels(requests, _list_boxes(spots)), strict=True):
+        look = f"name {'cav' if entry.is_cav else 'fail'}"
+        place = {"x": f"{box.x:.0f}", "y": f"{0.35 * size - box.y:.0f}"}
+        yield tag("text", name, **place, font_size=f"{size:.0f}", class_=look, text_anchor="middle")
+
+
+def _find_last_spot(svg: SvgFrame, entry: ReportEntry) -> tuple[float, float]:
+    """Return where an object is last seen [cm]."""
+    track = entry.best_track
+    assert track is not None
+    last = int(track.valid_frames[-1])
+    x, y = svg.to_cm(np.array([[track.x[last], track.y[last]]]))[0].tolist()
+    return float(x), float(y)
+
+
+def _list_boxes(spots: Iterable[tuple[float, float]]) -> list[LabelBox]:
+    """Return the middles of the objects, which labels keep free; y is up, as for labels."""
+    return [LabelBox(x, -y, CM, CM) for x, y in spots]
 
 
 def draw_actor_map(map_frame: MapFrame, entry: ReportEntry) -> Markup | None:

@@ -13,6 +13,7 @@ from mdrive_sumo.core.geometry import Float, build_polyline
 from mdrive_sumo.roads import NetworkFile, RoadMap, load_road_map
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum
 from real2sim.hd_map import HdMap, LaneKind, MapLane
+from real2sim.network.drivable_areas import collect_drivable_areas
 from real2sim.network.lane_adjacency import find_adjacencies
 from real2sim.network.lane_directions import LaneDirections, reverse_lane, vote_directions
 from real2sim.network.lane_links import RebuiltLinks, rebuild_links
@@ -220,6 +221,7 @@ def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Pat
         build=("netconvert", *build_plain_arguments(left_hand), "--output-file", "map.net.xml"),
         checksum=compute_net_checksum(xml),
         stop_signs=build_stop_boxes(stops, lane_ids) if map.stop_lines else None,
+        drivable_areas=collect_drivable_areas(map),
     )
     (folder / NETWORK_FILE).write_text(about.model_dump_json(indent=1) + "\n")
     load_road_map.cache_clear()  # the folder may have held another network

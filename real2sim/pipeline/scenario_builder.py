@@ -16,6 +16,7 @@ from real2sim.fit import FittedTraffic, fit_traffic
 from real2sim.logged_drive import ConfirmedInfraction, score_logged_drive
 from real2sim.match import match_track
 from real2sim.network import NetworkReport, build_network
+from real2sim.network.drivable_areas import add_observed_areas
 from real2sim.pipeline.cav_selection import (
     build_roadside_units,
     check_on_map,
@@ -74,7 +75,8 @@ def build_scenario(
         raise InputError(f"expected tracks of at least half a second, found none in {recording.frame_count} frames")
     seen = vehicle_trajectories(cleaned.tracks)
     if network is None:
-        network = build_network(recording.map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
+        hd_map = add_observed_areas(recording.map, cleaned.tracks)
+        network = build_network(hd_map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
     roads = load_road_map(network.folder)
     tracks = reconstruct_tracks(cleaned.tracks, dt_s)
     matches = {id_: match_track(motion, roads) for id_, motion in vehicle_trajectories(tracks).items()}

@@ -13,6 +13,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.scenario import describe_first_error
 from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.readers.checked_arrays import parse_points
+from real2sim.readers.drivable_areas import build_separate_areas
 from real2sim.readers.lane_geometry import compute_centreline
 
 LANE_KIND_BY_TYPE: Mapping[str, LaneKind] = {
@@ -58,11 +59,18 @@ class Av2Crossing(BaseModel, frozen=True):
     edge2: Av2Line = Field(min_length=2)
 
 
+class Av2DrivableArea(BaseModel, frozen=True):
+    """The outline of a drivable area."""
+
+    area_boundary: Av2Line = Field(min_length=3)
+
+
 class Av2MapArchive(BaseModel, frozen=True):
     """The fields of a `log_map_archive_*.json` that are used."""
 
     lane_segments: dict[str, Av2LaneSegment] = Field(min_length=1)
     pedestrian_crossings: dict[str, Av2Crossing] = {}
+    drivable_areas: dict[str, Av2DrivableArea] = {}
 
 
 def read_argoverse2_map(folder: Path) -> tuple[HdMap, tuple[str, ...]]:
@@ -75,7 +83,12 @@ def read_argoverse2_map(folder: Path) -> tuple[HdMap, tuple[str, ...]]:
     if not lanes:
         raise InputError(f"{path}: lane_segments: expected at least one that is a lane, found none in {lost}")
     crossings = tuple(_build_crosswalk(path, id_, one) for id_, one in archive.pedestrian_crossings.items())
-    hd_map = HdMap(lanes=_drop_oncoming_neighbours(lanes), crosswalks=crossings)
+    outlines = (
+        _to_xy(f"{path}: drivable_areas.{id_}", one.area_boundary) for id_, one in archive.drivable_areas.items()
+    )
+    hd_map = HdMap(
+        lanes=_drop_oncoming_neighbours(lanes), crosswalks=crossings, drivable_areas=build_separate_areas(outlines)
+    )
     return hd_map, (f"{lost} lane segments of an unknown type or without length skipped",) if lost else ()
 
 

@@ -16,8 +16,9 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
+from real2sim.hd_map import HdMap, LaneKind, MapArea, MapLane, StopLine
 from real2sim.readers.crosswalks import build_outline, find_marked_crosswalks, measure_end_gap
+from real2sim.readers.drivable_areas import split_areas
 from real2sim.readers.lane_geometry import compute_centreline
 from real2sim.readers.osm_file import OsmFile, OsmRelation, OsmWay, read_osm
 
@@ -36,6 +37,8 @@ LANE_KIND_BY_SUBTYPE: Mapping[str, LaneKind] = {
     "parking": LaneKind.PARKING,
 }
 """Subtypes of lanelets. Crosswalks become polygons; other subtypes are skipped."""
+DRIVABLE_SUBTYPES = ("freespace", "parking", "keepout")
+"""Subtypes of multipolygons with asphalt: open areas, car parks, hatched areas."""
 SIGN_BY_SUBTYPE: Mapping[str, str] = {"usR1-1": "stop", "de206": "stop", "usR1-2": "yield", "de205": "yield"}
 SIGN_BY_RULE: Mapping[str, str] = {"all_way_stop": "stop", "traffic_light": "signal", "right_of_way": "yield"}
 """Meaning of a stop line by the subtype of its regulatory element, unless a sign is more specific."""
@@ -100,7 +103,16 @@ def read_lanelet2(path: Path) -> tuple[HdMap, tuple[str, ...]]:
         one.subtype for one in lanelets if one.subtype not in LANE_KIND_BY_SUBTYPE and one.subtype != "crosswalk"
     )
     notes += tuple(f"{count} lanelets of the subtype {name!r} skipped" for name, count in sorted(unknown.items()))
-    return HdMap(lanes, crosswalks, stop_lines, _build_signals(osm, lanes)), notes
+    areas = tuple(area for one in osm.list_relations("multipolygon") for area in _build_areas(osm, one))
+    return HdMap(lanes, crosswalks, stop_lines, _build_signals(osm, lanes), drivable_areas=areas), notes
+
+
+def _build_areas(osm: OsmFile, relation: OsmRelation) -> tuple[MapArea, ...]:
+    """Return the areas for vehicles that a multipolygon encloses, without those for other uses."""
+    if relation.tags.get("subtype") not in DRIVABLE_SUBTYPES:
+        return ()
+    ways = [osm.build_line(way) for way in osm.list_ways(relation, "outer", "inner")]
+    return split_areas(shapely.build_area(shapely.union_all(list(map(shapely.LineString, ways)))))
 
 
 def _build_lanelet(osm: OsmFile, relation: OsmRelation) -> _Lanelet:

@@ -9,8 +9,9 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline
-from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
+from real2sim.hd_map import HdMap, LaneKind, MapArea, MapLane, StopLine
 from real2sim.readers.checked_arrays import describe_value, parse_points
+from real2sim.readers.drivable_areas import build_nested_areas, build_separate_areas, is_ring
 from real2sim.readers.lane_geometry import build_cross_line
 from real2sim.readers.scenarionet_boundaries import read_finite, read_lane_boundaries, read_lane_width, read_list
 
@@ -38,8 +39,29 @@ def build_scenarionet_map(path: Path, description: Mapping[str, Any], dataset: s
         for id_, feature in features.items()
         if feature["type"] == "CROSSWALK"
     )
-    hd_map = HdMap(lanes=lanes, crosswalks=crosswalks, stop_lines=stops + lines, signals=signals)
+    hd_map = HdMap(
+        lanes=lanes,
+        crosswalks=crosswalks,
+        stop_lines=stops + lines,
+        signals=signals,
+        drivable_areas=_build_drivable_areas(path, features),
+    )
     return hd_map, (*lane_notes, *stop_notes, *light_notes)
+
+
+def _build_drivable_areas(path: Path, features: MapFeatures) -> tuple[MapArea, ...]:
+    """Return Waymo's driveways, and what lies within the closed boundaries that nuScenes and nuPlan have."""
+    driveways = [
+        parse_points(f"{path}: map_features.{id_}", feature.get("polygon"))
+        for id_, feature in features.items()
+        if feature["type"] == "DRIVEWAY"
+    ]
+    boundaries = [
+        parse_points(f"{path}: map_features.{id_}", feature.get("polyline"))
+        for id_, feature in features.items()
+        if id_.startswith("boundary")
+    ]
+    return build_separate_areas(driveways) + build_nested_areas(filter(is_ring, boundaries))
 
 
 def _read_features(path: Path, description: Mapping[str, Any]) -> MapFeatures:

@@ -279,6 +279,9 @@ async function start() {
     get layers() {
       return [...viewer.on];
     },
+    get labels() {
+      return { mode: viewer.labels, rects: viewer.scene.labels.rects };
+    },
     replay: viewer.replay,
     talk: viewer.lists.talk,
     ticks: viewer.replay.ticks,

@@ -13,7 +13,7 @@ function colourOf(ego) {
 /** Colours of the theme: the same custom properties as the style sheet. */
 function readTheme() {
   const style = getComputedStyle(document.documentElement);
-  const names = ["ground", "road", "line", "footway", "building", "building-edge", "vehicle", "vehicle-edge", "cyclist",
+  const names = ["ground", "road", "apron", "line", "footway", "building", "building-edge", "vehicle", "vehicle-edge", "cyclist",
     "pedestrian", "static", "ink", "muted", "halo", "good", "warn", "bad", "grid", "card", "cam", "cpm", "mcm",
     "text"];
   return Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
@@ -58,16 +58,6 @@ class View {
   }
 }
 
-/** Points [[x, y], ...] moved to the left by d [m]. */
-function offset(points, d) {
-  return points.map(([x, y], i) => {
-    const [ax, ay] = points[Math.max(i - 1, 0)];
-    const [bx, by] = points[Math.min(i + 1, points.length - 1)];
-    const length = Math.hypot(bx - ax, by - ay) || 1;
-    return [x - (d * (by - ay)) / length, y + (d * (bx - ax)) / length];
-  });
-}
-
 function pairs(flatCm) {
   return Array.from({ length: flatCm.length / 2 }, (_, i) => [flatCm[2 * i] / 100, flatCm[2 * i + 1] / 100]);
 }
@@ -81,24 +71,13 @@ class RoadLayer {
   constructor(replay) {
     this.canvas = document.createElement("canvas");
     this.changedAt = -Infinity;
-    this.surfaces = new Map(); // width [m] -> path
-    this.edges = new Path2D();
-    this.dividers = new Path2D();
-    for (const [flat, width, junction, left, right] of replay.map.lanes) this.addLane(pairs(flat), width, junction, left, right);
-    this.junctions = polygons(replay.map.junctions);
-    this.buildings = polygons(replay.map.buildings);
-    this.pavements = polygons(replay.map.pavements);
-    this.crossings = replay.map.crossings.map(([flat, width]) => [lines([flat]), width]);
+    const { pavements, aprons, asphalt, stripes, buildings, solid, dashed, stops } = replay.map;
+    this.areas = Object.entries({ footway: pavements, apron: aprons, road: asphalt, line: stripes }).map(([name, shapes]) => [name, polygons(shapes)]);
+    this.buildings = polygons(buildings);
+    this.solid = lines(solid);
+    this.dashed = lines(dashed);
+    this.stops = stops;
     this.routes = replay.routes.map((flat) => ({ path: lines([flat]), ends: [pairs(flat)[0], pairs(flat).at(-1)] }));
-    this.stops = replay.map.stops;
-  }
-
-  addLane(points, width, junction, left, right) {
-    if (!this.surfaces.has(width)) this.surfaces.set(width, new Path2D());
-    addLine(this.surfaces.get(width), points);
-    if (junction) return;
-    addLine(left ? this.dividers : this.edges, offset(points, width / 2));
-    if (!right) addLine(this.edges, offset(points, -width / 2));
   }
 
   invalidate() {
@@ -147,20 +126,16 @@ class RoadLayer {
   }
 
   drawRoads(ctx, theme, pixel) {
-    ctx.fillStyle = theme.footway;
-    ctx.fill(this.pavements);
-    ctx.fillStyle = ctx.strokeStyle = theme.road;
-    ctx.fill(this.junctions);
-    for (const [width, path] of this.surfaces) stroke(ctx, path, width + pixel); // a pixel more: no seam between lanes
-    ctx.strokeStyle = theme.line;
-    ctx.setLineDash([0.5, 0.5]); // zebra stripes
-    for (const [path, width] of this.crossings) stroke(ctx, path, width);
-    ctx.setLineDash([]);
+    for (const [name, path] of this.areas) {
+      ctx.fillStyle = theme[name];
+      ctx.fill(path);
+    }
     if (this.scale < 1.2) return; // from afar lines would only grey the road
+    ctx.strokeStyle = theme.line;
     const thin = Math.max(0.13, 0.9 * pixel);
-    stroke(ctx, this.edges, thin);
+    stroke(ctx, this.solid, thin);
     ctx.setLineDash([3, 4.5]);
-    stroke(ctx, this.dividers, thin);
+    stroke(ctx, this.dashed, thin);
     ctx.setLineDash([]);
   }
 
@@ -183,27 +158,27 @@ function lines(flats) {
   return path;
 }
 
-function polygons(flats) {
+/** Of shapes with their rings: outline and holes. */
+function polygons(shapes) {
   const path = new Path2D();
-  for (const flat of flats) {
+  for (const flat of shapes.flat()) {
     addLine(path, pairs(flat));
     path.closePath();
   }
   return path;
 }
 
-/** A stop line across the lane and the octagon beside it. */
-function drawStop(ctx, theme, [xCm, yCm, yaw, width], pixel) {
-  ctx.save();
-  ctx.translate(xCm / 100, yCm / 100);
-  ctx.rotate(yaw);
-  ctx.fillStyle = theme.line;
-  ctx.fillRect(-0.4, -width / 2, 0.4, width);
+/** A stop line across the lane, and the octagon beside the outermost lane. */
+function drawStop(ctx, theme, [line, sign], pixel) {
+  ctx.strokeStyle = theme.line;
+  stroke(ctx, lines([line]), 0.4);
+  if (!sign) return;
+  const [[x, y]] = pairs(sign);
   const radius = Math.max(0.8, 4 * devicePixelRatio * pixel);
   ctx.beginPath();
   for (let i = 0; i < 8; i++) {
     const angle = ((i + 0.5) * Math.PI) / 4;
-    ctx.lineTo(radius * Math.cos(angle), -width / 2 - 1.6 * radius + radius * Math.sin(angle));
+    ctx.lineTo(x + radius * Math.cos(angle), y + radius * Math.sin(angle));
   }
   ctx.closePath();
   ctx.fillStyle = theme.bad;
@@ -211,7 +186,6 @@ function drawStop(ctx, theme, [xCm, yCm, yaw, width], pixel) {
   ctx.strokeStyle = "#fff";
   ctx.lineWidth = 0.18 * radius;
   ctx.stroke();
-  ctx.restore();
 }
 
 /** A thin line, a ring at the start, a ringed disc at the goal. */

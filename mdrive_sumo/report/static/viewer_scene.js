@@ -2,7 +2,6 @@
 
 const FLASH_TICKS = 20; // how long a contact glows after it ended
 const MARK_TICKS = 60; // how long an event stays on the map
-const NEAR_SCALE = 5; // px/m (of the style sheet) from which all labels are shown in "near"
 const FADED = 0.22; // opacity of what the selected CAV does not see, in the layer "sight"
 const LIGHTS = { r: "bad", u: "bad", y: "warn", g: "good", G: "good", s: "warn" };
 
@@ -10,10 +9,8 @@ class Scene {
   constructor(replay) {
     this.replay = replay;
     this.pose = { x: 0, y: 0, yaw: 0, speed: 0 };
-    this.heads = replay.map.lanes.filter((lane) => lane[5].length).map(([flat, width, , , , lights]) => {
-      const [[ax, ay], [x, y]] = pairs(flat).slice(-2);
-      return { x, y, yaw: Math.atan2(y - ay, x - ax), width, lights };
-    });
+    this.labels = new Labels(replay);
+    this.heads = replay.map.heads.map(([at, yaw, width, lights]) => ({ x: at[0] / 100, y: at[1] / 100, yaw, width, lights }));
   }
 
   draw(ctx, view, theme, { time, selected, labels, layers, lists, on }) {
@@ -30,16 +27,17 @@ class Scene {
       if (px < -200 || py < -200 || px > ctx.canvas.width + 200 || py > ctx.canvas.height + 200) continue;
       this.hidden = on.has("sight") && i !== selected && replay.present(selected, tick) && !layers.sees(selected, i, tick);
       this.drawRoadUser(i, px, py, i === selected);
-      shown.push([i, px, py - this.halfHeight(i)]);
+      shown.push({ i, px, py, ...this.halfSize(i) });
     }
     ctx.setTransform(1, 0, 0, 1, 0, 0);
     const told = (ego) => on.has("intentions") && layers.trajectories(ego, tick); // drawn below: the plan would be twice there
     for (let ego = 0; ego < replay.egos; ego++) if (replay.present(ego, tick) && !told(ego)) this.drawPlan(ego, tick);
     layers.drawOver({ on, time, selected });
     for (const contact of replay.contactsWithin(time, FLASH_TICKS)) this.drawFlash(contact, time);
+    this.labels.begin(ctx, theme);
     for (const mark of replay.marks) if (tick >= mark.tick && tick - mark.tick < MARK_TICKS) this.drawMark(mark, time);
-    this.words = replay.ids.slice(0, replay.egos).map((_, ego) => (on.has("intentions") ? layers.wordOf(ego, tick) : ""));
-    const tops = this.drawLabels(shown, labels);
+    const words = replay.ids.slice(0, replay.egos).map((_, ego) => (on.has("intentions") ? layers.wordOf(ego, tick) : ""));
+    const tops = this.labels.draw(shown, { labels, words, scale: view.scale });
     layers.drawAbove({ on, time, selected, tops, types: lists.types });
   }
 
@@ -109,10 +107,11 @@ class Scene {
   }
 
   /** Of the box on the screen [px], turned as it is. */
-  halfHeight(i) {
-    const [length, width] = this.replay.sizes[i];
-    const { yaw } = this.pose;
-    return (this.view.scale * (length * Math.abs(Math.sin(yaw)) + Math.max(width, 1.2) * Math.abs(Math.cos(yaw)))) / 2;
+  halfSize(i) {
+    const [length, width] = [this.replay.sizes[i][0], Math.max(this.replay.sizes[i][1], 1.2)];
+    const [cos, sin] = [Math.abs(Math.cos(this.pose.yaw)), Math.abs(Math.sin(this.pose.yaw))];
+    const half = this.view.scale / 2;
+    return { halfWidth: half * (length * cos + width * sin), halfHeight: half * (length * sin + width * cos) };
   }
 
   box(length, width, radius, colour, alpha) {
@@ -187,54 +186,7 @@ class Scene {
     const colour = theme[gradeOf(mark.kind)];
     disc(ctx, px, py, 6 * dpr, theme.halo);
     disc(ctx, px, py, 4 * dpr, colour);
-    this.pill(mark.kind, px, py + 18 * dpr, colour, "#fff");
+    this.labels.pin(mark.kind, px, py + 18 * dpr, colour);
     ctx.globalAlpha = 1;
   }
-
-  /** CAVs get their place first; others, unless all are wanted, only where there is room. Upper edges of the CAVs' [px]. */
-  drawLabels(shown, labels) {
-    const { ctx, view, theme, dpr, replay } = this;
-    const near = view.scale >= NEAR_SCALE * dpr;
-    const taken = [];
-    const apart = (this.words.some(Boolean) ? 128 : 84) * dpr;
-    const free = (px, py) => taken.every(([x, y]) => Math.abs(x - px) > apart || Math.abs(y - py) > 17 * dpr);
-    for (const [i, px, top] of shown.toReversed()) {
-      const isEgo = i < replay.egos;
-      if (labels === "none" && !this.words[i]) continue; // an intention is shown even without labels
-      let above = top - 12 * dpr;
-      while (isEgo && !free(px, above)) above -= 6 * dpr;
-      if (isEgo || labels === "all" || (near && free(px, above))) taken.push([px, above, i]);
-    }
-    ctx.textAlign = "center";
-    ctx.textBaseline = "middle";
-    for (const [px, above, i] of taken.reverse()) {
-      const isEgo = i < replay.egos;
-      const text = `${shortened(replay.ids[i])} · ${isEgo ? this.words[i] || "CAV" : replay.kinds[i]}`;
-      if (isEgo) this.pill(text, px, above, colourOf(i), "#fff");
-      else {
-        ctx.font = `${10.5 * dpr}px system-ui, sans-serif`;
-        ctx.fillStyle = theme.muted;
-        ctx.fillText(text, px, above + 2 * dpr);
-      }
-    }
-    return new Map(taken.filter(([, , i]) => i < replay.egos).map(([, above, i]) => [i, above - 8.5 * dpr]));
-  }
-
-  pill(text, px, py, colour, ink) {
-    const { ctx, dpr } = this;
-    ctx.font = `600 ${11 * dpr}px system-ui, sans-serif`;
-    ctx.textAlign = "center";
-    ctx.textBaseline = "middle";
-    const width = ctx.measureText(text).width + 12 * dpr;
-    ctx.beginPath();
-    ctx.roundRect(px - width / 2, py - 8.5 * dpr, width, 17 * dpr, 8.5 * dpr);
-    ctx.fillStyle = colour;
-    ctx.fill();
-    ctx.fillStyle = ink;
-    ctx.fillText(text, px, py + 0.5 * dpr);
-  }
-}
-
-function shortened(text) {
-  return text.length <= 32 ? text : `${text.slice(0, 31)}…`;
 }

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from testing.viewer_crossing import crossing, record, scenario, some_marks
 from testing.viewer_talking import RSU, talking, with_rsu
 
@@ -155,6 +156,22 @@ def wait_until(truth: Callable[[], bool], otherwise: str) -> None:
     end = time.monotonic() + 60.0
     while not truth():
         assert time.monotonic() < end, otherwise
+
+
+@needs_browser
+def test_no_label_covers_another_one(page: Any) -> None:
+    page.evaluate("viewer.seek(60)")
+    counts: dict[str, int] = {}
+    for _ in range(3):
+        page.wait_for_timeout(120)
+        mode, rects = page.evaluate("[viewer.labels.mode, viewer.labels.rects]")
+        counts[mode] = len(rects)
+        boxes = np.array([shapely.box(*rect) for rect in rects], dtype=object)
+        one, other = shapely.STRtree(boxes).query(boxes, predicate="intersects")
+        assert not (shapely.area(shapely.intersection(boxes[one], boxes[other]))[one != other] > 0.5).any(), mode
+        page.keyboard.press("l")
+    assert 4 <= counts["none"] <= counts["near"] <= counts["all"]  # events and intentions keep their names
+    assert counts["all"] > 12
 
 
 @needs_browser

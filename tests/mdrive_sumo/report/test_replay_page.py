@@ -13,10 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
 from testing.chromium import CHROMIUM
 from testing.viewer_crossing import crossing, ego_state, record, scenario, some_marks
 
 from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.report.map_geometry import build_map_geometry
 from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.scenario.scenario import Scenario
 
@@ -63,15 +65,28 @@ def test_the_page_carries_the_episode() -> None:
 
 
 def test_only_roads_near_something_are_carried() -> None:
+    """The crossing has another lane 5 km away."""
     header, _ = carried(render_replay(record(), scenario(2), crossing(), ()))
-    assert len(header["map"]["lanes"]) == len(crossing().lanes) - 1  # all but the one 5 km away
-    assert [len(header["map"][kind]) for kind in ("junctions", "pavements", "crossings", "buildings", "stops")] == [
-        1,
-        1,
-        1,
-        1,
-        1,
-    ]
+    carried_map = header["map"]
+    counts = {kind: len(carried_map[kind]) for kind in ("asphalt", "pavements", "buildings", "stops", "heads")}
+    assert counts == {"asphalt": 1, "pavements": 1, "buildings": 1, "stops": 1, "heads": 8}
+    assert len(carried_map["stripes"]) > 10 and len(carried_map["dashed"]) == 8
+    numbers = [number for shape in carried_map["asphalt"] for ring in shape for number in ring]
+    assert max(map(abs, numbers)) < 60_000
+
+
+def test_plots_and_replay_show_one_geometry() -> None:
+    header, _ = carried(render_replay(record(), scenario(2), crossing(), ()))
+    geometry = build_map_geometry(crossing(), shapely.box(-300, -300, 300, 300))
+    shift = header["origin"]
+    for kind, lines in (("solid", geometry.markings.solid), ("dashed", geometry.markings.dashed)):
+        shown = [np.reshape(flat, (-1, 2)) / 100 + shift for flat in header["map"][kind]]
+        assert len(shown) == len(lines)
+        assert all(np.allclose(one, other, atol=0.006) for one, other in zip(shown, lines, strict=True))
+    rings = (np.reshape(shape[0], (-1, 2)) / 100 + shift for shape in header["map"]["asphalt"])
+    assert sum(map(shapely.area, map(shapely.Polygon, rings))) == pytest.approx(
+        shapely.union_all(geometry.asphalt).area, rel=1e-3
+    )
 
 
 def test_far_from_the_origin_numbers_stay_small() -> None:

@@ -1,0 +1,154 @@
+"""Compute the geometry of a network's picture once, for plots, the replay page and the conversion report."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.report.crosswalk_stripes import build_crossing_stripes, clip_stripes, find_walking_line
+from mdrive_sumo.report.lane_markings import LaneMarkings, compute_lane_markings
+from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
+
+SEAM_M = 0.05
+"""[m] Surfaces are drawn larger by this much, so that no seam shows between them."""
+CLOSING_M = 0.6
+"""[m] Gaps between lanes up to twice this width are filled with asphalt."""
+SPIKE_M = 0.3
+"""[m] Tongues of asphalt up to twice this width are left out."""
+MIN_ISLAND_M2 = 12.0
+"""[m²] Smaller holes in the asphalt are filled."""
+TOLERANCE_M = 0.03
+"""[m] Precision of the asphalt's edge."""
+KNOWN_SHARE = 0.7
+"""Where drivable areas cover this share of a junction, they show its kerbs better than netconvert's outline."""
+INSIDE_M = 0.3
+"""[m] Markings may reach this far into a junction."""
+SIGN_OFFSET_M = 2.2
+"""[m] Distance of a stop sign from the lane's edge."""
+
+
+@dataclass(frozen=True)
+class StopMark:
+    """A stop line across a lane (2, 2) [m], from left to right, and the position (2,) of a sign beside it."""
+
+    line: Float
+    sign: Float | None
+    """None: a traffic light, or a lane with another one between it and the kerb."""
+
+
+@dataclass(frozen=True)
+class MapGeometry:
+    """What a picture of a network shows, from bottom to top [m]."""
+
+    pavements: tuple[shapely.Polygon, ...]
+    aprons: tuple[shapely.Polygon, ...]
+    """Drivable areas beside the lanes: parking lanes, car parks, driveways."""
+    asphalt: tuple[shapely.Polygon, ...]
+    stripes: tuple[shapely.Polygon, ...]
+    """Stripes of pedestrian crossings."""
+    markings: LaneMarkings
+    stop_signs: tuple[StopMark, ...]
+    light_stops: tuple[StopMark, ...]
+    """Stop lines of traffic lights."""
+    buildings: tuple[shapely.Polygon, ...]
+
+
+def build_map_geometry(roads: RoadMap, area: BaseGeometry) -> MapGeometry:
+    """Return everything of a network that touches an area."""
+    shapely.prepare(area)
+    lanes = [lane for lane in roads.driving if area.intersects(shapely.LineString(lane.centre.xy))]
+    drivable = shapely.union_all([part for one in roads.drivable_areas if area.intersects(part := one.polygon)])
+    outlines = (make_polygon(outline).buffer(SEAM_M) for outline in roads.junctions)
+    junctions = [outline for outline in outlines if area.intersects(outline)]
+    asphalt = _build_asphalt(lanes, [_fit_junction(outline, drivable) for outline in junctions])
+    bare = shapely.union_all([*junctions, *(_build_strip(lane) for lane in lanes if lane.junction)])
+    aprons = _open(shapely.difference(drivable, asphalt), 2 * SEAM_M).buffer(SEAM_M, quad_segs=2)
+    crosswalks = set(roads.crosswalk_pavements)
+    walks = (make_polygon(outline) for i, outline in enumerate(roads.pavements) if i not in crosswalks)
+    return MapGeometry(
+        pavements=_list_polygons(walk for walk in walks if area.intersects(walk)),
+        aprons=_list_polygons([aprons]),
+        asphalt=_list_polygons([asphalt]),
+        stripes=tuple(clip_stripes(_build_stripes(roads, area, lanes), shapely.union(asphalt, drivable))),
+        markings=compute_lane_markings([lane for lane in lanes if not lane.junction], bare.buffer(-INSIDE_M), asphalt),
+        stop_signs=tuple(_build_stop_signs(roads, lanes)),
+        light_stops=tuple(StopMark(_cross(lane, lane.centre.length), None) for lane in lanes if lane.lights),
+        buildings=tuple(shape for shape in roads.building_shapes if area.intersects(shape)),
+    )
+
+
+def make_polygon(outline: Float) -> BaseGeometry:
+    """Return the valid area within an outline (N, 2), which may cross itself."""
+    return shapely.make_valid(shapely.Polygon(outline))
+
+
+def _list_polygons(shapes: Iterable[BaseGeometry]) -> tuple[shapely.Polygon, ...]:
+    return tuple(
+        part
+        for shape in shapes
+        for part in shapely.get_parts(shape).tolist()
+        if isinstance(part, shapely.Polygon) and not part.is_empty
+    )
+
+
+def _build_strip(lane: Lane) -> BaseGeometry:
+    return shapely.LineString(lane.centre.xy).buffer(lane.width / 2 + SEAM_M, cap_style="flat")
+
+
+def _fit_junction(outline: BaseGeometry, drivable: BaseGeometry) -> BaseGeometry:
+    """Return a junction up to the edge of the drivable area if that is known there."""
+    is_known = shapely.intersection(outline, drivable).area >= KNOWN_SHARE * outline.area
+    return shapely.intersection(outline.convex_hull, drivable) if is_known else outline
+
+
+def _build_asphalt(lanes: Sequence[Lane], junctions: Sequence[BaseGeometry]) -> BaseGeometry:
+    whole = shapely.union_all([*(_build_strip(lane) for lane in lanes), *junctions])
+    closed = whole.buffer(CLOSING_M, quad_segs=4).buffer(-CLOSING_M, quad_segs=4)
+    opened = _open(shapely.union(whole, closed), SPIKE_M)
+    return shapely.union_all([_fill_islands(part) for part in _list_polygons([opened])]).simplify(TOLERANCE_M)
+
+
+def _open(shape: BaseGeometry, half_width: float) -> BaseGeometry:
+    """Return a shape without parts narrower than twice the half width [m]."""
+    return shape.buffer(-half_width, quad_segs=4).buffer(half_width, quad_segs=4)
+
+
+def _fill_islands(part: shapely.Polygon) -> shapely.Polygon:
+    islands = [ring for ring in part.interiors if shapely.Polygon(ring).area >= MIN_ISLAND_M2]
+    return shapely.Polygon(part.exterior, islands)
+
+
+def _build_stripes(roads: RoadMap, area: BaseGeometry, lanes: Sequence[Lane]) -> list[shapely.Polygon]:
+    crossings = [(line, width) for line, width in roads.crossings if area.intersects(shapely.LineString(line))]
+    outlines = [roads.pavements[i] for i in roads.crosswalk_pavements]
+    found = (find_walking_line(outline, lanes) for outline in outlines if area.intersects(make_polygon(outline)))
+    return [
+        stripe
+        for line, width in (*crossings, *(one for one in found if one is not None))
+        for stripe in build_crossing_stripes(line, width)
+    ]
+
+
+def _build_stop_signs(roads: RoadMap, lanes: Sequence[Lane]) -> Iterator[StopMark]:
+    near = {lane.id for lane in lanes}
+    signs = [sign for sign in roads.stop_signs or () if sign.lane in near]
+    signed = {sign.lane for sign in signs}
+    for sign in signs:
+        yield _build_stop_mark(roads.lanes[sign.lane], sign, roads.lanes[sign.lane].right not in signed)
+
+
+def _build_stop_mark(lane: Lane, sign: StopSignBox, is_outer: bool) -> StopMark:
+    line = _cross(lane, sign.line_pos_m)
+    outward = (line[1] - line[0]) / np.hypot(*(line[1] - line[0]))
+    return StopMark(line, line[1] + outward * SIGN_OFFSET_M if is_outer else None)
+
+
+def _cross(lane: Lane, s: float) -> Float:
+    """Return the line (2, 2) [m] across a lane from left to right."""
+    yaw = lane.centre.yaw_at(max(s - 0.1, 0.0))
+    right = np.array((np.sin(yaw), -np.cos(yaw))) * max(lane.width / 2 - 0.2, 0.1)
+    centre = np.array(lane.centre.at(s))
+    return np.array((centre - right, centre + right))
