@@ -10,6 +10,7 @@ import click
 
 from mdrive_sumo.cli.choice import find_one_scenario
 from mdrive_sumo.cli.foreign_agent import foreign_agent_options, read_permission
+from mdrive_sumo.cli.scenario_option import make_scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
@@ -36,7 +37,7 @@ HEADER = (
 
 @click.command("ablate")
 @click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
-@click.option("--scenario", default="*", metavar="GLOB", help="Which episode of the run; it must fit exactly one.")
+@make_scenario_option("Which episode of the run; it must fit exactly one.")
 @click.option("--mute", multiple=True, metavar="SENDER/TYPE[@TICK]", help="Mute only these messages; * is any.")
 @click.option("--each-message", metavar="TYPE", help="Mute every message of that type, each alone.")
 @click.option("--max-runs", type=click.IntRange(min=1), default=100, show_default=True, help="Largest number of runs.")

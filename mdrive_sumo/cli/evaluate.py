@@ -10,6 +10,7 @@ import click
 
 from mdrive_sumo.api.evaluation import evaluate_run
 from mdrive_sumo.cli.comm import episode_options, read_episode_options
+from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.progress import ProgressDisplay
@@ -29,7 +30,7 @@ EXECUTORS = ("local", "dask")
 
 @click.command("eval")
 @click.option("--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
-@click.option("--scenario", default="*", metavar="GLOB", help="Only scenarios whose id or category matches.")
+@scenario_option
 @click.option(
     "--agent",
     default="idm",

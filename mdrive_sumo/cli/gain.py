@@ -8,6 +8,7 @@ import click
 
 from mdrive_sumo.cli.comm import parse_comm_options
 from mdrive_sumo.cli.study_display import drive_with_display
+from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.loop import EpisodeOptions
@@ -23,7 +24,7 @@ from mdrive_sumo.v2x.comm_settings import PRESETS
 
 @click.command("gain")
 @click.option("--suite", default="mdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
-@click.option("--scenario", default="*", metavar="GLOB", help="Only scenarios whose id or category matches.")
+@scenario_option
 @click.option("--comm", default="ideal", show_default=True, metavar="|".join(PRESETS), help="The V2X channel.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=1, show_default=True, help="The first seed.")
 @click.option("--seeds", type=click.IntRange(1, 1000), default=5, show_default=True, help="How many seeds.")

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import click
 
+from mdrive_sumo.cli.comm import parse_comm_options
 from mdrive_sumo.cli.ablate import command as ablate_command
 from mdrive_sumo.cli.gain import command as gain_command
 from mdrive_sumo.cli.study_display import drive_with_display
+from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
@@ -44,7 +46,7 @@ command.add_command(gain_command)
 
 @command.command("comm")
 @click.option("--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
-@click.option("--scenario", default="*", metavar="GLOB", help="Only scenarios whose id or category matches.")
+@scenario_option
 @click.option("--agents", required=True, metavar="A,B,...", help="Agents, each as --agent of `eval`.")
 @click.option("--agent-config", multiple=True, metavar="AGENT=FILE", help="Options of one agent, a JSON object.")
 @click.option("--agent-clock", default="ideal", show_default=True, metavar="ideal|fixed:MS|measured")
@@ -133,9 +135,7 @@ class _StudyOptions:
 
     def base(self) -> CommSettings:
         """Return the base channel. Raises InputError."""
-        if self.comm not in PRESETS:
-            raise InputError(f"--comm: expected one of {', '.join(PRESETS)}, found {self.comm!r:.40}")
-        return PRESETS[self.comm]
+        return parse_comm_options(self.comm)
 
     def varied(self) -> dict[str, tuple[Level, ...]]:
         """Return the levels of every varied factor. Raises InputError."""

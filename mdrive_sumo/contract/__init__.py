@@ -20,6 +20,7 @@ from mdrive_sumo.contract.exchange import (
     Plan,
     Privileged,
     Reply,
+    read_label,
 )
 from mdrive_sumo.contract.reply_check import (
     CONTROL_STEP,
@@ -55,6 +56,7 @@ __all__ = [
     "Plan",
     "Privileged",
     "Reply",
+    "read_label",
     "CONTROL_STEP",
     "MAX_MESSAGES",
     "MAX_NOTES",

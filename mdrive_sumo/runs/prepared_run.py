@@ -4,9 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mdrive_sumo.agent_process.agent_file import describe_missing_class
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_boxing import box_agent, list_hidden_folders
@@ -138,8 +140,14 @@ def _check_agent_name(agent: AgentSpec) -> None:
     name = agent.name
     family = name.partition(":")[0]
     is_family = any(builtin.startswith(f"{family}:") for builtin in AGENTS)  # perception-swap:WHAT is no module
-    if isinstance(agent.agent, str) and not agent.is_builtin and (":" not in name or is_family):
-        raise InputError(f"agent {name!r}: expected {', '.join(AGENTS)}, module:Class or path.py:Class, found neither")
+    if not isinstance(agent.agent, str) or agent.is_builtin:
+        return
+    if name.endswith(".py") and ":" not in name:
+        raise InputError(f"agent {name!r}: expected path.py:Class, {describe_missing_class(Path(name))}")
+    if ":" not in name or is_family:
+        suggestion = suggest_name(name, AGENTS)
+        known = f"{', '.join(AGENTS)}, module:Class or path.py:Class"
+        raise InputError(f"agent {name!r}: expected {known}, found neither{suggestion}")
 
 
 def declare_labels(agent: AgentSpec, *, is_sandboxed: bool) -> tuple[str, tuple[str, ...]]:
