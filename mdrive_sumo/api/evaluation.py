@@ -34,6 +34,7 @@ def evaluate(
     out: str | Path | None = None,
     fresh: bool = False,
     sandbox: bool = False,
+    fail_fast: bool = False,
     progress: bool = True,
     **options: Unpack[EpisodeArguments],
 ) -> Run:
@@ -46,6 +47,7 @@ def evaluate(
     out: the run folder; several seeds get the folders OUT/seed0, OUT/seed1 ...; by default a folder below `runs/` that
     the arguments determine. A folder that holds the same run, finished or interrupted, is continued; `fresh` drops it.
     sandbox: whether an agent of a file runs in boxes that hide the suite; otherwise results are labelled `unsandboxed`.
+    fail_fast: whether to stop at the first failure of an agent and raise AgentFailure.
     progress: whether to print a line per scenario on standard error. options: `comm` (a preset or CommSettings),
     `agent_clock`, `actors`, `friction`, `ids`, `sensing`. They and the other arguments are the options of
     `mdrive-sumo eval`.
@@ -71,6 +73,7 @@ def evaluate(
             out=_choose_folder(out, seed, len(chosen)),
             fresh=fresh,
             sandbox=sandbox,
+            fail_fast=fail_fast,
         )
         for seed in chosen
     ]

@@ -96,6 +96,6 @@ def _line(plug_in: EntryPoint) -> str:
 def main() -> None:
     """MDrive on SUMO: closed-loop cooperative driving, from one command to a score that anyone can re-run.
 
-    Start with `mdrive-sumo eval`. Exit codes: 0 done, 1 something is void or differs, 2 unusable input,
+    Start with `mdrive-sumo eval`. Exit codes: 0 done, 1 something is void or differs, or an agent failed, 2 unusable input,
     130 interrupted.
     """

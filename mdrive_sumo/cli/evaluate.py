@@ -13,13 +13,14 @@ from mdrive_sumo.cli.comm import episode_options, read_episode_options
 from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.agent_failures import format_agent_failures, format_first_failure
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.result_tables import CapturedCooperation, format_summary
 from mdrive_sumo.report.run_report import REPORT_FILE, save_run_report
 from mdrive_sumo.runs.agent_spec import AgentSpec
-from mdrive_sumo.runs.evaluate import RESULTS_FILE, Progress, evaluate
+from mdrive_sumo.runs.evaluate import RESULTS_FILE, Progress, StoppedAtFailure, evaluate
 from mdrive_sumo.runs.journal import JOURNAL_FILE
-from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER, PreparedRun, prepare
+from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER, LOGS_FOLDER, PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
 from mdrive_sumo.scoring import Results, ScoreMode
 from mdrive_sumo.study.reference_runs import evaluate_captured_cooperation
@@ -73,6 +74,7 @@ EXECUTORS = ("local", "dask")
     help="Run a third-party agent in boxes without the suite's files; else results are labelled unsandboxed.",
 )
 @click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted run.")
+@click.option("--fail-fast", is_flag=True, help="Stop at the first failure of the agent.")
 @click.option("--captured", is_flag=True, help="Drive the references for captured cooperation too, and show it.")
 @click.pass_context
 def command(
@@ -88,8 +90,10 @@ def command(
 
     The same command given again continues an interrupted run; it also tries void scenarios again. A scenario
     whose worker died is retried once, then it is void: the benchmark's failure or SUMO's, never the agent's.
+    A failure of the agent (crash, time-out, invalid reply) is scored, and the end of its log is shown.
 
-    Exit codes: 0 every scenario has a score, 1 some are void, 2 unusable input, 130 interrupted.
+    Exit codes: 0 every scenario has a score and no agent failed, 1 some are void or the agent failed, 2 unusable
+    input, 130 interrupted.
     """
     agent_options = load_agent_config(agent_config) if agent_config else {}
     if transcript is not None:
@@ -111,7 +115,10 @@ def command(
         save_run_report(run.folder, whole, shares)
     click.echo(format_summary(whole, shares))
     click.echo("\n" + _list_written_files(run))
-    ctx.exit(1 if whole.void else 0)
+    failures = format_agent_failures(whole, run.folder)
+    if failures:
+        click.echo("\n" + failures)
+    ctx.exit(1 if whole.void or failures else 0)
 
 
 def with_references(ctx: click.Context, results: Results, config: RunConfig) -> CapturedCooperation:
@@ -133,6 +140,11 @@ def evaluate_with_display(
     progress = ProgressDisplay(sys.stderr)
     try:
         return drive(run, progress)
+    except StoppedAtFailure as stopped:
+        progress.close()
+        click.echo(format_first_failure(stopped.result, run.folder, is_seeded=False))
+        click.echo(f"stopped; --fresh starts anew, without --fail-fast the same command continues {run.folder}", err=True)
+        ctx.exit(1)
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not swallow the answer to the first
         progress.close()
@@ -145,6 +157,8 @@ def evaluate_with_display(
 
 def _list_written_files(run: PreparedRun) -> str:
     files = {RESULTS_FILE: "all numbers", REPORT_FILE: "to read", JOURNAL_FILE: "what was done"}
+    if not run.config.agent.is_builtin:
+        files[f"{LOGS_FOLDER}/"] = "output of the agent's processes"
     if run.config.record:
         files[f"{EPISODES_FOLDER}/"] = "one recording a scenario, for view, verify and rescore"
     return "\n".join(f"{run.folder / name}  {what}" for name, what in files.items())

@@ -9,6 +9,7 @@ from mdrive_sumo.cli.choice import find_one_scenario
 from mdrive_sumo.cli.evaluate import with_references
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.agent_failures import format_agent_failures
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.report.scenario_plot import save_scenario_plot
@@ -58,6 +59,8 @@ def _show_run(ctx: click.Context, folder: Path, suite: str | None, out: Path | N
     config = replace(run.config, suite=suite or run.config.suite, workers=workers)
     shares = with_references(ctx, results, config) if workers else None
     click.echo(format_summary(results, shares))
+    if failures := format_agent_failures(results, folder):
+        click.echo("\n" + failures)
     if out is not None:
         with report_write_errors(out):
             out.write_text(build_run_report(results, shares), encoding="utf-8")

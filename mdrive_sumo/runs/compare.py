@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +11,7 @@ from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.runs.setting_differences import SettingDifference, find_setting_differences
 from mdrive_sumo.scoring import Results, ScenarioResult
 
 if TYPE_CHECKING:
@@ -44,6 +46,7 @@ class RunComparison:
     """B against A. Differences are B minus A: positive means that B is better."""
 
     names: tuple[str, str]
+    """The runs' folders or files, or their agents where the place is unknown."""
     pairs: tuple[ScenarioPair, ...]
     """Sorted by difference, B's worst losses first."""
     ds: ConfidenceInterval
@@ -57,6 +60,9 @@ class RunComparison:
     left_out: tuple[str, ...]
     """Scenarios that could not be paired, each with the reason."""
     warnings: tuple[str, ...]
+    settings: tuple[SettingDifference, ...] = ()
+    """Settings that differ, such as the agent or the channel."""
+    agents: tuple[str, str] = ("", "")
 
     def count_wins_ties_losses(self) -> tuple[int, int, int]:
         """Scenarios that B wins, ties and loses by driving score."""
@@ -83,10 +89,10 @@ class RunComparison:
         )
 
 
-def compare(a: Results, b: Results) -> RunComparison:
+def compare(a: Results, b: Results, places: tuple[Path | None, Path | None] = (None, None)) -> RunComparison:
     """Pair two runs by scenario id; void scenarios are left out, because they say nothing about the agents.
 
-    Raises InputError for runs of different score modes, and if no scenario is left.
+    places: the folders or files of the runs, by which they are named. Raises InputError for runs of different score modes, and if no scenario is left.
     """
     if a.run.score_mode != b.run.score_mode:
         raise InputError(
@@ -100,7 +106,7 @@ def compare(a: Results, b: Results) -> RunComparison:
     pairs = [_make_pair(first[name], second[name]) for name in common]
     efficient, ratios = (_list_differences(getattr(pair, name) for pair in pairs) for name in OPTIONAL_SCORES)
     return RunComparison(
-        names=(a.run.agent, b.run.agent),
+        names=(str(places[0] or a.run.agent), str(places[1] or b.run.agent)),
         pairs=tuple(sorted(pairs, key=lambda pair: (pair.ds_difference, pair.scenario))),
         ds=bootstrap_mean(np.array([pair.ds_difference for pair in pairs])),
         sr=bootstrap_mean(np.array([pair.sr[1] - pair.sr[0] for pair in pairs])),
@@ -113,6 +119,8 @@ def compare(a: Results, b: Results) -> RunComparison:
             *(f"{name}: void" for name in first if name in second and name not in common),
         ),
         warnings=tuple(_find_warnings(a, b)),
+        settings=find_setting_differences(a.run, b.run, places),
+        agents=(a.run.agent, b.run.agent),
     )
 
 
@@ -163,8 +171,10 @@ def comparison_table(comparison: RunComparison) -> str:
     header = ("scenario", "category", "DS A", "DS B", "SR A", "SR B", "time A", "time B", "DS B - A")
     return "\n".join(
         (
-            f"A = {comparison.names[0]}, B = {comparison.names[1]}, {len(rows)} scenarios in both",
+            *_format_names(comparison),
             *(f"warning: {warning}" for warning in comparison.warnings),
+            "",
+            *_format_settings(comparison),
             "",
             means,
             f"B is better in {wins}, as good in {ties}, worse in {losses}",
@@ -173,6 +183,23 @@ def comparison_table(comparison: RunComparison) -> str:
             *_format_left_out(comparison.left_out),
         )
     )
+
+
+def _format_names(comparison: RunComparison) -> tuple[str, ...]:
+    """Return the line that names both runs; a line for each where folders name them."""
+    names, agents = comparison.names, comparison.agents
+    count = f"{len(comparison.pairs)} scenarios in both"
+    if names == agents:
+        return (f"A = {names[0]}, B = {names[1]}, {count}",)
+    lines = (f"{letter} = {name} ({agent})" for letter, name, agent in zip("AB", names, agents, strict=True))
+    return (*lines, count)
+
+
+def _format_settings(comparison: RunComparison) -> tuple[str, ...]:
+    if not comparison.settings:
+        return ("no setting differs" + (" but those above" if comparison.warnings else ""),)
+    rows = [(one.name, one.a, one.b) for one in comparison.settings]
+    return ("settings that differ:", format_text_table(("", "A", "B"), rows))
 
 
 def _format_score(value: float | None) -> str:

@@ -10,6 +10,8 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import End, FailureReason
+from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.runs.episode_job import run_job
 from mdrive_sumo.runs.executor import run_jobs
 from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
@@ -34,6 +36,16 @@ TRIES = 2
 """How often a scenario without a result is tried: once more after all others, then it is void."""
 
 
+class StoppedAtFailure(AgentFailure):
+    """A run with `fail_fast` stopped at the first failure of an agent; its journal keeps what is finished."""
+
+    def __init__(self, result: ScenarioResult) -> None:
+        failed = next(ego for ego in result.egos if ego.outcome is End.AGENT_FAILED)
+        kind, _, _ = failed.reason.partition(":")
+        super().__init__(FailureReason(kind), f"{result.id}: CAV {failed.id}: {failed.reason}")
+        self.result = result
+
+
 class Progress(Protocol):
     """Receives the progress of a run."""
 
@@ -53,14 +65,16 @@ class Progress(Protocol):
 def evaluate(run: PreparedRun, progress: Progress) -> Results:
     """Drive the scenarios that the journal does not hold yet, write `results.json`, and return the results.
 
-    Results of earlier starts are kept, void ones are tried again. Raises InputError and KeyboardInterrupt;
-    the journal then keeps every finished scenario.
+    Results of earlier starts are kept, void ones are tried again. Raises InputError, KeyboardInterrupt and, with
+    `fail_fast`, StoppedAtFailure; the journal then keeps every finished scenario.
     """
     with open_journal(run.folder, run.fingerprint, fresh=run.config.fresh) as journal:
         found = _load_kept_results(run, journal)
         if journal.torn:
             progress.note("the last line of the journal was incomplete and has been dropped")
         progress.begin(len(run.scenarios), found)
+        for result in found.values():
+            _check_failure(run, result)
         todo = {scenario.id: scenario for scenario in run.scenarios if scenario.id not in found}
         if todo:
             with report_write_errors(run.folder):
@@ -70,11 +84,18 @@ def evaluate(run: PreparedRun, progress: Progress) -> Results:
                 journal.add_result(result.model_dump(mode="json"), _compute_recording_checksum(run, result))
                 found[result.id] = result
                 progress.done(result)
+                _check_failure(run, result)
         whole = summarize_run(run.info, [run.apply_reference_times(one, found[one.id]) for one in run.scenarios])
         with report_write_errors(run.folder / RESULTS_FILE):
             save_results(whole, run.folder / RESULTS_FILE)
             _write_whole_transcript(run)
     return whole
+
+
+def _check_failure(run: PreparedRun, result: ScenarioResult) -> None:
+    """Raise StoppedAtFailure if the run has to stop at this result."""
+    if run.config.fail_fast and any(ego.outcome is End.AGENT_FAILED for ego in result.egos):
+        raise StoppedAtFailure(result)
 
 
 def _write_whole_transcript(run: PreparedRun) -> None:

@@ -47,13 +47,16 @@ class RunConfig:
     """The run folder; None: `default_folder`."""
     fresh: bool = False
     """Start anew instead of continuing what the folder holds."""
+    fail_fast: bool = False
+    """Stop at the first failure of an agent."""
     command: tuple[str, ...] = ()
     """The command as the user typed it, for the report."""
 
     def to_dict(self) -> dict[str, str | int | bool]:
         """Return what identifies the run, as the journal's fingerprint holds it. Raises InputError for no locator.
 
-        Where it runs (`workers`, `scheduler`, `out`) and how it was started (`fresh`, `command`) change no result.
+        Where it runs (`workers`, `scheduler`, `out`) and how it was started (`fresh`, `fail_fast`, `command`) change no
+        result.
         """
         return {
             "suite": self.suite,
