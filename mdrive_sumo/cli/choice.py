@@ -12,5 +12,5 @@ def find_one_scenario(suite: Suite, pattern: str) -> Scenario:
         return found[0]
     raise InputError(
         f"suite {suite.name}: expected {pattern!r} to fit one scenario, found {len(found)}:"
-        f" {', '.join(scenario.id for scenario in found[:4])}{' ...' if len(found) > 4 else ''}; --scenario ID names one"
+        f" {', '.join(scenario.id for scenario in found[:4])}{' ...' if len(found) > 4 else ''}; an id names one"
     )

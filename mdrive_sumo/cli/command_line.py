@@ -15,7 +15,7 @@ PLUG_IN_GROUP = "mdrive_sumo.commands"
 
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "eval": ("evaluate", "Drive a suite with an agent and score it."),
-    "list": ("list", "List suites, scenarios, agents or networks."),
+    "list": ("list", "List suites, scenarios, agents, networks or runs."),
     "show": ("show", "Draw a scenario."),
     "view": ("view", "Replay a recorded episode in the browser."),
     "verify": ("verify", "Execute a run again and compare every tick."),
@@ -96,6 +96,6 @@ def _line(plug_in: EntryPoint) -> str:
 def main() -> None:
     """MDrive on SUMO: closed-loop cooperative driving, from one command to a score that anyone can re-run.
 
-    Start with `mdrive-sumo eval`. Exit codes: 0 done, 1 something is void or differs, or an agent failed, 2 unusable input,
-    130 interrupted.
+    Start with `mdrive-sumo eval`. Exit codes: 0 done, 1 something is void or differs or an agent failed, 2 unusable
+    input, 130 interrupted.
     """

@@ -5,6 +5,8 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.runs.compare import compare, comparison_table
+from mdrive_sumo.runs.evaluate import RESULTS_FILE
+from mdrive_sumo.runs.run_listing import check_run_folder
 from mdrive_sumo.scoring import load_results
 
 
@@ -23,5 +25,8 @@ def command(run_a: Path, run_b: Path) -> None:
 
 
 def results_file(run: Path) -> Path:
-    """The results file of a run's folder; a file stands for itself, e.g. one written by `rescore`."""
-    return run / "results.json" if run.is_dir() else run
+    """Return the results file of a run's folder; a file stands for itself, e.g. one written by `rescore`."""
+    if run.is_file():
+        return run
+    check_run_folder(run)
+    return run / RESULTS_FILE

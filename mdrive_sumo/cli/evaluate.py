@@ -143,7 +143,7 @@ def evaluate_with_display(
     except StoppedAtFailure as stopped:
         progress.close()
         click.echo(format_first_failure(stopped.result, run.folder, is_seeded=False))
-        click.echo(f"stopped; --fresh starts anew, without --fail-fast the same command continues {run.folder}", err=True)
+        click.echo(f"stopped; --fresh starts {run.folder} anew, without --fail-fast it is continued", err=True)
         ctx.exit(1)
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not swallow the answer to the first

@@ -7,8 +7,8 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.comm import parse_comm_options
-from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.scenario_option import scenario_option
+from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.loop import EpisodeOptions

@@ -15,6 +15,8 @@ from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.report.scenario_plot import save_scenario_plot
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, report_write_errors
+from mdrive_sumo.runs.journal import JOURNAL_FILE
+from mdrive_sumo.runs.run_listing import check_run_folder
 from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scenario.suite import load_suite
 
@@ -46,6 +48,8 @@ def command(ctx: click.Context, what: str, suite: str | None, out: Path | None, 
         _show_run(ctx, folder, suite, out, workers if captured else 0)
     elif captured:
         raise InputError(f"show --captured: expected the folder of a finished run, found {what!r}")
+    elif (folder / JOURNAL_FILE).is_file() or len(folder.parts) > 1:
+        check_run_folder(folder)
     else:
         _show_scenario(what, suite or "interdrive", out)
 

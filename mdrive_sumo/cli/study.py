@@ -7,11 +7,11 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.cli.comm import parse_comm_options
 from mdrive_sumo.cli.ablate import command as ablate_command
+from mdrive_sumo.cli.comm import parse_comm_options
 from mdrive_sumo.cli.gain import command as gain_command
-from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.scenario_option import scenario_option
+from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError

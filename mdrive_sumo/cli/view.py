@@ -45,7 +45,12 @@ def command(run_folder: Path, scenario: str | None, export: Path | None, no_open
 def _find_result(results: Results, scenario: Scenario) -> ScenarioResult:
     found = next((result for result in results.scenarios if result.id == scenario.id), None)
     if found is None:
-        raise InputError(f"scenario {scenario.id}: expected one of this run's scenarios, found it was not driven")
+        driven = ", ".join(result.id for result in results.scenarios[:4])
+        more = " ..." if len(results.scenarios) > 4 else ""
+        raise InputError(
+            f"scenario {scenario.id}: expected one that this run has driven ({driven}{more}), found one outside its"
+            f" --scenario; `mdrive-sumo eval --scenario {scenario.id}` drives it in a run of its own"
+        )
     if found.status == "void":
         raise InputError(f"scenario {scenario.id}: expected a recorded episode, found a void one ({found.reason})")
     return found

@@ -44,8 +44,8 @@ def format_agent_failures(results: Results, run_folder: Path) -> str:
 
 def format_first_failure(result: ScenarioResult, run_folder: Path, *, is_seeded: bool) -> str:
     """Return the failure at which a run stopped and the end of its log. is_seeded: whether it has several seeds."""
-    failed = next(ego for ego in result.egos if ego.outcome is End.AGENT_FAILED)
-    return "\n".join(("THE AGENT FAILED", *_format_failure(CavFailure(result, failed), run_folder, is_seeded=is_seeded)))
+    first = CavFailure(result, next(ego for ego in result.egos if ego.outcome is End.AGENT_FAILED))
+    return "\n".join(("THE AGENT FAILED", *_format_failure(first, run_folder, is_seeded=is_seeded)))
 
 
 def _format_failure(failure: CavFailure, run_folder: Path, *, is_seeded: bool) -> Iterator[str]:

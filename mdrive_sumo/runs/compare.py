@@ -92,7 +92,8 @@ class RunComparison:
 def compare(a: Results, b: Results, places: tuple[Path | None, Path | None] = (None, None)) -> RunComparison:
     """Pair two runs by scenario id; void scenarios are left out, because they say nothing about the agents.
 
-    places: the folders or files of the runs, by which they are named. Raises InputError for runs of different score modes, and if no scenario is left.
+    places: the folders or files of the runs, by which they are named. Raises InputError for runs of different score
+    modes, and if no scenario is left.
     """
     if a.run.score_mode != b.run.score_mode:
         raise InputError(

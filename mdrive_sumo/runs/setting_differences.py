@@ -43,7 +43,7 @@ def find_setting_differences(
     )
 
 
-_JOURNAL_ONLY = ("agent code",)
+_JOURNAL_ONLY = ("agent code", "sandbox")
 """Settings that only a journal has: unknown is no difference."""
 
 
@@ -54,7 +54,8 @@ def _list_settings(info: RunInfo, folder: Path | None) -> dict[str, Any]:
     found |= {f"comm {name}": value for name, value in info.comm.items() if name != "preset"}
     found["agent clock"] = info.agent_clock
     found |= {name: getattr(info, name) for name in EpisodeOptions.list_choices()}
-    found["sandbox"] = bool(fingerprint.get("sandbox", "unsandboxed" not in info.labels))
+    if fingerprint:
+        found["sandbox"] = bool(fingerprint.get("sandbox", False))
     return found
 
 

@@ -9,6 +9,7 @@ from mdrive_sumo.runs.fingerprint import compute_code_checksum, compute_networks
 from mdrive_sumo.runs.journal import JOURNAL_FILE, JournalText, read_run_journal
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.runs.run_listing import check_run_folder
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results, load_results, load_unchecked_results
 
@@ -47,6 +48,7 @@ def load_stored_run(folder: Path, suite: str | None = None) -> StoredRun:
 
 def load_unchecked_run(folder: Path, suite: str | None = None) -> StoredRun:
     """As `load_stored_run`, with results of any content: for `verify`, which compares every number."""
+    check_run_folder(folder)
     results = load_unchecked_results(folder / RESULTS_FILE)
     if not results.scenarios:
         raise InputError(f"{folder / RESULTS_FILE}: scenarios: expected at least one, found none")

@@ -171,9 +171,7 @@ def load_suite(name_or_folder: str) -> Suite:
     if not folder.is_dir():
         suggestion = suggest_name(name_or_folder, packaged)
         names = ", ".join(packaged)
-        raise InputError(
-            f"suite {name_or_folder!r}: expected a folder or one of {names}, found neither{suggestion}"
-        )
+        raise InputError(f"suite {name_or_folder!r}: expected a folder or one of {names}, found neither{suggestion}")
     about = _suite_file(folder / SUITE_FILE)
     parts = _parts(about, folder)
     suite = Suite(about, folder, _scenarios_of(parts, folder) if parts else _scenarios(folder), parts)
