@@ -7,6 +7,7 @@ from typing import Unpack
 
 from mdrive_sumo.api.run import Run
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.loop.episode_config import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.run_report import save_run_report
@@ -15,7 +16,7 @@ from mdrive_sumo.runs.evaluate import Progress
 from mdrive_sumo.runs.evaluate import evaluate as run_jobs
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.process_pool import count_available_cores
-from mdrive_sumo.runs.run_config import ConfigValue, RunConfig
+from mdrive_sumo.runs.run_config import ConfigValue, RunConfig, check_seeds
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
 from mdrive_sumo.scoring import Results, ScoreMode
 
@@ -44,8 +45,8 @@ def evaluate(
     categories. agent: a built-in name, a class, `module:Class`, `path.py:Class`, `carla:path.py`.
     seeds: a number of seeds (3 means 0, 1 and 2) or the seeds themselves. workers: processes, by
     default one per core. scheduler: address of a Dask scheduler whose workers drive instead.
-    out: the run folder; several seeds get the folders OUT/seed0, OUT/seed1 ...; by default a folder below `runs/` that
-    the arguments determine. A folder that holds the same run, finished or interrupted, is continued; `fresh` drops it.
+    out: the run folder, which holds all seeds; by default a folder below `runs/` that the arguments determine. A folder
+    that holds the same run, finished or interrupted, is continued; `fresh` drops it.
     sandbox: whether an agent of a file runs in boxes that hide the suite; otherwise results are labelled `unsandboxed`.
     fail_fast: whether to stop at the first failure of an agent and raise AgentFailure.
     progress: whether to print a line per scenario on standard error. options: `comm` (a preset or CommSettings),
@@ -56,30 +57,25 @@ def evaluate(
     """
     name, pattern = _locate(suite, scenario)
     chosen = tuple(range(seeds) if isinstance(seeds, int) else seeds)
-    if not chosen:
-        raise InputError("evaluate: seeds: expected at least one, found none")
-    episode_options = EpisodeOptions.parse(**options)
-    configs = [
-        RunConfig(
-            suite=name,
-            scenario=pattern,
-            agent=AgentSpec(agent, agent_config or {}),
-            seed=seed,
-            score_mode=ScoreMode(score_mode),
-            options=episode_options,
-            workers=workers or count_available_cores(),
-            scheduler=scheduler,
-            record=record,
-            out=_choose_folder(out, seed, len(chosen)),
-            fresh=fresh,
-            sandbox=sandbox,
-            fail_fast=fail_fast,
-        )
-        for seed in chosen
-    ]
-    runs = [prepare(config) for config in configs]
-    results = tuple(_evaluate_with_display(run, progress) for run in runs)
-    return Run(tuple(run.folder for run in runs), results)
+    check_seeds(chosen)
+    config = RunConfig(
+        suite=name,
+        scenario=pattern,
+        agent=AgentSpec(agent, agent_config or {}),
+        seed=chosen[0],
+        more_seeds=chosen[1:],
+        score_mode=parse_score_mode(score_mode),
+        options=EpisodeOptions.parse(**options),
+        workers=workers or count_available_cores(),
+        scheduler=scheduler,
+        record=record,
+        out=None if out is None else Path(out),
+        fresh=fresh,
+        sandbox=sandbox,
+        fail_fast=fail_fast,
+    )
+    run = prepare(config)
+    return Run((run.folder,), (_evaluate_with_display(run, progress),))
 
 
 def evaluate_run(run: PreparedRun, progress: Progress) -> Results:
@@ -117,7 +113,9 @@ def _locate(suite: str | Suite, scenario: str) -> tuple[str, str]:
     return name, scenario if len(suite) == len(stored) else ",".join(one.id for one in chosen)
 
 
-def _choose_folder(out: str | Path | None, seed: int, seeds: int) -> Path | None:
-    if out is None:
-        return None
-    return Path(out) / f"seed{seed}" if seeds > 1 else Path(out)
+def parse_score_mode(text: str) -> ScoreMode:
+    """Return a score mode by its name. Raises InputError."""
+    names = [mode.value for mode in ScoreMode]
+    if text not in names:
+        raise InputError(f"score mode: {describe_unknown(text, names)}")
+    return ScoreMode(text)

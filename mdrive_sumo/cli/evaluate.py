@@ -56,6 +56,13 @@ EXECUTORS = ("local", "dask")
     show_default=True,
     help="Seed of all randomness. 0: the scenarios as written. Others also draw starts, triggers and drivers.",
 )
+@click.option(
+    "--seeds",
+    type=click.IntRange(1, 1000),
+    default=1,
+    show_default=True,
+    help="Drive every scenario with so many seeds, --seed being the first; means have intervals.",
+)
 @workers_option
 @click.option(
     "--executor",
@@ -96,6 +103,7 @@ def command(
     input, 130 interrupted.
     """
     agent_options = load_agent_config(agent_config) if agent_config else {}
+    first, count = options.pop("seed"), options.pop("seeds")
     if transcript is not None:
         agent_options["transcript"] = str(transcript.resolve())
     if ((executor := options.pop("executor")) == "dask") != bool(options["scheduler"]):
@@ -103,6 +111,8 @@ def command(
     config = RunConfig(
         agent=AgentSpec(options.pop("agent"), agent_options),
         options=read_episode_options(options),
+        seed=first,
+        more_seeds=tuple(range(first + 1, first + count)),
         record=not no_record,
         score_mode=ScoreMode(score_mode),
         command=("mdrive-sumo", *sys.argv[1:]),
@@ -142,7 +152,7 @@ def evaluate_with_display(
         return drive(run, progress)
     except StoppedAtFailure as stopped:
         progress.close()
-        click.echo(format_first_failure(stopped.result, run.folder, is_seeded=False))
+        click.echo(format_first_failure(stopped.result, run.folder, is_seeded=bool(run.config.more_seeds)))
         click.echo(f"stopped; --fresh starts {run.folder} anew, without --fail-fast it is continued", err=True)
         ctx.exit(1)
     except KeyboardInterrupt:
@@ -160,5 +170,5 @@ def _list_written_files(run: PreparedRun) -> str:
     if not run.config.agent.is_builtin:
         files[f"{LOGS_FOLDER}/"] = "output of the agent's processes"
     if run.config.record:
-        files[f"{EPISODES_FOLDER}/"] = "one recording a scenario, for view, verify and rescore"
+        files[f"{EPISODES_FOLDER}/"] = "recordings, for view, verify and rescore"
     return "\n".join(f"{run.folder / name}  {what}" for name, what in files.items())

@@ -37,7 +37,7 @@ def make_strict(command: click.Command) -> click.Command:
     return command
 
 
-def _wrap_parser(make_parser: Callable[[click.Context], Any]) -> Callable[[click.Context], Any]:
+def _wrap_parser(make_parser: Callable[[click.Context], Any]) -> Any:
     def make_checked(ctx: click.Context) -> Any:
         parser = make_parser(ctx)
         parse: Parse = parser.parse_args

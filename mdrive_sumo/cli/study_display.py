@@ -10,7 +10,7 @@ import click
 
 from mdrive_sumo.report.agent_failures import list_agent_failures
 from mdrive_sumo.report.progress import ProgressDisplay
-from mdrive_sumo.scoring import Results, ScenarioResult
+from mdrive_sumo.scoring import EpisodeKey, Results, ScenarioResult
 from mdrive_sumo.study.study_runs import RUNS_FOLDER, StudyProgress
 
 Row = TypeVar("Row", covariant=True)
@@ -50,7 +50,7 @@ class StudyDisplay(ProgressDisplay):
         """See StudyProgress."""
         self._total -= scenarios
 
-    def begin(self, total: int, kept: Mapping[str, ScenarioResult]) -> None:
+    def begin(self, total: int, kept: Mapping[EpisodeKey, ScenarioResult]) -> None:
         """See Progress: one of the study's runs begins."""
         self._kept += len(kept)
         self._results += kept.values()

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.cli.choice import find_one_scenario
+from mdrive_sumo.cli.choice import choose_seed, find_one_scenario
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.report.replay_marks import find_marks
 from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.runs.evaluate import report_write_errors
-from mdrive_sumo.runs.prepared_run import PreparedRun, recording_path
+from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.variation import load_varied_scenario
@@ -21,10 +21,13 @@ from mdrive_sumo.scoring import Results, ScenarioResult
 @click.command("view")
 @click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
 @click.option("--scenario", metavar="GLOB", help="Which one: an id, or a glob that fits one [default: the first].")
+@click.option("--seed", type=int, help="Which one in a run of several seeds [default: the first].")
 @click.option("--export", type=click.Path(path_type=Path, dir_okay=False), help="Write the page here, open nothing.")
 @click.option("--no-open", is_flag=True, help="Write RUN/view/SCENARIO.html and open nothing.")
 @click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
-def command(run_folder: Path, scenario: str | None, export: Path | None, no_open: bool, suite: str | None) -> None:
+def command(
+    run_folder: Path, scenario: str | None, seed: int | None, export: Path | None, no_open: bool, suite: str | None
+) -> None:
     """Replay a recorded episode in the browser.
 
     The page is one self-contained HTML file that never reaches the network; `?` in it lists the keys.
@@ -32,8 +35,10 @@ def command(run_folder: Path, scenario: str | None, export: Path | None, no_open
     stored = load_stored_run(run_folder, suite)
     run, results = stored.run, stored.results
     chosen = find_one_scenario(run.suite, scenario) if scenario else run.scenarios[0]
-    path = export or run_folder / "view" / f"{chosen.id}.html"
-    page = _build_page(run, chosen, _find_result(results, chosen))
+    result = _find_result(results, chosen, choose_seed(results, seed))
+    ending = f"-seed{result.seed}" if len(results.run.all_seeds) > 1 else ""
+    path = export or run_folder / "view" / f"{chosen.id}{ending}.html"
+    page = _build_page(run, chosen, result)
     with report_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(page, encoding="utf-8")
@@ -42,8 +47,8 @@ def command(run_folder: Path, scenario: str | None, export: Path | None, no_open
         click.echo("no browser found here: open the file above in one", err=True)
 
 
-def _find_result(results: Results, scenario: Scenario) -> ScenarioResult:
-    found = next((result for result in results.scenarios if result.id == scenario.id), None)
+def _find_result(results: Results, scenario: Scenario, seed: int) -> ScenarioResult:
+    found = next((result for result in results.scenarios if result.key == (scenario.id, seed)), None)
     if found is None:
         driven = ", ".join(result.id for result in results.scenarios[:4])
         more = " ..." if len(results.scenarios) > 4 else ""
@@ -59,6 +64,6 @@ def _find_result(results: Results, scenario: Scenario) -> ScenarioResult:
 def _build_page(run: PreparedRun, scenario: Scenario, result: ScenarioResult) -> str:
     if not run.config.record:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
-    episode = load_episode(recording_path(run.folder, scenario.id))
+    episode = load_episode(run.find_recording(result.key))
     varied, roads = load_varied_scenario(run.suite, scenario, result.seed)
     return render_replay(episode, varied, roads, find_marks(episode, result))

@@ -39,7 +39,8 @@ def format_agent_failures(results: Results, run_folder: Path) -> str:
         return ""
     episodes = len({(one.result.id, one.result.seed) for one in failures})
     heading = f"THE AGENT FAILED in {episodes} of {len(results.scenarios)} episodes ({len(failures)} CAVs)"
-    return "\n".join((heading, *_format_failure(failures[0], run_folder, is_seeded=False)))
+    is_seeded = len(results.run.all_seeds) > 1
+    return "\n".join((heading, *_format_failure(failures[0], run_folder, is_seeded=is_seeded)))
 
 
 def format_first_failure(result: ScenarioResult, run_folder: Path, *, is_seeded: bool) -> str:

@@ -8,9 +8,11 @@ from mdrive_sumo.core.tables import TableRow, escape_markdown, format_markdown_t
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import (
     CAPTURED_HEADER,
+    INTERVAL_HEADER,
     SCORE_HEADER,
     TIMED_HEADER,
     CapturedCooperation,
+    build_interval_rows,
     build_score_rows,
     count_collisions_by_severity,
     count_infractions,
@@ -20,6 +22,7 @@ from mdrive_sumo.report.result_tables import (
     describe_missing_reference,
     format_captured,
     format_scores,
+    name_episode,
 )
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.scoring import (
@@ -43,6 +46,8 @@ scenarios (our failure or the simulator's, never the agent's) count as DS 0 and 
 mean of DS and SR. IC, LM and LC are InterDrive's groups: intersection crossing, lane merge, lane change;
 static-avoidance, dynamic-avoidance and dynamic-coordination are the interactivity levels of Interaction."""
 
+INTERVALS = """\
+Means over seeds with 95 % bootstrap intervals: scenarios are drawn anew, then seeds within each."""
 MEANS = ("bucket mean", "scenario mean")
 CAPTURED = """\
 Captured cooperation is (agent - the same agent with the channel off) / (omniscient - the same agent with the
@@ -60,6 +65,7 @@ def build_run_report(results: Results, captured: CapturedCooperation | None = No
         _reference_note(results),
         "## Scores",
         _score_table(results, captured),
+        _interval_table(results),
         "## How it ended",
         _counts("outcome", "CAVs", count_outcomes(results).items()),
         _counts("infraction", "times", count_infractions(results).items()),
@@ -87,7 +93,7 @@ def _facts(results: Results) -> str:
     run = results.run
     facts = {
         "suite": f"{run.suite}, checksum `{run.suite_checksum}`",
-        "seed": str(run.seed),
+        "seeds" if len(run.all_seeds) > 1 else "seed": ", ".join(map(str, run.all_seeds)),
         "score mode": run.score_mode,
         **{key: str(getattr(run, key)) for key in EpisodeOptions.list_choices()},
         "command": f"`{shlex.join(run.command)}`",
@@ -107,13 +113,22 @@ def _score_table(results: Results, captured: CapturedCooperation | None) -> str:
     return format_markdown_table(header, [(f"**{row[0]}**" if row[0] in MEANS else row[0], *row[1:]) for row in rows])
 
 
+def _interval_table(results: Results) -> str:
+    rows = build_interval_rows(results)
+    return f"{INTERVALS}\n\n{format_markdown_table(INTERVAL_HEADER, rows)}" if rows else ""
+
+
 def _counts(name: str, unit: str, counts: Iterable[tuple[str, int]], empty: str = "") -> str:
     rows = [(kind, str(count)) for kind, count in counts]
     return format_markdown_table((name, unit), rows) if rows else empty or f"No {name}s."
 
 
 def _void_list(results: Results) -> str:
-    return "\n".join(f"- void: {s.id}: {escape_markdown(s.reason)}" for s in results.scenarios if s.status == "void")
+    return "\n".join(
+        f"- void: {name_episode(results.run, s)}: {escape_markdown(s.reason)}"
+        for s in results.scenarios
+        if s.status == "void"
+    )
 
 
 def _category_table(results: Results, captured: CapturedCooperation | None) -> str:
@@ -134,7 +149,14 @@ def _category_table(results: Results, captured: CapturedCooperation | None) -> s
 def _scenario_table(results: Results) -> str:
     metrics = list_scalar_metrics()
     rows = [
-        (s.id, s.category, *format_scores(s), *(_scalar_cell(s, m) for m in metrics), str(s.ticks), _endings(s))
+        (
+            name_episode(results.run, s),
+            s.category,
+            *format_scores(s),
+            *(_scalar_cell(s, m) for m in metrics),
+            str(s.ticks),
+            _endings(s),
+        )
         for s in results.scenarios
     ]
     header = ("scenario", "category", *SCORE_HEADER, *(metric.label for metric in metrics), "ticks", "CAVs")

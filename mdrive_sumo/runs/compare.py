@@ -13,6 +13,7 @@ from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.runs.setting_differences import SettingDifference, find_setting_differences
 from mdrive_sumo.scoring import Results, ScenarioResult
+from mdrive_sumo.scoring.summary import compute_means
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -92,6 +93,7 @@ class RunComparison:
 def compare(a: Results, b: Results, places: tuple[Path | None, Path | None] = (None, None)) -> RunComparison:
     """Pair two runs by scenario id; void scenarios are left out, because they say nothing about the agents.
 
+    Of several seeds the mean scores of each scenario are compared; one that is void with any seed is left out.
     places: the folders or files of the runs, by which they are named. Raises InputError for runs of different score
     modes, and if no scenario is left.
     """
@@ -100,7 +102,7 @@ def compare(a: Results, b: Results, places: tuple[Path | None, Path | None] = (N
             f"compare: expected runs of one score mode, found {a.run.score_mode} and {b.run.score_mode};"
             " `mdrive-sumo rescore` brings them together"
         )
-    first, second = ({s.id: s for s in results.scenarios} for results in (a, b))
+    first, second = (average_seeds(results.scenarios) for results in (a, b))
     common = [name for name in first if name in second and _has_scores(first[name], second[name])]
     if not common:
         raise InputError("compare: expected runs with scenarios in common that are not void, found none")
@@ -147,10 +149,30 @@ def _find_warnings(a: Results, b: Results) -> list[str]:
     compared = {
         "suite": (a.run.suite, b.run.suite),
         "suite checksum": (a.run.suite_checksum, b.run.suite_checksum),
-        "seed": (a.run.seed, b.run.seed),
+        "seeds": (_list_seeds(a), _list_seeds(b)),
         "versions": (a.run.versions, b.run.versions),
     }
     return [f"A and B differ in {what}: {x} and {y}" for what, (x, y) in compared.items() if x != y]
+
+
+def average_seeds(results: Iterable[ScenarioResult]) -> dict[str, ScenarioResult]:
+    """Return a result for every scenario id, with the mean scores over its seeds; void if it is void with any."""
+    by_id: dict[str, list[ScenarioResult]] = {}
+    for result in results:
+        by_id.setdefault(result.id, []).append(result)
+    return {name: _average(found) for name, found in by_id.items()}
+
+
+def _average(results: Sequence[ScenarioResult]) -> ScenarioResult:
+    if len(results) == 1:
+        return results[0]
+    if void := next((result for result in results if result.status == "void"), None):
+        return void
+    return results[0].model_copy(update=compute_means(results).model_dump())
+
+
+def _list_seeds(results: Results) -> str:
+    return ", ".join(map(str, sorted({result.seed for result in results.scenarios})))
 
 
 def comparison_table(comparison: RunComparison) -> str:

@@ -17,12 +17,12 @@ from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor
-from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig
+from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig, check_seeds
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
-from mdrive_sumo.scoring import RunInfo, ScenarioResult, apply_reference_times
+from mdrive_sumo.scoring import EpisodeKey, RunInfo, ScenarioResult, apply_reference_times
 from mdrive_sumo.scoring.labels import JOINT, PRIVILEGED, UNSANDBOXED
 from mdrive_sumo.v2x.comm_settings import describe_comm
 from mdrive_sumo.v2x.messages import TYPES
@@ -50,19 +50,41 @@ class PreparedRun:
         """The agent as a worker starts it. Raises InputError if it cannot run in a box but shall."""
         return _locate_agent(self.config, self.suite, self.folder)
 
-    def make_job(self, scenario: Scenario) -> EpisodeJob:
-        """Return the job that drives one of the scenarios."""
+    @property
+    def episodes(self) -> dict[EpisodeKey, Scenario]:
+        """The scenario of every episode, scenario by scenario with all seeds."""
+        return {(scenario.id, seed): scenario for scenario in self.scenarios for seed in self.config.seeds}
+
+    def name_episode(self, key: EpisodeKey) -> str:
+        """Return an episode's name in messages: its scenario, and its seed if the run has several."""
+        return f"{key[0]} seed {key[1]}" if self.config.more_seeds else key[0]
+
+    def find_recording(self, key: EpisodeKey) -> Path:
+        """Return the path at which the run keeps the recording of an episode."""
+        return recording_path(self.folder, key[0], self._folder_seed(key[1]))
+
+    def find_transcripts(self, seed: int) -> Path:
+        """Return the folder of the transcripts of a seed."""
+        return seed_folder(self.folder / TRANSCRIPTS_FOLDER, self._folder_seed(seed))
+
+    def _folder_seed(self, seed: int) -> int | None:
+        return seed if self.config.more_seeds else None
+
+    def make_job(self, scenario: Scenario, seed: int | None = None) -> EpisodeJob:
+        """Return the job that drives one of the scenarios. seed: one of the run's; None: the first."""
         config = self.config
+        seed = config.seed if seed is None else seed
+        logs = seed_folder(self.folder / LOGS_FOLDER, self._folder_seed(seed))
         return EpisodeJob(
             suite_folder=self.suite.folder.resolve(),
             scenario=scenario.id,
             agent=self.agent,
-            seed=config.seed,
+            seed=seed,
             score_mode=config.score_mode,
             options=config.options,
-            recording=recording_path(self.folder, scenario.id) if config.record else None,
-            transcripts=self.folder / TRANSCRIPTS_FOLDER,
-            logs=None if config.agent.is_builtin else self.folder / LOGS_FOLDER,
+            recording=self.find_recording((scenario.id, seed)) if config.record else None,
+            transcripts=self.find_transcripts(seed),
+            logs=None if config.agent.is_builtin else logs,
         )
 
     def apply_reference_times(self, scenario: Scenario, result: ScenarioResult) -> ScenarioResult:
@@ -72,10 +94,12 @@ class PreparedRun:
 
     def make_folders(self) -> None:
         """Create the folders that the jobs write into. Raises OSError."""
-        if self.config.record:
-            (self.folder / EPISODES_FOLDER).mkdir(parents=True, exist_ok=True)
+        kinds = [EPISODES_FOLDER] if self.config.record else []
         if not self.config.agent.is_builtin:
-            (self.folder / LOGS_FOLDER).mkdir(parents=True, exist_ok=True)
+            kinds.append(LOGS_FOLDER)
+        for kind in kinds:
+            for seed in self.config.seeds:
+                seed_folder(self.folder / kind, self._folder_seed(seed)).mkdir(parents=True, exist_ok=True)
 
     def limit_s(self) -> float:
         """Return the wall clock after which an episode counts as hung [s]: more than its agents may take together."""
@@ -88,6 +112,7 @@ class PreparedRun:
 
 def prepare(config: RunConfig) -> PreparedRun:
     """Load the suite and create the agent once. Raises InputError for whatever the user has to mend."""
+    check_seeds(config.seeds)
     suite = load_suite(config.suite)
     scenarios = suite.select(config.scenario)
     for scenario in scenarios:
@@ -121,6 +146,7 @@ def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], decl
         "suite": suite.name,
         "suite_checksum": suite.checksum(),
         "seed": config.seed,
+        "seeds": config.seeds if config.more_seeds else (),
         "score_mode": config.score_mode,
         "versions": read_versions(),
         "command": config.command,

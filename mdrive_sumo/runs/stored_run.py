@@ -70,11 +70,12 @@ def load_unchecked_run(folder: Path, suite: str | None = None) -> StoredRun:
 
 
 def _check_scenarios(path: Path, run: PreparedRun, results: Results) -> None:
-    """Raise InputError unless the results are those of the scenarios that the run drives."""
-    expected, found = ([one.id for one in scenarios] for scenarios in (run.scenarios, results.scenarios))
+    """Raise InputError unless the results are those of the episodes that the run drives."""
+    expected, found = [*run.episodes], [result.key for result in results.scenarios]
     missing, foreign = sorted({*expected} - {*found}), sorted({*found} - {*expected})
     if missing or foreign:
-        what = f"{missing[0]!r} missing" if missing else f"{foreign[0]!r} too many"
+        name = run.name_episode((missing or foreign)[0])
+        what = f"{name!r} {'missing' if missing else 'too many'}"
         raise InputError(
             f"{path}: scenarios: expected the {len(expected)} that {run.config.scenario!r} selects, found"
             f" {len(found)}, {what}"

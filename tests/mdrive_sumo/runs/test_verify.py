@@ -111,9 +111,9 @@ def test_a_corrupt_recording_is_one_sentence(copied: Path, command: str, says: s
 @pytest.mark.parametrize("command", ["verify", "rescore"])
 def test_results_of_another_version_are_one_sentence(copied: Path, command: str) -> None:
     path = copied / "results.json"
-    path.write_text(path.read_text().replace("mdrive-sumo/results/3", "mdrive-sumo/results/9"))
+    path.write_text(path.read_text().replace("mdrive-sumo/results/4", "mdrive-sumo/results/9"))
     ended = invoke(command, copied)
-    assert (ended.exit_code, "expected 'mdrive-sumo/results/3'" in ended.stderr) == (2, True)
+    assert (ended.exit_code, "expected 'mdrive-sumo/results/4'" in ended.stderr) == (2, True)
 
 
 @pytest.mark.parametrize("command", ["verify", "rescore"])

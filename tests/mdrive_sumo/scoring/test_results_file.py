@@ -40,7 +40,7 @@ def test_the_file_has_the_published_form(tmp_path: Path) -> None:
     save_results(full_results(), tmp_path / "results.json")
     data = json.loads((tmp_path / "results.json").read_text())
     assert list(data) == ["format", "run", "overall", "buckets", "void", "scenarios"]
-    assert data["format"] == "mdrive-sumo/results/3"
+    assert data["format"] == "mdrive-sumo/results/4"
     assert set(data["overall"]) == {"bucket_mean", "scenario_mean", "timed"}
     one = data["scenarios"][0]
     assert set(one) == {
@@ -59,7 +59,7 @@ def test_the_schema_describes_every_key_of_the_file() -> None:
     assert set(schema["properties"]) == set(data)
     assert set(schema["$defs"]["ScenarioResult"]["properties"]) == set(data["scenarios"][0]) | {"scalars"}
     assert schema["$defs"]["ScenarioResult"]["additionalProperties"] is False
-    assert schema["properties"]["format"]["const"] == "mdrive-sumo/results/3"
+    assert schema["properties"]["format"]["const"] == "mdrive-sumo/results/4"
 
 
 @pytest.mark.parametrize(
@@ -71,10 +71,10 @@ def test_the_schema_describes_every_key_of_the_file() -> None:
         ("\xff", "expected JSON"),
         (
             '{"format": "mdrive-sumo/results/9"}',
-            "expected 'mdrive-sumo/results/3', found 'mdrive-sumo/results/9'",
+            "expected 'mdrive-sumo/results/4', found 'mdrive-sumo/results/9'",
         ),
-        ("{}", "format: expected 'mdrive-sumo/results/3', found None"),
-        ('{"format": "mdrive-sumo/results/3"}', "run: Field required"),
+        ("{}", "format: expected 'mdrive-sumo/results/4', found None"),
+        ('{"format": "mdrive-sumo/results/4"}', "run: Field required"),
     ],
 )
 def test_an_unusable_file_is_refused_in_one_sentence(tmp_path: Path, text: str | None, says: str) -> None:
@@ -110,7 +110,7 @@ def test_a_file_of_version_2_is_read_with_undefined_times(tmp_path: Path) -> Non
         del ego["ticks"]
     path.write_text(json.dumps(old))
     found = load_results(path)
-    assert found.format == "mdrive-sumo/results/3"
+    assert found.format == "mdrive-sumo/results/4"
     assert (found.overall.scenario_mean.time_ratio, found.overall.timed) == (None, 0)
     assert [ego.ticks for one in found.scenarios for ego in one.egos] == [None, None]
     assert found.overall.scenario_mean.ds == full_results().overall.scenario_mean.ds
