@@ -172,7 +172,7 @@ def _average(results: Sequence[ScenarioResult]) -> ScenarioResult:
 
 
 def _list_seeds(results: Results) -> str:
-    return ", ".join(map(str, sorted({result.seed for result in results.scenarios})))
+    return ", ".join(map(str, sorted({*results.run.all_seeds, *(result.seed for result in results.scenarios)})))
 
 
 def comparison_table(comparison: RunComparison) -> str:
