@@ -7,7 +7,6 @@ from typing import Unpack
 
 from mdrive_sumo.api.run import Run
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.loop.episode_config import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.run_report import save_run_report
@@ -18,7 +17,8 @@ from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.process_pool import count_available_cores
 from mdrive_sumo.runs.run_config import ConfigValue, RunConfig, check_seeds
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
-from mdrive_sumo.scoring import Results, ScoreMode
+from mdrive_sumo.scoring import Results
+from mdrive_sumo.scoring.score_mode import parse_score_mode
 
 
 def evaluate(
@@ -111,11 +111,3 @@ def _locate(suite: str | Suite, scenario: str) -> tuple[str, str]:
         )
     chosen = suite.select(scenario)
     return name, scenario if len(suite) == len(stored) else ",".join(one.id for one in chosen)
-
-
-def parse_score_mode(text: str) -> ScoreMode:
-    """Return a score mode by its name. Raises InputError."""
-    names = [mode.value for mode in ScoreMode]
-    if text not in names:
-        raise InputError(f"score mode: {describe_unknown(text, names)}")
-    return ScoreMode(text)

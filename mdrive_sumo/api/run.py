@@ -26,6 +26,7 @@ from mdrive_sumo.scoring import (
     compute_mean_intervals,
     load_results,
 )
+from mdrive_sumo.scoring.score_mode import parse_score_mode
 from mdrive_sumo.scoring.summary import compute_means
 
 if TYPE_CHECKING:
@@ -162,7 +163,7 @@ class Run:
     def rescore(self, mode: ScoreMode | str) -> "Run":
         """Return the run in another score mode, computed from its recordings without simulation."""
         stored = [load_stored_run(folder) for folder in self.folders]
-        return Run(self.folders, tuple(rescore_run(one, ScoreMode(mode)) for one in stored))
+        return Run(self.folders, tuple(rescore_run(one, parse_score_mode(mode)) for one in stored))
 
     def verify(
         self, sample: int | None = None, workers: int | None = None, *, trust_agent: bool = False, sandbox: bool = False

@@ -22,7 +22,7 @@ from mdrive_sumo.scenario.suite import load_suite
 
 
 @click.command("show")
-@click.argument("what", metavar="SCENARIO|RUN")
+@click.argument("whats", metavar="SCENARIO...|RUN", nargs=-1, required=True)
 @click.option(
     "--suite", metavar="NAME|DIR", help="Packaged suite, or a suite's folder [default: interdrive, the run's]."
 )
@@ -34,15 +34,25 @@ from mdrive_sumo.scenario.suite import load_suite
 @click.option("--captured", is_flag=True, help="Of a run: captured cooperation; drives its references if need be.")
 @workers_option
 @click.pass_context
-def command(ctx: click.Context, what: str, suite: str | None, out: Path | None, captured: bool, workers: int) -> None:
+def command(
+    ctx: click.Context, whats: tuple[str, ...], suite: str | None, out: Path | None, captured: bool, workers: int
+) -> None:
     """Draw a scenario, or print the table of a finished run.
 
     A drawn SCENARIO shows network, buildings, signs, CAVs with routes and goals, and background traffic. It is
-    an id, or a glob that fits exactly one; the ending of --out (.png, .svg, .pdf) is the format.
+    an id, or a glob that fits exactly one; several are drawn into a picture each. The ending of --out (.png, .svg,
+    .pdf) is the format.
 
     RUN is a folder that `eval` has written. --captured compares it with the same agent without a channel and
     with omniscient, which are looked for in their default folders below runs/, and driven if they are not there.
     """
+    if len(whats) > 1:
+        if captured or out is not None:
+            raise click.UsageError(f"--out and --captured: expected one SCENARIO or RUN with them, found {len(whats)}")
+        for pattern in whats:
+            _show_scenario(pattern, suite or "interdrive", None)
+        return
+    what = whats[0]
     folder = Path(what)
     if (folder / RESULTS_FILE).is_file():
         _show_run(ctx, folder, suite, out, workers if captured else 0)

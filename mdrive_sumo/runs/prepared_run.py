@@ -221,6 +221,10 @@ def check_mute(config: RunConfig, scenarios: Sequence[Scenario]) -> None:
         if sender not in {"*", *senders}:
             raise InputError(
                 f"--comm-mute {pattern}: expected a sender among {', '.join(sorted(senders))} or *, found {sender!r}"
+                f"{suggest_name(sender, senders)}"
             )
         if config.agent.is_builtin and kind not in {"*", *TYPES}:
-            raise InputError(f"--comm-mute {pattern}: expected a type among {', '.join(TYPES)} or *, found {kind!r}")
+            suggestion = suggest_name(kind, TYPES)
+            raise InputError(
+                f"--comm-mute {pattern}: expected a type among {', '.join(TYPES)} or *, found {kind!r}{suggestion}"
+            )

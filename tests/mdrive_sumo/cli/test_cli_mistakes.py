@@ -18,6 +18,9 @@ class Careful:
     def act(self, seen): raise ValueError("no idea")
 class Unlabelled(Careful):
     label = None
+class Needy(Careful):
+    def __init__(self, config):
+        self.speed = config["speed"]
 """
 
 
@@ -70,6 +73,8 @@ def test_help_of_every_command_writes_nothing(empty: Path) -> None:
         (("view", "nosuchrun"), "found no such folder; `mdrive-sumo eval` makes one"),
         (("compare", "a", "b"), "run 'a': expected a folder that `mdrive-sumo eval` has written, found no such folder"),
         (("show", "runs/nosuch"), "run 'runs/nosuch': expected a folder"),
+        (("show", "i11*", "i12*", "--out", "x.png"), "expected one SCENARIO or RUN with them, found 2"),
+        (("view", "r", "--scenario", "a", "--scenario", "b", "--export", "x"), "expected one --scenario with it"),
         (("show", "i11_ins_sl_twn"), "did you mean 'i11_ins_sl_town'?"),
         (("list", "agents", "there"), "DIR: expected only with `list runs`, found 'there' with `list agents`"),
         (("admin", "team", "create", ""), "name of a team: expected 1 to 64 printable characters, found ''"),
@@ -105,6 +110,7 @@ def test_an_agent_file_gets_a_remedy(empty: Path, words: tuple[str, ...], senten
     ("name", "sentence"),
     [
         ("Carefull", "expected a class Carefull in mine.py, found none; did you mean 'Careful'?"),
+        ("Needy", "cannot be created: KeyError: 'speed' (mine.py, line 12)"),
         ("Unlabelled", "agent Unlabelled: expected an attribute `label`, one of single, "),
     ],
 )
