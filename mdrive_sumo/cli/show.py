@@ -52,7 +52,7 @@ def command(
         for pattern in whats:
             _show_scenario(pattern, suite or "interdrive", None)
         return
-    what = whats[0]
+    what = "".join(whats)  # the only one
     folder = Path(what)
     if (folder / RESULTS_FILE).is_file():
         _show_run(ctx, folder, suite, out, workers if captured else 0)

@@ -55,6 +55,10 @@ class PreparedRun:
         """The scenario of every episode, scenario by scenario with all seeds."""
         return {(scenario.id, seed): scenario for scenario in self.scenarios for seed in self.config.seeds}
 
+    def find_key(self, result: ScenarioResult) -> EpisodeKey:
+        """Return what a result is found by in `episodes`; in a run of one seed only the scenario counts."""
+        return result.key if self.config.more_seeds else (result.id, self.config.seed)
+
     def name_episode(self, key: EpisodeKey) -> str:
         """Return an episode's name in messages: its scenario, and its seed if the run has several."""
         return f"{key[0]} seed {key[1]}" if self.config.more_seeds else key[0]

@@ -71,7 +71,7 @@ def load_unchecked_run(folder: Path, suite: str | None = None) -> StoredRun:
 
 def _check_scenarios(path: Path, run: PreparedRun, results: Results) -> None:
     """Raise InputError unless the results are those of the episodes that the run drives."""
-    expected, found = [*run.episodes], [result.key for result in results.scenarios]
+    expected, found = [*run.episodes], [run.find_key(result) for result in results.scenarios]
     missing, foreign = sorted({*expected} - {*found}), sorted({*found} - {*expected})
     if missing or foreign:
         name = run.name_episode((missing or foreign)[0])

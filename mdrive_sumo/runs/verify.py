@@ -63,7 +63,7 @@ def verify(
     checks = [
         VerificationJob(run.make_job(scenarios[key[0]], key[1]), result.digest, tuple(modes))
         for result in chosen
-        if (key := result.key if run.config.more_seeds else (result.id, run.config.seed)) in run.episodes
+        if (key := run.find_key(result)) in run.episodes
     ]
     with ProcessPool[VerificationJob, VerificationResult](
         verify_episode, min(workers, max(len(checks), 1)), run.limit_s()

@@ -49,7 +49,7 @@ def build_expected_results(
     found: the file, whose void scenarios, and those without a score in `scores`, are taken as they are. facts: labels
     and declared label that the agent has now.
     """
-    stored = {_find_run_key(run, result): result for result in found.scenarios}
+    stored = {run.find_key(result): result for result in found.scenarios}
     known = [*run.episodes]
     scenarios = [_expect_scenario(stored[key], scores.get(key, {}), mode) for key in known if key in stored]
     info = _expect_info(run, found.run, mode, facts)
@@ -102,11 +102,6 @@ def _find_entry(entry: Mapping[str, Any], run: RunInfo) -> EpisodeKey:
     """As `RunInfo.find_key`, of an entry of the journal."""
     key = find_entry_key(entry)
     return key if len(run.all_seeds) > 1 else (key[0], run.seed)
-
-
-def _find_run_key(run: PreparedRun, result: ScenarioResult) -> EpisodeKey:
-    """As `RunInfo.find_key`, with the seeds of the fingerprint."""
-    return result.key if run.config.more_seeds else (result.id, run.config.seed)
 
 
 def find_fingerprint_differences(run: PreparedRun) -> Iterator[str]:
