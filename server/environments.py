@@ -11,6 +11,7 @@ from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import BoxError, BoxLimits, BoxSpec, open_box
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import describe_unknown
 
 ABOUT_FILE = "environment.json"
 BUILD_S = 1800.0
@@ -73,7 +74,7 @@ class Environment:
 def find_recipe(name: str) -> EnvironmentRecipe:
     """Return the recipe of that name. Raises InputError, which lists the known names."""
     if name not in RECIPES:
-        raise InputError(f"environment: expected one of {', '.join(RECIPES)}, found {name!r:.60}")
+        raise InputError(f"environment: {describe_unknown(name, RECIPES)}")
     return RECIPES[name]
 
 

@@ -9,6 +9,7 @@ from typing import Any, cast
 
 from mdrive_sumo.contract import Agent
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import suggest_name
 
 Config = Mapping[str, Any]
 CARLA_PREFIX = "carla:"
@@ -39,8 +40,14 @@ def load_agent_class(locator: str) -> Callable[[Config], Agent]:
     module = load_module_from_file(Path(place)) if place.endswith(".py") else _import_module(place)
     found: Any = getattr(module, name, None)
     if not callable(found):
-        raise InputError(f"agent {locator!r}: expected a class {name} in {place}, found none")
+        raise InputError(f"expected a class {name} in {Path(place).name}, found none{_suggest_class(name, module)}")
     return cast("Callable[[Config], Agent]", found)
+
+
+def _suggest_class(name: str, module: Any) -> str:
+    """Return which class of a module may have been meant, or which ones it has."""
+    classes = [key for key, value in vars(module).items() if isinstance(value, type) and hasattr(value, "act")]
+    return suggest_name(name, classes) or (f"; it has {', '.join(classes[:6])}" if classes else "")
 
 
 def _import_module(name: str) -> Any:

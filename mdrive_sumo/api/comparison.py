@@ -1,13 +1,11 @@
 """Compare two runs scenario by scenario."""
 
-from collections import defaultdict
 from pathlib import Path
 
 from mdrive_sumo.api.run import Run, load_run
 from mdrive_sumo.runs.compare import RunComparison
 from mdrive_sumo.runs.compare import compare as compare_results
-from mdrive_sumo.scoring import Results, ScenarioResult
-from mdrive_sumo.scoring.summary import compute_means
+from mdrive_sumo.scoring import Results
 
 
 def compare(run: Run | str | Path, other: Run | str | Path) -> RunComparison:
@@ -17,20 +15,9 @@ def compare(run: Run | str | Path, other: Run | str | Path) -> RunComparison:
     Raises InputError for runs with different score modes or without a scenario in common.
     """
     first, second = (one if isinstance(one, Run) else load_run(one) for one in (run, other))
-    return compare_results(_average_seeds(first), _average_seeds(second))
+    return compare_results(_join(first), _join(second), (first.folders[0], second.folders[0]))
 
 
-def _average_seeds(run: Run) -> Results:
-    """Return results whose scenarios have the mean scores over the seeds."""
-    if len(run.results) == 1:
-        return run.results[0]
-    by_id: defaultdict[str, list[ScenarioResult]] = defaultdict(list)
-    for result in run.scores:
-        by_id[result.id].append(result)
-    return run.results[0].model_copy(update={"scenarios": tuple(map(_average, by_id.values()))})
-
-
-def _average(results: list[ScenarioResult]) -> ScenarioResult:
-    if void := next((result for result in results if result.status == "void"), None):
-        return void
-    return results[0].model_copy(update=compute_means(results).model_dump())
+def _join(run: Run) -> Results:
+    """Return the results of all folders of a run as one."""
+    return run.results[0].model_copy(update={"scenarios": tuple(run.scores)})

@@ -15,9 +15,10 @@ from mdrive_sumo.runs.evaluate import Progress
 from mdrive_sumo.runs.evaluate import evaluate as run_jobs
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.process_pool import count_available_cores
-from mdrive_sumo.runs.run_config import ConfigValue, RunConfig
+from mdrive_sumo.runs.run_config import ConfigValue, RunConfig, check_seeds
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
-from mdrive_sumo.scoring import Results, ScoreMode
+from mdrive_sumo.scoring import Results
+from mdrive_sumo.scoring.score_mode import parse_score_mode
 
 
 def evaluate(
@@ -34,6 +35,7 @@ def evaluate(
     out: str | Path | None = None,
     fresh: bool = False,
     sandbox: bool = False,
+    fail_fast: bool = False,
     progress: bool = True,
     **options: Unpack[EpisodeArguments],
 ) -> Run:
@@ -43,9 +45,10 @@ def evaluate(
     categories. agent: a built-in name, a class, `module:Class`, `path.py:Class`, `carla:path.py`.
     seeds: a number of seeds (3 means 0, 1 and 2) or the seeds themselves. workers: processes, by
     default one per core. scheduler: address of a Dask scheduler whose workers drive instead.
-    out: the run folder; several seeds get the folders OUT/seed0, OUT/seed1 ...; by default a folder below `runs/` that
-    the arguments determine. A folder that holds the same run, finished or interrupted, is continued; `fresh` drops it.
+    out: the run folder, which holds all seeds; by default a folder below `runs/` that the arguments determine. A folder
+    that holds the same run, finished or interrupted, is continued; `fresh` drops it.
     sandbox: whether an agent of a file runs in boxes that hide the suite; otherwise results are labelled `unsandboxed`.
+    fail_fast: whether to stop at the first failure of an agent and raise AgentFailure.
     progress: whether to print a line per scenario on standard error. options: `comm` (a preset or CommSettings),
     `agent_clock`, `actors`, `friction`, `ids`, `sensing`. They and the other arguments are the options of
     `mdrive-sumo eval`.
@@ -54,29 +57,25 @@ def evaluate(
     """
     name, pattern = _locate(suite, scenario)
     chosen = tuple(range(seeds) if isinstance(seeds, int) else seeds)
-    if not chosen:
-        raise InputError("evaluate: seeds: expected at least one, found none")
-    episode_options = EpisodeOptions.parse(**options)
-    configs = [
-        RunConfig(
-            suite=name,
-            scenario=pattern,
-            agent=AgentSpec(agent, agent_config or {}),
-            seed=seed,
-            score_mode=ScoreMode(score_mode),
-            options=episode_options,
-            workers=workers or count_available_cores(),
-            scheduler=scheduler,
-            record=record,
-            out=_choose_folder(out, seed, len(chosen)),
-            fresh=fresh,
-            sandbox=sandbox,
-        )
-        for seed in chosen
-    ]
-    runs = [prepare(config) for config in configs]
-    results = tuple(_evaluate_with_display(run, progress) for run in runs)
-    return Run(tuple(run.folder for run in runs), results)
+    check_seeds(chosen)
+    config = RunConfig(
+        suite=name,
+        scenario=pattern,
+        agent=AgentSpec(agent, agent_config or {}),
+        seed=chosen[0],
+        more_seeds=chosen[1:],
+        score_mode=parse_score_mode(score_mode),
+        options=EpisodeOptions.parse(**options),
+        workers=workers or count_available_cores(),
+        scheduler=scheduler,
+        record=record,
+        out=None if out is None else Path(out),
+        fresh=fresh,
+        sandbox=sandbox,
+        fail_fast=fail_fast,
+    )
+    run = prepare(config)
+    return Run((run.folder,), (_evaluate_with_display(run, progress),))
 
 
 def evaluate_run(run: PreparedRun, progress: Progress) -> Results:
@@ -112,9 +111,3 @@ def _locate(suite: str | Suite, scenario: str) -> tuple[str, str]:
         )
     chosen = suite.select(scenario)
     return name, scenario if len(suite) == len(stored) else ",".join(one.id for one in chosen)
-
-
-def _choose_folder(out: str | Path | None, seed: int, seeds: int) -> Path | None:
-    if out is None:
-        return None
-    return Path(out) / f"seed{seed}" if seeds > 1 else Path(out)

@@ -1,4 +1,4 @@
-"""Run: the results of an evaluation, one run folder per seed."""
+"""Run: the results of an evaluation with one seed or several."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,12 +12,21 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.report.result_tables import SCORE_HEADER, format_optional, format_scores, format_summary
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
-from mdrive_sumo.runs.prepared_run import recording_path
 from mdrive_sumo.runs.process_pool import count_available_cores
 from mdrive_sumo.runs.rescore import rescore_run
+from mdrive_sumo.runs.run_listing import check_run_folder
 from mdrive_sumo.runs.stored_run import load_stored_run, load_unchecked_run
 from mdrive_sumo.runs.verify import VerificationResult
-from mdrive_sumo.scoring import Means, Results, ScenarioResult, ScoreMode, load_results
+from mdrive_sumo.scoring import (
+    MeanIntervals,
+    Means,
+    Results,
+    ScenarioResult,
+    ScoreMode,
+    compute_mean_intervals,
+    load_results,
+)
+from mdrive_sumo.scoring.score_mode import parse_score_mode
 from mdrive_sumo.scoring.summary import compute_means
 
 if TYPE_CHECKING:
@@ -101,16 +110,21 @@ def _describe_cavs(result: ScenarioResult) -> Iterator[dict[str, object]]:
 
 @dataclass(frozen=True)
 class Run:
-    """A finished evaluation. Each seed has a run folder of its own, as `mdrive-sumo eval` writes it."""
+    """A finished evaluation: one run folder, as `mdrive-sumo eval` writes it, or several that were loaded together."""
 
     folders: tuple[Path, ...]
     results: tuple[Results, ...]
-    """The contents of `results.json`, one per seed."""
+    """The contents of `results.json`, one for every folder."""
 
     @property
     def seeds(self) -> tuple[int, ...]:
         """The seeds in the order of the folders."""
-        return tuple(results.run.seed for results in self.results)
+        return tuple(seed for results in self.results for seed in results.run.all_seeds)
+
+    @property
+    def intervals(self) -> tuple[MeanIntervals, ...]:
+        """Means of DS and SR by bucket and overall with 95 % bootstrap intervals, over scenarios and seeds."""
+        return compute_mean_intervals(self.results[0].model_copy(update={"scenarios": tuple(self.scores)}))
 
     @property
     def scores(self) -> Scores:
@@ -141,13 +155,15 @@ class Run:
             scenario, seed = scenario.id, scenario.seed
         if seed is not None and seed not in self.seeds:
             raise InputError(f"episode: seed: expected one of {', '.join(map(str, self.seeds))}, found {seed}")
-        folder = self.folders[0 if seed is None else self.seeds.index(seed)]
-        return load_episode(recording_path(folder, scenario), load_stored_run(folder).run.suite)
+        seed = self.seeds[0] if seed is None else seed
+        index = next(i for i, results in enumerate(self.results) if seed in results.run.all_seeds)
+        run = load_stored_run(self.folders[index]).run
+        return load_episode(run.find_recording((scenario, seed)), run.suite)
 
     def rescore(self, mode: ScoreMode | str) -> "Run":
         """Return the run in another score mode, computed from its recordings without simulation."""
         stored = [load_stored_run(folder) for folder in self.folders]
-        return Run(self.folders, tuple(rescore_run(one, ScoreMode(mode)) for one in stored))
+        return Run(self.folders, tuple(rescore_run(one, parse_score_mode(mode)) for one in stored))
 
     def verify(
         self, sample: int | None = None, workers: int | None = None, *, trust_agent: bool = False, sandbox: bool = False
@@ -170,4 +186,6 @@ class Run:
 def load_run(folder: str | Path | Iterable[str | Path]) -> Run:
     """Load the results of one run folder, or of several folders of one run with different seeds. Raises InputError."""
     folders = tuple(map(Path, (folder,) if isinstance(folder, str | Path) else folder))
+    for path in folders:
+        check_run_folder(path)
     return Run(folders, tuple(load_results(path / RESULTS_FILE) for path in folders))

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario, load_scenario
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, list_packaged_suites, load_suite
@@ -39,7 +40,13 @@ def _find_written(scenario: str | Scenario, suite: str | Suite | None) -> Scenar
     if isinstance(scenario, Scenario):
         return ScenarioSource(scenario, load_road_map(find_network_folder(scenario.network, folder)), folder)
     if folder is None:
-        raise InputError(f"scenario {scenario!r}: expected the id of a scenario in a packaged suite, found none")
+        ids = (
+            path.parent.name for suite in list_packaged_suites().values() for path in suite.glob(f"*/{SCENARIO_FILE}")
+        )
+        suggestion = suggest_name(str(scenario), ids)
+        raise InputError(
+            f"scenario {scenario!r}: expected the id of a scenario in a packaged suite, found none{suggestion}"
+        )
     found = load_scenario(folder / scenario / SCENARIO_FILE)
     return ScenarioSource(found, load_road_map(find_network_folder(found.network, folder)), folder)
 
@@ -47,7 +54,10 @@ def _find_written(scenario: str | Scenario, suite: str | Suite | None) -> Scenar
 def _find_in(suite: Suite, scenario_id: str) -> Scenario:
     found = next((scenario for scenario in suite if scenario.id == scenario_id), None)
     if found is None:
-        raise InputError(f"scenario {scenario_id!r}: expected the id of a scenario in suite {suite.name}, found none")
+        suggestion = suggest_name(scenario_id, (one.id for one in suite))
+        raise InputError(
+            f"scenario {scenario_id!r}: expected the id of a scenario in suite {suite.name}, found none{suggestion}"
+        )
     return found
 
 

@@ -22,7 +22,7 @@ from mdrive_sumo.runs.verify_files import (
     find_journal_differences,
     find_results_differences,
 )
-from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode, load_unchecked_results
+from mdrive_sumo.scoring import EpisodeKey, Results, ScenarioResult, ScoreMode, load_unchecked_results
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +59,12 @@ class RunVerification:
         self.run = permission.apply(stored.run)
         self.chosen: Sequence[ScenarioResult] = sample_results(stored.results, sample)
         self._modes = _list_modes(stored.run)
-        self._scores: dict[str, Mapping[ScoreMode, ScenarioResult]] = {}
+        self._scores: dict[EpisodeKey, Mapping[ScoreMode, ScenarioResult]] = {}
 
     def verify_episodes(self, workers: int) -> Iterator[VerificationResult]:
         """Drive the chosen scenarios again and yield the comparison of each as it finishes. Raises InputError."""
         for found in verify(self.run, self.chosen, workers, tuple(self._modes)):
-            self._scores[found.scenario] = found.scores
+            self._scores[found.key] = found.scores
             yield found
 
     def verify_files(self) -> Iterator[FileVerification]:

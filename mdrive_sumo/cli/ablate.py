@@ -8,15 +8,16 @@ from typing import Any
 
 import click
 
-from mdrive_sumo.cli.choice import find_one_scenario
+from mdrive_sumo.cli.choice import choose_seed, find_one_scenario
 from mdrive_sumo.cli.foreign_agent import foreign_agent_options, read_permission
+from mdrive_sumo.cli.scenario_option import make_scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.report.result_tables import format_optional
-from mdrive_sumo.runs.prepared_run import PreparedRun, recording_path
+from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scoring import Results, ScenarioResult
 from mdrive_sumo.study.ablation import (
@@ -36,7 +37,8 @@ HEADER = (
 
 @click.command("ablate")
 @click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
-@click.option("--scenario", default="*", metavar="GLOB", help="Which episode of the run; it must fit exactly one.")
+@make_scenario_option("Which episode of the run; it must fit exactly one.")
+@click.option("--seed", type=int, help="Which one in a run of several seeds [default: the first].")
 @click.option("--mute", multiple=True, metavar="SENDER/TYPE[@TICK]", help="Mute only these messages; * is any.")
 @click.option("--each-message", metavar="TYPE", help="Mute every message of that type, each alone.")
 @click.option("--max-runs", type=click.IntRange(min=1), default=100, show_default=True, help="Largest number of runs.")
@@ -62,8 +64,8 @@ def command(
     run, results = permission.apply(stored.run), stored.results
     if changed := stored.describe_version_changes():
         click.echo(f"warning: the run was made with another {changed}", err=True)
-    recorded = _find_recorded(run, results, scenario)
-    messages = load_episode(recording_path(run.folder, recorded.id)).messages
+    recorded = _find_recorded(run, results, scenario, choose_seed(results, choice["seed"]))
+    messages = load_episode(run.find_recording(recorded.key)).messages
     mutes = choose_mutes(messages, choice["mute"], choice["each_message"], choice["max_runs"])
     effects = ablate(run, recorded, mutes, choice["workers"])
     if differing := next(effects).difference:
@@ -73,10 +75,10 @@ def command(
     click.echo(format_ablation_json(found) if as_json else format_ablation_table(found))
 
 
-def _find_recorded(run: PreparedRun, results: Results, pattern: str) -> ScenarioResult:
+def _find_recorded(run: PreparedRun, results: Results, pattern: str, seed: int) -> ScenarioResult:
     chosen = find_one_scenario(replace(run.suite, scenarios=run.scenarios), pattern)
-    result = next(result for result in results.scenarios if result.id == chosen.id)
-    if result.status == "void" or not recording_path(run.folder, result.id).is_file():
+    result = next(result for result in results.scenarios if result.key == (chosen.id, seed))
+    if result.status == "void" or not run.find_recording(result.key).is_file():
         raise InputError(f"{run.folder}: expected a recording of {result.id}, found none")
     return result
 

@@ -1,8 +1,9 @@
-"""Find the one scenario that a glob names."""
+"""Find the scenarios that a user names on the command line."""
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite
+from mdrive_sumo.scoring import Results
 
 
 def find_one_scenario(suite: Suite, pattern: str) -> Scenario:
@@ -12,5 +13,15 @@ def find_one_scenario(suite: Suite, pattern: str) -> Scenario:
         return found[0]
     raise InputError(
         f"suite {suite.name}: expected {pattern!r} to fit one scenario, found {len(found)}:"
-        f" {', '.join(scenario.id for scenario in found[:4])}{' ...' if len(found) > 4 else ''}"
+        f" {', '.join(scenario.id for scenario in found[:4])}{' ...' if len(found) > 4 else ''}; an id names one"
     )
+
+
+def choose_seed(results: Results, seed: int | None) -> int:
+    """Return a seed of a run, the first if none is given. Raises InputError for a seed that the run does not have."""
+    seeds = results.run.all_seeds
+    if seed is None:
+        return seeds[0]
+    if seed not in seeds:
+        raise InputError(f"--seed: expected one of the run's, {', '.join(map(str, seeds))}, found {seed}")
+    return seed

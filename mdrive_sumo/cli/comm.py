@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 import click
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.loop.episode_config import EpisodeOptions
 from mdrive_sumo.v2x.comm_settings import PER, PRESETS, CommSettings
 from mdrive_sumo.v2x.messages import TYPES
@@ -72,7 +73,7 @@ def read_episode_options(options: dict[str, Any]) -> EpisodeOptions:
 def parse_comm_options(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **given: str | None) -> CommSettings:
     """Return the channel of a preset with the given options changed (text; None: not given). Raises InputError."""
     if comm not in PRESETS:
-        raise InputError(f"--comm: unknown preset {comm!r:.40}, expected one of {', '.join(PRESETS)}")
+        raise InputError(f"--comm: {describe_unknown(comm, PRESETS)}")
     comm_settings = PRESETS[comm]
     for name, text in given.items():
         if text is None:

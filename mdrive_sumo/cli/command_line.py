@@ -8,6 +8,7 @@ import click
 
 from mdrive_sumo import __version__
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import shorten_name, suggest_name
 
 PLUG_IN_GROUP = "mdrive_sumo.commands"
 """Entry points through which other packages add commands."""
@@ -15,7 +16,7 @@ PLUG_IN_GROUP = "mdrive_sumo.commands"
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "eval": ("evaluate", "Drive a suite with an agent and score it."),
     "eval-open": ("evaluate_open", "Compare an agent's plans and detections with recorded drives."),
-    "list": ("list", "List suites, scenarios, agents or networks."),
+    "list": ("list", "List suites, scenarios, agents, networks or runs."),
     "show": ("show", "Draw a scenario."),
     "view": ("view", "Replay a recorded episode in the browser."),
     "verify": ("verify", "Execute a run again and compare every tick."),
@@ -46,10 +47,22 @@ class CommandLine(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
         """Import a command."""
+        from mdrive_sumo.cli.strict_parsing import make_strict  # here, so that --help need not import it
+
         if cmd_name in COMMANDS:
-            return import_module(f"mdrive_sumo.cli.{COMMANDS[cmd_name][0]}").command
+            return make_strict(import_module(f"mdrive_sumo.cli.{COMMANDS[cmd_name][0]}").command)
         plug_in = _plug_ins().get(cmd_name)
-        return plug_in.load() if plug_in else None
+        return make_strict(plug_in.load()) if plug_in else None
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find a command. Raises click.UsageError with a suggestion for a mistyped name."""
+        name = args[0]
+        if not name.startswith("-") and self.get_command(ctx, name) is None:
+            suggestion = suggest_name(name, self.list_commands(ctx))
+            ctx.fail(f"expected a command, found {shorten_name(name)}{suggestion or '; --help lists the commands'}")
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """Write one line per command without importing any."""
@@ -84,6 +97,6 @@ def _line(plug_in: EntryPoint) -> str:
 def main() -> None:
     """MDrive on SUMO: closed-loop cooperative driving, from one command to a score that anyone can re-run.
 
-    Start with `mdrive-sumo eval`. Exit codes: 0 done, 1 something is void or differs, 2 unusable input,
-    130 interrupted.
+    Start with `mdrive-sumo eval`. Exit codes: 0 done, 1 something is void or differs or an agent failed, 2 unusable
+    input, 130 interrupted.
     """

@@ -10,15 +10,17 @@ import click
 
 from mdrive_sumo.api.evaluation import evaluate_run
 from mdrive_sumo.cli.comm import episode_options, read_episode_options
+from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.agent_failures import format_agent_failures, format_first_failure
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.result_tables import CapturedCooperation, format_summary
 from mdrive_sumo.report.run_report import REPORT_FILE, save_run_report
 from mdrive_sumo.runs.agent_spec import AgentSpec
-from mdrive_sumo.runs.evaluate import RESULTS_FILE, Progress, evaluate
+from mdrive_sumo.runs.evaluate import RESULTS_FILE, Progress, StoppedAtFailure, evaluate
 from mdrive_sumo.runs.journal import JOURNAL_FILE
-from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER, PreparedRun, prepare
+from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER, LOGS_FOLDER, PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
 from mdrive_sumo.scoring import Results, ScoreMode
 from mdrive_sumo.study.reference_runs import evaluate_captured_cooperation
@@ -29,7 +31,7 @@ EXECUTORS = ("local", "dask")
 
 @click.command("eval")
 @click.option("--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
-@click.option("--scenario", default="*", metavar="GLOB", help="Only scenarios whose id or category matches.")
+@scenario_option
 @click.option(
     "--agent",
     default="idm",
@@ -54,6 +56,13 @@ EXECUTORS = ("local", "dask")
     show_default=True,
     help="Seed of all randomness. 0: the scenarios as written. Others also draw starts, triggers and drivers.",
 )
+@click.option(
+    "--seeds",
+    type=click.IntRange(1, 1000),
+    default=1,
+    show_default=True,
+    help="Drive every scenario with so many seeds, --seed being the first; means have intervals.",
+)
 @workers_option
 @click.option(
     "--executor",
@@ -72,6 +81,7 @@ EXECUTORS = ("local", "dask")
     help="Run a third-party agent in boxes without the suite's files; else results are labelled unsandboxed.",
 )
 @click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted run.")
+@click.option("--fail-fast", is_flag=True, help="Stop at the first failure of the agent.")
 @click.option("--captured", is_flag=True, help="Drive the references for captured cooperation too, and show it.")
 @click.pass_context
 def command(
@@ -87,10 +97,13 @@ def command(
 
     The same command given again continues an interrupted run; it also tries void scenarios again. A scenario
     whose worker died is retried once, then it is void: the benchmark's failure or SUMO's, never the agent's.
+    A failure of the agent (crash, time-out, invalid reply) is scored, and the end of its log is shown.
 
-    Exit codes: 0 every scenario has a score, 1 some are void, 2 unusable input, 130 interrupted.
+    Exit codes: 0 every scenario has a score and no agent failed, 1 some are void or the agent failed, 2 unusable
+    input, 130 interrupted.
     """
     agent_options = load_agent_config(agent_config) if agent_config else {}
+    first, count = options.pop("seed"), options.pop("seeds")
     if transcript is not None:
         agent_options["transcript"] = str(transcript.resolve())
     if ((executor := options.pop("executor")) == "dask") != bool(options["scheduler"]):
@@ -98,6 +111,8 @@ def command(
     config = RunConfig(
         agent=AgentSpec(options.pop("agent"), agent_options),
         options=read_episode_options(options),
+        seed=first,
+        more_seeds=tuple(range(first + 1, first + count)),
         record=not no_record,
         score_mode=ScoreMode(score_mode),
         command=("mdrive-sumo", *sys.argv[1:]),
@@ -110,7 +125,10 @@ def command(
         save_run_report(run.folder, whole, shares)
     click.echo(format_summary(whole, shares))
     click.echo("\n" + _list_written_files(run))
-    ctx.exit(1 if whole.void else 0)
+    failures = format_agent_failures(whole, run.folder)
+    if failures:
+        click.echo("\n" + failures)
+    ctx.exit(1 if whole.void or failures else 0)
 
 
 def with_references(ctx: click.Context, results: Results, config: RunConfig) -> CapturedCooperation:
@@ -132,6 +150,11 @@ def evaluate_with_display(
     progress = ProgressDisplay(sys.stderr)
     try:
         return drive(run, progress)
+    except StoppedAtFailure as stopped:
+        progress.close()
+        click.echo(format_first_failure(stopped.result, run.folder, is_seeded=bool(run.config.more_seeds)))
+        click.echo(f"stopped; --fresh starts {run.folder} anew, without --fail-fast it is continued", err=True)
+        ctx.exit(1)
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not swallow the answer to the first
         progress.close()
@@ -144,6 +167,8 @@ def evaluate_with_display(
 
 def _list_written_files(run: PreparedRun) -> str:
     files = {RESULTS_FILE: "all numbers", REPORT_FILE: "to read", JOURNAL_FILE: "what was done"}
+    if not run.config.agent.is_builtin:
+        files[f"{LOGS_FOLDER}/"] = "output of the agent's processes"
     if run.config.record:
-        files[f"{EPISODES_FOLDER}/"] = "one recording a scenario, for view, verify and rescore"
+        files[f"{EPISODES_FOLDER}/"] = "recordings, for view, verify and rescore"
     return "\n".join(f"{run.folder / name}  {what}" for name, what in files.items())

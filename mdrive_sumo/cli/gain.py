@@ -7,7 +7,8 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.comm import parse_comm_options
-from mdrive_sumo.cli.study_display import drive_with_display
+from mdrive_sumo.cli.scenario_option import scenario_option
+from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.loop import EpisodeOptions
@@ -23,7 +24,7 @@ from mdrive_sumo.v2x.comm_settings import PRESETS
 
 @click.command("gain")
 @click.option("--suite", default="mdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
-@click.option("--scenario", default="*", metavar="GLOB", help="Only scenarios whose id or category matches.")
+@scenario_option
 @click.option("--comm", default="ideal", show_default=True, metavar="|".join(PRESETS), help="The V2X channel.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=1, show_default=True, help="The first seed.")
 @click.option("--seeds", type=click.IntRange(1, 1000), default=5, show_default=True, help="How many seeds.")
@@ -38,7 +39,7 @@ def command(ctx: click.Context, **options: object) -> None:
     Drives single, sharing and sharing+negotiation under both sensing profiles. Writes gain.json, gain.csv and
     gain.md into --out, and every run into --out/runs. The same command given again continues an interrupted study.
 
-    Exit codes: 0 every scenario has a score, 1 some are void, 2 unusable input, 130 interrupted.
+    Exit codes: 0 every scenario has a score, 1 some are void or an agent failed, 2 unusable input, 130 interrupted.
     """
     given = _GainOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
     seeds = tuple(range(given.seed, given.seed + given.seeds))
@@ -57,7 +58,8 @@ def command(ctx: click.Context, **options: object) -> None:
             (given.out / name).write_text(text, encoding="utf-8")
     click.echo(format_text_table(GAIN_HEADER, make_gain_table(summary)))
     click.echo("\n" + "\n".join(str(given.out / name) for name in pages))
-    ctx.exit(1 if summary.void else 0)
+    failed = warn_about_failures((one for row in rows for one in row.results), given.out)
+    ctx.exit(1 if failed or summary.void else 0)
 
 
 @dataclass(frozen=True, slots=True)

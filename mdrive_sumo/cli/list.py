@@ -1,14 +1,18 @@
 """`mdrive-sumo list`."""
 
 from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
 
 import click
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import TableRow, format_text_table
+from mdrive_sumo.report.agent_failures import list_agent_failures
 from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
+from mdrive_sumo.runs.run_config import RUNS_FOLDER
+from mdrive_sumo.runs.run_listing import ListedRun, list_runs
 from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
@@ -112,6 +116,31 @@ def _make_network_rows() -> Iterator[TableRow]:
         yield name, str(len(roads.lanes)), str(len(roads.buildings)), signs, about.description
 
 
+RUNS_HEADER: TableRow = ("run", "suite", "agent", "seeds", "episodes", "DS", "SR", "state")
+
+
+def _list_runs(folder: Path) -> str:
+    rows = [_make_run_row(run) for run in list_runs(folder)]
+    if not rows:
+        return f"no runs below {folder}; `mdrive-sumo eval` makes one, `mdrive-sumo list runs DIR` looks elsewhere"
+    return format_text_table(RUNS_HEADER, rows)
+
+
+def _make_run_row(run: ListedRun) -> TableRow:
+    name = str(run.folder)
+    if run.problem:
+        return (name, *("?",) * (len(RUNS_HEADER) - 2), f"unreadable: {run.problem}")
+    facts = run.fingerprint
+    seeds = str(facts.get("seeds", facts.get("seed", "?")))
+    known = (name, Path(str(facts.get("suite", "?"))).name, str(facts.get("agent", "?")).rpartition("/")[2], seeds)
+    if run.results is None:
+        return (*known, str(run.finished), "-", "-", "interrupted")
+    means = run.results.overall.scenario_mean
+    failed = len({(one.result.id, one.result.seed) for one in list_agent_failures(run.results)})
+    states = [f"{count} {what}" for count, what in ((run.results.void, "void"), (failed, "agent failed")) if count]
+    return (*known, str(run.finished), f"{means.ds:.2f}", f"{means.sr:.2f}", ", ".join(states) or "finished")
+
+
 LISTS: Mapping[str, Callable[[str], str]] = {
     "suites": _list_suites,
     "scenarios": _list_scenarios,
@@ -120,12 +149,24 @@ LISTS: Mapping[str, Callable[[str], str]] = {
 }
 
 
+RUNS = "runs"
+
+
 @click.command("list")
-@click.argument("what", type=click.Choice(tuple(LISTS)))
+@click.argument("what", type=click.Choice((*LISTS, RUNS)))
+@click.argument("folder", metavar="[DIR]", type=click.Path(path_type=Path), default=RUNS_FOLDER)
 @click.option("--suite", default="interdrive", show_default=True, help="Suite of the scenarios: a name or a folder.")
 @click.option(
     "--occluded/--not-occluded", default=None, help="Only scenarios with, or without, an occlusion certificate."
 )
-def command(what: str, suite: str, occluded: bool | None) -> None:
-    """List suites (with the paper's statistics), scenarios, agents or networks."""
+def command(what: str, folder: Path, suite: str, occluded: bool | None) -> None:
+    """List suites (with the paper's statistics), scenarios, agents, networks or runs.
+
+    DIR is where runs are looked for, with the folders below it [default: runs].
+    """
+    if what == RUNS:
+        click.echo(_list_runs(folder))
+        return
+    if folder != RUNS_FOLDER:
+        raise click.UsageError(f"DIR: expected only with `list {RUNS}`, found {str(folder)!r} with `list {what}`")
     click.echo(_list_scenarios(suite, occluded) if what == "scenarios" else LISTS[what](suite))

@@ -9,17 +9,20 @@ from mdrive_sumo.cli.choice import find_one_scenario
 from mdrive_sumo.cli.evaluate import with_references
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.agent_failures import format_agent_failures
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.report.scenario_plot import save_scenario_plot
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, report_write_errors
+from mdrive_sumo.runs.journal import JOURNAL_FILE
+from mdrive_sumo.runs.run_listing import check_run_folder
 from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scenario.suite import load_suite
 
 
 @click.command("show")
-@click.argument("what", metavar="SCENARIO|RUN")
+@click.argument("whats", metavar="SCENARIO...|RUN", nargs=-1, required=True)
 @click.option(
     "--suite", metavar="NAME|DIR", help="Packaged suite, or a suite's folder [default: interdrive, the run's]."
 )
@@ -31,20 +34,32 @@ from mdrive_sumo.scenario.suite import load_suite
 @click.option("--captured", is_flag=True, help="Of a run: captured cooperation; drives its references if need be.")
 @workers_option
 @click.pass_context
-def command(ctx: click.Context, what: str, suite: str | None, out: Path | None, captured: bool, workers: int) -> None:
+def command(
+    ctx: click.Context, whats: tuple[str, ...], suite: str | None, out: Path | None, captured: bool, workers: int
+) -> None:
     """Draw a scenario, or print the table of a finished run.
 
     A drawn SCENARIO shows network, buildings, signs, CAVs with routes and goals, and background traffic. It is
-    an id, or a glob that fits exactly one; the ending of --out (.png, .svg, .pdf) is the format.
+    an id, or a glob that fits exactly one; several are drawn into a picture each. The ending of --out (.png, .svg,
+    .pdf) is the format.
 
     RUN is a folder that `eval` has written. --captured compares it with the same agent without a channel and
     with omniscient, which are looked for in their default folders below runs/, and driven if they are not there.
     """
+    if len(whats) > 1:
+        if captured or out is not None:
+            raise click.UsageError(f"--out and --captured: expected one SCENARIO or RUN with them, found {len(whats)}")
+        for pattern in whats:
+            _show_scenario(pattern, suite or "interdrive", None)
+        return
+    what = "".join(whats)  # the only one
     folder = Path(what)
     if (folder / RESULTS_FILE).is_file():
         _show_run(ctx, folder, suite, out, workers if captured else 0)
     elif captured:
         raise InputError(f"show --captured: expected the folder of a finished run, found {what!r}")
+    elif (folder / JOURNAL_FILE).is_file() or len(folder.parts) > 1:
+        check_run_folder(folder)
     else:
         _show_scenario(what, suite or "interdrive", out)
 
@@ -58,6 +73,8 @@ def _show_run(ctx: click.Context, folder: Path, suite: str | None, out: Path | N
     config = replace(run.config, suite=suite or run.config.suite, workers=workers)
     shares = with_references(ctx, results, config) if workers else None
     click.echo(format_summary(results, shares))
+    if failures := format_agent_failures(results, folder):
+        click.echo("\n" + failures)
     if out is not None:
         with report_write_errors(out):
             out.write_text(build_run_report(results, shares), encoding="utf-8")

@@ -8,8 +8,10 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.ablate import command as ablate_command
+from mdrive_sumo.cli.comm import parse_comm_options
 from mdrive_sumo.cli.gain import command as gain_command
-from mdrive_sumo.cli.study_display import drive_with_display
+from mdrive_sumo.cli.scenario_option import scenario_option
+from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
@@ -44,7 +46,7 @@ command.add_command(gain_command)
 
 @command.command("comm")
 @click.option("--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
-@click.option("--scenario", default="*", metavar="GLOB", help="Only scenarios whose id or category matches.")
+@scenario_option
 @click.option("--agents", required=True, metavar="A,B,...", help="Agents, each as --agent of `eval`.")
 @click.option("--agent-config", multiple=True, metavar="AGENT=FILE", help="Options of one agent, a JSON object.")
 @click.option("--agent-clock", default="ideal", show_default=True, metavar="ideal|fixed:MS|measured")
@@ -78,7 +80,7 @@ def comm_command(ctx: click.Context, **options: object) -> None:
     combination. The same command given again continues an interrupted study. Writes study.json (all numbers),
     study.md (the table) and a picture for every factor into --out, and every run into --out/runs.
 
-    Exit codes: 0 every scenario has a score, 1 some are void, 2 unusable input, 130 interrupted.
+    Exit codes: 0 every scenario has a score, 1 some are void or an agent failed, 2 unusable input, 130 interrupted.
     """
     options_given = _StudyOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
     varied = options_given.varied()
@@ -105,7 +107,8 @@ def comm_command(ctx: click.Context, **options: object) -> None:
         "\n"
         + "\n".join(str(path) for path in (options_given.out / "study.json", options_given.out / "study.md", *pictures))
     )
-    ctx.exit(1 if any(line.void for line in told) else 0)
+    failed = warn_about_failures((one for row in rows if not row.reused for one in row.results), options_given.out)
+    ctx.exit(1 if failed or any(line.void for line in told) else 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +136,7 @@ class _StudyOptions:
 
     def base(self) -> CommSettings:
         """Return the base channel. Raises InputError."""
-        if self.comm not in PRESETS:
-            raise InputError(f"--comm: expected one of {', '.join(PRESETS)}, found {self.comm!r:.40}")
-        return PRESETS[self.comm]
+        return parse_comm_options(self.comm)
 
     def varied(self) -> dict[str, tuple[Level, ...]]:
         """Return the levels of every varied factor. Raises InputError."""

@@ -1,15 +1,17 @@
 """Progress of a study on a terminal."""
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Protocol, TextIO, TypeVar
 
 import click
 
+from mdrive_sumo.report.agent_failures import list_agent_failures
 from mdrive_sumo.report.progress import ProgressDisplay
-from mdrive_sumo.scoring import ScenarioResult
-from mdrive_sumo.study.study_runs import StudyProgress
+from mdrive_sumo.scoring import EpisodeKey, Results, ScenarioResult
+from mdrive_sumo.study.study_runs import RUNS_FOLDER, StudyProgress
 
 Row = TypeVar("Row", covariant=True)
 
@@ -48,7 +50,7 @@ class StudyDisplay(ProgressDisplay):
         """See StudyProgress."""
         self._total -= scenarios
 
-    def begin(self, total: int, kept: Mapping[str, ScenarioResult]) -> None:
+    def begin(self, total: int, kept: Mapping[EpisodeKey, ScenarioResult]) -> None:
         """See Progress: one of the study's runs begins."""
         self._kept += len(kept)
         self._results += kept.values()
@@ -71,3 +73,15 @@ def drive_with_display(ctx: click.Context, study: DrivenStudy[Row]) -> list[Row]
         ctx.exit(130)
     finally:
         progress.close()
+
+
+def warn_about_failures(found: Iterable[Results], folder: Path) -> bool:
+    """Print how many episodes of each agent have a failed agent; return whether there are any."""
+    counts = Counter(
+        results.run.agent
+        for results in found
+        for _ in {(one.result.id, one.result.seed) for one in list_agent_failures(results)}
+    )
+    for agent, count in counts.items():
+        click.echo(f"THE AGENT {agent} FAILED in {count} episodes; logs and reports: {folder / RUNS_FOLDER}", err=True)
+    return bool(counts)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import click
 
+from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.validation import (
@@ -39,7 +40,7 @@ from mdrive_sumo.study.occlusion_certificate import (
     metavar="N",
     help="Drive only N scenarios, always the same ones, of a suite's parts in proportion.",
 )
-@click.option("--scenario", default="*", metavar="GLOB", help="Drive only scenarios whose id or category matches.")
+@scenario_option
 @click.option(
     "--write",
     is_flag=True,

@@ -20,6 +20,7 @@ from mdrive_sumo.contract.exchange import (
     Plan,
     Privileged,
     Reply,
+    read_label,
 )
 from mdrive_sumo.contract.reply_check import (
     CONTROL_STEP,
@@ -57,6 +58,7 @@ __all__ = [
     "Plan",
     "Privileged",
     "Reply",
+    "read_label",
     "CONTROL_STEP",
     "MAX_DETECTIONS",
     "MAX_MESSAGES",

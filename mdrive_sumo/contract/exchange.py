@@ -7,6 +7,7 @@ from typing import Protocol
 
 from mdrive_sumo.contract.briefing import Briefing
 from mdrive_sumo.contract.sensors import Detections, Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 
 LABELS = ("single", "sharing", "negotiation", "joint", "privileged")
@@ -149,3 +150,14 @@ class Agent(Protocol):
     def act(self, seen: Observation) -> Reply:
         """Return the reply to one observation; called on every tick until the CAV ends."""
         ...
+
+
+def read_label(agent: object) -> str:
+    """Return the label that an agent declares, as text. Raises InputError for an agent without one."""
+    label: object = getattr(agent, "label", None)
+    if label is None:
+        raise InputError(
+            f"agent {type(agent).__name__}: expected an attribute `label`, one of {', '.join(LABELS)}, found none;"
+            ' add `label = "single"` to the class'
+        )
+    return str(label)

@@ -48,9 +48,19 @@ def bootstrap_clustered_mean(values: Float) -> ConfidenceInterval:
     """
     if values.shape[1] == 1:
         return bootstrap_mean(values[:, 0])
+    return bootstrap_stratified_clustered_mean((values,))
+
+
+def bootstrap_stratified_clustered_mean(groups: Sequence[Float]) -> ConfidenceInterval:
+    """Return the mean of the means of the groups, (scenarios, seeds) each; every group is resampled on its own.
+
+    Within a group it resamples as `bootstrap_clustered_mean`.
+    """
     random = np.random.default_rng(SEED)
-    means = np.concatenate([_resample_clusters(values, random) for _ in range(RESAMPLES // CHUNK)])
-    return _percentile_interval(float(values.mean()), means)
+    means = [
+        np.concatenate([_resample_clusters(values, random) for _ in range(RESAMPLES // CHUNK)]) for values in groups
+    ]
+    return _percentile_interval(float(np.mean([values.mean() for values in groups])), np.mean(means, axis=0))
 
 
 def _resample_clusters(values: Float, random: np.random.Generator) -> Float:

@@ -3,7 +3,7 @@
 import time
 from typing import Protocol
 
-from mdrive_sumo.contract import Agent, Briefing, Observation, Reply, ReplyError, SensorSpec, check_reply
+from mdrive_sumo.contract import Agent, Briefing, Observation, Reply, ReplyError, SensorSpec, check_reply, read_label
 from mdrive_sumo.core.errors import MdriveError
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.vehicle.control import CONTROLLERS
@@ -59,7 +59,7 @@ class LocalDriver:
     def __init__(self, agent: Agent) -> None:
         self._agent = agent
         self._observation: Observation | None = None
-        self.label = getattr(agent, "label", "single")
+        self.label = read_label(agent)
         self.think_time_s = 0.0
 
     def sensors(self) -> tuple[SensorSpec, ...]:

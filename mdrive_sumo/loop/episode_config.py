@@ -10,6 +10,7 @@ from typing import Any, TypedDict, Unpack, cast
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.core.clock import IDEAL, Clock, parse_clock
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.episode import Ending, ThinkTime
 from mdrive_sumo.loop.pseudonyms import StationIds, derive_pseudonyms
 from mdrive_sumo.roads import RoadMap
@@ -88,16 +89,16 @@ class EpisodeOptions:
         comm, clock = values.pop("comm", "ideal"), values.pop("agent_clock", IDEAL)
         if isinstance(comm, str):
             if comm not in PRESETS:
-                raise InputError(f"comm: expected one of {', '.join(PRESETS)}, found {comm!r:.40}")
+                raise InputError(f"comm: {describe_unknown(comm, PRESETS)}")
             comm = PRESETS[comm]
         choices = cls.list_choices()
         chosen: dict[str, Any] = {}
         for key, value in values.items():
             if key not in choices:
-                raise InputError(f"{key}: unknown option, expected {', '.join(EpisodeArguments.__annotations__)}")
+                raise InputError(f"{key}: unknown option, {describe_unknown(key, EpisodeArguments.__annotations__)}")
             name, kind, _ = choices[key]
             if value not in list(kind):
-                raise InputError(f"{key}: expected one of {', '.join(kind)}, found {value!r:.40}")
+                raise InputError(f"{key}: {describe_unknown(str(value), kind)}")
             chosen[name] = kind(value)
         return cls(comm, parse_clock(clock) if isinstance(clock, str) else clock, **chosen)
 

@@ -6,7 +6,7 @@ from shutil import get_terminal_size
 from statistics import fmean
 from typing import TextIO
 
-from mdrive_sumo.scoring import ScenarioResult
+from mdrive_sumo.scoring import EpisodeKey, ScenarioResult
 
 BAR_WIDTH = 24
 
@@ -22,7 +22,7 @@ class ProgressDisplay:
         self._results: list[ScenarioResult] = []
         self._began = clock()
 
-    def begin(self, total: int, kept: Mapping[str, ScenarioResult]) -> None:
+    def begin(self, total: int, kept: Mapping[EpisodeKey, ScenarioResult]) -> None:
         """See Progress."""
         self._total, self._kept = total, len(kept)
         self._results = list(kept.values())
@@ -37,9 +37,9 @@ class ProgressDisplay:
         """See Progress."""
         self._results.append(result)
         if self._live:
-            self._draw(result.id)
+            self._draw(_name(result))
         else:
-            self._write(f"{self._state()}  {result.id} {_brief(result)}\n")
+            self._write(f"{self._state()}  {_name(result)} {_brief(result)}\n")
 
     def note(self, text: str) -> None:
         """See Progress."""
@@ -81,6 +81,10 @@ class ProgressDisplay:
 
 def _mean(values: Iterable[float]) -> str:
     return f"{fmean(values):5.1f}"
+
+
+def _name(result: ScenarioResult) -> str:
+    return f"{result.id} seed {result.seed}" if result.seed else result.id
 
 
 def _brief(result: ScenarioResult) -> str:

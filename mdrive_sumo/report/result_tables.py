@@ -4,10 +4,13 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.core.tables import TableRow, format_text_table
-from mdrive_sumo.scoring import Means, Results, ScenarioResult
+from mdrive_sumo.scoring import Means, Results, RunInfo, ScenarioResult, compute_mean_intervals
+from mdrive_sumo.scoring.summary import count_scenarios
 
 SCORE_HEADER: TableRow = ("DS", "SR", "efficient SR", "time ratio", "RC", "IP")
+INTERVAL_HEADER: TableRow = ("mean over seeds", "DS", "95 % from", "to", "SR", "95 % from", "to")
 TIMED_HEADER = "timed"
 """Scenarios over which the time ratio is a mean."""
 CAPTURED_HEADER = "captured [%]"
@@ -47,9 +50,36 @@ def format_optional(value: float | None) -> str:
 
 def describe_missing_reference(results: Results) -> str:
     """Return how many scenarios lack reference times and what to do, in at most 87 characters; "" if none does."""
-    missing = sum(scenario.efficient_sr is None for scenario in results.scenarios)
+    missing = count_scenarios(scenario for scenario in results.scenarios if scenario.efficient_sr is None)
     what = f"none for {missing} scenarios: `mdrive-sumo validate SUITE --write`, `mdrive-sumo rescore RUN`"
     return what if missing else ""
+
+
+def describe_seeds(run: RunInfo) -> str:
+    """Return "seed 0" or "seeds 0, 1, 2"."""
+    return f"seed{'s' if len(run.all_seeds) > 1 else ''} {', '.join(map(str, run.all_seeds))}"
+
+
+def name_episode(run: RunInfo, result: ScenarioResult) -> str:
+    """Return an episode's name: its scenario, and its seed if the run has several."""
+    return f"{result.id}, seed {result.seed}" if len(run.all_seeds) > 1 else result.id
+
+
+def list_void(results: Results) -> list[ScenarioResult]:
+    """Return the void episodes."""
+    return [result for result in results.scenarios if result.status == "void"]
+
+
+def build_interval_rows(results: Results) -> list[TableRow]:
+    """Return the rows below `INTERVAL_HEADER` of a run of several seeds; none for a run of one."""
+    if len(results.run.all_seeds) == 1:
+        return []
+    found = compute_mean_intervals(results)
+    return [(one.group, *_format_interval(one.ds), *_format_interval(one.sr)) for one in found]
+
+
+def _format_interval(interval: ConfidenceInterval) -> TableRow:
+    return (f"{interval.mean:.2f}", f"{interval.low:.2f}", f"{interval.high:.2f}")
 
 
 def describe_agent(results: Results) -> str:
@@ -120,7 +150,9 @@ def build_score_rows(results: Results, captured: CapturedCooperation | None = No
     ]
     timed = str(overall.timed)
     rows.append(("bucket mean", str(len(results.buckets)), *format_scores(overall.bucket_mean), timed))
-    rows.append(("scenario mean", str(len(results.scenarios)), *format_scores(overall.scenario_mean), timed))
+    rows.append(
+        ("scenario mean", str(count_scenarios(results.scenarios)), *format_scores(overall.scenario_mean), timed)
+    )
     header: TableRow = ("bucket", "scenarios", *SCORE_HEADER, TIMED_HEADER)
     if captured is None:
         return header, rows
@@ -142,12 +174,17 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
     )
     return "\n".join(
         (
-            f"suite {run.suite}, agent {describe_agent(results)}, seed {run.seed}, score mode {run.score_mode}",
+            f"suite {run.suite}, agent {describe_agent(results)}, {describe_seeds(run)}, score mode {run.score_mode}",
             "",
             format_text_table(*build_score_rows(results, captured)),
             "",
+            *((format_text_table(INTERVAL_HEADER, rows), "") if (rows := build_interval_rows(results)) else ()),
             *(f"{name:<13}{value}" for name, value in facts),
-            *(f"  {s.id}: {' '.join(s.reason.split())}" for s in results.scenarios if s.status == "void"),
+            *(
+                f"  {name_episode(run, s)}: {' '.join(s.reason.split())}"
+                for s in results.scenarios
+                if s.status == "void"
+            ),
         )
     )
 

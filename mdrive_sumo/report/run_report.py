@@ -8,9 +8,11 @@ from mdrive_sumo.core.tables import TableRow, escape_markdown, format_markdown_t
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import (
     CAPTURED_HEADER,
+    INTERVAL_HEADER,
     SCORE_HEADER,
     TIMED_HEADER,
     CapturedCooperation,
+    build_interval_rows,
     build_score_rows,
     count_collisions_by_severity,
     count_infractions,
@@ -20,6 +22,7 @@ from mdrive_sumo.report.result_tables import (
     describe_missing_reference,
     format_captured,
     format_scores,
+    name_episode,
 )
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.scoring import (
@@ -47,6 +50,8 @@ BESIDE = """\
 No score depends on these: means over the scenarios in which each is defined. Minimum PET: least time from when a CAV
 or another road user leaves a place until the other takes it, at most 5 s. Comfort: share of the CAVs' time in which
 accelerations, jerks and yaw rate are within nuPlan's bounds. Messages: payload that all stations send in a second."""
+INTERVALS = """\
+Means over seeds with 95 % bootstrap intervals: scenarios are drawn anew, then seeds within each."""
 MEANS = ("bucket mean", "scenario mean")
 CAPTURED = """\
 Captured cooperation is (agent - the same agent with the channel off) / (omniscient - the same agent with the
@@ -64,6 +69,7 @@ def build_run_report(results: Results, captured: CapturedCooperation | None = No
         _reference_note(results),
         "## Scores",
         _score_table(results, captured),
+        _interval_table(results),
         *(("## Beside the score", BESIDE, _scalar_table(results)) if results.overall.scalars else ()),
         "## How it ended",
         _counts("outcome", "CAVs", count_outcomes(results).items()),
@@ -92,7 +98,7 @@ def _facts(results: Results) -> str:
     run = results.run
     facts = {
         "suite": f"{run.suite}, checksum `{run.suite_checksum}`",
-        "seed": str(run.seed),
+        "seeds" if len(run.all_seeds) > 1 else "seed": ", ".join(map(str, run.all_seeds)),
         "score mode": run.score_mode,
         **{key: str(getattr(run, key)) for key in EpisodeOptions.list_choices()},
         "command": f"`{shlex.join(run.command)}`",
@@ -120,13 +126,22 @@ def _scalar_table(results: Results) -> str:
     return format_markdown_table(("bucket", *(metric.label for metric in metrics)), rows)
 
 
+def _interval_table(results: Results) -> str:
+    rows = build_interval_rows(results)
+    return f"{INTERVALS}\n\n{format_markdown_table(INTERVAL_HEADER, rows)}" if rows else ""
+
+
 def _counts(name: str, unit: str, counts: Iterable[tuple[str, int]], empty: str = "") -> str:
     rows = [(kind, str(count)) for kind, count in counts]
     return format_markdown_table((name, unit), rows) if rows else empty or f"No {name}s."
 
 
 def _void_list(results: Results) -> str:
-    return "\n".join(f"- void: {s.id}: {escape_markdown(s.reason)}" for s in results.scenarios if s.status == "void")
+    return "\n".join(
+        f"- void: {name_episode(results.run, s)}: {escape_markdown(s.reason)}"
+        for s in results.scenarios
+        if s.status == "void"
+    )
 
 
 def _category_table(results: Results, captured: CapturedCooperation | None) -> str:
@@ -147,7 +162,14 @@ def _category_table(results: Results, captured: CapturedCooperation | None) -> s
 def _scenario_table(results: Results) -> str:
     metrics = list_scalar_metrics()
     rows = [
-        (s.id, s.category, *format_scores(s), *_format_scalars(s, metrics), str(s.ticks), _endings(s))
+        (
+            name_episode(results.run, s),
+            s.category,
+            *format_scores(s),
+            *_format_scalars(s, metrics),
+            str(s.ticks),
+            _endings(s),
+        )
         for s in results.scenarios
     ]
     header = ("scenario", "category", *SCORE_HEADER, *(metric.label for metric in metrics), "ticks", "CAVs")

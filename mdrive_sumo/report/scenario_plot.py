@@ -96,7 +96,7 @@ def _draw_names(axes: Axes, egos: Sequence[Ego], view: MapView) -> None:
     """Write the name of every CAV on it if it fits there, else beside it where there is room."""
     metres = max(view.size) / (SIDE_INCHES * POINTS_PER_INCH)  # of a point
     size = NAME_POINTS * metres
-    colours = [colour for _, colour in zip(egos, cycle(EGO_COLOURS), strict=False)]
+    colours = [colour for _, colour in zip(egos, cycle(CAV_COLOURS), strict=False)]
     widths = [NAME_ASPECT * size * len(ego.id) for ego in egos]
     long = [i for i, width in enumerate(widths) if width > MKZ_2017.length * 0.6]
     requests = [

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +11,9 @@ from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.runs.setting_differences import SettingDifference, find_setting_differences
 from mdrive_sumo.scoring import Results, ScenarioResult
+from mdrive_sumo.scoring.summary import compute_means
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,6 +47,7 @@ class RunComparison:
     """B against A. Differences are B minus A: positive means that B is better."""
 
     names: tuple[str, str]
+    """The runs' folders or files, or their agents where the place is unknown."""
     pairs: tuple[ScenarioPair, ...]
     """Sorted by difference, B's worst losses first."""
     ds: ConfidenceInterval
@@ -57,6 +61,9 @@ class RunComparison:
     left_out: tuple[str, ...]
     """Scenarios that could not be paired, each with the reason."""
     warnings: tuple[str, ...]
+    settings: tuple[SettingDifference, ...] = ()
+    """Settings that differ, such as the agent or the channel."""
+    agents: tuple[str, str] = ("", "")
 
     def count_wins_ties_losses(self) -> tuple[int, int, int]:
         """Scenarios that B wins, ties and loses by driving score."""
@@ -83,24 +90,26 @@ class RunComparison:
         )
 
 
-def compare(a: Results, b: Results) -> RunComparison:
+def compare(a: Results, b: Results, places: tuple[Path | None, Path | None] = (None, None)) -> RunComparison:
     """Pair two runs by scenario id; void scenarios are left out, because they say nothing about the agents.
 
-    Raises InputError for runs of different score modes, and if no scenario is left.
+    Of several seeds the mean scores of each scenario are compared; one that is void with any seed is left out.
+    places: the folders or files of the runs, by which they are named. Raises InputError for runs of different score
+    modes, and if no scenario is left.
     """
     if a.run.score_mode != b.run.score_mode:
         raise InputError(
             f"compare: expected runs of one score mode, found {a.run.score_mode} and {b.run.score_mode};"
             " `mdrive-sumo rescore` brings them together"
         )
-    first, second = ({s.id: s for s in results.scenarios} for results in (a, b))
+    first, second = (average_seeds(results.scenarios) for results in (a, b))
     common = [name for name in first if name in second and _has_scores(first[name], second[name])]
     if not common:
         raise InputError("compare: expected runs with scenarios in common that are not void, found none")
     pairs = [_make_pair(first[name], second[name]) for name in common]
     efficient, ratios = (_list_differences(getattr(pair, name) for pair in pairs) for name in OPTIONAL_SCORES)
     return RunComparison(
-        names=(a.run.agent, b.run.agent),
+        names=(str(places[0] or a.run.agent), str(places[1] or b.run.agent)),
         pairs=tuple(sorted(pairs, key=lambda pair: (pair.ds_difference, pair.scenario))),
         ds=bootstrap_mean(np.array([pair.ds_difference for pair in pairs])),
         sr=bootstrap_mean(np.array([pair.sr[1] - pair.sr[0] for pair in pairs])),
@@ -113,6 +122,8 @@ def compare(a: Results, b: Results) -> RunComparison:
             *(f"{name}: void" for name in first if name in second and name not in common),
         ),
         warnings=tuple(_find_warnings(a, b)),
+        settings=find_setting_differences(a.run, b.run, places),
+        agents=(a.run.agent, b.run.agent),
     )
 
 
@@ -138,10 +149,30 @@ def _find_warnings(a: Results, b: Results) -> list[str]:
     compared = {
         "suite": (a.run.suite, b.run.suite),
         "suite checksum": (a.run.suite_checksum, b.run.suite_checksum),
-        "seed": (a.run.seed, b.run.seed),
+        "seeds": (_list_seeds(a), _list_seeds(b)),
         "versions": (a.run.versions, b.run.versions),
     }
     return [f"A and B differ in {what}: {x} and {y}" for what, (x, y) in compared.items() if x != y]
+
+
+def average_seeds(results: Iterable[ScenarioResult]) -> dict[str, ScenarioResult]:
+    """Return a result for every scenario id, with the mean scores over its seeds; void if it is void with any."""
+    by_id: dict[str, list[ScenarioResult]] = {}
+    for result in results:
+        by_id.setdefault(result.id, []).append(result)
+    return {name: _average(found) for name, found in by_id.items()}
+
+
+def _average(results: Sequence[ScenarioResult]) -> ScenarioResult:
+    if len(results) == 1:
+        return results[0]
+    if void := next((result for result in results if result.status == "void"), None):
+        return void
+    return results[0].model_copy(update=compute_means(results).model_dump())
+
+
+def _list_seeds(results: Results) -> str:
+    return ", ".join(map(str, sorted({*results.run.all_seeds, *(result.seed for result in results.scenarios)})))
 
 
 def comparison_table(comparison: RunComparison) -> str:
@@ -163,8 +194,10 @@ def comparison_table(comparison: RunComparison) -> str:
     header = ("scenario", "category", "DS A", "DS B", "SR A", "SR B", "time A", "time B", "DS B - A")
     return "\n".join(
         (
-            f"A = {comparison.names[0]}, B = {comparison.names[1]}, {len(rows)} scenarios in both",
+            *_format_names(comparison),
             *(f"warning: {warning}" for warning in comparison.warnings),
+            "",
+            *_format_settings(comparison),
             "",
             means,
             f"B is better in {wins}, as good in {ties}, worse in {losses}",
@@ -173,6 +206,23 @@ def comparison_table(comparison: RunComparison) -> str:
             *_format_left_out(comparison.left_out),
         )
     )
+
+
+def _format_names(comparison: RunComparison) -> tuple[str, ...]:
+    """Return the line that names both runs; a line for each where folders name them."""
+    names, agents = comparison.names, comparison.agents
+    count = f"{len(comparison.pairs)} scenarios in both"
+    if names == agents:
+        return (f"A = {names[0]}, B = {names[1]}, {count}",)
+    lines = (f"{letter} = {name} ({agent})" for letter, name, agent in zip("AB", names, agents, strict=True))
+    return (*lines, count)
+
+
+def _format_settings(comparison: RunComparison) -> tuple[str, ...]:
+    if not comparison.settings:
+        return ("no setting differs" + (" but those above" if comparison.warnings else ""),)
+    rows = [(one.name, one.a, one.b) for one in comparison.settings]
+    return ("settings that differ:", format_text_table(("", "A", "B"), rows))
 
 
 def _format_score(value: float | None) -> str:

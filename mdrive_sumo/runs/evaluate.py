@@ -10,17 +10,20 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import End, FailureReason
+from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.runs.episode_job import run_job
 from mdrive_sumo.runs.executor import run_jobs
 from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
 from mdrive_sumo.runs.make_executor import make_executor
-from mdrive_sumo.runs.prepared_run import TRANSCRIPTS_FOLDER, PreparedRun, recording_path
+from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure, describe_write_error
 from mdrive_sumo.runs.recording_check import check_recordings
 from mdrive_sumo.runs.result_transfer import TransferableResult, run_with_output_files, store_output_files
 from mdrive_sumo.runs.transcript import TRANSCRIPT_FILE, concatenate_transcripts
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
 from mdrive_sumo.scoring import (
+    EpisodeKey,
     Results,
     ScenarioResult,
     find_scenario_faults,
@@ -34,11 +37,21 @@ TRIES = 2
 """How often a scenario without a result is tried: once more after all others, then it is void."""
 
 
+class StoppedAtFailure(AgentFailure):
+    """A run with `fail_fast` stopped at the first failure of an agent; its journal keeps what is finished."""
+
+    def __init__(self, result: ScenarioResult) -> None:
+        failed = next(ego for ego in result.egos if ego.outcome is End.AGENT_FAILED)
+        kind, _, _ = failed.reason.partition(":")
+        super().__init__(FailureReason(kind), f"{result.id}: CAV {failed.id}: {failed.reason}")
+        self.result = result
+
+
 class Progress(Protocol):
     """Receives the progress of a run."""
 
-    def begin(self, total: int, kept: Mapping[str, ScenarioResult]) -> None:
-        """The run begins: the number of scenarios, and the results by scenario id kept from an earlier start."""
+    def begin(self, total: int, kept: Mapping[EpisodeKey, ScenarioResult]) -> None:
+        """The run begins: the number of episodes, and the results kept from an earlier start."""
         ...
 
     def done(self, result: ScenarioResult) -> None:
@@ -53,33 +66,45 @@ class Progress(Protocol):
 def evaluate(run: PreparedRun, progress: Progress) -> Results:
     """Drive the scenarios that the journal does not hold yet, write `results.json`, and return the results.
 
-    Results of earlier starts are kept, void ones are tried again. Raises InputError and KeyboardInterrupt;
-    the journal then keeps every finished scenario.
+    Results of earlier starts are kept, void ones are tried again. Raises InputError, KeyboardInterrupt and, with
+    `fail_fast`, StoppedAtFailure; the journal then keeps every finished scenario.
     """
     with open_journal(run.folder, run.fingerprint, fresh=run.config.fresh) as journal:
         found = _load_kept_results(run, journal)
         if journal.torn:
             progress.note("the last line of the journal was incomplete and has been dropped")
-        progress.begin(len(run.scenarios), found)
-        todo = {scenario.id: scenario for scenario in run.scenarios if scenario.id not in found}
+        episodes = run.episodes
+        progress.begin(len(episodes), found)
+        for result in found.values():
+            _check_failure(run, result)
+        todo = {key: scenario for key, scenario in episodes.items() if key not in found}
         if todo:
             with report_write_errors(run.folder):
                 run.make_folders()
                 (run.folder / RESULTS_FILE).unlink(missing_ok=True)  # until the end it would belong to another journal
             for result in _drive(run, todo, journal, progress):
                 journal.add_result(result.model_dump(mode="json"), _compute_recording_checksum(run, result))
-                found[result.id] = result
+                found[result.key] = result
                 progress.done(result)
-        whole = summarize_run(run.info, [run.apply_reference_times(one, found[one.id]) for one in run.scenarios])
+                _check_failure(run, result)
+        scored = [run.apply_reference_times(scenario, found[key]) for key, scenario in episodes.items()]
+        whole = summarize_run(run.info, scored)
         with report_write_errors(run.folder / RESULTS_FILE):
             save_results(whole, run.folder / RESULTS_FILE)
             _write_whole_transcript(run)
     return whole
 
 
+def _check_failure(run: PreparedRun, result: ScenarioResult) -> None:
+    """Raise StoppedAtFailure if the run has to stop at this result."""
+    if run.config.fail_fast and any(ego.outcome is End.AGENT_FAILED for ego in result.egos):
+        raise StoppedAtFailure(result)
+
+
 def _write_whole_transcript(run: PreparedRun) -> None:
     """Concatenate the transcripts of language models into one file, which `eval --transcript` replays."""
-    text = concatenate_transcripts(run.folder / TRANSCRIPTS_FOLDER, tuple(scenario.id for scenario in run.scenarios))
+    scenarios = tuple(scenario.id for scenario in run.scenarios)
+    text = "".join(concatenate_transcripts(run.find_transcripts(seed), scenarios) for seed in run.config.seeds)
     if text:
         (run.folder / TRANSCRIPT_FILE).write_text(text, encoding="utf-8")
 
@@ -95,11 +120,11 @@ def report_write_errors(path: Path) -> Generator[None]:
 
 def _compute_recording_checksum(run: PreparedRun, result: ScenarioResult) -> str:
     """Return the checksum of the recording of a result; "" if there is none."""
-    path = recording_path(run.folder, result.id)
+    path = run.find_recording(result.key)
     return compute_file_checksum(path) if run.config.record and result.status == "ok" else ""
 
 
-def _load_kept_results(run: PreparedRun, journal: Journal) -> dict[str, ScenarioResult]:
+def _load_kept_results(run: PreparedRun, journal: Journal) -> dict[EpisodeKey, ScenarioResult]:
     """Return the results of earlier starts that are not void and have their recording if the run records.
 
     Raises InputError for an impossible result, one of another run, and a recording that is not the one noted.
@@ -113,21 +138,22 @@ def _load_kept_results(run: PreparedRun, journal: Journal) -> dict[str, Scenario
     for entry in entries:
         if entry.id not in known:
             raise InputError(f"{place}: expected scenarios of this run, found {entry.id!r:.80}; --fresh starts anew")
-        for fault in find_scenario_faults(entry, run.config.score_mode, run.config.seed):
+        for fault in find_scenario_faults(entry, run.config.score_mode, run.config.seeds):
             raise InputError(f"{place}: {fault}; --fresh starts anew")
-    kept = {entry.id: entry for entry in entries if entry.status == "ok"}
+    kept = {entry.key: entry for entry in entries if entry.status == "ok"}
     if not run.config.record:
         return kept
-    kept = {name: entry for name, entry in kept.items() if recording_path(run.folder, name).is_file()}
-    check_recordings(run.folder, kept, journal.found.recordings)
+    kept = {key: entry for key, entry in kept.items() if run.find_recording(key).is_file()}
+    check_recordings(run, kept, journal.found.recordings)
     return kept
 
 
 def _drive(
-    run: PreparedRun, todo: Mapping[str, Scenario], journal: Journal, progress: Progress
+    run: PreparedRun, todo: Mapping[EpisodeKey, Scenario], journal: Journal, progress: Progress
 ) -> Generator[ScenarioResult]:
-    """Yield the result of every scenario as it finishes. Long ones start first so that no worker idles at the end."""
-    jobs = [run.make_job(scenario) for scenario in sorted(todo.values(), key=_estimate_cost, reverse=True)]
+    """Yield the result of every episode as it finishes. Long ones start first so that no worker idles at the end."""
+    ordered = sorted(todo.items(), key=lambda item: _estimate_cost(item[1]), reverse=True)
+    jobs = [run.make_job(scenario, seed) for (_, seed), scenario in ordered]
     workers = min(run.config.workers, len(jobs))
     scheduler = run.config.scheduler
     function = (
@@ -142,11 +168,12 @@ def _drive(
                     continue
                 if outcome.kind is FailureKind.INPUT:
                     raise InputError(outcome.reason)
-                journal.add_failure(job.scenario, outcome.reason)
-                progress.note(f"{job.scenario}: {outcome.reason}" + ("; tried again later" if tries_left else ""))
+                name = run.name_episode((job.scenario, job.seed))
+                journal.add_failure(name, outcome.reason)
+                progress.note(f"{name}: {outcome.reason}" + ("; tried again later" if tries_left else ""))
                 failed.append(job)
                 if not tries_left:
-                    yield make_void_result(todo[job.scenario], job.seed, outcome.reason)
+                    yield make_void_result(todo[job.scenario, job.seed], job.seed, outcome.reason)
             jobs = failed
 
 

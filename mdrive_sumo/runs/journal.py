@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scoring import EpisodeKey
 
 FORMAT = "mdrive-sumo/journal/2"
 FORMAT_WITHOUT_CHECKSUMS = "mdrive-sumo/journal/1"
@@ -49,10 +50,16 @@ class JournalText:
         return tuple(line["result"] for line in self.lines[1:] if "result" in line)
 
     @property
-    def recordings(self) -> dict[str, str]:
-        """Checksum of the last recording by scenario id, as far as the journal notes them."""
+    def recordings(self) -> dict[EpisodeKey, str]:
+        """Checksum of the last recording by scenario and seed, as far as the journal notes them."""
         noted = (line for line in self.lines[1:] if "recording" in line)
-        return {str(line["result"]["id"]): line["recording"] for line in noted}
+        return {find_entry_key(line["result"]): line["recording"] for line in noted}
+
+
+def find_entry_key(entry: Mapping[str, Any]) -> EpisodeKey:
+    """Return scenario and seed of a result in a journal; a result without a readable seed has 0."""
+    seed = entry.get("seed")
+    return str(entry.get("id")), seed if isinstance(seed, int) else 0
 
 
 @dataclass

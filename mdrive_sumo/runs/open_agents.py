@@ -1,25 +1,29 @@
 """Start the agents of an episode: built-in ones in this process, all others in child processes, plain or boxed."""
 
 import json
+import re
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from mdrive_sumo.agent_process.agent_connection import AgentConnection
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file, split_locator
-from mdrive_sumo.agent_process.child_process import AgentProgram
+from mdrive_sumo.agent_process.child_process import PACKAGE, AgentProgram
 from mdrive_sumo.agent_process.joint_agent import JointAgentSession
 from mdrive_sumo.agent_process.remote_driver import RemoteDriver, open_agent_connection
 from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.loop.agent_driver import AgentDriver, LocalDriver
+from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, shorten
 from mdrive_sumo.runs.agent_spec import AgentSpec, pickle_agent
 from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.observation_builder import KINDS
 from mdrive_sumo.sensing.sensor_cost import check_sensor_budget
 
+_TRACEBACK_PLACE = re.compile(r'^  File "(.+)", line (\d+)', re.MULTILINE)
+MAX_LOG_BYTES = 2**16
 PRIVILEGED = "privileged"
 ARRAY_SENSORS, MAX_ARRAY_SENSORS = ("lidar", "bev"), 8
 """Sensors with large arrays, and how many of them a boxed agent may have: 64 of the largest would take 1 GB of the
@@ -37,9 +41,24 @@ def declare_agent(spec: AgentSpec) -> AgentDeclaration:
 
     Raises AgentFailure, BoxError, InputError; RejectedError for sensors that a boxed agent must not have.
     """
-    with open_agents(spec, {DECLARING_CAV: DECLARING_CAV}) as drivers:
-        driver = drivers[DECLARING_CAV]
-        return AgentDeclaration(driver.label, driver.sensors())
+    with TemporaryDirectory(prefix="mdrive-declare-") as name:
+        logs = Path(name) / "agent"
+        try:
+            with open_agents(spec, {DECLARING_CAV: DECLARING_CAV}, logs) as drivers:
+                driver = drivers[DECLARING_CAV]
+                return AgentDeclaration(driver.label, driver.sensors())
+        except AgentFailure as error:
+            raise AgentFailure(error.failure, error.text + _find_failing_line(logs)) from None
+
+
+def _find_failing_line(logs: Path) -> str:
+    """Return " (mine.py, line 12)": the innermost place of the traceback in an agent's log; "" without one."""
+    for log in (_append(logs, f"{DECLARING_CAV}.log"), _append(logs, "all.log")):
+        if log is not None and log.is_file():
+            places = _TRACEBACK_PLACE.findall(log.read_bytes()[-MAX_LOG_BYTES:].decode("utf-8", "replace"))
+            if places and PACKAGE not in Path(places[-1][0]).parents:
+                return f" ({shorten(Path(places[-1][0]).name, 60)}, line {places[-1][1]})"
+    return ""
 
 
 def find_unknown_sensor(sensors: Sequence[SensorSpec]) -> str:

@@ -4,9 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mdrive_sumo.agent_process.agent_file import describe_missing_class
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_boxing import box_agent, list_hidden_folders
@@ -15,12 +17,12 @@ from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor
-from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig
+from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig, check_seeds
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
-from mdrive_sumo.scoring import RunInfo, ScenarioResult, apply_reference_times
+from mdrive_sumo.scoring import EpisodeKey, RunInfo, ScenarioResult, apply_reference_times
 from mdrive_sumo.scoring.labels import JOINT, PRIVILEGED, UNSANDBOXED
 from mdrive_sumo.v2x.comm_settings import describe_comm
 from mdrive_sumo.v2x.messages import TYPES
@@ -48,19 +50,45 @@ class PreparedRun:
         """The agent as a worker starts it. Raises InputError if it cannot run in a box but shall."""
         return _locate_agent(self.config, self.suite, self.folder)
 
-    def make_job(self, scenario: Scenario) -> EpisodeJob:
-        """Return the job that drives one of the scenarios."""
+    @property
+    def episodes(self) -> dict[EpisodeKey, Scenario]:
+        """The scenario of every episode, scenario by scenario with all seeds."""
+        return {(scenario.id, seed): scenario for scenario in self.scenarios for seed in self.config.seeds}
+
+    def find_key(self, result: ScenarioResult) -> EpisodeKey:
+        """Return what a result is found by in `episodes`; in a run of one seed only the scenario counts."""
+        return result.key if self.config.more_seeds else (result.id, self.config.seed)
+
+    def name_episode(self, key: EpisodeKey) -> str:
+        """Return an episode's name in messages: its scenario, and its seed if the run has several."""
+        return f"{key[0]} seed {key[1]}" if self.config.more_seeds else key[0]
+
+    def find_recording(self, key: EpisodeKey) -> Path:
+        """Return the path at which the run keeps the recording of an episode."""
+        return recording_path(self.folder, key[0], self._folder_seed(key[1]))
+
+    def find_transcripts(self, seed: int) -> Path:
+        """Return the folder of the transcripts of a seed."""
+        return seed_folder(self.folder / TRANSCRIPTS_FOLDER, self._folder_seed(seed))
+
+    def _folder_seed(self, seed: int) -> int | None:
+        return seed if self.config.more_seeds else None
+
+    def make_job(self, scenario: Scenario, seed: int | None = None) -> EpisodeJob:
+        """Return the job that drives one of the scenarios. seed: one of the run's; None: the first."""
         config = self.config
+        seed = config.seed if seed is None else seed
+        logs = seed_folder(self.folder / LOGS_FOLDER, self._folder_seed(seed))
         return EpisodeJob(
             suite_folder=self.suite.folder.resolve(),
             scenario=scenario.id,
             agent=self.agent,
-            seed=config.seed,
+            seed=seed,
             score_mode=config.score_mode,
             options=config.options,
-            recording=recording_path(self.folder, scenario.id) if config.record else None,
-            transcripts=self.folder / TRANSCRIPTS_FOLDER,
-            logs=None if config.agent.is_builtin else self.folder / LOGS_FOLDER,
+            recording=self.find_recording((scenario.id, seed)) if config.record else None,
+            transcripts=self.find_transcripts(seed),
+            logs=None if config.agent.is_builtin else logs,
         )
 
     def apply_reference_times(self, scenario: Scenario, result: ScenarioResult) -> ScenarioResult:
@@ -70,10 +98,12 @@ class PreparedRun:
 
     def make_folders(self) -> None:
         """Create the folders that the jobs write into. Raises OSError."""
-        if self.config.record:
-            (self.folder / EPISODES_FOLDER).mkdir(parents=True, exist_ok=True)
+        kinds = [EPISODES_FOLDER] if self.config.record else []
         if not self.config.agent.is_builtin:
-            (self.folder / LOGS_FOLDER).mkdir(parents=True, exist_ok=True)
+            kinds.append(LOGS_FOLDER)
+        for kind in kinds:
+            for seed in self.config.seeds:
+                seed_folder(self.folder / kind, self._folder_seed(seed)).mkdir(parents=True, exist_ok=True)
 
     def limit_s(self) -> float:
         """Return the wall clock after which an episode counts as hung [s]: more than its agents may take together."""
@@ -86,6 +116,7 @@ class PreparedRun:
 
 def prepare(config: RunConfig) -> PreparedRun:
     """Load the suite and create the agent once. Raises InputError for whatever the user has to mend."""
+    check_seeds(config.seeds)
     suite = load_suite(config.suite)
     scenarios = suite.select(config.scenario)
     for scenario in scenarios:
@@ -119,6 +150,7 @@ def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], decl
         "suite": suite.name,
         "suite_checksum": suite.checksum(),
         "seed": config.seed,
+        "seeds": config.seeds if config.more_seeds else (),
         "score_mode": config.score_mode,
         "versions": read_versions(),
         "command": config.command,
@@ -128,9 +160,24 @@ def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], decl
     return RunInfo.model_validate(info)
 
 
-def recording_path(run_folder: Path, scenario: str) -> Path:
-    """Return the path at which a run keeps the recording of a scenario."""
-    return run_folder / EPISODES_FOLDER / f"{scenario}.npz"
+def seed_folder(folder: Path, seed: int | None) -> Path:
+    """Return the folder of a seed's files in a run of several seeds; the folder itself in a run of one (None)."""
+    return folder if seed is None else folder / f"seed{seed}"
+
+
+def recording_path(run_folder: Path, scenario: str, seed: int | None = None) -> Path:
+    """Return the path at which a run keeps the recording of a scenario. seed: only of a run of several seeds."""
+    return seed_folder(run_folder / EPISODES_FOLDER, seed) / f"{scenario}.npz"
+
+
+def find_agent_log(run_folder: Path, scenario: str, ego: str, seed: int | None = None) -> Path | None:
+    """Return the output of a CAV's agent, or of the joint agent; None if there is none (agents that are built in).
+
+    seed: only of a run of several seeds.
+    """
+    folder = seed_folder(run_folder / LOGS_FOLDER, seed)
+    paths = (folder / f"{scenario}.{ego}.log", folder / f"{scenario}.all.log")
+    return next((path for path in paths if path.is_file()), None)
 
 
 def _check_agent_name(agent: AgentSpec) -> None:
@@ -138,8 +185,14 @@ def _check_agent_name(agent: AgentSpec) -> None:
     name = agent.name
     family = name.partition(":")[0]
     is_family = any(builtin.startswith(f"{family}:") for builtin in AGENTS)  # perception-swap:WHAT is no module
-    if isinstance(agent.agent, str) and not agent.is_builtin and (":" not in name or is_family):
-        raise InputError(f"agent {name!r}: expected {', '.join(AGENTS)}, module:Class or path.py:Class, found neither")
+    if not isinstance(agent.agent, str) or agent.is_builtin:
+        return
+    if name.endswith(".py") and ":" not in name:
+        raise InputError(f"agent {name!r}: expected path.py:Class, {describe_missing_class(Path(name))}")
+    if ":" not in name or is_family:
+        suggestion = suggest_name(name, AGENTS)
+        known = f"{', '.join(AGENTS)}, module:Class or path.py:Class"
+        raise InputError(f"agent {name!r}: expected {known}, found neither{suggestion}")
 
 
 def declare_labels(agent: AgentSpec, *, is_sandboxed: bool) -> tuple[str, tuple[str, ...]]:
@@ -172,6 +225,10 @@ def check_mute(config: RunConfig, scenarios: Sequence[Scenario]) -> None:
         if sender not in {"*", *senders}:
             raise InputError(
                 f"--comm-mute {pattern}: expected a sender among {', '.join(sorted(senders))} or *, found {sender!r}"
+                f"{suggest_name(sender, senders)}"
             )
         if config.agent.is_builtin and kind not in {"*", *TYPES}:
-            raise InputError(f"--comm-mute {pattern}: expected a type among {', '.join(TYPES)} or *, found {kind!r}")
+            suggestion = suggest_name(kind, TYPES)
+            raise InputError(
+                f"--comm-mute {pattern}: expected a type among {', '.join(TYPES)} or *, found {kind!r}{suggestion}"
+            )

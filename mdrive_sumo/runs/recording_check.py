@@ -1,21 +1,21 @@
 """Compare recordings with the checksums that the journal notes."""
 
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.journal import JOURNAL_FILE
-from mdrive_sumo.runs.prepared_run import recording_path
+from mdrive_sumo.runs.prepared_run import PreparedRun
+from mdrive_sumo.scoring import EpisodeKey
 
 
-def check_recordings(folder: Path, scenarios: Iterable[str], checksums: Mapping[str, str]) -> None:
-    """Raise InputError for a recording of these scenarios that is not the file which the journal notes.
+def check_recordings(run: PreparedRun, episodes: Iterable[EpisodeKey], checksums: Mapping[EpisodeKey, str]) -> None:
+    """Raise InputError for a recording of these episodes that is not the file which the journal notes.
 
-    checksums: by scenario id; a scenario without one, as in journals of older versions, is not checked.
+    checksums: by scenario and seed; an episode without one, as in journals of older versions, is not checked.
     """
-    for name in scenarios:
-        path, expected = recording_path(folder, name), checksums.get(name)
+    for key in episodes:
+        path, expected = run.find_recording(key), checksums.get(key)
         if expected is None:
             continue
         try:

@@ -20,14 +20,14 @@ def rescore_run(stored: StoredRun, mode: ScoreMode) -> Results:
     run, results = stored.run, stored.results
     if not run.config.record:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
-    recorded = [result.id for result in results.scenarios if result.status != "void"]
-    check_recordings(run.folder, recorded, stored.journal.recordings)
+    recorded = [result.key for result in results.scenarios if result.status != "void"]
+    check_recordings(run, recorded, stored.journal.recordings)
     scenarios = {scenario.id: scenario for scenario in run.scenarios}
 
     def rescore_result(result: ScenarioResult) -> ScenarioResult:
         if result.status == "void":
             return run.apply_reference_times(scenarios[result.id], result)
-        return rescore(replace(run.make_job(scenarios[result.id]), score_mode=mode))
+        return rescore(replace(run.make_job(scenarios[result.id], result.seed), score_mode=mode))
 
     info = results.run.model_copy(update={"score_mode": str(mode)})
     return summarize_run(info, [rescore_result(result) for result in results.scenarios])

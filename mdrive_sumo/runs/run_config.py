@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_jso
 ConfigValue = float | str | bool
 RUNS_FOLDER = Path("runs")
 FINGERPRINT_TYPES = {
-    **dict.fromkeys(("suite", "scenario", "agent", "agent_config", "score_mode"), str),
+    **dict.fromkeys(("suite", "scenario", "agent", "agent_config", "score_mode", "seeds"), str),
     "seed": int,
     **dict.fromkeys(("record", "sandbox"), bool),
 }
@@ -35,6 +35,9 @@ class RunConfig:
     scenario: str = "*"
     agent: AgentSpec = field(default_factory=lambda: AgentSpec("idm"))
     seed: int = 0
+    """The first seed."""
+    more_seeds: tuple[int, ...] = ()
+    """The other seeds of a run of several."""
     score_mode: ScoreMode = ScoreMode.MDRIVE
     options: EpisodeOptions = field(default_factory=EpisodeOptions)
     record: bool = True
@@ -47,13 +50,21 @@ class RunConfig:
     """The run folder; None: `default_folder`."""
     fresh: bool = False
     """Start anew instead of continuing what the folder holds."""
+    fail_fast: bool = False
+    """Stop at the first failure of an agent."""
     command: tuple[str, ...] = ()
     """The command as the user typed it, for the report."""
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """All seeds; every scenario is driven with each."""
+        return (self.seed, *self.more_seeds)
 
     def to_dict(self) -> dict[str, str | int | bool]:
         """Return what identifies the run, as the journal's fingerprint holds it. Raises InputError for no locator.
 
-        Where it runs (`workers`, `scheduler`, `out`) and how it was started (`fresh`, `command`) change no result.
+        Where it runs (`workers`, `scheduler`, `out`) and how it was started (`fresh`, `fail_fast`, `command`) change no
+        result.
         """
         return {
             "suite": self.suite,
@@ -61,6 +72,7 @@ class RunConfig:
             "agent": self.agent.resolve().name,
             "agent_config": self.agent.config_text(),
             "seed": self.seed,
+            **({"seeds": ",".join(map(str, self.seeds))} if self.more_seeds else {}),
             "score_mode": str(self.score_mode),
             **self.options.to_dict(),
             "record": self.record,
@@ -78,6 +90,7 @@ class RunConfig:
             scenario=values["scenario"],
             agent=AgentSpec(values["agent"], json.loads(values["agent_config"])),
             seed=values["seed"],
+            more_seeds=_parse_more_seeds(values["seed"], values.get("seeds", "")),
             score_mode=ScoreMode(values["score_mode"]),
             options=EpisodeOptions.from_dict(values),
             record=values["record"],
@@ -90,7 +103,7 @@ class RunConfig:
         parts = [
             suite_name,
             re.sub(r"^.*/|\.py(?=:)", "", self.agent.name),
-            f"seed{self.seed}",
+            _name_seeds(self.seeds),
             self.scenario if self.scenario != "*" else "",
             self.agent.config_hash()[7:13],
             _name_channel(self.options.comm),
@@ -101,6 +114,31 @@ class RunConfig:
             "sandbox" if self.sandbox else "",
         ]
         return RUNS_FOLDER / re.sub(r"[^A-Za-z0-9_.+-]+", "_", "-".join(part for part in parts if part))
+
+
+def check_seeds(seeds: Sequence[int]) -> None:
+    """Raise InputError unless there is at least one seed and none twice."""
+    if not seeds:
+        raise InputError("seeds: expected at least one, found none")
+    if len(set(seeds)) < len(seeds):
+        raise InputError(f"seeds: expected each once, found {', '.join(map(str, seeds))}")
+
+
+def _parse_more_seeds(seed: int, text: str) -> tuple[int, ...]:
+    """Return the seeds of a fingerprint after the first. Raises ValueError for a corrupt entry."""
+    seeds = [int(part) for part in text.split(",")] if text else [seed]
+    if seeds[0] != seed or len(set(seeds)) < len(seeds):
+        raise ValueError(f"seeds: expected different ones beginning with {seed}, found {text!r:.60}")
+    return tuple(seeds[1:])
+
+
+def _name_seeds(seeds: tuple[int, ...]) -> str:
+    """Return the seeds' part of a folder's name: seed0, seeds0-2 for a sequence, seeds0_3_7 for others."""
+    if len(seeds) == 1:
+        return f"seed{seeds[0]}"
+    if seeds == tuple(range(seeds[0], seeds[0] + len(seeds))):
+        return f"seeds{seeds[0]}-{seeds[-1]}"
+    return "seeds" + "_".join(map(str, seeds))
 
 
 def load_agent_config(path: Path) -> dict[str, ConfigValue]:

@@ -9,6 +9,7 @@ from mdrive_sumo.runs.fingerprint import compute_code_checksum, compute_networks
 from mdrive_sumo.runs.journal import JOURNAL_FILE, JournalText, read_run_journal
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.runs.run_listing import check_run_folder
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results, load_results, load_unchecked_results
 
@@ -47,6 +48,7 @@ def load_stored_run(folder: Path, suite: str | None = None) -> StoredRun:
 
 def load_unchecked_run(folder: Path, suite: str | None = None) -> StoredRun:
     """As `load_stored_run`, with results of any content: for `verify`, which compares every number."""
+    check_run_folder(folder)
     results = load_unchecked_results(folder / RESULTS_FILE)
     if not results.scenarios:
         raise InputError(f"{folder / RESULTS_FILE}: scenarios: expected at least one, found none")
@@ -68,11 +70,12 @@ def load_unchecked_run(folder: Path, suite: str | None = None) -> StoredRun:
 
 
 def _check_scenarios(path: Path, run: PreparedRun, results: Results) -> None:
-    """Raise InputError unless the results are those of the scenarios that the run drives."""
-    expected, found = ([one.id for one in scenarios] for scenarios in (run.scenarios, results.scenarios))
+    """Raise InputError unless the results are those of the episodes that the run drives."""
+    expected, found = [*run.episodes], [run.find_key(result) for result in results.scenarios]
     missing, foreign = sorted({*expected} - {*found}), sorted({*found} - {*expected})
     if missing or foreign:
-        what = f"{missing[0]!r} missing" if missing else f"{foreign[0]!r} too many"
+        name = run.name_episode((missing or foreign)[0])
+        what = f"{name!r} {'missing' if missing else 'too many'}"
         raise InputError(
             f"{path}: scenarios: expected the {len(expected)} that {run.config.scenario!r} selects, found"
             f" {len(found)}, {what}"

@@ -12,7 +12,7 @@ from mdrive_sumo.runs.episode_job import EpisodeJob, make_reexecution, make_sile
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.runs.transcript import EXCHANGE
-from mdrive_sumo.scoring import Results, ScenarioResult, ScoreMode
+from mdrive_sumo.scoring import EpisodeKey, Results, ScenarioResult, ScoreMode
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +30,14 @@ class VerificationResult:
     """Whether a scenario is reproduced, and a sentence about the comparison."""
 
     scenario: str
+    """Its id, with the seed in a run of several."""
     identical: bool
     """Whether the episode is the recorded one, tick by tick."""
     text: str
     scores: Mapping[ScoreMode, ScenarioResult] = field(default_factory=lambda: {})
     """The scores of the second execution by score mode; empty if it failed."""
+    key: EpisodeKey = ("", 0)
+    """Scenario and seed."""
     replayed: str = ""
     """What was taken from the recording because it cannot be repeated, e.g. "1 agent failure"; "" if nothing was."""
 
@@ -42,10 +45,10 @@ class VerificationResult:
 def sample_results(results: Results, size: int | None) -> tuple[ScenarioResult, ...]:
     """Return the scenarios to verify in the order of the suite: all that are not void, or `size` of them.
 
-    The choice depends only on the run's seed and the scenario ids.
+    The choice depends only on the seeds and the scenario ids.
     """
     found = [result for result in results.scenarios if result.status != "void"]
-    drawn = sorted(found, key=lambda result: derive_seed(results.run.seed, result.id, "verify"))[:size]
+    drawn = sorted(found, key=lambda result: derive_seed(result.seed, result.id, "verify"))[:size]
     return tuple(result for result in found if result in drawn)
 
 
@@ -58,20 +61,21 @@ def verify(
     """
     scenarios = {scenario.id: scenario for scenario in run.scenarios}
     checks = [
-        VerificationJob(run.make_job(scenarios[result.id]), result.digest, tuple(modes))
+        VerificationJob(run.make_job(scenarios[key[0]], key[1]), result.digest, tuple(modes))
         for result in chosen
-        if result.id in scenarios
+        if (key := run.find_key(result)) in run.episodes
     ]
     with ProcessPool[VerificationJob, VerificationResult](
         verify_episode, min(workers, max(len(checks), 1)), run.limit_s()
     ) as pool:
         for check, outcome in pool.run(checks):
+            key = (check.job.scenario, check.job.seed)
             if not isinstance(outcome, WorkerFailure):
-                yield outcome
+                yield replace(outcome, scenario=run.name_episode(key), key=key)
             elif outcome.kind is FailureKind.INPUT:
                 raise InputError(outcome.reason)
             else:
-                yield VerificationResult(check.job.scenario, False, outcome.reason)
+                yield VerificationResult(run.name_episode(key), False, outcome.reason, key=key)
 
 
 def verify_episode(check: VerificationJob) -> VerificationResult:
@@ -87,7 +91,8 @@ def verify_episode(check: VerificationJob) -> VerificationResult:
     text = _compare(check, recorded, again)
     identical = not text
     text = text or f"identical ({recorded.ticks} ticks)"
-    return VerificationResult(job.scenario, identical, text, _score(check, again), _describe_replayed(recorded))
+    replayed = _describe_replayed(recorded)
+    return VerificationResult(job.scenario, identical, text, _score(check, again), replayed=replayed)
 
 
 def _compare(check: VerificationJob, recorded: EpisodeRecord, again: EpisodeRecord) -> str:

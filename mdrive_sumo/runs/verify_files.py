@@ -6,10 +6,11 @@ from typing import Any
 
 from mdrive_sumo.core.tree_difference import find_tree_differences, format_leaf
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
-from mdrive_sumo.runs.journal import JournalText
+from mdrive_sumo.runs.journal import JournalText, find_entry_key
 from mdrive_sumo.runs.prepared_run import PreparedRun, make_run_info
 from mdrive_sumo.scenario.reference_times import NO_REFERENCE
 from mdrive_sumo.scoring import (
+    EpisodeKey,
     Results,
     RunInfo,
     ScenarioResult,
@@ -19,10 +20,10 @@ from mdrive_sumo.scoring import (
     summarize_run,
 )
 from mdrive_sumo.scoring.labels import COMMUNICATION_LABELS
-from mdrive_sumo.scoring.results_check import find_repeated
+from mdrive_sumo.scoring.results_check import find_repeated_episodes, name_place
 
-Scores = Mapping[str, Mapping[ScoreMode, ScenarioResult]]
-"""The scores of the second execution by scenario id and score mode."""
+Scores = Mapping[EpisodeKey, Mapping[ScoreMode, ScenarioResult]]
+"""The scores of the second execution by episode and score mode."""
 TIMES = {"time_ratio", "efficient_sr"}
 """Figures that a journal may hold by older reference times than the results."""
 ENTERED = ("agent", "command")
@@ -48,21 +49,22 @@ def build_expected_results(
     found: the file, whose void scenarios, and those without a score in `scores`, are taken as they are. facts: labels
     and declared label that the agent has now.
     """
-    stored = {result.id: result for result in found.scenarios}
-    known = [scenario.id for scenario in run.scenarios]
-    scenarios = [_expect_scenario(stored[name], scores.get(name, {}), mode) for name in known if name in stored]
+    stored = {run.find_key(result): result for result in found.scenarios}
+    known = [*run.episodes]
+    scenarios = [_expect_scenario(stored[key], scores.get(key, {}), mode) for key in known if key in stored]
     info = _expect_info(run, found.run, mode, facts)
     return ExpectedResults(
         summarize_run(info, scenarios or list(found.scenarios)),
-        tuple(name for name in known if name not in stored),
-        tuple(name for name in stored if name not in known),
+        tuple(run.name_episode(key) for key in known if key not in stored),
+        tuple(run.name_episode(key) for key in stored if key not in known),
     )
 
 
 def find_results_differences(expected: ExpectedResults, found: Results) -> Iterator[str]:
     """Yield a sentence (place, expected, found) for every value of a results file that is not as it must be."""
     mode = ScoreMode(expected.results.run.score_mode)
-    yield from find_repeated(result.id for result in found.scenarios)
+    seeds = expected.results.run.all_seeds
+    yield from find_repeated_episodes(found.scenarios)
     for name in expected.missing:
         yield f"scenarios: expected {name!r}, which the run drives, found nothing"
     for name in expected.foreign:
@@ -73,25 +75,33 @@ def find_results_differences(expected: ExpectedResults, found: Results) -> Itera
     parts = {"overall", "buckets", "void"}
     summary, stated = (one.model_dump(mode="json", include=parts) for one in (expected.results, found))
     yield from map(str, find_tree_differences(summary, stated))
-    right = {result.id: result.model_dump(mode="json") for result in expected.results.scenarios}
+    run = expected.results.run
+    right = {run.find_key(result): result.model_dump(mode="json") for result in expected.results.scenarios}
     for result in found.scenarios:
-        if result.id in right:
-            place = f"scenarios[{result.id}]"
+        if (key := run.find_key(result)) in right:
             found_values = result.model_dump(mode="json")
-            yield from map(str, find_tree_differences(right[result.id], found_values, place))
-            if right[result.id] == found_values:  # perhaps because it was not executed again
-                yield from find_scenario_faults(result, mode, expected.results.run.seed)
+            yield from map(str, find_tree_differences(right[key], found_values, name_place(result, seeds)))
+            if right[key] == found_values:  # perhaps because it was not executed again
+                yield from find_scenario_faults(result, mode, seeds)
 
 
 def find_journal_differences(journal: JournalText, expected: Results) -> Iterator[str]:
     """Yield a sentence for every value of the journal's last results that is not as it must be."""
-    last = {str(entry.get("id")): entry for entry in journal.results}
+    is_seeded = len(expected.run.all_seeds) > 1
+    last = {_find_entry(entry, expected.run): entry for entry in journal.results}
     for result in expected.scenarios:
-        if (entry := last.get(result.id)) is None:
-            yield f"results: expected one of {result.id!r}, found none"
+        name = f"{result.id}, seed {result.seed}" if is_seeded else result.id
+        if (entry := last.get(expected.run.find_key(result))) is None:
+            yield f"results: expected one of {name!r}, found none"
             continue
         right = result.model_dump(mode="json")
-        yield from map(str, find_tree_differences(_drop_times(right), _drop_times(entry), f"results[{result.id}]"))
+        yield from map(str, find_tree_differences(_drop_times(right), _drop_times(entry), f"results[{name}]"))
+
+
+def _find_entry(entry: Mapping[str, Any], run: RunInfo) -> EpisodeKey:
+    """As `RunInfo.find_key`, of an entry of the journal."""
+    key = find_entry_key(entry)
+    return key if len(run.all_seeds) > 1 else (key[0], run.seed)
 
 
 def find_fingerprint_differences(run: PreparedRun) -> Iterator[str]:

@@ -20,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error, load_scenario, save_scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.statistics import compute_suite_statistics
@@ -114,15 +115,25 @@ class Suite:
         return (self.folder, *(part.folder for part in self.parts))
 
     def select(self, pattern: str) -> tuple[Scenario, ...]:
-        """Scenarios whose id or category matches a glob, or one of several globs separated by commas.
+        """Return the scenarios whose id or category matches a glob, or one of several globs separated by commas.
 
-        Raises InputError if none does.
+        Raises InputError if a glob matches none.
         """
         globs = pattern.split(",")
-        found = tuple(s for s in self.scenarios if any(fnmatchcase(n, g) for g in globs for n in (s.id, s.category)))
-        if not found:
-            raise InputError(f"suite {self.name}: expected a scenario id or category like {pattern!r}, found none")
-        return found
+        for glob in globs:
+            if not any(fnmatchcase(name, glob) for s in self.scenarios for name in (s.id, s.category)):
+                raise InputError(self._describe_no_match(glob))
+        return tuple(s for s in self.scenarios if any(fnmatchcase(n, g) for g in globs for n in (s.id, s.category)))
+
+    def _describe_no_match(self, glob: str) -> str:
+        """Return a sentence about a glob without a match, with the nearest name or where the names are listed."""
+        names = dict.fromkeys(name for scenario in self.scenarios for name in (scenario.id, scenario.category))
+        remedy = suggest_name(glob, names) or f"; `mdrive-sumo list scenarios --suite {self._typed_name()}` lists them"
+        return f"suite {self.name}: expected a scenario id or category like {glob!r}, found none{remedy}"
+
+    def _typed_name(self) -> str:
+        """Return what `--suite` takes for this suite."""
+        return self.name if list_packaged_suites().get(self.name) == self.folder else str(self.folder)
 
 
 def _describe_scenario(scenario: Scenario) -> dict[str, str | int | float]:
@@ -158,7 +169,9 @@ def load_suite(name_or_folder: str) -> Suite:
     packaged = list_packaged_suites()
     folder = packaged.get(name_or_folder, Path(name_or_folder))
     if not folder.is_dir():
-        raise InputError(f"suite {name_or_folder!r}: expected a folder or one of {', '.join(packaged)}, found neither")
+        suggestion = suggest_name(name_or_folder, packaged)
+        names = ", ".join(packaged)
+        raise InputError(f"suite {name_or_folder!r}: expected a folder or one of {names}, found neither{suggestion}")
     about = _suite_file(folder / SUITE_FILE)
     parts = _parts(about, folder)
     suite = Suite(about, folder, _scenarios_of(parts, folder) if parts else _scenarios(folder), parts)

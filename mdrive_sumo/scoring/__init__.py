@@ -6,9 +6,11 @@ from mdrive_sumo.scoring.category_groups import (
     compute_level_means,
 )
 from mdrive_sumo.scoring.efficiency import EFFICIENT_RATIO, apply_reference_times, find_arrival_ticks
+from mdrive_sumo.scoring.intervals import MeanIntervals, compute_mean_intervals
 from mdrive_sumo.scoring.results import (
     BucketResult,
     EgoResult,
+    EpisodeKey,
     Infraction,
     Means,
     Overall,
@@ -49,6 +51,8 @@ __all__ = [
     "compute_category_group_means",
     "compute_level_means",
     "compute_interdrive_means",
+    "MeanIntervals",
+    "compute_mean_intervals",
     "Results",
     "RunInfo",
     "Overall",
@@ -56,6 +60,7 @@ __all__ = [
     "BucketResult",
     "ScenarioResult",
     "EgoResult",
+    "EpisodeKey",
     "Infraction",
     "find_result_faults",
     "find_scenario_faults",

@@ -8,7 +8,10 @@ from mdrive_sumo.core.state import End
 
 FORMAT = "mdrive-sumo/results/4"
 READABLE_FORMATS = (FORMAT, "mdrive-sumo/results/3", "mdrive-sumo/results/2")
-"""Version 3 has no scalars but `min_ttc`; version 2 has no times, so time ratios and efficient SR are undefined."""
+"""Version 3 has no runs of several seeds and no scalars but `min_ttc`. Version 2 has no times, either: its time ratios and
+efficient success rates are undefined."""
+EpisodeKey = tuple[str, int]
+"""What an episode of a run is found by: the id of its scenario and its seed."""
 
 
 def _six_decimals(value: float) -> float:
@@ -104,19 +107,25 @@ class ScenarioResult(Means):
     """How many notes of each kind the agents left, e.g. fallbacks of a language model; (dropped): notes beyond the
     limits of an episode (32 kinds, 20 000 notes, 8 Mi characters)."""
 
+    @property
+    def key(self) -> EpisodeKey:
+        """The scenario and the seed."""
+        return self.id, self.seed
+
     def find_scalar(self, name: str) -> float | None:
         """Return the value of a scalar metric; None where it is undefined or was not computed."""
         return self.min_ttc if name == "min_ttc" else self.scalars.get(name)
 
 
 class BucketResult(Means):
-    """Mean over the runs of a bucket's scenarios, each with the same weight."""
+    """Mean over the episodes of a bucket's scenarios, each with the same weight."""
 
     scenarios: int
+    """Different scenarios; with several seeds each has as many episodes."""
     timed: int = 0
-    """Over how many of them `time_ratio` is a mean: those in which every CAV arrived."""
+    """Over how many episodes `time_ratio` is a mean: those in which every CAV arrived."""
     scalars: Scalars = Field(default_factory=_no_scalars)
-    """Means of the scalar metrics over the scenarios in which each is defined."""
+    """Means of the scalar metrics over the episodes in which each is defined."""
 
 
 class Overall(_Part):
@@ -125,9 +134,9 @@ class Overall(_Part):
     bucket_mean: Means
     scenario_mean: Means
     timed: int = 0
-    """Scenarios in which every CAV arrived; the time ratios are means over these."""
+    """Episodes in which every CAV arrived; the time ratios are means over these."""
     scalars: Scalars = Field(default_factory=_no_scalars)
-    """Means of the scalar metrics over the scenarios in which each is defined."""
+    """Means of the scalar metrics over the episodes in which each is defined."""
 
 
 class RunInfo(_Part):
@@ -144,6 +153,9 @@ class RunInfo(_Part):
     suite: str
     suite_checksum: str
     seed: int
+    """The first seed."""
+    seeds: tuple[int, ...] = Field(default=(), exclude_if=lambda seeds: not seeds)
+    """All seeds of a run of several; absent in a run of one."""
     score_mode: str
     versions: dict[str, str]
     command: tuple[str, ...] = ()
@@ -160,6 +172,15 @@ class RunInfo(_Part):
     sensing: str = ""
     """How well own states and objects are sensed: realistic or perfect; "" in files from before this option."""
 
+    @property
+    def all_seeds(self) -> tuple[int, ...]:
+        """The seeds of the run, in the order of its episodes."""
+        return self.seeds or (self.seed,)
+
+    def find_key(self, result: ScenarioResult) -> EpisodeKey:
+        """Return what a result of this run is found by; in a run of one seed only the scenario counts."""
+        return result.key if len(self.all_seeds) > 1 else (result.id, self.seed)
+
 
 class Results(_Part):
     """The whole file."""
@@ -169,5 +190,6 @@ class Results(_Part):
     overall: Overall
     buckets: dict[str, BucketResult]
     void: int
-    """How many scenarios are void."""
+    """How many episodes are void."""
     scenarios: tuple[ScenarioResult, ...]
+    """One entry for every scenario, in a run of several seeds for every scenario and seed."""

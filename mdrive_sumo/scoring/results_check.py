@@ -6,7 +6,7 @@ driving. Values that were all changed so that they fit each other are found by `
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from mdrive_sumo.core.state import End
@@ -50,17 +50,18 @@ def find_result_faults(results: Results) -> Iterator[str]:
     if not results.scenarios:
         yield "scenarios: expected at least one, found none"
         return
-    yield from find_repeated(scenario.id for scenario in results.scenarios)
+    yield from _find_seed_faults(results)
+    yield from find_repeated_episodes(results.scenarios)
     for scenario in results.scenarios:
-        yield from find_scenario_faults(scenario, ScoreMode(results.run.score_mode), results.run.seed)
+        yield from find_scenario_faults(scenario, ScoreMode(results.run.score_mode), results.run.all_seeds)
     yield from _find_summary_faults(results)
 
 
-def find_scenario_faults(result: ScenarioResult, mode: ScoreMode, seed: int) -> Iterator[str]:
-    """Yield a sentence about everything in the result of a scenario that cannot be in a run of this mode and seed."""
-    place = f"scenarios[{result.id}]"
-    if result.seed != seed:
-        yield f"{place}.seed: expected the run's {seed}, found {result.seed}"
+def find_scenario_faults(result: ScenarioResult, mode: ScoreMode, seeds: Sequence[int]) -> Iterator[str]:
+    """Yield a sentence about everything in the result of a scenario that cannot be in a run of this mode and seeds."""
+    place = name_place(result, seeds)
+    if result.seed not in seeds:
+        yield f"{place}.seed: expected the run's {' or '.join(map(str, seeds))}, found {result.seed}"
     yield from _find_range_faults(place, result, mode)
     yield from find_repeated((ego.id for ego in result.egos), f"{place}.egos")
     for name in ("comm", "exchanged", "notes"):
@@ -70,6 +71,31 @@ def find_scenario_faults(result: ScenarioResult, mode: ScoreMode, seed: int) -> 
     for ego in result.egos:
         yield from _find_ego_faults(f"{place}.egos[{ego.id}]", ego, result.ticks)
     yield from _find_mean_faults(place, result, mode)
+
+
+def name_place(result: ScenarioResult, seeds: Sequence[int]) -> str:
+    """Return the place of a result in a file of these seeds, as sentences name it."""
+    return f"scenarios[{result.id}]" if len(seeds) == 1 else f"scenarios[{result.id}, seed {result.seed}]"
+
+
+def find_repeated_episodes(results: Iterable[ScenarioResult]) -> Iterator[str]:
+    """Yield a sentence about every scenario and seed that occurs more than once."""
+    for (name, _), count in Counter(result.key for result in results).items():
+        if count > 1:
+            yield f"scenarios: expected every id once, found {name!r} {count} times"
+
+
+def _find_seed_faults(results: Results) -> Iterator[str]:
+    """Yield a sentence if seeds are named twice, or some scenario lacks one."""
+    seeds = results.run.all_seeds
+    if results.run.seed != seeds[0] or len(set(seeds)) < len(seeds):
+        yield f"run.seeds: expected different seeds beginning with {results.run.seed}, found {list(seeds)}"
+    if len(seeds) > 1:
+        driven = {result.key for result in results.scenarios}
+        for name, seed in ((result.id, seed) for result in results.scenarios for seed in seeds):
+            if (name, seed) not in driven:
+                yield f"scenarios: expected {name!r} with seed {seed}, found none"
+                return
 
 
 def find_repeated(names: Iterable[str], place: str = "scenarios") -> Iterator[str]:

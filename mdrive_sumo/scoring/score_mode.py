@@ -6,6 +6,8 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Protocol
 
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.scoring.results import Means
 
 SUCCESS_DS = 99.95
@@ -109,3 +111,11 @@ _AGGREGATE_BY_MODE: Mapping[ScoreMode, Callable[[Sequence[ScoredEgo]], Means]] =
         ScoreMode.INTERDRIVE_ASIS: _aggregate_interdrive_asis,
     }
 )
+
+
+def parse_score_mode(text: str) -> ScoreMode:
+    """Return a score mode by its name. Raises InputError."""
+    names = [mode.value for mode in ScoreMode]
+    if text not in names:
+        raise InputError(f"score mode: {describe_unknown(text, names)}")
+    return ScoreMode(text)

@@ -42,6 +42,11 @@ def count_timed(scenarios: Iterable[ScenarioResult]) -> int:
     return sum(scenario.time_ratio is not None for scenario in scenarios)
 
 
+def count_scenarios(results: Iterable[ScenarioResult]) -> int:
+    """Return the number of different scenarios among episodes of any number of seeds."""
+    return len({result.id for result in results})
+
+
 def compute_bucket_means(scenarios: Sequence[ScenarioResult]) -> dict[str, BucketResult]:
     """Return means over the scenarios of each bucket, sorted by name; void scenarios count as DS 0."""
     return compute_group_means(scenarios, lambda scenario: scenario.bucket)
@@ -90,7 +95,7 @@ def compute_group_means(
         groups.setdefault(group_of(scenario), []).append(scenario)
     return {
         name: BucketResult(
-            scenarios=len(found),
+            scenarios=count_scenarios(found),
             timed=count_timed(found),
             scalars=compute_scalar_means(found),
             **compute_means(found).model_dump(),

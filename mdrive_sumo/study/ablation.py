@@ -76,7 +76,7 @@ def ablate(run: PreparedRun, recorded: ScenarioResult, mutes: Sequence[str], wor
     if the caller stops there.
     """
     scenario = next(scenario for scenario in run.scenarios if scenario.id == recorded.id)
-    job = run.make_job(scenario)
+    job = run.make_job(scenario, recorded.seed)
     with ProcessPool[AblationJob, MuteEffect](ablate_episode, min(workers, max(len(mutes), 1)), run.limit_s()) as pool:
         for wanted in ([AblationJob(job, ())], [AblationJob(job, (mute,)) for mute in mutes]):
             for _, outcome in pool.run(wanted):

@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import click
 
 from mdrive_sumo.core.errors import InputError
 from server import environments
+from server.cli.data_folder import find_database_file
 from server.cli.options import data_option, load_settings_with, report_store_errors, settings_option
 from server.clock import format_utc, now_us
 from server.enums import TokenScope
@@ -20,10 +21,32 @@ from server.store.backup import write_backup as write_backup
 from server.store.row_check import find_row_differences
 
 
-@dataclass(frozen=True, slots=True)
 class _AdminContext:
-    settings: ServerSettings
-    store: Store
+    """The settings and the database, which is opened only when a command uses it: help and validation write nothing."""
+
+    def __init__(self, ctx: click.Context, settings: ServerSettings) -> None:
+        self.settings = settings
+        self._ctx = ctx
+
+    @cached_property
+    def store(self) -> Store:
+        """The database of the challenge, migrated. Raises InputError if it does not exist."""
+        file = find_database_file(self.settings)
+        if file is not None and not file.exists():
+            raise InputError(
+                f"database: expected one at {file}, found none; --data or --settings says where it is, and"
+                " `mdrive-sumo serve` or `mdrive-sumo admin team create NAME` makes a new one"
+            )
+        return self.begin()
+
+    def begin(self, migrate: bool = True) -> Store:
+        """Open the database; make it if it does not exist."""
+        store = Store(self.settings.database_url)
+        self._ctx.call_on_close(store.close)
+        if migrate:
+            with report_store_errors():
+                store.migrate()
+        return store
 
 
 _pass_admin = click.make_pass_decorator(_AdminContext)
@@ -35,13 +58,7 @@ _pass_admin = click.make_pass_decorator(_AdminContext)
 @click.pass_context
 def admin(ctx: click.Context, file: Path | None, data: Path | None) -> None:
     """Administer a challenge: teams, tokens, phases, environments, backups. The server may be running."""
-    settings = load_settings_with(file, data)
-    store = Store(settings.database_url)
-    ctx.call_on_close(store.close)
-    if ctx.invoked_subcommand not in ("environment", "restore"):
-        with report_store_errors():
-            store.migrate()
-    ctx.obj = _AdminContext(settings, store)
+    ctx.obj = _AdminContext(ctx, load_settings_with(file, data))
 
 
 @admin.group()
@@ -54,7 +71,8 @@ def team() -> None:
 @_pass_admin
 def create_team(admin_context: _AdminContext, name: str) -> None:
     """Create a team and print its token, which is shown only once."""
-    with report_store_errors(), admin_context.store.write() as session:
+    teams.check_name(name)
+    with report_store_errors(), admin_context.begin().write() as session:
         text = tokens.issue(session, teams.create(session, name, now_us()), TokenScope.SUBMIT, now_us())
     click.echo(text)
 
@@ -89,7 +107,9 @@ def token() -> None:
 @_pass_admin
 def issue_token(admin_context: _AdminContext, name: str | None, scope: str) -> None:
     """Issue and print a token, which is shown only once."""
-    with report_store_errors(), admin_context.store.write() as session:
+    begins = name is None and scope != TokenScope.SUBMIT
+    store = admin_context.begin() if begins else admin_context.store
+    with report_store_errors(), store.write() as session:
         holder = teams.get(session, name) if name is not None else None
         text = tokens.issue(session, holder, TokenScope(scope), now_us())
     click.echo(text)
@@ -136,7 +156,7 @@ def apply_phases(admin_context: _AdminContext) -> None:
     """Apply the phases of the settings without a restart."""
     if not admin_context.settings.phases:
         raise InputError("phase apply: expected settings with phases, found none; give --settings")
-    with report_store_errors(), admin_context.store.write() as session:
+    with report_store_errors(), admin_context.begin().write() as session:
         phases.set_phases(session, [each.as_new() for each in admin_context.settings.phases], now_us())
         standings.refresh_scores(session)
 
@@ -162,6 +182,7 @@ def list_environments(admin_context: _AdminContext) -> None:
 def build_environment(admin_context: _AdminContext, name: str, pip_options: Sequence[str]) -> None:
     """Build an environment with venv and pip; options after NAME go to pip (docs/server.md, Environments)."""
     folder = admin_context.settings.environments.absolute()
+    environments.find_recipe(name)
     folder.mkdir(parents=True, exist_ok=True)
     built = environments.build_environment(name, folder, pip_options)
     click.echo(f"{built.name}  {len(built.packages)} packages  {built.python}")
@@ -196,7 +217,7 @@ def backup(admin_context: _AdminContext, file: Path) -> None:
 def restore(admin_context: _AdminContext, file: Path) -> None:
     """Fill an empty database from a backup and print the head of its audit log. Stop `serve` first."""
     with report_store_errors():
-        click.echo(read_backup(admin_context.store, file))
+        click.echo(read_backup(admin_context.begin(migrate=False), file))
 
 
 @admin.command("audit")

@@ -43,7 +43,7 @@ def _make_folder(folder: Path) -> None:
 
 def _list_locks(settings: ServerSettings) -> list[tuple[Path, int]]:
     own = settings.data / LOCK_FILE
-    database = _find_database_file(settings)
+    database = find_database_file(settings)
     if database is None:  # several machines may share the folder, but none with a server that has it for itself
         machine = settings.data / f"serve.{socket.gethostname()[:64]}.lock"
         return [(own, fcntl.LOCK_SH), (machine, fcntl.LOCK_EX)]
@@ -51,7 +51,7 @@ def _list_locks(settings: ServerSettings) -> list[tuple[Path, int]]:
     return [(own, fcntl.LOCK_EX), (beside, fcntl.LOCK_EX)]
 
 
-def _find_database_file(settings: ServerSettings) -> Path | None:
+def find_database_file(settings: ServerSettings) -> Path | None:
     """Return the file of an SQLite database, None for another database."""
     try:
         url = make_url(settings.database_url)

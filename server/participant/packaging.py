@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from server.archive import ArchiveLimits, ArchiveRefused, Manifest, check_archive, extract_archive
+from server.archive import ArchiveLimits, ArchiveRefused, Manifest, check_archive, extract_archive, layout
 
 SKIPPED = ("__pycache__", ".git", ".venv", ".DS_Store", ".ipynb_checkpoints", ".pytest_cache", "runs")
 """Files and folders that are not packed."""
@@ -34,6 +34,11 @@ def open_as_archive(path: Path, limits: ArchiveLimits) -> Generator[tuple[Path, 
             write_archive(path, archive)
         elif not path.is_file():
             raise InputError(f"{path}: expected a folder or a zip file, found none")
+        elif path.suffix == ".py":
+            raise InputError(
+                f"{path}: expected a folder or a zip file, found a Python file; make a folder in which it is"
+                f" {layout.AGENTS} with a class Agent (`mdrive-sumo init-agent DIR` writes one)"
+            )
         yield archive, check_archive(archive, limits)
 
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.cli.evaluate import workers_option
+from mdrive_sumo.cli.scenario_option import make_scenario_option
+from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from server.archive import ArchiveLimits, Manifest
 from server.enums import ChallengeTrack, SubmissionState
@@ -33,7 +34,7 @@ UNLIMITED = ArchiveLimits(archive_bytes=2**40, unpacked_bytes=2**40, entries=10*
     "--dry-run", "dry", is_flag=True, help="Submit nothing: run the agent here, in sandboxes like a server's."
 )
 @click.option("--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="For --dry-run.")
-@click.option("--scenario", default="*", metavar="GLOB", help="For --dry-run: scenario id or category.")
+@make_scenario_option("For --dry-run: scenario id or category; may be repeated.")
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="For --dry-run.")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("runs/dry-run"), show_default=True, metavar="DIR")
 @environments_option

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from mdrive_sumo.core.suggestion import describe_unknown
 from server.clock import format_utc
 from server.store import audit
 from server.store.errors import NotFound, NotNow
@@ -42,8 +43,8 @@ def get(session: Session, phase_id: str) -> PhaseRow:
     """Return a phase. Raises NotFound, which lists the known ones."""
     phase = session.get(PhaseRow, phase_id)
     if phase is None:
-        known = ", ".join(phase.id for phase in list_phases(session)) or "none"
-        raise NotFound(f"phase: expected one of {known}, found {phase_id!r}")
+        known = [phase.id for phase in list_phases(session)]
+        raise NotFound(f"phase: {describe_unknown(phase_id, known or ['none'])}")
     return phase
 
 

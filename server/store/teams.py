@@ -17,9 +17,7 @@ _ID = re.compile(r"[0-9a-f]{32}", re.IGNORECASE)
 
 def create(session: Session, name: str, now_us: int, actor: str = "admin") -> TeamRow:
     """Create a team. Raises InputError if the name is taken or unusable."""
-    name = check_text(name, "name of a team", 64)
-    if _ID.fullmatch(name):
-        raise InputError(f"name of a team: expected one that does not look like an id, found {name!r}")
+    name = check_name(name)
     if any(_normalise_name(name) == _normalise_name(taken) for taken in session.scalars(select(TeamRow.name))):
         raise InputError(f"name of a team: {name!r} is taken, or looks like one that is")
     team = TeamRow(id=new_id(), name=name, created_us=now_us)
@@ -27,6 +25,14 @@ def create(session: Session, name: str, now_us: int, actor: str = "admin") -> Te
     session.flush()
     audit.add_entry(session, actor, "team-created", {"team": team.id, "name": name}, now_us)
     return team
+
+
+def check_name(name: str) -> str:
+    """Return a name as it is stored. Raises InputError if no team can have it."""
+    name = check_text(name, "name of a team", 64)
+    if _ID.fullmatch(name):
+        raise InputError(f"name of a team: expected one that does not look like an id, found {name!r}")
+    return name
 
 
 def _normalise_name(name: str) -> str:

@@ -10,6 +10,7 @@ from mdrive_sumo.core.state import End
 from mdrive_sumo.roads.network_file import compute_net_checksum
 from mdrive_sumo.runs import evaluate
 from mdrive_sumo.runs.episode_job import EpisodeJob
+from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite
@@ -52,7 +53,7 @@ def _scenario(name: str, deed: str) -> Scenario:
 
 def drive(job: EpisodeJob) -> ScenarioResult:
     """Stands in for `run_job`: does the deed that the scenario's description names, and notes that it was called."""
-    run_folder = job.recording.parents[1] if job.recording else job.suite_folder
+    run_folder = find_run_folder(job.recording) if job.recording else job.suite_folder
     with (run_folder / "calls").open("a") as calls:
         calls.write(job.scenario + "\n")
     scenario = next(s for s in load_suite(str(job.suite_folder)).scenarios if s.id == job.scenario)
@@ -61,6 +62,11 @@ def drive(job: EpisodeJob) -> ScenarioResult:
         job.recording.write_text("recorded")
     score = 10.0 * int(job.scenario[1:]) + job.seed
     return scored(scenario, job.seed, score, digest=f"{job.seed:016x}")
+
+
+def find_run_folder(recording: Path) -> Path:
+    """The folder of the run that a recording belongs to; seeds have folders of their own in it."""
+    return next(folder.parent for folder in recording.parents if folder.name == EPISODES_FOLDER)
 
 
 def scored(scenario: Scenario, seed: int, score: float, **changed: Any) -> ScenarioResult:

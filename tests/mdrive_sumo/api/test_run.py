@@ -51,9 +51,12 @@ def standing(tmp_path_factory: pytest.TempPathFactory) -> md.Run:
     return md.evaluate("interdrive", make_agent(), scenario=SCENARIOS, workers=1, out=out, progress=False)
 
 
-def test_a_run_has_a_folder_and_results_per_seed(run: md.Run) -> None:
-    assert [folder.name for folder in run.folders] == ["seed3", "seed5"] and run.seeds == (3, 5)
+def test_a_run_of_several_seeds_has_one_folder_and_intervals(run: md.Run) -> None:
+    assert len(run.folders) == 1 and run.seeds == (3, 5)
     assert len(run.scores) == 4 and all((folder / "report.md").is_file() for folder in run.folders)
+    assert {one.seed for one in run.scores if one.id == run.scores[0].id} == {3, 5}
+    whole = run.intervals[-1]
+    assert whole.ds.mean == pytest.approx(run.scores.mean.ds) and whole.ds.low <= whole.ds.mean <= whole.ds.high
     assert "seeds [3, 5], 4 episodes" in repr(run) and "suite interdrive" in str(run)
     assert md.load_run(run.folders) == run
 
@@ -96,7 +99,8 @@ def test_runs_are_compared_by_mean_over_their_seeds(run: md.Run, standing: md.Ru
 def test_a_run_is_verified_and_rescored(run: md.Run, monkeypatch: pytest.MonkeyPatch) -> None:
     run_in_process(monkeypatch)
     first = md.load_run(run.folders[0])
-    assert [found.identical for found in first.verify(sample=1, workers=1)] == [True]
+    verified = first.verify(sample=1, workers=1)
+    assert [found.identical for found in verified] == [True] and " seed " in verified[0].scenario
     assert {results.run.score_mode for results in run.rescore("interdrive_fixed").results} == {"interdrive_fixed"}
 
 
@@ -105,7 +109,7 @@ def test_a_finished_run_is_not_driven_again(run: md.Run, capsys: pytest.CaptureF
         "interdrive",
         "constant-speed",
         scenario="i01_ins_c_main_street_right,i02_ins_c_boulevard_straight",
-        seeds=[3],
+        seeds=[3, 5],
         out=run.folders[0],
     )
     assert again.results[0].scenarios == run.results[0].scenarios
@@ -120,6 +124,10 @@ def test_a_changed_scenario_must_be_saved_first(tmp_path: Path) -> None:
         md.evaluate(other, out=tmp_path)
     with pytest.raises(md.InputError, match="seeds: expected at least one"):
         md.evaluate(suite, seeds=[], out=tmp_path)
+    with pytest.raises(md.InputError, match="seeds: expected each once, found 1, 1"):
+        md.evaluate(suite, seeds=[1, 1], out=tmp_path)
+    with pytest.raises(md.InputError, match=r"score mode: expected one of .* did you mean 'interdrive_fixed'"):
+        md.evaluate(suite, score_mode="interdrive_fix", out=tmp_path)
 
 
 @pytest.mark.full

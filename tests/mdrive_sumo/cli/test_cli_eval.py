@@ -53,7 +53,8 @@ def environment() -> dict[str, str]:
 
 def arguments(tmp_path: Path, *more: str) -> list[str]:
     out = () if "--out" in more else ("--out", str(tmp_path / "run"))
-    return [*FAKE_MAIN, "eval", "--suite", str(tmp_path / "suite"), "--agent", "stationary", *out, *more]
+    agent = () if "--agent" in more else ("--agent", "stationary")
+    return [*FAKE_MAIN, "eval", "--suite", str(tmp_path / "suite"), *agent, *out, *more]
 
 
 def evaluate(tmp_path: Path, *more: str, limit: Callable[[], None] | None = None) -> subprocess.CompletedProcess[str]:

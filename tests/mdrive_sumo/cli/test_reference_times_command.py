@@ -103,4 +103,4 @@ def test_a_run_that_is_no_reference_is_exit_code_2(finished: Path, changes: dict
 def test_a_folder_without_a_run_is_exit_code_2(tmp_path: Path) -> None:
     told = command("reference-times", tmp_path)
     assert told.exit_code == 2
-    assert "results.json: cannot be read" in told.output
+    assert "expected a folder that `mdrive-sumo eval` has written" in told.output

@@ -5,7 +5,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdrive_sumo.core.statistics import bootstrap_clustered_mean, bootstrap_mean, bootstrap_stratified_mean
+from mdrive_sumo.core.statistics import (
+    bootstrap_clustered_mean,
+    bootstrap_mean,
+    bootstrap_stratified_clustered_mean,
+    bootstrap_stratified_mean,
+)
 
 
 def test_the_interval_of_two_equally_likely_values_is_the_binomial_one() -> None:
@@ -43,3 +48,14 @@ def test_seeds_that_differ_widen_the_interval_of_equal_scenarios() -> None:
     """All scenarios are alike, the standard deviation of a seed is 0.5, so that of a mean of 3 x 2 about 0.5 / √6."""
     found = bootstrap_clustered_mean(np.tile([0.0, 1.0], (3, 1)))
     assert found.high - found.low == pytest.approx(2 * 1.96 * 0.5 / 6**0.5, abs=0.2)
+
+
+def test_a_stratified_clustered_mean_weighs_groups_alike_and_resamples_each() -> None:
+    same, other = np.full((3, 2), 10.0), np.full((1, 2), 40.0)
+    found = bootstrap_stratified_clustered_mean((same, other))
+    assert (found.mean, found.low, found.high) == (25.0, 25.0, 25.0)
+    seeds = bootstrap_stratified_clustered_mean((np.array([[0.0, 100.0]]),))
+    assert (seeds.mean, seeds.low, seeds.high) == (50.0, 0.0, 100.0)  # of one scenario only seeds vary
+    assert bootstrap_stratified_clustered_mean((np.arange(6.0).reshape(3, 2),)) == bootstrap_clustered_mean(
+        np.arange(6.0).reshape(3, 2)
+    )

@@ -1,9 +1,13 @@
 """Paired comparison of two runs."""
 
+from pathlib import Path
+
 import pytest
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.compare import compare, comparison_table
+from mdrive_sumo.runs.journal import open_journal
+from mdrive_sumo.runs.setting_differences import find_setting_differences
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, summarize_run
 
 
@@ -106,3 +110,18 @@ def test_table_shows_every_scenario_and_both_means() -> None:
     lines = [line.split() for line in table.splitlines()]
     assert ["efficient", "SR", "-", "-", "-"] in lines and ["time", "ratio", "(of", "0)", "-", "-", "-"] in lines
     assert max(map(len, table.splitlines())) <= 100
+
+
+def test_journals_name_options_and_code_of_the_agents(tmp_path: Path) -> None:
+    """A results file has only a checksum of the options; without a journal the code is unknown, which is no change."""
+    for name, speed, code in (("a", 3, "sha256:" + "1" * 64), ("b", 5, "sha256:" + "2" * 64)):
+        facts = {"agent": "m.py:A", "agent_config": f'{{"speed":{speed}}}', "agent_code": code, "sandbox": False}
+        with open_journal(tmp_path / name, facts, fresh=True):
+            pass
+    about = run(scenario("r1", 1.0)).run
+    folders = (tmp_path / "a", tmp_path / "b")
+    found = [(one.name, one.a, one.b) for one in find_setting_differences(about, about, folders)]
+    assert found == [("agent code", "1" * 12, "2" * 12), ("agent config speed", "3", "5")]
+    assert find_setting_differences(about, about, (None, None)) == ()
+    lossy = about.model_copy(update={"comm": {"preset": "x", "loss": 0.1}})
+    assert [str(one) for one in find_setting_differences(about, lossy)] == ["comm loss: - and 0.1"]

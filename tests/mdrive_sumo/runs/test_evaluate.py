@@ -29,7 +29,7 @@ class Notes:
         self.notes: list[str] = []
 
     def begin(self, total: int, kept: dict[str, ScenarioResult]) -> None:
-        self.kept = tuple(kept)
+        self.kept = tuple(name for name, _ in kept)
 
     def done(self, result: ScenarioResult) -> None:
         self.finished.append(result.id)

@@ -119,7 +119,7 @@ def test_results_of_another_version_are_one_sentence(copied: Path, command: str)
 @pytest.mark.parametrize("command", ["verify", "rescore"])
 def test_a_folder_that_is_no_run(tmp_path: Path, command: str) -> None:
     ended = invoke(command, tmp_path)
-    assert (ended.exit_code, "results.json: cannot be read" in ended.stderr) == (2, True)
+    assert (ended.exit_code, "expected a folder that `mdrive-sumo eval` has written" in ended.stderr) == (2, True)
 
 
 def test_rescoring_gives_the_same_numbers(copied: Path) -> None:

@@ -44,8 +44,8 @@ def fake_suite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, *deeds: str) -> 
 
 
 def study(tmp_path: Path, *more: str | Path, agents: str = "stationary,idm") -> Result:
-    given = ("--suite", tmp_path / "suite", "--agents", agents, "--out", tmp_path / "out", "--workers", "1")
-    return invoke("study", "comm", *given, *more)
+    out = () if "--out" in more else ("--out", tmp_path / "out")
+    return invoke("study", "comm", "--suite", tmp_path / "suite", "--agents", agents, *out, "--workers", "1", *more)
 
 
 def in_a_process(tmp_path: Path) -> "subprocess.Popen[str]":
@@ -189,7 +189,8 @@ def test_void_scenarios_are_exit_code_1_and_left_out(tmp_path: Path, monkeypatch
 def test_bad_input_is_one_sentence_before_anything_runs(
     suite: Path, tmp_path: Path, more: tuple[str, ...], sentence: str
 ) -> None:
-    given = ["study", "comm", "--suite", str(suite), "--agents", "stationary", "--out", str(tmp_path / "out"), *more]
+    agents = () if "--agents" in more else ("--agents", "stationary")
+    given = ["study", "comm", "--suite", str(suite), *agents, "--out", str(tmp_path / "out"), *more]
     ended = CliRunner().invoke(main, given)
     assert ended.exit_code == 2
     last = ended.stderr.splitlines()[-1]

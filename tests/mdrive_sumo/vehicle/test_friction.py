@@ -127,7 +127,7 @@ def test_without_the_option_and_without_rain_nothing_changes(rain: Path, tmp_pat
 def test_an_unknown_friction_is_refused() -> None:
     done = call("eval", "--friction", "ice")
     assert done.exit_code == 2
-    assert "'ice' is not one of 'dry', 'weather'" in done.output
+    assert "expected one of dry, weather, found 'ice'" in done.output
 
 
 def test_only_rain_makes_roads_slippery_and_only_if_asked() -> None:

@@ -89,7 +89,7 @@ def test_init_agent_overwrites_nothing(run: Run, tmp_path: Path) -> None:
             "import nowhere\nclass Agent: ...",
             "agent: cannot be created: ModuleNotFoundError: No module named 'nowhere'",
         ),
-        ("Agent = 5", "agent: cannot be created: agent "),
+        ("Agent = 5", "agent: cannot be created: expected a class Agent in agents.py, found none"),
         ("class Agent(:", "agent: cannot be created: SyntaxError"),
     ],
 )

@@ -1,0 +1,81 @@
+"""Find run folders and say in one line what each is: finished, interrupted, or of which agent and suite."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import suggest_name
+from mdrive_sumo.runs.evaluate import RESULTS_FILE
+from mdrive_sumo.runs.journal import JOURNAL_FILE, read_run_journal
+from mdrive_sumo.runs.run_config import RUNS_FOLDER
+from mdrive_sumo.scoring import Results, load_unchecked_results
+
+MAX_DEPTH = 4
+"""Folders below which runs are looked for: those of a study lie at RUNS/AGENT/CONDITION/SEED."""
+
+
+@dataclass(frozen=True, slots=True)
+class ListedRun:
+    """A run folder, with its results if it is finished."""
+
+    folder: Path
+    fingerprint: Mapping[str, Any]
+    finished: int
+    """Episodes that have a result."""
+    results: Results | None
+    problem: str = ""
+    """Why it cannot be read; "" if it can."""
+
+
+def list_runs(root: Path = RUNS_FOLDER) -> Iterator[ListedRun]:
+    """Yield the run folders below a folder, and the folder itself if it is one, sorted by path."""
+    for folder in sorted(find_run_folders(root)):
+        yield _read_run(folder)
+
+
+def find_run_folders(root: Path, depth: int = MAX_DEPTH) -> Iterator[Path]:
+    """Yield the folders with a journal, not deeper than `depth`; no run lies in another, and links are left out."""
+    if (root / JOURNAL_FILE).is_file():
+        yield root
+        return
+    if depth == 0 or not root.is_dir():
+        return
+    for path in root.iterdir():
+        if path.is_dir() and not path.is_symlink():
+            yield from find_run_folders(path, depth - 1)
+
+
+def describe_missing_run(folder: Path) -> str:
+    """Return a sentence about a folder that is no run: the one that was probably meant, and how to list them."""
+    known = [str(path) for path in find_run_folders(RUNS_FOLDER)]
+    names = {Path(path).name: path for path in known} | {path: path for path in known}
+    suggestion = suggest_name(str(folder), names)
+    meant = next((path for name, path in names.items() if f"{name!r}?" in suggestion), "")
+    remedy = f"`mdrive-sumo list runs` lists the {len(known)} below {RUNS_FOLDER}/"
+    where = f"; did you mean {meant!r}?" if meant else f"; {remedy if known else '`mdrive-sumo eval` makes one'}"
+    found = "one without a run" if folder.is_dir() else "no such folder"
+    return f"run {str(folder)!r}: expected a folder that `mdrive-sumo eval` has written, found {found}{where}"
+
+
+def check_run_folder(folder: Path) -> None:
+    """Raise InputError for a folder that holds no finished run, and say what to do."""
+    if (folder / RESULTS_FILE).is_file():
+        return
+    if (folder / JOURNAL_FILE).is_file():
+        raise InputError(
+            f"run {str(folder)!r}: expected a finished run, found an interrupted one; the same `mdrive-sumo eval`"
+            " command continues it"
+        )
+    raise InputError(describe_missing_run(folder))
+
+
+def _read_run(folder: Path) -> ListedRun:
+    try:
+        fingerprint, journal = read_run_journal(folder)
+        finished = len({(str(one.get("id")), one.get("seed")) for one in journal.results})
+        path = folder / RESULTS_FILE
+        return ListedRun(folder, fingerprint, finished, load_unchecked_results(path) if path.is_file() else None)
+    except InputError as error:
+        return ListedRun(folder, {}, 0, None, str(error))

@@ -1,0 +1,89 @@
+"""Which settings of two runs differ, by their results and, where there is one, by their journals."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
+from mdrive_sumo.scoring import RunInfo
+
+ABSENT = "-"
+MAX_TEXT = 40
+
+
+@dataclass(frozen=True, slots=True)
+class SettingDifference:
+    """A setting that two runs do not share, with both values as text."""
+
+    name: str
+    a: str
+    b: str
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.a} and {self.b}"
+
+
+def find_setting_differences(
+    a: RunInfo, b: RunInfo, folders: tuple[Path | None, Path | None] = (None, None)
+) -> tuple[SettingDifference, ...]:
+    """Return the settings in which two runs differ, besides suite, seeds and versions.
+
+    folders: their run folders, whose journals also name the options and the code of the agents.
+    """
+    first, second = (_list_settings(info, folder) for info, folder in zip((a, b), folders, strict=True))
+    names = dict.fromkeys((*first, *second))
+    return tuple(
+        SettingDifference(name, _format(first.get(name)), _format(second.get(name)))
+        for name in names
+        if first.get(name) != second.get(name) and not (name in _JOURNAL_ONLY and (name in first) != (name in second))
+    )
+
+
+_JOURNAL_ONLY = ("agent code", "sandbox")
+"""Settings that only a journal has: unknown is no difference."""
+
+
+def _list_settings(info: RunInfo, folder: Path | None) -> dict[str, Any]:
+    fingerprint = _read_fingerprint(folder)
+    found: dict[str, Any] = {"agent": info.agent}
+    found |= dict(_list_agent_settings(info, fingerprint))
+    found |= {f"comm {name}": value for name, value in info.comm.items() if name != "preset"}
+    found["agent clock"] = info.agent_clock
+    found |= {name: getattr(info, name) for name in EpisodeOptions.list_choices()}
+    if fingerprint:
+        found["sandbox"] = bool(fingerprint.get("sandbox", False))
+    return found
+
+
+def _list_agent_settings(info: RunInfo, fingerprint: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    if code := fingerprint.get("agent_code"):
+        yield "agent code", code
+    try:
+        options = json.loads(fingerprint.get("agent_config", ""))
+    except (ValueError, TypeError, RecursionError):
+        yield "agent config", info.agent_config
+        return
+    if isinstance(options, dict):
+        yield from ((f"agent config {name}", value) for name, value in sorted(options.items()))
+
+
+def _read_fingerprint(folder: Path | None) -> Mapping[str, Any]:
+    """Return the fingerprint of a run folder; an empty one if it has no readable journal."""
+    if folder is None or not (folder / JOURNAL_FILE).is_file():
+        return {}
+    try:
+        return read_fingerprint(folder)
+    except InputError:
+        return {}
+
+
+def _format(value: object) -> str:
+    if value is None:
+        return ABSENT
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    text = text.removeprefix("sha256:")[:12] if text.startswith("sha256:") else text
+    return text if len(text) <= MAX_TEXT else text[: MAX_TEXT - 3] + "..."
