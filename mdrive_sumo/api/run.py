@@ -10,6 +10,7 @@ from mdrive_sumo.api.verification import Permission, RunVerification
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.export.export_run import export_runs
 from mdrive_sumo.report.result_tables import SCORE_HEADER, format_optional, format_scores, format_summary
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.prepared_run import recording_path
@@ -143,6 +144,15 @@ class Run:
             raise InputError(f"episode: seed: expected one of {', '.join(map(str, self.seeds))}, found {seed}")
         folder = self.folders[0 if seed is None else self.seeds.index(seed)]
         return load_episode(recording_path(folder, scenario), load_stored_run(folder).run.suite)
+
+    def export(self, format: str, out: str | Path, scenarios: str | Sequence[str] = ()) -> Path:
+        """Write the recordings in the format of another tool (docs/export.md) and return the folder.
+
+        format: csv, parquet, fcd, scenarionet, commonroad, mcap or openscenario. out: a new or empty folder; of several
+        seeds, each gets a folder in it. scenarios: ids, categories or globs; none: all. Raises InputError.
+        """
+        patterns = (scenarios,) if isinstance(scenarios, str) else tuple(scenarios)
+        return export_runs([load_stored_run(folder) for folder in self.folders], format, Path(out), patterns)
 
     def rescore(self, mode: ScoreMode | str) -> "Run":
         """Return the run in another score mode, computed from its recordings without simulation."""

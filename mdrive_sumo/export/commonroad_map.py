@@ -1,14 +1,17 @@
 """CommonRoad: the lanelet network of a recording, with speed limits, stop signs and recorded traffic lights."""
 
-# pyright: basic
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import numpy as np
 from commonroad.common.common_lanelet import LaneletType, LineMarking, StopLine
 from commonroad.scenario.lanelet import Lanelet, LaneletNetwork
-from commonroad.scenario.traffic_light import TrafficLight, TrafficLightCycle, TrafficLightCycleElement, TrafficLightState
+from commonroad.scenario.traffic_light import (
+    TrafficLight,
+    TrafficLightCycle,
+    TrafficLightCycleElement,
+    TrafficLightState,
+)
 from commonroad.scenario.traffic_sign import TrafficSign, TrafficSignElement, TrafficSignIDZamunda
 
 from mdrive_sumo.export.lane_bounds import compute_bounds, find_predecessors
@@ -25,7 +28,7 @@ STATE_BY_LETTER = {
 """By SUMO's letter in lower case; any other letter is an inactive light."""
 
 
-def build_lanelet_network(recording: ScoredRecording, numbers: Iterator[int]) -> tuple[Any, dict[str, int]]:
+def build_lanelet_network(recording: ScoredRecording, numbers: Iterator[int]) -> tuple[LaneletNetwork, dict[str, int]]:
     """Return the network, and the number of each lane's lanelet by the lane's id; takes new ids from `numbers`."""
     roads = recording.roads
     number_by_lane = {lane.id: next(numbers) for lane in roads.driving}
@@ -51,7 +54,7 @@ def build_lanelet_network(recording: ScoredRecording, numbers: Iterator[int]) ->
     return network, number_by_lane
 
 
-def _build_lanelet(lane: Lane, entries: tuple[str, ...], number_by_lane: Mapping[str, int]) -> Any:
+def _build_lanelet(lane: Lane, entries: tuple[str, ...], number_by_lane: Mapping[str, int]) -> Lanelet:
     left, right = compute_bounds(lane)
     return Lanelet(
         left_vertices=left,
@@ -68,7 +71,9 @@ def _build_lanelet(lane: Lane, entries: tuple[str, ...], number_by_lane: Mapping
     )
 
 
-def _build_limits(recording: ScoredRecording, limits: Mapping[float, int], lanelets: Mapping[str, int]) -> Iterator[Any]:
+def _build_limits(
+    recording: ScoredRecording, limits: Mapping[float, int], lanelets: Mapping[str, int]
+) -> Iterator[TrafficSign]:
     """Yield one sign per speed limit [m/s], at the first lane that has it."""
     for limit, number in limits.items():
         lane = next(lane for lane in recording.roads.driving if lane.speed_limit == limit)
@@ -78,14 +83,14 @@ def _build_limits(recording: ScoredRecording, limits: Mapping[float, int], lanel
 
 def _build_stops(
     recording: ScoredRecording, stops: Mapping[str, tuple[int, StopSignBox]], lanelets: Mapping[str, int]
-) -> Iterator[Any]:
+) -> Iterator[TrafficSign]:
     for number, sign in stops.values():
         position = np.array(recording.roads.lanes[sign.lane].centre.at(sign.line_pos_m))
         element = TrafficSignElement(TrafficSignIDZamunda.STOP, [])
         yield TrafficSign(number, [element], {lanelets[sign.lane]}, position)
 
 
-def _build_stop_line(lane: Lane, number: int, sign: StopSignBox) -> Any:
+def _build_stop_line(lane: Lane, number: int, sign: StopSignBox) -> StopLine:
     x, y = lane.centre.at(sign.line_pos_m)
     left, right = compute_bounds(lane)
     row = int(np.argmin(np.abs(lane.centre.s - sign.line_pos_m)))
@@ -94,7 +99,7 @@ def _build_stop_line(lane: Lane, number: int, sign: StopSignBox) -> Any:
     return StopLine(centre + across, centre - across, LineMarking.SOLID, {number})
 
 
-def _build_light(recording: ScoredRecording, number: int, signal: LaneSignal) -> Any:
+def _build_light(recording: ScoredRecording, number: int, signal: LaneSignal) -> TrafficLight:
     """Return a light whose cycle is what was recorded, once."""
     elements = [
         TrafficLightCycleElement(STATE_BY_LETTER.get(letter.lower(), TrafficLightState.INACTIVE), ticks)

@@ -4,7 +4,6 @@ Source: Althoff, Koschi and Manzinger, CommonRoad, IV 2017, and its documentatio
 centre; metres, radians, one step per tick.
 """
 
-# pyright: basic
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -14,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from commonroad.common.common_scenario import Location, ScenarioID
 from commonroad.common.file_writer import CommonRoadFileWriter, OverwriteExistingFile
 from commonroad.common.util import FileFormat
 from commonroad.geometry.obstacle_shapes.rect_obstacle_shape import RectObstacleShape
 from commonroad.planning.planning_problem import PlanningProblemSet
 from commonroad.prediction.prediction import TrajectoryPrediction
 from commonroad.scenario.obstacle import DynamicObstacle, ObstacleType, StaticObstacle
-from commonroad.common.common_scenario import Location, ScenarioID
 from commonroad.scenario.scenario import Scenario
 from commonroad.scenario.state import CustomState, InitialState
 from commonroad.scenario.trajectory import Trajectory
@@ -74,7 +73,7 @@ def write_commonroad(recordings: Iterable[ScoredRecording], folder: Path) -> Non
         (folder / f"{name}.ids.json").write_text(json.dumps(ids, indent=1) + "\n", encoding="utf-8")
 
 
-def build_scenario(recording: ScoredRecording, configuration: int) -> tuple[Any, dict[str, Mapping[str, str]]]:
+def build_scenario(recording: ScoredRecording, configuration: int) -> tuple[Scenario, Mapping[str, Mapping[str, str]]]:
     """Return the scenario, and what its numbers stand for: lanelets and obstacles by number as text.
 
     configuration: distinguishes scenarios on the same map.
@@ -101,7 +100,7 @@ def _list_entries(recording: ScoredRecording, numbers: Iterator[int]) -> Iterato
             yield ObstacleEntry(next(numbers), column, presence)
 
 
-def _build_obstacle(recording: ScoredRecording, entry: ObstacleEntry) -> Any:
+def _build_obstacle(recording: ScoredRecording, entry: ObstacleEntry) -> StaticObstacle | DynamicObstacle:
     record, column = recording.record, entry.column
     shape = RectObstacleShape(length=float(record.length[column]), width=float(record.width[column]))
     type_ = TYPE_BY_CATEGORY[recording.categories[column]]
@@ -111,7 +110,7 @@ def _build_obstacle(recording: ScoredRecording, entry: ObstacleEntry) -> Any:
     if record.kind[column] == Kind.STATIC and still and len(entry.presence) == record.ticks:
         return StaticObstacle(entry.number, type_, shape, initial)
     # A trajectory has at least one state: a presence of one tick repeats it, which no reader can tell from a stand.
-    states = [CustomState(**_describe_state(recording, tick, column)) for tick in later]
+    states: list[Any] = [CustomState(**_describe_state(recording, tick, column)) for tick in later]
     prediction = TrajectoryPrediction(Trajectory(later[0], states), shape) if states else None
     return DynamicObstacle(entry.number, type_, shape, initial, prediction)
 

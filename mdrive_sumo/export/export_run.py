@@ -26,7 +26,7 @@ def export_recordings(recordings: Iterable[ScoredRecording], format_name: str, o
 
 
 def export_runs(runs: Sequence[StoredRun], format_name: str, out: Path, patterns: Sequence[str] = ()) -> Path:
-    """Write the recordings of a run in a format into `out`; of several runs, each into a folder with its name.
+    """Write the recordings of a run in a format into `out`; of several, each into a folder seedN.
 
     patterns: ids, categories or globs of scenarios; none: all. `out` must be new or an empty folder. Raises InputError.
     """
@@ -34,8 +34,8 @@ def export_runs(runs: Sequence[StoredRun], format_name: str, out: Path, patterns
     chosen = [(stored, select_recorded(stored, patterns)) for stored in runs]
     with atomic_folder(out) as draft:
         for stored, results in chosen:
-            folder = draft if len(chosen) == 1 else draft / stored.run.folder.name
-            folder.mkdir(exist_ok=True)
+            folder = draft if len(chosen) == 1 else draft / f"seed{stored.results.run.seed}"
+            folder.mkdir(exist_ok=len(chosen) == 1)
             writer(_load_recordings(stored, results), folder)
     return out
 
@@ -89,9 +89,8 @@ def _describe_unknown_scenario(stored: StoredRun, pattern: str, driven: Sequence
     # The one place of this room that proposes names: the command line's shared function can take it over.
     similar = get_close_matches(pattern, driven, n=3, cutoff=0.4)
     hint = f"did you mean {' or '.join(similar)}?" if similar else f"the first is {driven[0]}"
-    return (
-        f"{stored.run.folder}: expected an id, category or glob of its {len(driven)} scenarios, found {pattern!r}; {hint}"
-    )
+    expected = f"an id, category or glob of its {len(driven)} scenarios"
+    return f"{stored.run.folder}: expected {expected}, found {pattern!r}; {hint}"
 
 
 def _load_recordings(stored: StoredRun, results: Iterable[ScenarioResult]) -> Iterator[ScoredRecording]:

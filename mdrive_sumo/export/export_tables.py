@@ -171,7 +171,9 @@ EXPORT_TABLES = (
             TableColumn("width", "number", "m", "width of the box"),
             TableColumn("throttle", "number", "", "applied after this tick, in [0, 1]; empty unless a CAV"),
             TableColumn("brake", "number", "", "applied after this tick, in [0, 1]; empty unless a CAV"),
-            TableColumn("steer", "number", "", "applied after this tick, in [-1, 1], left positive; empty unless a CAV"),
+            TableColumn(
+                "steer", "number", "", "applied after this tick, in [-1, 1], left positive; empty unless a CAV"
+            ),
         ),
         _build_states,
     ),

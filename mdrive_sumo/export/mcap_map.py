@@ -1,6 +1,5 @@
 """MCAP: the map of a recording as scene entities that last from tick 0 on."""
 
-# pyright: basic
 import numpy as np
 import shapely
 from foxglove.messages import (
@@ -34,7 +33,7 @@ def build_map_entities(recording: ScoredRecording) -> list[SceneEntity]:
     roads = recording.roads
     bounds = [line for lane in roads.driving if not lane.junction for line in compute_bounds(lane)]
     crossings = [
-        shapely.get_coordinates(shapely.LineString(line).buffer(width / 2, cap_style="flat").exterior)
+        shapely.get_coordinates(shapely.buffer(shapely.LineString(line), width / 2, cap_style="flat"))
         for line, width in roads.crossings
     ]
     routes = [ego.xy for ego in recording.scenario.egos]
@@ -85,7 +84,7 @@ def _triangulate(
     for outline in outlines:
         area = shapely.make_valid(shapely.Polygon(outline))
         for triangle in shapely.constrained_delaunay_triangles(area).geoms:
-            corners = shapely.get_coordinates(triangle.exterior)[:3]
+            corners = shapely.get_coordinates(triangle)[:3]
             points += [Point3(x=x, y=y, z=height) for x, y in corners.tolist()]
     return TriangleListPrimitive(pose=_origin(), points=points, color=_opaque(color)) if points else None
 

@@ -4,8 +4,7 @@ Foxglove's message schemas (https://docs.foxglove.dev/docs/sdk/schemas) in proto
 `world` is the network's: metres, x to the right, y up, z = 0 the ground. Time is that of the episode: tick 0 is 0 ns.
 """
 
-# pyright: basic
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -181,7 +180,7 @@ def _log_cavs(recording: ScoredRecording, context: foxglove.Context) -> None:
             channel.log(message, log_time=tick * TICK_NS)
 
 
-def _list_rows(recording: ScoredRecording, name: str) -> Iterator[Mapping[str, Any]]:
+def _list_rows(recording: ScoredRecording, name: str) -> Iterator[dict[str, Any]]:
     table = next(one for one in EXPORT_TABLES if one.name == name)
     columns = table.build_rows(recording)
     return (dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True))

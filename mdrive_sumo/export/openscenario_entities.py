@@ -1,6 +1,7 @@
 """OpenSCENARIO: road users and props as entities with boxes and axles."""
 
-# pyright: basic
+# pyright: reportArgumentType=false
+# scenariogeneration annotates members of its enumerations with another class than it demands.
 import numpy as np
 from scenariogeneration import xosc
 
@@ -34,7 +35,9 @@ def compute_rear_to_centre(recording: ScoredRecording) -> Float:
     return np.where(np.arange(len(record.ids)) < record.egos, VehicleParameters().rear_to_centre, assumed)
 
 
-def build_entity(recording: ScoredRecording, column: int, name: str) -> xosc.Vehicle | xosc.Pedestrian | xosc.MiscObject:
+def build_entity(
+    recording: ScoredRecording, column: int, name: str
+) -> xosc.Vehicle | xosc.Pedestrian | xosc.MiscObject:
     """Return the entity of a column with its box, which lies around the reference point."""
     record, category = recording.record, recording.categories[column]
     rear = float(compute_rear_to_centre(recording)[column])

@@ -4,11 +4,13 @@ The reference point of a vehicle is its rear axle, that of anything else its box
 the network, metres and radians. Source: ASAM OpenSCENARIO XML 1.2.0; written with scenariogeneration.
 """
 
-# pyright: basic
+# pyright: reportArgumentType=false
+# scenariogeneration annotates members of its enumerations with another class than it demands.
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scenariogeneration import xosc
@@ -18,7 +20,7 @@ from mdrive_sumo.core.state import DT
 from mdrive_sumo.export.openscenario_entities import build_entity, compute_rear_to_centre
 from mdrive_sumo.export.scored_recording import ScoredRecording, list_presences
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.roads.netconvert import run_netconvert
+from mdrive_sumo.roads.netconvert import run_netconvert, strip_xml_comments
 
 MINOR_VERSION = 2
 NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
@@ -46,7 +48,8 @@ def write_openscenario(recordings: Iterable[ScoredRecording], folder: Path) -> N
 def build_opendrive(roads: RoadMap) -> bytes:
     """Return the network as an OpenDRIVE map in the same frame. Raises InputError without netconvert."""
     options = ("--sumo-net-file", str(roads.net_file.resolve()), "--precision", "4")
-    return run_netconvert(options, roads.folder, f"{roads.net_file}: expected a network", "--opendrive-output")
+    xodr = run_netconvert(options, roads.folder, f"{roads.net_file}: expected a network", "--opendrive-output")
+    return strip_xml_comments(xodr)
 
 
 def build_storyboard_file(recording: ScoredRecording, road_file: str) -> xosc.Scenario:
@@ -115,7 +118,7 @@ def _build_maneuvers(drive: EntityDrive, path: Float, ticks: int) -> xosc.Maneuv
     return group
 
 
-def _build_event(name: str, at_s: float, action: object) -> xosc.Event:
+def _build_event(name: str, at_s: float, action: Any) -> xosc.Event:
     event = xosc.Event(name, xosc.Priority.parallel)
     event.add_trigger(_build_trigger(name, at_s))
     event.add_action(f"{name} action", action)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -27,7 +28,7 @@ def write_parquet(recordings: Iterable[ScoredRecording], folder: Path) -> None:
                 writers[table.name].write_table(pa.table(dict(rows), schema=schemas[table.name]))
 
 
-def _build_schema(table: ExportTable) -> pa.Schema:
+def _build_schema(table: ExportTable) -> Any:
     fields = [
         pa.field(one.name, ARROW_TYPES[one.type], metadata={"unit": one.unit, "description": one.description})
         for one in table.columns

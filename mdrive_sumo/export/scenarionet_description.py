@@ -56,6 +56,7 @@ def build_description(recording: ScoredRecording) -> dict[str, Any]:
     columns = np.flatnonzero(record.valid[ticks].any(axis=0)).tolist()
     tracks = {record.ids[n]: _build_track(recording, n, ticks) for n in columns}
     lights = _build_lights(recording, ticks)
+    features = _build_features(recording.roads)
     return {
         "id": name,
         "version": VERSION,
@@ -75,11 +76,11 @@ def build_description(recording: ScoredRecording) -> dict[str, Any]:
             "digest": record.digest,
             "cav_ids": list(record.ego_ids),
             "object_summary": {id_: _summarize_track(id_, track) for id_, track in tracks.items()},
-            "number_summary": _count_objects(tracks, lights),
+            "number_summary": _count_objects(tracks, lights, features),
         },
         "tracks": tracks,
         "dynamic_map_states": lights,
-        "map_features": _build_features(recording.roads),
+        "map_features": features,
     }
 
 
@@ -187,8 +188,11 @@ def _measure_distance(track: Mapping[str, Any]) -> float:
     return float(portable.hypot(steps[:, 0], steps[:, 1]).sum()) if len(steps) else 0.0
 
 
-def _count_objects(tracks: Mapping[str, Mapping[str, Any]], lights: Mapping[str, Any]) -> dict[str, Any]:
+def _count_objects(
+    tracks: Mapping[str, Mapping[str, Any]], lights: Mapping[str, Any], features: Mapping[str, Any]
+) -> dict[str, Any]:
     types = Counter(track["type"] for track in tracks.values())
+    shown = Counter(state for light in lights.values() for state in light["state"]["object_state"])
     moving = Counter(track["type"] for track in tracks.values() if _measure_distance(track) > MOVED_M)
     return {
         "num_objects": len(tracks),
@@ -197,6 +201,10 @@ def _count_objects(tracks: Mapping[str, Mapping[str, Any]], lights: Mapping[str,
         "num_moving_objects": moving.total(),
         "num_moving_objects_each_type": dict(moving),
         "num_traffic_lights": len(lights),
+        "num_traffic_light_types": set(shown),
+        "num_traffic_light_each_step": dict(shown),
+        "num_map_features": len(features),
+        "map_height_diff": 0.0,
     }
 
 

@@ -73,7 +73,7 @@ def build_scenario(
     if network is None:
         network = build_network(recording.map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
     roads = load_road_map(network.folder)
-    tracks = reconstruct_tracks(cleaned.tracks, dt_s)
+    tracks = cleaned.tracks if recording.exact else reconstruct_tracks(cleaned.tracks, dt_s)
     matches = {id_: match_track(motion, roads) for id_, motion in vehicle_trajectories(tracks).items()}
     cavs = select_cav_tracks(wish.cavs, cleaned, tracks, matches)
     try:
