@@ -36,7 +36,7 @@ def export_runs(runs: Sequence[StoredRun], format_name: str, out: Path, patterns
         for stored, results in chosen:
             folder = draft if len(chosen) == 1 else draft / f"seed{stored.results.run.seed}"
             folder.mkdir(exist_ok=len(chosen) == 1)
-            writer(_load_recordings(stored, results), folder)
+            writer(load_recordings(stored, results), folder)
     return out
 
 
@@ -93,7 +93,7 @@ def _describe_unknown_scenario(stored: StoredRun, pattern: str, driven: Sequence
     return f"{stored.run.folder}: expected {expected}, found {pattern!r}; {hint}"
 
 
-def _load_recordings(stored: StoredRun, results: Iterable[ScenarioResult]) -> Iterator[ScoredRecording]:
+def load_recordings(stored: StoredRun, results: Iterable[ScenarioResult]) -> Iterator[ScoredRecording]:
     """Yield one recording after another, so that a large run does not fill the memory."""
     scenarios = {scenario.id: scenario for scenario in stored.run.scenarios}
     for result in results:

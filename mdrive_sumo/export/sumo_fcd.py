@@ -12,7 +12,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, Kind
+from mdrive_sumo.export.lane_assignment import NO_LANE, assign_lanes
 from mdrive_sumo.export.scored_recording import ScoredRecording
 
 TAG_BY_KIND = {Kind.PEDESTRIAN: "person"}
@@ -45,7 +47,7 @@ def _format_steps(recording: ScoredRecording) -> Iterator[str]:
     record = recording.record
     front_x, front_y = recording.shift_ahead(record.length / 2)
     angle = np.degrees(math.pi / 2 - record.yaw) % 360.0
-    lanes = _find_lanes(recording, front_x, front_y)
+    lanes = _format_lanes(recording, front_x, front_y)
     heads = [
         f"<{tag} id={quoteattr(id_)} type={quoteattr(type_)}"
         for tag, id_, type_ in zip(_list_tags(recording), record.ids, _name_types(recording), strict=True)
@@ -67,21 +69,14 @@ def _list_tags(recording: ScoredRecording) -> list[str]:
     return [TAG_BY_KIND.get(Kind(int(kind)), "vehicle") for kind in recording.record.kind]
 
 
-def _find_lanes(recording: ScoredRecording, x: np.ndarray, y: np.ndarray) -> list[list[str]]:
-    """Return the attributes `lane` and `pos` per tick and column: the car lane nearest to the front; "" for persons."""
-    record, roads = recording.record, recording.roads
-    texts = [[""] * len(record.ids) for _ in range(record.ticks)]
-    is_vehicle = np.array([tag == "vehicle" for tag in _list_tags(recording)], dtype=np.bool_)
-    ticks, columns = np.nonzero(record.valid & is_vehicle)
-    if not len(ticks):
-        return texts
-    xy = np.column_stack((x[ticks, columns], y[ticks, columns]))
-    nearest = roads.find_nearest_lanes(xy).lane
-    for tick, column, lane, point in zip(ticks.tolist(), columns.tolist(), nearest.tolist(), xy.tolist(), strict=True):
-        chosen = roads.driving[lane]
-        station = min(max(chosen.centre.project(*point)[0], 0.0), chosen.centre.length)
-        texts[tick][column] = f' lane={quoteattr(chosen.id)} pos="{station:.2f}"'
-    return texts
+def _format_lanes(recording: ScoredRecording, x: Float, y: Float) -> list[list[str]]:
+    """Return the attributes `lane` and `pos` per tick and column; "" off the road."""
+    lanes, positions = assign_lanes(recording, x, y)
+    heads = [f" lane={quoteattr(lane.id)} pos=" for lane in recording.roads.driving]
+    return [
+        ["" if lane == NO_LANE else f'{heads[lane]}"{position:.2f}"' for lane, position in zip(*row, strict=True)]
+        for row in zip(lanes.tolist(), positions.tolist(), strict=True)
+    ]
 
 
 def _name_types(recording: ScoredRecording) -> Sequence[str]:
