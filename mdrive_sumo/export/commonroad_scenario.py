@@ -13,11 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from commonroad.common.common_scenario import Location, ScenarioID
 from commonroad.common.file_writer import CommonRoadFileWriter, OverwriteExistingFile
-from commonroad.common.util import FileFormat
+from commonroad.common.util import FileFormat, Interval
 from commonroad.geometry.obstacle_shapes.rect_obstacle_shape import RectObstacleShape
-from commonroad.planning.planning_problem import PlanningProblemSet
+from commonroad.geometry.occupancy.circle_occupancy import CircleOccupancy
+from commonroad.planning.goal import GoalRegion
+from commonroad.planning.planning_problem import PlanningProblem, PlanningProblemSet
 from commonroad.prediction.prediction import TrajectoryPrediction
 from commonroad.scenario.obstacle import DynamicObstacle, ObstacleType, StaticObstacle
 from commonroad.scenario.scenario import Scenario
@@ -27,6 +30,7 @@ from commonroad.scenario.trajectory import Trajectory
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.export.commonroad_map import build_lanelet_network
 from mdrive_sumo.export.scored_recording import ScoredRecording, list_presences
+from mdrive_sumo.scoring.criteria import GOAL_RADIUS_M, compute_time_limit_ticks
 
 COUNTRY = "ZAM"
 """CommonRoad's code for places that do not exist."""
@@ -54,13 +58,13 @@ class ObstacleEntry:
 
 
 def write_commonroad(recordings: Iterable[ScoredRecording], folder: Path) -> None:
-    """Write SCENARIO.xml per recording, and SCENARIO.ids.json with the road users and lanes behind its numbers."""
+    """Write SCENARIO.xml per recording, and SCENARIO.ids.json with what its numbers stand for."""
     for configuration, recording in enumerate(recordings, start=1):
         name = recording.scenario.id
-        scenario, ids = build_scenario(recording, configuration)
+        scenario, problems, ids = build_scenario(recording, configuration)
         writer = CommonRoadFileWriter(
             scenario,
-            PlanningProblemSet(),
+            PlanningProblemSet(problems),
             author="mdrive-sumo",
             affiliation="",
             source=f"mdrive-sumo, episode {recording.record.digest}",
@@ -73,8 +77,10 @@ def write_commonroad(recordings: Iterable[ScoredRecording], folder: Path) -> Non
         (folder / f"{name}.ids.json").write_text(json.dumps(ids, indent=1) + "\n", encoding="utf-8")
 
 
-def build_scenario(recording: ScoredRecording, configuration: int) -> tuple[Scenario, Mapping[str, Mapping[str, str]]]:
-    """Return the scenario, and what its numbers stand for: lanelets and obstacles by number as text.
+def build_scenario(
+    recording: ScoredRecording, configuration: int
+) -> tuple[Scenario, list[PlanningProblem], Mapping[str, Mapping[str, str]]]:
+    """Return the scenario, the task of each CAV, and what their numbers, as text, stand for.
 
     configuration: distinguishes scenarios on the same map.
     """
@@ -87,11 +93,25 @@ def build_scenario(recording: ScoredRecording, configuration: int) -> tuple[Scen
     entries = list(_list_entries(recording, numbers))
     for entry in entries:
         scenario.add_objects(_build_obstacle(recording, entry))
+    problems = [_build_problem(recording, next(numbers), column) for column in range(recording.record.egos)]
+    pairs = zip(problems, recording.record.ego_ids, strict=True)
     ids = {
         "lanelets": {str(number): lane for lane, number in lanelet_by_lane.items()},
         "obstacles": {str(entry.number): recording.record.ids[entry.column] for entry in entries},
+        "planning_problems": {str(problem.planning_problem_id): ego for problem, ego in pairs},
     }
-    return scenario, ids
+    return scenario, problems, ids
+
+
+def _build_problem(recording: ScoredRecording, number: int, column: int) -> PlanningProblem:
+    """Return the task of a CAV: from its start to the end of its route within the time limit of the scenario."""
+    ego = recording.scenario.egos[column]
+    initial = _build_initial_state(recording, 0, column)
+    goal: Any = CustomState(
+        time_step=Interval(1, compute_time_limit_ticks(recording.scenario)),
+        position=CircleOccupancy(GOAL_RADIUS_M, shapely.Point(ego.xy[-1])),
+    )
+    return PlanningProblem(number, initial, GoalRegion([goal]))
 
 
 def _list_entries(recording: ScoredRecording, numbers: Iterator[int]) -> Iterator[ObstacleEntry]:
@@ -105,7 +125,7 @@ def _build_obstacle(recording: ScoredRecording, entry: ObstacleEntry) -> StaticO
     shape = RectObstacleShape(length=float(record.length[column]), width=float(record.width[column]))
     type_ = TYPE_BY_CATEGORY[recording.categories[column]]
     first, *later = entry.presence
-    initial = InitialState(**_describe_state(recording, first, column), acceleration=0.0, yaw_rate=0.0, slip_angle=0.0)
+    initial = _build_initial_state(recording, first, column)
     still = np.ptp(record.quanta[entry.presence, column], axis=0).max() == 0
     if record.kind[column] == Kind.STATIC and still and len(entry.presence) == record.ticks:
         return StaticObstacle(entry.number, type_, shape, initial)
@@ -113,6 +133,12 @@ def _build_obstacle(recording: ScoredRecording, entry: ObstacleEntry) -> StaticO
     states: list[Any] = [CustomState(**_describe_state(recording, tick, column)) for tick in later]
     prediction = TrajectoryPrediction(Trajectory(later[0], states), shape) if states else None
     return DynamicObstacle(entry.number, type_, shape, initial, prediction)
+
+
+def _build_initial_state(recording: ScoredRecording, tick: int, column: int) -> InitialState:
+    """Return a state with the entries that the format demands and a recording does not have as 0."""
+    state = _describe_state(recording, tick, column)
+    return InitialState(**state, acceleration=0.0, yaw_rate=0.0, slip_angle=0.0)
 
 
 def _describe_state(recording: ScoredRecording, tick: int, column: int) -> dict[str, Any]:
