@@ -1,5 +1,7 @@
 """The lane of every vehicle in every tick, which a recording does not have."""
 
+from typing import Any
+
 import numpy as np
 import shapely
 
@@ -28,7 +30,7 @@ def assign_lanes(recording: ScoredRecording, x: Float, y: Float) -> tuple[Int, F
     position = np.zeros(record.valid.shape)
     is_vehicle = record.kind != Kind.PEDESTRIAN
     ticks, columns = np.nonzero(record.valid & is_vehicle)
-    points = shapely.points(x[ticks, columns], y[ticks, columns])
+    points: Any = shapely.points(x[ticks, columns], y[ticks, columns])
     lines = np.array([shapely.LineString(one.centre.xy) for one in roads.driving], dtype=object)
     rows, found = shapely.STRtree(lines).query(points, predicate="dwithin", distance=NEARBY_M)
     if not len(rows):

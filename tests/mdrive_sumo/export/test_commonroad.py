@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from commonroad.common.file_reader import CommonRoadFileReader
-from lxml import etree
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
 from testing.convert_command import run as convert
 from testing.mixed_run import CAVS, SCENARIO
 
@@ -57,7 +57,7 @@ def test_the_file_is_valid_by_the_schema_of_commonroad(path: Path, record: Episo
 
 
 def test_every_cav_has_its_task(path: Path, recording: ScoredRecording) -> None:
-    problems = CommonRoadFileReader(str(path)).open()[1].planning_problem_dict
+    problems: dict[int, Any] = CommonRoadFileReader(str(path)).open()[1].planning_problem_dict
     cavs = json.loads(path.with_suffix(".ids.json").read_text())["planning_problems"]
     assert {cavs[str(number)] for number in problems} == set(CAVS)
     for number, problem in problems.items():

@@ -36,7 +36,8 @@ def decode(schema: Any, data: bytes) -> Any:
     pool = descriptor_pool.DescriptorPool()
     for file in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
         pool.Add(file)
-    return message_factory.MessageFactory(pool).GetPrototype(pool.FindMessageTypeByName(schema.name)).FromString(data)
+    factory: Any = message_factory.MessageFactory(pool)
+    return factory.GetPrototype(pool.FindMessageTypeByName(schema.name)).FromString(data)
 
 
 def yaw_of(turn: Any) -> float:

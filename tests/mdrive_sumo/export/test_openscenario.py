@@ -3,6 +3,7 @@
 import logging
 import subprocess
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -20,7 +21,8 @@ from mdrive_sumo.roads.netconvert import find_netconvert
 
 from .conftest import Export
 
-Element = ElementTree.Element
+Element = Any
+"""An element of which the test knows that its parts are there."""
 
 
 @pytest.fixture(scope="module")
