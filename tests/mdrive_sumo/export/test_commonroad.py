@@ -138,3 +138,9 @@ def test_convert_makes_a_scenario_with_the_same_tracks(
         assert np.hypot(x - record.x[ticks, column], y - record.y[ticks, column]).max() < MAX_ERROR_M
     start = scenario.egos[0].start
     assert np.hypot(start.x - record.x[0, 0], start.y - record.y[0, 0]) < MAX_ERROR_M
+
+
+def test_files_of_others_are_not_taken_for_exact(path: Path, tmp_path: Path) -> None:
+    foreign = tmp_path / "foreign.xml"
+    foreign.write_text(path.read_text().replace('source="mdrive-sumo', 'source="a drone'))
+    assert not read_commonroad(foreign).exact
