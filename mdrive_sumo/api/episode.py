@@ -139,7 +139,7 @@ class Episode:
         from mdrive_sumo.export.export_run import export_recordings
         from mdrive_sumo.export.scored_recording import ScoredRecording
 
-        recording = ScoredRecording(self.record, self.scenario, self.roads, self.result)
+        recording = ScoredRecording(self.record, self.scenario, self.roads, self.result, self.scenario.id)
         return export_recordings([recording], format, Path(out))
 
     def save(self, path: str | Path) -> Path:

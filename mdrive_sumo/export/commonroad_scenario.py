@@ -60,7 +60,7 @@ class ObstacleEntry:
 def write_commonroad(recordings: Iterable[ScoredRecording], folder: Path) -> None:
     """Write SCENARIO.xml per recording, and SCENARIO.ids.json with what its numbers stand for."""
     for configuration, recording in enumerate(recordings, start=1):
-        name = recording.scenario.id
+        name = recording.name
         scenario, problems, ids = build_scenario(recording, configuration)
         writer = CommonRoadFileWriter(
             scenario,

@@ -93,10 +93,12 @@ def _describe_unknown_scenario(stored: StoredRun, pattern: str, driven: Sequence
     return f"{stored.run.folder}: expected {expected}, found {pattern!r}; {hint}"
 
 
-def load_recordings(stored: StoredRun, results: Iterable[ScenarioResult]) -> Iterator[ScoredRecording]:
+def load_recordings(stored: StoredRun, results: Sequence[ScenarioResult]) -> Iterator[ScoredRecording]:
     """Yield one recording after another, so that a large run does not fill the memory."""
     scenarios = {scenario.id: scenario for scenario in stored.run.scenarios}
+    seeds = {result.seed for result in results}
     for result in results:
         record = load_episode(recording_path(stored.run.folder, result.id))
         scenario, roads = load_varied_scenario(stored.run.suite, scenarios[result.id], result.seed)
-        yield ScoredRecording(record, scenario, roads, result)
+        name = f"{result.id}_seed{result.seed}" if len(seeds) > 1 else result.id
+        yield ScoredRecording(record, scenario, roads, result, name)

@@ -55,7 +55,7 @@ JSON_TOPICS = {"/v2x/messages": "messages", "/signals": "signals"}
 def write_mcap(recordings: Iterable[ScoredRecording], folder: Path) -> None:
     """Write SCENARIO.mcap per recording."""
     for recording in recordings:
-        _write_log(recording, folder / f"{recording.scenario.id}.mcap")
+        _write_log(recording, folder / f"{recording.name}.mcap")
 
 
 def _write_log(recording: ScoredRecording, path: Path) -> None:

@@ -42,7 +42,7 @@ def write_openscenario(recordings: Iterable[ScoredRecording], folder: Path) -> N
         road_file = f"{recording.scenario.network}.xodr"
         if not (folder / road_file).exists():
             (folder / road_file).write_bytes(build_opendrive(recording.roads))
-        build_storyboard_file(recording, road_file).write_xml(str(folder / f"{recording.scenario.id}.xosc"))
+        build_storyboard_file(recording, road_file).write_xml(str(folder / f"{recording.name}.xosc"))
 
 
 def build_opendrive(roads: RoadMap) -> bytes:
@@ -69,7 +69,7 @@ def build_storyboard_file(recording: ScoredRecording, road_file: str) -> xosc.Sc
         act.add_maneuver_group(_build_maneuvers(drive, path, recording.record.ticks))
     storyboard.add_act(act)
     return xosc.Scenario(
-        recording.scenario.id,
+        recording.name,
         "mdrive-sumo",
         xosc.ParameterDeclarations(),
         entities,

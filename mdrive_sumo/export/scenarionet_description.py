@@ -42,7 +42,7 @@ def write_scenarionet(recordings: Iterable[ScoredRecording], folder: Path) -> No
     summaries: dict[str, Any] = {}
     for recording in recordings:
         description = build_description(recording)
-        name = f"sd_{DATASET}_{DATASET_VERSION}_{recording.scenario.id}.pkl"
+        name = f"sd_{DATASET}_{DATASET_VERSION}_{recording.name}.pkl"
         summaries[name] = description["metadata"]
         _save_pickle(folder / name, description)
     _save_pickle(folder / "dataset_summary.pkl", summaries)
@@ -51,19 +51,19 @@ def write_scenarionet(recordings: Iterable[ScoredRecording], folder: Path) -> No
 
 def build_description(recording: ScoredRecording) -> dict[str, Any]:
     """Return the scenario description of a recording; the first CAV is the self-driving car."""
-    record, name = recording.record, recording.scenario.id
+    record = recording.record
     ticks = np.arange(0, record.ticks, FRAME_TICKS)
     columns = np.flatnonzero(record.valid[ticks].any(axis=0)).tolist()
     tracks = {record.ids[n]: _build_track(recording, n, ticks) for n in columns}
     lights = _build_lights(recording, ticks)
     features = _build_features(recording.roads)
     return {
-        "id": name,
+        "id": recording.name,
         "version": VERSION,
         "length": len(ticks),
         "metadata": {
-            "id": name,
-            "scenario_id": name,
+            "id": recording.name,
+            "scenario_id": recording.scenario.id,
             "dataset": DATASET,
             "metadrive_processed": False,
             "coordinate": "metadrive",

@@ -31,6 +31,8 @@ class ScoredRecording:
     scenario: Scenario
     roads: RoadMap
     result: ScenarioResult
+    name: str
+    """Of its files: the id of the scenario, with the seed where a run has several."""
 
     @property
     def heights(self) -> Float:

@@ -35,7 +35,7 @@ CLASS_BY_CATEGORY = {
 def write_fcd(recordings: Iterable[ScoredRecording], folder: Path) -> None:
     """Write SCENARIO.fcd.xml and SCENARIO.types.xml per recording, and each network once."""
     for recording in recordings:
-        name = recording.scenario.id
+        name = recording.name
         (folder / f"{name}.fcd.xml").write_text("\n".join(_format_steps(recording)) + "\n", encoding="utf-8")
         (folder / f"{name}.types.xml").write_text("\n".join(_format_types(recording)) + "\n", encoding="utf-8")
         network = folder / f"{recording.scenario.network}.net.xml.gz"

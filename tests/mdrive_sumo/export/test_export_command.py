@@ -12,7 +12,7 @@ import mdrive_sumo as md
 from mdrive_sumo.cli import main
 from mdrive_sumo.export import export_formats
 from mdrive_sumo.export.export_formats import EXPORT_FORMATS, ExportFormat
-from mdrive_sumo.export.export_run import export_runs, select_recorded
+from mdrive_sumo.export.export_run import export_runs, load_recordings, select_recorded
 from mdrive_sumo.runs.stored_run import StoredRun
 
 BASE_INSTALL = {"csv", "fcd", "scenarionet"}
@@ -56,6 +56,12 @@ def test_each_seed_of_a_run_gets_a_folder(stored: StoredRun, tmp_path: Path) -> 
     with pytest.raises(md.InputError, match="cannot be written: File exists"):
         export_runs([stored, stored], "fcd", tmp_path / "twice")
     assert not (tmp_path / "twice").exists()
+
+
+def test_files_of_a_run_with_several_seeds_say_which(stored: StoredRun) -> None:
+    (result,) = stored.results.scenarios
+    found = load_recordings(stored, [result, result.model_copy(update={"seed": 3})])
+    assert [one.name for one in found] == [f"{SCENARIO}_seed0", f"{SCENARIO}_seed3"]
 
 
 def test_void_scenarios_have_nothing_to_export(stored: StoredRun) -> None:
