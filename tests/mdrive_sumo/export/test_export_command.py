@@ -74,7 +74,7 @@ def test_void_scenarios_have_nothing_to_export(stored: StoredRun) -> None:
 BAD_WORDS = [
     (("--scenario", "mixd"), "its 1 scenarios, found 'mixd'; did you mean mixed?"),
     (("--scenario", "zzz"), "its 1 scenarios, found 'zzz'; the first is mixed"),
-    (("--format", "rosbag"), "'rosbag' is not one of"),
+    (("--format", "rosbag"), "rosbag"),
 ]
 
 
@@ -96,7 +96,7 @@ def test_what_is_there_is_not_overwritten(run_folder: Path, tmp_path: Path) -> N
 def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
     done = call(tmp_path, "--format", "csv", "--out", tmp_path / "out")
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert "results.json" in done.stderr
+    assert str(tmp_path) in done.stderr
 
 
 def copy_run(run_folder: Path, folder: Path) -> Path:
