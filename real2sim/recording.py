@@ -113,3 +113,5 @@ class Recording:
     """Connected automated vehicles named by the source: observers, or track ids in a log with one view."""
     notes: tuple[str, ...] = ()
     """What the reader skipped or assumed, for the report."""
+    exact: bool = False
+    """Whether poses have no error of measurement, as those of a simulation: then they are kept, not reconstructed."""

@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from mdrive_sumo.roads import find_network_folder, list_packaged_networks
+from mdrive_sumo.roads.netconvert import run_netconvert, strip_xml_comments
 from mdrive_sumo.roads.network_file import (
     NET_FILE,
     NETWORK_FILE,
@@ -17,7 +18,6 @@ from mdrive_sumo.roads.network_file import (
     compute_net_checksum,
     read_network_file,
 )
-from real2sim.netconvert import run_netconvert, strip_xml_comments
 
 
 def compile_recipe(folder: Path) -> bytes:

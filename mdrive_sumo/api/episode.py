@@ -131,6 +131,17 @@ class Episode:
         """Return the replay page of `mdrive-sumo view`; a notebook shows it inline, `.save(path)` writes it."""
         return ReplayPage.build(self.record, self.scenario, self.roads, self.result)
 
+    def export(self, format: str, out: str | Path) -> Path:
+        """Write the episode in the format of another tool (docs/export.md) into a new or empty folder; return it.
+
+        format: csv, parquet, fcd, scenarionet, commonroad, mcap or openscenario. Raises InputError.
+        """
+        from mdrive_sumo.export.export_run import export_recordings
+        from mdrive_sumo.export.scored_recording import ScoredRecording
+
+        recording = ScoredRecording(self.record, self.scenario, self.roads, self.result, self.scenario.id)
+        return export_recordings([recording], format, Path(out))
+
     def save(self, path: str | Path) -> Path:
         """Write the recording (`.npz`), which `load_episode` reads; return its path."""
         save_episode(self.record, Path(path))

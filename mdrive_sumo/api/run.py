@@ -10,6 +10,7 @@ from mdrive_sumo.api.verification import Permission, RunVerification
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.export.export_run import export_runs
 from mdrive_sumo.report.result_tables import SCORE_HEADER, format_optional, format_scores, format_summary
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.process_pool import count_available_cores
@@ -159,6 +160,15 @@ class Run:
         index = next(i for i, results in enumerate(self.results) if seed in results.run.all_seeds)
         run = load_stored_run(self.folders[index]).run
         return load_episode(run.find_recording((scenario, seed)), run.suite)
+
+    def export(self, format: str, out: str | Path, scenarios: str | Sequence[str] = ()) -> Path:
+        """Write the recordings in the format of another tool (docs/export.md) and return the folder.
+
+        format: csv, parquet, fcd, scenarionet, commonroad, mcap or openscenario. out: a new or empty folder; of several
+        seeds, each gets a folder in it. scenarios: ids, categories or globs; none: all. Raises InputError.
+        """
+        patterns = (scenarios,) if isinstance(scenarios, str) else tuple(scenarios)
+        return export_runs([load_stored_run(folder) for folder in self.folders], format, Path(out), patterns)
 
     def rescore(self, mode: ScoreMode | str) -> "Run":
         """Return the run in another score mode, computed from its recordings without simulation."""

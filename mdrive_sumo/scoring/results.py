@@ -8,8 +8,8 @@ from mdrive_sumo.core.state import End
 
 FORMAT = "mdrive-sumo/results/4"
 READABLE_FORMATS = (FORMAT, "mdrive-sumo/results/3", "mdrive-sumo/results/2")
-"""Version 3 has no runs of several seeds and no scalars but `min_ttc`. Version 2 has no times, either: its time ratios and
-efficient success rates are undefined."""
+"""Version 3 has no runs of several seeds and no scalars but `min_ttc`. Version 2 has no times, either: its time ratios
+and efficient success rates are undefined."""
 EpisodeKey = tuple[str, int]
 """What an episode of a run is found by: the id of its scenario and its seed."""
 

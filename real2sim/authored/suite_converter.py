@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.statistics import compute_suite_statistics
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
-from real2sim.atomic_folder import atomic_folder
 from real2sim.authored.scenario_builder import OFF_LANE_M, AuthoredScenario, build_scenario
 from real2sim.authored.scene_networks import build_scene_networks
 from real2sim.carla.conversion_report import ConversionReport, write_conversion_report

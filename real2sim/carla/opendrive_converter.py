@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
-from real2sim.atomic_folder import atomic_folder
 from real2sim.carla.conversion_report import write_networks_report
 from real2sim.carla.town_network import TownNetwork, build_opendrive_network
 

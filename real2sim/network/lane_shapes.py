@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float, Polyline
-from real2sim.netconvert import strip_xml_comments
+from mdrive_sumo.roads.netconvert import strip_xml_comments
 from real2sim.network.lane_segment import clip_polyline
 from real2sim.network.network_plan import NetworkPlan, PlannedConnection
 from real2sim.xml_file import Element

@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.roads.netconvert import run_netconvert
 from real2sim.hd_map import LaneKind
-from real2sim.netconvert import run_netconvert
 from real2sim.network.lane_segment import LaneSegment
 from real2sim.network.lane_shapes import format_shape
 from real2sim.network.network_plan import NetworkPlan, PlannedEdge

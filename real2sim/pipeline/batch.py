@@ -6,10 +6,10 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
-from real2sim.atomic_folder import atomic_folder
 from real2sim.fidelity_report.index_page import write_index
 from real2sim.pipeline.log_conversion import ConvertedScenario, convert_log, split_into_windows
 from real2sim.pipeline.log_source import LogSource, describe_window, prefix_with_log

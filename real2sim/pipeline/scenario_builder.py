@@ -78,7 +78,7 @@ def build_scenario(
         hd_map = add_observed_areas(recording.map, cleaned.tracks)
         network = build_network(hd_map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
     roads = load_road_map(network.folder)
-    tracks = reconstruct_tracks(cleaned.tracks, dt_s)
+    tracks = cleaned.tracks if recording.exact else reconstruct_tracks(cleaned.tracks, dt_s)
     matches = {id_: match_track(motion, roads) for id_, motion in vehicle_trajectories(tracks).items()}
     cavs = select_cav_tracks(wish.cavs, cleaned, tracks, matches)
     try:

@@ -43,6 +43,8 @@ CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {
     "pillar": ObjectCategory.STATIC,
     "median_strip": ObjectCategory.STATIC,
 }
+EXPORT_SOURCE = "mdrive-sumo"
+"""Begins the source of files that `mdrive-sumo export` has written: their tracks are those of a simulation."""
 LINK_TAGS = ("predecessor", "successor", "adjacentLeft", "adjacentRight")
 LIBRARY_ERRORS = (AssertionError, AttributeError, IndexError, KeyError, TypeError, ValueError)
 """Exceptions that commonroad-io raises for invalid scenarios."""
@@ -71,6 +73,7 @@ def read_commonroad(path: Path, window: TimeWindow | None = None) -> Recording:
         views=(ObserverView("log", tracks),),
         map=build_commonroad_map(path, scenario.lanelet_network),
         notes=(*notes, *remarks, *track_notes),
+        exact=str(root.get("source")).startswith(EXPORT_SOURCE),
     )
     return crop_recording(str(path), recording, window)
 

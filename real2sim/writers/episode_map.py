@@ -3,10 +3,10 @@
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 
-import numpy as np
 import shapely
 
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.export.lane_bounds import find_predecessors, offset_points
 from mdrive_sumo.roads import Lane, RoadMap
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
 from real2sim.readers.lane_geometry import build_cross_line
@@ -20,12 +20,9 @@ def build_hd_map(roads: RoadMap) -> HdMap:
 
     Footways are omitted: a RoadMap contains only their outlines.
     """
-    entries: defaultdict[str, list[str]] = defaultdict(list)
-    for lane in roads.driving:
-        for successor in lane.successors:
-            entries[successor].append(lane.id)
+    entries = find_predecessors(roads)
     return HdMap(
-        lanes={lane.id: _build_lane(lane, tuple(entries[lane.id])) for lane in roads.driving},
+        lanes={lane.id: _build_lane(lane, entries[lane.id]) for lane in roads.driving},
         crosswalks=tuple(_build_crosswalk(line, width) for line, width in roads.crossings),
         stop_lines=tuple(_build_stop_lines(roads)),
         signals=_build_signals(roads),
@@ -39,8 +36,8 @@ def _build_lane(lane: Lane, entries: tuple[str, ...]) -> MapLane:
         id=lane.id,
         kind=LaneKind.DRIVING,
         centre=centre,
-        left=_offset_line(centre, lane.width / 2),
-        right=_offset_line(centre, -lane.width / 2),
+        left=offset_points(centre, lane.width / 2),
+        right=offset_points(centre, -lane.width / 2),
         entries=entries,
         exits=lane.successors,
         left_neighbour=lane.left,
@@ -50,15 +47,6 @@ def _build_lane(lane: Lane, entries: tuple[str, ...]) -> MapLane:
         speed_limit=lane.speed_limit,
         junction=lane.junction,
     )
-
-
-def _offset_line(centre: Float, left_m: float) -> Float:
-    """Return points (N, 2) shifted to the left, perpendicular to the mean direction of their two segments."""
-    ahead = np.diff(centre, axis=0)
-    ahead /= np.hypot(ahead[:, 0], ahead[:, 1])[:, None]
-    mean = np.concatenate((ahead[:1], ahead)) + np.concatenate((ahead, ahead[-1:]))
-    mean /= np.maximum(np.hypot(mean[:, 0], mean[:, 1]), 1e-9)[:, None]
-    return centre + left_m * np.column_stack((-mean[:, 1], mean[:, 0]))
 
 
 def _build_crosswalk(line: Float, width: float) -> Float:

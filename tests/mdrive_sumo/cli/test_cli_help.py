@@ -56,7 +56,9 @@ def test_help_starts_within_the_time_that_a_user_does_not_notice() -> None:
     assert best_of_three([*REAL_MAIN, "--help"]) < max(0.4, 4 * bare)
 
 
-@pytest.mark.parametrize("command", ["eval", "list", "show", "view", "verify", "rescore", "compare", "validate"])
+@pytest.mark.parametrize(
+    "command", ["eval", "list", "show", "view", "export", "verify", "rescore", "compare", "validate"]
+)
 def test_every_command_explains_itself(command: str) -> None:
     answer = CliRunner().invoke(main, [command, "--help"])
     assert answer.exit_code == 0, answer.output

@@ -13,10 +13,10 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import NetworkFile, RoadMap, load_road_map
+from mdrive_sumo.roads.netconvert import find_netconvert
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum
 from real2sim.hd_map import HdMap, MapLane
 from real2sim.match import match_track
-from real2sim.netconvert import find_netconvert
 from real2sim.network import NetworkReport, build_network
 from real2sim.pipeline.quality_file import QualityFile
 from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario

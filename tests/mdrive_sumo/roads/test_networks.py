@@ -11,8 +11,8 @@ from testing.sampling import sampled
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, find_network_folder, list_packaged_networks, load_road_map
+from mdrive_sumo.roads.netconvert import find_netconvert, strip_xml_comments
 from mdrive_sumo.roads.network_file import NET_FILE, compute_net_checksum, read_network_file
-from real2sim.netconvert import find_netconvert, strip_xml_comments
 from tools.build_networks import build_network, compile_recipe
 
 NAMES = sorted(list_packaged_networks())

@@ -12,6 +12,7 @@ from testing.map_faults import lane, lanes_map
 from testing.mdrive_directory import TIMED, WALK, Directory, xml
 from testing.shared_material import SHARED_DATA, needs_data
 
+from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import load_road_map
@@ -26,7 +27,6 @@ from mdrive_sumo.scenario.scripted_actor import (
     ReplayMotion,
 )
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite
-from real2sim.atomic_folder import atomic_folder
 from real2sim.authored.suite_converter import convert_authored
 from real2sim.readers.carla_frame import UCLA_FRAME
 from real2sim.readers.mdrive import VectorMap, find_mdrive_folders, read_mdrive

@@ -222,7 +222,7 @@ def test_a_net_without_an_offset_is_refused(tmp_path: Path) -> None:
 
 def test_without_netconvert_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     xodr(tmp_path)
-    monkeypatch.setattr(netconvert.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     monkeypatch.setitem(os.environ, "PATH", "")
     with pytest.raises(InputError, match=r"pip install 'mdrive-sumo\[convert\]'"):
         build_town_network("TownXX", tmp_path, tmp_path / "net")
@@ -255,6 +255,6 @@ def test_roads_that_fill_the_memory_are_refused(length: str, tmp_path: Path) -> 
 
 
 def test_netconvert_runs_with_a_limit_of_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(netconvert, "MEMORY_BYTES", 64 * 2**20)
+    monkeypatch.setattr("mdrive_sumo.roads.netconvert.MEMORY_BYTES", 64 * 2**20)
     with pytest.raises(InputError, match=r"TownXX\.xodr: expected a map that netconvert accepts, found: "):
         netconvert.compile_opendrive(xodr(tmp_path))

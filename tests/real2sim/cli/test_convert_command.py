@@ -10,6 +10,7 @@ import pytest
 from testing.convert_command import run
 from testing.small_log import FRAMES, STATION, recording, road, track
 
+from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_spec import AgentSpec
@@ -17,7 +18,6 @@ from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import load_suite
-from real2sim.atomic_folder import atomic_folder
 from real2sim.clean import clean_recording
 from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.cli.log_options import show_progress

@@ -14,9 +14,8 @@ from testing.sampling import sampled
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Polyline
-from mdrive_sumo.roads import list_packaged_networks, load_road_map
+from mdrive_sumo.roads import list_packaged_networks, load_road_map, netconvert
 from mdrive_sumo.roads.network_file import read_network_file
-from real2sim import netconvert
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
 from real2sim.network import build_network
 from real2sim.network.map_measurements import measure_line_distances

@@ -1,0 +1,35 @@
+"""`mdrive-sumo export`."""
+
+from pathlib import Path
+
+import click
+
+from mdrive_sumo.export.export_formats import EXPORT_FORMATS
+
+
+def _describe_formats() -> str:
+    """Return the paragraph of the help text that lists the formats."""
+    rows = [f"  {name:13} {entry.description}{' *' if entry.package else ''}" for name, entry in EXPORT_FORMATS.items()]
+    return "\n".join(("\b", *rows, "  * needs pip install 'mdrive-sumo[export]'"))
+
+
+@click.command("export", epilog=_describe_formats())
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option(
+    "--format", "format_name", type=click.Choice(tuple(EXPORT_FORMATS)), required=True, help="What to write, see below."
+)
+@click.option("--scenario", "patterns", multiple=True, metavar="GLOB", help="Only these; repeatable [default: all].")
+@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="New or empty folder.")
+@click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
+def command(run_folder: Path, format_name: str, patterns: tuple[str, ...], out: Path, suite: str | None) -> None:
+    """Write recorded episodes in the formats of other tools.
+
+    docs/export.md says for each format what is in it, in which frame and units, and which program opens it. Either
+    everything is written or nothing is.
+    """
+    from mdrive_sumo.export.export_run import export_runs
+    from mdrive_sumo.runs.stored_run import load_stored_run
+
+    export_runs([load_stored_run(run_folder, suite)], format_name, out, patterns)
+    for path in sorted(out.iterdir()):
+        click.echo(path)

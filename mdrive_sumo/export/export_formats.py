@@ -1,0 +1,57 @@
+"""The formats of `mdrive-sumo export`. A further one is one file with a writer and one row here."""
+
+import importlib
+import importlib.util
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mdrive_sumo.core.errors import InputError
+
+if TYPE_CHECKING:  # `export --help` lists the formats without loading NumPy and pydantic
+    from mdrive_sumo.export.scored_recording import ScoredRecording
+
+RecordingWriter = Callable[[Iterable["ScoredRecording"], Path], None]
+"""Writes recordings into a folder that is empty and renamed when all is written."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExportFormat:
+    """A format: its writer is imported when it is used, so that the base install has those that need no extra."""
+
+    description: str
+    writer: str
+    """module:function of a `RecordingWriter`."""
+    package: str = ""
+    """Module of the package of the extra `export` that it needs; "" if it needs none."""
+
+    def load_writer(self) -> RecordingWriter:
+        """Import the writer. Raises InputError with the command that installs the package if it is missing."""
+        if self.package and importlib.util.find_spec(self.package) is None:
+            raise InputError(
+                f"export: expected the package of the module {self.package}, found none:"
+                " pip install 'mdrive-sumo[export]'"
+            )
+        module, _, function = self.writer.partition(":")
+        return getattr(importlib.import_module(module), function)
+
+
+EXPORT_FORMATS: Mapping[str, ExportFormat] = {
+    "csv": ExportFormat("tables for spreadsheets and pandas", "mdrive_sumo.export.csv_tables:write_csv"),
+    "parquet": ExportFormat("the same tables, typed", "mdrive_sumo.export.parquet_tables:write_parquet", "pyarrow"),
+    "fcd": ExportFormat("floating car data of SUMO (XML)", "mdrive_sumo.export.sumo_fcd:write_fcd"),
+    "scenarionet": ExportFormat(
+        "ScenarioNet data set for MetaDrive (pickles)", "mdrive_sumo.export.scenarionet_description:write_scenarionet"
+    ),
+    "commonroad": ExportFormat(
+        "CommonRoad scenarios (XML 2020a)", "mdrive_sumo.export.commonroad_scenario:write_commonroad", "commonroad"
+    ),
+    "mcap": ExportFormat("3-D scenes for Foxglove", "mdrive_sumo.export.mcap_scenes:write_mcap", "foxglove"),
+    "openscenario": ExportFormat(
+        "OpenSCENARIO XML 1.2 with OpenDRIVE maps",
+        "mdrive_sumo.export.openscenario_storyboard:write_openscenario",
+        "scenariogeneration",
+    ),
+}
+"""Format by name, as the command line lists them."""

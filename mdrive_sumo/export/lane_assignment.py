@@ -1,0 +1,60 @@
+"""The lane of every vehicle in every tick, which a recording does not have."""
+
+from typing import Any
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Float, Int
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.export.scored_recording import ScoredRecording
+
+NEARBY_M = 4.0
+"""[m] A vehicle farther from every centre line is off the road."""
+AGAINST_M = 4.0
+"""[m] What a direction across the lane's counts in distance; one against it counts twice."""
+ROUTE_M = 2.0
+"""[m] By how much the lanes of a CAV's route count as nearer."""
+NO_LANE = -1
+
+
+def assign_lanes(recording: ScoredRecording, x: Float, y: Float) -> tuple[Int, Float]:
+    """Return the lane, an index into `roads.driving`, and the position along it [m] of points x, y (T, N).
+
+    The lane is the nearest one that leads where the vehicle points; `NO_LANE` for pedestrians, the absent, and off the
+    road.
+    """
+    record, roads = recording.record, recording.roads
+    lane = np.full(record.valid.shape, NO_LANE, dtype=np.int64)
+    position = np.zeros(record.valid.shape)
+    is_vehicle = record.kind != Kind.PEDESTRIAN
+    ticks, columns = np.nonzero(record.valid & is_vehicle)
+    points: Any = shapely.points(x[ticks, columns], y[ticks, columns])
+    lines = np.array([shapely.LineString(one.centre.xy) for one in roads.driving], dtype=object)
+    rows, found = shapely.STRtree(lines).query(points, predicate="dwithin", distance=NEARBY_M)
+    if not len(rows):
+        return lane, position
+    stations = shapely.line_locate_point(lines[found], points[rows])
+    yaws = np.empty(len(found))
+    for index in np.unique(found):
+        yaws[found == index] = roads.driving[index].centre.yaws_at(stations[found == index])
+    turn = portable.cos(yaws - record.yaw[ticks[rows], columns[rows]])
+    cost = shapely.distance(lines[found], points[rows]) + AGAINST_M * (1.0 - turn)
+    cost -= ROUTE_M * _lies_on_route(recording)[columns[rows], found]
+    order = np.lexsort((found, cost, rows))
+    first = order[np.unique(rows[order], return_index=True)[1]]
+    chosen = rows[first]
+    lane[ticks[chosen], columns[chosen]] = found[first]
+    position[ticks[chosen], columns[chosen]] = stations[first]
+    return lane, position
+
+
+def _lies_on_route(recording: ScoredRecording) -> np.ndarray:
+    """Return whether each lane (L,) is one of the route of each column, (N, L); never for others than CAVs."""
+    record, roads = recording.record, recording.roads
+    index = {lane.id: n for n, lane in enumerate(roads.driving)}
+    mask = np.zeros((len(record.ids), len(roads.driving)), dtype=np.bool_)
+    for column, ego in enumerate(recording.scenario.egos):
+        mask[column, [index[lane] for lane in ego.lanes if lane in index]] = True
+    return mask
