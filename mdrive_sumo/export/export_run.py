@@ -1,16 +1,15 @@
 """Export the recordings of a run, or any scored recordings, into a new folder."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.export.export_formats import EXPORT_FORMATS, ExportFormat
 from mdrive_sumo.export.scored_recording import ScoredRecording
-from mdrive_sumo.runs.prepared_run import recording_path
 from mdrive_sumo.runs.recording_check import check_recordings
 from mdrive_sumo.runs.stored_run import StoredRun
 from mdrive_sumo.scenario.variation import load_varied_scenario
@@ -66,7 +65,7 @@ def select_recorded(stored: StoredRun, patterns: Sequence[str] = ()) -> list[Sce
         raise InputError(
             f"{run.folder}: expected at least one recorded episode, found {len(chosen)} void scenarios{reason}"
         )
-    check_recordings(run.folder, [result.id for result in recorded], stored.journal.recordings)
+    check_recordings(run, [result.key for result in recorded], stored.journal.recordings)
     return recorded
 
 
@@ -86,11 +85,9 @@ def _select_ids(stored: StoredRun, patterns: Sequence[str]) -> set[str]:
 
 
 def _describe_unknown_scenario(stored: StoredRun, pattern: str, driven: Sequence[str]) -> str:
-    # The one place of this room that proposes names: the command line's shared function can take it over.
-    similar = get_close_matches(pattern, driven, n=3, cutoff=0.4)
-    hint = f"did you mean {' or '.join(similar)}?" if similar else f"the first is {driven[0]}"
+    hint = suggest_name(pattern, driven) or f"; the first is {driven[0]}"
     expected = f"an id, category or glob of its {len(driven)} scenarios"
-    return f"{stored.run.folder}: expected {expected}, found {pattern!r}; {hint}"
+    return f"{stored.run.folder}: expected {expected}, found {pattern!r}{hint}"
 
 
 def load_recordings(stored: StoredRun, results: Sequence[ScenarioResult]) -> Iterator[ScoredRecording]:
@@ -98,7 +95,7 @@ def load_recordings(stored: StoredRun, results: Sequence[ScenarioResult]) -> Ite
     scenarios = {scenario.id: scenario for scenario in stored.run.scenarios}
     seeds = {result.seed for result in results}
     for result in results:
-        record = load_episode(recording_path(stored.run.folder, result.id))
+        record = load_episode(stored.run.find_recording(result.key))
         scenario, roads = load_varied_scenario(stored.run.suite, scenarios[result.id], result.seed)
         name = f"{result.id}_seed{result.seed}" if len(seeds) > 1 else result.id
         yield ScoredRecording(record, scenario, roads, result, name)

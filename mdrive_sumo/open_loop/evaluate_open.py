@@ -1,6 +1,6 @@
 """`evaluate_open`: show an agent all recordings of a run in worker processes; a journal keeps every finished one."""
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Sequence
 
 from pydantic import ValidationError
 
@@ -14,7 +14,8 @@ from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.prepared_run import LOGS_FOLDER
 from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure
-from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
+from mdrive_sumo.scenario.scenario import describe_first_error
+from mdrive_sumo.scoring.results import EpisodeKey
 
 OPEN_LOOP_FILE = "open_loop.json"
 Report = Callable[[int, int, OpenLoopScenario], None]
@@ -29,34 +30,34 @@ def evaluate_open(run: OpenLoopRun, report: Report, *, fresh: bool = False) -> O
     """
     with open_journal(run.folder, run.fingerprint, fresh=fresh) as journal:
         found = _load_kept_results(run, journal)
-        todo = {scenario.id: scenario for scenario in run.scenarios if scenario.id not in found}
+        todo = [key for key in run.episodes if key not in found]
         with report_write_errors(run.folder):
             if not run.agent.is_builtin:
                 (run.folder / LOGS_FOLDER).mkdir(parents=True, exist_ok=True)
         for result in _show(run, todo, journal):
             journal.add_result(result.model_dump(mode="json"))
-            found[result.id] = result
-            report(len(found), len(run.scenarios), result)
-        whole = summarize_open_loop(run.info, [found[scenario.id] for scenario in run.scenarios])
+            found[result.key] = result
+            report(len(found), len(run.episodes), result)
+        whole = summarize_open_loop(run.info, [found[key] for key in run.episodes])
         path = run.folder / OPEN_LOOP_FILE
         with report_write_errors(path):
             path.write_text(whole.model_dump_json(indent=1) + "\n", encoding="utf-8")
     return whole
 
 
-def _load_kept_results(run: OpenLoopRun, journal: Journal) -> dict[str, OpenLoopScenario]:
-    place, known = run.folder / JOURNAL_FILE, {scenario.id for scenario in run.scenarios}
+def _load_kept_results(run: OpenLoopRun, journal: Journal) -> dict[EpisodeKey, OpenLoopScenario]:
+    place = run.folder / JOURNAL_FILE
     try:
-        kept = {entry.id: entry for entry in map(OpenLoopScenario.model_validate, journal.results)}
+        kept = {entry.key: entry for entry in map(OpenLoopScenario.model_validate, journal.results)}
     except ValidationError as error:
         raise InputError(f"{place}: {describe_first_error(error)}; --fresh starts anew") from None
-    if foreign := sorted({*kept} - known):
-        raise InputError(f"{place}: expected scenarios of this run, found {foreign[0]!r:.80}; --fresh starts anew")
+    if foreign := sorted({*kept} - {*run.episodes}):
+        raise InputError(f"{place}: expected scenarios of this run, found {foreign[0]}; --fresh starts anew")
     return kept
 
 
-def _show(run: OpenLoopRun, todo: Mapping[str, Scenario], journal: Journal) -> Generator[OpenLoopScenario]:
-    jobs = [run.make_job(scenario) for scenario in todo.values()]
+def _show(run: OpenLoopRun, todo: Sequence[EpisodeKey], journal: Journal) -> Generator[OpenLoopScenario]:
+    jobs = [run.make_job(key) for key in todo]
     if not jobs:
         return
     with make_executor(run_open_loop_job, min(run.workers, len(jobs)), run.reference.limit_s()) as executor:

@@ -33,10 +33,10 @@ def run_open_loop_job(job: OpenLoopJob) -> OpenLoopScenario:
     logs = drive.logs / scenario.id if drive.logs is not None else None
     with open_agents(drive.agent, config.cav_pseudonyms, logs) as drivers:
         samples = drive_open_loop(config, episode, drivers)
-    return build_result(scenario, samples, episode.digest)
+    return build_result(scenario, drive.seed, samples, episode.digest)
 
 
-def build_result(scenario: Scenario, samples: OpenLoopSamples, digest: str) -> OpenLoopScenario:
+def build_result(scenario: Scenario, seed: int, samples: OpenLoopSamples, digest: str) -> OpenLoopScenario:
     """Return the published form of what was scored in one recording."""
     counts = samples.detections
     rows = None
@@ -47,6 +47,7 @@ def build_result(scenario: Scenario, samples: OpenLoopSamples, digest: str) -> O
         id=scenario.id,
         bucket=scenario.bucket,
         category=scenario.category,
+        seed=seed,
         skipped=dict(samples.skipped),
         failures=samples.failures,
         digest=digest,

@@ -11,10 +11,10 @@ from mdrive_sumo.open_loop.results import OpenLoopRunInfo
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
-from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER, LOGS_FOLDER, PreparedRun, recording_path
+from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER, LOGS_FOLDER, PreparedRun
 from mdrive_sumo.runs.run_config import RUNS_FOLDER
 from mdrive_sumo.runs.stored_run import StoredRun
-from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring.results import EpisodeKey
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +23,8 @@ class OpenLoopRun:
 
     reference: PreparedRun
     """The run that made the recordings."""
-    scenarios: tuple[Scenario, ...]
-    """Those of its scenarios that have a recording."""
+    episodes: tuple[EpisodeKey, ...]
+    """Those of its episodes that have a recording."""
     agent: AgentSpec
     options: EpisodeOptions
     folder: Path
@@ -32,14 +32,14 @@ class OpenLoopRun:
     info: OpenLoopRunInfo
     fingerprint: Fingerprint
 
-    def make_job(self, scenario: Scenario) -> OpenLoopJob:
+    def make_job(self, key: EpisodeKey) -> OpenLoopJob:
         """Return the job of one recording."""
-        logs = None if self.agent.is_builtin else self.folder / LOGS_FOLDER
-        driven = self.reference.make_job(scenario)
+        logs = None if self.agent.is_builtin else self.folder / LOGS_FOLDER / f"seed{key[1]}"
+        driven = self.reference.make_job(self.reference.episodes[key], key[1])
         job = replace(
             driven, agent=self.agent.resolve(), options=self.options, recording=None, transcripts=None, logs=logs
         )
-        return OpenLoopJob(job, recording_path(self.reference.folder, scenario.id).resolve())
+        return OpenLoopJob(job, self.reference.find_recording(key).resolve())
 
 
 def prepare_open_loop(
@@ -51,30 +51,30 @@ def prepare_open_loop(
     if the run has no recordings.
     """
     run = stored.run
-    driven = {scenario.id for scenario in stored.results.scenarios if scenario.status == "ok"}
-    scenarios = tuple(one for one in run.scenarios if one.id in driven)
-    missing = [one.id for one in scenarios if not recording_path(run.folder, one.id).is_file()]
-    if missing or not scenarios:
+    episodes = tuple(run.find_key(result) for result in stored.results.scenarios if result.status == "ok")
+    missing = [key for key in episodes if not run.find_recording(key).is_file()]
+    if missing or not episodes:
         raise InputError(
             f"{run.folder / EPISODES_FOLDER}: expected the recordings of the run, found none of "
-            f"{missing[0] if missing else 'any scenario'}; eval without --no-record makes them"
+            f"{run.name_episode(missing[0]) if missing else 'any scenario'}; eval without --no-record makes them"
         )
-    config = replace(run.config, agent=agent, options=options)
-    recordings = {one.id: compute_file_checksum(recording_path(run.folder, one.id)) for one in scenarios}
+    recordings = {
+        f"recording of {key[0]}, seed {key[1]}": compute_file_checksum(run.find_recording(key)) for key in episodes
+    }
     fingerprint = {
-        **compute_fingerprint(config, run.suite, scenarios),
+        **compute_fingerprint(replace(run.config, agent=agent, options=options), run.suite, run.scenarios),
         "reference": run.config.agent.name,
-        **{f"recording {name}": checksum for name, checksum in recordings.items()},
+        **recordings,
     }
     info = OpenLoopRunInfo(
         agent=agent.name,
         agent_config=agent.config_hash(),
         suite=run.suite.name,
         suite_checksum=run.suite.checksum(),
-        seed=run.config.seed,
+        seeds=run.config.seeds,
         reference=run.config.agent.name,
         versions=read_versions(),
         options=options.to_dict(),
     )
     out = folder or RUNS_FOLDER / f"open-{agent.name.replace('/', '_')}-on-{run.folder.name}"
-    return OpenLoopRun(run, scenarios, agent, options, out, workers, info, fingerprint)
+    return OpenLoopRun(run, episodes, agent, options, out, workers, info, fingerprint)

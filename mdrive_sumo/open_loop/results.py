@@ -8,6 +8,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from mdrive_sumo.open_loop.detection_precision import DetectionCounts, compute_average_precision
 from mdrive_sumo.open_loop.drive_open_loop import OpenLoopSamples
+from mdrive_sumo.scoring.results import EpisodeKey
 from mdrive_sumo.scoring.summary import compute_mean_of_known
 
 FORMAT = "mdrive-sumo/open-loop/1"
@@ -47,6 +48,7 @@ class OpenLoopScenario(OpenLoopMetrics):
     id: str
     bucket: str
     category: str
+    seed: int
     skipped: dict[str, int]
     """Number of replies without a score, by reason."""
     failures: dict[str, str]
@@ -55,6 +57,11 @@ class OpenLoopScenario(OpenLoopMetrics):
     """Of the recording."""
     precision_counts: tuple[tuple[float, int, int], ...] | None
     """Score, number of true detections and number of detections with that score; null if no agent replied any."""
+
+    @property
+    def key(self) -> EpisodeKey:
+        """What the recording is found by in its run."""
+        return self.id, self.seed
 
     def count_detections(self) -> DetectionCounts:
         """Return the counts that average precision follows from."""
@@ -69,7 +76,7 @@ class OpenLoopRunInfo(_Part):
     agent_config: str
     suite: str
     suite_checksum: str
-    seed: int
+    seeds: tuple[int, ...]
     reference: str
     """The agent of the recorded drives."""
     versions: dict[str, str]
