@@ -12,7 +12,6 @@ from mdrive_sumo.runs.evaluate import TRIES, report_write_errors
 from mdrive_sumo.runs.executor import run_jobs
 from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
 from mdrive_sumo.runs.make_executor import make_executor
-from mdrive_sumo.runs.prepared_run import LOGS_FOLDER
 from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure
 from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.scoring.results import EpisodeKey
@@ -32,8 +31,8 @@ def evaluate_open(run: OpenLoopRun, report: Report, *, fresh: bool = False) -> O
         found = _load_kept_results(run, journal)
         todo = [key for key in run.episodes if key not in found]
         with report_write_errors(run.folder):
-            if not run.agent.is_builtin:
-                (run.folder / LOGS_FOLDER).mkdir(parents=True, exist_ok=True)
+            for key in () if run.agent.is_builtin else todo:
+                run.find_logs(key).mkdir(parents=True, exist_ok=True)
         for result in _show(run, todo, journal):
             journal.add_result(result.model_dump(mode="json"))
             found[result.key] = result

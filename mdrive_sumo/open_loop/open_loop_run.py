@@ -32,9 +32,13 @@ class OpenLoopRun:
     info: OpenLoopRunInfo
     fingerprint: Fingerprint
 
+    def find_logs(self, key: EpisodeKey) -> Path:
+        """Return the folder for the output of third-party agents."""
+        return self.folder / LOGS_FOLDER / f"seed{key[1]}"
+
     def make_job(self, key: EpisodeKey) -> OpenLoopJob:
         """Return the job of one recording."""
-        logs = None if self.agent.is_builtin else self.folder / LOGS_FOLDER / f"seed{key[1]}"
+        logs = None if self.agent.is_builtin else self.find_logs(key)
         driven = self.reference.make_job(self.reference.episodes[key], key[1])
         job = replace(
             driven, agent=self.agent.resolve(), options=self.options, recording=None, transcripts=None, logs=logs

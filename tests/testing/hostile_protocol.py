@@ -20,6 +20,7 @@ GOOD: Mapping[str, Any] = {
     "plan": None,
     "messages": [],
     "notes": [],
+    "detections": None,
 }
 LATE = 3
 """The tick in which a hostile agent misbehaves."""

@@ -89,7 +89,7 @@ def test_the_schema_is_data_and_names_every_type() -> None:
     assert {"SensorSpec", "Briefing", "Observation", "Reply", "Plan", "Control", "Privileged"} <= set(data["types"])
     assert data["types"]["Reply"]["fields"] == {
         "control": "Control | null", "plan": "Plan | null", "messages": "tuple[Message]",
-        "notes": "tuple[Note]",
+        "notes": "tuple[Note]", "detections": "Detections | null",
     }  # fmt: skip
     assert data["types"]["Objects"]["fields"]["x"] == "array[float64]"
 

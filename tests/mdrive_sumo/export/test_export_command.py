@@ -72,7 +72,7 @@ def test_void_scenarios_have_nothing_to_export(stored: StoredRun) -> None:
 
 
 BAD_WORDS = [
-    (("--scenario", "mixd"), "its 1 scenarios, found 'mixd'; did you mean mixed?"),
+    (("--scenario", "mixd"), "its 1 scenarios, found 'mixd'; did you mean 'mixed'?"),
     (("--scenario", "zzz"), "its 1 scenarios, found 'zzz'; the first is mixed"),
     (("--format", "rosbag"), "rosbag"),
 ]
