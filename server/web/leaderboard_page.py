@@ -186,10 +186,10 @@ def _parse_choice(query: Mapping[str, str], name: str, known: Sequence[str]) -> 
 
 
 def _default_tab(tabs: Sequence[PhaseTab], at_us: int) -> PhaseTab:
-    """Return the open phase that opened last; else the last closed one; else the last one."""
+    """Return the open phase that opened last, of several a public one; else the last closed one; else the last one."""
     begun = [tab for tab in tabs if tab.opens_us <= at_us]
     still = [tab for tab in begun if at_us < tab.closes_us]
-    return (still or begun or [*tabs])[-1]
+    return max(reversed(still or begun or tabs), key=lambda tab: (tab.opens_us, tab.public))
 
 
 def _list_tabs(session: Session) -> tuple[PhaseTab, ...]:

@@ -42,12 +42,12 @@ def test_a_server_without_phases_says_so(server: Server) -> None:
 
 
 def test_the_board_that_is_shown_without_a_wish(server: Server) -> None:
-    """Of the open phases the one that opened last."""
+    """Of the open phases the one that opened last; of those that opened together a public one."""
     later = [HIDDEN.__class__("soon", "Soon", "interdrive", True, NOON + DAY_US, NOON + 9 * DAY_US, 1, 1, 1)]
     with server.store.write() as session:
         phases.set_phases(session, later, NOON)
     visit = Visit(server)
-    assert [each.text for each in visit.get("/").all("a", aria_current="page")][1:] == ["Test open"]
+    assert [each.text for each in visit.get("/").all("a", aria_current="page")][1:] == ["Development open"]
     server.now_us += DAY_US
     assert [each.text for each in visit.get("/").all("a", aria_current="page")][1:] == ["Soon open"]
 
