@@ -118,7 +118,10 @@ def test_a_scenario_of_a_suite_can_be_given_itself() -> None:
         ({"scenario": SCENARIO, "suite": "v2xpnp"}, "expected the id of a scenario in suite v2xpnp"),
         ({"scenario": SCENARIO, "comm": "perfect"}, "comm: expected one of ideal"),
         ({"scenario": SCENARIO, "friction": "ice"}, "friction: expected one of dry, weather, found 'ice'"),
-        ({"scenario": SCENARIO, "frictions": "dry"}, "frictions: unknown option, expected one of comm, agent_clock, actors"),
+        (
+            {"scenario": SCENARIO, "frictions": "dry"},
+            "frictions: unknown option, expected one of comm, agent_clock, actors",
+        ),
         ({"scenario": SCENARIO, "agent": "nobody"}, "agent 'nobody': expected a built-in name"),
     ],
 )

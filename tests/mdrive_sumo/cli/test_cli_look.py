@@ -122,7 +122,10 @@ def test_view_says_what_is_wrong(run_folder: Path, arguments: tuple[str, ...], s
 @pytest.mark.slow
 def test_view_of_a_scenario_that_the_run_did_not_drive(run_folder: Path) -> None:
     done = call("view", run_folder, "--scenario", load_suite("interdrive").scenarios[1].id)
-    assert (done.exit_code, "found one outside its --scenario; `mdrive-sumo eval --scenario" in done.stderr) == (2, True)
+    assert (done.exit_code, "found one outside its --scenario; `mdrive-sumo eval --scenario" in done.stderr) == (
+        2,
+        True,
+    )
 
 
 @pytest.mark.slow
