@@ -7,8 +7,6 @@ STAMP := $(VENV)/installed
 LIBRARIES := libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1
 # Byte code is kept: tests start hundreds of processes, and without it each compiles all that it imports.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
-# The gate adds the measurement of coverage.
-PYTEST_FLAGS ?=
 # The suite that has all others as its parts.
 WHOLE := mdrive
 # What pyright checks (pyproject.toml).
@@ -39,7 +37,7 @@ eval: install ## drive the built-in InterDrive suite with the idm baseline
 	$(BIN)/mdrive-sumo eval --suite interdrive --agent idm
 
 test: install ## the tests
-	$(PYTEST) -n 3 --dist worksteal -m "not full" $(PYTEST_FLAGS)
+	$(PYTEST) -n 3 --dist worksteal -m "not full"
 
 test-all: install ## every test: each scenario, each log, long soaks
 	TESTS_PROFILE=all $(PYTEST) -n 2

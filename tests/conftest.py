@@ -88,17 +88,12 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Run modules with a costly fixture first, and measure coverage by the fast tests only.
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Run modules with a costly fixture first.
 
     The last tests are dealt to the workers of pytest-xdist one by one, and each worker would make the fixture again.
-    Tracing costs as much as two thirds of all tests.
     """
     items.sort(key=lambda item: item.get_closest_marker("costly_fixture") is None)
-    if config.pluginmanager.hasplugin("_cov"):
-        for item in items:
-            if item.get_closest_marker("slow"):
-                item.add_marker("no_cover")
 
 
 def pytest_configure(config: pytest.Config) -> None:
