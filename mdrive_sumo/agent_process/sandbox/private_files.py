@@ -29,6 +29,8 @@ MEMORY = Path("/dev/shm")
 FOLDER = "mdrive-sumo-files"
 KEPT_S = 600.0
 """A copy that no box has used for so long is removed when a box with other files takes the slot [s]."""
+UNFINISHED = "."
+"""First letter of the names of copies that are being made or removed."""
 MEBIBYTE = 1024**2
 MODE = 0o777
 """Permissions that a copy keeps; set-uid bits are not among them."""
@@ -84,8 +86,10 @@ def remove_idle_files(folder: Path, slots: Iterable[int] | None = None) -> None:
     for number in slots:
         with suppress(InputError):  # taken by a box
             slot = take(number)
-            shutil.rmtree(_name_place(folder, number), ignore_errors=True)
-            slot.release(clean=True)
+            try:
+                _remove_place(_name_place(folder, number))
+            finally:
+                slot.release(clean=True)
 
 
 @atexit.register
@@ -223,7 +227,7 @@ def _fill(copy: Path, size_bytes: int, write: Callable[[Path], None]) -> None:
             f"sandbox: expected {-(-size_bytes // MEBIBYTE)} MiB free in {copy.parents[2]} for the files of a box,"
             f" found {free // MEBIBYTE} MiB; make it larger or name another folder ([sandbox] copies)"
         )
-    with tempfile.TemporaryDirectory(prefix=".new-", dir=copy.parent) as made:
+    with tempfile.TemporaryDirectory(prefix=f"{UNFINISHED}new-", dir=copy.parent) as made:
         try:
             write(Path(made) / "copy")
             (Path(made) / "copy").rename(copy)
@@ -258,8 +262,23 @@ def _copy_attributes(found: os.stat_result, target: Path) -> None:
 
 
 def _remove_unused(place: Path, used: set[str]) -> None:
-    """Remove copies that no box has used for a while, and what a killed process left half made."""
+    """Remove copies that no box has used for a while, and what a killed process left half made or half removed."""
     for path in place.iterdir():
         with suppress(OSError):
-            if path.name not in used and path.stat().st_mtime < time.time() - KEPT_S:
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
+            abandoned = path.name.startswith(UNFINISHED)
+            if abandoned or (path.name not in used and path.stat().st_mtime < time.time() - KEPT_S):
+                _remove_copy(path)
+
+
+def _remove_place(place: Path) -> None:
+    with suppress(OSError):
+        for path in sorted(place.iterdir()):  # what is unfinished first: its names are needed
+            _remove_copy(path)
+        place.rmdir()
+
+
+def _remove_copy(path: Path) -> None:
+    """Take its name away first: this process may be killed meanwhile, and a copy that has its name must be complete."""
+    if not path.name.startswith(UNFINISHED):
+        path = path.rename(path.with_name(f"{UNFINISHED}old-{path.name}"))
+    shutil.rmtree(path) if path.is_dir() else path.unlink()

@@ -151,6 +151,32 @@ def test_a_slots_copies_are_kept_for_the_next_box_and_renewed_with_the_files(tmp
     assert [path.name for path in place.rglob("*")] == ["mdrive-sumo-files-0"]
 
 
+@pytest.mark.parametrize("is_finished", [True, False])
+def test_a_half_removed_copy_is_never_used(is_finished: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process that is killed while it removes copies leaves no copy under its name."""
+    place, kill = reachable(tmp_path) / "copies", KeyboardInterrupt
+    place.mkdir()
+    spec = BoxSpec(("/bin/sh", "-c", "echo whole"), {}, slot=SLOT, copies=place, limits=SMALL)
+
+    def remove_one_file(path: Path) -> None:
+        next(each for each in path.rglob("*") if each.is_symlink() or each.is_file()).unlink()
+        raise kill
+
+    with open_box(spec) as box:
+        box.ready(PATIENCE_S)
+    with monkeypatch.context() as killed, pytest.raises(kill):
+        killed.setattr(shutil, "rmtree", remove_one_file)
+        remove_idle_files(place)
+    names = [path.name for path in place.glob("*/*/*")]
+    assert len(names) == 1 and names[0].startswith(".old-system-")
+    if is_finished:
+        with open_box(spec) as box:
+            box.ready(PATIENCE_S)
+        assert box.log() == b"whole\n"
+    remove_idle_files(place)
+    assert not list(place.glob("*/*"))
+
+
 def test_no_room_for_the_copies_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=0))
