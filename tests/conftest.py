@@ -96,6 +96,20 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.get_closest_marker("costly_fixture") is None)
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
+    """Measure no coverage in slow tests, nor in their fixtures: tracing doubles their time."""
+    plugin = item.config.pluginmanager.getplugin("_cov")
+    controller = plugin.cov_controller if plugin and item.get_closest_marker("slow") else None
+    if controller is None:
+        return (yield)
+    controller.pause()
+    try:
+        return (yield)
+    finally:
+        controller.resume()
+
+
 def pytest_configure(config: pytest.Config) -> None:
     # A shell ignores SIGINT for what it runs in the background, children inherit that, and then Ctrl-C tests hang.
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -34,13 +34,13 @@ pytestmark = [
     pytest.mark.full,
     pytest.mark.timeout(4 * PATIENCE_S),
     pytest.mark.skipif(os.geteuid() != 0, reason="needs root"),
-    pytest.mark.skipif(not (shutil.which("buildah") and shutil.which("debootstrap")), reason="needs buildah"),
+    pytest.mark.skipif(not (shutil.which("buildah") and shutil.which("mmdebstrap")), reason="needs buildah"),
 ]
 
 ENVIRONMENT = ("env", "-i", "PATH=/opt/mdrive-sumo/bin:/usr/bin:/bin", "HOME=/home/mdrive", "MDRIVE_DATA=/data")
 BASE = """
 mount -t tmpfs base "$1"
-debootstrap --variant=minbase --include=python3,python3-venv bookworm "$1/root"
+mmdebstrap --quiet --variant=minbase --include=python3,python3-venv bookworm "$1/root"
 empty=$($2 from scratch)
 $2 add --quiet "$empty" "$1/root" /
 $2 commit --quiet --rm "$empty" localhost/base
