@@ -10,6 +10,17 @@ import click
 
 from mdrive_sumo.cli.choice import choose_seed, find_one_scenario
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.run_page.compared_runs import ComparedRun, load_compared_runs
+from mdrive_sumo.report.run_page.comparison_data import build_comparison_data, find_telling_seeds
+from mdrive_sumo.report.run_page.comparison_files import (
+    build_in_step_page,
+    check_recordings_exist,
+    find_comparison_folder,
+    name_in_step_file,
+    select_pairs,
+    write_in_step_pages,
+)
+from mdrive_sumo.report.run_page.comparison_page import render_comparison_page
 from mdrive_sumo.report.run_page.replay_files import (
     VIEW_FOLDER,
     ReplaySelection,
@@ -36,29 +47,41 @@ ALONE = "This page stands alone, without replays: `mdrive-sumo view RUN` writes 
     "patterns",
     multiple=True,
     metavar="GLOB",
-    help="Replay this episode: an id, or a glob that fits one; may be repeated [default: the page of the run].",
+    help="Replay this scenario: an id, or a glob that fits one; may be repeated [default: the page of the runs].",
 )
-@click.option("--seed", type=int, help="Of --scenario in a run of several seeds [default: the first].")
+@click.option(
+    "--seed",
+    type=int,
+    help="Of --scenario [default: the run's first; of two runs, the one in which they differ most].",
+)
 @click.option("--export", type=click.Path(path_type=Path, dir_okay=False), help="Write the page here, open nothing.")
-@click.option("--no-open", is_flag=True, help="Write below RUN/view and open nothing.")
+@click.option("--no-open", is_flag=True, help="Open nothing.")
 @click.option(
     "--replays",
     type=click.Choice([str(selection) for selection in ReplaySelection]),
-    help="Replays beside the page of a run: of scenarios in which something was lost, all, or none [default: lost].",
+    help="Replays beside the page: where something was lost (of several runs: where scores differ), all, none"
+    " [default: lost].",
 )
 @click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
 def command(run_folders: tuple[Path, ...], **options: object) -> None:
-    """Open the page of a run in the browser, or replay an episode.
+    """Open the page of a run in the browser, compare runs, or replay an episode.
 
     The page of a run lists its scenarios, the worst first: what each CAV lost and why, with links into the replays.
-    --scenario opens the replay of one episode instead. All pages are HTML files below RUN/view that never reach the
-    network; those of earlier calls are written anew. `?` in a replay lists the keys.
+    Several runs are compared with the first of them: paired differences, settings that differ, and two replays of a
+    scenario in step. --scenario opens the replay of one episode, or those of two runs in step.
+
+    All pages are HTML files below the (first) RUN/view that never reach the network; those of earlier calls are written
+    anew. `?` in a replay lists the keys.
     """
     given = _ViewOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
-    given.check()
-    (run_folder,) = run_folders
-    stored = load_stored_run(run_folder, given.suite)
-    paths = [*_write_episodes(stored, given)] if given.patterns else [_write_run_page(stored, given)]
+    given.check(len(run_folders))
+    first, *others = run_folders
+    if others:
+        runs = load_compared_runs(run_folders, given.suite)
+        paths = [*_write_in_step(runs, given)] if given.patterns else [_write_comparison(runs, given)]
+    else:
+        stored = load_stored_run(first, given.suite)
+        paths = [*_write_episodes(stored, given)] if given.patterns else [_write_run_page(stored, given)]
     _open(paths, is_wanted=not (given.export or given.no_open))
 
 
@@ -71,8 +94,10 @@ class _ViewOptions:
     replays: str | None
     suite: str | None
 
-    def check(self) -> None:
-        """Raise click.UsageError for options that do not go together."""
+    def check(self, runs: int) -> None:
+        """Raise click.UsageError for options that do not go together. runs: how many are viewed."""
+        if self.patterns and runs > 2:
+            raise click.UsageError(f"--scenario: expected one RUN or two with it, found {runs}")
         if self.export is not None and len(self.patterns) > 1:
             raise click.UsageError(f"--export: expected one --scenario with it, found {len(self.patterns)}")
         if self.seed is not None and not self.patterns:
@@ -90,6 +115,30 @@ def _write_run_page(stored: StoredRun, given: _ViewOptions) -> Path:
     data = build_run_page_data(stored, {result.key for result in chosen}, path)
     write_page(path, render_run_page(data, replays_note=ALONE if export and stored.run.config.record else ""))
     return path
+
+
+def _write_comparison(runs: Sequence[ComparedRun], given: _ViewOptions) -> Path:
+    folder, selection = find_comparison_folder(runs), ReplaySelection(given.replays or ReplaySelection.LOST)
+    path = given.export or folder / RUN_PAGE
+    seeds = {} if given.export else select_pairs(runs, selection)
+    check_recordings_exist(runs, seeds.items())
+    links = {(scenario, letter): name_in_step_file(scenario, letter) for scenario, letter in seeds}
+    data = build_comparison_data(runs, links, path)
+    _follow(write_in_step_pages(folder, runs, seeds.items()), len(seeds))
+    write_page(path, render_comparison_page(data, replays_note=ALONE if given.export else ""))
+    return path
+
+
+def _write_in_step(runs: Sequence[ComparedRun], given: _ViewOptions) -> Iterator[Path]:
+    first, other = runs
+    seeds = find_telling_seeds(runs)
+    for pattern in given.patterns:
+        scenario = find_one_scenario(first.stored.run.suite, pattern).id
+        known = seeds.get((scenario, other.letter), first.stored.results.run.seed)
+        seed = known if given.seed is None else choose_seed(first.stored.results, given.seed)
+        path = given.export or find_comparison_folder(runs) / name_in_step_file(scenario, other.letter)
+        write_page(path, build_in_step_page(first, other, (scenario, seed)))
+        yield path
 
 
 def _follow(written: Iterable[Path], count: int) -> None:

@@ -68,11 +68,13 @@ def drive_story(job: EpisodeJob) -> ScenarioResult:
     return lose(result, hit(HOSTILE), stood())
 
 
-def make_run(folder: Path, *words: str, drive: Callable[[EpisodeJob], ScenarioResult] = drive_story) -> Path:
-    """Drive the suite of three scenarios in `folder`/suite into `folder`/run; a later --out names another."""
+def make_run(
+    folder: Path, *words: str, name: str = "run", drive: Callable[[EpisodeJob], ScenarioResult] = drive_story
+) -> Path:
+    """Drive the suite of three scenarios in `folder`/suite, and return the run folder, `folder`/`name`."""
     if not (folder / "suite").is_dir():
         suite_fakes.make_suite(folder / "suite", "answer", "answer", HOSTILE)
-    run = folder / "run"
+    run = folder / name
     arguments = ["eval", "--suite", str(folder / "suite"), "--agent", "stationary", "--out", str(run), *words]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("mdrive_sumo.runs.evaluate.make_executor", LocalExecutor)
@@ -80,7 +82,7 @@ def make_run(folder: Path, *words: str, drive: Callable[[EpisodeJob], ScenarioRe
         patch.setattr("testing.suite_fakes.perform", lambda _: None)
         ended = CliRunner().invoke(main, arguments)
     assert ended.exit_code in (0, 1), ended.output
-    return Path(words[words.index("--out") + 1]) if "--out" in words else run
+    return run
 
 
 def edit_results(run: Path, change: Callable[[Any], None]) -> None:

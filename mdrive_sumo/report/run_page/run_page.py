@@ -3,7 +3,7 @@
 from importlib.resources import files
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from mdrive_sumo.report.palette import format_custom_properties
 from mdrive_sumo.report.replay_page import hash_for_policy
@@ -20,9 +20,6 @@ from mdrive_sumo.report.result_tables import (
 )
 from mdrive_sumo.report.run_page.run_page_data import RunPageData
 from mdrive_sumo.scoring import compute_category_means
-
-STYLES = ("overview.css",)
-SCRIPTS = ("overview.js",)
 
 
 def render_run_page(data: RunPageData, *, replays_note: str = "") -> str:
@@ -59,13 +56,22 @@ def render_page(template: str, **values: Any) -> str:
 
     Its content policy forbids every connection and every script but this.
     """
-    static = files("mdrive_sumo.report") / "static"
-    style = format_custom_properties() + "".join((static / name).read_text("utf-8") for name in STYLES)
-    script = "\n".join((static / name).read_text("utf-8") for name in SCRIPTS)
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    return environment.from_string((static / template).read_text("utf-8")).render(
+    style = format_custom_properties() + _read_static("overview.css")
+    script = _read_static("overview.js")
+    environment = Environment(
+        loader=FunctionLoader(_read_static),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(template).render(
         style=style, style_hash=hash_for_policy(style), script=script, script_hash=hash_for_policy(script), **values
     )
+
+
+def _read_static(name: str) -> str:
+    return (files("mdrive_sumo.report") / "static" / name).read_text("utf-8")
 
 
 def _describe_missing_recordings(data: RunPageData) -> str:

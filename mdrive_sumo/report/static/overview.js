@@ -7,7 +7,7 @@ const CHOICES = ["bucket", "category", "kind", "outcome"].filter((id) => $(id));
 class Row {
   constructor(node) {
     this.node = node;
-    this.cells = [...node.querySelectorAll(".cells > li")];
+    this.cells = [...node.querySelectorAll(".cells > li[data-key]")];
     this.square = document.querySelector(`.overview a[href="#${CSS.escape(node.id)}"]`)?.parentElement;
     this.text = node.textContent.toLowerCase();
   }
@@ -18,9 +18,9 @@ class Row {
     const here = ["bucket", "category"].every((name) => !wanted[name] || node.dataset[name] === wanted[name]);
     const read = wanted.words.every((word) => this.text.includes(word));
     const fitting = here && read ? this.cells.filter((cell) => fits(cell.dataset, wanted)) : [];
-    const seeds = new Set(fitting.map((cell) => cell.dataset.seed));
-    for (const cell of this.cells) cell.classList.toggle("faded", !seeds.has(cell.dataset.seed));
-    for (const line of node.querySelectorAll(".why > li[data-seed]")) line.hidden = !seeds.has(line.dataset.seed);
+    const keys = new Set(fitting.map((cell) => cell.dataset.key));
+    for (const cell of this.cells) cell.classList.toggle("faded", !keys.has(cell.dataset.key));
+    for (const line of node.querySelectorAll(".why > li[data-key]")) line.hidden = !keys.has(line.dataset.key);
     node.hidden = !fitting.length;
     this.square?.classList.toggle("faded", node.hidden);
     return fitting.length;
@@ -48,8 +48,8 @@ function showFitting() {
   const shown = counts.filter(Boolean).length;
   const episodes = counts.reduce((sum, count) => sum + count, 0);
   const all = rows.reduce((sum, row) => sum + row.cells.length, 0);
-  const seeds = all > rows.length ? `, ${episodes} of ${all} episodes` : "";
-  $("count").textContent = `${shown} of ${rows.length} scenarios${seeds}`;
+  const also = all > rows.length ? `, ${episodes} of ${all} ${$("matrix").dataset.unit}` : "";
+  $("count").textContent = `${shown} of ${rows.length} scenarios${also}`;
   $("nothing").hidden = shown > 0;
 }
 

@@ -1,16 +1,22 @@
-"""`view RUN`: the page of a run, its replays, and what it refuses."""
+"""`view`: the page of a run, the comparison of runs, their replays, and what is refused."""
 
+import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
+from testing import suite_fakes
 from testing.html_page import Page
-from testing.view_runs import make_run
+from testing.view_runs import drive_story, make_run, succeed
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.cli.view import RUN_PAGE
-from mdrive_sumo.report.run_page import replay_files
+from mdrive_sumo.report.run_page import comparison_files, replay_files
+from mdrive_sumo.report.run_page.compared_runs import ComparedRun
+from mdrive_sumo.runs.episode_job import EpisodeJob
+from mdrive_sumo.scoring import EpisodeKey, ScenarioResult
 
 
 def call(*arguments: object) -> Result:
@@ -32,7 +38,8 @@ def replays(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         built.append(result.id)
         return "a replay"
 
-    monkeypatch.setattr(replay_files, "build_replay", build)
+    for module in (replay_files, comparison_files):
+        monkeypatch.setattr(module, "build_replay", build)
     return built
 
 
@@ -106,3 +113,75 @@ def test_an_empty_run_is_one_sentence(run: Path, tmp_path: Path) -> None:
     (empty / "journal.jsonl").write_bytes((run / "journal.jsonl").read_bytes())
     done = call("view", empty)
     assert done.exit_code == 2 and "expected a finished run, found an interrupted one" in done.stderr
+
+
+@pytest.fixture(scope="module")
+def other(run: Path) -> Path:
+    """A run of the same suite in which s0 succeeds."""
+    return make_run(run.parent, name="other", drive=drive_better)
+
+
+def drive_better(job: EpisodeJob) -> ScenarioResult:
+    return succeed(suite_fakes.drive(job)) if job.scenario == "s0" else drive_story(job)
+
+
+@pytest.fixture
+def in_step(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
+    """The scenarios and runs whose replays were put in step."""
+    built: list[tuple[str, ...]] = []
+
+    def render(runs: Sequence[ComparedRun], _: object, key: EpisodeKey) -> str:
+        built.append((key[0], *(run.folder.name for run in runs)))
+        return "two replays"
+
+    monkeypatch.setattr(comparison_files, "_render", render)
+    return built
+
+
+def test_runs_are_compared(run: Path, other: Path, replays: list[str], in_step: list[tuple[str, ...]]) -> None:
+    page = run / "view" / "with-other" / RUN_PAGE
+    done = call("view", run, other, "--no-open")
+    assert (done.exit_code, done.output) == (0, f"{page}\n")
+    assert in_step == [("s0", "run", "other")] and replays == ["s0", "s0"]
+    assert {link for link in read_links(page) if link.endswith(".html")} == {"s0-AB.html"}
+    assert (page.parent / "s0-AB.html").read_text() == "two replays"
+    assert call("view", run, other, "--no-open", "--replays", "none").exit_code == 0 and len(in_step) == 1
+
+
+def test_two_replays_of_a_scenario(run: Path, other: Path, replays: list[str], in_step: list[tuple[str, ...]]) -> None:
+    done = call("view", run, other, "--no-open", "--scenario", "s1")
+    assert (done.exit_code, done.output) == (0, f"{run / 'view' / 'with-other' / 's1-AB.html'}\n")
+    assert in_step == [("s1", "run", "other")] and replays == ["s1", "s1"]
+
+
+def test_three_runs_share_the_first_replay(
+    run: Path, other: Path, replays: list[str], in_step: list[tuple[str, ...]]
+) -> None:
+    third = make_run(run.parent, "--no-record", name="third", drive=drive_better)
+    page = run / "view" / "with-other+third" / RUN_PAGE
+    assert call("view", run, other, third, "--no-open").exit_code == 0
+    assert len(in_step) == 1 and "so without replays: C." in page.read_text()
+    (third / "journal.jsonl").write_bytes((other / "journal.jsonl").read_bytes())  # as if it were recorded
+    shutil.copytree(other / "episodes", third / "episodes")
+    replays.clear()
+    assert call("view", run, other, third, "--no-open").exit_code == 0
+    assert in_step[1:] == [("s0", "run", "other"), ("s0", "run", "third")] and replays == ["s0"] * 3
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("run", "other", "other", "--scenario", "s0"), "--scenario: expected one RUN or two with it, found 3"),
+        (("run", "run"), "expected different runs, found"),
+        (("run", "nothing"), "found no such folder"),
+        (("run", "other", "--scenario", "dead"), "did you mean 'deed'?"),
+        (("run", "other", "--scenario", "s0", "--seed", "7"), "--seed: expected one of the run's, 0, found 7"),
+    ],
+)
+def test_what_a_comparison_refuses(
+    run: Path, other: Path, words: tuple[str, ...], sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(run.parent)
+    done = call("view", *words)
+    assert (done.exit_code, sentence in done.stderr) == (2, True), done.stderr
+    assert other.is_dir()
