@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.episode.quantization import Quanta, from_quanta
@@ -45,7 +46,7 @@ def find_first_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> Epis
 def find_parting(a: EpisodeRecord, b: EpisodeRecord) -> EpisodeDifference | None:
     """Return the first tick in which the CAVs of two episodes differ, and how one of them does; None if they never do.
 
-    Other road users are not compared: they may differ earlier or later. Raises ValueError unless both have the same
+    Other road users are not compared: they may differ earlier or later. Raises InputError unless both have the same
     CAVs.
     """
     here, there, states, others = _align_cavs(a, b)
@@ -65,7 +66,7 @@ def find_parting(a: EpisodeRecord, b: EpisodeRecord) -> EpisodeDifference | None
 def find_separation(a: EpisodeRecord, b: EpisodeRecord, metres: float) -> EpisodeDifference | None:
     """Return the first tick in which a CAV is farther than `metres` from its place in the other episode, or None.
 
-    Raises ValueError unless both have the same CAVs.
+    Raises InputError unless both have the same CAVs.
     """
     here, there, states, others = _align_cavs(a, b)
     offsets = from_quanta(states)[..., :2] - from_quanta(others)[..., :2]
@@ -80,7 +81,10 @@ def find_separation(a: EpisodeRecord, b: EpisodeRecord, metres: float) -> Episod
 def _align_cavs(a: EpisodeRecord, b: EpisodeRecord) -> tuple[Bool, Bool, Quanta, Quanta]:
     """Return presence (T, C) and states (T, C, 4) of the CAVs of both, in the order of `a`, as long as both go on."""
     if sorted(a.ego_ids) != sorted(b.ego_ids):
-        raise ValueError(f"expected episodes with the same CAVs, found {a.ego_ids} and {b.ego_ids}")
+        raise InputError(
+            f"recordings of {a.scenario}: expected two with the same CAVs, found {', '.join(a.ego_ids)} and"
+            f" {', '.join(b.ego_ids)}"
+        )
     ticks, columns = min(a.ticks, b.ticks), [b.ego_ids.index(ego) for ego in a.ego_ids]
     count = len(columns)
     return a.valid[:ticks, :count], b.valid[:ticks, columns], a.quanta[:ticks, :count], b.quanta[:ticks, columns]

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.report.run_page.compared_runs import ComparedRun
 from mdrive_sumo.report.run_page.comparison_data import PairKey, find_telling_seeds
@@ -77,6 +76,8 @@ def write_in_step_pages(
 
 def build_in_step_page(first: ComparedRun, other: ComparedRun, key: EpisodeKey) -> str:
     """Return the page with the replays of one episode in two runs. Raises InputError unless both have recorded it."""
+    for run in (first, other):
+        _find_result(run, key)  # before the work of the first replay
     return _render((first, other), (_build_side(first, key), _build_side(other, key)), key)
 
 
@@ -95,9 +96,10 @@ def _build_side(run: ComparedRun, key: EpisodeKey) -> InStepSide:
 def _find_result(run: ComparedRun, key: EpisodeKey) -> ScenarioResult:
     found = next((one for one in run.stored.results.scenarios if one.key == key), None)
     if found is None:
-        driven = [*dict.fromkeys(one.id for one in run.stored.results.scenarios)]
+        seeds = [one.seed for one in run.stored.results.scenarios if one.id == key[0]]
+        other = f"seeds {', '.join(map(str, seeds))} of it" if seeds else "none"
+        remedy = "; --seed chooses one" if seeds else f"; `mdrive-sumo eval --scenario {key[0]}` drives it"
         raise InputError(
-            f"scenario {key[0]}, seed {key[1]}: expected one that {run.folder} has driven, found none"
-            f"{suggest_name(key[0], driven)}"
+            f"scenario {key[0]}, seed {key[1]}: expected an episode that {run.folder} has driven, found {other}{remedy}"
         )
     return found

@@ -7,7 +7,9 @@ from mdrive_sumo.report.run_page.comparison_data import ComparisonData
 from mdrive_sumo.report.run_page.run_page import render_page
 from mdrive_sumo.runs.compare import RunComparison
 
-DIFFERENCE_HEADER: TableRow = ("", "scenarios", "score", "mean", "95 % from", "to", "better", "equal", "worse")
+DIFFERENCE_HEADER: TableRow = ("", "score", "scenarios", "mean", "95 % from", "to", "better", "equal", "worse")
+
+TIME_RATIO = "time ratio"
 
 
 def render_comparison_page(data: ComparisonData, *, replays_note: str = "") -> str:
@@ -40,13 +42,14 @@ def _list_differences(name: str, comparison: RunComparison) -> list[TableRow]:
         "DS": comparison.ds,
         "SR": comparison.sr,
         "efficient SR": comparison.efficient_sr,
-        f"time ratio (of {comparison.timed})": comparison.time_ratio,
+        TIME_RATIO: comparison.time_ratio,
     }
     counts = [str(count) for count in comparison.count_wins_ties_losses()]
     return [
         (
-            *((name, str(len(comparison.pairs))) if i == 0 else ("", "")),
+            name if i == 0 else "",
             score,
+            str(comparison.timed if score == TIME_RATIO else len(comparison.pairs)),
             *_format_interval(interval),
             *(counts if i == 0 else ("", "", "")),
         )

@@ -11,12 +11,17 @@ from mdrive_sumo.report.agent_failures import list_agent_failures, read_tail
 from mdrive_sumo.report.run_page.losses import CavLosses, explain_losses
 from mdrive_sumo.report.run_page.provenance import Fact, list_provenance
 from mdrive_sumo.report.run_page.replay_files import name_replay_file
+from mdrive_sumo.report.run_report import REPORT_FILE
+from mdrive_sumo.runs.evaluate import RESULTS_FILE
+from mdrive_sumo.runs.journal import JOURNAL_FILE
 from mdrive_sumo.runs.prepared_run import find_agent_log
 from mdrive_sumo.runs.stored_run import StoredRun
 from mdrive_sumo.scoring import EpisodeKey, ScenarioResult
 from mdrive_sumo.scoring.score_mode import compute_mean
 
 SUCCESS_SR = 100.0
+FILES = (RESULTS_FILE, REPORT_FILE, JOURNAL_FILE)
+"""Files of a run that its page links."""
 STEPS = 10
 """Colours of driving scores below success: one for each 10."""
 
@@ -87,6 +92,8 @@ class RunPageData:
     failed_episodes: int
     failed_cavs: int
     has_recordings: bool
+    files: tuple[str, ...]
+    """Links to the files of the run; none if the page is somewhere else than its run."""
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -120,6 +127,7 @@ def build_run_page_data(stored: StoredRun, replays: Collection[EpisodeKey], page
         len({failure.result.key for failure in failures}),
         len(failures),
         stored.run.config.record,
+        tuple(filter(None, (_link(stored.run.folder, stored.run.folder / name, page) for name in FILES))),
     )
 
 
@@ -162,6 +170,11 @@ def _find_log(stored: StoredRun, result: ScenarioResult, ego: str, page: Path) -
     log = find_agent_log(run.folder, result.id, ego, result.seed if run.config.more_seeds else None)
     if log is None:
         return None
-    is_beside = page.resolve().is_relative_to(run.folder.resolve())
-    href = quote(Path(os.path.relpath(log.resolve(), page.resolve().parent)).as_posix()) if is_beside else ""
-    return AgentLog(str(log), href, tuple(read_tail(log)))
+    return AgentLog(str(log), _link(run.folder, log, page), tuple(read_tail(log)))
+
+
+def _link(run_folder: Path, file: Path, page: Path) -> str:
+    """Return the link from a page to a file of its run; "" if the page is somewhere else, or if there is no file."""
+    if not page.resolve().is_relative_to(run_folder.resolve()) or not file.is_file():
+        return ""
+    return quote(Path(os.path.relpath(file.resolve(), page.resolve().parent)).as_posix())

@@ -168,6 +168,16 @@ def test_three_runs_share_the_first_replay(
     assert in_step[1:] == [("s0", "run", "other"), ("s0", "run", "third")] and replays == ["s0"] * 3
 
 
+def test_a_scenario_that_only_one_run_has_driven(run: Path) -> None:
+    one = make_run(run.parent, "--scenario", "s1", "--seed", "3", name="one")
+    for scenario, sentence in (("s0", "one has driven, found none;"), ("s1", "found seeds 3 of it; --seed chooses")):
+        done = call("view", run, one, "--no-open", "--scenario", scenario)
+        assert (done.exit_code, sentence in done.stderr) == (2, True), done.stderr
+    done = call("view", run, one, "--no-open")
+    assert done.exit_code == 0, done.stderr
+    assert "warning: " not in done.output and "s0: only in A" in (run / "view" / "with-one" / RUN_PAGE).read_text()
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [

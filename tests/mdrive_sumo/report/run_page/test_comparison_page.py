@@ -50,9 +50,8 @@ def test_the_worst_difference_is_first(runs: tuple[ComparedRun, ...], tmp_path: 
     found = [(row.id, round(row.worst, 6), row.cells[1].outcome) for row in data.rows]
     assert found == [("s1", -93.7, "worse"), ("s2", 8.2, "better"), ("s0", 49.7, "better")]
     (comparison,) = data.comparisons
-    assert comparison == compare(
-        *(run.stored.results for run in runs), (runs[0].folder, runs[1].folder)
-    )  # the statistics are those of `compare`
+    a, b = (run.stored.results for run in runs)
+    assert comparison == compare(a, b, (runs[0].folder, runs[1].folder))  # the statistics are those of `compare`
     assert [pair.scenario for pair in comparison.pairs] == [row.id for row in data.rows]
 
 
@@ -66,7 +65,7 @@ def test_replays_are_of_the_seed_that_differs_most(runs: tuple[ComparedRun, ...]
 
 def test_the_page_has_statistics_settings_and_links(html: str, runs: tuple[ComparedRun, ...]) -> None:
     page = Page(html)
-    ds = compare(*(run.stored.results for run in runs)).ds
+    ds = compare(runs[0].stored.results, runs[1].stored.results).ds
     for number in (ds.mean, ds.low, ds.high):
         assert f"{number:+.2f}" in page.text
     assert re.search(r"latency_ticks\s+0\s+2", page.text)

@@ -50,7 +50,9 @@ def test_links_lead_to_the_tick_and_to_the_log(html: str, run: Path) -> None:
     assert not [link for link in links if "s0-seed0" in str(link) or "s1-" in str(link)]  # they have no replay
     logs = [str(link) for link in links if str(link).endswith(".log")]
     assert logs == ["../logs/seed0/s2.0.log", "../logs/seed1/s2.0.log"]
-    assert all((run / "view" / log).resolve().is_file() for log in logs)
+    files = ["../results.json", "../report.md", "../journal.jsonl"]
+    assert set(files) < set(links)
+    assert all((run / "view" / file).resolve().is_file() for file in (*logs, *files))
 
 
 def test_texts_stay_texts(html: str) -> None:
