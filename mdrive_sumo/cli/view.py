@@ -2,7 +2,7 @@
 
 import sys
 import webbrowser
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,7 +37,18 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import Results, ScenarioResult
 
 RUN_PAGE = "index.html"
-ALONE = "This page stands alone, without replays: `mdrive-sumo view RUN` writes it with them."
+RUN_NOTES: Mapping[ReplaySelection, str] = {
+    ReplaySelection.LOST: "Replays are linked where something was lost; `mdrive-sumo view RUN --replays all` writes the"
+    " others as well.",
+    ReplaySelection.ALL: "",
+    ReplaySelection.NONE: "Written without replays: `mdrive-sumo view RUN` writes the page with them.",
+}
+COMPARISON_NOTES: Mapping[ReplaySelection, str] = {
+    ReplaySelection.LOST: "Scores that differ link to both replays in step; `mdrive-sumo view A B --replays all` writes"
+    " the others as well.",
+    ReplaySelection.ALL: "",
+    ReplaySelection.NONE: "Written without replays: `mdrive-sumo view RUN_A RUN_B` writes the page with them.",
+}
 
 
 @click.command("view")
@@ -94,6 +105,11 @@ class _ViewOptions:
     replays: str | None
     suite: str | None
 
+    @property
+    def selection(self) -> ReplaySelection:
+        """The replays beside a page; an exported one stands alone."""
+        return ReplaySelection.NONE if self.export else ReplaySelection(self.replays or ReplaySelection.LOST)
+
     def check(self, runs: int) -> None:
         """Raise click.UsageError for options that do not go together. runs: how many are viewed."""
         if self.patterns and runs > 2:
@@ -107,25 +123,24 @@ class _ViewOptions:
 
 
 def _write_run_page(stored: StoredRun, given: _ViewOptions) -> Path:
-    folder, export = stored.run.folder / VIEW_FOLDER, given.export
-    path = export or folder / RUN_PAGE
-    selection = ReplaySelection(given.replays or ReplaySelection.LOST)
-    chosen = [] if export else select_replays(stored.run, stored.results.scenarios, selection)
+    folder, selection = stored.run.folder / VIEW_FOLDER, given.selection
+    path = given.export or folder / RUN_PAGE
+    chosen = select_replays(stored.run, stored.results.scenarios, selection)
     _follow(write_replays(folder, stored.run, chosen), len(chosen))
     data = build_run_page_data(stored, {result.key for result in chosen}, path)
-    write_page(path, render_run_page(data, replays_note=ALONE if export and stored.run.config.record else ""))
+    write_page(path, render_run_page(data, replays_note=RUN_NOTES[selection]))
     return path
 
 
 def _write_comparison(runs: Sequence[ComparedRun], given: _ViewOptions) -> Path:
-    folder, selection = find_comparison_folder(runs), ReplaySelection(given.replays or ReplaySelection.LOST)
+    folder, selection = find_comparison_folder(runs), given.selection
     path = given.export or folder / RUN_PAGE
-    seeds = {} if given.export else select_pairs(runs, selection)
+    seeds = select_pairs(runs, selection)
     check_recordings_exist(runs, seeds.items())
     links = {(scenario, letter): name_in_step_file(scenario, letter) for scenario, letter in seeds}
     data = build_comparison_data(runs, links, path)
     _follow(write_in_step_pages(folder, runs, seeds.items()), len(seeds))
-    write_page(path, render_comparison_page(data, replays_note=ALONE if given.export else ""))
+    write_page(path, render_comparison_page(data, replays_note=COMPARISON_NOTES[selection]))
     return path
 
 

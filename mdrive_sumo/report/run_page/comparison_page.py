@@ -13,7 +13,7 @@ TIME_RATIO = "time ratio"
 
 
 def render_comparison_page(data: ComparisonData, *, replays_note: str = "") -> str:
-    """Return the page. The same runs give the same bytes. replays_note: a sentence about replays that are not there."""
+    """Return the page. The same runs give the same bytes. replays_note: a sentence about which replays there are."""
     first = data.runs[0].stored.results.run
     return render_page(
         "comparison_page.html",
@@ -33,7 +33,7 @@ def render_comparison_page(data: ComparisonData, *, replays_note: str = "") -> s
             for row in _list_differences(f"{run.letter} - A", comparison)
         ],
         outcomes=("worse", "better", "equal", "not compared"),
-        replays_note=replays_note or _describe_missing_recordings(data),
+        replays_note=" ".join(filter(None, (replays_note, _describe_missing_recordings(data)))),
     )
 
 

@@ -23,7 +23,7 @@ from mdrive_sumo.scoring import compute_category_means
 
 
 def render_run_page(data: RunPageData, *, replays_note: str = "") -> str:
-    """Return the page. The same run gives the same bytes. replays_note: a sentence about replays that are not there."""
+    """Return the page. The same run gives the same bytes. replays_note: a sentence about which replays there are."""
     results = data.stored.results
     header, rows = build_score_rows(results)
     category_rows = [
@@ -47,7 +47,7 @@ def render_run_page(data: RunPageData, *, replays_note: str = "") -> str:
         outcomes=count_outcomes(results),
         infractions=count_infractions(results),
         void=len(list_void(results)),
-        replays_note=replays_note or _describe_missing_recordings(data),
+        replays_note=_describe_missing_recordings(data) or replays_note,
     )
 
 

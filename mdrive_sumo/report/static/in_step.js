@@ -42,6 +42,13 @@ class Player {
     if (!Number.isNaN(tickOf(id))) this.step(tickOf(id) - Math.floor(this.time));
   }
 
+  /** To the next event of either run, or to the one before. */
+  jumpToEvent(direction) {
+    const now = Math.floor(this.time);
+    const ticks = this.ready.flatMap((one) => one.marks.map((mark) => mark.tick)).filter((tick) => direction * (tick - now) > 0);
+    if (ticks.length) this.seek(direction * Math.min(...ticks.map((tick) => direction * tick)));
+  }
+
   setRate(rate) {
     if (!RATES.includes(rate)) return;
     this.rate = rate;
@@ -133,6 +140,7 @@ const orders = {
   rate: ({ rate }) => player.setRate(rate),
   part: ({ apart }) => player.jump(apart ? "apart" : "part"),
   fit: () => player.fit(),
+  event: ({ direction }) => player.jumpToEvent(direction > 0 ? 1 : -1),
   view: ({ x, y, scale }, side) => player.send({ kind: "view", x, y, scale }, frames[1 - side]),
 };
 addEventListener("message", (event) => {
@@ -166,6 +174,8 @@ const keys = {
   End: () => player.seek(player.lastTick),
   "<": () => faster(-1),
   ">": () => faster(1),
+  n: () => player.jumpToEvent(1),
+  p: () => player.jumpToEvent(-1),
   g: (event) => player.jump(event.shiftKey ? "apart" : "part"),
   0: () => player.fit(),
 };

@@ -13,6 +13,7 @@ function followPage(viewer) {
     pause: () => tell("pause"),
     seek: (tick) => tell("seek", { tick: Math.round(tick) }),
     step: (ticks) => tell("step", { ticks }),
+    jumpToEvent: (direction) => tell("event", { direction }),
     setRate: (rate) => tell("rate", { rate }),
     advance: () => {},
   });

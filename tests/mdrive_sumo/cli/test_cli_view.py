@@ -71,7 +71,7 @@ def test_an_exported_page_stands_alone(run: Path, tmp_path: Path, replays: list[
     path = tmp_path / "x" / "page.html"
     assert call("view", run, "--export", path).exit_code == 0
     assert replays == [] and read_links(path) == set()
-    assert "This page stands alone" in Page(path.read_text()).text
+    assert "Written without replays" in Page(path.read_text()).text
     assert str(run / "logs" / "s2.0.log") in path.read_text()
 
 
