@@ -1,6 +1,6 @@
 """Why each CAV lost score, in plain English: one line per CAV, of one part per infraction or ending."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End
@@ -61,11 +61,6 @@ def explain_losses(result: ScenarioResult, route_lengths: Mapping[str, float]) -
         CavLosses(ego.id, ego.outcome, ego.ds, _list_losses(ego, cavs, route_lengths.get(ego.id)))
         for ego in sorted(lost, key=lambda ego: ego.ds)
     )
-
-
-def list_infraction_kinds(results: Sequence[ScenarioResult]) -> list[str]:
-    """Return the kinds of all infractions, also of those without a cost, sorted."""
-    return sorted({event.kind for result in results for ego in result.egos for event in ego.infractions})
 
 
 def _list_losses(ego: EgoResult, cavs: set[str], route_m: float | None) -> tuple[Loss, ...]:

@@ -4,7 +4,7 @@ const BESIDE = "beside";
 
 /** Everything that would change the time asks the page instead, which tells both replays. */
 function followPage(viewer) {
-  if (window.name !== BESIDE) return;
+  if (window.name !== BESIDE || parent === window) return;
   const { replay, view } = viewer;
   const tell = (kind, values = {}) => parent.postMessage({ kind, ...values }, "*");
   document.body.classList.add(BESIDE);
