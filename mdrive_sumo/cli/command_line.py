@@ -18,7 +18,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "eval-open": ("evaluate_open", "Compare an agent's plans and detections with recorded drives."),
     "list": ("list", "List suites, scenarios, agents, networks or runs."),
     "show": ("show", "Draw a scenario."),
-    "view": ("view", "Replay a recorded episode in the browser."),
+    "view": ("view", "See in the browser what each CAV lost, compare runs, replay an episode."),
     "export": ("export", "Write recorded episodes for Foxglove, CommonRoad, SUMO, OpenSCENARIO, pandas, ..."),
     "verify": ("verify", "Execute a run again and compare every tick."),
     "rescore": ("rescore", "Score a run's recordings again, without simulation."),

@@ -1,5 +1,6 @@
 """`mdrive-sumo eval`."""
 
+import shlex
 import signal
 import sys
 from collections.abc import Callable
@@ -171,4 +172,5 @@ def _list_written_files(run: PreparedRun) -> str:
         files[f"{LOGS_FOLDER}/"] = "output of the agent's processes"
     if run.config.record:
         files[f"{EPISODES_FOLDER}/"] = "recordings, for view, verify and rescore"
-    return "\n".join(f"{run.folder / name}  {what}" for name, what in files.items())
+    lines = [f"{run.folder / name}  {what}" for name, what in files.items()]
+    return "\n".join((*lines, f"mdrive-sumo view {shlex.quote(str(run.folder))}  what each CAV lost, in the browser"))

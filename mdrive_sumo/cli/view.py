@@ -1,63 +1,182 @@
 """`mdrive-sumo view`."""
 
+import sys
 import webbrowser
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
 
 from mdrive_sumo.cli.choice import choose_seed, find_one_scenario
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.episode import load_episode
-from mdrive_sumo.report.replay_marks import find_marks
-from mdrive_sumo.report.replay_page import render_replay
-from mdrive_sumo.runs.evaluate import report_write_errors
-from mdrive_sumo.runs.prepared_run import PreparedRun
-from mdrive_sumo.runs.stored_run import load_stored_run
+from mdrive_sumo.report.run_page.compared_runs import ComparedRun, load_compared_runs
+from mdrive_sumo.report.run_page.comparison_data import build_comparison_data, find_telling_seeds
+from mdrive_sumo.report.run_page.comparison_files import (
+    build_in_step_page,
+    check_recordings_exist,
+    find_comparison_folder,
+    name_in_step_file,
+    select_pairs,
+    write_in_step_pages,
+)
+from mdrive_sumo.report.run_page.comparison_page import render_comparison_page
+from mdrive_sumo.report.run_page.replay_files import (
+    VIEW_FOLDER,
+    ReplaySelection,
+    build_replay,
+    name_replay_file,
+    select_replays,
+    write_page,
+    write_replays,
+)
+from mdrive_sumo.report.run_page.run_page import render_run_page
+from mdrive_sumo.report.run_page.run_page_data import build_run_page_data
+from mdrive_sumo.runs.stored_run import StoredRun, load_stored_run
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.variation import load_varied_scenario
 from mdrive_sumo.scoring import Results, ScenarioResult
+
+RUN_PAGE = "index.html"
+RUN_NOTES: Mapping[ReplaySelection, str] = {
+    ReplaySelection.LOST: "Replays are linked where something was lost; `mdrive-sumo view RUN --replays all` writes the"
+    " others as well.",
+    ReplaySelection.ALL: "",
+    ReplaySelection.NONE: "Written without replays: `mdrive-sumo view RUN` writes the page with them.",
+}
+COMPARISON_NOTES: Mapping[ReplaySelection, str] = {
+    ReplaySelection.LOST: "Scores that differ link to both replays in step; `mdrive-sumo view A B --replays all` writes"
+    " the others as well.",
+    ReplaySelection.ALL: "",
+    ReplaySelection.NONE: "Written without replays: `mdrive-sumo view RUN_A RUN_B` writes the page with them.",
+}
 
 
 @click.command("view")
-@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.argument("run_folders", metavar="RUN...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--scenario",
     "patterns",
     multiple=True,
     metavar="GLOB",
-    help="Which one: an id, or a glob that fits one; may be repeated [default: the first].",
+    help="Replay this scenario: an id, or a glob that fits one; may be repeated [default: the page of the runs].",
 )
-@click.option("--seed", type=int, help="Which one in a run of several seeds [default: the first].")
+@click.option(
+    "--seed",
+    type=int,
+    help="Of --scenario [default: the run's first; of two runs, the one in which they differ most].",
+)
 @click.option("--export", type=click.Path(path_type=Path, dir_okay=False), help="Write the page here, open nothing.")
-@click.option("--no-open", is_flag=True, help="Write RUN/view/SCENARIO.html and open nothing.")
+@click.option("--no-open", is_flag=True, help="Open nothing.")
+@click.option(
+    "--replays",
+    type=click.Choice([str(selection) for selection in ReplaySelection]),
+    help="Replays beside the page: where something was lost (of several runs: where scores differ), all, none"
+    " [default: lost].",
+)
 @click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
-def command(
-    run_folder: Path,
-    patterns: tuple[str, ...],
-    seed: int | None,
-    export: Path | None,
-    no_open: bool,
-    suite: str | None,
-) -> None:
-    """Replay a recorded episode in the browser.
+def command(run_folders: tuple[Path, ...], **options: object) -> None:
+    """Open the page of a run in the browser, compare runs, or replay an episode.
 
-    The page is one self-contained HTML file that never reaches the network; `?` in it lists the keys.
+    The page of a run lists its scenarios, the worst first: what each CAV lost and why, with links into the replays.
+    Several runs are compared with the first of them: paired differences, settings that differ, and two replays of a
+    scenario in step. --scenario opens the replay of one episode, or those of two runs in step.
+
+    All pages are HTML files below the (first) RUN/view that never reach the network; those of earlier calls are written
+    anew. `?` in a replay lists the keys.
     """
-    if export is not None and len(patterns) > 1:
-        raise click.UsageError(f"--export: expected one --scenario with it, found {len(patterns)}")
-    stored = load_stored_run(run_folder, suite)
+    given = _ViewOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
+    given.check(len(run_folders))
+    first, *others = run_folders
+    if others:
+        runs = load_compared_runs(run_folders, given.suite)
+        paths = [*_write_in_step(runs, given)] if given.patterns else [_write_comparison(runs, given)]
+    else:
+        stored = load_stored_run(first, given.suite)
+        paths = [*_write_episodes(stored, given)] if given.patterns else [_write_run_page(stored, given)]
+    _open(paths, is_wanted=not (given.export or given.no_open))
+
+
+@dataclass(frozen=True, slots=True)
+class _ViewOptions:
+    patterns: tuple[str, ...]
+    seed: int | None
+    export: Path | None
+    no_open: bool
+    replays: str | None
+    suite: str | None
+
+    @property
+    def selection(self) -> ReplaySelection:
+        """The replays beside a page; an exported one stands alone."""
+        return ReplaySelection.NONE if self.export else ReplaySelection(self.replays or ReplaySelection.LOST)
+
+    def check(self, runs: int) -> None:
+        """Raise click.UsageError for options that do not go together. runs: how many are viewed."""
+        if self.patterns and runs > 2:
+            raise click.UsageError(f"--scenario: expected one RUN or two with it, found {runs}")
+        if self.export is not None and len(self.patterns) > 1:
+            raise click.UsageError(f"--export: expected one --scenario with it, found {len(self.patterns)}")
+        if self.seed is not None and not self.patterns:
+            raise click.UsageError("--seed: expected a --scenario with it, found none")
+        if self.replays is not None and (self.patterns or self.export):
+            raise click.UsageError("--replays: expected neither --scenario nor --export with it")
+
+
+def _write_run_page(stored: StoredRun, given: _ViewOptions) -> Path:
+    folder, selection = stored.run.folder / VIEW_FOLDER, given.selection
+    path = given.export or folder / RUN_PAGE
+    chosen = select_replays(stored.run, stored.results.scenarios, selection)
+    _follow(write_replays(folder, stored.run, chosen), len(chosen))
+    data = build_run_page_data(stored, {result.key for result in chosen}, path)
+    write_page(path, render_run_page(data, replays_note=RUN_NOTES[selection]))
+    return path
+
+
+def _write_comparison(runs: Sequence[ComparedRun], given: _ViewOptions) -> Path:
+    folder, selection = find_comparison_folder(runs), given.selection
+    path = given.export or folder / RUN_PAGE
+    seeds = select_pairs(runs, selection)
+    check_recordings_exist(runs, seeds.items())
+    links = {(scenario, letter): name_in_step_file(scenario, letter) for scenario, letter in seeds}
+    data = build_comparison_data(runs, links, path)
+    _follow(write_in_step_pages(folder, runs, seeds.items()), len(seeds))
+    write_page(path, render_comparison_page(data, replays_note=COMPARISON_NOTES[selection]))
+    return path
+
+
+def _write_in_step(runs: Sequence[ComparedRun], given: _ViewOptions) -> Iterator[Path]:
+    first, other = runs
+    seeds = find_telling_seeds(runs)
+    for pattern in given.patterns:
+        scenario = find_one_scenario(first.stored.run.suite, pattern).id
+        known = seeds.get((scenario, other.letter), first.stored.results.run.seed)
+        seed = known if given.seed is None else choose_seed(first.stored.results, given.seed)
+        path = given.export or find_comparison_folder(runs) / name_in_step_file(scenario, other.letter)
+        write_page(path, build_in_step_page(first, other, (scenario, seed)))
+        yield path
+
+
+def _follow(written: Iterable[Path], count: int) -> None:
+    """Write the pages, with a bar on a terminal."""
+    with click.progressbar(written, count, "replays", file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
+        for _ in bar:
+            pass
+
+
+def _write_episodes(stored: StoredRun, given: _ViewOptions) -> Iterator[Path]:
     run, results = stored.run, stored.results
-    chosen = [find_one_scenario(run.suite, pattern) for pattern in patterns] or [run.scenarios[0]]
-    found = [_find_result(results, scenario, choose_seed(results, seed)) for scenario in chosen]
-    for scenario, result in zip(chosen, found, strict=True):
-        ending = f"-seed{result.seed}" if len(results.run.all_seeds) > 1 else ""
-        path = export or run_folder / "view" / f"{scenario.id}{ending}.html"
-        page = _build_page(run, scenario, result)
-        with report_write_errors(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(page, encoding="utf-8")
+    chosen = [find_one_scenario(run.suite, pattern) for pattern in given.patterns]
+    found = [_find_result(results, scenario, choose_seed(results, given.seed)) for scenario in chosen]
+    for result in found:
+        path = given.export or run.folder / VIEW_FOLDER / name_replay_file(run, result)
+        write_page(path, build_replay(run, result))
+        yield path
+
+
+def _open(paths: Sequence[Path], *, is_wanted: bool) -> None:
+    for path in paths:
         click.echo(path)
-        if not (export or no_open) and not webbrowser.open(path.resolve().as_uri()):
+        if is_wanted and not webbrowser.open(path.resolve().as_uri()):
             click.echo("no browser found here: open the file above in one", err=True)
 
 
@@ -70,14 +189,4 @@ def _find_result(results: Results, scenario: Scenario, seed: int) -> ScenarioRes
             f"scenario {scenario.id}: expected one that this run has driven ({names}), found one outside its"
             f" --scenario; `mdrive-sumo eval --scenario {scenario.id}` drives it in a run of its own"
         )
-    if found.status == "void":
-        raise InputError(f"scenario {scenario.id}: expected a recorded episode, found a void one ({found.reason})")
     return found
-
-
-def _build_page(run: PreparedRun, scenario: Scenario, result: ScenarioResult) -> str:
-    if not run.config.record:
-        raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
-    episode = load_episode(run.find_recording(result.key))
-    varied, roads = load_varied_scenario(run.suite, scenario, result.seed)
-    return render_replay(episode, varied, roads, find_marks(episode, result), result)

@@ -32,6 +32,7 @@ SCRIPTS = (
     "viewer_lists.js",
     "viewer_room.js",
     "viewer_input.js",
+    "viewer_beside.js",
     "viewer.js",
 )
 FRAME_HEIGHT_PX = 640
@@ -78,12 +79,9 @@ def render_replay(
 
     The same episode gives the same bytes; its content policy forbids every connection.
     """
-    static = files("mdrive_sumo.report") / "static"
-    colours = f"const CAV_COLOURS = {json.dumps(CAV_COLOURS)};"
-    script = "\n".join((colours, *((static / name).read_text("utf-8") for name in SCRIPTS)))
-    style = format_custom_properties() + (static / "viewer.css").read_text("utf-8")
+    style, script = build_replay_style(), build_replay_script()
     environment = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)
-    return environment.from_string((static / "viewer.html").read_text("utf-8")).render(
+    return environment.from_string(_read_static("viewer.html")).render(
         title=f"{scenario.id} · mdrive-sumo",
         style=style,
         style_hash=hash_for_policy(style),
@@ -91,6 +89,20 @@ def render_replay(
         script_hash=hash_for_policy(script),
         data=pack_replay_data(episode, scenario, roads, marks, result),
     )
+
+
+def build_replay_style() -> str:
+    """Return the style sheet of every replay page."""
+    return format_custom_properties() + _read_static("viewer.css")
+
+
+def build_replay_script() -> str:
+    """Return the script of every replay page."""
+    return "\n".join((f"const CAV_COLOURS = {json.dumps(CAV_COLOURS)};", *map(_read_static, SCRIPTS)))
+
+
+def _read_static(name: str) -> str:
+    return (files("mdrive_sumo.report") / "static" / name).read_text("utf-8")
 
 
 def hash_for_policy(text: str) -> str:

@@ -193,6 +193,7 @@ def _endings(scenario: ScenarioResult) -> str:
 def _commands() -> str:
     return "\n".join(
         (
+            "    mdrive-sumo view RUN                   see in the browser what each CAV lost, and why",
             "    mdrive-sumo view RUN --scenario ID     watch an episode in the browser",
             "    mdrive-sumo verify RUN                 execute it again and compare every tick",
             "    mdrive-sumo rescore RUN                score the recordings again, without simulation",

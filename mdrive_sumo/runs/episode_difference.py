@@ -5,12 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.episode.quantization import from_quanta
+from mdrive_sumo.episode.quantization import Quanta, from_quanta
 from mdrive_sumo.v2x.channel import DeliveryStatus
 
 STATE_NAMES = ("x", "y", "yaw", "speed")
+STATE_UNITS = ("m", "m", "rad", "m/s")
 CONTROL_NAMES = ("throttle", "brake", "steer")
 
 
@@ -38,6 +41,60 @@ def find_first_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> Epis
                 f"{now.ego!r} ends {now.end} in tick {now.tick}, ended {then.end} in tick {then.tick}",
             )
     return None
+
+
+def find_parting(a: EpisodeRecord, b: EpisodeRecord) -> EpisodeDifference | None:
+    """Return the first tick in which the CAVs of two episodes differ, and how one of them does; None if they never do.
+
+    Other road users are not compared: they may differ earlier or later. Raises InputError unless both have the same
+    CAVs.
+    """
+    here, there, states, others = _align_cavs(a, b)
+    differing = (here != there) | (here & there & (states != others).any(axis=-1))
+    rows = np.flatnonzero(differing.any(axis=1))
+    if not len(rows):
+        return None if a.ticks == b.ticks else EpisodeDifference(len(here), "one episode ends")
+    tick = int(rows[0])
+    column = int(np.flatnonzero(differing[tick])[0])
+    if here[tick, column] != there[tick, column]:
+        return EpisodeDifference(tick, f"CAV {a.ego_ids[column]} has ended in one of them")
+    return EpisodeDifference(
+        tick, f"CAV {a.ego_ids[column]} has {_compare_quanta(states[tick, column], others[tick, column])}"
+    )
+
+
+def find_separation(a: EpisodeRecord, b: EpisodeRecord, metres: float) -> EpisodeDifference | None:
+    """Return the first tick in which a CAV is farther than `metres` from its place in the other episode, or None.
+
+    Raises InputError unless both have the same CAVs.
+    """
+    here, there, states, others = _align_cavs(a, b)
+    offsets = from_quanta(states)[..., :2] - from_quanta(others)[..., :2]
+    distances = np.where(here & there, portable.hypot(offsets[..., 0], offsets[..., 1]), 0.0)
+    rows = np.flatnonzero((distances > metres).any(axis=1))
+    if not len(rows):
+        return None
+    column = int(distances[rows[0]].argmax())
+    return EpisodeDifference(int(rows[0]), f"CAV {a.ego_ids[column]}")
+
+
+def _align_cavs(a: EpisodeRecord, b: EpisodeRecord) -> tuple[Bool, Bool, Quanta, Quanta]:
+    """Return presence (T, C) and states (T, C, 4) of the CAVs of both, in the order of `a`, as long as both go on."""
+    if sorted(a.ego_ids) != sorted(b.ego_ids):
+        raise InputError(
+            f"recordings of {a.scenario}: expected two with the same CAVs, found {', '.join(a.ego_ids)} and"
+            f" {', '.join(b.ego_ids)}"
+        )
+    ticks, columns = min(a.ticks, b.ticks), [b.ego_ids.index(ego) for ego in a.ego_ids]
+    count = len(columns)
+    return a.valid[:ticks, :count], b.valid[:ticks, columns], a.quanta[:ticks, :count], b.quanta[:ticks, columns]
+
+
+def _compare_quanta(state: Quanta, other: Quanta) -> str:
+    """Return the last of x, y, yaw and speed that differs, with both values."""
+    i = int(np.flatnonzero(state != other)[-1])
+    values = (f"{from_quanta(quanta)[i]:.3f}" for quanta in (state, other))
+    return f"{STATE_NAMES[i]} {' and '.join(values)} {STATE_UNITS[i]}"
 
 
 def find_content_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> EpisodeDifference | None:

@@ -2,6 +2,8 @@
 
 import os
 import shutil
+from collections.abc import Iterator
+from typing import Any
 
 NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
 """The shell needs a third of the processor time: it makes no windows, and no pages for their frames."""
@@ -29,3 +31,16 @@ COVERED = """() => {
 def list_flags() -> list[str]:
     """Return the flags with which Chromium runs here, also as root."""
     return [*FLAGS.split(), *(["--no-sandbox"] if os.geteuid() == 0 else [])]
+
+
+def open_quietly(browser: Any, address: str, size: tuple[int, int] = (1280, 720)) -> Iterator[Any]:
+    """Yield a fresh tab with a page; at the end, nothing may have been fetched or complained about."""
+    tab = browser.new_page(viewport={"width": size[0], "height": size[1]})
+    trouble: list[str] = []
+    tab.on("console", lambda message: trouble.append(message.text))
+    tab.on("pageerror", lambda error: trouble.append(str(error)))
+    tab.on("request", lambda request: None if request.url.startswith("file:") else trouble.append(request.url))
+    tab.goto(address)
+    yield tab
+    tab.close()
+    assert trouble == []

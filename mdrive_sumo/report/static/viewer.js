@@ -254,6 +254,7 @@ async function start() {
   listenToButtons(viewer);
   listenToKeys(viewer);
   listenToPointer(viewer);
+  followPage(viewer);
   window.viewer = {
     get tick() {
       return Math.floor(viewer.time);

@@ -87,10 +87,11 @@ def test_show_refuses_an_ending_that_is_no_picture(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_view_exports_one_page_without_links(run_folder: Path, tmp_path: Path) -> None:
     path = tmp_path / "x.html"
-    done = call("view", run_folder, "--export", path)
+    first = load_suite("interdrive").scenarios[0].id
+    done = call("view", run_folder, "--scenario", first, "--export", path)
     assert (done.exit_code, done.output) == (0, f"{path}\n")
     page = path.read_text()
-    assert load_suite("interdrive").scenarios[0].id in page
+    assert first in page
     assert "http://" not in page
     assert "https://" not in page
 
@@ -99,8 +100,9 @@ def test_view_exports_one_page_without_links(run_folder: Path, tmp_path: Path) -
 def test_view_opens_the_page_in_a_browser(run_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", lambda url: not opened.append(url))
-    assert call("view", run_folder).exit_code == 0
-    page = run_folder / "view" / f"{load_suite('interdrive').scenarios[0].id}.html"
+    first = load_suite("interdrive").scenarios[0].id
+    assert call("view", run_folder, "--scenario", first).exit_code == 0
+    page = run_folder / "view" / f"{first}.html"
     assert opened == [page.as_uri()]
     assert page.is_file()
 

@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.state import Actors, Contact, EgoState, End, Frame, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, quantize_frame
-from mdrive_sumo.runs.episode_difference import find_content_difference, find_first_difference
+from mdrive_sumo.runs.episode_difference import (
+    find_content_difference,
+    find_first_difference,
+    find_parting,
+    find_separation,
+)
 
 TICKS = 8
 PEDAL = Control(throttle=0.5, brake=0.0, steer=0.0)
@@ -90,3 +95,32 @@ def test_the_first_difference_is_named(again: EpisodeRecord, tick: int, text: st
     difference = find_first_difference(RECORDED, again)
     assert difference is not None
     assert (difference.tick, difference.text) == (tick, text)
+
+
+@given(st.integers(0, TICKS - 1), st.sampled_from(["0", "1"]), st.floats(0.1, 30.0))
+def test_parting_is_the_first_tick_in_which_a_cav_differs(tick: int, ego: str, metres: float) -> None:
+    """From that tick on the CAV is so far to the side; other road users count for nothing."""
+    moved = [_shift(seen, ego, metres) if seen.tick >= tick else seen for seen in FRAMES]
+    other = episode(moved)
+    found = find_parting(RECORDED, other)
+    assert found and found.tick == tick and found.text.startswith(f"CAV {ego} has y ")
+    assert found.text.endswith(" m")
+    back = find_parting(other, RECORDED)
+    assert back and back.tick == tick
+    apart = find_separation(RECORDED, other, metres - 0.05)
+    assert apart and (apart.tick, apart.text) == (tick, f"CAV {ego}")
+    assert find_separation(RECORDED, other, metres + 0.05) is None
+
+
+def _shift(seen: Frame, ego: str, metres: float) -> Frame:
+    state = seen.egos[ego]
+    return replace(seen, egos={**seen.egos, ego: replace(state, y=state.y + metres)})
+
+
+def test_parting_of_equal_and_of_shorter_episodes() -> None:
+    assert find_parting(RECORDED, changed(3, signals={"light": "r"})) is None
+    found = find_parting(RECORDED, episode(FRAMES[:5], end=4))
+    assert found and (found.tick, found.text) == (5, "one episode ends")
+    gone = {name: state for name, state in FRAMES[6].egos.items() if name == "0"}
+    found = find_parting(RECORDED, changed(6, egos=gone))
+    assert found and (found.tick, found.text) == (6, "CAV 1 has ended in one of them")

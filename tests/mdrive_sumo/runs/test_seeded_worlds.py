@@ -48,7 +48,7 @@ def test_everything_that_reads_a_run_takes_its_world(run_folder: Path, tmp_path:
     assert loaded.digest == md.simulate(SCENARIO, "constant-speed", seed=1).digest
     assert loaded.scenario != loaded.scenario.as_written
     page = tmp_path / "page.html"
-    assert call("view", run_folder, "--export", page).exit_code == 0
+    assert call("view", run_folder, "--scenario", SCENARIO, "--export", page).exit_code == 0
     theirs = tmp_path / "theirs.html"
     write_replay_page(
         ReplayRequest("interdrive", SCENARIO, recorded, run_folder / "episodes" / f"{SCENARIO}.npz", theirs)

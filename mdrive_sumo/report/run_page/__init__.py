@@ -1,0 +1,1 @@
+"""Pages of whole runs: one run with what each CAV lost, several runs compared, two replays in step."""

@@ -1,0 +1,60 @@
+"""Two replays of one scenario in step: one page with both, one time line, and the tick in which they part."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+
+from jinja2 import Environment, StrictUndefined
+
+from mdrive_sumo.core.state import DT
+from mdrive_sumo.report.palette import format_custom_properties
+from mdrive_sumo.report.replay_page import build_replay_script, build_replay_style, hash_for_policy
+from mdrive_sumo.runs.episode_difference import EpisodeDifference
+
+APART_M = 1.0
+"""Replays are apart from where a CAV is farther than this [m] from its place in the other: what an eye can see."""
+
+
+@dataclass(frozen=True, slots=True)
+class InStepSide:
+    """One of the two replays."""
+
+    letter: str
+    agent: str
+    name: str
+    """The run's folder."""
+    ds: float
+    html: str
+    """Its replay page."""
+
+
+def render_in_step(
+    scenario: str,
+    seed_text: str,
+    sides: Sequence[InStepSide],
+    parting: EpisodeDifference | None,
+    separation: EpisodeDifference | None,
+) -> str:
+    """Return the page. Its content policy forbids every connection and every script but its own and the replays'.
+
+    parting: the first tick in which the CAVs differ; None if they never do. separation: the first in which a CAV is
+    farther than `APART_M` from its place in the other.
+    """
+    static = files("mdrive_sumo.report") / "static"
+    style = format_custom_properties() + (static / "in_step.css").read_text("utf-8")
+    script = (static / "in_step.js").read_text("utf-8")
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    return environment.from_string((static / "in_step.html").read_text("utf-8")).render(
+        title=f"{scenario}: {' and '.join(side.agent for side in sides)} in step · mdrive-sumo",
+        scenario=scenario,
+        seed_text=seed_text,
+        sides=sides,
+        parting=parting,
+        separation=separation,
+        apart_m=APART_M,
+        tick_s=DT,
+        style=style,
+        script=script,
+        style_hashes=[hash_for_policy(text) for text in (style, build_replay_style())],
+        script_hashes=[hash_for_policy(text) for text in (script, build_replay_script())],
+    )
