@@ -57,6 +57,8 @@ class Canvas:
     def write(self, text: str, place: tuple[float, float], size_px: float, colour: str, align: Align = "left") -> None:
         """Write a bold line of text; `place` is the left end, middle or right end of its base line."""
         outline, width = _lay_out_text(text, size_px)
+        if not width:
+            return
         shift = {"left": 0.0, "centre": 0.5, "right": 1.0}[align] * width
         transform = Affine2D().scale(1, -1).translate(place[0] - shift, place[1])
         self._draw(outline.transformed(transform), colour, "", 0.0)
@@ -111,8 +113,10 @@ def _build_closed_path(rings: Rings) -> Path:
 @lru_cache(maxsize=4096)
 def _lay_out_text(text: str, size_px: float) -> tuple[Path, float]:
     """Return the outline of a text with y up from its base line, and its width [px]."""
+    if not text.strip():
+        return Path(np.zeros((0, 2))), 0.0
     outline = TextPath((0, 0), text.replace("$", r"\$"), size_px, FontProperties(family="DejaVu Sans", weight="bold"))
-    return outline, float(outline.get_extents().x1) if len(outline.vertices) else 0.0
+    return outline, float(outline.get_extents().x1)
 
 
 @lru_cache(maxsize=4096)

@@ -103,8 +103,12 @@ class FramePainter(ABC):
             LabelRequest(x, -y, width, 1.5 * size, self.label_clearance(camera))
             for (_, x, y), width in zip(shown, widths, strict=True)
         ]
-        for (column, _, _), box in zip(shown, place_labels(requests), strict=True):
+        for (column, _, _), box in zip(shown, place_labels(requests, self.list_taken(camera, tick)), strict=True):
             self._write_label(record.ids[column], box, self.episode.colours[column], size)
+
+    def list_taken(self, camera: Camera, tick: int) -> list[LabelBox]:  # noqa: ARG002
+        """Return where no label may be (y up)."""
+        return []
 
     def label_clearance(self, camera: Camera) -> float:  # noqa: ARG002
         """Return the distance [px] between a label and the point that it belongs to."""

@@ -1,6 +1,6 @@
 """Which ticks of an episode a picture or a video shows."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import count, pairwise, takewhile
 
 from mdrive_sumo.core.state import TICKS_PER_SECOND
@@ -8,12 +8,12 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.scoring import Infraction, ScenarioResult
 
 
-def find_telling_tick(record: EpisodeRecord, result: ScenarioResult) -> int:
+def find_telling_tick(episodes: Iterable[tuple[EpisodeRecord, ScenarioResult]]) -> int:
     """Return the tick of the first infraction that costs something, else of the first contact, else the middle."""
-    costly = list_costly_infractions(result)
-    if costly:
-        return costly[0][1].tick
-    return min((tick for tick, _ in record.contacts), default=record.ticks // 2)
+    every = list(episodes)
+    costly = [entry[1].tick for _, result in every for entry in list_costly_infractions(result)]
+    contacts = [tick for record, _ in every for tick, _ in record.contacts]
+    return min(costly or contacts or [max(record.ticks for record, _ in every) // 2])
 
 
 def choose_telling_cav(record: EpisodeRecord, result: ScenarioResult) -> str:

@@ -93,8 +93,8 @@ def _find_ticks(episodes: Sequence[RenderedEpisode], ending: str, options: Rende
     end = max(episode.record.ticks for episode in episodes) - 1
     if ending == PICTURE:
         _refuse({"from": options.first, "to": options.last, "fps": options.fps}, "a video (.gif, .mp4)")
-        tick = find_telling_tick(episodes[0].record, episodes[0].result) if options.tick is None else options.tick
-        return [_check_tick("tick", tick, 0, end)]
+        chosen = find_telling_tick((one.record, one.result) for one in episodes)
+        return [_check_tick("tick", chosen if options.tick is None else options.tick, 0, end)]
     _refuse({"tick": options.tick}, "a picture (.png)")
     if not MIN_SPEED <= options.speed <= MAX_SPEED:
         raise InputError(f"render: speed: expected {MIN_SPEED:g} to {MAX_SPEED:g}, found {options.speed:g}")

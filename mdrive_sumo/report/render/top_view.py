@@ -8,10 +8,11 @@ import shapely
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.report.actor_plot import MIN_SIZE_M
+from mdrive_sumo.report.label_placement import LabelBox
 from mdrive_sumo.report.map_geometry import build_map_geometry, list_signal_heads
 from mdrive_sumo.report.map_plot import fit_view
 from mdrive_sumo.report.palette import LIGHT
-from mdrive_sumo.report.render.cameras import TopCamera
+from mdrive_sumo.report.render.cameras import Camera, TopCamera
 from mdrive_sumo.report.render.frame_painter import FramePainter, list_route_points
 from mdrive_sumo.report.render.ground_layers import build_ground_layers, build_route_layers
 from mdrive_sumo.report.render.rendered_episode import RenderedEpisode
@@ -72,7 +73,20 @@ class TopView(FramePainter):
         """Return 0: heights do not matter from above."""
         return 0.0
 
-    def label_clearance(self, camera: object) -> float:  # noqa: ARG002
+    def list_taken(self, camera: Camera, tick: int) -> list[LabelBox]:
+        """Return the boxes of all CAVs: no label covers another CAV."""
+        record = self.episode.record
+        found: list[LabelBox] = []
+        for column in (one for one in self.episode.list_present(tick) if one < record.egos):
+            x, y, yaw = self.episode.find_pose(column, tick)
+            corners = box_corners(x, y, yaw, float(record.length[column]), float(record.width[column]))
+            outline = camera.project(Rings.concat([lift(corners, 0.0)])).points * (1.0, -1.0)
+            low, high = outline.min(0), outline.max(0)
+            middle, size = (low + high) / 2, high - low
+            found.append(LabelBox(float(middle[0]), float(middle[1]), float(size[0]), float(size[1])))
+        return found
+
+    def label_clearance(self, camera: Camera) -> float:  # noqa: ARG002
         """Return the distance [px] between a label and the middle of its CAV."""
         return max(LABEL_M * self._scale, 0.6 * LEAST_CAV_PX)
 
