@@ -6,13 +6,13 @@ from pathlib import Path
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.report.render.canvas import GAP_PX, Pixels, join_pictures
-from mdrive_sumo.report.render.chase_view import ChaseView
+from mdrive_sumo.report.render.chase_view_painter import ChaseViewPainter
 from mdrive_sumo.report.render.frame_painter import FramePainter
 from mdrive_sumo.report.render.frame_times import choose_telling_cav, choose_ticks, find_telling_tick
 from mdrive_sumo.report.render.picture_files import PICTURE, check_output, write_gif, write_mp4, write_png
 from mdrive_sumo.report.render.render_options import DEFAULT_FPS, DEFAULT_SIZE, RenderOptions
 from mdrive_sumo.report.render.rendered_episode import RenderedEpisode
-from mdrive_sumo.report.render.top_view import TopView
+from mdrive_sumo.report.render.top_view_painter import TopViewPainter
 
 LEAST_PX, MOST_PX = 160, 4096
 MAX_FPS = 50
@@ -53,8 +53,8 @@ def _make_painter(episode: RenderedEpisode, size: tuple[int, int], options: Rend
         raise InputError(f"render: follow: {describe_unknown(follow, names)}")
     if options.view == "chase":
         chosen = follow or choose_telling_cav(episode.record, episode.result)
-        return ChaseView(episode, size, options.messages, names.index(chosen))
-    return TopView(episode, size, options.messages, None if follow is None else names.index(follow))
+        return ChaseViewPainter(episode, size, options.messages, names.index(chosen))
+    return TopViewPainter(episode, size, options.messages, None if follow is None else names.index(follow))
 
 
 def _find_size(options: RenderOptions, ending: str, panels: int) -> tuple[int, int]:

@@ -15,6 +15,8 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.render import picture_files
 
+pytestmark = pytest.mark.slow
+
 SMALL = ("--size", "320x180")
 
 
@@ -58,7 +60,7 @@ def read_gif(path: Path) -> tuple[list[Any], list[int]]:
     frames: list[Any] = []
     durations: list[int] = []
     with Image.open(path) as gif:
-        for i in range(gif.n_frames):
+        for i in range(getattr(gif, "n_frames", 1)):
             gif.seek(i)
             durations.append(int(gif.info["duration"]))
             frames.append(np.asarray(gif.convert("RGB")).astype(int))

@@ -62,8 +62,12 @@ OUTLINES = st.lists(st.tuples(st.floats(-100, 100), st.floats(-100, 100)), min_s
 
 def sort_around_middle(points: list[tuple[float, float]]) -> shapely.Polygon:
     """A polygon without crossings of itself, seldom convex."""
-    middle = np.mean(points, axis=0)
-    return shapely.Polygon(sorted(points, key=lambda p: (math.atan2(p[1] - middle[1], p[0] - middle[0]), *p)))
+    x, y = (math.fsum(column) / len(points) for column in zip(*points, strict=True))
+
+    def find_angle(point: tuple[float, float]) -> tuple[float, float, float]:
+        return math.atan2(point[1] - y, point[0] - x), *point
+
+    return shapely.Polygon(sorted(points, key=find_angle))
 
 
 def shoelace(ring: Any) -> float:

@@ -1,4 +1,4 @@
-"""ChaseView: pictures in perspective from behind and above one CAV."""
+"""ChaseViewPainter: pictures in perspective from behind and above one CAV."""
 
 import math
 from itertools import chain
@@ -35,7 +35,7 @@ SEEN_M = 160.0
 SHADOW_M, SHADOW = 0.25, "#00000038"
 
 
-class ChaseView(FramePainter):
+class ChaseViewPainter(FramePainter):
     """Paints pictures from behind a CAV; buildings between camera and CAV are left out."""
 
     def __init__(self, episode: RenderedEpisode, size: tuple[int, int], messages: bool, follow: int) -> None:

@@ -12,11 +12,11 @@ from mdrive_sumo.core.state import End, Kind
 from mdrive_sumo.report.palette import CAV_COLOURS, LIGHT, SKY
 from mdrive_sumo.report.render.canvas import Canvas, Pixels
 from mdrive_sumo.report.render.captions import choose_text_size
-from mdrive_sumo.report.render.chase_view import ChaseView
+from mdrive_sumo.report.render.chase_view_painter import ChaseViewPainter
 from mdrive_sumo.report.render.rendered_episode import RenderedEpisode
 from mdrive_sumo.report.render.rings import Rings
 from mdrive_sumo.report.render.solids import build_road_user, sort_back_to_front
-from mdrive_sumo.report.render.top_view import FOLLOWED_M, TopView
+from mdrive_sumo.report.render.top_view_painter import FOLLOWED_M, TopViewPainter
 from mdrive_sumo.scoring import EgoResult, Infraction, ScenarioResult
 
 SIZE = 640, 480
@@ -54,7 +54,7 @@ def as_bytes(colour: str) -> tuple[int, int, int]:
 
 def test_a_picture_from_above_has_everything_at_its_place(episode: RenderedEpisode) -> None:
     """Around CAV 0, which drives along +x: pixels are metres times the scale, with north up."""
-    picture = TopView(episode, SIZE, True, 0).paint(3)
+    picture = TopViewPainter(episode, SIZE, True, 0).paint(3)
     x, y, _ = episode.find_pose(0, 3)
     scale = SIZE[1] / FOLLOWED_M
 
@@ -69,14 +69,14 @@ def test_a_picture_from_above_has_everything_at_its_place(episode: RenderedEpiso
 
 
 def test_the_whole_scene_shows_houses_and_all_cavs(episode: RenderedEpisode) -> None:
-    picture = TopView(episode, SIZE, True, None).paint(0).reshape(-1, 3)
+    picture = TopViewPainter(episode, SIZE, True, None).paint(0).reshape(-1, 3)
     for colour, least in ((LIGHT["building"], 200), (CAV_COLOURS[0], 20), (CAV_COLOURS[1], 20)):
         assert (picture == as_bytes(colour)).all(-1).sum() > least
 
 
 def test_the_background_is_painted_once_and_stays(episode: RenderedEpisode) -> None:
     """Ticks in any order give the same picture: nothing of another tick is left over."""
-    view = TopView(episode, SIZE, True, None)
+    view = TopViewPainter(episode, SIZE, True, None)
     first = view.paint(5)
     view.paint(30)
     assert np.array_equal(view.paint(5), first)
@@ -87,15 +87,17 @@ def count_red(picture: Pixels) -> int:
     return int((picture.reshape(-1, 3) == as_bytes(LIGHT["bad"])).all(-1).sum())
 
 
-@pytest.mark.parametrize("view", [TopView, ChaseView])
-def test_an_infraction_is_announced_when_it_happens_and_for_three_seconds(view: type[TopView | ChaseView]) -> None:
+@pytest.mark.parametrize("view", [TopViewPainter, ChaseViewPainter])
+def test_an_infraction_is_announced_when_it_happens_and_for_three_seconds(
+    view: type[TopViewPainter | ChaseViewPainter],
+) -> None:
     view_of = view(make_episode(ticks=160), SIZE, True, 0)
     before, during, after = (count_red(view_of.paint(tick)) for tick in (79, 80, 140))
     assert during > before + 500 > after
 
 
 def test_behind_a_cav_are_sky_road_and_its_rear(episode: RenderedEpisode) -> None:
-    view = ChaseView(episode, SIZE, True, 0)
+    view = ChaseViewPainter(episode, SIZE, True, 0)
     camera = view.paint_world(3)
     picture = view.canvas.to_array()
     x, y, _ = episode.find_pose(0, 3)
@@ -114,7 +116,7 @@ def test_the_camera_stays_where_its_cav_ended(episode: RenderedEpisode) -> None:
     last = int(np.flatnonzero(episode.record.valid[:, 1])[-1])
     assert last < 39
     assert episode.find_pose(1, 39) == episode.find_pose(1, last)
-    ChaseView(episode, SIZE, True, 1).paint(39)
+    ChaseViewPainter(episode, SIZE, True, 1).paint(39)
 
 
 def test_what_is_nearer_is_painted_later() -> None:

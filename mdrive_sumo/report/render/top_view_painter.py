@@ -1,4 +1,4 @@
-"""TopView: pictures from above, of the whole scene or around one CAV."""
+"""TopViewPainter: pictures from above, of the whole scene or around one CAV."""
 
 from typing import TypeGuard
 
@@ -26,7 +26,7 @@ LEAST_CAV_PX = 9.0
 """Every CAV stays visible from afar."""
 
 
-class TopView(FramePainter):
+class TopViewPainter(FramePainter):
     """Paints pictures from above with north up; the ground is painted once unless the camera moves."""
 
     def __init__(self, episode: RenderedEpisode, size: tuple[int, int], messages: bool, follow: int | None) -> None:
