@@ -55,10 +55,16 @@ class FramePainter(ABC):
         """Return the height [m] of the point that a CAV's label belongs to."""
 
     def _draw_links(self, camera: Camera, tick: int) -> None:
+        """Draw the messages that arrived a moment ago, and the road-side units as discs."""
         for link in self.episode.list_links(tick):
             ends = camera.project_segment(np.column_stack((link.ends, (LINK_M, LINK_M))))
             if ends is not None:
                 self.canvas.draw_line(ends, fade(LIGHT[link.type], LINK_OPACITY), 0.12 * self.text_px)
+
+        for rsu in self.episode.scenario.rsus:
+            pixel = camera.find_pixel((rsu.x, rsu.y, LINK_M))
+            if pixel is not None:
+                self.canvas.fill_disc(*pixel, 0.4 * self.text_px, LIGHT["muted"], "#ffffff")
 
     def _draw_flashes(self, camera: Camera, tick: int) -> None:
         """Draw a ring around every contact of the last second, larger and paler with its age."""
