@@ -38,7 +38,7 @@ class Canvas:
 
     def fill_outline(self, outline: Float, colour: str, edge: str = "", edge_px: float = 1.0) -> None:
         """Fill one area (K, 2)."""
-        self.fill(Rings.concat([outline]), colour, edge, edge_px)
+        self._draw(Path(np.concatenate((outline, outline[:1])), closed=True), colour, edge, edge_px)
 
     def fill_card(self, box: tuple[float, float, float, float], colour: str, edge: str = "") -> None:
         """Fill a rectangle (left, top, right, bottom)."""
@@ -82,11 +82,11 @@ class Canvas:
     def _draw(self, path: Path, face: str, edge: str, edge_px: float) -> None:
         pen = self._agg.new_gc()
         pen.set_linewidth(edge_px if edge else 0.0)
-        pen.set_foreground(to_rgba(edge or face), isRGBA=True)
+        pen.set_foreground(_parse_colour(edge or face), isRGBA=True)
         pen.set_joinstyle("round")
         pen.set_capstyle("round")
         pen.set_snap(False)
-        self._agg.draw_path(pen, path, self._flip, to_rgba(face) if face else None)
+        self._agg.draw_path(pen, path, self._flip, _parse_colour(face) if face else None)
 
 
 def join_pictures(pictures: Sequence[Pixels], width: int) -> Pixels:
@@ -117,6 +117,11 @@ def _lay_out_text(text: str, size_px: float) -> tuple[Path, float]:
         return Path(np.zeros((0, 2))), 0.0
     outline = TextPath((0, 0), text.replace("$", r"\$"), size_px, FontProperties(family="DejaVu Sans", weight="bold"))
     return outline, float(outline.get_extents().x1)
+
+
+@lru_cache(maxsize=4096)
+def _parse_colour(colour: str) -> tuple[float, float, float, float]:
+    return to_rgba(colour)
 
 
 @lru_cache(maxsize=4096)

@@ -6,11 +6,11 @@ from itertools import chain
 import numpy as np
 import shapely
 
-from mdrive_sumo.core.geometry import boxes_corners
+from mdrive_sumo.core.geometry import Float, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.report.map_geometry import build_map_geometry, list_signal_heads
 from mdrive_sumo.report.palette import LIGHT, SKY
-from mdrive_sumo.report.render.cameras import FAR_M, ChaseCamera
+from mdrive_sumo.report.render.cameras import ChaseCamera
 from mdrive_sumo.report.render.frame_painter import FramePainter, list_route_points
 from mdrive_sumo.report.render.ground_layers import GroundLayer, build_ground_layers, build_route_layers
 from mdrive_sumo.report.render.rendered_episode import RenderedEpisode
@@ -31,7 +31,9 @@ PITCH = math.radians(12.0)
 FIELD_OF_VIEW = math.radians(60.0)
 """Horizontal."""
 SEEN_M = 160.0
-"""[m] What is farther away than this, is drawn as ground only."""
+"""[m] Of what is farther away only the ground is drawn."""
+BESIDE_M = 15.0
+"""[m] A solid with its middle so far behind the camera may reach in front of it."""
 SHADOW_M, SHADOW = 0.25, "#00000038"
 
 
@@ -92,18 +94,24 @@ class ChaseViewPainter(FramePainter):
         sight = shapely.LineString(((camera.x, camera.y), followed))
         is_hidden = shapely.intersects(self._shapes, sight)
         shown = (pieces for pieces, hidden in zip(self._buildings, is_hidden, strict=True) if not hidden)
-        solids = [
+        standing = [
             *chain.from_iterable(shown),
             *self._signs,
             *(build_signal(h, [self.signals.find_colour(one, tick) for one in h.lights]) for h in self._heads),
-            *(self._build_road_user(column, tick) for column in self.episode.list_present(tick)),
         ]
-        middles = lift(np.array([solid.middle for solid in solids]).reshape(-1, 2), 0.0)
-        depth = camera.to_camera(middles)[:, 2]
-        return [solids[i] for i in np.flatnonzero((depth > -SEEN_M / 10) & (depth < min(SEEN_M, FAR_M))).tolist()]
+        near = _find_near(camera, np.array([solid.middle for solid in standing]).reshape(-1, 2))
+        record, present = self.episode.record, self.episode.list_present(tick)
+        moving = _find_near(camera, np.stack((record.x[tick, present], record.y[tick, present]), axis=-1))
+        return [*(standing[i] for i in near), *(self._build_road_user(present[i], tick) for i in moving)]
 
     def _build_road_user(self, column: int, tick: int) -> Solid:
         record = self.episode.record
         size = float(record.length[column]), float(record.width[column]), float(self.episode.heights[column])
         kind = Kind(int(record.kind[column]))
         return build_road_user(kind, self.episode.find_pose(column, tick), size, self.episode.colours[column])
+
+
+def _find_near(camera: ChaseCamera, places: Float) -> list[int]:
+    """Return which places (K, 2) [m] are in front of the camera or just beside it, and within sight."""
+    depth = camera.to_camera(lift(places, 0.0))[:, 2]
+    return np.flatnonzero((depth > -BESIDE_M) & (depth < SEEN_M)).tolist()
