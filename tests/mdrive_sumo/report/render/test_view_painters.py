@@ -8,6 +8,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from testing.viewer_crossing import crossing, record, scenario
 
+from mdrive_sumo.contract import Message
 from mdrive_sumo.core.state import End, Kind
 from mdrive_sumo.report.palette import CAV_COLOURS, LIGHT, SKY
 from mdrive_sumo.report.render.canvas import Canvas, Pixels
@@ -18,6 +19,7 @@ from mdrive_sumo.report.render.rings import Rings
 from mdrive_sumo.report.render.solids import build_road_user, sort_back_to_front
 from mdrive_sumo.report.render.top_view_painter import FOLLOWED_M, TopViewPainter
 from mdrive_sumo.scoring import EgoResult, Infraction, ScenarioResult
+from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 
 SIZE = 640, 480
 
@@ -162,6 +164,31 @@ def test_any_text_can_be_written() -> None:
     assert choose_text_size(160, 160) == 10.0 < choose_text_size(1280, 720) < choose_text_size(4096, 4096) == 22.0
 
 
-def test_a_moment_without_messages_has_no_lines(episode: RenderedEpisode) -> None:
-    assert episode.list_links(10) == []
-    assert replace(episode).agent == "idm"
+def test_messages_that_arrive_are_lines_for_a_moment(episode: RenderedEpisode) -> None:
+    """Only CPMs and MCMs that were delivered, from and to stations of the scenario."""
+
+    def send(name: str, sender: str, **deliveries: tuple[DeliveryStatus, int]) -> SentMessage:
+        return SentMessage(Message(name, b"", sender, 9), deliveries)
+
+    got, lost = (DeliveryStatus.DELIVERED, 10), (DeliveryStatus.LOST, 10)
+    messages = (
+        send("cpm", "cav_0", cav_1=got),
+        send("mcm", "cav_1", cav_0=lost),
+        send("cam", "cav_1", cav_0=got),
+        send("cpm", "stranger", cav_0=got),
+    )
+    talking = replace(episode, record=replace(episode.record, messages=messages))
+    places = [talking.find_pose(column, 12)[:2] for column in (0, 1)]
+    assert [(link.type, link.ends.tolist()) for link in talking.list_links(12)] == [("cpm", [list(p) for p in places])]
+    assert talking.list_links(9) == talking.list_links(14) == episode.list_links(12) == []
+    for painter in (TopViewPainter, ChaseViewPainter):
+        shown, hidden, silent = (
+            painter(one, SIZE, messages, 0).paint(12)
+            for one, messages in ((talking, True), (talking, False), (episode, True))
+        )
+        assert np.array_equal(hidden, silent)
+        assert (painter is ChaseViewPainter) or not np.array_equal(shown, hidden)
+
+
+def test_the_name_of_the_agent_comes_from_the_recording(episode: RenderedEpisode) -> None:
+    assert episode.agent == "idm"
