@@ -14,6 +14,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.episode import EpisodeRecord, save_episode
 from mdrive_sumo.episode import load_episode as load_record
+from mdrive_sumo.report.render.render_options import ViewName
 from mdrive_sumo.report.replay_page import ReplayPage
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.reference_times import NO_REFERENCE, find_reference_times
@@ -130,6 +131,33 @@ class Episode:
     def replay(self) -> ReplayPage:
         """Return the replay page of `mdrive-sumo view`; a notebook shows it inline, `.save(path)` writes it."""
         return ReplayPage.build(self.record, self.scenario, self.roads, self.result)
+
+    def render(
+        self,
+        path: str | Path,
+        *,
+        view: ViewName = "top",
+        follow: str | None = None,
+        tick: int | None = None,
+        first: int | None = None,
+        last: int | None = None,
+        size: tuple[int, int] | None = None,
+        fps: int | None = None,
+        speed: float = 1.0,
+        messages: bool = True,
+    ) -> Path:
+        """Write a picture (.png) of one tick or a video (.gif; .mp4 with the program ffmpeg) and return its path.
+
+        view: "top", or "chase" from behind the CAV `follow`. tick: of a picture; first, last: of a video. size: width
+        and height in pixels. messages: lines for CPMs and MCMs. Defaults are those of `mdrive-sumo render`; an existing
+        file is replaced. Raises InputError.
+        """
+        from mdrive_sumo.report.render.render_episodes import RenderedEpisode, render_episodes
+        from mdrive_sumo.report.render.render_options import RenderOptions
+
+        options = RenderOptions(view, follow, tick, first, last, size, fps, speed, messages, force=True)
+        rendered = RenderedEpisode(self.record, self.scenario, self.roads, self.result)
+        return render_episodes([rendered], Path(path), options)
 
     def export(self, format: str, out: str | Path) -> Path:
         """Write the episode in the format of another tool (docs/export.md) into a new or empty folder; return it.

@@ -19,6 +19,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "list": ("list", "List suites, scenarios, agents, networks or runs."),
     "show": ("show", "Draw a scenario."),
     "view": ("view", "See in the browser what each CAV lost, compare runs, replay an episode."),
+    "render": ("render", "Draw a recorded episode as a picture or a video."),
     "export": ("export", "Write recorded episodes for Foxglove, CommonRoad, SUMO, OpenSCENARIO, pandas, ..."),
     "verify": ("verify", "Execute a run again and compare every tick."),
     "rescore": ("rescore", "Score a run's recordings again, without simulation."),

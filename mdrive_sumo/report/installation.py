@@ -67,6 +67,7 @@ def examine_installation() -> tuple[InstallationCheck, ...]:
         _simulator(),
         _program("netconvert", "convert", "pip install 'mdrive-sumo[convert]'"),
         _program("bwrap", "serve, submit --dry-run", "on Debian and Ubuntu: apt-get install bubblewrap"),
+        _program("ffmpeg", "render --out x.mp4", "on Debian and Ubuntu: apt-get install ffmpeg"),
     )
 
 

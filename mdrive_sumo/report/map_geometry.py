@@ -40,6 +40,20 @@ class StopMark:
 
 
 @dataclass(frozen=True)
+class SignalHead:
+    """The traffic lights at the end of a lane."""
+
+    place: Float
+    """(2,) [m]"""
+    yaw: float
+    """Driving direction there [rad]."""
+    width: float
+    """Of the lane [m]."""
+    lights: tuple[str, ...]
+    """Names "tls:index", from left to right."""
+
+
+@dataclass(frozen=True)
 class MapGeometry:
     """What a picture of a network shows, from bottom to top [m]."""
 
@@ -78,6 +92,20 @@ def build_map_geometry(roads: RoadMap, area: BaseGeometry) -> MapGeometry:
         light_stops=tuple(StopMark(_cross(lane, lane.centre.length), None) for lane in lanes if lane.lights),
         buildings=tuple(shape for shape in roads.building_shapes if area.intersects(shape)),
     )
+
+
+def list_signal_heads(roads: RoadMap, area: BaseGeometry) -> list[SignalHead]:
+    """Return the traffic lights of all lanes that end in an area."""
+    return [
+        SignalHead(
+            lane.centre.xy[-1],
+            lane.centre.yaw_at(lane.centre.length),
+            lane.width,
+            tuple(dict.fromkeys(lane.lights.values())),
+        )
+        for lane in roads.driving
+        if lane.lights and shapely.intersects(area, shapely.Point(lane.centre.xy[-1]))
+    ]
 
 
 def make_polygon(outline: Float) -> BaseGeometry:

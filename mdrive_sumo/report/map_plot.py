@@ -93,5 +93,5 @@ def _draw_stops(axes: Axes, geometry: MapGeometry, view: MapView) -> None:
     for mark in marks:
         if mark.sign is not None and view.contains(shapely.Point(mark.sign)):
             x, y = mark.sign.tolist()
-            axes.add_patch(RegularPolygon((x, y), 8, radius=1.5, facecolor="#c81e1e", edgecolor="white", zorder=6))
+            axes.add_patch(RegularPolygon((x, y), 8, radius=1.5, facecolor=LIGHT["bad"], edgecolor="white", zorder=6))
             axes.text(x, y, "STOP", color="white", fontsize=4.5, weight="bold", ha="center", va="center", zorder=7)

@@ -17,12 +17,12 @@ from shapely.geometry.polygon import orient
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord
-from mdrive_sumo.report.map_geometry import StopMark, build_map_geometry
+from mdrive_sumo.report.map_geometry import SignalHead, StopMark, build_map_geometry, list_signal_heads
 from mdrive_sumo.report.replay_marks import ReplayMark
 from mdrive_sumo.report.replay_messages import build_message_tables
 from mdrive_sumo.report.replay_notes import list_notes
 from mdrive_sumo.report.replay_visibility import SIGHT_EVERY_TICKS, SIGHT_RANGE_M, compute_visibility
-from mdrive_sumo.roads import Lane, RoadMap
+from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScenarioResult
 
@@ -143,7 +143,6 @@ def _surroundings(episode: EpisodeRecord, scenario: Scenario) -> Any:
 def _map(roads: RoadMap, area: Any, origin: Float) -> dict[str, Any]:
     """The roads that come near the area, each whole: the geometry that plots draw as well."""
     geometry = build_map_geometry(roads, area)
-    lanes = (lane for lane in roads.driving if lane.lights)
     return {
         "pavements": [_rings(shape, origin) for shape in geometry.pavements],
         "aprons": [_rings(shape, origin) for shape in geometry.aprons],
@@ -152,7 +151,7 @@ def _map(roads: RoadMap, area: Any, origin: Float) -> dict[str, Any]:
         "solid": [_line(line, origin) for line in geometry.markings.solid],
         "dashed": [_line(line, origin) for line in geometry.markings.dashed],
         "buildings": [_rings(shape, origin) for shape in geometry.buildings],
-        "heads": [_head(lane, origin) for lane in lanes if shapely.intersects(area, shapely.Point(lane.centre.xy[-1]))],
+        "heads": [_head(head, origin) for head in list_signal_heads(roads, area)],
         "stops": [(_line(mark.line, origin), _sign(mark, origin)) for mark in geometry.stop_signs],
         "signs_known": roads.stop_signs is not None,
     }
@@ -164,11 +163,9 @@ def _rings(shape: shapely.Polygon, origin: Float) -> list[list[int]]:
     return [_line(shapely.get_coordinates(ring)[:-1], origin) for ring in (turned.exterior, *turned.interiors)]
 
 
-def _head(lane: Lane, origin: Float) -> tuple[list[int], float, float, list[str]]:
+def _head(head: SignalHead, origin: Float) -> tuple[list[int], float, float, tuple[str, ...]]:
     """Where a lane with lights ends [cm], its direction there [rad], its width [m], the ids of the lights."""
-    lights = list(dict.fromkeys(lane.lights.values()))
-    yaw = lane.centre.yaw_at(lane.centre.length)
-    return _line(lane.centre.xy[-1:], origin), round(yaw, 4), round(lane.width, 2), lights
+    return _line(head.place[None], origin), round(head.yaw, 4), round(head.width, 2), head.lights
 
 
 def _sign(mark: StopMark, origin: Float) -> list[int] | None:

@@ -142,10 +142,10 @@ def _draw_arrows(axes: Axes, xy: Float, colour: str) -> None:
 def _draw_flag(axes: Axes, goal: Float, colour: str) -> None:
     """Draw a flag at the goal (x, y) [m]."""
     x, y = float(goal[0]), float(goal[1])
-    axes.plot([x, x], [y, y + 4.2], color="#222222", linewidth=1.6, zorder=12, solid_capstyle="round")
+    axes.plot([x, x], [y, y + 4.2], color=LIGHT["ink"], linewidth=1.6, zorder=12, solid_capstyle="round")
     cloth = np.array(((x, y + 4.2), (x + 3.2, y + 3.2), (x, y + 2.2)))
-    axes.add_patch(Polygon(cloth, facecolor=colour, edgecolor="#222222", linewidth=0.8, zorder=12))
-    axes.plot([x], [y], marker="o", markersize=4.5, color=colour, markeredgecolor="#222222", zorder=12)
+    axes.add_patch(Polygon(cloth, facecolor=colour, edgecolor=LIGHT["ink"], linewidth=0.8, zorder=12))
+    axes.plot([x], [y], marker="o", markersize=4.5, color=colour, markeredgecolor=LIGHT["ink"], zorder=12)
 
 
 def _draw_scale(axes: Axes, view: MapView) -> None:
@@ -167,11 +167,11 @@ def _write_captions(figure: Figure, scenario: Scenario, roads: RoadMap) -> None:
     inches = float(figure.get_figwidth())
     room = 0.97 * inches * POINTS_PER_INCH - TITLE_ASPECT * 12 * len(scenario.id)  # beside the title
     if NAME_ASPECT * 8.5 * len(known) < room:
-        figure.text(0.988, 1 - 0.22 / height, known, fontsize=8.5, va="center", ha="right", color="#444444")
+        figure.text(0.988, 1 - 0.22 / height, known, fontsize=8.5, va="center", ha="right", color=LIGHT["muted"])
         known = ""
     text = " · ".join(filter(None, (scenario.description, known)))
     line = textwrap.shorten(text, int(inches * POINTS_PER_INCH / (8.5 * NAME_ASPECT) * 1.15), placeholder=" …")
-    figure.text(0.012, 1 - 0.45 / height, line, fontsize=8.5, va="center", color="#444444")
+    figure.text(0.012, 1 - 0.45 / height, line, fontsize=8.5, va="center", color=LIGHT["muted"])
     for i, (ego, colour) in enumerate(zip(scenario.egos, cycle(CAV_COLOURS))):
         x = 0.012 + 0.976 * i / max(len(scenario.egos), 6)
         length = build_polyline(ego.xy).length

@@ -46,7 +46,9 @@ def test_an_absent_cav_is_not(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("start", "words"), [("i13", ("i13_ins_sl_minor_road", "STOP")), ("i46", ("hw_c",))])
+@pytest.mark.parametrize(
+    ("start", "words"), [("i13", ("i13_ins_sl_minor_road", "STOP", f"fill: {LIGHT['bad']}")), ("i46", ("hw_c",))]
+)
 def test_names_and_signs_are_written(tmp_path: Path, start: str, words: tuple[str, ...]) -> None:
     text = drawn(scenario(start), tmp_path / "picture.svg").read_text()
     assert all(word in text for word in words)
