@@ -1,5 +1,6 @@
 """ComparisonReport: everything that a report over several runs shows, as values."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -96,10 +97,12 @@ def build_comparison_report(
         _make_cooperation_section(agents),
         ReportSection("Efficiency and comfort", (build_scalar_table(agents),)),
         _make_scenario_section(agents),
-        ReportSection("Provenance", (build_provenance_table(agents),)),
+        ReportSection(
+            "Provenance", (build_provenance_table(agents),), note=f"Command: {shlex.join(command)}" if command else ""
+        ),
     )
     title = f"{agents[0].results.run.suite}: {names}" if len(agents) <= 3 else agents[0].results.run.suite
-    return ComparisonReport(title, list_facts(agents, command), list_warnings(agents), sections)
+    return ComparisonReport(title, list_facts(agents), list_warnings(agents), sections)
 
 
 def _make_category_section(agents: Sequence[ComparedAgent]) -> ReportSection:
