@@ -22,7 +22,7 @@ def write_comparison_report(report: ComparisonReport, out: Path) -> tuple[Path, 
 
     Raises InputError if the folder holds something or cannot be written.
     """
-    images = {figure.name: figure.render() for figure in report.figures}
+    images = {figure.name: figure.render("png", "svg") for figure in report.figures}
     latex = [table for table in report.tables if len(table.rows) <= MAX_LATEX_ROWS]
     links = ReportLinks(
         {table.name: f"{CSV_FOLDER}/{table.name}.csv" for table in report.tables},

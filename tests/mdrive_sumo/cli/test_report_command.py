@@ -67,7 +67,7 @@ def test_figures_are_vectors_without_chance(out: Path) -> None:
         written = (out / "figures" / f"{figure.name}.svg").read_bytes()
         assert b"<image" not in written and ET.fromstring(written).tag.endswith("svg")
     levels = report.figures[0]
-    assert levels.render()[1] == (out / "figures" / "levels.svg").read_bytes()
+    assert levels.render("svg")[0] == (out / "figures" / "levels.svg").read_bytes()
     assert "sharing (channel ideal): static-avoidance 100.0, dynamic-avoidance 61.5" in levels.description
 
 
@@ -106,7 +106,7 @@ def test_names_of_agents_cannot_break_a_page() -> None:
     page = render_report_page(report, {figure.name: b"<svg></svg>" for figure in report.figures})
     assert "<b>" not in page and page.count("&lt;b&gt;x&lt;/b&gt;") > 10
     assert "<b>" not in format_report_markdown(report)
-    assert report.figures[0].render()[1].startswith(b"<?xml"), "a dollar sign begins no formula"
+    assert report.figures[0].render("svg")[0].startswith(b"<?xml"), "a dollar sign begins no formula"
     assert not any("\\z{}" in format_latex(table) for table in report.tables)
 
 
