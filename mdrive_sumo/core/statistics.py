@@ -36,9 +36,7 @@ def bootstrap_mean(values: Float) -> ConfidenceInterval:
 
 def bootstrap_stratified_mean(groups: Sequence[Float]) -> ConfidenceInterval:
     """Return the mean of the means of the groups, (N,) each with N >= 1; every group is resampled on its own."""
-    random = np.random.default_rng(SEED)
-    means = [values[random.integers(len(values), size=(RESAMPLES, len(values)))].mean(axis=1) for values in groups]
-    return _percentile_interval(float(np.mean([values.mean() for values in groups])), np.mean(means, axis=0))
+    return make_interval(float(np.mean([values.mean() for values in groups])), _resample_stratified_mean(groups))
 
 
 def bootstrap_clustered_mean(values: Float) -> ConfidenceInterval:
@@ -46,9 +44,7 @@ def bootstrap_clustered_mean(values: Float) -> ConfidenceInterval:
 
     Both stages are needed because the seeds of one scenario are not independent. With one seed it is `bootstrap_mean`.
     """
-    if values.shape[1] == 1:
-        return bootstrap_mean(values[:, 0])
-    return bootstrap_stratified_clustered_mean((values,))
+    return make_interval(float(values.mean()), resample_clustered_mean(values))
 
 
 def bootstrap_stratified_clustered_mean(groups: Sequence[Float]) -> ConfidenceInterval:
@@ -56,11 +52,36 @@ def bootstrap_stratified_clustered_mean(groups: Sequence[Float]) -> ConfidenceIn
 
     Within a group it resamples as `bootstrap_clustered_mean`.
     """
+    resampled = resample_stratified_clustered_mean(groups)
+    return make_interval(float(np.mean([values.mean() for values in groups])), resampled)
+
+
+def resample_clustered_mean(values: Float) -> Float:
+    """Return the (RESAMPLES,) means from which `bootstrap_clustered_mean` takes its interval.
+
+    Values of one shape are drawn alike: the differences of two results are those of paired differences.
+    """
+    if values.shape[1] == 1:
+        return _resample_stratified_mean((values[:, 0],))
+    return resample_stratified_clustered_mean((values,))
+
+
+def resample_stratified_clustered_mean(groups: Sequence[Float]) -> Float:
+    """Return the (RESAMPLES,) means from which `bootstrap_stratified_clustered_mean` takes its interval.
+
+    Groups of the same shapes are drawn alike, as by `resample_clustered_mean`.
+    """
     random = np.random.default_rng(SEED)
     means = [
         np.concatenate([_resample_clusters(values, random) for _ in range(RESAMPLES // CHUNK)]) for values in groups
     ]
-    return _percentile_interval(float(np.mean([values.mean() for values in groups])), np.mean(means, axis=0))
+    return np.mean(means, axis=0)
+
+
+def _resample_stratified_mean(groups: Sequence[Float]) -> Float:
+    random = np.random.default_rng(SEED)
+    means = [values[random.integers(len(values), size=(RESAMPLES, len(values)))].mean(axis=1) for values in groups]
+    return np.mean(means, axis=0)
 
 
 def _resample_clusters(values: Float, random: np.random.Generator) -> Float:
@@ -71,7 +92,8 @@ def _resample_clusters(values: Float, random: np.random.Generator) -> Float:
     return values[rows, columns].mean(axis=(1, 2))
 
 
-def _percentile_interval(mean: float, resampled_means: Float) -> ConfidenceInterval:
+def make_interval(mean: float, resampled_means: Float) -> ConfidenceInterval:
+    """Return the interval between the percentiles of resampled means that `CONFIDENCE` names."""
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(resampled_means, (tail, 1 - tail))
     return ConfidenceInterval(mean, float(low), float(high))

@@ -1,0 +1,224 @@
+"""Differences of every agent to every other, or to a baseline: paired bootstrap over scenarios and seeds."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.suggestion import suggest_name
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
+from mdrive_sumo.report.comparison_report.published_rows import order_buckets
+from mdrive_sumo.report.comparison_report.report_table import (
+    CellValue,
+    IntervalStyle,
+    ReportCell,
+    ReportColumn,
+    ReportRow,
+    ReportTable,
+    make_row,
+)
+from mdrive_sumo.runs.compare import TIE, average_seeds
+from mdrive_sumo.scoring import ScenarioResult
+from mdrive_sumo.scoring.paired_intervals import (
+    ResampledScore,
+    ResultTable,
+    compute_difference_interval,
+    group_by_scenario,
+    resample_score,
+)
+
+DIFFERENCE_NOTE = (
+    "Differences agent minus other, paired by scenario and, where both have it, by seed; 95 % bootstrap intervals:"
+    " scenarios are drawn anew, then the seeds of each. Void scenarios are left out. An interval without 0 is a"
+    " difference beyond chance; intervals are not widened for the number of comparisons."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class AgentDifference:
+    """One agent minus another. Intervals are None where nothing can be paired."""
+
+    agent: str
+    other: str
+    scenarios: int
+    """Scenarios in which neither is void."""
+    seeds: tuple[int, ...]
+    """Seeds that both have, by which they are paired; empty: means over the seeds of each are."""
+    ds: ConfidenceInterval | None
+    """Over scenarios, as `mdrive-sumo compare` has it."""
+    sr: ConfidenceInterval | None
+    efficient_sr: ConfidenceInterval | None
+    time_ratio: ConfidenceInterval | None
+    """Over the scenarios in which every CAV arrives with both, with every seed."""
+    buckets: dict[str, tuple[ConfidenceInterval | None, ConfidenceInterval | None]]
+    """DS and SR by bucket."""
+    bucket_mean: tuple[ConfidenceInterval | None, ConfidenceInterval | None]
+    """DS and SR, mean of the buckets."""
+    wins: int
+    """Scenarios with a higher DS, mean over seeds."""
+    losses: int
+
+
+def compute_differences(agents: Sequence[ComparedAgent], baseline: str = "") -> tuple[AgentDifference, ...]:
+    """Return the difference of every agent to the baseline, or of every pair: upper bounds first, then by DS.
+
+    Raises InputError if no agent has the baseline's name.
+    """
+    resamples = _Resamples()
+    if baseline:
+        base = find_compared_agent(agents, baseline)
+        return tuple(_compute_difference(agent, base, resamples) for agent in agents if agent is not base)
+    ordered = sorted(agents, key=lambda agent: (agent.is_ranked, -agent.results.overall.bucket_mean.ds))
+    pairs = ((agent, other) for i, agent in enumerate(ordered) for other in ordered[i + 1 :])
+    return tuple(_compute_difference(agent, other, resamples) for agent, other in pairs)
+
+
+def find_compared_agent(agents: Sequence[ComparedAgent], name: str) -> ComparedAgent:
+    """Return the agent of a name. Raises InputError."""
+    names = [agent.name for agent in agents]
+    if name not in names:
+        suggestion = suggest_name(name, names)
+        raise InputError(f"--baseline: expected one of {', '.join(names)}, found {name!r:.60}{suggestion}")
+    return agents[names.index(name)]
+
+
+def _compute_difference(agent: ComparedAgent, other: ComparedAgent, resamples: "_Resamples") -> AgentDifference:
+    """Return agent minus other."""
+    seeds = tuple(seed for seed in agent.seeds if seed in other.seeds)
+    ours, theirs = (_build_result_table(one, seeds) for one in (agent, other))
+    common = [scenario for scenario in ours if scenario in theirs]
+    ours, theirs = ({scenario: table[scenario] for scenario in common} for table in (ours, theirs))
+    pair = _TablePair((agent.name, ours), (other.name, theirs), resamples)
+    buckets = order_buckets({scenario.bucket for scenario in agent.results.scenarios})
+    parts = {name: pair.select(lambda one, name=name: one.bucket == name) for name in buckets}
+    timed = pair.select(lambda one: one.time_ratio is not None)
+    gains = [_mean_ds(ours, scenario) - _mean_ds(theirs, scenario) for scenario in common]
+    return AgentDifference(
+        agent.name,
+        other.name,
+        scenarios=len(common),
+        seeds=seeds,
+        ds=pair.subtract("ds"),
+        sr=pair.subtract("sr"),
+        efficient_sr=pair.select(lambda one: one.efficient_sr is not None).subtract("efficient_sr"),
+        time_ratio=compute_difference_interval(timed.ours[1], timed.theirs[1], "time_ratio"),  # seldom two pairs alike
+        buckets={name: (part.subtract("ds"), part.subtract("sr")) for name, part in parts.items()},
+        bucket_mean=(pair.subtract("ds", by_bucket=True), pair.subtract("sr", by_bucket=True)),
+        wins=sum(gain > TIE for gain in gains),
+        losses=sum(gain < -TIE for gain in gains),
+    )
+
+
+class _Resamples:
+    """Resampled scores of tables that were asked for: most pairs of agents share all scenarios and seeds."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[object, ...], ResampledScore | None] = {}
+
+    def find(self, agent: str, table: ResultTable, score: str, *, by_bucket: bool) -> ResampledScore | None:
+        key = (agent, score, by_bucket, tuple((name, *by_seed) for name, by_seed in table.items()))
+        if key not in self._known:
+            self._known[key] = resample_score(table, score, by_bucket=by_bucket)
+        return self._known[key]
+
+
+@dataclass(frozen=True, slots=True)
+class _TablePair:
+    """The results of two agents in the same scenarios and with the same seeds, each with the agent's name."""
+
+    ours: tuple[str, ResultTable]
+    theirs: tuple[str, ResultTable]
+    resamples: _Resamples
+
+    def select(self, is_chosen: Callable[[ScenarioResult], bool]) -> "_TablePair":
+        """Return the scenarios in which all results of both are chosen."""
+        chosen = [
+            name
+            for name in self.ours[1]
+            if all(is_chosen(one) for table in (self.ours[1], self.theirs[1]) for one in table[name].values())
+        ]
+        ours, theirs = ((agent, {name: table[name] for name in chosen}) for agent, table in (self.ours, self.theirs))
+        return _TablePair(ours, theirs, self.resamples)
+
+    def subtract(self, score: str, *, by_bucket: bool = False) -> ConfidenceInterval | None:
+        """Return mean and interval of the differences; None without a scenario."""
+        ours, theirs = (self.resamples.find(*one, score, by_bucket=by_bucket) for one in (self.ours, self.theirs))
+        return None if ours is None or theirs is None else ours.subtract(theirs)
+
+
+def _build_result_table(agent: ComparedAgent, seeds: Sequence[int]) -> ResultTable:
+    """Return the results that are not void by scenario and common seed; their means over all seeds if there is none."""
+    if not seeds:
+        means = average_seeds(agent.results.scenarios).values()
+        return {one.id: {0: one} for one in means if one.status == "ok"}
+    table = group_by_scenario([one for one in agent.results.scenarios if one.seed in seeds])
+    return {name: by_seed for name, by_seed in table.items() if len(by_seed) == len(seeds)}
+
+
+def _mean_ds(table: ResultTable, scenario: str) -> float:
+    return sum(one.ds for one in table[scenario].values()) / len(table[scenario])
+
+
+def build_difference_table(differences: Sequence[AgentDifference], name: str = "differences") -> ReportTable:
+    """Return the differences over all scenarios, with scenarios won and lost."""
+    rows = [
+        make_row(
+            (
+                one.agent,
+                one.other,
+                float(one.scenarios),
+                ", ".join(map(str, one.seeds)) or "means",
+                *map(_make_cell, (one.ds, one.sr, one.efficient_sr, one.time_ratio)),
+                float(one.wins),
+                float(one.losses),
+            )
+        )
+        for one in differences
+    ]
+    return ReportTable(
+        name,
+        "Paired differences",
+        (
+            ReportColumn("agent", "Agent"),
+            ReportColumn("other", "minus"),
+            ReportColumn("scenarios", "scenarios", decimals=0),
+            ReportColumn("seeds", "seeds"),
+            *(_make_column(key, label) for key, label in _LABELS.items()),
+            ReportColumn("wins", "better in", decimals=0),
+            ReportColumn("losses", "worse in", decimals=0),
+        ),
+        tuple(rows),
+        f"{DIFFERENCE_NOTE} Means over scenarios, as mdrive-sumo compare has them.",
+    )
+
+
+def build_bucket_difference_table(
+    differences: Sequence[AgentDifference], name: str = "differences_by_bucket"
+) -> ReportTable | None:
+    """Return the differences of DS and SR by bucket and of the mean of the buckets; None if there is one bucket."""
+    if not differences or len(differences[0].buckets) < 2:
+        return None
+    columns = [ReportColumn("agent", "Agent"), ReportColumn("other", "minus")]
+    for bucket in (*differences[0].buckets, "Overall"):
+        key = bucket.lower()
+        columns += [_make_column(f"{key}_ds", "DS", bucket), _make_column(f"{key}_sr", "SR", bucket)]
+    rows = tuple(_make_bucket_row(one) for one in differences)
+    note = f"{DIFFERENCE_NOTE} Overall: mean of the buckets, each drawn anew on its own."
+    return ReportTable(name, "Paired differences by bucket", tuple(columns), rows, note)
+
+
+def _make_bucket_row(one: AgentDifference) -> ReportRow:
+    intervals = [interval for pair in (*one.buckets.values(), one.bucket_mean) for interval in pair]
+    cells: list[CellValue | ReportCell] = [one.agent, one.other, *map(_make_cell, intervals)]
+    return make_row(cells)
+
+
+_LABELS = {"ds": "DS", "sr": "SR", "efficient_sr": "efficient SR", "time_ratio": "time ratio"}
+
+
+def _make_column(key: str, label: str, group: str = "") -> ReportColumn:
+    return ReportColumn(key, label, group, has_sign=True, intervals=IntervalStyle.ENDS)
+
+
+def _make_cell(interval: ConfidenceInterval | None) -> ReportCell:
+    return ReportCell(None if interval is None else interval.mean, interval)
