@@ -4,18 +4,33 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from mdrive_sumo.cli.comm import episode_options, read_episode_options
 from mdrive_sumo.cli.evaluate import evaluate_with_display
+from mdrive_sumo.cli.scenario_option import make_scenario_option
 from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.errors import InputError, WorldError
+from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.core.tables import format_text_table
-from mdrive_sumo.open_loop import OPEN_LOOP_FILE, OpenLoopResults, OpenLoopScenario, evaluate_open, prepare_open_loop
+from mdrive_sumo.open_loop import (
+    LOG,
+    OPEN_LOOP_FILE,
+    OpenLoopResults,
+    OpenLoopScenario,
+    Reference,
+    evaluate_open,
+    open_log_reference,
+    open_run_reference,
+    prepare_open_loop,
+)
 from mdrive_sumo.open_loop.results import OpenLoopMetrics
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.prepared_run import prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
 from mdrive_sumo.runs.stored_run import load_stored_run
+from mdrive_sumo.scenario.suite import load_suite
 
 REFERENCE_AGENT = "omniscient"
 COLUMNS = {
@@ -31,47 +46,104 @@ COLUMNS = {
 
 
 @click.command("eval-open")
-@click.option("--reference", type=click.Path(path_type=Path), metavar="RUN", help="Finished run with recordings.")
 @click.option(
-    "--suite",
-    default="interdrive",
+    "--reference",
+    default=REFERENCE_AGENT,
     show_default=True,
-    metavar="NAME|DIR",
-    help=f"Without --reference: what {REFERENCE_AGENT} drives first.",
+    metavar=f"{REFERENCE_AGENT}|{LOG}|RUN",
+    help=f"Recorded drives: of {REFERENCE_AGENT}, driven first; logs of a converted suite; those of a finished run.",
 )
-@click.option("--scenario", default="*", metavar="GLOB", help="Without --reference: only these scenarios.")
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of the reference.")
-@click.option("--agent", default="single", show_default=True, metavar="NAME|module:Class|path.py:Class|carla:path.py")
+@click.option(
+    "--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="The suite; that of RUN if it is one."
+)
+@make_scenario_option("Only the drives in scenarios whose id or category matches; may be repeated.")
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**31 - 1),
+    default=0,
+    show_default=True,
+    help="Of the reference; of RUN all seeds unless given.",
+)
+@click.option(
+    "--agent",
+    default="single",
+    show_default=True,
+    metavar="NAME|module:Class|path.py:Class|carla:path.py",
+    help="The agent that sees the drives; every CAV gets an instance of it.",
+)
 @click.option("--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Options of the agent, JSON.")
 @episode_options
 @workers_option
+@click.option(
+    "--sandbox",
+    is_flag=True,
+    help="Run a third-party agent in boxes without the files of suite and reference.",
+)
 @click.option(
     "--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder of the results [default: runs/...]."
 )
 @click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted evaluation.")
 @click.pass_context
 def command(
-    ctx: click.Context, reference: Path | None, agent: str, agent_config: Path | None, out: Path | None, **options: Any
+    ctx: click.Context, agent: str, agent_config: Path | None, out: Path | None, sandbox: bool, **options: Any
 ) -> None:
     """Compare an agent's plans and detections with recorded drives, without driving.
 
     The agent sees five frames a second of a recording, with messages over the channel. Each plan is compared with what
     the CAV did in the next 3 s, and detections with what was there within 70 m.
 
-    Exit codes: 0 all recordings were compared, 2 unusable input, 130 interrupted.
+    Exit codes: 0 all recordings were compared, 1 the agent failed in some or one has no result, 2
+    unusable input, 130 interrupted.
     """
-    chosen, fresh = read_episode_options(options), options.pop("fresh")
-    if reference is None:
-        reference = _drive_reference(ctx, RunConfig(agent=AgentSpec(REFERENCE_AGENT), **options))
+    chosen, fresh, workers = read_episode_options(options), options.pop("fresh"), options.pop("workers")
+    reference = _find_reference(ctx, workers, **options)
     spec = AgentSpec(agent, load_agent_config(agent_config) if agent_config else {})
-    open_run = prepare_open_loop(load_stored_run(reference), spec, chosen, out, options["workers"])
+    open_run = prepare_open_loop(reference, spec, chosen, out, workers, sandbox=sandbox)
     try:
         results = evaluate_open(open_run, _report, fresh=fresh)
     except KeyboardInterrupt:
         click.echo(f"interrupted; the same command continues {open_run.folder}", err=True)
         ctx.exit(130)
+    except WorldError as error:
+        click.echo(f"Error: {error}", err=True)
+        ctx.exit(1)
     click.echo(format_open_loop(results))
     click.echo(f"\n{open_run.folder / OPEN_LOOP_FILE}  all numbers")
+    failures = format_open_loop_failures(results)
+    if failures:
+        click.echo("\n" + failures)
+    ctx.exit(1 if failures else 0)
+
+
+def _find_reference(
+    ctx: click.Context, workers: int, *, reference: str, suite: str, scenario: str, seed: int
+) -> Reference:
+    """Return the reference that the options name; that of an agent is driven unless it is finished.
+
+    Raises InputError.
+    """
+    if reference == LOG:
+        if seed:
+            raise InputError(f"--seed: expected 0 with --reference {LOG}, found {seed}: what happened has no seed")
+        return open_log_reference(suite, scenario)
+    if reference == REFERENCE_AGENT:
+        config = RunConfig(suite=suite, scenario=scenario, agent=AgentSpec(reference), seed=seed, workers=workers)
+        return open_run_reference(load_stored_run(_drive_reference(ctx, config)))
+    folder = Path(reference)
+    if not folder.exists():
+        raise InputError(
+            f"--reference: {describe_unknown(reference, (REFERENCE_AGENT, LOG), 'or the folder of a finished run')}"
+        )
+    stored = load_stored_run(folder)
+    if _is_given(ctx, "suite") and load_suite(suite).checksum() != stored.results.run.suite_checksum:
+        raise InputError(
+            f"--reference {reference}: expected a run of the suite {suite}, found one of {stored.run.suite.name}"
+        )
+    return open_run_reference(stored, scenario, seed if _is_given(ctx, "seed") else None)
+
+
+def _is_given(ctx: click.Context, option: str) -> bool:
+    return ctx.get_parameter_source(option) is not ParameterSource.DEFAULT
 
 
 def _drive_reference(ctx: click.Context, config: RunConfig) -> Path:
@@ -84,6 +156,12 @@ def _drive_reference(ctx: click.Context, config: RunConfig) -> Path:
 
 def _report(done: int, total: int, result: OpenLoopScenario) -> None:
     click.echo(f"{done}/{total} {result.id}", err=True)
+
+
+def format_open_loop_failures(results: OpenLoopResults) -> str:
+    """Return a line for every failure of the agent; "" if it never failed."""
+    rows = [(one, ego, reason) for one in results.scenarios for ego, reason in one.failures.items()]
+    return "\n".join(f"agent failed: {one.id} seed {one.seed}, CAV {ego}: {reason}" for one, ego, reason in rows)
 
 
 def format_open_loop(results: OpenLoopResults) -> str:
