@@ -44,7 +44,7 @@ def test_what_the_log_did_has_no_error(suite: Path, tmp_path: Path) -> None:
 
 
 def test_a_constant_speed_is_off_by_little(suite: Path, tmp_path: Path) -> None:
-    """It plans 8 m/s where the logs drove 8 and 9 m/s, from a reference at most 1 m and 1.5 m/s off (`PathFollower`)."""
+    """It plans 8 m/s where the logs drove 8 and 9, from a reference at most 1 m and 1.5 m/s off (`PathFollower`)."""
     shown = show(suite, "constant-speed", tmp_path / "constant")
     assert shown.exit_code == 0, shown.output
     assert 0.4 < scores(tmp_path / "constant")["ade"] < 2.6
