@@ -161,7 +161,7 @@ def test_columns_of_scalars_are_optional_and_those_of_the_metrics(server: Server
     headers = [[each.text for each in page.all("th", scope="col")] for page in (plain, beside)]
     assert "IP" in headers[0] and not {*titles} & {*headers[0]}
     assert "IP" not in headers[1] and [text for text in headers[1] if text in titles] == titles
-    assert len(headers[1]) == len(headers[0]) + 1  # no wider: five replace four
+    assert len(headers[1]) == len(headers[0])  # no wider: five replace four and the history
     assert [each.text for each in beside.all("td", class_="number")][3:8] == ["4.10", "99.0", "–", "1.2", "41"]
     assert "columns=beside" in beside.all("a", id="sort-team")[0].attributes["href"]
     Visit(server).get("/?phase=dev&columns=none", status=404)
