@@ -1,5 +1,6 @@
 """`mdrive-sumo eval-open`."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +11,16 @@ from mdrive_sumo.cli.comm import episode_options, read_episode_options
 from mdrive_sumo.cli.evaluate import evaluate_with_display
 from mdrive_sumo.cli.scenario_option import make_scenario_option
 from mdrive_sumo.cli.workers import workers_option
-from mdrive_sumo.core.errors import InputError, WorldError
-from mdrive_sumo.core.suggestion import describe_unknown
+from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.open_loop import (
     LOG,
     OPEN_LOOP_FILE,
+    REFERENCE_AGENT,
     OpenLoopResults,
     OpenLoopScenario,
-    Reference,
     evaluate_open,
-    open_log_reference,
-    open_run_reference,
+    find_reference,
     prepare_open_loop,
 )
 from mdrive_sumo.open_loop.results import OpenLoopMetrics
@@ -29,10 +28,7 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.prepared_run import prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
-from mdrive_sumo.runs.stored_run import load_stored_run
-from mdrive_sumo.scenario.suite import load_suite
 
-REFERENCE_AGENT = "omniscient"
 COLUMNS = {
     "ap50": "AP50 [%]",
     "ade": "ADE [m]",
@@ -96,7 +92,13 @@ def command(
     unusable input, 130 interrupted.
     """
     chosen, fresh, workers = read_episode_options(options), options.pop("fresh"), options.pop("workers")
-    reference = _find_reference(ctx, workers, **options)
+    reference = find_reference(
+        options["reference"],
+        lambda config: _drive_reference(ctx, replace(config, workers=workers)),
+        suite=_find_given(ctx, "suite"),
+        pattern=options["scenario"],
+        seed=_find_given(ctx, "seed"),
+    )
     spec = AgentSpec(agent, load_agent_config(agent_config) if agent_config else {})
     open_run = prepare_open_loop(reference, spec, chosen, out, workers, sandbox=sandbox)
     try:
@@ -115,35 +117,10 @@ def command(
     ctx.exit(1 if failures else 0)
 
 
-def _find_reference(
-    ctx: click.Context, workers: int, *, reference: str, suite: str, scenario: str, seed: int
-) -> Reference:
-    """Return the reference that the options name; that of an agent is driven unless it is finished.
-
-    Raises InputError.
-    """
-    if reference == LOG:
-        if seed:
-            raise InputError(f"--seed: expected 0 with --reference {LOG}, found {seed}: what happened has no seed")
-        return open_log_reference(suite, scenario)
-    if reference == REFERENCE_AGENT:
-        config = RunConfig(suite=suite, scenario=scenario, agent=AgentSpec(reference), seed=seed, workers=workers)
-        return open_run_reference(load_stored_run(_drive_reference(ctx, config)))
-    folder = Path(reference)
-    if not folder.exists():
-        raise InputError(
-            f"--reference: {describe_unknown(reference, (REFERENCE_AGENT, LOG), 'or the folder of a finished run')}"
-        )
-    stored = load_stored_run(folder)
-    if _is_given(ctx, "suite") and load_suite(suite).checksum() != stored.results.run.suite_checksum:
-        raise InputError(
-            f"--reference {reference}: expected a run of the suite {suite}, found one of {stored.run.suite.name}"
-        )
-    return open_run_reference(stored, scenario, seed if _is_given(ctx, "seed") else None)
-
-
-def _is_given(ctx: click.Context, option: str) -> bool:
-    return ctx.get_parameter_source(option) is not ParameterSource.DEFAULT
+def _find_given(ctx: click.Context, option: str) -> Any:
+    """Return the value of an option that the user typed; None for the default."""
+    is_default = ctx.get_parameter_source(option) is ParameterSource.DEFAULT
+    return None if is_default else ctx.params[option]
 
 
 def _drive_reference(ctx: click.Context, config: RunConfig) -> Path:

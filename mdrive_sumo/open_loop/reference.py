@@ -1,19 +1,22 @@
 """Reference: the recorded drives that agents see in open loop, and with which their plans are compared."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER
 from mdrive_sumo.runs.recording_check import check_recordings
 from mdrive_sumo.runs.run_config import RunConfig
-from mdrive_sumo.runs.stored_run import StoredRun
+from mdrive_sumo.runs.stored_run import StoredRun, load_stored_run
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import LOG_FILE, Suite, load_suite
 from mdrive_sumo.scoring import EpisodeKey
 
+REFERENCE_AGENT = "omniscient"
+DEFAULT_SUITE = "interdrive"
 LOG = "log"
 """The name of logs as a reference, and what drove their CAVs in place of an agent."""
 
@@ -39,6 +42,38 @@ class Reference:
         """The scenarios with a recording."""
         known = {name for name, _ in self.recordings}
         return tuple(scenario for scenario in self.suite.scenarios if scenario.id in known)
+
+
+def find_reference(
+    name: str,
+    drive: Callable[[RunConfig], Path],
+    *,
+    suite: str | None = None,
+    pattern: str = "*",
+    seed: int | None = None,
+) -> Reference:
+    """Return the reference of a name: "omniscient", "log", or the folder of a finished run.
+
+    drive: drives a run unless it is finished, and returns its folder. suite: None: InterDrive, or that of the run.
+    pattern: globs of the scenarios. seed: None: 0, or all of the run. Raises InputError.
+    """
+    if name == LOG:
+        if seed:
+            raise InputError(f"--seed: expected 0 with --reference {LOG}, found {seed}: what happened has no seed")
+        return open_log_reference(suite or DEFAULT_SUITE, pattern)
+    if name == REFERENCE_AGENT:
+        config = RunConfig(suite=suite or DEFAULT_SUITE, scenario=pattern, agent=AgentSpec(name), seed=seed or 0)
+        return open_run_reference(load_stored_run(drive(config)))
+    folder = Path(name)
+    if not folder.exists():
+        also = "or the folder of a finished run"
+        raise InputError(f"--reference: {describe_unknown(name, (REFERENCE_AGENT, LOG), also)}")
+    stored = load_stored_run(folder)
+    if suite is not None and load_suite(suite).checksum() != stored.results.run.suite_checksum:
+        raise InputError(
+            f"--reference {name}: expected a run of the suite {suite}, found one of {stored.run.suite.name}"
+        )
+    return open_run_reference(stored, pattern, seed)
 
 
 def open_run_reference(stored: StoredRun, pattern: str = "*", seed: int | None = None) -> Reference:

@@ -11,6 +11,7 @@ from testing.recorded_drive_agent import RECORDED_DRIVE, register_recorded_drive
 from testing.sandbox_runs import needs_bubblewrap, reachable
 from testing.short_suite import make_short_suite
 
+import mdrive_sumo as md
 from mdrive_sumo.cli import main
 from mdrive_sumo.episode import load_episode, rebuild_frame
 from mdrive_sumo.loop import EpisodeOptions
@@ -112,6 +113,17 @@ def test_the_plan_that_was_driven_has_no_error_and_what_was_there_is_all_detecte
     found = json.loads((tmp_path / "own" / "open_loop.json").read_text())["overall"]
     assert found["frames"] > 20
     assert (found["ade"], found["fde"], found["ap50"], found["overlap"]) == (0.0, 0.0, 100.0, 0.0)
+
+
+def test_the_python_front_door_does_the_same(reference: Path, tmp_path: Path) -> None:
+    options = {"out": tmp_path / "python", "workers": 1, "progress": False}
+    found = md.evaluate_open("constant-speed", md.load_run(reference), scenario="i11*", seed=0, **options)
+    place = ("--reference", reference, "--agent", "constant-speed", "--workers", "1", "--out", tmp_path / "command")
+    assert run("eval-open", *place).exit_code == 0
+    written = json.loads((tmp_path / "command" / "open_loop.json").read_text())
+    assert found.model_dump(mode="json") == written
+    with pytest.raises(md.InputError, match="did you mean 'log'"):
+        md.evaluate_open("idm", "logs", **options)
 
 
 def test_a_worker_that_dies_twice_over_a_recording_stops_the_command_and_is_noted(
