@@ -13,7 +13,7 @@ from mdrive_sumo.contract import Objects, SensorSpec
 from mdrive_sumo.contract.detector_profiles import IDEAL, PROFILES, PUBLISHED
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, box_corners
-from mdrive_sumo.core.state import MOTION_AND_SIZE, Kind
+from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.scenario.weather import WEATHERS, WeatherName
@@ -57,25 +57,6 @@ def name(true_id: str) -> str:
 def house(x: float, y: float, size: float) -> RoadMap:
     outline = tuple((float(a), float(b)) for a, b in box_corners(x, y, 0.0, size, size))
     return replace(straight_road(), buildings=(Building(id="h", polygon=outline),))
-
-
-@given(
-    ticks=st.sets(st.integers(0, 40), min_size=1, max_size=12).map(sorted),
-    read=st.sets(st.integers(0, 40)),
-    profile=st.sampled_from(("ideal", "lidar-single")),
-)
-def test_what_is_read_does_not_depend_on_what_else_is_read(ticks: list[int], read: set[int], profile: str) -> None:
-    """One sensor computes in every tick, the other only what is read, and only at the end."""
-    scenes = [cars((10.0 + tick, 0.0), (0.0, 30.0), (-25.0, -tick), tick=tick) for tick in ticks]
-    always, lazy = sensor(profile=profile, free_space=True), sensor(profile=profile, free_space=True)
-    computed = [always.sense(scene, HERE) for scene in scenes]
-    deferred = [lazy.defer(scene, HERE) for scene in scenes]
-    for tick, one, compute in zip(ticks, computed, deferred, strict=True):
-        if tick in read:
-            later = compute()
-            assert later.ids == one.ids
-            for column in (*MOTION_AND_SIZE, "kind", "free_m"):
-                assert getattr(later, column).tobytes() == getattr(one, column).tobytes()
 
 
 class TestIdeal:
