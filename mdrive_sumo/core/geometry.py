@@ -67,13 +67,23 @@ def boxes_corners(x: Float, y: Float, yaw: Float, length: Float, width: Float) -
 
 def boxes_overlap(first: Float, second: Float) -> Bool:
     """Return whether boxes, corners (..., 4, 2) each, overlap (separating-axis test); touching does not count."""
-    overlap = np.ones(np.broadcast_shapes(first.shape[:-2], second.shape[:-2]), dtype=np.bool_)
-    for corners in (first, second):
-        axes = (corners[..., 1:3, :] - corners[..., 0:2, :])[..., None, :]
-        a = portable.dot(first[..., None, :, :], axes)
-        b = portable.dot(second[..., None, :, :], axes)
-        overlap &= ((a.max(-1) > b.min(-1)) & (b.max(-1) > a.min(-1))).all(-1)
-    return overlap
+    one, other = (_overlap_along_sides(corners, first, second) for corners in (first, second))
+    return one & other
+
+
+def _overlap_along_sides(corners: Float, first: Float, second: Float) -> Bool:
+    """Return whether the boxes overlap when projected on two neighbouring sides of `corners`."""
+    axes = (corners[..., 1:3, :] - corners[..., 0:2, :])[..., None, :]
+    a_low, a_high = _find_extremes(portable.dot(first[..., None, :, :], axes))
+    b_low, b_high = _find_extremes(portable.dot(second[..., None, :, :], axes))
+    overlap = (a_high > b_low) & (b_high > a_low)
+    return overlap[..., 0] & overlap[..., 1]
+
+
+def _find_extremes(values: Float) -> tuple[Float, Float]:
+    """Return the least and the greatest (...,) of four values (..., 4); NumPy's reductions take far longer for four."""
+    a, b, c, d = values[..., 0], values[..., 1], values[..., 2], values[..., 3]
+    return np.minimum(np.minimum(a, b), np.minimum(c, d)), np.maximum(np.maximum(a, b), np.maximum(c, d))
 
 
 @dataclass(frozen=True)

@@ -98,7 +98,17 @@ def sin(angle: float) -> float: ...
 def sin(angle: Reals) -> Float: ...
 def sin(angle: float | Reals) -> float | Float:
     """Return the sine of the angle [rad]."""
-    return cos_sin(angle)[1]
+    return cos_sin(angle)[1] if isinstance(angle, _ARRAY) else _sin_number(float(angle))
+
+
+def _sin_number(angle: float) -> float:
+    """Return the second value of `cos_sin`, without the first: paths integrate it point by point."""
+    steps = angle * _STEPS
+    whole = round(steps)
+    steps -= whole
+    row = whole & _MASK
+    square = steps * steps
+    return _SIN[row] * (1.0 - square * _COS_2) + _COS[row] * (steps * (_SIN_1 - square * _SIN_3))
 
 
 @overload

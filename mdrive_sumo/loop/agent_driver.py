@@ -4,7 +4,7 @@ import time
 from typing import Protocol
 
 from mdrive_sumo.contract import Agent, Briefing, Observation, Reply, ReplyError, SensorSpec, check_reply, read_label
-from mdrive_sumo.core.errors import MdriveError
+from mdrive_sumo.core.errors import MdriveError, WorldError
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.vehicle.control import CONTROLLERS
 
@@ -83,6 +83,8 @@ class LocalDriver:
         since = time.perf_counter()
         try:
             reply = self._agent.act(self._observation)
+        except WorldError:  # of the sensors, which compute what the agent reads
+            raise
         except Exception as error:
             raise AgentFailure(FailureReason.CRASHED, describe_error(error)) from error
         self.think_time_s = time.perf_counter() - since

@@ -63,6 +63,8 @@ class AgentScheduler:
         return ticks
 
     def _send(self, ego: str, observation: Observation) -> bool:
+        if self._clock.kind == "measured":
+            _ = observation.objects  # computed now: it is no think time
         try:
             self._drivers[ego].ask(observation)
         except AgentFailure as error:

@@ -96,7 +96,7 @@ def predict_trajectory(line: Float, speed: float, acceleration: float) -> Float:
     """
     top_speed = INTENTION.top_speed
     travelled = _compute_travelled(min(max(speed, 0.0), top_speed), acceleration, AFTER_S, top_speed)
-    return sample_polyline(line, travelled)
+    return MeasuredLine(line).sample(travelled)
 
 
 def _compute_travelled(speed: float, acceleration: float, times: Float, top_speed: float) -> Float:
@@ -108,17 +108,27 @@ def _compute_travelled(speed: float, acceleration: float, times: Float, top_spee
     return speed * until + acceleration * (until * until) / 2 + bound * (times - until)
 
 
-def sample_polyline(line: Float, stations: Float) -> Float:
-    """Return the points (K, 2) at arc lengths (K,) of a line (N, 2), its last step extended."""
-    steps = np.diff(line, axis=0)
-    lengths = portable.hypot(steps[:, 0], steps[:, 1])
-    s = np.concatenate(((0.0,), np.cumsum(lengths)))
-    points = np.column_stack((np.interp(stations, s, line[:, 0]), np.interp(stations, s, line[:, 1])))
-    moving = np.flatnonzero(lengths > 1e-6)
-    if len(moving):
-        last = moving[-1]
-        points += np.maximum(stations - s[-1], 0.0)[:, None] * (steps[last] / lengths[last])
-    return points
+class MeasuredLine:
+    """A line (N, 2) [m] with its arc lengths, of which points are sampled more than once."""
+
+    def __init__(self, line: Float) -> None:
+        steps = line[1:] - line[:-1]
+        lengths = portable.hypot(steps[:, 0], steps[:, 1])
+        self._line = line
+        self.s: Float = np.concatenate(((0.0,), np.cumsum(lengths)))
+        """(N,) arc lengths [m] at the points."""
+        moving = np.flatnonzero(lengths > 1e-6)
+        self._direction = steps[moving[-1]] / lengths[moving[-1]] if len(moving) else None
+        """Of the last step; None if no step moves."""
+
+    def sample(self, stations: Float) -> Float:
+        """Return the points (K, 2) at arc lengths (K,), the last step extended."""
+        points = np.empty((len(stations), 2))
+        points[:, 0] = np.interp(stations, self.s, self._line[:, 0])
+        points[:, 1] = np.interp(stations, self.s, self._line[:, 1])
+        if self._direction is not None:
+            points += np.maximum(stations - self.s[-1], 0.0)[:, None] * self._direction
+        return points
 
 
 def build_line(x: float, y: float, yaw: float, points: Float) -> Float:

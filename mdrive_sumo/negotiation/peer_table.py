@@ -6,7 +6,7 @@ from mdrive_sumo.contract import Message
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
-from mdrive_sumo.negotiation.intention import AFTER_S, INTERVAL_S, sample_polyline
+from mdrive_sumo.negotiation.intention import AFTER_S, INTERVAL_S, MeasuredLine
 from mdrive_sumo.negotiation.negotiator import NegotiationMember
 from mdrive_sumo.v2x.messages import MCM, Mcm, MessageError, decode
 
@@ -100,10 +100,10 @@ class _AnnouncedTrajectory:
     """A trajectory from a position through points at a fixed interval; beyond its end at the last speed."""
 
     def __init__(self, here: Float, points: Float, interval_s: float) -> None:
-        self._line = np.vstack((here, points))
-        steps = np.diff(self._line, axis=0)
-        self._s = np.concatenate(((0.0,), np.cumsum(portable.hypot(steps[:, 0], steps[:, 1]))))
-        self._times = np.arange(len(self._line)) * interval_s
+        line = np.vstack((here, points))
+        self._line, self._start, self._is_standing = MeasuredLine(line), line[:1], len(line) == 1
+        self._s = self._line.s
+        self._times = np.arange(len(line)) * interval_s
         self._last_speed = (self._s[-1] - self._s[-2]) / interval_s if len(points) else 0.0
 
     def compute_travelled(self, t: Float) -> Float:
@@ -113,9 +113,9 @@ class _AnnouncedTrajectory:
 
     def get_points(self, t: Float) -> Float:
         """Return the points (N, 2) [m] at times (N,) [s]."""
-        if len(self._line) == 1:
-            return np.repeat(self._line, len(t), axis=0)
-        return sample_polyline(self._line, self.compute_travelled(t))
+        if self._is_standing:
+            return np.repeat(self._start, len(t), axis=0)
+        return self._line.sample(self.compute_travelled(t))
 
     def find_time(self, s: float, latest: float) -> float:
         """Return the first time [s] at which arc length s [m] is reached, at most `latest` [s]."""

@@ -16,20 +16,20 @@ def compute_footprints(path: ReferencePath, length: float, width: float, cells: 
 
 def compute_overlaps(boxes: Float, others: Float) -> Bool:
     """Return a mask (A, B): which of the boxes (A, 4, 2) overlap which of the others (B, 4, 2)."""
-    reach = _compute_reach(boxes) + _compute_reach(others)
-    gap = boxes.mean(1)[:, None] - others.mean(1)[None]
-    near = (gap * gap).sum(-1) < reach * reach
+    (x, y), (other_x, other_y) = centre, other_centre = boxes.mean(1).T, others.mean(1).T
+    reach = _compute_reach(boxes, centre) + _compute_reach(others, other_centre)
+    near = portable.square(x[:, None] - other_x) + portable.square(y[:, None] - other_y) < reach * reach
     a, b = np.nonzero(near)
     near[a, b] = boxes_overlap(boxes[a], others[b])
     return near
 
 
-def _compute_reach(corners: Float) -> float:
-    """Return the greatest distance [m] of a corner from its box's centre."""
+def _compute_reach(corners: Float, centre: Float) -> float:
+    """Return the greatest distance [m] of a corner (K, 4, 2) from its box's centre (2, K)."""
     if not len(corners):
         return 0.0
-    gap = corners - corners.mean(1, keepdims=True)
-    return float(portable.hypot(gap[..., 0], gap[..., 1]).max())
+    gap = corners.T - centre[:, None]
+    return float(portable.hypot(gap[0], gap[1]).max())
 
 
 def compute_path_overlaps(

@@ -17,6 +17,7 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Int, Polyline, build_polyline
+from mdrive_sumo.roads.import_sumolib import import_sumolib
 from mdrive_sumo.roads.network_file import (
     NET_FILE,
     Building,
@@ -210,9 +211,7 @@ def _is_left_hand(xml: bytes) -> bool:
 
 
 def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: bool) -> RoadMap:
-    import sumolib  # here, because it takes 0.1 s that `--help` should not pay
-
-    net = sumolib.net.readNet(str(path), withInternal=True, withPrograms=False)
+    net = import_sumolib().net.readNet(str(path), withInternal=True, withPrograms=False)
     raw = [lane for edge in net.getEdges(withInternal=True) for lane in edge.getLanes()]
     cars = {lane.getID(): lane for lane in raw if lane.allows("passenger") and _build_centre_line(lane) is not None}
     foot = [lane for lane in raw if lane.allows("pedestrian") and not lane.allows("passenger")]

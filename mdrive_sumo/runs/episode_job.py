@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
+from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
@@ -16,7 +17,7 @@ from mdrive_sumo.runs.open_agents import RejectedError, open_agents
 from mdrive_sumo.runs.transcript import save_transcript, transcript_path
 from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.suite import Suite, load_suite
+from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, load_suite_of_one
 from mdrive_sumo.scenario.variation import load_varied_scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
 
@@ -41,6 +42,8 @@ class EpisodeJob:
     """Agent failures of the recorded run, for re-execution."""
     think_times: tuple[ThinkTime, ...] = ()
     """Think times of the agents of the recorded run, for re-execution."""
+    checksum: str = ""
+    """Of the scenario's file when the run was prepared, because a worker reads it again; "": not checked."""
 
 
 def run_job(job: EpisodeJob) -> ScenarioResult:
@@ -60,7 +63,7 @@ def run_job(job: EpisodeJob) -> ScenarioResult:
 def score_job_episode(job: EpisodeJob, episode: EpisodeRecord) -> ScenarioResult:
     """Return the score of an episode of a job's scenario, with the suite's reference times. Raises InputError."""
     scenario, roads = load_job_scenario(job)
-    reference = find_reference_times(scenario, _load_suite_once(job.suite_folder).find_folder(scenario.id))
+    reference = find_reference_times(scenario, _load_suite_of_job(job).find_folder(scenario.id))
     return score_episode(episode, scenario, roads, job.score_mode, job.seed, reference)
 
 
@@ -115,16 +118,22 @@ def rescore(job: EpisodeJob) -> ScenarioResult:
 
 def load_job_scenario(job: EpisodeJob) -> tuple[Scenario, RoadMap]:
     """Return the scenario of a job as its seed draws it, and its network. Raises InputError."""
-    suite = _load_suite_once(job.suite_folder)
-    scenario = next((s for s in suite.scenarios if s.id == job.scenario), None)
-    if scenario is None:
-        raise InputError(f"suite {suite.name}: expected a scenario {job.scenario!r}, found none")
-    return load_varied_scenario(suite, scenario, job.seed)
+    suite = _load_suite_of_job(job)
+    return load_varied_scenario(suite, suite.scenarios[0], job.seed)
+
+
+def _load_suite_of_job(job: EpisodeJob) -> Suite:
+    """Return the suite with the scenario of the job only. Raises InputError, also for a file that was changed."""
+    suite = _load_suite_once(job.suite_folder, job.scenario)
+    path = suite.find_folder(job.scenario) / job.scenario / SCENARIO_FILE
+    if job.checksum and job.checksum != compute_file_checksum(path):
+        raise InputError(f"{path}: expected the scenario with which the run began, found a changed one")
+    return suite
 
 
 @lru_cache(maxsize=2)
-def _load_suite_once(folder: Path) -> Suite:
-    return load_suite(str(folder))
+def _load_suite_once(folder: Path, scenario: str) -> Suite:
+    return load_suite_of_one(Path(folder), scenario)
 
 
 def _drive(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord:

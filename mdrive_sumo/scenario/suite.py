@@ -185,6 +185,21 @@ def load_suite(name_or_folder: str) -> Suite:
     return suite
 
 
+def load_suite_of_one(folder: Path, scenario: str) -> Suite:
+    """Return the suite in a folder with this scenario only: a worker process needs no others, and `mdrive` takes 35 MB.
+
+    Its checksum is not checked, because that is over all scenarios. Raises InputError.
+    """
+    about = _suite_file(folder / SUITE_FILE)
+    part_folders = [_find_part_folder(name, folder) for name in about.parts]
+    home = next((one for one in (part_folders or [folder]) if (one / scenario / SCENARIO_FILE).is_file()), None)
+    if home is None:
+        raise InputError(f"suite {about.name}: expected a scenario {scenario!r}, found none")
+    found = (_scenario(home / scenario / SCENARIO_FILE),)
+    parts = (Suite(_suite_file(home / SUITE_FILE), home, found),) if part_folders else ()
+    return Suite(about, folder, found, parts)
+
+
 def seal_suite(suite: Suite) -> Suite:
     """The same suite, of which `suite.json` will hold the checksum."""
     return replace(suite, about=suite.about.model_copy(update={"checksum": suite.checksum()}))
@@ -198,12 +213,15 @@ def _scenarios(folder: Path) -> tuple[Scenario, ...]:
 
 
 def _parts(about: SuiteFile, folder: Path) -> tuple[Suite, ...]:
-    parts = tuple(
-        load_suite(name if name in list_packaged_suites() else str(folder.parent / name)) for name in about.parts
-    )
+    parts = tuple(load_suite(str(_find_part_folder(name, folder))) for name in about.parts)
     if nested := [part.name for part in parts if part.about.parts]:
         raise InputError(f"{folder}: expected parts with scenarios of their own, found {nested[0]!r}, which has parts")
     return parts
+
+
+def _find_part_folder(name: str, folder: Path) -> Path:
+    """Return the folder of a part of the suite in `folder`: a packaged suite, or one beside it."""
+    return list_packaged_suites().get(name, folder.parent / name)
 
 
 def _scenarios_of(parts: Sequence[Suite], folder: Path) -> tuple[Scenario, ...]:

@@ -1,8 +1,9 @@
 """The sensor of kind "objects": boxes of what is in sight, exact or with the errors of a profile."""
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
@@ -47,14 +48,21 @@ class ObjectsSensor:
         self._carrier, self._seed, self._roads = fitting.carrier, fitting.seed, fitting.roads
         self._track_salt = fitting.track_salt
         self._names: dict[str, str] = {}
-        self._history: deque[tuple[int, Objects]] = deque(maxlen=self._profile.latency_ticks + 1)
+        self._history: deque[tuple[SensingFrame, SensorPose]] = deque(maxlen=self._profile.latency_ticks + 1)
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> Objects:
         """Return the newest detections that are at least `latency_ticks` old; empty before there are any."""
-        self._history.append((scene.tick, self._detect(scene, eye)))
+        return self.defer(scene, eye)()
+
+    def defer(self, scene: SensingFrame, eye: SensorPose) -> Callable[[], Objects]:
+        """Return what computes the result of `sense` in this tick; it may be called later, or never."""
+        self._history.append((scene, eye))
         due_tick = scene.tick - self._profile.latency_ticks
-        ready = [seen for tick, seen in self._history if tick <= due_tick]
-        return ready[-1] if ready else replace(Objects.empty(), free_m=np.zeros(self._sectors))
+        ready = [measured for measured in self._history if measured[0].tick <= due_tick]
+        return partial(self._detect, *ready[-1]) if ready else self._detect_nothing
+
+    def _detect_nothing(self) -> Objects:
+        return replace(Objects.empty(), free_m=np.zeros(self._sectors))
 
     def _detect(self, scene: SensingFrame, eye: SensorPose) -> Objects:
         view = SightView(eye, scene, load_building_edges(self._roads), self._range_m)

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
 from mdrive_sumo.contract import Briefing, Message, Objects, Observation, Plan, Privileged, SensorSpec
-from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import EgoState, Frame
 from mdrive_sumo.roads import RoadMap
@@ -91,13 +92,15 @@ class ObservationBuilder:
             own = estimator.describe(estimate) if estimator and estimate else to_own_state(state)
             lights = {light.id: _read_signal(frame.signals, light.id) for light in self._briefings[ego].traffic_lights}
             fields: dict[str, Any] = {}
+            eye = SensorPose(state.x, state.y, state.yaw, rows[ego], estimate)
             if scene is not None and carrier.has_sensors:
-                fields = carrier.sense(scene, SensorPose(state.x, state.y, state.yaw, rows[ego], estimate))
+                fields = carrier.sense(scene, eye)
                 if carrier.privileged:
                     fields["privileged"] = self._privileged(scene, plans)
-            observations[ego] = Observation(
-                frame.tick, own, signals=MappingProxyType(lights), messages=messages, **fields
-            )
+            observation = Observation(frame.tick, own, signals=MappingProxyType(lights), messages=messages, **fields)
+            if scene is not None and carrier.objects_sensor is not None:
+                observation.defer_objects(partial(_sense_or_void, carrier.objects_sensor.defer(scene, eye)))
+            observations[ego] = observation
         return observations
 
     def _privileged(self, scene: SensingFrame, plans: Mapping[str, Plan]) -> Privileged:
@@ -117,6 +120,8 @@ class _Carrier:
 
     def __init__(self, ego: str, specs: tuple[SensorSpec, ...], briefing: Briefing, common: SensorContext) -> None:
         self._single: dict[str, Any] = {}
+        self.objects_sensor: ObjectsSensor | None = None
+        """Computes only what an agent reads."""
         self._lidar: dict[str, LidarSensor] = {}
         self._bev: dict[str, RasterSensor] = {}
         self.privileged = any(spec.kind == "privileged" for spec in specs)
@@ -130,6 +135,7 @@ class _Carrier:
         view = max((spec.range_m for spec in specs if spec.kind == "bev"), default=0.0)
         ideal = SensorSetup(ego, 0, common.roads, common.weather, briefing, salt)
         self._sight = ObjectsSensor(SensorSpec("objects", range_m=view), ideal) if self._bev else None
+        self.objects_sensor = self._single.pop("objects", None)
 
     def _add(self, spec: SensorSpec, fitting: SensorSetup) -> None:
         if spec.kind in SINGLE:
@@ -142,7 +148,7 @@ class _Carrier:
             raise InputError(describe_camera_error(spec.kind) or _format_unknown_kind(spec.kind))
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> dict[str, Any]:
-        """Return the sensor fields of the observation."""
+        """Return the sensor fields of the observation but `objects`."""
         fields: dict[str, Any] = {kind: sensor.sense(scene, eye) for kind, sensor in self._single.items()}
         scans = {name: sensor.sense(scene, eye) for name, sensor in self._lidar.items()}
         if scans:
@@ -163,6 +169,14 @@ def _check_unique(sensors: dict[str, Any], key: str, spec: SensorSpec) -> dict[s
 
 def _format_unknown_kind(kind: str) -> str:
     return f"sensor {kind!r}: expected one of {', '.join(KINDS)}, found none of that kind"
+
+
+def _sense_or_void(sense: Callable[[], Objects]) -> Objects:
+    """Return the detections, also while an agent runs. Raises WorldError: a failure here is none of the agent's."""
+    try:
+        return sense()
+    except Exception as error:
+        raise WorldError(f"objects sensor: {type(error).__name__}: {error}") from error
 
 
 def build_sensing_frame(frame: Frame, sizes: Mapping[str, tuple[float, float]]) -> SensingFrame:

@@ -5,14 +5,19 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import blake2b
 
+import numpy as np
+
 from mdrive_sumo.contract import Briefing, Objects
 from mdrive_sumo.contract.detector_profiles import IDEAL
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Float, boxes_corners
-from mdrive_sumo.core.state import EgoState
+from mdrive_sumo.core.geometry import Bool, Float, boxes_corners
+from mdrive_sumo.core.state import EgoState, Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.weather import Weather
 from mdrive_sumo.v2x.messages import format_track_name
+
+LOW_M = 2.5
+"""Static objects with a longer side up to this count as low: sensors look over cones, crates and barrier pieces."""
 
 
 @dataclass(frozen=True)
@@ -24,10 +29,29 @@ class SensingFrame:
     egos: Mapping[str, EgoState]
 
     @cached_property
+    def directions(self) -> tuple[Float, Float]:
+        """Cosines and sines (N,) of the yaws of all boxes."""
+        return portable.cos_sin(self.boxes.yaw)
+
+    @cached_property
     def corners(self) -> Float:
         """(N, 4, 2) corners of all boxes [m]."""
         boxes = self.boxes
         return boxes_corners(boxes.x, boxes.y, boxes.yaw, boxes.length, boxes.width)
+
+    @cached_property
+    def opaque(self) -> Bool:
+        """(N,) mask of the boxes that hide what lies behind them: vehicles, and static objects that are not low."""
+        boxes = self.boxes
+        is_high = np.maximum(boxes.length, boxes.width) > LOW_M
+        return (boxes.kind == int(Kind.VEHICLE)) | ((boxes.kind == int(Kind.STATIC)) & is_high)
+
+    @cached_property
+    def edges(self) -> Float:
+        """(4, N, 4) edges of all boxes, counter-clockwise: x of their starts and ends, y of their starts and ends."""
+        corners = self.corners
+        ends = corners[:, (1, 2, 3, 0)]
+        return np.stack((corners[..., 0], ends[..., 0], corners[..., 1], ends[..., 1]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,14 +16,11 @@ import numpy.typing as npt
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import TAU, Bool, Float, Int
-from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
 
 TIE = 1e-9
 """Edges whose 1/distance differs by less [1/m] are equally near: 0.01 mm at 100 m. Touching boxes do not flicker."""
-LOW_M = 2.5
-"""Static objects with a longer side up to this count as low: sensors look over cones, crates and barrier pieces."""
 FLAT = 1e-9
 """The eye lies on an edge's line, and does not see it, below this value of twice their triangle [m2]."""
 
@@ -34,24 +31,23 @@ class BuildingEdges:
     def __init__(self, roads: RoadMap) -> None:
         """`roads` may have no buildings; their outlines may run either way round."""
         rings = [_counter_clockwise(np.array(building.polygon, dtype=np.float64)) for building in roads.buildings]
-        sizes = [len(ring) for ring in rings]
-        self.starts: Float = np.concatenate([np.zeros((0, 2)), *rings])
-        """(W, 2) [m]"""
-        self.ends: Float = np.concatenate([np.zeros((0, 2)), *(np.roll(ring, -1, axis=0) for ring in rings)])
-        """(W, 2) [m]"""
+        starts = np.concatenate([np.zeros((0, 2)), *rings])
+        ends = np.concatenate([np.zeros((0, 2)), *(np.roll(ring, -1, axis=0) for ring in rings)])
+        self.walls: Float = np.stack((starts[:, 0], ends[:, 0], starts[:, 1], ends[:, 1]))
+        """(4, W) x of their starts and ends, y of their starts and ends [m]."""
         self._middles = np.array([(ring.min(0) + ring.max(0)) / 2 for ring in rings]).reshape(-1, 2)
         self._radii = np.array(
             [portable.hypot(*(ring - middle).T).max() for ring, middle in zip(rings, self._middles, strict=True)]
         )
-        self._building = np.repeat(np.arange(len(rings)), sizes)
+        self._building = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
 
-    def find_near(self, eye: SensorPose, reach_m: float) -> tuple[Float, Float]:
-        """Return starts and ends (V, 2) [m] of the walls of all buildings within reach_m."""
+    def find_near(self, eye: SensorPose, reach_m: float) -> Float:
+        """Return the walls (4, V) of all buildings within reach_m."""
         if not len(self._radii):
-            return self.starts, self.ends
+            return self.walls
         gap = portable.hypot(self._middles[:, 0] - eye.x, self._middles[:, 1] - eye.y) - self._radii
-        walls = (gap <= reach_m)[self._building]
-        return self.starts[walls], self.ends[walls]
+        near = gap <= reach_m
+        return self.walls if near.all() else self.walls.compress(near[self._building], axis=1)
 
 
 def _counter_clockwise(ring: Float) -> Float:
@@ -61,7 +57,7 @@ def _counter_clockwise(ring: Float) -> Float:
 
 
 class _Edges(NamedTuple):
-    """The E edges that face the eye, as it sees them: from right to left, counter-clockwise."""
+    """The E edges that face the eye, as it sees them: from right to left, counter-clockwise. Those of boxes first."""
 
     right: Float
     """(E,) angle of one end [rad] in [-pi, pi]."""
@@ -71,14 +67,11 @@ class _Edges(NamedTuple):
     """(E,) with `sin`: 1/distance of the edge [1/m] towards angle a is cos * cos(a) + sin * sin(a)."""
     sin: Float
     owner: Int
-    """(E,) row of the box, -1 for a wall."""
+    """(B,) row of the box of each of the first B edges; the others are walls."""
     hides: Bool
     """(E,) whether it hides what lies behind."""
-
-    @property
-    def extent(self) -> Float:
-        """(E,) angular width [rad]."""
-        return (self.left - self.right) % TAU
+    extent: Float
+    """(E,) angular width [rad]."""
 
 
 class _Pieces(NamedTuple):
@@ -88,6 +81,8 @@ class _Pieces(NamedTuple):
     """(P,) index of the edge."""
     interval: npt.NDArray[np.intp]
     """(P,) index of the interval."""
+    intervals: int
+    """Number of intervals."""
 
 
 def _cut_edges(first: npt.NDArray[np.intp], after: npt.NDArray[np.intp], intervals: int) -> _Pieces:
@@ -96,7 +91,36 @@ def _cut_edges(first: npt.NDArray[np.intp], after: npt.NDArray[np.intp], interva
     edge = np.repeat(np.arange(len(counts)), counts)
     begins = np.cumsum(counts) - counts
     interval = np.arange(len(edge)) + (first - begins)[edge]
-    return _Pieces(edge, np.where(interval >= intervals, interval - intervals, interval))
+    return _Pieces(edge, np.where(interval >= intervals, interval - intervals, interval), intervals)
+
+
+def _compare_with_nearest(
+    pieces: _Pieces, hides: Bool, begin: Float, end: Float, of_box: slice
+) -> tuple[Bool, npt.NDArray[np.intp]]:
+    """Return which pieces of boxes nothing hides, as a mask, and the indices of those that are hidden in part.
+
+    begin, end: (P,) 1/distance of the pieces where their interval begins and ends. hides: (P,).
+    """
+    opaque = np.flatnonzero(hides)
+    places, begins, ends = pieces.interval[opaque], begin[opaque], end[opaque]
+    middles = begins + ends
+    nearest = np.zeros((3, pieces.intervals))
+    for row, near in zip(nearest, (begins, ends, middles), strict=True):
+        np.maximum.at(row, places, near)
+    at, begin, end = pieces.interval[of_box], begin[of_box], end[of_box]
+    in_sight = nearest[:2] - TIE
+    clear = (begin >= in_sight[0].take(at)) & (end >= in_sight[1].take(at))
+    behind = np.flatnonzero(~clear)
+    if not len(behind):
+        return clear, behind
+    first = np.flatnonzero(middles >= nearest[2].take(places))
+    is_first = np.zeros(len(hides), dtype=np.bool_)
+    is_first[opaque[first]] = True
+    front = np.zeros((2, pieces.intervals))
+    front[:, places[first]] = begins[first], ends[first]
+    at = at[behind]
+    hidden = (front[0, at] >= begin[behind] - TIE) & (front[1, at] >= end[behind] - TIE) & ~is_first[behind]
+    return clear, behind[~hidden]
 
 
 @dataclass(frozen=True)
@@ -111,8 +135,8 @@ class SightView:
     @cached_property
     def distances(self) -> Float:
         """(N,) distance from the eye to the nearest point of each box [m]; infinite for the carrier's own."""
-        b = self.scene.boxes
-        x, y, (cos, sin) = b.x - self.eye.x, b.y - self.eye.y, portable.cos_sin(b.yaw)
+        b, (cos, sin) = self.scene.boxes, self.scene.directions
+        x, y = b.x - self.eye.x, b.y - self.eye.y
         ahead = np.maximum(np.abs(cos * x + sin * y) - b.length / 2, 0.0)
         aside = np.maximum(np.abs(cos * y - sin * x) - b.width / 2, 0.0)
         gaps = portable.hypot(ahead, aside)
@@ -122,61 +146,51 @@ class SightView:
 
     @cached_property
     def _edges(self) -> _Edges:
-        b, eye = self.scene.boxes, self.eye
-        rows = np.flatnonzero(self.distances <= self.range_m)
-        corners = self.scene.corners[rows]
+        eye, rows = self.eye, np.flatnonzero(self.distances <= self.range_m)
         # What lies wholly out of range is left out: it can hide only what is out of range too.
-        starts, ends = self.buildings.find_near(eye, self.range_m)
-        p = np.concatenate((corners.reshape(-1, 2), starts)) - (eye.x, eye.y)
-        q = np.concatenate((corners[:, (1, 2, 3, 0)].reshape(-1, 2), ends)) - (eye.x, eye.y)
-        owner = np.concatenate((np.repeat(rows, 4), np.full(len(starts), -1)))
-        double_area = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
-        facing = double_area < -FLAT
-        p, q, owner, double_area = p[facing], q[facing], owner[facing], double_area[facing]
-        left, right = portable.atan2(np.stack((p[:, 1], q[:, 1])), np.stack((p[:, 0], q[:, 0])))
-        high = (b.kind == Kind.STATIC) & (np.maximum(b.length, b.width) > LOW_M)
-        opaque = np.append((b.kind == Kind.VEHICLE) | high, True)  # the last one is of the walls
-        side = (q - p) / double_area[:, None]
-        return _Edges(right, left, side[:, 1], -side[:, 0], owner, opaque[owner])
+        walls = self.buildings.find_near(eye, self.range_m)
+        edges = np.concatenate((self.scene.edges[:, rows].reshape(4, -1), walls), axis=1)
+        edges -= np.array(((eye.x,), (eye.x,), (eye.y,), (eye.y,)))
+        double_area = edges[0] * edges[3] - edges[2] * edges[1]
+        facing = np.flatnonzero(double_area < -FLAT)
+        (px, qx, py, qy), double_area = (edges := edges.take(facing, axis=1)), double_area.take(facing)
+        left, right = portable.atan2(edges[2:], edges[:2])
+        owner = rows.repeat(4).take(facing[: np.searchsorted(facing, 4 * len(rows))])
+        hides = np.ones(len(facing), dtype=np.bool_)  # as walls do
+        hides[: len(owner)] = self.scene.opaque[owner]
+        cos, sin = (qy - py) / double_area, -((qx - px) / double_area)
+        return _Edges(right, left, cos, sin, owner, hides, (left - right) % TAU)
 
     def visible_fractions(self) -> Float:
         """Return the visible share (N,) in [0, 1] of each box's angular width; 0 for the carrier and out of range."""
-        edges = self._edges
-        of_box = edges.owner >= 0
-        count = len(self.distances)
-        extent = np.bincount(edges.owner[of_box], edges.extent[of_box], count)
-        seen = np.bincount(edges.owner[of_box], self._compute_visible_widths()[of_box], count)
+        owner, count = self._edges.owner, len(self.distances)
+        extent = np.bincount(owner, self._edges.extent[: len(owner)], count)
+        seen = np.bincount(owner, self._compute_visible_widths(), count)
         around = (self.distances <= self.range_m) & (extent == 0.0)  # no edge faces an eye inside
         return np.where(around, 1.0, np.clip(seen / np.where(extent > 0.0, extent, 1.0), 0.0, 1.0))
 
     def _compute_visible_widths(self) -> Float:
-        """Return the visible angular width (E,) [rad] of each edge."""
+        """Return the visible angular width (B,) [rad] of each edge of a box."""
         edges = self._edges
         if not len(edges.owner):
             return np.zeros(0)
         cuts = np.sort(np.concatenate((edges.right, edges.left)), kind="stable")
-        edge, interval = _cut_edges(np.searchsorted(cuts, edges.right), np.searchsorted(cuts, edges.left), len(cuts))
-        widths = np.diff(cuts, append=cuts[0] + TAU)
-        hides, (cos, sin) = edges.hides[edge], portable.cos_sin(cuts)
-        after = interval + 1
-        after[after == len(cuts)] = 0
-        begin = edges.cos[edge] * cos[interval] + edges.sin[edge] * sin[interval]
-        end = edges.cos[edge] * cos[after] + edges.sin[edge] * sin[after]
-        nearest = np.zeros((3, len(cuts)))
-        for row, near in zip(nearest, (begin, end, begin + end), strict=True):
-            np.maximum.at(row, interval[hides], near[hides])
-        clear = (begin >= nearest[0, interval] - TIE) & (end >= nearest[1, interval] - TIE)
-        seen = np.where(clear, widths[interval], 0.0)
-        winner = hides & (begin + end >= nearest[2, interval])
-        front = np.zeros((2, len(cuts)))
-        front[:, interval[winner]] = begin[winner], end[winner]
-        hidden = ~winner & (front[0, interval] >= begin - TIE) & (front[1, interval] >= end - TIE)
-        for i in np.flatnonzero(~clear & ~hidden):
-            others = edge[(interval == interval[i]) & hides & (edge != edge[i])]
+        pieces = _cut_edges(cuts.searchsorted(edges.right), cuts.searchsorted(edges.left), len(cuts))
+        cos, sin = portable.cos_sin(np.append(cuts, cuts[0]))
+        edge, interval, _ = pieces
+        a, b = edges.cos[edge], edges.sin[edge]
+        begin = a * cos[interval] + b * sin[interval]
+        end = a * cos[interval + 1] + b * sin[interval + 1]
+        of_box = slice(0, edge.searchsorted(len(edges.owner)))
+        widths = np.append(cuts[1:], cuts[0] + TAU) - cuts
+        clear, unclear = _compare_with_nearest(pieces, edges.hides[edge], begin, end, of_box)
+        seen = np.where(clear, widths[interval[of_box]], 0.0)
+        for i in unclear.tolist():
+            others = edge[(interval == interval[i]) & edges.hides[edge] & (edge != edge[i])]
             seen[i] = self._compute_visible_width(
                 int(edge[i]), others, float(cuts[interval[i]]), float(widths[interval[i]])
             )
-        return np.bincount(edge, seen, len(edges.owner)).astype(np.float64, copy=False)
+        return np.bincount(edge[of_box], seen, len(edges.owner)).astype(np.float64, copy=False)
 
     def _compute_visible_width(self, edge: int, others: npt.NDArray[np.intp], begin: float, width: float) -> float:
         """Return the visible width [rad] of an edge from the angle begin on, where boxes overlap."""

@@ -9,6 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from mdrive_sumo.core.geometry import (
+    Float,
     Polyline,
     box_corners,
     boxes_corners,
@@ -52,6 +53,25 @@ def test_overlap_agrees_with_shapely(first: tuple[float, ...], second: tuple[flo
     area = shapely.Polygon(a).intersection(shapely.Polygon(b)).area
     assume(area == 0 or area > 1e-6)  # touching is decided by rounding
     assert bool(boxes_overlap(a, b)) == (area > 0)
+
+
+@given(st.lists(box, min_size=1, max_size=4), st.lists(box, min_size=1, max_size=4), st.booleans())
+def test_overlap_is_bit_for_bit_that_of_plain_arithmetic(
+    first: list[tuple[float, ...]], second: list[tuple[float, ...]], on_a_grid: bool
+) -> None:
+    """Every pair, one axis after the other; on a grid many boxes touch."""
+    a, b = (np.array([box_corners(*values) for values in boxes]) for boxes in (first, second))
+    if on_a_grid:
+        a, b = np.round(a), np.round(b)
+
+    def is_apart(one: Float, other: Float, axis: Float) -> bool:
+        spans = [[float(x) * axis[0] + float(y) * axis[1] for x, y in corners] for corners in (one, other)]
+        return max(spans[0]) <= min(spans[1]) or max(spans[1]) <= min(spans[0])
+
+    def overlap(one: Float, other: Float) -> bool:
+        return not any(is_apart(one, other, box[i + 1] - box[i]) for box in (one, other) for i in (0, 1))
+
+    assert boxes_overlap(a[:, None], b).tolist() == [[overlap(one, other) for other in b] for one in a]
 
 
 def test_overlap_is_taken_over_whole_arrays() -> None:

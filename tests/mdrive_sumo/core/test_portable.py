@@ -58,6 +58,7 @@ def test_cosine_and_sine_are_accurate(angle: float) -> None:
         cos, sin = portable.cos_sin(angle)
         assert abs(Decimal(cos) - decimal_cos(Decimal(angle))) <= bound
         assert abs(Decimal(sin) - decimal_sin(Decimal(angle))) <= bound
+    assert portable.sin(angle) == sin == portable.sin(np.full(20, angle))[0]
 
 
 @given(angle=st.floats(-1e-2, 1e-2).filter(lambda x: abs(x) > 1e-100))

@@ -1,6 +1,7 @@
 """Speed intentions: accelerations, trajectories and directions."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.negotiation.intention import (
+    MeasuredLine,
     build_line,
     classify_acceleration,
     classify_direction,
@@ -103,3 +105,25 @@ LANE_CHANGE = 1.75 * (1 + np.tanh((S - 15) / 3))
 )
 def test_directions_by_the_shape_of_the_line(x: Float, y: Float, direction: Direction) -> None:
     assert classify_direction(np.column_stack((x, y))) == direction
+
+
+@given(
+    st.lists(st.tuples(st.floats(-5, 5), st.floats(-5, 5)), min_size=2, max_size=6),
+    st.lists(st.floats(0, 40), min_size=1, max_size=5),
+)
+def test_a_measured_line_agrees_with_walking_along_it(steps: list[tuple[float, float]], stations: list[float]) -> None:
+    points = np.cumsum(np.array(steps), axis=0)
+
+    def walk(station: float) -> Float:
+        left, last = station, np.zeros(2)
+        for start, end in pairwise(points):
+            length = math.hypot(*(end - start))
+            if length > 1e-6:
+                last = (end - start) / length
+            if left <= length:
+                return start + last * left if length > 1e-6 else start
+            left -= length
+        return points[-1] + last * left
+
+    expected = [walk(station) for station in stations]
+    assert MeasuredLine(points).sample(np.array(stations)) == pytest.approx(np.array(expected), abs=1e-5)
