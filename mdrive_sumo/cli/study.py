@@ -10,6 +10,7 @@ import click
 from mdrive_sumo.cli.ablate import command as ablate_command
 from mdrive_sumo.cli.comm import parse_comm_options
 from mdrive_sumo.cli.gain import command as gain_command
+from mdrive_sumo.cli.paper import command as paper_command
 from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.workers import workers_option
@@ -42,6 +43,7 @@ command = click.Group(
 )
 command.add_command(ablate_command)
 command.add_command(gain_command)
+command.add_command(paper_command)
 
 
 @command.command("comm")

@@ -1,0 +1,101 @@
+"""`mdrive-sumo study paper`: the counterparts of the paper's tables and figures."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
+from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.prepared_run import PreparedRun, prepare, prepare_with_suite
+from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.study.paper.paper_agents import prepare_installed_agents
+from mdrive_sumo.study.paper.paper_plan import make_plan
+from mdrive_sumo.study.paper.paper_study import REFERENCE, ClosedRow, PaperStudy
+from mdrive_sumo.study.paper.study_folder import claim_folder, describe_study
+
+
+@click.command("paper")
+@click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder.")
+@click.option("--quick", is_flag=True, help="A few scenarios of every kind: three minutes, to see what comes out.")
+@click.option("--agents", metavar="A,B,...", help="Agents, each as --agent of `eval` [default: all that are installed].")
+@click.option("--suite", default="mdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
+@click.option(
+    "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="The first seed; 0: as written."
+)
+@click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many seeds.")
+@click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted study.")
+@workers_option
+@click.pass_context
+def command(ctx: click.Context, **options: object) -> None:
+    """Measure the counterpart of every table and figure of the MDrive paper.
+
+    Drives every agent in closed loop (RQ1, RQ2), shows it recorded drives in open loop (RQ3), and drives agents that
+    exchange messages over the paper's worse channels (RQ5). Writes paper.md, paper.html, paper.json, every table as
+    .tex and .csv and the figures into --out, and every run into --out/runs. The same command given again continues an
+    interrupted study.
+
+    Exit codes: 0 every scenario has a score, 1 some are void or an agent failed, 2 unusable input, 130 interrupted.
+    """
+    given = _PaperOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
+    study, left_out = given.prepare_study()
+    for name, why in left_out.items():
+        click.echo(f"left out: {name}: {why}", err=True)
+    rows = drive_with_display(ctx, study)
+    runs = [row.results for row in rows if isinstance(row, ClosedRow)]
+    failed = warn_about_failures(runs, given.out)
+    ctx.exit(1 if failed or any(run.void for run in runs) else 0)
+
+
+@dataclass(frozen=True, slots=True)
+class _PaperOptions:
+    """The options of `study paper`."""
+
+    out: Path
+    quick: bool
+    agents: str | None
+    suite: str
+    seed: int
+    seeds: int
+    fresh: bool
+    workers: int
+
+    def prepare_study(self) -> tuple[PaperStudy, dict[str, str]]:
+        """Return the study, and why agents are left out. Raises InputError before anything is written or driven."""
+        names = self._parse_agents()
+        reference = prepare(self._make_config(REFERENCE))
+        plan = make_plan(reference.suite, quick=self.quick)
+
+        def prepare_agent(name: str) -> PreparedRun:
+            return reference if name == REFERENCE else prepare_with_suite(self._make_config(name), reference.suite)
+
+        agents, left_out = prepare_installed_agents(prepare_agent, names)
+        claim_folder(self.out, describe_study(reference.config, reference.suite, plan), fresh=self.fresh)
+        return PaperStudy(plan, agents, reference, self.out), left_out
+
+    def _parse_agents(self) -> Sequence[str]:
+        """Return the agents that are named; none: all that are installed. Raises InputError."""
+        if self.agents is None:
+            return ()
+        names = [name.strip() for name in self.agents.split(",")]
+        if "" in names or len({*names}) < len(names):
+            raise InputError(
+                f"study: --agents: expected different agents with commas between them, found {self.agents!r}"
+            )
+        return names
+
+    def _make_config(self, agent: str) -> RunConfig:
+        return RunConfig(
+            suite=self.suite,
+            agent=AgentSpec(agent),
+            seed=self.seed,
+            more_seeds=tuple(range(self.seed + 1, self.seed + self.seeds)),
+            workers=self.workers,
+            out=self.out,
+            fresh=self.fresh,
+            command=("mdrive-sumo", *sys.argv[1:]),
+        )
