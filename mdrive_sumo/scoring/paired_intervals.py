@@ -4,7 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_clustered_mean
+from mdrive_sumo.core.statistics import (
+    ConfidenceInterval,
+    bootstrap_clustered_mean,
+    bootstrap_stratified_clustered_mean,
+)
 from mdrive_sumo.scoring.results import ScenarioResult
 
 ResultTable = Mapping[str, Mapping[int, ScenarioResult]]
@@ -35,10 +39,24 @@ def compute_score_interval(table: ResultTable, name: str) -> ConfidenceInterval 
 
 
 def compute_difference_interval(table: ResultTable, base: ResultTable, name: str) -> ConfidenceInterval | None:
-    """Return mean and interval of the paired differences to the base condition; None if they share no scenario."""
-    values = [
-        [getattr(table[scenario][seed], name) - getattr(base[scenario][seed], name) for seed in sorted(table[scenario])]
-        for scenario in table
-        if scenario in base
-    ]
+    """Return mean and interval of the differences table - base, paired by scenario and seed; None without a pair.
+
+    base: has every seed of the table in each scenario that both have.
+    """
+    values = [_list_differences(table[scenario], base[scenario], name) for scenario in table if scenario in base]
     return bootstrap_clustered_mean(np.array(values)) if values else None
+
+
+def compute_stratified_difference(table: ResultTable, base: ResultTable, name: str) -> ConfidenceInterval | None:
+    """As `compute_difference_interval`, of the mean of the bucket means: each bucket is resampled on its own."""
+    buckets: dict[str, list[list[float]]] = {}
+    for scenario in (scenario for scenario in table if scenario in base):
+        bucket = next(iter(table[scenario].values())).bucket
+        buckets.setdefault(bucket, []).append(_list_differences(table[scenario], base[scenario], name))
+    return bootstrap_stratified_clustered_mean([np.array(rows) for rows in buckets.values()]) if buckets else None
+
+
+def _list_differences(
+    results: Mapping[int, ScenarioResult], base: Mapping[int, ScenarioResult], name: str
+) -> list[float]:
+    return [getattr(results[seed], name) - getattr(base[seed], name) for seed in sorted(results)]
