@@ -22,7 +22,9 @@ from mdrive_sumo.study.paper.study_folder import claim_folder, describe_study
 @click.command("paper")
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder.")
 @click.option("--quick", is_flag=True, help="A few scenarios of every kind: three minutes, to see what comes out.")
-@click.option("--agents", metavar="A,B,...", help="Agents, each as --agent of `eval` [default: all that are installed].")
+@click.option(
+    "--agents", metavar="A,B,...", help="Agents, each as --agent of `eval` [default: all that are installed]."
+)
 @click.option("--suite", default="mdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
 @click.option(
     "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="The first seed; 0: as written."

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Float, Int
+from mdrive_sumo.core.geometry import Float
 
 RESAMPLES = 10_000
 CONFIDENCE = 0.95
@@ -71,9 +71,13 @@ def _resample_clusters(values: Float, random: np.random.Generator) -> Float:
     return values[rows, columns].mean(axis=(1, 2))
 
 
-def draw_resample_counts(size: int) -> Int:
-    """Return how often each of `size` values is drawn in each resample (RESAMPLES, size): for other statistics."""
-    return np.random.default_rng(SEED).multinomial(size, np.full(size, 1 / size), size=RESAMPLES)
+def draw_resample_counts(size: int) -> Float:
+    """Return how often each of `size` values counts (1 + RESAMPLES, size), for statistics that are no mean.
+
+    The first row is the sample itself, where each counts once; the others are resamples.
+    """
+    drawn = np.random.default_rng(SEED).multinomial(size, np.full(size, 1 / size), size=RESAMPLES)
+    return np.concatenate((np.ones((1, size)), drawn.astype(np.float64)))
 
 
 def compute_percentile_interval(mean: float, resampled_means: Float) -> ConfidenceInterval:

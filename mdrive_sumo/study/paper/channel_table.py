@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from mdrive_sumo.report.comparison_report.report_table import (
+    CellValue,
     IntervalStyle,
     ReportCell,
     ReportColumn,
@@ -63,7 +64,7 @@ def _make_columns() -> tuple[ReportColumn, ...]:
 def _build_row(agent: str, clean: StudyRow, perturbed: StudyRow) -> ReportRow:
     tables = [group_by_scenario(row.scenarios) for row in (clean, perturbed)]
     first, second = (_select_common(table, tables) for table in tables)
-    cells: list[ReportCell | str | None] = [agent]
+    cells: list[CellValue | ReportCell] = [agent]
     for score in SCORES:
         means = [compute_score_interval(table, score) for table in (first, second)]
         difference = compute_difference_interval(second, first, score)
@@ -77,7 +78,7 @@ def _select_common(table: ResultTable, tables: Sequence[ResultTable]) -> ResultT
 
 
 def _build_published_row(published: PublishedDegradation) -> ReportRow:
-    cells: list[str | float] = [published.method]
+    cells: list[CellValue] = [published.method]
     for score in SCORES:
         clean, perturbed = getattr(published, score)
         cells += [clean, perturbed, perturbed - clean]

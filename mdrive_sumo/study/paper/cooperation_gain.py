@@ -87,7 +87,7 @@ def compute_role_gaps(runs: Mapping[str, Results]) -> tuple[RoleGap, ...]:
         common = sorted(name for name in names if all(name in table for table in tables.values()))
         if not common:
             continue
-        counts = np.concatenate((np.ones((1, len(common))), draw_resample_counts(len(common))))
+        counts = draw_resample_counts(len(common))
         means = {
             role: np.mean([_compute_harmonic_means(tables[id(run)], common, counts) for run in members], axis=0)
             for role, members in roles.items()

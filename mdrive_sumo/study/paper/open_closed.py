@@ -1,6 +1,6 @@
 """Does the order of agents in open loop foretell their order in closed loop? Rank correlations with intervals (RQ3)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,12 +71,12 @@ def compare_open_with_closed(
     }  # void episodes have no score
     first = next(iter(shown.values()), {})
     keys = [key for key in first if all(key in table[name] for table in (shown, driven) for name in opened)]
-    lines = tuple(_make_line(name, keys, shown[name], driven[name]) for name in opened) if keys else ()
+    if not keys:
+        return OpenClosedComparison(0, (), ())
+    lines = tuple(_make_line(name, keys, shown[name], driven[name]) for name in opened)
     resamples = _ScenarioResamples.of(keys)
-    correlations = (
-        _correlate(metric, score, lines, shown, driven, resamples) for metric in OPEN_METRICS for score in CLOSED_METRICS
-    )
-    return OpenClosedComparison(len({name for name, _ in keys}), lines, tuple(correlations) if keys else ())
+    correlations = [one for metric in OPEN_METRICS for one in _correlate(metric, lines, shown, driven, resamples)]
+    return OpenClosedComparison(len({name for name, _ in keys}), lines, tuple(correlations))
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,8 +92,7 @@ class _ScenarioResamples:
         """Draw the resamples."""
         names = [*dict.fromkeys(name for name, _ in keys)]
         columns = [names.index(name) for name, _ in keys]
-        drawn = draw_resample_counts(len(names))[:, columns] if names else np.zeros((0, 0))
-        return cls(keys, np.concatenate((np.ones((1, len(keys))), drawn)))
+        return cls(keys, draw_resample_counts(len(names))[:, columns])
 
 
 def _make_line(
@@ -108,28 +107,26 @@ def _make_line(
 
 def _correlate(
     metric: str,
-    score: str,
     lines: Sequence[OpenClosedLine],
     shown: Mapping[str, Mapping[EpisodeKey, OpenLoopScenario]],
     driven: Mapping[str, Mapping[EpisodeKey, ScenarioResult]],
     resamples: _ScenarioResamples,
-) -> RankCorrelation:
+) -> Iterator[RankCorrelation]:
+    """Yield the correlation of an open-loop metric with each closed-loop score."""
     known = [one for one in lines if not one.is_reference and getattr(one.open, metric) is not None]
     agents = tuple(line.agent for line in known)
     if len(agents) < MIN_AGENTS:
-        return RankCorrelation(metric, score, agents, None, None)
+        yield from (RankCorrelation(metric, score, agents, None, None) for score in CLOSED_METRICS)
+        return
     keys, counts = resamples.keys, resamples.counts
     opened = [resample_metric([shown[agent][key] for key in keys], metric, counts) for agent in agents]
-    closed = [counts @ [getattr(driven[agent][key], score) for key in keys] / counts.sum(axis=1) for agent in agents]
-    x, y = OPEN_METRICS[metric] * np.stack(opened, axis=-1), np.stack(closed, axis=-1)
+    x = OPEN_METRICS[metric] * np.stack(opened, axis=-1)
     usable = ~np.isnan(x).any(axis=-1)  # a resample may lack all recordings in which an agent has a plan
-    return RankCorrelation(
-        metric,
-        score,
-        agents,
-        _summarize(compute_spearman(x[usable], y[usable]), len(counts)),
-        _summarize(compute_kendall(x[usable], y[usable]), len(counts)),
-    )
+    for score in CLOSED_METRICS:
+        closed = [counts @ [getattr(driven[agent][key], score) for key in keys] for agent in agents]
+        y = np.stack(closed, axis=-1) / counts.sum(axis=1, keepdims=True)
+        rho, tau = (correlate(x[usable], y[usable]) for correlate in (compute_spearman, compute_kendall))
+        yield RankCorrelation(metric, score, agents, _summarize(rho, len(counts)), _summarize(tau, len(counts)))
 
 
 def _summarize(values: Float, resamples: int) -> ConfidenceInterval | None:

@@ -48,7 +48,8 @@ def build_open_closed_table(comparison: OpenClosedComparison) -> ReportTable:
         for line in comparison.lines
     ]
     note = (
-        f"The same {comparison.scenarios} scenarios in both loops. -: the agent replies no plan of 3 s, or no detections."
+        f"The same {comparison.scenarios} scenarios in both loops."
+        " -: the agent replies no plan of 3 s, or no detections."
     )
     return ReportTable("open_closed", "Open loop and closed loop", columns, tuple(rows), note).mark_columns()
 

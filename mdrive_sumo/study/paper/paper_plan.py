@@ -42,15 +42,14 @@ def make_plan(suite: Suite, *, quick: bool) -> PaperPlan:
     if quick:
         logs = choose_evenly(_prefer_cooperative(logs), QUICK_LOG_SCENARIOS)
         others = [one for stratum in split_strata(others).values() for one in choose_evenly(stratum, 1)]
-    closed = {scenario.id for scenario in (*logs, *others)}
-    seen = logs or others
-    cooperative = [scenario for scenario in seen if len(scenario.egos) > 1]
+    closed, seen = ({one.id for one in chosen} for chosen in ((*logs, *others), logs or others))
+    cooperative = [scenario for scenario in suite if scenario.id in seen and len(scenario.egos) > 1]
     if not cooperative:
         raise InputError(f"suite {suite.name}: expected scenarios with two CAVs or more, found none")
     return PaperPlan(
         quick,
         tuple(scenario.id for scenario in suite if scenario.id in closed),
-        tuple(scenario.id for scenario in seen),
+        tuple(scenario.id for scenario in suite if scenario.id in seen),
         tuple(scenario.id for scenario in choose_evenly(cooperative, CHANNEL_SCENARIOS)),
     )
 
