@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.comparison_report.published_rows import order_buckets
-from mdrive_sumo.report.comparison_report.report_entry import ReportEntry
 from mdrive_sumo.report.comparison_report.report_table import (
     BestValue,
     CellValue,
@@ -43,32 +43,32 @@ SCORES: Mapping[str, tuple[str, Callable[[BucketResult], float]]] = {
 """Scores of a category by the suffix of the table's name."""
 
 
-def compute_entry_levels(entry: ReportEntry) -> GroupMeans:
-    """Return the means of an entry by interactivity level, in the paper's order of levels."""
-    found = compute_level_means(entry.results.scenarios)
+def compute_agent_levels(agent: ComparedAgent) -> GroupMeans:
+    """Return the means of an agent by interactivity level, in the paper's order of levels."""
+    found = compute_level_means(agent.results.scenarios)
     return {level: found[level] for level in InteractivityLevel if level in found}
 
 
-def compute_entry_groups(entry: ReportEntry) -> GroupMeans:
-    """Return the means of an entry by InterDrive's groups."""
-    return compute_interdrive_means(entry.results.scenarios, ScoreMode(entry.results.run.score_mode))
+def compute_agent_groups(agent: ComparedAgent) -> GroupMeans:
+    """Return the means of an agent by InterDrive's groups."""
+    return compute_interdrive_means(agent.results.scenarios, ScoreMode(agent.results.run.score_mode))
 
 
-def build_level_table(entries: Sequence[ReportEntry], name: str = "levels") -> ReportTable | None:
+def build_level_table(agents: Sequence[ComparedAgent], name: str = "levels") -> ReportTable | None:
     """Return DS, SR and H by interactivity level, which the category figure draws; None without such scenarios."""
-    means = [compute_entry_levels(entry) for entry in entries]
+    means = [compute_agent_levels(agent) for agent in agents]
     note = f"{HARMONIC_MEAN_NOTE} {LEVEL_NOTE}"
-    return _build_group_table(entries, means, name, "Scores by interactivity level", note)
+    return _build_group_table(agents, means, name, "Scores by interactivity level", note)
 
 
-def build_interdrive_table(entries: Sequence[ReportEntry], name: str = "interdrive_groups") -> ReportTable | None:
+def build_interdrive_table(agents: Sequence[ComparedAgent], name: str = "interdrive_groups") -> ReportTable | None:
     """Return DS, SR and H by InterDrive's groups; None without such scenarios."""
-    means = [compute_entry_groups(entry) for entry in entries]
-    return _build_group_table(entries, means, name, "Scores by InterDrive group", f"{HARMONIC_MEAN_NOTE} {GROUP_NOTE}")
+    means = [compute_agent_groups(agent) for agent in agents]
+    return _build_group_table(agents, means, name, "Scores by InterDrive group", f"{HARMONIC_MEAN_NOTE} {GROUP_NOTE}")
 
 
 def _build_group_table(
-    entries: Sequence[ReportEntry], means: Sequence[GroupMeans], name: str, title: str, note: str
+    agents: Sequence[ComparedAgent], means: Sequence[GroupMeans], name: str, title: str, note: str
 ) -> ReportTable | None:
     if not means[0]:
         return None
@@ -80,34 +80,34 @@ def _build_group_table(
         ]
     rows = [
         make_row(
-            (entry.name, *(compute(group) for group in found.values() for _, compute in SCORES.values())),
-            entry.section,
-            is_ranked=entry.is_ranked,
+            (agent.name, *(compute(group) for group in found.values() for _, compute in SCORES.values())),
+            agent.section,
+            is_ranked=agent.is_ranked,
         )
-        for entry, found in zip(entries, means, strict=True)
+        for agent, found in zip(agents, means, strict=True)
     ]
     note = f"{note} In brackets: number of scenarios."
     return ReportTable(name, title, tuple(columns), tuple(rows), note).mark_columns()
 
 
-def build_category_table(entries: Sequence[ReportEntry], score: str = "h", name: str = "") -> ReportTable:
-    """Return one score of every entry by category, a row for each category, the best three of each row marked.
+def build_category_table(agents: Sequence[ComparedAgent], score: str = "h", name: str = "") -> ReportTable:
+    """Return one score of every agent by category, a row for each category, the best three of each row marked.
 
     score: a key of `SCORES`.
     """
     label, compute = SCORES[score]
-    means = [compute_category_means(entry.results.scenarios) for entry in entries]
-    ranked = [entry.is_ranked for entry in entries]
+    means = [compute_category_means(agent.results.scenarios) for agent in agents]
+    ranked = [agent.is_ranked for agent in agents]
     columns = (
         ReportColumn("category", "Category"),
         ReportColumn("scenarios", "scenarios", decimals=0),
         *(
-            ReportColumn(entry.name, entry.name, best=BestValue.HIGHEST if is_ranked else BestValue.NONE)
-            for entry, is_ranked in zip(entries, ranked, strict=True)
+            ReportColumn(agent.name, agent.name, best=BestValue.HIGHEST if is_ranked else BestValue.NONE)
+            for agent, is_ranked in zip(agents, ranked, strict=True)
         ),
     )
     rows: list[ReportRow] = []
-    for bucket, categories in list_categories(entries[0]).items():
+    for bucket, categories in list_categories(agents[0]).items():
         for category in categories:
             values: list[CellValue] = [compute(found[category]) for found in means]
             rows.append(make_row((category, float(means[0][category].scenarios), *values), bucket))
@@ -116,9 +116,9 @@ def build_category_table(entries: Sequence[ReportEntry], score: str = "h", name:
     return ReportTable(name or f"categories_{score}", f"{label} by category", columns, tuple(rows), note).mark_rows()
 
 
-def list_categories(entry: ReportEntry) -> dict[str, tuple[str, ...]]:
+def list_categories(agent: ComparedAgent) -> dict[str, tuple[str, ...]]:
     """Return the categories of each bucket, sorted by name, the buckets in the paper's order."""
     found: dict[str, set[str]] = {}
-    for scenario in entry.results.scenarios:
+    for scenario in agent.results.scenarios:
         found.setdefault(scenario.bucket, set()).add(scenario.category)
     return {bucket: tuple(sorted(found[bucket])) for bucket in order_buckets(found)}

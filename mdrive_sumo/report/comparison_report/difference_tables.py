@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.core.suggestion import suggest_name
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.comparison_report.published_rows import order_buckets
-from mdrive_sumo.report.comparison_report.report_entry import ReportEntry
 from mdrive_sumo.report.comparison_report.report_table import (
     CellValue,
     IntervalStyle,
@@ -34,8 +34,8 @@ DIFFERENCE_NOTE = (
 
 
 @dataclass(frozen=True, slots=True)
-class EntryDifference:
-    """One entry minus another. Intervals are None where nothing can be paired."""
+class AgentDifference:
+    """One agent minus another. Intervals are None where nothing can be paired."""
 
     agent: str
     other: str
@@ -58,37 +58,37 @@ class EntryDifference:
     losses: int
 
 
-def compute_differences(entries: Sequence[ReportEntry], baseline: str = "") -> tuple[EntryDifference, ...]:
-    """Return the difference of every entry to the baseline, or of every pair, the one with the higher DS first.
+def compute_differences(agents: Sequence[ComparedAgent], baseline: str = "") -> tuple[AgentDifference, ...]:
+    """Return the difference of every agent to the baseline, or of every pair, the one with the higher DS first.
 
-    Raises InputError if no entry has the baseline's name.
+    Raises InputError if no agent has the baseline's name.
     """
     if baseline:
-        base = find_entry(entries, baseline)
-        return tuple(compute_difference(entry, base) for entry in entries if entry is not base)
-    ordered = sorted(entries, key=lambda entry: -entry.results.overall.bucket_mean.ds)
-    return tuple(compute_difference(entry, other) for i, entry in enumerate(ordered) for other in ordered[i + 1 :])
+        base = find_compared_agent(agents, baseline)
+        return tuple(compute_difference(agent, base) for agent in agents if agent is not base)
+    ordered = sorted(agents, key=lambda agent: -agent.results.overall.bucket_mean.ds)
+    return tuple(compute_difference(agent, other) for i, agent in enumerate(ordered) for other in ordered[i + 1 :])
 
 
-def find_entry(entries: Sequence[ReportEntry], name: str) -> ReportEntry:
-    """Return the entry of a name. Raises InputError."""
-    names = [entry.name for entry in entries]
+def find_compared_agent(agents: Sequence[ComparedAgent], name: str) -> ComparedAgent:
+    """Return the agent of a name. Raises InputError."""
+    names = [agent.name for agent in agents]
     if name not in names:
         suggestion = suggest_name(name, names)
         raise InputError(f"--baseline: expected one of {', '.join(names)}, found {name!r:.60}{suggestion}")
-    return entries[names.index(name)]
+    return agents[names.index(name)]
 
 
-def compute_difference(entry: ReportEntry, other: ReportEntry) -> EntryDifference:
-    """Return entry minus other."""
-    seeds = tuple(seed for seed in entry.seeds if seed in other.seeds)
-    ours, theirs = (_build_result_table(one, seeds) for one in (entry, other))
+def compute_difference(agent: ComparedAgent, other: ComparedAgent) -> AgentDifference:
+    """Return agent minus other."""
+    seeds = tuple(seed for seed in agent.seeds if seed in other.seeds)
+    ours, theirs = (_build_result_table(one, seeds) for one in (agent, other))
     common = [scenario for scenario in ours if scenario in theirs]
     ours, theirs = ({scenario: table[scenario] for scenario in common} for table in (ours, theirs))
-    buckets = order_buckets({scenario.bucket for scenario in entry.results.scenarios})
+    buckets = order_buckets({scenario.bucket for scenario in agent.results.scenarios})
     gains = [_mean_ds(ours, scenario) - _mean_ds(theirs, scenario) for scenario in common]
-    return EntryDifference(
-        entry.name,
+    return AgentDifference(
+        agent.name,
         other.name,
         scenarios=len(common),
         seeds=seeds,
@@ -106,12 +106,12 @@ def compute_difference(entry: ReportEntry, other: ReportEntry) -> EntryDifferenc
     )
 
 
-def _build_result_table(entry: ReportEntry, seeds: Sequence[int]) -> ResultTable:
+def _build_result_table(agent: ComparedAgent, seeds: Sequence[int]) -> ResultTable:
     """Return the results that are not void by scenario and common seed; their means over all seeds if there is none."""
     if not seeds:
-        means = average_seeds(entry.results.scenarios).values()
+        means = average_seeds(agent.results.scenarios).values()
         return {one.id: {0: one} for one in means if one.status == "ok"}
-    table = group_by_scenario([one for one in entry.results.scenarios if one.seed in seeds])
+    table = group_by_scenario([one for one in agent.results.scenarios if one.seed in seeds])
     return {name: by_seed for name, by_seed in table.items() if len(by_seed) == len(seeds)}
 
 
@@ -130,7 +130,7 @@ def _compute_bucket(
     return compute_difference_interval(part, theirs, "ds"), compute_difference_interval(part, theirs, "sr")
 
 
-def build_difference_table(differences: Sequence[EntryDifference], name: str = "differences") -> ReportTable:
+def build_difference_table(differences: Sequence[AgentDifference], name: str = "differences") -> ReportTable:
     """Return the differences over all scenarios, with scenarios won and lost."""
     rows = [
         make_row(
@@ -164,7 +164,7 @@ def build_difference_table(differences: Sequence[EntryDifference], name: str = "
 
 
 def build_bucket_difference_table(
-    differences: Sequence[EntryDifference], name: str = "differences_by_bucket"
+    differences: Sequence[AgentDifference], name: str = "differences_by_bucket"
 ) -> ReportTable | None:
     """Return the differences of DS and SR by bucket and of the mean of the buckets; None if there is one bucket."""
     if not differences or len(differences[0].buckets) < 2:
@@ -178,7 +178,7 @@ def build_bucket_difference_table(
     return ReportTable(name, "Paired differences by bucket", tuple(columns), rows, note)
 
 
-def _make_bucket_row(one: EntryDifference) -> ReportRow:
+def _make_bucket_row(one: AgentDifference) -> ReportRow:
     intervals = [interval for pair in (*one.buckets.values(), one.bucket_mean) for interval in pair]
     cells: list[CellValue | ReportCell] = [one.agent, one.other, *map(_make_cell, intervals)]
     return make_row(cells)

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.report.comparison_report.report_entry import ReportEntry
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.published_results import BUCKET_SIZES, BUCKETS
 from mdrive_sumo.scenario.suite import list_packaged_suites
 
@@ -14,9 +14,9 @@ def order_buckets(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(names, key=lambda name: (known.get(name, len(known)), name)))
 
 
-def check_published_rows(entries: Sequence[ReportEntry]) -> None:
-    """Raise InputError unless the entries drove whole buckets of the paper in a suite of this package."""
-    results = entries[0].results
+def check_published_rows(agents: Sequence[ComparedAgent]) -> None:
+    """Raise InputError unless the agents drove whole buckets of the paper in a suite of this package."""
+    results = agents[0].results
     if results.run.suite not in list_packaged_suites():
         raise InputError(
             f"--with-published: expected a suite of the paper's buckets ({', '.join(list_packaged_suites())}), found"

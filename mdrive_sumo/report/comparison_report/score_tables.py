@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.comparison_report.published_rows import order_buckets
-from mdrive_sumo.report.comparison_report.report_entry import ReportEntry
 from mdrive_sumo.report.comparison_report.report_table import (
     BestValue,
     CellValue,
@@ -58,13 +58,13 @@ def make_score_columns(group: str, *, with_times: bool) -> tuple[ReportColumn, .
 
 
 def build_main_table(
-    entries: Sequence[ReportEntry], published: Sequence[PublishedMethod] = (), name: str = "main"
+    agents: Sequence[ComparedAgent], published: Sequence[PublishedMethod] = (), name: str = "main"
 ) -> ReportTable:
     """Return DS and SR by bucket and overall, with efficient SR and time ratio; the best three of each column marked.
 
-    published: rows of the paper's main table, set apart and never ranked. Entries of one bucket have no overall column.
+    published: rows of the paper's main table, set apart and never ranked. Agents of one bucket have no overall column.
     """
-    buckets = order_buckets(entries[0].results.buckets)
+    buckets = order_buckets(agents[0].results.buckets)
     is_one = len(buckets) == 1
     columns = [*AGENT_COLUMNS]
     for bucket in buckets:
@@ -73,30 +73,30 @@ def build_main_table(
     notes = (
         MAIN_NOTE,
         "" if is_one else OVERALL_NOTE,
-        SEEDS_NOTE if any(len(entry.seeds) > 1 for entry in entries) else "",
+        SEEDS_NOTE if any(len(agent.seeds) > 1 for agent in agents) else "",
         PUBLISHED_NOTE if published else "",
     )
     return ReportTable(
         name,
-        f"Scores by bucket: {entries[0].results.run.suite}",
+        f"Scores by bucket: {agents[0].results.run.suite}",
         tuple(columns),
         (
-            *(_make_main_row(entry, buckets) for entry in entries),
+            *(_make_main_row(agent, buckets) for agent in agents),
             *(_make_published_row(method, buckets) for method in published),
         ),
         " ".join(note for note in notes if note),
     ).mark_columns()
 
 
-def _make_main_row(entry: ReportEntry, buckets: Sequence[str]) -> ReportRow:
-    intervals = find_intervals(entry) if len(entry.seeds) > 1 else {}
+def _make_main_row(agent: ComparedAgent, buckets: Sequence[str]) -> ReportRow:
+    intervals = find_intervals(agent) if len(agent.seeds) > 1 else {}
     is_one = len(buckets) == 1
-    cells: list[CellValue | ReportCell] = [entry.name, entry.shares_perception, entry.negotiates]
+    cells: list[CellValue | ReportCell] = [agent.name, agent.shares_perception, agent.negotiates]
     for bucket in buckets:
-        cells += make_score_cells(entry.results.buckets[bucket], intervals.get(bucket), with_times=is_one)
+        cells += make_score_cells(agent.results.buckets[bucket], intervals.get(bucket), with_times=is_one)
     if not is_one:
-        cells += make_score_cells(entry.results.overall.bucket_mean, intervals.get(BUCKET_MEAN), with_times=True)
-    return make_row(cells, entry.section, is_ranked=entry.is_ranked)
+        cells += make_score_cells(agent.results.overall.bucket_mean, intervals.get(BUCKET_MEAN), with_times=True)
+    return make_row(cells, agent.section, is_ranked=agent.is_ranked)
 
 
 def _make_published_row(method: PublishedMethod, buckets: Sequence[str]) -> ReportRow:
@@ -108,9 +108,9 @@ def _make_published_row(method: PublishedMethod, buckets: Sequence[str]) -> Repo
     return make_row((*cells, None, None), AS_PUBLISHED, is_ranked=False)
 
 
-def find_intervals(entry: ReportEntry) -> Mapping[str, MeanIntervals]:
-    """Return the intervals of an entry by bucket, `BUCKET_MEAN` and `SCENARIO_MEAN`."""
-    return {found.group: found for found in compute_mean_intervals(entry.results)}
+def find_intervals(agent: ComparedAgent) -> Mapping[str, MeanIntervals]:
+    """Return the intervals of an agent by bucket, `BUCKET_MEAN` and `SCENARIO_MEAN`."""
+    return {found.group: found for found in compute_mean_intervals(agent.results)}
 
 
 def make_score_cells(
@@ -122,15 +122,15 @@ def make_score_cells(
     return [*scores, means.efficient_sr, means.time_ratio] if with_times else scores
 
 
-def build_bucket_table(entries: Sequence[ReportEntry], name: str = "buckets") -> ReportTable:
-    """Return every score of each entry by bucket, as bucket mean and as scenario mean, with intervals of DS and SR."""
-    buckets = order_buckets(entries[0].results.buckets)
+def build_bucket_table(agents: Sequence[ComparedAgent], name: str = "buckets") -> ReportTable:
+    """Return every score of each agent by bucket, as bucket mean and as scenario mean, with intervals of DS and SR."""
+    buckets = order_buckets(agents[0].results.buckets)
     groups = (*buckets, BUCKET_MEAN, SCENARIO_MEAN) if len(buckets) > 1 else buckets
-    intervals = [find_intervals(entry) for entry in entries]
+    intervals = [find_intervals(agent) for agent in agents]
     rows = [
-        _make_bucket_row(entry, group, found[group])
+        _make_bucket_row(agent, group, found[group])
         for group in groups
-        for entry, found in zip(entries, intervals, strict=True)
+        for agent, found in zip(agents, intervals, strict=True)
     ]
     return ReportTable(
         name,
@@ -151,8 +151,8 @@ def build_bucket_table(entries: Sequence[ReportEntry], name: str = "buckets") ->
     ).mark_sections()
 
 
-def _make_bucket_row(entry: ReportEntry, group: str, intervals: MeanIntervals) -> ReportRow:
-    results = entry.results
+def _make_bucket_row(agent: ComparedAgent, group: str, intervals: MeanIntervals) -> ReportRow:
+    results = agent.results
     overall = results.overall
     if group in results.buckets:
         means: Means = results.buckets[group]
@@ -161,7 +161,7 @@ def _make_bucket_row(entry: ReportEntry, group: str, intervals: MeanIntervals) -
         means = overall.bucket_mean if group == BUCKET_MEAN else overall.scenario_mean
         count, timed = count_scenarios(results.scenarios), overall.timed
     cells: tuple[CellValue | ReportCell, ...] = (
-        entry.name,
+        agent.name,
         float(count),
         ReportCell(means.ds, intervals.ds),
         ReportCell(means.sr, intervals.sr),
@@ -171,4 +171,4 @@ def _make_bucket_row(entry: ReportEntry, group: str, intervals: MeanIntervals) -
         means.rc,
         means.ip,
     )
-    return make_row(cells, group, is_ranked=entry.is_ranked)
+    return make_row(cells, group, is_ranked=agent.is_ranked)

@@ -1,4 +1,4 @@
-"""ReportEntry: one agent with one set of settings, the line of a table; its runs with different seeds are pooled."""
+"""ComparedAgent: one agent with one set of settings, the line of a table; its runs with different seeds are pooled."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ _COMM = "comm "
 
 
 @dataclass(frozen=True, slots=True)
-class ReportEntry:
-    """An agent with its settings. Entries of one report have different names."""
+class ComparedAgent:
+    """An agent with its settings. Those of one report have different names."""
 
     name: str
-    """The agent, with the settings in which it differs from other entries of the same agent."""
+    """The name of the agent, with the settings in which others of the same name differ."""
     results: Results
     """Of all its runs and seeds."""
     runs: tuple[ReportRun, ...]
@@ -58,7 +58,7 @@ class ReportEntry:
         return self.results.run.all_seeds
 
 
-def make_report_entries(runs: Iterable[ReportRun]) -> tuple[ReportEntry, ...]:
+def make_compared_agents(runs: Iterable[ReportRun]) -> tuple[ComparedAgent, ...]:
     """Pool runs that differ in seeds only, and name the others by what differs; sections in the order of `SECTIONS`.
 
     Raises InputError for runs that cannot stand in one report, and for a seed that occurs twice.
@@ -73,19 +73,19 @@ def make_report_entries(runs: Iterable[ReportRun]) -> tuple[ReportEntry, ...]:
         else:
             _check_new_seeds(same, run)
             same.append(run)
-    names = name_entries([group[0] for group in groups])
-    entries = [
-        ReportEntry(name, pool_results([run.results for run in group]), tuple(group))
+    names = name_agents([group[0] for group in groups])
+    agents = [
+        ComparedAgent(name, pool_results([run.results for run in group]), tuple(group))
         for name, group in zip(names, groups, strict=True)
     ]
-    return tuple(sorted(entries, key=lambda entry: SECTIONS.index(entry.section)))
+    return tuple(sorted(agents, key=lambda agent: SECTIONS.index(agent.section)))
 
 
-def make_entries_of_results(results: Iterable[Results], folders: Iterable[Path] = ()) -> tuple[ReportEntry, ...]:
-    """As `make_report_entries`, of loaded results. folders: their run folders, in the same order, or none."""
+def make_agents_of_results(results: Iterable[Results], folders: Iterable[Path] = ()) -> tuple[ComparedAgent, ...]:
+    """As `make_compared_agents`, of loaded results. folders: their run folders, in the same order, or none."""
     loaded, places = tuple(results), tuple(folders)
     found = places or (None,) * len(loaded)
-    return make_report_entries(ReportRun.from_results(one, place) for one, place in zip(loaded, found, strict=True))
+    return make_compared_agents(ReportRun.from_results(one, place) for one, place in zip(loaded, found, strict=True))
 
 
 def _check_new_seeds(group: Sequence[ReportRun], run: ReportRun) -> None:
@@ -108,17 +108,17 @@ def pool_results(results: Sequence[Results]) -> Results:
     return summarize_run(info, sorted(scenarios, key=lambda scenario: (scenario.seed, scenario.id)))
 
 
-def name_entries(runs: Sequence[ReportRun]) -> list[str]:
-    """Return a name for each: the agent, and in brackets the settings in which runs of the same agent differ."""
+def name_agents(runs: Sequence[ReportRun]) -> list[str]:
+    """Return a name for each run: its agent, and in brackets the settings in which runs of the same agent differ."""
     agents = [run.results.run.agent for run in runs]
     names = [
-        _name_entry(run, [other for other, agent in zip(runs, agents, strict=True) if agent == own])
+        _name_agent(run, [other for other, agent in zip(runs, agents, strict=True) if agent == own])
         for run, own in zip(runs, agents, strict=True)
     ]
     return [name if (before := names[:i].count(name)) == 0 else f"{name} #{before + 1}" for i, name in enumerate(names)]
 
 
-def _name_entry(run: ReportRun, same_agent: Sequence[ReportRun]) -> str:
+def _name_agent(run: ReportRun, same_agent: Sequence[ReportRun]) -> str:
     differing = {
         difference.name for other in same_agent for difference in compare_settings(run.settings, other.settings)
     }
