@@ -1,21 +1,27 @@
 """`mdrive-sumo study paper`: the counterparts of the paper's tables and figures."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 
 from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.comparison_report.score_tables import build_main_table
+from mdrive_sumo.report.comparison_report.table_markdown import format_markdown
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare, prepare_with_suite
 from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.study.paper.paper_agents import prepare_installed_agents
+from mdrive_sumo.study.paper.paper_files import write_paper
+from mdrive_sumo.study.paper.paper_numbers import compute_paper_numbers
+from mdrive_sumo.study.paper.paper_page import PaperRequest
 from mdrive_sumo.study.paper.paper_plan import make_plan
-from mdrive_sumo.study.paper.paper_study import REFERENCE, ClosedRow, PaperStudy
+from mdrive_sumo.study.paper.paper_study import REFERENCE, PaperStudy
 from mdrive_sumo.study.paper.study_folder import claim_folder, describe_study
 
 
@@ -44,13 +50,26 @@ def command(ctx: click.Context, **options: object) -> None:
     Exit codes: 0 every scenario has a score, 1 some are void or an agent failed, 2 unusable input, 130 interrupted.
     """
     given = _PaperOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
-    study, left_out = given.prepare_study()
-    for name, why in left_out.items():
+    prepared = given.prepare_study()
+    for name, why in prepared.left_out.items():
         click.echo(f"left out: {name}: {why}", err=True)
-    rows = drive_with_display(ctx, study)
-    runs = [row.results for row in rows if isinstance(row, ClosedRow)]
-    failed = warn_about_failures(runs, given.out)
-    ctx.exit(1 if failed or any(run.void for run in runs) else 0)
+    rows = drive_with_display(ctx, prepared.study)
+    numbers = compute_paper_numbers(prepared.study, rows)
+    request = PaperRequest(("mdrive-sumo", *sys.argv[1:]), prepared.left_out)
+    pages = write_paper(given.out, numbers, request, prepared.about)
+    click.echo(format_markdown(build_main_table(numbers.compared)))
+    click.echo("\n" + "\n".join(map(str, pages)))
+    failed = warn_about_failures(numbers.runs, given.out)
+    ctx.exit(1 if failed or any(run.void for run in numbers.runs) else 0)
+
+
+@dataclass(frozen=True, slots=True)
+class _PreparedStudy:
+    study: PaperStudy
+    left_out: Mapping[str, str]
+    """Why built-in agents are left out, by agent."""
+    about: Mapping[str, Any]
+    """The content of `study_plan.json`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +85,8 @@ class _PaperOptions:
     fresh: bool
     workers: int
 
-    def prepare_study(self) -> tuple[PaperStudy, dict[str, str]]:
-        """Return the study, and why agents are left out. Raises InputError before anything is written or driven."""
+    def prepare_study(self) -> _PreparedStudy:
+        """Return the study, and claim its folder. Raises InputError before anything is driven."""
         names = self._parse_agents()
         reference = prepare(self._make_config(REFERENCE))
         plan = make_plan(reference.suite, quick=self.quick)
@@ -76,8 +95,9 @@ class _PaperOptions:
             return reference if name == REFERENCE else prepare_with_suite(self._make_config(name), reference.suite)
 
         agents, left_out = prepare_installed_agents(prepare_agent, names)
-        claim_folder(self.out, describe_study(reference.config, reference.suite, plan), fresh=self.fresh)
-        return PaperStudy(plan, agents, reference, self.out), left_out
+        about = describe_study(reference.config, reference.suite, plan)
+        claim_folder(self.out, about, fresh=self.fresh)
+        return _PreparedStudy(PaperStudy(plan, agents, reference, self.out), left_out, about)
 
     def _parse_agents(self) -> Sequence[str]:
         """Return the agents that are named; none: all that are installed. Raises InputError."""

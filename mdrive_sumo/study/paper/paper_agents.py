@@ -28,8 +28,13 @@ def prepare_installed_agents(
 ) -> tuple[dict[str, PreparedRun], dict[str, str]]:
     """Return the prepared runs by agent, and why built-in agents are left out; names: only these agents.
 
-    Raises InputError if an agent that is named cannot be started.
+    Raises InputError if an agent that is named cannot be started, or if all of them are detectors.
     """
+    if names and all(name.startswith(DETECTOR_PREFIX) for name in names):
+        raise InputError(
+            f"study paper: expected an agent besides {DETECTOR_PREFIX}*, which the paper has in RQ3 only, found"
+            f" {', '.join(names)}"
+        )
     if names:
         return {name: prepare_agent(name) for name in names}, {}
     found: dict[str, PreparedRun] = {}

@@ -18,7 +18,7 @@ EPISODE_FIELDS = {"id", "seed", "status", "reason", *Means.model_fields, "min_tt
 
 def build_paper_json(numbers: PaperNumbers, request: PaperRequest, about: Mapping[str, Any]) -> str:
     """Return all numbers as JSON. about: the content of `study_plan.json`."""
-    run = numbers.entries[0].results.run
+    run = numbers.compared[0].results.run
     page = {
         **about,
         "format": FORMAT,

@@ -3,9 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.open_loop import OpenLoopResults
-from mdrive_sumo.report.comparison_report.report_entry import ReportEntry, make_entries_of_results
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent, make_agents_of_results
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.paper.cooperation_gain import PairGain, RoleGap, compute_pair_gains, compute_role_gaps
@@ -26,7 +25,7 @@ class PaperNumbers:
     """By agent; detectors have the scenarios of the open loop only."""
     open: Mapping[str, OpenLoopResults]
     channel: tuple[StudyRow, ...]
-    entries: tuple[ReportEntry, ...]
+    compared: tuple[ComparedAgent, ...]
     """The rows of the main table."""
     gaps: tuple[RoleGap, ...]
     gains: tuple[PairGain, ...]
@@ -39,12 +38,10 @@ class PaperNumbers:
 
 
 def compute_paper_numbers(study: PaperStudy, rows: Sequence[PaperRow]) -> PaperNumbers:
-    """Return the numbers of a finished study. Raises InputError without an agent for the main table."""
+    """Return the numbers of a finished study, which has an agent for the main table."""
     closed = {row.agent: row for row in rows if isinstance(row, ClosedRow) and row.agent in study.agents}
     opened = {row.agent: row.results for row in rows if isinstance(row, OpenRow)}
     main = [row for name, row in closed.items() if not name.startswith(DETECTOR_PREFIX)]
-    if not main:
-        raise InputError(f"study paper: expected an agent besides {DETECTOR_PREFIX}*, which is in RQ3 only, found none")
     driven = {row.agent: row.results for row in main}
     results = {name: row.results for name, row in closed.items()}
     return PaperNumbers(
@@ -53,7 +50,7 @@ def compute_paper_numbers(study: PaperStudy, rows: Sequence[PaperRow]) -> PaperN
         results,
         opened,
         tuple(row for row in rows if isinstance(row, StudyRow)),
-        make_entries_of_results([row.results for row in main], [row.folder for row in main]),
+        make_agents_of_results([row.results for row in main], [row.folder for row in main]),
         compute_role_gaps(driven),
         compute_pair_gains(driven),
         compare_open_with_closed(opened, results),

@@ -14,8 +14,8 @@ from mdrive_sumo.study.paper.section_texts import NO_COUNTERPART, SectionText
 
 TITLE = "The paper's tables and figures, measured with mdrive-sumo"
 QUICK_WARNING = (
-    f"{QUICK}: a few scenarios of every kind, to see what comes out. These numbers are no results: run the study without"
-    " --quick for them."
+    f"{QUICK}: a few scenarios of every kind, to see what comes out. These numbers are no results:"
+    " run the study without --quick for them."
 )
 NO_COUNTERPART_HEADER = ("of the paper", "why the study has no counterpart")
 
@@ -31,7 +31,7 @@ class PaperRequest:
 
 def describe_facts(numbers: PaperNumbers, request: PaperRequest) -> dict[str, str]:
     """Return what was measured with what, by name."""
-    run = numbers.entries[0].results.run
+    run = numbers.compared[0].results.run
     plan = numbers.plan
     kind = "one of each InterDrive group and interactivity level, and logs" if plan.quick else "all of the suite"
     logs = LOG_BUCKET if any(one.bucket == LOG_BUCKET for one in numbers.scenarios) else "every bucket"

@@ -48,7 +48,7 @@ def build_sections(numbers: PaperNumbers) -> tuple[PaperSection, ...]:
         PaperSection(section_texts.GAINS, (build_pair_table(numbers.gains),) if numbers.gains else ()),
         PaperSection(
             section_texts.CATEGORIES,
-            tuple(build_category_table(numbers.entries, score) for score in ("ds", "sr", "h")),
+            tuple(build_category_table(numbers.compared, score) for score in ("ds", "sr", "h")),
         ),
         PaperSection(
             section_texts.OPEN_CLOSED,
@@ -63,19 +63,19 @@ def build_sections(numbers: PaperNumbers) -> tuple[PaperSection, ...]:
 
 def _build_main_tables(numbers: PaperNumbers) -> tuple[ReportTable, ...]:
     published = PUBLISHED_METHODS if _drives_whole_buckets(numbers) else ()
-    return build_main_table(numbers.entries, published), build_bucket_table(numbers.entries)
+    return build_main_table(numbers.compared, published), build_bucket_table(numbers.compared)
 
 
 def _drives_whole_buckets(numbers: PaperNumbers) -> bool:
     """Return whether the published rows are means over as many scenarios of the same buckets."""
-    buckets = numbers.entries[0].results.buckets
+    buckets = numbers.compared[0].results.buckets
     return {name: bucket.scenarios for name, bucket in buckets.items()} == dict(BUCKET_SIZES)
 
 
 def _build_category_section(numbers: PaperNumbers) -> PaperSection:
     tables = (
-        build_level_table(numbers.entries),
-        build_interdrive_table(numbers.entries),
+        build_level_table(numbers.compared),
+        build_interdrive_table(numbers.compared),
         build_gap_table(numbers.gaps) if numbers.gaps else None,
     )
     figures = (CATEGORY_FIGURE,) if tables[0] else ()
