@@ -1,8 +1,9 @@
-"""`study paper` without a simulation: a suite of two CAVs a scenario, and stand-ins for both loops. No tests in here."""
+"""`study paper` without a simulation: scenarios of two CAVs, and stand-ins for both loops. No tests in here."""
 
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -51,6 +52,11 @@ def install(patch: pytest.MonkeyPatch) -> None:
         ("runs.evaluate", "run_job", drive),
         ("open_loop.evaluate_open", "run_open_loop_job", show),
     ):
-        module = import_module(f"mdrive_sumo.{name}")  # its package has a function of the same name
+        module = find_module(name)
         patch.setattr(module, function, stand_in)
         patch.setattr(module, "make_executor", LocalExecutor)
+
+
+def find_module(name: str) -> ModuleType:
+    """Return a module of the library whose package has a function of the same name."""
+    return import_module(f"mdrive_sumo.{name}")

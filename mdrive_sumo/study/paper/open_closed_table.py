@@ -1,10 +1,11 @@
 """Tables and figure of open loop against closed loop (RQ3)."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from mdrive_sumo.report.comparison_report.report_figure import ReportFigure
 from mdrive_sumo.report.comparison_report.report_table import (
     BestValue,
     IntervalStyle,
@@ -13,7 +14,7 @@ from mdrive_sumo.report.comparison_report.report_table import (
     ReportTable,
     make_row,
 )
-from mdrive_sumo.report.figure_style import COLOURS, MARKERS, open_figure, save_figure
+from mdrive_sumo.report.figure_style import COLOURS, MARKERS
 from mdrive_sumo.study.paper.open_closed import OPEN_METRICS, OpenClosedComparison, OpenClosedLine
 
 METRIC_LABELS = {
@@ -89,17 +90,23 @@ def build_correlation_table(comparison: OpenClosedComparison) -> ReportTable:
     return ReportTable("rank_correlation", "Rank correlation of open and closed loop", columns, tuple(rows), note)
 
 
-def draw_open_closed(comparison: OpenClosedComparison, title: str, stem: Path) -> tuple[Path, Path]:
-    """Write the paper's figure, AP50 and ADE against DS and SR, as STEM.png and STEM.svg. Raises InputError."""
-    with open_figure(9.0, 7.0) as figure:
-        for row, score in enumerate(SCORE_LABELS):
-            for column, metric in enumerate(FIGURE_METRICS):
-                axes = figure.add_subplot(2, 2, 2 * row + column + 1)
-                _draw_panel(axes, comparison.lines, metric, score)
-        figure.suptitle(title, fontsize="medium")
-        handles, labels = figure.axes[1].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False, fontsize="small")
-        return save_figure(figure, stem)
+def make_open_closed_figure(comparison: OpenClosedComparison) -> ReportFigure:
+    """Return the paper's figure: AP50 and ADE against DS and SR."""
+
+    def draw(figure: Figure) -> None:
+        panels = [(score, metric) for score in SCORE_LABELS for metric in FIGURE_METRICS]
+        for place, (score, metric) in enumerate(panels, start=1):
+            _draw_panel(figure.add_subplot(2, 2, place), comparison.lines, metric, score)
+        handles, labels = figure.axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+
+    described = "; ".join(
+        f"{line.agent}: {', '.join(f'{metric} {getattr(line.open, metric)}' for metric in FIGURE_METRICS)},"
+        f" DS {line.ds:.1f}, SR {line.sr:.1f}"
+        for line in comparison.lines
+    )
+    title = f"Open loop against closed loop, {comparison.scenarios} scenarios"
+    return ReportFigure("open_closed_figure", title, described, (9.0, 7.6), draw)
 
 
 def _draw_panel(axes: Axes, lines: Sequence[OpenClosedLine], metric: str, score: str) -> None:

@@ -8,8 +8,8 @@ from typing import Any
 from mdrive_sumo.scoring import Means, Results, ScenarioResult
 from mdrive_sumo.study.gain import judge
 from mdrive_sumo.study.paper.paper_agents import find_role
+from mdrive_sumo.study.paper.paper_facts import PaperRequest
 from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
-from mdrive_sumo.study.paper.paper_page import PaperRequest
 from mdrive_sumo.v2x.comm_settings import describe_comm
 
 FORMAT = "mdrive-sumo/paper/1"

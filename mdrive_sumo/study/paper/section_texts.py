@@ -16,6 +16,16 @@ class SectionText:
     comparable: str
     not_comparable: str
 
+    def list_points(self) -> dict[str, str]:
+        """Return the words by what they say, without empty ones."""
+        found = {
+            "Counterpart of": self.counterpart,
+            "The paper": self.claim,
+            "Comparable to CARLA": self.comparable,
+            "Not comparable": self.not_comparable,
+        }
+        return {name: words for name, words in found.items() if words}
+
 
 SCENARIOS = SectionText(
     "Scenarios",
