@@ -1,5 +1,6 @@
 """The style of figures, and their files: PNG and SVG, the same bytes for the same numbers."""
 
+import io
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,12 +36,20 @@ def open_figure(width_in: float, height_in: float) -> Generator[Figure]:
         yield figure
 
 
+def render_figure(figure: Figure, kind: str) -> bytes:
+    """Return a figure as "png" or "svg". Call it inside `open_figure`."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=kind, dpi=150, metadata={"Date": None} if kind == "svg" else None)
+    return buffer.getvalue()
+
+
 def save_figure(figure: Figure, stem: Path) -> tuple[Path, Path]:
     """Write STEM.png and STEM.svg and return the paths. Raises InputError. Call it inside `open_figure`."""
     paths = Path(f"{stem}.png"), Path(f"{stem}.svg")
     for path in paths:
+        content = render_figure(figure, path.suffix[1:])
         try:
-            figure.savefig(path, dpi=150, metadata={"Date": None} if path.suffix == ".svg" else None)
+            path.write_bytes(content)
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
     return paths

@@ -111,8 +111,8 @@ def build_category_table(agents: Sequence[ComparedAgent], score: str = "h", name
         for category in categories:
             values: list[CellValue] = [compute(found[category]) for found in means]
             rows.append(make_row((category, float(means[0][category].scenarios), *values), bucket))
-    notes = {"h": HARMONIC_MEAN_NOTE}
-    note = notes.get(score, f"{label} in percent, mean over the scenarios of a category.")
+    what = "H = 2 DS SR / (DS + SR) of the mean DS and the mean SR" if score == "h" else f"Mean {label}"
+    note = f"{what} over the scenarios of a category, in percent."
     return ReportTable(name or f"categories_{score}", f"{label} by category", columns, tuple(rows), note).mark_rows()
 
 

@@ -110,25 +110,22 @@ def pool_results(results: Sequence[Results]) -> Results:
 
 def name_agents(runs: Sequence[ReportRun]) -> list[str]:
     """Return a name for each run: its agent, and in brackets the settings in which runs of the same agent differ."""
-    agents = [run.results.run.agent for run in runs]
-    names = [
-        _name_agent(run, [other for other, agent in zip(runs, agents, strict=True) if agent == own])
-        for run, own in zip(runs, agents, strict=True)
-    ]
+    names = [_name_agent(run, runs, hidden=(LIBRARY_CODE,)) for run in runs]
+    if len(set(names)) < len(names):
+        names = [_name_agent(run, runs) for run in runs]
     return [name if (before := names[:i].count(name)) == 0 else f"{name} #{before + 1}" for i, name in enumerate(names)]
 
 
-def _name_agent(run: ReportRun, same_agent: Sequence[ReportRun]) -> str:
-    differing = {
-        difference.name for other in same_agent for difference in compare_settings(run.settings, other.settings)
-    }
+def _name_agent(run: ReportRun, runs: Sequence[ReportRun], hidden: Sequence[str] = ()) -> str:
+    agent = run.results.run.agent
+    same_agent = (other.settings for other in runs if other.results.run.agent == agent)
+    differing = {one.name for other in same_agent for one in compare_settings(run.settings, other)} - {*hidden}
     parts = [*_describe_channel(run, differing)]
     parts += [
         f"{name.removeprefix('agent config ')} {format_setting(run.settings.get(name))}"
         for name in run.settings
         if name in differing and not name.startswith(_COMM)
     ]
-    agent = run.results.run.agent
     return f"{agent} ({', '.join(parts)})" if parts else agent
 
 

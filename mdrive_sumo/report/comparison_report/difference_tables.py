@@ -59,14 +59,14 @@ class AgentDifference:
 
 
 def compute_differences(agents: Sequence[ComparedAgent], baseline: str = "") -> tuple[AgentDifference, ...]:
-    """Return the difference of every agent to the baseline, or of every pair, the one with the higher DS first.
+    """Return the difference of every agent to the baseline, or of every pair: upper bounds first, then by DS.
 
     Raises InputError if no agent has the baseline's name.
     """
     if baseline:
         base = find_compared_agent(agents, baseline)
         return tuple(compute_difference(agent, base) for agent in agents if agent is not base)
-    ordered = sorted(agents, key=lambda agent: -agent.results.overall.bucket_mean.ds)
+    ordered = sorted(agents, key=lambda agent: (agent.is_ranked, -agent.results.overall.bucket_mean.ds))
     return tuple(compute_difference(agent, other) for i, agent in enumerate(ordered) for other in ordered[i + 1 :])
 
 

@@ -76,6 +76,8 @@ class ReportTable:
     rows: tuple[ReportRow, ...]
     note: str = ""
     """How to read it: definitions, and where they come from."""
+    is_shaded: bool = False
+    """Whether a page shades its numbers by their value from 0 to 100."""
 
     @property
     def groups(self) -> tuple[tuple[str, int], ...]:

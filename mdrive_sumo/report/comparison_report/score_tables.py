@@ -48,7 +48,7 @@ def make_score_columns(group: str, *, with_times: bool) -> tuple[ReportColumn, .
     key = group.lower().replace(" ", "_")
     times = (
         ReportColumn(f"{key}_efficient_sr", "eff. SR", group, best=BestValue.HIGHEST),
-        ReportColumn(f"{key}_time_ratio", "time", group),
+        ReportColumn(f"{key}_time_ratio", "time ratio", group),
     )
     return (
         ReportColumn(f"{key}_ds", "DS", group, best=BestValue.HIGHEST),
