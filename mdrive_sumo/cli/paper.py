@@ -11,8 +11,9 @@ import click
 from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.report.comparison_report.score_tables import build_main_table
-from mdrive_sumo.report.comparison_report.table_markdown import format_markdown
+from mdrive_sumo.report.comparison_report.table_text import format_text_rows
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare, prepare_with_suite
 from mdrive_sumo.runs.run_config import RunConfig
@@ -57,7 +58,7 @@ def command(ctx: click.Context, **options: object) -> None:
     numbers = compute_paper_numbers(prepared.study, rows)
     request = PaperRequest(("mdrive-sumo", *sys.argv[1:]), prepared.left_out)
     pages = write_paper(given.out, numbers, request, prepared.about)
-    click.echo(format_markdown(build_main_table(numbers.compared)))
+    click.echo(format_text_table(*format_text_rows(build_main_table(numbers.compared))))
     click.echo("\n" + "\n".join(map(str, pages)))
     failed = warn_about_failures(numbers.runs, given.out)
     ctx.exit(1 if failed or any(run.void for run in numbers.runs) else 0)

@@ -9,6 +9,7 @@ import pytest
 
 from mdrive_sumo.open_loop import OpenLoopScenario
 from mdrive_sumo.open_loop.open_loop_job import OpenLoopJob
+from mdrive_sumo.report.comparison_report.report_figure import ReportFigure
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scenario.suite import load_suite, save_suite
 from mdrive_sumo.scoring import ScenarioResult
@@ -47,7 +48,10 @@ def show(job: OpenLoopJob) -> OpenLoopScenario:
 
 
 def install(patch: pytest.MonkeyPatch) -> None:
-    """Put the stand-ins in place, without worker processes."""
+    """Put the stand-ins in place: no worker processes, no drawing, and no checksum of all code for each run."""
+    patch.setattr(ReportFigure, "render", lambda _: (b"picture", b"<svg></svg>"))
+    for name in ("runs.fingerprint", "study.paper.study_folder"):
+        patch.setattr(f"mdrive_sumo.{name}.compute_code_checksum", lambda: "sha256:code")
     for name, function, stand_in in (
         ("runs.evaluate", "run_job", drive),
         ("open_loop.evaluate_open", "run_open_loop_job", show),

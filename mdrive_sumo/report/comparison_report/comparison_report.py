@@ -1,7 +1,7 @@
 """ComparisonReport: everything that a report over several runs shows, as values."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.comparison_report.category_tables import (
@@ -41,6 +41,8 @@ class ReportSection:
     tables: tuple[ReportTable, ...] = ()
     figures: tuple[ReportFigure, ...] = ()
     note: str = ""
+    points: Mapping[str, str] = field(default_factory=dict[str, str])
+    """What there is to say about it, each under its own short heading."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,11 @@ from mdrive_sumo.open_loop import OpenLoopResults, OpenLoopScenario
 from mdrive_sumo.open_loop.results import OpenLoopRunInfo, combine_metrics, summarize_open_loop
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.paper.open_closed import OPEN_METRICS, compare_open_with_closed
-from mdrive_sumo.study.paper.open_closed_table import build_correlation_table, build_open_closed_table
+from mdrive_sumo.study.paper.open_closed_table import (
+    build_correlation_table,
+    build_open_closed_table,
+    make_open_closed_figure,
+)
 from mdrive_sumo.study.paper.resampled_metrics import resample_metric
 
 Precision = tuple[tuple[float, int, int], ...] | None
@@ -133,3 +137,11 @@ def test_void_episodes_and_agents_without_plans_are_left_out() -> None:
     assert {one.agents for one in found.correlations if one.metric == "ade"} == {("a", "b", "c")}
     nothing = compare_open_with_closed({"a": opened("a", [recording("x", 1.0)])}, {"a": driven["a"]})
     assert (nothing.scenarios, nothing.lines, nothing.correlations) == (0, (), ())
+
+
+@pytest.mark.slow
+def test_the_figure_has_the_papers_axes_and_every_agent() -> None:
+    shown, driven = both({"a": (0.5, 90.0), "b": (1.0, 80.0), "omniscient": (0.1, 99.0)}, scenarios=2)
+    _, svg = make_open_closed_figure(compare_open_with_closed(shown, driven)).render()
+    for text in (b"AP50", b"ADE", b"DS", b"SR", b"omniscient"):
+        assert b"<!-- " + text in svg, "matplotlib draws text as paths and names it in a comment"
