@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.report.comparison_report.report_table import (
     IntervalStyle,
     ReportCell,
@@ -14,11 +15,18 @@ from mdrive_sumo.report.published_results import PUBLISHED_GAPS
 from mdrive_sumo.study.gain import judge
 from mdrive_sumo.study.paper.cooperation_gain import PAIRS, PairGain, RoleGap
 
-SHOWN = "shown"
+MIN_SCENARIOS = 5
+"""Least number of scenarios from which an interval is judged: resamples of fewer hardly differ, of one not at all."""
+TOO_FEW = "too few scenarios"
 SHOWN_NOTE = (
     "Brackets: 95 % bootstrap intervals over scenarios. The last column says what the interval carries: an interval"
     " that contains 0 shows no difference, neither a gain nor that there is none."
 )
+
+
+def judge_gain(gain: ConfidenceInterval, scenarios: int) -> str:
+    """Return in words what an interval carries; nothing if it is over fewer than `MIN_SCENARIOS` scenarios."""
+    return judge(gain) if scenarios >= MIN_SCENARIOS else TOO_FEW
 
 
 def build_pair_table(gains: Sequence[PairGain]) -> ReportTable:
@@ -37,8 +45,8 @@ def build_pair_table(gains: Sequence[PairGain]) -> ReportTable:
                 float(one.scenarios),
                 ReportCell(one.ds.mean, one.ds),
                 ReportCell(one.sr.mean, one.sr),
-                judge(one.ds),
-                judge(one.sr),
+                judge_gain(one.ds, one.scenarios),
+                judge_gain(one.sr, one.scenarios),
             ),
             f"{PAIRS[one.agent, one.base]}: {one.agent} - {one.base}",
         )
@@ -55,7 +63,7 @@ def build_gap_table(gaps: Sequence[RoleGap]) -> ReportTable:
         ReportColumn("multi", "multi-agent", "mean H"),
         ReportColumn("single", "single-agent", "mean H"),
         ReportColumn("gap", "gap", has_sign=True, intervals=IntervalStyle.ENDS),
-        *make_text_columns({SHOWN: SHOWN}),
+        *make_text_columns({"shown": "shown"}),
         ReportColumn("paper", "gap in the paper (CARLA)", has_sign=True),
     )
     rows = [
@@ -66,7 +74,7 @@ def build_gap_table(gaps: Sequence[RoleGap]) -> ReportTable:
                 one.multi,
                 one.single,
                 ReportCell(one.gap.mean, one.gap),
-                judge(one.gap),
+                judge_gain(one.gap, one.scenarios),
                 PUBLISHED_GAPS.get(one.group),
             )
         )

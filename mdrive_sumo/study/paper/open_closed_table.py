@@ -105,7 +105,7 @@ def make_open_closed_figure(comparison: OpenClosedComparison) -> ReportFigure:
         f" DS {line.ds:.1f}, SR {line.sr:.1f}"
         for line in comparison.lines
     )
-    title = f"Open loop against closed loop, {comparison.scenarios} scenarios"
+    title = f"Open loop against closed loop (scenarios: {comparison.scenarios})"
     return ReportFigure("open_closed_figure", title, described, (9.0, 7.6), draw)
 
 

@@ -34,8 +34,8 @@ def list_paper_facts(numbers: PaperNumbers, request: PaperRequest) -> dict[str, 
     return {
         "suite": f"{run.suite}, checksum {run.suite_checksum}",
         "scenarios": f"{len(plan.closed)} ({kind})",
-        "open loop (RQ3)": f"{len(plan.logs)} scenarios of {logs}",
-        "worse channels (RQ5)": f"{len(plan.channel)} scenarios of {logs} with two CAVs or more, evenly spaced in the"
+        "open loop (RQ3)": f"{logs}: {len(plan.logs)} scenarios",
+        "worse channels (RQ5)": f"{logs}: {len(plan.channel)} scenarios with two CAVs or more, evenly spaced in the"
         f" order of the suite: {', '.join(plan.channel)}",
         "seeds": ", ".join(map(str, run.all_seeds)),
         "agents": ", ".join(numbers.closed),

@@ -61,7 +61,7 @@ GAINS = SectionText(
     " negotiation benefits coordination among CAVs, and less where there is rich background traffic.",
     "The question. Here the agents of a pair have one planner and differ in what they exchange, so the difference is"
     " the gain of that; the paper cannot separate it from the planner.",
-    "The language model: `sharing+negotiation` and `colmdriver-rule` negotiate by rule and hallucinate nothing.",
+    "The language model: sharing+negotiation and colmdriver-rule negotiate by rule and hallucinate nothing.",
 )
 CATEGORIES = SectionText(
     "Every category (RQ2)",
@@ -75,8 +75,8 @@ OPEN_CLOSED = SectionText(
     "fig:mdrive_olcl_correlation",
     "Better perception or prediction in open loop does not account for better driving in closed loop.",
     "The question, the metrics AP50, ADE and CR with their horizon of 3 s, and the scores DS and SR.",
-    "The recorded drives are those of `omniscient` instead of logs of human drivers, so an agent that plans as"
-    " `omniscient` drives has an advantage; agents reply modelled detections, not those of networks; and the paper"
+    "The recorded drives are those of omniscient instead of logs of human drivers, so an agent that plans as"
+    " omniscient drives has an advantage; agents reply modelled detections, not those of networks; and the paper"
     " prints no number to compare a correlation with.",
 )
 HUMANS = SectionText(
@@ -84,8 +84,8 @@ HUMANS = SectionText(
     "fig:mdrive_human_experiments",
     "CoLMDriver succeeds less often than human experts, and is slower when it negotiates.",
     "Nothing yet.",
-    "This study drives no person, so it has no table here. `time ratio` in the main table compares the time that agents"
-    " need with that of `omniscient`, not with a person's.",
+    "This study drives no person, so it has no table here. time ratio in the main table compares the time that agents"
+    " need with that of omniscient, not with a person's.",
 )
 LATENCY = SectionText(
     "Latency (RQ5)",
@@ -93,7 +93,7 @@ LATENCY = SectionText(
     "All three models lose under 6 ticks of latency, not uniformly: DS falls by 8.26, 0.67 and 5.96.",
     "6 ticks (300 ms) of delay on every received message, and differences paired by scenario.",
     "The paper adds the real computing time of its networks; here thinking takes no time, because a measured one would"
-    " tie the table to a machine (`study comm --agent-clock measured` adds it). The paper does not name its 21"
+    " tie the table to a machine (study comm --agent-clock measured adds it). The paper does not name its 21"
     " scenarios.",
 )
 POSE_ERROR = SectionText(
@@ -101,16 +101,16 @@ POSE_ERROR = SectionText(
     "tab:pose_error_results",
     "CoDriving hardly changes (DS -0.30); the negotiating models lose 3.73 and 8.16.",
     "Gaussian errors of 0.6 m and 0.6 degrees in the pose of every message, drawn for every message and receiver.",
-    "Own localisation has errors besides (sensing profile `realistic`): with them the sum is 0.63 m. The paper does not"
+    "Own localisation has errors besides (sensing profile realistic): with them the sum is 0.63 m. The paper does not"
     " name its 21 scenarios.",
 )
 NO_COUNTERPART: Mapping[str, str] = MappingProxyType(
     {
         "tab:benchmark_comparison": "compares benchmarks by their properties; nothing to measure",
         "fig:mdrive_hero, fig:mdrive_representative_scenarios, fig:mdrive_toolbox": (
-            "illustrations; `mdrive-sumo show` and `view` draw scenarios and drives"
+            "illustrations; mdrive-sumo show and view draw scenarios and drives"
         ),
-        "fig:codriving_failure": "one failure as an example; `mdrive-sumo view RUN` shows those of the runs in runs/",
+        "fig:codriving_failure": "one failure as an example; mdrive-sumo view RUN shows those of the runs in runs/",
         "fig:mdrive_human_experiments": "needs people; see the section on RQ4",
         "fig:various_weather_conditions, fig:real2sim_demo": "renderings of CARLA; nothing to measure",
         "tab:sensors, tab:controllers": "cameras and controllers of the paper's models, which do not drive here",

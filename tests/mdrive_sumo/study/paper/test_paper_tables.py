@@ -3,12 +3,13 @@
 import pytest
 from testing.study_samples import make_row, make_run, make_scenario
 
+from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.report.published_results import PUBLISHED_GAPS, PUBLISHED_LATENCY
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.paper.channel_table import build_channel_table
 from mdrive_sumo.study.paper.cooperation_gain import compute_pair_gains, compute_role_gaps
-from mdrive_sumo.study.paper.gain_tables import build_gap_table, build_pair_table
+from mdrive_sumo.study.paper.gain_tables import TOO_FEW, build_gap_table, build_pair_table, judge_gain
 from mdrive_sumo.study.paper.paper_agents import AgentRole, find_role
 from mdrive_sumo.study.paper.paper_study import CONDITIONS
 from mdrive_sumo.study.paper.scenario_table import build_scenario_table
@@ -60,7 +61,7 @@ def runs() -> dict[str, Results]:
                     exchanged=_list_exchanged(labels[agent]),
                 )
                 for category, place in places.items()
-                for i in range(2)
+                for i in range(5)
             ),
             agent=agent,
         )
@@ -85,8 +86,8 @@ def test_the_gap_of_roles_is_between_the_means_of_their_agents() -> None:
     gaps = {one.group: one for one in compute_role_gaps({**found, "stationary": bound})}
     assert list(gaps) == ["Interaction", "static-avoidance", "dynamic-avoidance", "dynamic-coordination", "all"]
     static = gaps["static-avoidance"]
-    assert (static.multi, static.single, static.gap.mean) == pytest.approx((60.5, 45.5, 15.0))
-    assert static.gap.low == pytest.approx(15.0) and static.scenarios == 2
+    assert (static.multi, static.single, static.gap.mean) == pytest.approx((62.0, 47.0, 15.0))
+    assert static.gap.low == pytest.approx(15.0) and static.scenarios == 5
     table = build_gap_table(tuple(gaps.values()))
     assert [cell.value for cell in table.find_column("paper")] == [None, *PUBLISHED_GAPS.values(), None]
     assert {cell.value for cell in table.find_column("shown")} == {"gain"}
@@ -113,3 +114,8 @@ def test_scenarios_stand_beside_those_of_the_paper() -> None:
     assert (values["scenarios_driven"], values["scenarios_paper"]) == (46.0, 46.0)
     assert values["route_m_paper"] == 51.83
     assert len(table.rows) == 1, "InterDrive has no categories in the paper's table"
+
+
+def test_few_scenarios_show_nothing() -> None:
+    sure = ConfidenceInterval(3.0, 3.0, 3.0)
+    assert [judge_gain(sure, count) for count in (1, 4, 5)] == [TOO_FEW, TOO_FEW, "gain"]
