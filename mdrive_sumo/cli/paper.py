@@ -21,7 +21,7 @@ from mdrive_sumo.study.paper.paper_agents import prepare_installed_agents
 from mdrive_sumo.study.paper.paper_facts import PaperRequest
 from mdrive_sumo.study.paper.paper_files import write_paper
 from mdrive_sumo.study.paper.paper_numbers import compute_paper_numbers
-from mdrive_sumo.study.paper.paper_plan import make_plan
+from mdrive_sumo.study.paper.paper_plan import PaperScale, make_plan
 from mdrive_sumo.study.paper.paper_study import REFERENCE, PaperStudy
 from mdrive_sumo.study.paper.study_folder import claim_folder, describe_study
 
@@ -29,6 +29,7 @@ from mdrive_sumo.study.paper.study_folder import claim_folder, describe_study
 @click.command("paper")
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder.")
 @click.option("--quick", is_flag=True, help="A few scenarios of every kind: three minutes, to see what comes out.")
+@click.option("--all-scenarios", is_flag=True, help="Every scenario, not every third of each category.")
 @click.option(
     "--agents", metavar="A,B,...", help="Agents, each as --agent of `eval` [default: all that are installed]."
 )
@@ -79,6 +80,7 @@ class _PaperOptions:
 
     out: Path
     quick: bool
+    all_scenarios: bool
     agents: str | None
     suite: str
     seed: int
@@ -90,7 +92,7 @@ class _PaperOptions:
         """Return the study, and claim its folder. Raises InputError before anything is driven."""
         names = self._parse_agents()
         reference = prepare(self._make_config(REFERENCE))
-        plan = make_plan(reference.suite, quick=self.quick)
+        plan = make_plan(reference.suite, self._choose_scale())
 
         def prepare_agent(name: str) -> PreparedRun:
             return reference if name == REFERENCE else prepare_with_suite(self._make_config(name), reference.suite)
@@ -99,6 +101,14 @@ class _PaperOptions:
         about = describe_study(reference.config, reference.suite, plan)
         claim_folder(self.out, about, fresh=self.fresh)
         return _PreparedStudy(PaperStudy(plan, agents, reference, self.out), left_out, about)
+
+    def _choose_scale(self) -> PaperScale:
+        """Return how many scenarios are driven. Raises InputError."""
+        if self.quick and self.all_scenarios:
+            raise InputError("study paper: expected --quick or --all-scenarios, found both")
+        if self.quick:
+            return PaperScale.QUICK
+        return PaperScale.WHOLE if self.all_scenarios else PaperScale.STANDARD
 
     def _parse_agents(self) -> Sequence[str]:
         """Return the agents that are named; none: all that are installed. Raises InputError."""

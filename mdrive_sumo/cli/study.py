@@ -39,7 +39,8 @@ from mdrive_sumo.study.study_summary import StudyLine, summarise_rows
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
 
 command = click.Group(
-    "study", help="Measure what cooperation is worth: in parts, over worse channels, and message by message."
+    "study",
+    help="Measure what cooperation is worth: in parts, over worse channels, message by message; and the paper's tables.",
 )
 command.add_command(ablate_command)
 command.add_command(gain_command)

@@ -14,9 +14,8 @@ from mdrive_sumo.report.comparison_report.report_table import (
 from mdrive_sumo.report.published_results import PUBLISHED_GAPS
 from mdrive_sumo.study.gain import judge
 from mdrive_sumo.study.paper.cooperation_gain import PAIRS, PairGain, RoleGap
+from mdrive_sumo.study.paper.paper_plan import MIN_STRATUM
 
-MIN_SCENARIOS = 5
-"""Least number of scenarios from which an interval is judged: resamples of fewer hardly differ, of one not at all."""
 TOO_FEW = "too few scenarios"
 SHOWN_NOTE = (
     "Brackets: 95 % bootstrap intervals over scenarios. The last column says what the interval carries: an interval"
@@ -25,8 +24,8 @@ SHOWN_NOTE = (
 
 
 def judge_gain(gain: ConfidenceInterval, scenarios: int) -> str:
-    """Return in words what an interval carries; nothing if it is over fewer than `MIN_SCENARIOS` scenarios."""
-    return judge(gain) if scenarios >= MIN_SCENARIOS else TOO_FEW
+    """Return in words what an interval carries; nothing if it is over fewer than `MIN_STRATUM` scenarios."""
+    return judge(gain) if scenarios >= MIN_STRATUM else TOO_FEW
 
 
 def build_pair_table(gains: Sequence[PairGain]) -> ReportTable:

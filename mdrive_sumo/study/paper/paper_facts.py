@@ -3,15 +3,23 @@
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
-from mdrive_sumo.study.paper.paper_plan import LOG_BUCKET
+from mdrive_sumo.study.paper.paper_plan import LOG_BUCKET, PaperScale
 
 QUICK = "QUICK"
 QUICK_WARNING = (
     f"{QUICK}: a few scenarios of every kind, to see what comes out. These numbers are no results:"
     " run the study without --quick for them."
+)
+CHOICES: Mapping[PaperScale, str] = MappingProxyType(
+    {
+        PaperScale.QUICK: "one of each InterDrive group and interactivity level, and three logs",
+        PaperScale.STANDARD: "a third of each category, at least five of each InterDrive group and interactivity level",
+        PaperScale.WHOLE: "all of the suite",
+    }
 )
 
 
@@ -28,12 +36,11 @@ def list_paper_facts(numbers: PaperNumbers, request: PaperRequest) -> dict[str, 
     """Return what was measured with what, by name."""
     run = numbers.compared[0].results.run
     plan = numbers.plan
-    kind = "one of each InterDrive group and interactivity level, and logs" if plan.quick else "all of the suite"
     logs = LOG_BUCKET if any(one.bucket == LOG_BUCKET for one in numbers.scenarios) else "every bucket"
     options = ", ".join(f"{key} {getattr(run, key)}" for key in EpisodeOptions.list_choices())
     return {
         "suite": f"{run.suite}, checksum {run.suite_checksum}",
-        "scenarios": f"{len(plan.closed)} ({kind})",
+        "scenarios": f"{len(plan.closed)}: {CHOICES[plan.scale]}",
         "open loop (RQ3)": f"{logs}: {len(plan.logs)} scenarios",
         "worse channels (RQ5)": f"{logs}: {len(plan.channel)} scenarios with two CAVs or more, evenly spaced in the"
         f" order of the suite: {', '.join(plan.channel)}",
@@ -49,7 +56,7 @@ def list_paper_facts(numbers: PaperNumbers, request: PaperRequest) -> dict[str, 
 def list_paper_warnings(numbers: PaperNumbers, request: PaperRequest) -> tuple[str, ...]:
     """Return what a reader must know before the numbers."""
     void = sum(one.void for one in numbers.runs)
-    found = [QUICK_WARNING] if numbers.plan.quick else []
+    found = [QUICK_WARNING] if numbers.plan.scale is PaperScale.QUICK else []
     found += [f"Left out: {name}: {why}." for name, why in request.left_out.items()]
     found += [f"{void} episodes are void: a failure of the benchmark or of SUMO, not of an agent."] if void else []
     return tuple(found)

@@ -28,6 +28,7 @@ from mdrive_sumo.study.paper.open_closed_table import (
 )
 from mdrive_sumo.study.paper.paper_facts import QUICK, PaperRequest, list_paper_facts, list_paper_warnings
 from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
+from mdrive_sumo.study.paper.paper_plan import PaperScale
 from mdrive_sumo.study.paper.paper_study import CONDITIONS
 from mdrive_sumo.study.paper.scenario_table import build_scenario_table
 from mdrive_sumo.study.paper.section_texts import SectionText
@@ -58,7 +59,7 @@ def build_paper_report(numbers: PaperNumbers, request: PaperRequest) -> Comparis
         *_build_channel_sections(numbers),
         ReportSection("Without a counterpart", (_build_missing_table(),)),
     )
-    if numbers.plan.quick:
+    if numbers.plan.scale is PaperScale.QUICK:
         sections = tuple(_mark_quick(section) for section in sections)
     return ComparisonReport(TITLE, list_paper_facts(numbers, request), list_paper_warnings(numbers, request), sections)
 
@@ -68,14 +69,20 @@ def _make_section(text: SectionText, tables: tuple[ReportTable, ...] = ()) -> Re
 
 
 def _build_main_tables(numbers: PaperNumbers) -> tuple[ReportTable, ...]:
-    published = PUBLISHED_METHODS if _drives_whole_buckets(numbers) else ()
-    return build_main_table(numbers.compared, published), build_bucket_table(numbers.compared)
+    published = PUBLISHED_METHODS if _drives_paper_buckets(numbers) else ()
+    main = build_main_table(numbers.compared, published)
+    if published and numbers.plan.scale is not PaperScale.WHOLE:
+        whole = sum(BUCKET_SIZES.values())
+        main = replace(
+            main, note=f"{main.note} They are means over all {whole} scenarios; ours are over a share of each category."
+        )
+    return main, build_bucket_table(numbers.compared)
 
 
-def _drives_whole_buckets(numbers: PaperNumbers) -> bool:
-    """Return whether the published rows are means over as many scenarios of the same buckets."""
-    buckets = numbers.compared[0].results.buckets
-    return {name: bucket.scenarios for name, bucket in buckets.items()} == dict(BUCKET_SIZES)
+def _drives_paper_buckets(numbers: PaperNumbers) -> bool:
+    """Return whether published rows may stand beside ours: not in a quick study, and not beside other buckets."""
+    buckets = {*numbers.compared[0].results.buckets}
+    return numbers.plan.scale is not PaperScale.QUICK and buckets == {*BUCKET_SIZES}
 
 
 def _build_category_section(numbers: PaperNumbers) -> ReportSection:

@@ -107,6 +107,7 @@ def test_an_interrupted_study_goes_on_and_agents_may_be_added(suite: Path, monke
         ((), "sharing,sharing", "expected different agents with commas between them"),
         ((), "perception-swap:cobevt", "expected an agent besides perception-swap:*"),
         (("--seeds", "0"), "idm", "0 is not in the range"),
+        (("--quick", "--all-scenarios"), "idm", "expected --quick or --all-scenarios, found both"),
     ],
 )
 def test_bad_input_is_one_sentence_and_leaves_no_folder(
@@ -140,6 +141,17 @@ def test_another_study_is_refused_unless_it_starts_anew(suite: Path, monkeypatch
     fresh = study(suite, "--fresh", "--seed", "3", agents="idm")
     assert fresh.exit_code == 0, fresh.output
     assert len(called(suite)) == 2 * len(calls)
+
+
+@pytest.mark.slow
+def test_seeds_are_one_run_and_every_episode_is_in_the_numbers(suite: Path) -> None:
+    ended = study(suite, "--seeds", "2", "--all-scenarios", agents="sharing,idm,stationary")
+    assert ended.exit_code == 0, ended.output
+    page = json.loads((suite.parent / "out" / "paper.json").read_text())
+    assert (page["seeds"], page["scale"]) == ([0, 1], "whole")
+    found = [(one["id"], one["seed"]) for one in page["closed"]["sharing"]["episodes"]]
+    assert found == [("s0", 0), ("s0", 1), ("s1", 0), ("s1", 1)]
+    assert page["open_closed"]["scenarios"] == 2
 
 
 @pytest.mark.slow

@@ -8,7 +8,14 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.suite import Suite, load_suite
-from mdrive_sumo.study.paper.paper_plan import CHANNEL_SCENARIOS, choose_evenly, make_plan, name_stratum
+from mdrive_sumo.study.paper.paper_plan import (
+    CHANNEL_SCENARIOS,
+    MIN_STRATUM,
+    PaperScale,
+    choose_evenly,
+    make_plan,
+    name_stratum,
+)
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +24,7 @@ def mdrive() -> Suite:
 
 
 def test_the_whole_study_drives_every_scenario_and_21_logs_over_worse_channels(mdrive: Suite) -> None:
-    plan = make_plan(mdrive, quick=False)
+    plan = make_plan(mdrive, PaperScale.WHOLE)
     assert len(plan.closed) == 225 and len(plan.logs) == 67
     assert len(plan.channel) == len({*plan.channel}) == CHANNEL_SCENARIOS == 21
     assert {*plan.channel} <= {*plan.logs} <= {*plan.closed}
@@ -27,8 +34,8 @@ def test_the_whole_study_drives_every_scenario_and_21_logs_over_worse_channels(m
 
 
 def test_a_quick_study_has_every_stratum_once_and_is_always_the_same(mdrive: Suite) -> None:
-    plan = make_plan(mdrive, quick=True)
-    assert plan == make_plan(mdrive, quick=True)
+    plan = make_plan(mdrive, PaperScale.QUICK)
+    assert plan == make_plan(mdrive, PaperScale.QUICK)
     assert len(plan.closed) == 9 and {*plan.channel} == {*plan.logs} <= {*plan.closed}
     strata = {name_stratum(scenario) for scenario in mdrive}
     found = [name_stratum(scenario) for scenario in mdrive if scenario.id in {*plan.closed}]
@@ -37,15 +44,28 @@ def test_a_quick_study_has_every_stratum_once_and_is_always_the_same(mdrive: Sui
     assert found.count("synthetic") == 3
 
 
+def test_a_standard_study_has_a_third_of_each_category_and_the_same_worse_channels(mdrive: Suite) -> None:
+    plan, whole = make_plan(mdrive, PaperScale.STANDARD), make_plan(mdrive, PaperScale.WHOLE)
+    assert plan.channel == whole.channel and {*plan.channel} <= {*plan.logs} <= {*plan.closed} <= {*whole.closed}
+    assert len(plan.closed) == 84, "the time of a study on two cores depends on it: docs/studies.md"
+    chosen = [scenario for scenario in mdrive if scenario.id in {*plan.closed}]
+    assert tuple(scenario.id for scenario in chosen) == plan.closed
+    assert {scenario.category for scenario in chosen} == {scenario.category for scenario in mdrive}
+    strata = [name_stratum(scenario) for scenario in chosen]
+    assert min(map(strata.count, strata)) >= MIN_STRATUM
+    alone = [len(scenario.egos) == 1 for scenario in chosen if scenario.id in {*plan.logs}]
+    assert sum(alone) / len(alone) == pytest.approx(13 / 67, abs=0.02), "as large a share as in the suite"
+
+
 def test_a_suite_without_logs_is_compared_as_a_whole(mdrive: Suite) -> None:
-    plan = make_plan(load_suite("interdrive"), quick=True)
+    plan = make_plan(load_suite("interdrive"), PaperScale.QUICK)
     assert plan.logs == plan.closed and len(plan.closed) == 3
 
 
 def test_scenarios_with_one_cav_have_no_channel(mdrive: Suite) -> None:
     alone = tuple(scenario for scenario in mdrive if len(scenario.egos) == 1)
     with pytest.raises(InputError, match="two CAVs or more, found none"):
-        make_plan(Suite(mdrive.about, mdrive.folder, alone), quick=False)
+        make_plan(Suite(mdrive.about, mdrive.folder, alone), PaperScale.WHOLE)
 
 
 @given(st.integers(0, 60), st.integers(1, 25))
