@@ -40,7 +40,7 @@ from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
 
 command = click.Group(
     "study",
-    help="Measure what cooperation is worth: in parts, over worse channels, message by message; and the paper's tables.",
+    help="Measure what cooperation is worth: the paper's tables, in parts, over worse channels, message by message.",
 )
 command.add_command(ablate_command)
 command.add_command(gain_command)

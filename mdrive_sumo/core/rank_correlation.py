@@ -15,7 +15,7 @@ def compute_spearman(x: Float, y: Float) -> Float:
     """
     ranks = [_compute_ranks(values) for values in (x, y)]
     first, second = (values - values.mean(axis=-1, keepdims=True) for values in ranks)
-    return _divide((first * second).sum(axis=-1), (first**2).sum(axis=-1) * (second**2).sum(axis=-1))
+    return _divide((first * second).sum(axis=-1), (first * first).sum(axis=-1) * (second * second).sum(axis=-1))
 
 
 def compute_kendall(x: Float, y: Float) -> Float:

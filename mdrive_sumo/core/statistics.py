@@ -80,6 +80,17 @@ def draw_resample_counts(size: int) -> Float:
     return np.concatenate((np.ones((1, size)), drawn.astype(np.float64)))
 
 
+def sum_resamples(counts: Float, values: Float) -> Float:
+    """Return the sums (R, ...) of values (N, ...) where value j counts `counts[r, j]` times; no sum depends on R.
+
+    It adds one value after the other, because a matrix product has other last bits on other machines.
+    """
+    sums = np.zeros((len(counts), *values.shape[1:]))
+    for column, value in zip(counts.T, values, strict=True):
+        sums += np.multiply.outer(column, value)
+    return sums
+
+
 def compute_percentile_interval(mean: float, resampled_means: Float) -> ConfidenceInterval:
     """Return the interval of a statistic from its values in resamples (R,)."""
     tail = (1 - CONFIDENCE) / 2

@@ -2,11 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.statistics import ConfidenceInterval, compute_percentile_interval, draw_resample_counts
+from mdrive_sumo.core.statistics import (
+    ConfidenceInterval,
+    compute_percentile_interval,
+    draw_resample_counts,
+    sum_resamples,
+)
 from mdrive_sumo.scenario.categories import LEVELS, Category
 from mdrive_sumo.scoring import Results, ScenarioResult
 from mdrive_sumo.scoring.paired_intervals import compute_difference_interval, group_by_scenario
@@ -103,7 +109,8 @@ def _compute_harmonic_means(
 ) -> Float:
     """Return H (R,) of an agent where scenario j counts `counts[r, j]` times; 0 where DS and SR are 0."""
     ds, sr = (
-        counts @ [np.mean([getattr(one, score) for one in table[name].values()]) for name in names] / counts.sum(axis=1)
+        sum_resamples(counts, np.array([fmean(getattr(one, score) for one in table[name].values()) for name in names]))
+        / len(names)
         for score in ("ds", "sr")
     )
     return np.divide(2 * ds * sr, ds + sr, out=np.zeros_like(ds), where=ds + sr > 0)

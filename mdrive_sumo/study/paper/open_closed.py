@@ -7,7 +7,12 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.rank_correlation import compute_kendall, compute_spearman
-from mdrive_sumo.core.statistics import ConfidenceInterval, compute_percentile_interval, draw_resample_counts
+from mdrive_sumo.core.statistics import (
+    ConfidenceInterval,
+    compute_percentile_interval,
+    draw_resample_counts,
+    sum_resamples,
+)
 from mdrive_sumo.open_loop import OpenLoopResults, OpenLoopScenario
 from mdrive_sumo.open_loop.results import OpenLoopMetrics, combine_metrics
 from mdrive_sumo.scoring import EpisodeKey, Results, ScenarioResult
@@ -123,8 +128,8 @@ def _correlate(
     x = OPEN_METRICS[metric] * np.stack(opened, axis=-1)
     usable = ~np.isnan(x).any(axis=-1)  # a resample may lack all recordings in which an agent has a plan
     for score in CLOSED_METRICS:
-        closed = [counts @ [getattr(driven[agent][key], score) for key in keys] for agent in agents]
-        y = np.stack(closed, axis=-1) / counts.sum(axis=1, keepdims=True)
+        closed = np.array([[getattr(driven[agent][key], score) for agent in agents] for key in keys])
+        y = sum_resamples(counts, closed) / counts.sum(axis=1, keepdims=True)
         rho, tau = (correlate(x[usable], y[usable]) for correlate in (compute_spearman, compute_kendall))
         yield RankCorrelation(metric, score, agents, _summarize(rho, len(counts)), _summarize(tau, len(counts)))
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.statistics import sum_resamples
 from mdrive_sumo.open_loop import OpenLoopScenario
 
 CHUNK = 500
@@ -23,7 +24,8 @@ def resample_metric(recordings: Sequence[OpenLoopScenario], metric: str, counts:
     frames = [1 if metric == "cr" else one.frames for one in recordings]
     weights = np.array([0 if value is None else count for value, count in zip(values, frames, strict=True)])
     known = np.array([0.0 if value is None else value for value in values])
-    return _divide(counts @ (weights * known), counts @ weights)
+    sums = sum_resamples(counts, np.stack((weights * known, weights), axis=-1))
+    return _divide(sums[:, 0], sums[:, 1])
 
 
 def _compute_precision(recordings: Sequence[OpenLoopScenario], counts: Float) -> Float:
@@ -33,8 +35,9 @@ def _compute_precision(recordings: Sequence[OpenLoopScenario], counts: Float) ->
     cells = np.array([[table.by_score.get(score, (0, 0)) for score in scores] for table in tables], dtype=float)
     if not scores:
         return np.full(len(counts), np.nan)
-    found, accepted = (np.cumsum(counts @ cells[:, :, part], axis=1) for part in (0, 1))
-    truths = counts @ np.array([table.truths for table in tables], dtype=float)
+    sums = sum_resamples(counts, cells)
+    found, accepted = (np.cumsum(sums[:, :, part], axis=1) for part in (0, 1))
+    truths = sum_resamples(counts, np.array([table.truths for table in tables], dtype=float))
     recall = _divide(np.pad(found, ((0, 0), (1, 0))), np.broadcast_to(truths[:, None], (len(counts), len(scores) + 1)))
     precision = np.nan_to_num(_divide(found, accepted))
     best_after = np.maximum.accumulate(precision[:, ::-1], axis=1)[:, ::-1]
