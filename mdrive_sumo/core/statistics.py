@@ -36,9 +36,7 @@ def bootstrap_mean(values: Float) -> ConfidenceInterval:
 
 def bootstrap_stratified_mean(groups: Sequence[Float]) -> ConfidenceInterval:
     """Return the mean of the means of the groups, (N,) each with N >= 1; every group is resampled on its own."""
-    random = np.random.default_rng(SEED)
-    means = [values[random.integers(len(values), size=(RESAMPLES, len(values)))].mean(axis=1) for values in groups]
-    return compute_percentile_interval(float(np.mean([values.mean() for values in groups])), np.mean(means, axis=0))
+    return make_interval(float(np.mean([values.mean() for values in groups])), _resample_stratified_mean(groups))
 
 
 def bootstrap_clustered_mean(values: Float) -> ConfidenceInterval:
@@ -46,9 +44,7 @@ def bootstrap_clustered_mean(values: Float) -> ConfidenceInterval:
 
     Both stages are needed because the seeds of one scenario are not independent. With one seed it is `bootstrap_mean`.
     """
-    if values.shape[1] == 1:
-        return bootstrap_mean(values[:, 0])
-    return bootstrap_stratified_clustered_mean((values,))
+    return make_interval(float(values.mean()), resample_clustered_mean(values))
 
 
 def bootstrap_stratified_clustered_mean(groups: Sequence[Float]) -> ConfidenceInterval:
@@ -56,11 +52,36 @@ def bootstrap_stratified_clustered_mean(groups: Sequence[Float]) -> ConfidenceIn
 
     Within a group it resamples as `bootstrap_clustered_mean`.
     """
+    resampled = resample_stratified_clustered_mean(groups)
+    return make_interval(float(np.mean([values.mean() for values in groups])), resampled)
+
+
+def resample_clustered_mean(values: Float) -> Float:
+    """Return the (RESAMPLES,) means from which `bootstrap_clustered_mean` takes its interval.
+
+    Values of one shape are drawn alike: the differences of two results are those of paired differences.
+    """
+    if values.shape[1] == 1:
+        return _resample_stratified_mean((values[:, 0],))
+    return resample_stratified_clustered_mean((values,))
+
+
+def resample_stratified_clustered_mean(groups: Sequence[Float]) -> Float:
+    """Return the (RESAMPLES,) means from which `bootstrap_stratified_clustered_mean` takes its interval.
+
+    Groups of the same shapes are drawn alike, as by `resample_clustered_mean`.
+    """
     random = np.random.default_rng(SEED)
     means = [
         np.concatenate([_resample_clusters(values, random) for _ in range(RESAMPLES // CHUNK)]) for values in groups
     ]
-    return compute_percentile_interval(float(np.mean([values.mean() for values in groups])), np.mean(means, axis=0))
+    return np.mean(means, axis=0)
+
+
+def _resample_stratified_mean(groups: Sequence[Float]) -> Float:
+    random = np.random.default_rng(SEED)
+    means = [values[random.integers(len(values), size=(RESAMPLES, len(values)))].mean(axis=1) for values in groups]
+    return np.mean(means, axis=0)
 
 
 def _resample_clusters(values: Float, random: np.random.Generator) -> Float:
@@ -74,10 +95,12 @@ def _resample_clusters(values: Float, random: np.random.Generator) -> Float:
 def draw_resample_counts(size: int) -> Float:
     """Return how often each of `size` values counts (1 + RESAMPLES, size), for statistics that are no mean.
 
-    The first row is the sample itself, where each counts once; the others are resamples.
+    The first row is the sample itself, where each counts once; the others are the resamples of `bootstrap_mean`.
     """
-    drawn = np.random.default_rng(SEED).multinomial(size, np.full(size, 1 / size), size=RESAMPLES)
-    return np.concatenate((np.ones((1, size)), drawn.astype(np.float64)))
+    drawn = np.random.default_rng(SEED).integers(size, size=(RESAMPLES, size))
+    places = drawn + size * np.arange(RESAMPLES)[:, np.newaxis]
+    counts = np.bincount(places.ravel(), minlength=RESAMPLES * size).reshape(RESAMPLES, size)
+    return np.concatenate((np.ones((1, size)), counts.astype(np.float64)))
 
 
 def sum_resamples(counts: Float, values: Float) -> Float:
@@ -91,8 +114,8 @@ def sum_resamples(counts: Float, values: Float) -> Float:
     return sums
 
 
-def compute_percentile_interval(mean: float, resampled_means: Float) -> ConfidenceInterval:
-    """Return the interval of a statistic from its values in resamples (R,)."""
+def make_interval(mean: float, resampled_means: Float) -> ConfidenceInterval:
+    """Return the interval between the percentiles of resampled means that `CONFIDENCE` names."""
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(resampled_means, (tail, 1 - tail))
     return ConfidenceInterval(mean, float(low), float(high))

@@ -1,13 +1,17 @@
 """Bootstrap intervals of scores and of paired differences, over scenarios and the seeds of each."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.statistics import (
     ConfidenceInterval,
     bootstrap_clustered_mean,
-    bootstrap_stratified_clustered_mean,
+    make_interval,
+    resample_clustered_mean,
+    resample_stratified_clustered_mean,
 )
 from mdrive_sumo.scoring.results import ScenarioResult
 
@@ -47,13 +51,36 @@ def compute_difference_interval(table: ResultTable, base: ResultTable, name: str
     return bootstrap_clustered_mean(np.array(values)) if values else None
 
 
-def compute_stratified_difference(table: ResultTable, base: ResultTable, name: str) -> ConfidenceInterval | None:
-    """As `compute_difference_interval`, of the mean of the bucket means: each bucket is resampled on its own."""
+@dataclass(frozen=True, slots=True)
+class ResampledScore:
+    """The mean of a score and its resampled means. Those over the same scenarios and seeds are drawn alike."""
+
+    mean: float
+    resampled: Float
+
+    def subtract(self, other: "ResampledScore") -> ConfidenceInterval:
+        """Return mean and interval of the differences self - other, paired by scenario and seed.
+
+        other: over the same scenarios and seeds. The result is that of `compute_difference_interval`, whose draws
+        this saves where each of many agents is compared with each.
+        """
+        return make_interval(self.mean - other.mean, self.resampled - other.resampled)
+
+
+def resample_score(table: ResultTable, name: str, *, by_bucket: bool = False) -> ResampledScore | None:
+    """Return a score by its field's name, resampled over scenarios and seeds; None if the table is empty.
+
+    by_bucket: of the mean of the bucket means; each bucket is resampled on its own.
+    """
     buckets: dict[str, list[list[float]]] = {}
-    for scenario in (scenario for scenario in table if scenario in base):
-        bucket = next(iter(table[scenario].values())).bucket
-        buckets.setdefault(bucket, []).append(_list_differences(table[scenario], base[scenario], name))
-    return bootstrap_stratified_clustered_mean([np.array(rows) for rows in buckets.values()]) if buckets else None
+    for _, by_seed in sorted(table.items()):
+        values = [getattr(one, name) for _, one in sorted(by_seed.items())]
+        buckets.setdefault(next(iter(by_seed.values())).bucket if by_bucket else "", []).append(values)
+    groups = [np.array(rows) for _, rows in sorted(buckets.items())]
+    if not groups:
+        return None
+    resampled = resample_stratified_clustered_mean(groups) if by_bucket else resample_clustered_mean(groups[0])
+    return ResampledScore(float(np.mean([values.mean() for values in groups])), resampled)
 
 
 def _list_differences(

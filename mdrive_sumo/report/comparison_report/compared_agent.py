@@ -2,13 +2,14 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.comparison_report.report_runs import ReportRun, check_report_runs
 from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, compare_settings, format_setting
-from mdrive_sumo.scoring import Results, ScenarioResult, summarize_run
+from mdrive_sumo.scoring import MeanIntervals, Results, ScenarioResult, compute_mean_intervals, summarize_run
 from mdrive_sumo.scoring.labels import JOINT, NEGOTIATION, PRIVILEGED, SHARING, SHARING_TYPES
 from mdrive_sumo.v2x.comm_settings import PRESETS, describe_comm
 
@@ -19,7 +20,7 @@ SECTIONS = (SINGLE_AGENT, MULTI_AGENT, UPPER_BOUND)
 _COMM = "comm "
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class ComparedAgent:
     """An agent with its settings. Those of one report have different names."""
 
@@ -28,6 +29,11 @@ class ComparedAgent:
     results: Results
     """Of all its runs and seeds."""
     runs: tuple[ReportRun, ...]
+
+    @cached_property
+    def intervals(self) -> Mapping[str, MeanIntervals]:
+        """The intervals of DS and SR by bucket, `BUCKET_MEAN` and `SCENARIO_MEAN`."""
+        return {found.group: found for found in compute_mean_intervals(self.results)}
 
     @property
     def section(self) -> str:

@@ -1,6 +1,6 @@
 """Differences of every agent to every other, or to a baseline: paired bootstrap over scenarios and seeds."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
@@ -18,12 +18,13 @@ from mdrive_sumo.report.comparison_report.report_table import (
     make_row,
 )
 from mdrive_sumo.runs.compare import TIE, average_seeds
+from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.paired_intervals import (
+    ResampledScore,
     ResultTable,
     compute_difference_interval,
-    compute_stratified_difference,
     group_by_scenario,
-    select_defined,
+    resample_score,
 )
 
 DIFFERENCE_NOTE = (
@@ -63,11 +64,13 @@ def compute_differences(agents: Sequence[ComparedAgent], baseline: str = "") -> 
 
     Raises InputError if no agent has the baseline's name.
     """
+    resamples = _Resamples()
     if baseline:
         base = find_compared_agent(agents, baseline)
-        return tuple(compute_difference(agent, base) for agent in agents if agent is not base)
+        return tuple(_compute_difference(agent, base, resamples) for agent in agents if agent is not base)
     ordered = sorted(agents, key=lambda agent: (agent.is_ranked, -agent.results.overall.bucket_mean.ds))
-    return tuple(compute_difference(agent, other) for i, agent in enumerate(ordered) for other in ordered[i + 1 :])
+    pairs = ((agent, other) for i, agent in enumerate(ordered) for other in ordered[i + 1 :])
+    return tuple(_compute_difference(agent, other, resamples) for agent, other in pairs)
 
 
 def find_compared_agent(agents: Sequence[ComparedAgent], name: str) -> ComparedAgent:
@@ -79,31 +82,68 @@ def find_compared_agent(agents: Sequence[ComparedAgent], name: str) -> ComparedA
     return agents[names.index(name)]
 
 
-def compute_difference(agent: ComparedAgent, other: ComparedAgent) -> AgentDifference:
+def _compute_difference(agent: ComparedAgent, other: ComparedAgent, resamples: "_Resamples") -> AgentDifference:
     """Return agent minus other."""
     seeds = tuple(seed for seed in agent.seeds if seed in other.seeds)
     ours, theirs = (_build_result_table(one, seeds) for one in (agent, other))
     common = [scenario for scenario in ours if scenario in theirs]
     ours, theirs = ({scenario: table[scenario] for scenario in common} for table in (ours, theirs))
+    pair = _TablePair((agent.name, ours), (other.name, theirs), resamples)
     buckets = order_buckets({scenario.bucket for scenario in agent.results.scenarios})
+    parts = {name: pair.select(lambda one, name=name: one.bucket == name) for name in buckets}
+    timed = pair.select(lambda one: one.time_ratio is not None)
     gains = [_mean_ds(ours, scenario) - _mean_ds(theirs, scenario) for scenario in common]
     return AgentDifference(
         agent.name,
         other.name,
         scenarios=len(common),
         seeds=seeds,
-        ds=compute_difference_interval(ours, theirs, "ds"),
-        sr=compute_difference_interval(ours, theirs, "sr"),
-        efficient_sr=_compute_defined(ours, theirs, "efficient_sr"),
-        time_ratio=_compute_defined(ours, theirs, "time_ratio"),
-        buckets={name: _compute_bucket(ours, theirs, name) for name in buckets},
-        bucket_mean=(
-            compute_stratified_difference(ours, theirs, "ds"),
-            compute_stratified_difference(ours, theirs, "sr"),
-        ),
+        ds=pair.subtract("ds"),
+        sr=pair.subtract("sr"),
+        efficient_sr=pair.select(lambda one: one.efficient_sr is not None).subtract("efficient_sr"),
+        time_ratio=compute_difference_interval(timed.ours[1], timed.theirs[1], "time_ratio"),  # seldom two pairs alike
+        buckets={name: (part.subtract("ds"), part.subtract("sr")) for name, part in parts.items()},
+        bucket_mean=(pair.subtract("ds", by_bucket=True), pair.subtract("sr", by_bucket=True)),
         wins=sum(gain > TIE for gain in gains),
         losses=sum(gain < -TIE for gain in gains),
     )
+
+
+class _Resamples:
+    """Resampled scores of tables that were asked for: most pairs of agents share all scenarios and seeds."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[object, ...], ResampledScore | None] = {}
+
+    def find(self, agent: str, table: ResultTable, score: str, *, by_bucket: bool) -> ResampledScore | None:
+        key = (agent, score, by_bucket, tuple((name, *by_seed) for name, by_seed in table.items()))
+        if key not in self._known:
+            self._known[key] = resample_score(table, score, by_bucket=by_bucket)
+        return self._known[key]
+
+
+@dataclass(frozen=True, slots=True)
+class _TablePair:
+    """The results of two agents in the same scenarios and with the same seeds, each with the agent's name."""
+
+    ours: tuple[str, ResultTable]
+    theirs: tuple[str, ResultTable]
+    resamples: _Resamples
+
+    def select(self, is_chosen: Callable[[ScenarioResult], bool]) -> "_TablePair":
+        """Return the scenarios in which all results of both are chosen."""
+        chosen = [
+            name
+            for name in self.ours[1]
+            if all(is_chosen(one) for table in (self.ours[1], self.theirs[1]) for one in table[name].values())
+        ]
+        ours, theirs = ((agent, {name: table[name] for name in chosen}) for agent, table in (self.ours, self.theirs))
+        return _TablePair(ours, theirs, self.resamples)
+
+    def subtract(self, score: str, *, by_bucket: bool = False) -> ConfidenceInterval | None:
+        """Return mean and interval of the differences; None without a scenario."""
+        ours, theirs = (self.resamples.find(*one, score, by_bucket=by_bucket) for one in (self.ours, self.theirs))
+        return None if ours is None or theirs is None else ours.subtract(theirs)
 
 
 def _build_result_table(agent: ComparedAgent, seeds: Sequence[int]) -> ResultTable:
@@ -117,17 +157,6 @@ def _build_result_table(agent: ComparedAgent, seeds: Sequence[int]) -> ResultTab
 
 def _mean_ds(table: ResultTable, scenario: str) -> float:
     return sum(one.ds for one in table[scenario].values()) / len(table[scenario])
-
-
-def _compute_defined(ours: ResultTable, theirs: ResultTable, score: str) -> ConfidenceInterval | None:
-    return compute_difference_interval(select_defined(ours, score), select_defined(theirs, score), score)
-
-
-def _compute_bucket(
-    ours: ResultTable, theirs: ResultTable, bucket: str
-) -> tuple[ConfidenceInterval | None, ConfidenceInterval | None]:
-    part = {name: found for name, found in ours.items() if next(iter(found.values())).bucket == bucket}
-    return compute_difference_interval(part, theirs, "ds"), compute_difference_interval(part, theirs, "sr")
 
 
 def build_difference_table(differences: Sequence[AgentDifference], name: str = "differences") -> ReportTable:

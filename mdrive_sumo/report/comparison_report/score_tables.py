@@ -1,6 +1,6 @@
 """The main table of a report, in the form of the paper's, and all scores by bucket."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.comparison_report.published_rows import order_buckets
@@ -15,7 +15,7 @@ from mdrive_sumo.report.comparison_report.report_table import (
     make_row,
 )
 from mdrive_sumo.report.published_results import AS_PUBLISHED, MAIN_TABLE_LABEL, PublishedMethod
-from mdrive_sumo.scoring import MeanIntervals, Means, compute_mean_intervals
+from mdrive_sumo.scoring import MeanIntervals, Means
 from mdrive_sumo.scoring.intervals import BUCKET_MEAN, SCENARIO_MEAN
 from mdrive_sumo.scoring.summary import count_scenarios
 
@@ -89,7 +89,7 @@ def build_main_table(
 
 
 def _make_main_row(agent: ComparedAgent, buckets: Sequence[str]) -> ReportRow:
-    intervals = find_intervals(agent) if len(agent.seeds) > 1 else {}
+    intervals = agent.intervals if len(agent.seeds) > 1 else {}
     is_one = len(buckets) == 1
     cells: list[CellValue | ReportCell] = [agent.name, agent.shares_perception, agent.negotiates]
     for bucket in buckets:
@@ -108,11 +108,6 @@ def _make_published_row(method: PublishedMethod, buckets: Sequence[str]) -> Repo
     return make_row((*cells, None, None), AS_PUBLISHED, is_ranked=False)
 
 
-def find_intervals(agent: ComparedAgent) -> Mapping[str, MeanIntervals]:
-    """Return the intervals of an agent by bucket, `BUCKET_MEAN` and `SCENARIO_MEAN`."""
-    return {found.group: found for found in compute_mean_intervals(agent.results)}
-
-
 def make_score_cells(
     means: Means, intervals: MeanIntervals | None, *, with_times: bool
 ) -> list[CellValue | ReportCell]:
@@ -126,12 +121,7 @@ def build_bucket_table(agents: Sequence[ComparedAgent], name: str = "buckets") -
     """Return every score of each agent by bucket, as bucket mean and as scenario mean, with intervals of DS and SR."""
     buckets = order_buckets(agents[0].results.buckets)
     groups = (*buckets, BUCKET_MEAN, SCENARIO_MEAN) if len(buckets) > 1 else buckets
-    intervals = [find_intervals(agent) for agent in agents]
-    rows = [
-        _make_bucket_row(agent, group, found[group])
-        for group in groups
-        for agent, found in zip(agents, intervals, strict=True)
-    ]
+    rows = [_make_bucket_row(agent, group, agent.intervals[group]) for group in groups for agent in agents]
     return ReportTable(
         name,
         "All scores by bucket",

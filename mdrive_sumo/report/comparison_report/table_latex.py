@@ -11,12 +11,12 @@ PACKAGES = (
     r"\usepackage{graphicx}",
     r"\usepackage[normalem]{ulem}",
 )
-"""What the preamble needs: check marks, rules, tables as wide as the page, wavy lines under third places."""
+"""What the preamble needs: check marks, rules, tables no wider than the text, wavy lines under third places."""
 MARKS = {1: r"\textbf{%s}", 2: r"\underline{%s}", 3: r"\uwave{%s}"}
 """As in the paper's main table (mdrive.tex, tab:mdrive_results)."""
 MARKS_LEGEND = r"\textbf{Bold}, \underline{underline} and \uwave{wavy} marks: first, second and third place."
-WIDE_COLUMNS = 7
-"""A table with more columns is scaled down to the width of the page."""
+FIT = r"\resizebox{\ifdim\width>\textwidth\textwidth\else\width\fi}{!}{%"
+"""Scales a table down to the width of the text if it is wider."""
 _ESCAPES = {
     "\\": r"\textbackslash{}",
     "{": r"\{",
@@ -56,21 +56,21 @@ def format_latex(table: ReportTable) -> str:
     """
     text_columns = max(1, count_text_columns(table))
     layout = "l" * text_columns + "r" * (len(table.columns) - text_columns)
-    is_wide = len(table.columns) > WIDE_COLUMNS
     lines = [
         "% Needs " + " ".join(PACKAGES),
-        r"\begin{table}[tbp]",
+        r"\begin{table}[htbp]",
         r"\centering",
         r"\footnotesize",
         rf"\caption{{{_format_caption(table)}}}",
         rf"\label{{tab:{table.name}}}",
-        *((r"\resizebox{\textwidth}{!}{%",) if is_wide else ()),
+        r"\vspace{0.2cm}",
+        FIT,
         rf"\begin{{tabular}}{{{layout}}}",
         r"\toprule",
         *_format_header(table),
         *_format_body(table),
         r"\bottomrule",
-        r"\end{tabular}" + ("}" if is_wide else ""),
+        r"\end{tabular}}",
         r"\end{table}",
     ]
     return "\n".join(lines) + "\n"

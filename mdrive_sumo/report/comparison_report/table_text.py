@@ -5,10 +5,13 @@ from mdrive_sumo.report.comparison_report.report_table import ReportTable, forma
 
 
 def format_text_rows(table: ReportTable) -> tuple[TableRow, list[TableRow]]:
-    """Return header and rows of a table for `format_text_table`, without sections and marks."""
+    """Return header and rows of a table for `format_text_table`, without marks; the headings of sections are rows."""
     header = tuple(f"{column.group} {column.label}".strip() for column in table.columns)
-    rows: list[TableRow] = [
-        tuple(format_cell(cell, column) for cell, column in zip(row.cells, table.columns, strict=True))
-        for row in table.rows
-    ]
+    rows: list[TableRow] = []
+    for section, found in table.sections:
+        rows += [(f"{section}:", *[""] * (len(header) - 1))] if section else []
+        rows += [
+            tuple(format_cell(cell, column) for cell, column in zip(row.cells, table.columns, strict=True))
+            for row in found
+        ]
     return header, rows

@@ -9,8 +9,8 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.statistics import (
     ConfidenceInterval,
-    compute_percentile_interval,
     draw_resample_counts,
+    make_interval,
     sum_resamples,
 )
 from mdrive_sumo.scenario.categories import LEVELS, Category
@@ -99,7 +99,7 @@ def compute_role_gaps(runs: Mapping[str, Results]) -> tuple[RoleGap, ...]:
             for role, members in roles.items()
         }
         multi, single = means[AgentRole.MULTI], means[AgentRole.SINGLE]
-        gap = compute_percentile_interval(float(multi[0] - single[0]), (multi - single)[1:])
+        gap = make_interval(float(multi[0] - single[0]), (multi - single)[1:])
         gaps.append(RoleGap(group, len(common), float(multi[0]), float(single[0]), gap))
     return tuple(gaps)
 

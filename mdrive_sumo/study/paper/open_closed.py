@@ -9,8 +9,8 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.rank_correlation import compute_kendall, compute_spearman
 from mdrive_sumo.core.statistics import (
     ConfidenceInterval,
-    compute_percentile_interval,
     draw_resample_counts,
+    make_interval,
     sum_resamples,
 )
 from mdrive_sumo.open_loop import OpenLoopResults, OpenLoopScenario
@@ -139,4 +139,4 @@ def _summarize(values: Float, resamples: int) -> ConfidenceInterval | None:
     defined = values[1:][~np.isnan(values[1:])]
     if not len(values) or np.isnan(values[0]) or len(defined) < MIN_DEFINED_SHARE * (resamples - 1):
         return None
-    return compute_percentile_interval(float(values[0]), defined)
+    return make_interval(float(values[0]), defined)

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as arrays
 from scipy import stats
 
 from mdrive_sumo.core.rank_correlation import compute_kendall, compute_spearman
-from mdrive_sumo.core.statistics import RESAMPLES, bootstrap_mean, compute_percentile_interval, draw_resample_counts
+from mdrive_sumo.core.statistics import RESAMPLES, bootstrap_mean, draw_resample_counts, make_interval, sum_resamples
 
 SAMPLES = st.integers(3, 9).flatmap(
     lambda size: st.tuples(*[arrays.arrays(np.float64, size, elements=st.integers(0, 4))] * 2)
@@ -46,5 +46,6 @@ def test_resample_counts_give_the_interval_of_a_mean() -> None:
     counts = draw_resample_counts(len(values))
     assert counts.shape == (1 + RESAMPLES, 5)
     assert counts[0].tolist() == [1.0] * 5 and set(counts.sum(axis=1)) == {5.0}
-    found, expected = compute_percentile_interval(5.0, counts[1:] @ values / 5), bootstrap_mean(values)
-    assert (found.low, found.high) == pytest.approx((expected.low, expected.high), abs=0.2)
+    found, expected = make_interval(5.0, sum_resamples(counts, values)[1:] / 5), bootstrap_mean(values)
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
+    assert sum_resamples(counts, np.stack((values, -values), axis=-1)).sum() == 0
