@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from mdrive_sumo.api.comparison import compare
     from mdrive_sumo.api.episode import Episode, load_episode
     from mdrive_sumo.api.evaluation import evaluate
+    from mdrive_sumo.api.open_evaluation import evaluate_open
     from mdrive_sumo.api.run import Run, Scores, load_run
     from mdrive_sumo.api.simulation import Simulation, simulate
     from mdrive_sumo.contract import Agent, Briefing, Control, Message, Note, Observation, Plan, Reply, SensorSpec
     from mdrive_sumo.core.errors import InputError, MdriveError, WorldError
     from mdrive_sumo.loop.agent_driver import AgentFailure
+    from mdrive_sumo.open_loop.results import OpenLoopResults
     from mdrive_sumo.report.replay_page import ReplayPage
     from mdrive_sumo.runs.compare import RunComparison
     from mdrive_sumo.scenario.scenario import Scenario
@@ -37,8 +39,10 @@ __all__ = [
     # driving
     "Simulation",
     "evaluate",
+    "evaluate_open",
     "simulate",
     # results
+    "OpenLoopResults",
     "RunComparison",
     "Episode",
     "ReplayPage",
@@ -71,6 +75,8 @@ _MODULE_BY_NAME = {
     "load_suite": "scenario.suite",
     "Simulation": "api.simulation",
     "evaluate": "api.evaluation",
+    "evaluate_open": "api.open_evaluation",
+    "OpenLoopResults": "open_loop.results",
     "simulate": "api.simulation",
     "RunComparison": "runs.compare",
     "Episode": "api.episode",

@@ -75,7 +75,7 @@ def evaluate(
         fail_fast=fail_fast,
     )
     run = prepare(config)
-    return Run((run.folder,), (_evaluate_with_display(run, progress),))
+    return Run((run.folder,), (evaluate_with_progress(run, progress),))
 
 
 def evaluate_run(run: PreparedRun, progress: Progress) -> Results:
@@ -88,7 +88,8 @@ def evaluate_run(run: PreparedRun, progress: Progress) -> Results:
     return results
 
 
-def _evaluate_with_display(run: PreparedRun, is_shown: bool) -> Results:
+def evaluate_with_progress(run: PreparedRun, is_shown: bool) -> Results:
+    """As `evaluate_run`, with a line for each scenario on standard error if it is shown."""
     display = ProgressDisplay(sys.stderr if is_shown else None)
     try:
         return evaluate_run(run, display)

@@ -1,23 +1,34 @@
 """`mdrive-sumo eval-open`."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from mdrive_sumo.cli.comm import episode_options, read_episode_options
 from mdrive_sumo.cli.evaluate import evaluate_with_display
+from mdrive_sumo.cli.scenario_option import make_scenario_option
 from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.core.tables import format_text_table
-from mdrive_sumo.open_loop import OPEN_LOOP_FILE, OpenLoopResults, OpenLoopScenario, evaluate_open, prepare_open_loop
+from mdrive_sumo.open_loop import (
+    LOG,
+    OPEN_LOOP_FILE,
+    REFERENCE_AGENT,
+    OpenLoopResults,
+    OpenLoopScenario,
+    evaluate_open,
+    find_reference,
+    prepare_open_loop,
+)
 from mdrive_sumo.open_loop.results import OpenLoopMetrics
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.prepared_run import prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
-from mdrive_sumo.runs.stored_run import load_stored_run
 
-REFERENCE_AGENT = "omniscient"
 COLUMNS = {
     "ap50": "AP50 [%]",
     "ade": "ADE [m]",
@@ -31,47 +42,85 @@ COLUMNS = {
 
 
 @click.command("eval-open")
-@click.option("--reference", type=click.Path(path_type=Path), metavar="RUN", help="Finished run with recordings.")
 @click.option(
-    "--suite",
-    default="interdrive",
+    "--reference",
+    default=REFERENCE_AGENT,
     show_default=True,
-    metavar="NAME|DIR",
-    help=f"Without --reference: what {REFERENCE_AGENT} drives first.",
+    metavar=f"{REFERENCE_AGENT}|{LOG}|RUN",
+    help=f"Recorded drives: of {REFERENCE_AGENT}, driven first; logs of a converted suite; those of a finished run.",
 )
-@click.option("--scenario", default="*", metavar="GLOB", help="Without --reference: only these scenarios.")
-@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of the reference.")
-@click.option("--agent", default="single", show_default=True, metavar="NAME|module:Class|path.py:Class|carla:path.py")
+@click.option(
+    "--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="The suite; that of RUN if it is one."
+)
+@make_scenario_option("Only the drives in scenarios whose id or category matches; may be repeated.")
+@click.option(
+    "--seed",
+    type=click.IntRange(0, 2**31 - 1),
+    default=0,
+    show_default=True,
+    help="Of the reference; of RUN all seeds unless given.",
+)
+@click.option(
+    "--agent",
+    default="single",
+    show_default=True,
+    metavar="NAME|module:Class|path.py:Class|carla:path.py",
+    help="The agent that sees the drives; every CAV gets an instance of it.",
+)
 @click.option("--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Options of the agent, JSON.")
 @episode_options
 @workers_option
+@click.option(
+    "--sandbox",
+    is_flag=True,
+    help="Run a third-party agent in boxes without the files of suite and reference.",
+)
 @click.option(
     "--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder of the results [default: runs/...]."
 )
 @click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted evaluation.")
 @click.pass_context
 def command(
-    ctx: click.Context, reference: Path | None, agent: str, agent_config: Path | None, out: Path | None, **options: Any
+    ctx: click.Context, agent: str, agent_config: Path | None, out: Path | None, sandbox: bool, **options: Any
 ) -> None:
     """Compare an agent's plans and detections with recorded drives, without driving.
 
     The agent sees five frames a second of a recording, with messages over the channel. Each plan is compared with what
     the CAV did in the next 3 s, and detections with what was there within 70 m.
 
-    Exit codes: 0 all recordings were compared, 2 unusable input, 130 interrupted.
+    Exit codes: 0 all recordings were compared, 1 the agent failed in some or one has no result, 2
+    unusable input, 130 interrupted.
     """
-    chosen, fresh = read_episode_options(options), options.pop("fresh")
-    if reference is None:
-        reference = _drive_reference(ctx, RunConfig(agent=AgentSpec(REFERENCE_AGENT), **options))
+    chosen, fresh, workers = read_episode_options(options), options.pop("fresh"), options.pop("workers")
+    reference = find_reference(
+        options["reference"],
+        lambda config: _drive_reference(ctx, replace(config, workers=workers)),
+        suite=_find_given(ctx, "suite"),
+        pattern=options["scenario"],
+        seed=_find_given(ctx, "seed"),
+    )
     spec = AgentSpec(agent, load_agent_config(agent_config) if agent_config else {})
-    open_run = prepare_open_loop(load_stored_run(reference), spec, chosen, out, options["workers"])
+    open_run = prepare_open_loop(reference, spec, chosen, out, workers, sandbox=sandbox)
     try:
         results = evaluate_open(open_run, _report, fresh=fresh)
     except KeyboardInterrupt:
         click.echo(f"interrupted; the same command continues {open_run.folder}", err=True)
         ctx.exit(130)
+    except WorldError as error:
+        click.echo(f"Error: {error}", err=True)
+        ctx.exit(1)
     click.echo(format_open_loop(results))
     click.echo(f"\n{open_run.folder / OPEN_LOOP_FILE}  all numbers")
+    failures = format_open_loop_failures(results)
+    if failures:
+        click.echo("\n" + failures)
+    ctx.exit(1 if failures else 0)
+
+
+def _find_given(ctx: click.Context, option: str) -> Any:
+    """Return the value of an option that the user typed; None for the default."""
+    is_default = ctx.get_parameter_source(option) is ParameterSource.DEFAULT
+    return None if is_default else ctx.params[option]
 
 
 def _drive_reference(ctx: click.Context, config: RunConfig) -> Path:
@@ -84,6 +133,12 @@ def _drive_reference(ctx: click.Context, config: RunConfig) -> Path:
 
 def _report(done: int, total: int, result: OpenLoopScenario) -> None:
     click.echo(f"{done}/{total} {result.id}", err=True)
+
+
+def format_open_loop_failures(results: OpenLoopResults) -> str:
+    """Return a line for every failure of the agent; "" if it never failed."""
+    rows = [(one, ego, reason) for one in results.scenarios for ego, reason in one.failures.items()]
+    return "\n".join(f"agent failed: {one.id} seed {one.seed}, CAV {ego}: {reason}" for one, ego, reason in rows)
 
 
 def format_open_loop(results: OpenLoopResults) -> str:

@@ -44,7 +44,7 @@ class EpisodeSimulation:
         self._received: ReceivedMessages = {}
         self._scene: SensingFrame | None = None
         self._frame: Frame | None = None
-        self._dimensions = dict.fromkeys(egos, (VEHICLE.length, VEHICLE.width))
+        self._dimensions = frames.dimensions
         self._recorder = Recorder(scenario.id, config.about, self._dimensions, config.pseudonyms)
         self._channel = Channel(config.options.comm, derive_seed(config.seed, scenario.id, "channel"))
         self.briefings: Mapping[str, Briefing] = self._build_briefings()
@@ -129,7 +129,9 @@ class EpisodeSimulation:
         briefings: dict[str, Briefing] = {}
         for ego in config.scenario.egos:
             seed = derive_seed(config.seed, config.scenario.id, "agent", ego.id)
-            briefing = build_briefing(ego, config.roads, facts, seed, limit_s, detector)
+            length, width = self._dimensions[ego.id]
+            vehicle = replace(facts, length=length, width=width)
+            briefing = build_briefing(ego, config.roads, vehicle, seed, limit_s, detector)
             briefings[ego.id] = replace(briefing, ego_id=config.pseudonyms[ego.id])
         return briefings
 

@@ -30,6 +30,11 @@ class World(Protocol):
 class FrameSource(Protocol):
     """The frames of one episode, one after the other, and when its CAVs end."""
 
+    @property
+    def dimensions(self) -> Mapping[str, tuple[float, float]]:
+        """(length, width) [m] of every CAV, in the order of the scenario file."""
+        ...
+
     def start(self) -> Frame:
         """Return the first frame."""
         ...
@@ -61,6 +66,11 @@ class SimulatedFrames:
         self._vehicles = dict.fromkeys(self._vehicle_states, self._vehicle)
         self._walls = contact.build_walls(building.outline for building in config.roads.buildings)
         self._scripted = ScriptedActors(scenario, config.roads, config.options.actor_mode)
+
+    @property
+    def dimensions(self) -> Mapping[str, tuple[float, float]]:
+        """(length, width) [m]: all CAVs are the same vehicle."""
+        return dict.fromkeys(self._vehicles, (VEHICLE.length, VEHICLE.width))
 
     def start(self) -> Frame:
         """Return frame 0: every CAV on its start with its start speed."""

@@ -3,15 +3,29 @@
 from mdrive_sumo.open_loop.detection_precision import DetectionCounts, compute_average_precision
 from mdrive_sumo.open_loop.evaluate_open import OPEN_LOOP_FILE, evaluate_open
 from mdrive_sumo.open_loop.open_loop_run import OpenLoopRun, prepare_open_loop
+from mdrive_sumo.open_loop.reference import (
+    LOG,
+    REFERENCE_AGENT,
+    Reference,
+    find_reference,
+    open_log_reference,
+    open_run_reference,
+)
 from mdrive_sumo.open_loop.results import OpenLoopResults, OpenLoopScenario
 
 __all__ = [
+    "LOG",
+    "REFERENCE_AGENT",
     "OPEN_LOOP_FILE",
     "DetectionCounts",
     "OpenLoopResults",
     "OpenLoopRun",
     "OpenLoopScenario",
+    "Reference",
     "compute_average_precision",
     "evaluate_open",
+    "find_reference",
+    "open_log_reference",
+    "open_run_reference",
     "prepare_open_loop",
 ]

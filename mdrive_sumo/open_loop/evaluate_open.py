@@ -1,18 +1,17 @@
-"""`evaluate_open`: show an agent all recordings of a run in worker processes; a journal keeps every finished one."""
+"""`evaluate_open`: show an agent recorded drives in worker processes; a journal keeps every finished one."""
 
 from collections.abc import Callable, Generator, Sequence
 
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError, WorldError
-from mdrive_sumo.open_loop.open_loop_job import run_open_loop_job
+from mdrive_sumo.open_loop.open_loop_job import OpenLoopJob, run_open_loop_job
 from mdrive_sumo.open_loop.open_loop_run import OpenLoopRun
 from mdrive_sumo.open_loop.results import OpenLoopResults, OpenLoopScenario, summarize_open_loop
-from mdrive_sumo.runs.evaluate import TRIES, report_write_errors
-from mdrive_sumo.runs.executor import run_jobs
+from mdrive_sumo.runs.evaluate import report_write_errors, run_with_retries
 from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
 from mdrive_sumo.runs.make_executor import make_executor
-from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure
+from mdrive_sumo.runs.process_pool import WorkerFailure
 from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.scoring.results import EpisodeKey
 
@@ -56,21 +55,18 @@ def _load_kept_results(run: OpenLoopRun, journal: Journal) -> dict[EpisodeKey, O
 
 
 def _show(run: OpenLoopRun, todo: Sequence[EpisodeKey], journal: Journal) -> Generator[OpenLoopScenario]:
+    """Yield the result of every recording as it finishes."""
     jobs = [run.make_job(key) for key in todo]
     if not jobs:
         return
-    with make_executor(run_open_loop_job, min(run.workers, len(jobs)), run.reference.limit_s()) as executor:
-        for tries_left in reversed(range(TRIES)):
-            failed = jobs[:0]
-            for job, outcome in run_jobs(executor, jobs):
-                if not isinstance(outcome, WorkerFailure):
-                    yield outcome
-                    continue
-                if outcome.kind is FailureKind.INPUT:
-                    raise InputError(outcome.reason)
-                name = job.episode_job.scenario
-                journal.add_failure(name, outcome.reason)
-                if not tries_left:
-                    raise WorldError(f"{name}: {outcome.reason}; the same command tries again")
-                failed.append(job)
-            jobs = failed
+
+    def note_failure(job: OpenLoopJob, reason: str, is_last: bool) -> None:
+        name = job.episode_job.scenario
+        journal.add_failure(name, reason)
+        if is_last:
+            raise WorldError(f"{name}: {reason}; the same command tries again")
+
+    with make_executor(run_open_loop_job, min(run.workers, len(jobs)), run.limit_s()) as executor:
+        for _, outcome in run_with_retries(executor, jobs, note_failure):
+            if not isinstance(outcome, WorkerFailure):
+                yield outcome

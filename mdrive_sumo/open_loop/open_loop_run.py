@@ -4,33 +4,37 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdrive_sumo.core.checksum import compute_file_checksum
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.open_loop.open_loop_job import OpenLoopJob
+from mdrive_sumo.open_loop.reference import Reference
 from mdrive_sumo.open_loop.results import OpenLoopRunInfo
+from mdrive_sumo.runs.agent_boxing import box_agent, list_hidden_folders
 from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
-from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER, LOGS_FOLDER, PreparedRun
-from mdrive_sumo.runs.run_config import RUNS_FOLDER
-from mdrive_sumo.runs.stored_run import StoredRun
+from mdrive_sumo.runs.prepared_run import LOGS_FOLDER, check_agent_name, compute_limit_s, declare_labels
+from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig
 from mdrive_sumo.scoring.results import EpisodeKey
 
 
 @dataclass(frozen=True, slots=True)
 class OpenLoopRun:
-    """The recordings of a finished run, and the agent that sees them."""
+    """Recorded drives, and the agent that sees them."""
 
-    reference: PreparedRun
-    """The run that made the recordings."""
-    episodes: tuple[EpisodeKey, ...]
-    """Those of its episodes that have a recording."""
+    reference: Reference
     agent: AgentSpec
+    """As a worker starts it."""
     options: EpisodeOptions
     folder: Path
     workers: int
     info: OpenLoopRunInfo
     fingerprint: Fingerprint
+
+    @property
+    def episodes(self) -> tuple[EpisodeKey, ...]:
+        """Scenario and seed of every recording."""
+        return tuple(self.reference.recordings)
 
     def find_logs(self, key: EpisodeKey) -> Path:
         """Return the folder for the output of third-party agents."""
@@ -38,47 +42,68 @@ class OpenLoopRun:
 
     def make_job(self, key: EpisodeKey) -> OpenLoopJob:
         """Return the job of one recording."""
-        logs = None if self.agent.is_builtin else self.find_logs(key)
-        driven = self.reference.make_job(self.reference.episodes[key], key[1])
-        job = replace(
-            driven, agent=self.agent.resolve(), options=self.options, recording=None, transcripts=None, logs=logs
+        name, seed = key
+        job = EpisodeJob(
+            suite_folder=self.reference.suite.folder.resolve(),
+            scenario=name,
+            agent=self.agent,
+            seed=seed,
+            options=self.options,
+            logs=None if self.agent.is_builtin else self.find_logs(key),
         )
-        return OpenLoopJob(job, self.reference.find_recording(key).resolve())
+        return OpenLoopJob(job, self.reference.recordings[key].resolve())
+
+    def limit_s(self) -> float:
+        """Return the wall clock after which a recording counts as hung [s]."""
+        return compute_limit_s(self.agent, self.reference.scenarios)
 
 
 def prepare_open_loop(
-    stored: StoredRun, agent: AgentSpec, options: EpisodeOptions, folder: Path | None, workers: int
+    reference: Reference,
+    agent: AgentSpec,
+    options: EpisodeOptions,
+    folder: Path | None = None,
+    workers: int = 1,
+    *,
+    sandbox: bool = False,
 ) -> OpenLoopRun:
-    """Return the open-loop evaluation of an agent on the recordings of a finished run.
+    """Return the open-loop evaluation of an agent on recorded drives, after creating the agent once.
 
-    folder: for results and journal; None: a folder of runs/ that is named after agent and reference. Raises InputError
-    if the run has no recordings.
+    folder: for results and journal; None: a folder of runs/ that is named after agent and reference. sandbox: whether a
+    third-party agent runs in boxes that hide suite and recordings. Raises InputError for whatever the user has to mend.
     """
-    run = stored.run
-    episodes = tuple(run.find_key(result) for result in stored.results.scenarios if result.status == "ok")
-    missing = [key for key in episodes if not run.find_recording(key).is_file()]
-    if missing or not episodes:
-        raise InputError(
-            f"{run.folder / EPISODES_FOLDER}: expected the recordings of the run, found none of "
-            f"{run.name_episode(missing[0]) if missing else 'any scenario'}; eval without --no-record makes them"
-        )
+    config = replace(reference.config, agent=agent, options=options, sandbox=sandbox, record=True)
+    out = folder or _name_folder(config, reference)
+    check_agent_name(agent)
+    located = agent.resolve()
+    if sandbox:
+        hidden = list_hidden_folders(reference.suite.folder, reference.folder, RUNS_FOLDER)
+        located = box_agent(located, hidden, out)
+    _, labels = declare_labels(located, is_sandboxed=located.box is not None)
     recordings = {
-        f"recording of {key[0]}, seed {key[1]}": compute_file_checksum(run.find_recording(key)) for key in episodes
+        f"recording of {name}, seed {seed}": compute_file_checksum(path)
+        for (name, seed), path in reference.recordings.items()
     }
     fingerprint = {
-        **compute_fingerprint(replace(run.config, agent=agent, options=options), run.suite, run.scenarios),
-        "reference": run.config.agent.name,
+        **compute_fingerprint(config, reference.suite, reference.scenarios),
+        "reference": reference.name,
         **recordings,
     }
     info = OpenLoopRunInfo(
         agent=agent.name,
+        labels=labels,
         agent_config=agent.config_hash(),
-        suite=run.suite.name,
-        suite_checksum=run.suite.checksum(),
-        seeds=run.config.seeds,
-        reference=run.config.agent.name,
+        suite=reference.suite.name,
+        suite_checksum=reference.suite.checksum(),
+        seeds=tuple(sorted({seed for _, seed in reference.recordings})),
+        reference=reference.name,
         versions=read_versions(),
         options=options.to_dict(),
     )
-    out = folder or RUNS_FOLDER / f"open-{agent.name.replace('/', '_')}-on-{run.folder.name}"
-    return OpenLoopRun(run, episodes, agent, options, out, workers, info, fingerprint)
+    return OpenLoopRun(reference, located, options, out, workers, info, fingerprint)
+
+
+def _name_folder(config: RunConfig, reference: Reference) -> Path:
+    """Return the folder of an evaluation that names none: the same for the same one, another one for another."""
+    place = reference.name if reference.folder == reference.suite.folder else reference.folder.name
+    return RUNS_FOLDER / f"open-{config.default_folder(reference.suite.name).name}-on-{place}"

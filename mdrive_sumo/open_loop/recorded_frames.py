@@ -23,6 +23,12 @@ class RecordedFrames:
         self._changes = list(episode.signals)
         self._signals: dict[str, str] = {}
 
+    @property
+    def dimensions(self) -> Mapping[str, tuple[float, float]]:
+        """(length, width) [m] of every CAV in the recording: in that of a log its own."""
+        sizes = zip(self._episode.length.tolist(), self._episode.width.tolist(), strict=True)
+        return dict(zip(self._episode.ego_ids, sizes, strict=False))
+
     def start(self) -> Frame:
         """Return the frame of tick 0."""
         return self._build_frame(0)

@@ -73,12 +73,14 @@ class OpenLoopRunInfo(_Part):
     """What was compared with what."""
 
     agent: str
+    labels: tuple[str, ...] = ()
+    """Such as "privileged" or "unsandboxed", as in `results.json`."""
     agent_config: str
     suite: str
     suite_checksum: str
     seeds: tuple[int, ...]
     reference: str
-    """The agent of the recorded drives."""
+    """What drove: an agent, or "log"."""
     versions: dict[str, str]
     options: dict[str, str]
     """Channel, sensing and so on, as in the journal of a run."""

@@ -1,10 +1,10 @@
 """`evaluate`: drive the scenarios of a run in worker processes; a journal keeps every finished one."""
 
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from pydantic import ValidationError
 
@@ -12,8 +12,8 @@ from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
-from mdrive_sumo.runs.episode_job import run_job
-from mdrive_sumo.runs.executor import run_jobs
+from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
+from mdrive_sumo.runs.executor import Executor, run_jobs
 from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.prepared_run import PreparedRun
@@ -32,6 +32,8 @@ from mdrive_sumo.scoring import (
     summarize_run,
 )
 
+J = TypeVar("J")
+R = TypeVar("R")
 RESULTS_FILE = "results.json"
 TRIES = 2
 """How often a scenario without a result is tried: once more after all others, then it is void."""
@@ -154,27 +156,47 @@ def _drive(
     """Yield the result of every episode as it finishes. Long ones start first so that no worker idles at the end."""
     ordered = sorted(todo.items(), key=lambda item: _estimate_cost(item[1]), reverse=True)
     jobs = [run.make_job(scenario, seed) for (_, seed), scenario in ordered]
-    workers = min(run.config.workers, len(jobs))
     scheduler = run.config.scheduler
     function = (
         partial(run_with_output_files, run_job) if scheduler else run_job
     )  # machines of a cluster need not share our disk
+
+    def note_failure(job: EpisodeJob, reason: str, is_last: bool) -> None:
+        name = run.name_episode((job.scenario, job.seed))
+        journal.add_failure(name, reason)
+        progress.note(f"{name}: {reason}" + ("" if is_last else "; tried again later"))
+
+    workers = min(run.config.workers, len(jobs))
     with make_executor(function, workers, run.limit_s(), scheduler) as executor:
-        for tries_left in reversed(range(TRIES)):
-            failed = jobs[:0]
-            for job, outcome in run_jobs(executor, jobs):
-                if not isinstance(outcome, WorkerFailure):
-                    yield store_output_files(job, outcome) if isinstance(outcome, TransferableResult) else outcome
-                    continue
-                if outcome.kind is FailureKind.INPUT:
-                    raise InputError(outcome.reason)
-                name = run.name_episode((job.scenario, job.seed))
-                journal.add_failure(name, outcome.reason)
-                progress.note(f"{name}: {outcome.reason}" + ("; tried again later" if tries_left else ""))
-                failed.append(job)
-                if not tries_left:
-                    yield make_void_result(todo[job.scenario, job.seed], job.seed, outcome.reason)
-            jobs = failed
+        for job, outcome in run_with_retries(executor, jobs, note_failure):
+            if isinstance(outcome, WorkerFailure):
+                yield make_void_result(todo[job.scenario, job.seed], job.seed, outcome.reason)
+            else:
+                yield store_output_files(job, outcome) if isinstance(outcome, TransferableResult) else outcome
+
+
+def run_with_retries(
+    executor: Executor[J, R], jobs: Sequence[J], note_failure: Callable[[J, str, bool], None]
+) -> Generator[tuple[J, R | WorkerFailure]]:
+    """Yield every job with its result, or with its failure after the last try, in the order in which they finish.
+
+    A job that fails is tried again after all others. note_failure: receives job, reason and whether that was the last
+    try. Raises InputError if a job reports unusable input.
+    """
+    left = tuple(jobs)
+    for tries_left in reversed(range(TRIES)):
+        failed: list[J] = []
+        for job, outcome in run_jobs(executor, left):
+            if not isinstance(outcome, WorkerFailure):
+                yield job, outcome
+                continue
+            if outcome.kind is FailureKind.INPUT:
+                raise InputError(outcome.reason)
+            note_failure(job, outcome.reason, not tries_left)
+            failed.append(job)
+            if not tries_left:
+                yield job, outcome
+        left = tuple(failed)
 
 
 def _estimate_cost(scenario: Scenario) -> int:

@@ -106,12 +106,16 @@ class PreparedRun:
                 seed_folder(self.folder / kind, self._folder_seed(seed)).mkdir(parents=True, exist_ok=True)
 
     def limit_s(self) -> float:
-        """Return the wall clock after which an episode counts as hung [s]: more than its agents may take together."""
-        if self.config.agent.is_builtin:
-            return SIMULATION_LIMIT_S
-        most = max(len(scenario.egos) for scenario in self.scenarios)
-        limits = self.config.agent.limits
-        return SIMULATION_LIMIT_S + most * (2 * limits.start_s + limits.episode_s)
+        """Return the wall clock after which an episode counts as hung [s]."""
+        return compute_limit_s(self.config.agent, self.scenarios)
+
+
+def compute_limit_s(agent: AgentSpec, scenarios: Sequence[Scenario]) -> float:
+    """Return the wall clock after which an episode counts as hung [s]: more than its agents may take together."""
+    if agent.is_builtin:
+        return SIMULATION_LIMIT_S
+    most = max(len(scenario.egos) for scenario in scenarios)
+    return SIMULATION_LIMIT_S + most * (2 * agent.limits.start_s + agent.limits.episode_s)
 
 
 def prepare(config: RunConfig) -> PreparedRun:
@@ -130,7 +134,7 @@ def prepare_with_suite(config: RunConfig, suite: Suite) -> PreparedRun:
     if config.sandbox and config.scheduler:
         raise InputError("--sandbox: expected --executor local, found dask: a box needs the main thread of its process")
     check_mute(config, scenarios)
-    _check_agent_name(config.agent)
+    check_agent_name(config.agent)
     agent = _locate_agent(config, suite, folder)
     declared_label, labels = declare_labels(agent, is_sandboxed=agent.box is not None)
     info = make_run_info(config, suite, labels, declared_label)
@@ -185,7 +189,7 @@ def find_agent_log(run_folder: Path, scenario: str, ego: str, seed: int | None =
     return next((path for path in paths if path.is_file()), None)
 
 
-def _check_agent_name(agent: AgentSpec) -> None:
+def check_agent_name(agent: AgentSpec) -> None:
     """Raise InputError for a name that is neither a built-in agent nor a locator."""
     name = agent.name
     family = name.partition(":")[0]

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 SUITE_FILE = "suite.json"
 SCENARIO_FILE = "scenario.json"
 NETWORKS_FOLDER = "networks"
+LOG_FILE = "log.npz"
+"""Beside a scenario that was converted from a log: the log as a recording, for open loop; no part of the checksum."""
 RECIPE_FILE = "recipe.json"
 """Beside a generated scenario: what it was made from, see `generate.recipe`."""
 

@@ -139,11 +139,12 @@ class Channel:
     def deliver(self, tick: int, receivers: tuple[str, ...]) -> dict[str, tuple[Message, ...]]:
         """Return the messages that reach the active receivers now, in the order of sending, then of sender ids.
 
-        Call it in every tick; receivers without a message get an empty tuple.
+        Those that were due in ticks without a call, as between the frames of open loop, arrive now. Receivers without a
+        message get an empty tuple.
         """
         inboxes: dict[str, list[Message]] = {receiver: [] for receiver in receivers}
         arrived, gone = (DeliveryStatus.DELIVERED, tick), (DeliveryStatus.GONE, tick)
-        for flight in self._flights.pop(tick, ()):  # flights are stored in the order of sending
+        for flight in self._pop_due(tick):
             link = self._comm.find_link(flight.message.type)
             wrong = link.pose_error_m or link.pose_error_deg
             for receiver in flight.receivers:
@@ -153,6 +154,15 @@ class Channel:
                 flight.deliveries[receiver] = arrived
                 inboxes[receiver].append(self._add_pose_error(link, flight, receiver) if wrong else flight.message)
         return {receiver: tuple(inbox) for receiver, inbox in inboxes.items()}
+
+    def _pop_due(self, tick: int) -> list[_Flight]:
+        """Take out the flights that end now or before, in the order of sending."""
+        due = [self._flights.pop(end) for end in sorted(self._flights) if end <= tick]
+        if len(due) == 1:  # flights of one tick are stored in the order of sending
+            return due[0]
+        return sorted(
+            (one for flights in due for one in flights), key=lambda one: (one.message.tick, one.message.sender, one.n)
+        )
 
     def _add_pose_error(self, link: LinkSettings, flight: _Flight, receiver: str) -> Message:
         """Return the message with the pose error that this receiver gets."""

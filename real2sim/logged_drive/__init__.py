@@ -2,6 +2,7 @@
 
 from real2sim.logged_drive.confirmed_infractions import ConfirmedInfraction, load_confirmed_infractions
 from real2sim.logged_drive.logged_drive import LoggedCav, LoggedDrive, LoggedInfraction, score_logged_drive
+from real2sim.logged_drive.logged_episode import record_log
 
 __all__ = [
     "ConfirmedInfraction",
@@ -9,5 +10,6 @@ __all__ = [
     "LoggedDrive",
     "LoggedInfraction",
     "load_confirmed_infractions",
+    "record_log",
     "score_logged_drive",
 ]

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -106,6 +107,26 @@ def record_logged_drive(
         before, tick = frame, tick + 1
     endings = [states.endings[ego.id] for ego in scenario.egos]
     return LoggedEpisode(recorder.finish(endings), states.progress, states.end_by_cav)
+
+
+def record_log(
+    scenario: Scenario, tracks: Mapping[str, RecordedTrack], dt_s: float, about: Mapping[str, Any]
+) -> EpisodeRecord:
+    """Record everything in the log until the tracks of all CAVs end, for open loop; nothing is judged.
+
+    `tracks`: by id in the scenario. `about`: scalars that identify the log. CAVs have their size in the log.
+    """
+    world = _build_logged_world(scenario, tracks, dt_s)
+    sizes = {ego.id: median_size(tracks[ego.id]) for ego in scenario.egos}
+    recorder = Recorder(scenario.id, about, sizes)
+    last_ticks: dict[str, int] = {}
+    for tick in range(max(int(path.times[-1] / DT) for path in world.cavs.values()) + 2):
+        egos = world.place_egos(tick * DT)
+        if not egos:
+            break
+        recorder.add(quantize_frame(Frame(tick, egos, world.place_others(tick * DT), {})), {}, {}, {})
+        last_ticks |= dict.fromkeys(egos, tick)
+    return recorder.finish([Ending(ego.id, last_ticks[ego.id], End.ARRIVED) for ego in scenario.egos])
 
 
 def _build_logged_world(scenario: Scenario, tracks: Mapping[str, RecordedTrack], dt_s: float) -> _LoggedWorld:

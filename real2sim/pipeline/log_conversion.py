@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.episode import save_episode
 from mdrive_sumo.scenario.scenario import save_scenario
+from mdrive_sumo.scenario.suite import LOG_FILE
 from real2sim.clean import MIN_FRAMES
 from real2sim.fidelity_report.index_page import IndexRow, build_index_row
 from real2sim.fidelity_report.report_page import write_report
@@ -49,6 +51,7 @@ def convert_log(log: LogSource, draft: Path, wish: ConversionOptions, page: bool
     folder = draft / built.scenario.id
     save_scenario(built.scenario, folder / "scenario.json")
     save_quality(built.quality, folder)
+    save_episode(built.log, folder / LOG_FILE)
     if page:
         write_report(folder, built.findings)
     return ConvertedScenario(built.scenario.id, built.quality.misses, build_index_row(built.findings) if page else None)

@@ -6,6 +6,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.scenario.background import BackgroundMode
 from mdrive_sumo.scenario.checks import check_scenario
@@ -13,7 +14,7 @@ from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
 from real2sim.clean import CleanedRecording, clean_recording
 from real2sim.conversion_findings import ConversionFindings
 from real2sim.fit import FittedTraffic, fit_traffic
-from real2sim.logged_drive import ConfirmedInfraction, score_logged_drive
+from real2sim.logged_drive import ConfirmedInfraction, record_log, score_logged_drive
 from real2sim.match import match_track
 from real2sim.network import NetworkReport, build_network
 from real2sim.network.drivable_areas import add_observed_areas
@@ -34,6 +35,8 @@ from real2sim.tracks.reconstruct import reconstruct_tracks
 from real2sim.traffic_fidelity import measure_traffic_fidelity
 
 NETWORKS = "networks"
+LOG = "log"
+"""What drove the CAVs of a recorded log, in place of an agent."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,8 @@ class BuiltScenario:
     scenario: Scenario
     quality: QualityFile
     findings: ConversionFindings
+    log: EpisodeRecord
+    """The log itself as a recording, for open loop."""
 
 
 def build_scenario(
@@ -103,7 +108,9 @@ def build_scenario(
         closeness=measure_traffic_fidelity(_with_reactive_traffic(scenario), roads, tracks, fitted.names, dt_s),
         logged_drive=score_logged_drive(scenario, roads, tracks, fitted.names, dt_s, wish.confirmed),
     )
-    return BuiltScenario(scenario, build_quality_file(steps), build_findings(steps))
+    about = {"agent": LOG, "source": recording.source, "log": recording.id}
+    log = record_log(scenario, {fitted.names[track.id]: track for track in tracks}, dt_s, about)
+    return BuiltScenario(scenario, build_quality_file(steps), build_findings(steps), log)
 
 
 def _assess(

@@ -9,6 +9,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.statistics import bootstrap_stratified_mean
 from mdrive_sumo.scoring import Means, ScenarioResult, compute_bucket_means, compute_category_means, compute_overall
+from mdrive_sumo.scoring.summary import compute_scalar_means
 from server.store.checksums import compute_results_checksum
 from server.store.standings import FiguresData, SummaryData
 from server.store.tables import JobRow
@@ -44,8 +45,14 @@ def _compute_figures(means: Means, groups: Sequence[Sequence[ScenarioResult]]) -
     is_referenced = all(one.efficient_sr is not None for one in results)
     figures["efficient_sr"] = means.efficient_sr if is_referenced else None  # else over other scenarios than SR
     figures["timed"] = len({one.id for one in results if one.time_ratio is not None})
+    figures["scalars"] = {"min_ttc": _find_least_ttc(results), **compute_scalar_means(results)}
     kinds = Counter(found.kind for one in results for ego in one.egos for found in ego.infractions)
     return figures | {"scenarios": len({one.id for one in results}), "infractions": dict(sorted(kinds.items()))}
+
+
+def _find_least_ttc(results: Sequence[ScenarioResult]) -> float | None:
+    """Return the least time to collision [s] of all scenarios; it has no mean, because it is undefined without any."""
+    return min((one.min_ttc for one in results if one.min_ttc is not None), default=None)
 
 
 def _mean_by_scenario(results: Sequence[ScenarioResult], name: str) -> Float:

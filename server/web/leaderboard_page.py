@@ -20,6 +20,7 @@ from server.enums import ChallengeTrack
 from server.store import NotFound, phases, queries, teams
 from server.tracks import TRACK_LABELS
 from server.web import charts
+from server.web.scalar_columns import SCALAR_COLUMNS
 from server.web.templating import page_headers, render
 from server.web.visitor import get_visitor
 
@@ -35,10 +36,14 @@ SORTS: Mapping[str, bool] = {
     "rc": True,
     "ip": True,
     "date": True,
+    **{column.name: column.is_falling for column in SCALAR_COLUMNS},
 }
 """Columns by which a board can be sorted, and whether the largest value comes first."""
+COLUMNS_BESIDE = "beside"
+"""Value of `columns` that shows the scalar metrics."""
 ROWS_PER_PAGE = 50
 """Rows per page."""
+_SCALAR_BY_NAME = {column.name: column for column in SCALAR_COLUMNS}
 _VISITOR_MARK = "<!--visitor-->"
 """Marks where the visitor's part is inserted into a cached page."""
 
@@ -63,12 +68,15 @@ class BoardView:
     is_reversed: bool = False
     """Whether the usual order is reversed."""
     page: int = 1
+    columns: str = ""
+    """"": the scores; `COLUMNS_BESIDE`: the scalar metrics beside DS and SR."""
 
     def query(self, **changed: Any) -> str:
         """Return the query string of this view, with some fields changed."""
         view = replace(self, **changed)
         of_page = {"sort": view.sort if view.sort != "rank" else "", "turned": "1" if view.is_reversed else ""}
         of_page["page"] = str(view.page) if view.page > 1 else ""
+        of_page["columns"] = view.columns
         return urlencode(dict(self.filters()) | {name: value for name, value in of_page.items() if value})
 
     def filters(self) -> list[tuple[str, str]]:
@@ -175,7 +183,8 @@ async def _parse_view(
         _parse_choice(query, "sort", tuple(SORTS)) or "rank",
         _parse_choice(query, "turned", ("1",)) is not None,
     )
-    return BoardView(which, sort, turned, int(number)), parts
+    columns = _parse_choice(query, "columns", (COLUMNS_BESIDE,)) or ""
+    return BoardView(which, sort, turned, int(number), columns), parts
 
 
 def _parse_choice(query: Mapping[str, str], name: str, known: Sequence[str]) -> str | None:
@@ -223,6 +232,8 @@ def _render_page(
         "tab": next(tab for tab in tabs if tab.id == board.phase),
         "parts": parts,
         "tracks": TRACK_LABELS,
+        "scalars": SCALAR_COLUMNS if view.columns == COLUMNS_BESIDE else (),
+        "falling": {name for name, is_falling in SORTS.items() if is_falling},
         "lines": _make_lines(session, view.key, rows[(page - 1) * ROWS_PER_PAGE : page * ROWS_PER_PAGE]),
         "teams": len(rows),
         "pages": pages,
@@ -256,6 +267,8 @@ def _make_lines(session: Session, key: BoardKey, rows: Sequence[schemas.RowOut])
 def _sort_value(row: schemas.RowOut, sort: str) -> Any:
     if sort in schemas.FiguresOut.model_fields:
         return getattr(row.figures, sort)
+    if (column := _SCALAR_BY_NAME.get(sort)) is not None:
+        return column.find_value(row.figures)
     return row.created if sort == "date" else getattr(row, sort)
 
 
@@ -271,11 +284,12 @@ def _format_csv(board: schemas.LeaderboardOut) -> str:
         *("efficient_sr", "time_ratio", "timed", "rc", "ip", "scenarios"),
     )
     return to_csv(
-        ("rank", "team", "method", "track", *figures, "created", "submission", "published"),
+        ("rank", "team", "method", "track", *figures, *_SCALAR_BY_NAME, "created", "submission", "published"),
         (
             (
                 *(row.rank, row.team, row.method, row.track.value),
                 *(getattr(row.figures, name) for name in figures),
+                *(column.find_value(row.figures) for column in SCALAR_COLUMNS),
                 *(row.created.isoformat() if row.created else None, row.submission, row.published),
             )
             for row in (*board.rows, *board.published)

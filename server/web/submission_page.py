@@ -18,6 +18,7 @@ from server.store.errors import check_text
 from server.store.quota import UNFINISHED
 from server.web import explanations, scenario_outcome
 from server.web.charts import make_latency_histogram
+from server.web.scalar_columns import SCALAR_COLUMNS
 from server.web.templating import page_headers, render, render_page
 from server.web.visitor import AdminVisitor, AnyVisitor, OptionalVisitor
 
@@ -109,6 +110,7 @@ def _render_page(
         "verdicts": sorted({row.verdict or row.state for row in rows or ()}),
         "latency": make_latency_histogram(row.usage for row in rows or ()),
         "used": _sum_usage(rows or ()),
+        "scalars": SCALAR_COLUMNS,
     }
     return render_page(request, "submission.html", submission_status=status, explanations=explanations, **context)
 

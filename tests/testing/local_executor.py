@@ -1,6 +1,7 @@
 """Runs and studies without worker processes, which take seconds to start: for tests whose subject they are not."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from importlib import import_module
 from typing import Any, Generic, TypeVar
 
 import pytest
@@ -55,8 +56,12 @@ def run_in_workers(patch: pytest.MonkeyPatch) -> None:
 
 
 def run_in_process(patch: pytest.MonkeyPatch) -> None:
-    """Make `evaluate`, `verify`, `ablate` and `validate` drive in this process; makes `Talker` a built-in agent."""
+    """Make `evaluate`, `evaluate_open`, `verify`, `ablate` and `validate` drive in this process.
+
+    `Talker` becomes a built-in agent.
+    """
     patch.setattr("mdrive_sumo.runs.evaluate.make_executor", LocalExecutor)
+    patch.setattr(import_module("mdrive_sumo.open_loop.evaluate_open"), "make_executor", LocalExecutor)
     for module in ("runs.verify", "study.ablation", "generate.validation.scenario_validation"):
         patch.setattr(f"mdrive_sumo.{module}.ProcessPool", LocalExecutor)
     agents: Mapping[str, Any] = {**AGENTS, TALKER: Talker}

@@ -175,6 +175,9 @@ def driven(server: Server, who: str, ds: float, **fields: str) -> str:
     mine = answer.json()["id"]
     figures: Any = {"ds": ds, "sr": 100 - ds, "rc": ds, "ip": 0.5, "ds_low": ds - 5, "ds_high": ds + 5, "scenarios": 9}
     figures |= {"efficient_sr": (100 - ds) / 2, "time_ratio": 1 + ds / 50, "timed": 7}
+    figures |= {
+        "scalars": {"mean_speed": ds / 10, "comfort": 99.0, "min_ttc": None, "min_pet": 1.2, "message_rate": ds}
+    }
     parts = {"overall": figures, "buckets": {"InterDrive": figures | {"ds": 99 - ds}}, "categories": {"merge": figures}}
     with server.store.write() as session:
         while (job := jobs.claim(session, "worker", LEASE, server.now_us)) is not None:

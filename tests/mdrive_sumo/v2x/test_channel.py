@@ -116,6 +116,20 @@ def test_a_receiver_that_has_ended_gets_nothing() -> None:
     assert channel.sent_messages()[0].deliveries == {"b": (DeliveryStatus.DELIVERED, 2), "c": (DeliveryStatus.GONE, 2)}
 
 
+def test_messages_that_were_due_between_two_calls_arrive_in_the_order_of_sending() -> None:
+    """Open loop shows every fourth frame: what was due in between must not be lost."""
+    slow = CommSettings(by_type={"cam": LinkSettings(latency_ticks=6)})
+    channel = Channel(slow, 1)
+    channel.send(0, {"a": (cam(),), "b": (text("first"),)}, NEAR)
+    assert [one.payload for one in channel.deliver(4, ("a", "b"))["a"]] == [b"first"]
+    channel.send(4, {"b": (text("second"),)}, NEAR)
+    assert [(one.tick, one.sender) for one in channel.deliver(8, ("a", "b", "c"))["c"]] == [(0, "a"), (4, "b")]
+    assert channel.deliver(12, ("a", "b", "c")) == {"a": (), "b": (), "c": ()}
+    (early, said, later) = channel.sent_messages()
+    assert early.deliveries["b"] == later.deliveries["a"] == (DeliveryStatus.DELIVERED, 8)
+    assert said.deliveries == {"a": (DeliveryStatus.DELIVERED, 4), "c": (DeliveryStatus.GONE, 4)}
+
+
 def test_messages_in_flight_have_no_fate_yet() -> None:
     _, channel = run(CommSettings(link=LinkSettings(latency_ticks=9)), {0: {"a": (text("x"),)}}, 5)
     assert fates(channel.sent_messages()) == [{}]

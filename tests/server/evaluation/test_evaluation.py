@@ -244,6 +244,18 @@ def test_a_summary_has_efficient_sr_only_if_every_scenario_has_a_reference() -> 
     assert partly["buckets"]["A"]["efficient_sr"] == 75.0
 
 
+def test_a_summary_has_scalar_means_and_the_least_time_to_collision() -> None:
+    def row(name: str, min_ttc: float | None, scalars: dict[str, float | None]) -> JobRow:
+        changed = scored(name, "A").model_copy(update={"min_ttc": min_ttc, "scalars": scalars})
+        return JobRow(result=changed.model_dump(mode="json"))
+
+    rows = [row("s1", 0.4, {"mean_speed": 4.0, "min_pet": 1.0}), row("s2", 0.2, {"mean_speed": 6.0, "min_pet": None})]
+    expected = {"min_ttc": 0.2, "mean_speed": 5.0, "min_pet": 1.0}
+    found = summarise(rows)
+    assert found["overall"]["scalars"] == found["buckets"]["A"]["scalars"] == expected
+    assert summarise([row("s1", None, {})])["overall"]["scalars"] == {"min_ttc": None}
+
+
 def test_only_unused_files_are_deleted(tmp_path: Path) -> None:
     for name in ("unpacked/needed", "unpacked/old", "unpacked/half.made", "stage/s.1.1"):
         (tmp_path / name).mkdir(parents=True)

@@ -11,11 +11,13 @@ from testing.api_app import HIDDEN, Server
 from testing.store_samples import NOON
 from testing.web_page import PAPER, Visit, driven, first_table, links
 
+from mdrive_sumo.scoring.metrics import list_scalar_metrics
 from server.api.schemas import FiguresOut
 from server.clock import DAY_US
 from server.enums import TokenScope
 from server.store import Store, phases, teams, tokens
 from server.web import templating
+from server.web.scalar_columns import SCALAR_COLUMNS
 
 pytestmark = pytest.mark.slow
 
@@ -134,6 +136,8 @@ def three(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Visit]:
         ("efficient_sr", ["red", "blue", "green"]),
         ("time_ratio", ["red", "blue", "green"]),
         ("time_ratio&turned=1", ["green", "blue", "red"]),
+        ("mean_speed&columns=beside", ["green", "blue", "red"]),
+        ("message_rate&columns=beside", ["red", "blue", "green"]),
         ("date", ["blue", "red", "green"]),
     ],
 )
@@ -141,11 +145,32 @@ def test_order(three: Visit, sort: str, order: Sequence[str]) -> None:
     page = three.get(f"/?phase=dev&sort={sort}")
     assert first_table(page) == order
     assert "cannot be compared" in page.words
-    falling = (sort.partition("&")[0] in ("ds", "sr", "efficient_sr", "date")) != ("turned" in sort)
+    falling = (sort.partition("&")[0] in ("ds", "sr", "efficient_sr", "mean_speed", "date")) != ("turned" in sort)
     sorted_by = [each for each in page.all("th", scope="col") if "aria-sort" in each.attributes]
     assert [each.attributes["aria-sort"] for each in sorted_by] == ["descending" if falling else "ascending"]
     again = page.all("a", id=f"sort-{sort.partition('&')[0]}")[0].attributes["href"]
     assert ("turned=1" in again) is ("turned=1" not in sort), "the same column again turns it round"
+
+
+def test_columns_of_scalars_are_optional_and_those_of_the_metrics(server: Server) -> None:
+    mine = driven(server, "red", 41.0)
+    titles = [column.title for column in SCALAR_COLUMNS]
+    assert [column.name for column in SCALAR_COLUMNS] == ["mean_speed", "comfort", "min_ttc", "min_pet", "message_rate"]
+    assert {column.name for column in SCALAR_COLUMNS} == {metric.name for metric in list_scalar_metrics()}
+    plain, beside = (Visit(server).get(f"/?phase=dev{more}") for more in ("", "&columns=beside"))
+    headers = [[each.text for each in page.all("th", scope="col")] for page in (plain, beside)]
+    assert "IP" in headers[0] and not {*titles} & {*headers[0]}
+    assert "IP" not in headers[1] and [text for text in headers[1] if text in titles] == titles
+    assert len(headers[1]) == len(headers[0])  # no wider: five replace four and the history
+    assert [each.text for each in beside.all("td", class_="number")][3:8] == ["4.10", "99.0", "–", "1.2", "41"]
+    assert "columns=beside" in beside.all("a", id="sort-team")[0].attributes["href"]
+    Visit(server).get("/?phase=dev&columns=none", status=404)
+    row = server.get("/leaderboards/dev")["rows"][0]
+    assert row["figures"]["scalars"]["mean_speed"] == pytest.approx(4.1)
+    lines = Visit(server).client.get("/leaderboard.csv?phase=dev").text.splitlines()
+    assert "mean_speed,comfort,min_ttc,min_pet,message_rate" in lines[0] and ",4.1,99.0,,1.2,41.0," in lines[1]
+    words = Visit(server).get(f"/submissions/{mine}").words
+    assert "Speed, comfort, close encounters, messages" in words and "Least TTC s" in words
 
 
 def test_a_long_board_has_pages(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
