@@ -17,7 +17,7 @@ LOG_BUCKET = "V2XPnP"
 """Bucket of the paper's open-loop comparison (RQ3), latency and pose-error tables (RQ5)."""
 CHANNEL_SCENARIOS = 21
 """Scenarios of the latency and pose-error tables (paper, RQ5); it does not name them."""
-QUICK_LOG_SCENARIOS = 3
+QUICK_LOG_SCENARIOS = 2
 """Scenarios of `LOG_BUCKET` in a quick study, which shall take three minutes on two cores."""
 STANDARD_SHARE = 3
 """A standard study drives one of so many scenarios of each category, so that it takes half an hour on two cores."""

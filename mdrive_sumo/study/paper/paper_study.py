@@ -5,18 +5,29 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from mdrive_sumo.open_loop import OpenLoopResults, OpenLoopRun, OpenLoopScenario, evaluate_open, prepare_open_loop
-from mdrive_sumo.runs.evaluate import evaluate
+from mdrive_sumo.core.errors import InputError, WorldError
+from mdrive_sumo.open_loop import (
+    REFERENCE_AGENT,
+    OpenLoopExecutor,
+    OpenLoopResults,
+    OpenLoopScenario,
+    Reference,
+    evaluate_open,
+    make_open_loop_executor,
+    open_run_reference,
+    prepare_open_loop,
+)
+from mdrive_sumo.runs.evaluate import EpisodeExecutor, evaluate, make_episode_executor
 from mdrive_sumo.runs.fingerprint import compute_fingerprint
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scoring import Results, summarize_run
 from mdrive_sumo.study.conditions import ChannelCondition, make_conditions
 from mdrive_sumo.study.paper.paper_plan import PaperPlan
-from mdrive_sumo.study.study_runs import BEST, RUNS_FOLDER, StudyProgress, StudyRow, make_variant, name_agent_folder
+from mdrive_sumo.study.study_runs import RUNS_FOLDER, StudyProgress, StudyRow, make_variant, name_agent_folder
 from mdrive_sumo.v2x.comm_settings import PRESETS
 
-REFERENCE = BEST
+REFERENCE = REFERENCE_AGENT
 """Agent of the recorded drives that open loop compares with."""
 DETECTOR_PREFIX = "perception-swap:"
 """Agents that the paper has in its comparison of open and closed loop (RQ3) only, not in its main table."""
@@ -69,23 +80,32 @@ class PaperStudy:
         return (closed + channel + len(self.plan.logs) * len(self.agents)) * len(self.reference.config.seeds)
 
     def rows(self, progress: PaperProgress) -> Iterator[PaperRow]:
-        """Drive the unfinished runs and yield a row for each. Raises InputError, WorldError and KeyboardInterrupt."""
+        """Drive the unfinished runs and yield a row for each. Raises InputError and KeyboardInterrupt.
+
+        All runs share worker processes, which keep the networks that they have loaded.
+        """
+        limit_s = max(run.limit_s() for run in self._list_all().values())
+        workers = self.reference.config.workers
         base: dict[str, Results] = {}
-        for name, prepared in self._list_all().items():
-            run = _restrict(prepared, self._list_closed(name), self._find_folder(self._name_part(name), prepared))
-            progress.run(f"{name}, closed loop")
-            base[name] = evaluate(run, progress)
-            yield ClosedRow(name, base[name], run.folder)
-        reference = load_stored_run(self._find_folder(self._name_part(REFERENCE), self.reference))
-        for name, prepared in self.agents.items():
-            progress.run(f"{name}, open loop")
-            folder = self._find_folder("open", prepared)
-            config = prepared.config
-            open_run = prepare_open_loop(reference, config.agent, config.options, folder, config.workers)
-            yield OpenRow(name, self._show(restrict_open_loop(open_run, self.plan.logs), progress))
-        for name, prepared in self.agents.items():
-            if _may_perturb(name):
-                yield from self._drive_conditions(name, prepared, base[name], progress)
+        with make_episode_executor(workers, limit_s) as executor:
+            for name, prepared in self._list_all().items():
+                folder = self._find_folder(self._name_part(name), prepared)
+                run = _restrict(prepared, self._list_closed(name), folder)
+                progress.run(f"{name}, closed loop")
+                base[name] = evaluate(run, progress, executor)
+                yield ClosedRow(name, base[name], run.folder)
+            for name, prepared in self.agents.items():
+                if _may_perturb(name):
+                    yield from self._drive_conditions(name, prepared, base[name], (progress, executor))
+        reference = self._load_reference()
+        with make_open_loop_executor(workers, limit_s) as viewers:
+            for name, prepared in self.agents.items():
+                progress.run(f"{name}, open loop")
+                yield OpenRow(name, self._show(prepared, reference, progress, viewers))
+
+    def _load_reference(self) -> Reference:
+        stored = load_stored_run(self._find_folder(self._name_part(REFERENCE), self.reference))
+        return open_run_reference(stored, ",".join(self.plan.logs))
 
     def _list_all(self) -> dict[str, PreparedRun]:
         return {**self.agents, **({} if REFERENCE in self.agents else {REFERENCE: self.reference})}
@@ -102,7 +122,12 @@ class PaperStudy:
     def _find_folder(self, part: str, prepared: PreparedRun) -> Path:
         return self.folder / RUNS_FOLDER / part / name_agent_folder(prepared.config.agent)
 
-    def _show(self, run: OpenLoopRun, progress: PaperProgress) -> OpenLoopResults:
+    def _show(
+        self, prepared: PreparedRun, reference: Reference, progress: PaperProgress, executor: OpenLoopExecutor
+    ) -> OpenLoopResults:
+        config = prepared.config
+        folder = self._find_folder("open", prepared)
+        run = prepare_open_loop(reference, config.agent, config.options, folder, config.workers)
         shown = 0
 
         def report(_: int, __: int, result: OpenLoopScenario) -> None:
@@ -110,14 +135,18 @@ class PaperStudy:
             shown += 1
             progress.compared(result.id)
 
-        results = evaluate_open(run, report, fresh=self.reference.config.fresh)
-        progress.spared(len(self.plan.logs) * len(self.reference.config.seeds) - shown)
+        try:
+            results = evaluate_open(run, report, fresh=config.fresh, executor=executor)
+        except WorldError as error:  # a worker died twice over one recording
+            raise InputError(f"{folder}: {error}") from None
+        progress.spared(len(self.plan.logs) * len(config.seeds) - shown)
         return results
 
     def _drive_conditions(
-        self, name: str, prepared: PreparedRun, whole: Results, progress: PaperProgress
+        self, name: str, prepared: PreparedRun, whole: Results, means: tuple[PaperProgress, EpisodeExecutor]
     ) -> Iterator[StudyRow]:
         """Yield the clean row, taken from the run in closed loop, and the others unless no CAV hears another."""
+        progress, executor = means
         clean, *others = CONDITIONS
         first = StudyRow(name, clean, (select_results(whole, self.plan.channel),), reused=False)
         episodes = len(self.plan.channel) * len(prepared.config.seeds)
@@ -127,7 +156,8 @@ class PaperStudy:
         yield first
         for condition in others:
             progress.run(f"{name}, {condition.name}")
-            yield StudyRow(name, condition, (evaluate(self._prepare(prepared, condition), progress),), reused=False)
+            results = evaluate(self._prepare(prepared, condition), progress, executor)
+            yield StudyRow(name, condition, (results,), reused=False)
 
     def _prepare(self, prepared: PreparedRun, condition: ChannelCondition) -> PreparedRun:
         run = _restrict(prepared, self.plan.channel, self._find_folder("channel", prepared) / condition.folder)
@@ -141,14 +171,6 @@ def _restrict(prepared: PreparedRun, scenarios: tuple[str, ...], folder: Path) -
     config = replace(prepared.config, scenario=pattern, out=folder)
     fingerprint = compute_fingerprint(config, prepared.suite, chosen)
     return replace(prepared, config=config, scenarios=chosen, folder=folder, fingerprint=fingerprint)
-
-
-def restrict_open_loop(run: OpenLoopRun, scenarios: tuple[str, ...]) -> OpenLoopRun:
-    """Return an open-loop evaluation with the recordings of some scenarios."""
-    episodes = tuple(key for key in run.episodes if key[0] in {*scenarios})
-    left_out = {f"recording of {name}, seed {seed}" for name, seed in {*run.episodes} - {*episodes}}
-    fingerprint = {name: value for name, value in run.fingerprint.items() if name not in left_out}
-    return replace(run, episodes=episodes, fingerprint=fingerprint)
 
 
 def select_results(whole: Results, scenarios: tuple[str, ...]) -> Results:
