@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from mdrive_sumo.api.episode import Episode, load_episode
     from mdrive_sumo.api.evaluation import evaluate
     from mdrive_sumo.api.open_evaluation import evaluate_open
+    from mdrive_sumo.api.report import RunsReport, build_report
     from mdrive_sumo.api.run import Run, Scores, load_run
     from mdrive_sumo.api.simulation import Simulation, simulate
     from mdrive_sumo.contract import Agent, Briefing, Control, Message, Note, Observation, Plan, Reply, SensorSpec
@@ -47,7 +48,9 @@ __all__ = [
     "Episode",
     "ReplayPage",
     "Run",
+    "RunsReport",
     "Scores",
+    "build_report",
     "compare",
     "load_episode",
     "load_run",
@@ -82,7 +85,9 @@ _MODULE_BY_NAME = {
     "Episode": "api.episode",
     "ReplayPage": "report.replay_page",
     "Run": "api.run",
+    "RunsReport": "api.report",
     "Scores": "api.run",
+    "build_report": "api.report",
     "compare": "api.comparison",
     "load_episode": "api.episode",
     "load_run": "api.run",

@@ -24,6 +24,7 @@ STYLE: Mapping[Any, Any] = {
     "grid.linewidth": 0.6,
     "axes.axisbelow": True,
     "svg.hashsalt": "mdrive-sumo",
+    "text.parse_math": False,  # names of agents may hold dollar signs
 }
 
 

@@ -49,7 +49,7 @@ def show(job: OpenLoopJob) -> OpenLoopScenario:
 
 def install(patch: pytest.MonkeyPatch) -> None:
     """Put the stand-ins in place: no worker processes, no drawing, and no checksum of all code for each run."""
-    patch.setattr(ReportFigure, "render", lambda _: (b"picture", b"<svg></svg>"))
+    patch.setattr(ReportFigure, "render", lambda _, *kinds: tuple(b"<svg></svg>" for _ in kinds))
     for name in ("runs.fingerprint", "study.paper.study_folder"):
         patch.setattr(f"mdrive_sumo.{name}.compute_code_checksum", lambda: "sha256:code")
     for name, function, stand_in in (

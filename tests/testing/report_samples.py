@@ -43,7 +43,7 @@ def make_drive(name: str, scores: Sequence[float], seed: int = 0, exchanged: Ite
         sr=succeed,
         rc=sum(ego.rc for ego in egos) / count,
         ip=sum(ego.ip for ego in egos) / count,
-        efficient_sr=succeed,
+        efficient_sr=succeed if scores else None,
         time_ratio=1.5 if ratios and len(ratios) == len(egos) else None,
         min_ttc=0.5 if CRASH in scores else None,
         scalars={"mean_speed": 5.0, "comfort": 90.0, "min_pet": None, "message_rate": 100.0} if scores else {},

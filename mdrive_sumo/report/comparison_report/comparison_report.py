@@ -1,5 +1,6 @@
 """ComparisonReport: everything that a report over several runs shows, as values."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -85,6 +86,7 @@ def build_comparison_report(
         check_published_rows(agents)
     published = PUBLISHED_METHODS if with_published else ()
     names = ", ".join(agent.name for agent in agents)
+    made_by = f"Command: {shlex.join(command)}" if command else ""
     sections = (
         ReportSection("Scores", (build_main_table(agents, published), build_bucket_table(agents))),
         _make_category_section(agents),
@@ -98,10 +100,10 @@ def build_comparison_report(
         _make_cooperation_section(agents),
         ReportSection("Efficiency and comfort", (build_scalar_table(agents),)),
         _make_scenario_section(agents),
-        ReportSection("Provenance", (build_provenance_table(agents),)),
+        ReportSection("Provenance", (build_provenance_table(agents),), note=made_by),
     )
     title = f"{agents[0].results.run.suite}: {names}" if len(agents) <= 3 else agents[0].results.run.suite
-    return ComparisonReport(title, list_facts(agents, command), list_warnings(agents), sections)
+    return ComparisonReport(title, list_facts(agents), list_warnings(agents), sections)
 
 
 def _make_category_section(agents: Sequence[ComparedAgent]) -> ReportSection:

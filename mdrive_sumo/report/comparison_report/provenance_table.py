@@ -1,7 +1,6 @@
 """Where the numbers of a report come from: agents, settings, seeds, code, versions and checksums of the runs."""
 
 import hashlib
-import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -60,19 +59,17 @@ def compute_results_checksum(run: ReportRun) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()[:SHORT_CHECKSUM] if path.is_file() else ""
 
 
-def list_facts(agents: Sequence[ComparedAgent], command: Sequence[str] = ()) -> dict[str, str]:
-    """Return what all runs have in common, by name. command: the command line that makes the report."""
+def list_facts(agents: Sequence[ComparedAgent]) -> dict[str, str]:
+    """Return what all runs have in common, by name."""
     results = agents[0].results
     run = results.run
     buckets = ", ".join(f"{name} {bucket.scenarios}" for name, bucket in results.buckets.items())
-    facts = {
+    return {
         "suite": f"{run.suite}, checksum {run.suite_checksum.removeprefix('sha256:')[:SHORT_CHECKSUM]}",
         "scenarios": f"{len({scenario.id for scenario in results.scenarios})} ({buckets})",
         "score mode": run.score_mode,
         "runs": str(sum(len(agent.runs) for agent in agents)),
-        "command": shlex.join(command),
     }
-    return {name: value for name, value in facts.items() if value}
 
 
 def list_warnings(agents: Sequence[ComparedAgent]) -> tuple[str, ...]:
@@ -91,8 +88,8 @@ def list_warnings(agents: Sequence[ComparedAgent]) -> tuple[str, ...]:
         warnings.append(f"{agent.name}: void episodes count as 0 in means: {void}." if void else "")
         failed = sum(ego.outcome == "agent-failed" for scenario in agent.results.scenarios for ego in scenario.egos)
         warnings.append(f"{agent.name}: the agent failed in {failed} drives." if failed else "")
-        missing = describe_missing_reference(agent.results)
-        warnings.append(f"{agent.name}: reference times: {missing}." if missing else "")
+        if any(scenario.status == "ok" and scenario.efficient_sr is None for scenario in agent.results.scenarios):
+            warnings.append(f"{agent.name}: reference times: {describe_missing_reference(agent.results)}.")
     return tuple(warning for warning in warnings if warning)
 
 

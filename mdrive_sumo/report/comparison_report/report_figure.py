@@ -23,11 +23,11 @@ class ReportFigure:
     size_in: tuple[float, float]
     draw: Callable[[Figure], None]
 
-    def render(self) -> tuple[bytes, bytes]:
-        """Return the figure as PNG and as SVG, the same bytes for the same numbers."""
+    def render(self, *kinds: str) -> tuple[bytes, ...]:
+        """Return the figure as each of `kinds`, "png" or "svg"; the same bytes for the same numbers."""
         with open_figure(*self.size_in) as figure:
             self.draw(figure)
-            return render_figure(figure, "png"), render_figure(figure, "svg")
+            return tuple(render_figure(figure, kind) for kind in kinds)
 
 
 def inline_svg(svg: bytes, name: str) -> str:

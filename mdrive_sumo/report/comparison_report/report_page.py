@@ -1,7 +1,7 @@
 """`report.html`: a comparison report as one self-contained page without scripts, light and dark, also on a phone."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -10,14 +10,20 @@ from markupsafe import Markup
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport
 from mdrive_sumo.report.comparison_report.report_figure import ReportFigure, inline_svg
 from mdrive_sumo.report.comparison_report.report_figures import pick_shade
-from mdrive_sumo.report.comparison_report.report_table import ReportCell, ReportColumn, ReportTable, format_cell
+from mdrive_sumo.report.comparison_report.report_table import (
+    ReportCell,
+    ReportColumn,
+    ReportTable,
+    format_cell,
+    format_cell_interval,
+)
 from mdrive_sumo.report.comparison_report.scenario_tables import find_ds_class
 from mdrive_sumo.report.comparison_report.table_markdown import count_text_columns, has_marks
 from mdrive_sumo.report.palette import format_custom_properties
 
 TEMPLATE, STYLE = "comparison_report.html", "comparison_report.css"
 SHADES = 6
-MAX_OPEN_ROWS = 30
+MAX_OPEN_ROWS = 60
 """Longer tables are folded."""
 _TEMPLATES = Environment(
     loader=PackageLoader("mdrive_sumo.report", "static"),
@@ -48,7 +54,8 @@ def render_report_page(report: ComparisonReport, images: dict[str, bytes], links
         style=Markup(style),
         links=links or ReportLinks({}, {}),
         images={figure.name: _inline(figure, images) for figure in report.figures},
-        text_of=format_cell,
+        text_of=_format_value,
+        interval_of=format_cell_interval,
         classes_of=_list_classes,
         text_columns=count_text_columns,
         has_marks=has_marks,
@@ -59,6 +66,11 @@ def render_report_page(report: ComparisonReport, images: dict[str, bytes], links
 
 def _inline(figure: ReportFigure, images: dict[str, bytes]) -> Markup:
     return Markup(inline_svg(images[figure.name], figure.name))
+
+
+def _format_value(cell: ReportCell, column: ReportColumn) -> str:
+    """Return a cell's text without its interval, which a page shows smaller."""
+    return format_cell(replace(cell, interval=None), column)
 
 
 def _list_classes(cell: ReportCell, column: ReportColumn, table: ReportTable) -> Sequence[str]:

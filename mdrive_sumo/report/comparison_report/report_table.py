@@ -164,19 +164,21 @@ def format_cell(cell: ReportCell, column: ReportColumn) -> str:
         return "✓" if value else "×"
     if isinstance(value, str):
         return value
-    return _format_number(value, column) + _format_interval(cell.interval, column)
+    return _format_number(value, column) + format_cell_interval(cell, column)
 
 
-def _format_number(value: float, column: ReportColumn) -> str:
-    return f"{round(value, column.decimals) + 0.0:{'+' if column.has_sign else ''}.{column.decimals}f}"
-
-
-def _format_interval(interval: ConfidenceInterval | None, column: ReportColumn) -> str:
+def format_cell_interval(cell: ReportCell, column: ReportColumn) -> str:
+    """Return what follows a cell's number: " ± 1.20" or " [80.00, 88.00]"; "" without an interval."""
+    interval = cell.interval
     if interval is None:
         return ""
     if column.intervals is IntervalStyle.ENDS:
         return f" [{_format_number(interval.low, column)}, {_format_number(interval.high, column)}]"
     return f" ± {(interval.high - interval.low) / 2:.{column.decimals}f}"
+
+
+def _format_number(value: float, column: ReportColumn) -> str:
+    return f"{round(value, column.decimals) + 0.0:{'+' if column.has_sign else ''}.{column.decimals}f}"
 
 
 def make_row(values: Iterable[CellValue | ReportCell], section: str = "", *, is_ranked: bool = True) -> ReportRow:

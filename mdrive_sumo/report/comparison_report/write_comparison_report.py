@@ -32,7 +32,7 @@ def write_comparison_report(report: ComparisonReport, out: Path) -> tuple[Path, 
 
 def render_report_files(report: ComparisonReport, page_file: str, markdown_file: str) -> dict[str, bytes]:
     """Return the content of every file of a report by its path: the two pages, tables and figures."""
-    images = {figure.name: figure.render() for figure in report.figures}
+    images = {figure.name: figure.render("png", "svg") for figure in report.figures}
     latex = [table for table in report.tables if len(table.rows) <= MAX_LATEX_ROWS]
     links = ReportLinks(
         {table.name: f"{CSV_FOLDER}/{table.name}.csv" for table in report.tables},

@@ -142,6 +142,6 @@ def test_void_episodes_and_agents_without_plans_are_left_out() -> None:
 @pytest.mark.slow
 def test_the_figure_has_the_papers_axes_and_every_agent() -> None:
     shown, driven = both({"a": (0.5, 90.0), "b": (1.0, 80.0), "omniscient": (0.1, 99.0)}, scenarios=2)
-    _, svg = make_open_closed_figure(compare_open_with_closed(shown, driven)).render()
+    _, svg = make_open_closed_figure(compare_open_with_closed(shown, driven)).render("png", "svg")
     for text in (b"AP50", b"ADE", b"DS", b"SR", b"omniscient"):
         assert b"<!-- " + text in svg, "matplotlib draws text as paths and names it in a comment"

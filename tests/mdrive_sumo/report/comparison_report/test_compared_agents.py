@@ -1,0 +1,130 @@
+"""Which runs are one line of a report, how lines are named, and which runs cannot stand in one report."""
+
+import json
+from pathlib import Path
+
+import pytest
+from testing.report_samples import BEST, SHARING, SINGLE, make_agent_run, make_sample_runs, save_run, save_sample_runs
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.comparison_report.compared_agent import (
+    MULTI_AGENT,
+    SINGLE_AGENT,
+    UPPER_BOUND,
+    make_agents_of_results,
+    make_compared_agents,
+)
+from mdrive_sumo.report.comparison_report.report_runs import load_report_runs
+from mdrive_sumo.scoring import Results
+
+
+def name_all(*results: Results) -> list[str]:
+    return [agent.name for agent in make_agents_of_results(results)]
+
+
+def test_the_samples_are_valid_results(tmp_path: Path) -> None:
+    agents = make_compared_agents(load_report_runs(save_sample_runs(tmp_path)))
+    assert [(agent.name, agent.section) for agent in agents] == [
+        ("single", SINGLE_AGENT),
+        ("sharing (channel off)", SINGLE_AGENT),
+        ("sharing (channel ideal)", MULTI_AGENT),
+        ("omniscient", UPPER_BOUND),
+    ]
+    assert [agent.is_ranked for agent in agents] == [True, True, True, False]
+    assert [agent.shares_perception for agent in agents] == [False, False, True, False]
+    assert not any(agent.negotiates for agent in agents)
+
+
+def test_seeds_of_one_agent_are_pooled() -> None:
+    (agent,) = make_agents_of_results([make_agent_run("idm", BEST, (3, 1)), make_agent_run("idm", SINGLE, (2,))])
+    assert agent.name == "idm" and agent.seeds == (1, 2, 3) and len(agent.runs) == 2
+    assert len(agent.results.scenarios) == 3 * len(SINGLE)
+    best, single = (make_agent_run("idm", scores).overall.scenario_mean.ds for scores in (BEST, SINGLE))
+    assert agent.results.overall.scenario_mean.ds == pytest.approx((2 * best + single) / 3)
+    assert set(agent.intervals) == {*agent.results.buckets, "bucket mean", "scenario mean"}
+
+
+def test_runs_with_other_settings_are_named_by_what_differs() -> None:
+    latency = make_agent_run("sharing", SHARING, channel="paper-latency")
+    odd = make_agent_run("sharing", SHARING)
+    odd = odd.model_copy(update={"run": odd.run.model_copy(update={"comm": {**odd.run.comm, "loss": 0.25}})})
+    assert name_all(latency, odd) == ["sharing (channel paper-latency)", "sharing (latency_ticks 0, loss 0.25)"]
+    assert name_all(make_agent_run("idm", BEST), make_agent_run("idm", BEST, sensing="perfect")) == [
+        "idm (sensing realistic)",
+        "idm (sensing perfect)",
+    ]
+    assert name_all(make_agent_run("idm", BEST), make_agent_run("single", BEST, sensing="perfect")) == ["idm", "single"]
+
+
+def test_negotiation_is_more_than_cams_and_cpms() -> None:
+    (agent,) = make_agents_of_results([make_agent_run("talker", BEST, exchanged=("mcm",))])
+    assert agent.negotiates and not agent.shares_perception and agent.section == MULTI_AGENT
+
+
+def test_library_code_names_a_line_only_if_nothing_else_does(tmp_path: Path) -> None:
+    places: list[Path] = []
+    for i, code in enumerate("ab"):
+        folder = save_run(tmp_path / code, make_agent_run("idm", BEST, (i,)))
+        header = {"format": "mdrive-sumo/journal/1", "fingerprint": {"code": f"sha256:{code * 64}"}}
+        (folder / "journal.jsonl").write_text(json.dumps(header) + "\n")
+        places.append(folder)
+    agents = make_compared_agents(load_report_runs(places))
+    assert [agent.name for agent in agents] == ["idm (library code aaaaaaaaaaaa)", "idm (library code bbbbbbbbbbbb)"]
+
+
+OTHER_VERSION = {"mdrive-sumo": "0.2.0", "libsumo": "1.28.0"}
+
+
+@pytest.mark.parametrize(
+    ("other", "sentence"),
+    [
+        (
+            make_agent_run("a", BEST, suite="else", suite_checksum="sha256:2"),
+            "expected runs of one suite, found made",
+        ),
+        (make_agent_run("a", BEST, suite_checksum="sha256:2"), "expected runs of one suite"),
+        (make_agent_run("a", BEST, score_mode="interdrive_fixed"), "expected runs of one score mode, found mdrive in"),
+        (make_agent_run("a", BEST, versions=OTHER_VERSION), "expected runs of one version, found mdrive-sumo 0.1.0"),
+        (
+            make_agent_run("a", {"i01": (100.0,)}),
+            "found 6 in single and 1 in a; cone is only in single",
+        ),
+        (make_sample_runs()["single"], "same settings and seed once, found single with seed 0 in single and single"),
+    ],
+)
+def test_runs_that_do_not_belong_together_are_refused(other: Results, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        make_agents_of_results([make_sample_runs()["single"], other])
+
+
+def test_runs_of_different_python_belong_together() -> None:
+    other = {"mdrive-sumo": "0.1.0", "libsumo": "1.28.0", "python": "3.12.1"}
+    assert name_all(make_agent_run("a", BEST), make_agent_run("b", BEST, versions=other)) == ["a", "b"]
+
+
+def test_unusable_places_are_refused_in_one_sentence(tmp_path: Path) -> None:
+    good, other = save_sample_runs(tmp_path)[:2]
+    old = json.loads((other / "results.json").read_text()) | {"format": "mdrive-sumo/results/3"}
+    (other / "results.json").write_text(json.dumps(old))
+    begun = tmp_path / "begun"
+    begun.mkdir()
+    (begun / "journal.jsonl").write_text("")
+    empty = json.loads((good / "results.json").read_text()) | {"scenarios": []}
+    (tmp_path / "empty.json").write_text(json.dumps(empty))
+    cases = {
+        "expected every run once": [good, tmp_path / "x" / ".." / good.name],
+        "expected runs of one results format, found mdrive-sumo/results/4": [good, other],
+        "expected a finished run, found an interrupted one": [good, begun],
+        "scenarios: expected at least one, found none": [good, tmp_path / "empty.json"],
+        "expected a folder that": [tmp_path / "nothing"],
+        "expected at least one run, found none": [],
+    }
+    for sentence, places in cases.items():
+        with pytest.raises(InputError, match=sentence):
+            load_report_runs(places)
+
+
+def test_a_results_file_stands_for_its_run(tmp_path: Path) -> None:
+    folder = save_sample_runs(tmp_path)[0]
+    (run,) = load_report_runs([folder / "results.json"])
+    assert run.place.endswith("results.json") and run.results.run.agent == "single"

@@ -1,0 +1,131 @@
+"""Report tables as values: ranks, cells, and the writers of Markdown and CSV."""
+
+import csv
+import io
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.report.comparison_report.report_table import (
+    BestValue,
+    IntervalStyle,
+    ReportCell,
+    ReportColumn,
+    ReportTable,
+    format_cell,
+    make_row,
+)
+from mdrive_sumo.report.comparison_report.table_csv import format_csv
+from mdrive_sumo.report.comparison_report.table_markdown import format_markdown
+from mdrive_sumo.report.comparison_report.table_text import format_text_rows
+
+NUMBER = ReportColumn("ds", "DS", best=BestValue.HIGHEST)
+NAME = ReportColumn("agent", "Agent")
+INTERVAL = ConfidenceInterval(80.0, 70.0, 84.0)
+
+
+def make_table(*values: float | None, best: BestValue = BestValue.HIGHEST, unranked: int = 0) -> ReportTable:
+    """Return a table of one column; the last `unranked` rows do not compete."""
+    rows = tuple(make_row((value,), is_ranked=i < len(values) - unranked) for i, value in enumerate(values))
+    return ReportTable("t", "T", (ReportColumn("ds", "DS", best=best),), rows)
+
+
+def list_ranks(table: ReportTable) -> list[int]:
+    return [cell.rank for cell in table.mark_columns().find_column("ds")]
+
+
+@pytest.mark.parametrize(
+    ("values", "best", "ranks"),
+    [
+        ((1.0, 3.0, 2.0, 0.0), BestValue.HIGHEST, [3, 1, 2, 0]),
+        ((1.0, 3.0, 2.0, 0.0), BestValue.LOWEST, [2, 0, 3, 1]),
+        ((1.0, 3.0), BestValue.NONE, [0, 0]),
+        ((5.0, 5.0, 4.0, 3.0), BestValue.HIGHEST, [1, 1, 3, 0]),
+        ((5.001, 5.002, 4.0), BestValue.HIGHEST, [1, 1, 3]),  # equal as shown
+        ((5.0, 5.0), BestValue.HIGHEST, [0, 0]),  # no place that tells anything
+        ((None, 5.0, 4.0), BestValue.HIGHEST, [0, 1, 2]),
+        ((5.0,), BestValue.HIGHEST, [0]),
+    ],
+)
+def test_the_best_three_are_marked(values: tuple[float | None, ...], best: BestValue, ranks: list[int]) -> None:
+    assert list_ranks(make_table(*values, best=best)) == ranks
+
+
+@given(st.lists(st.floats(0, 100), min_size=1, max_size=8), st.integers(0, 8))
+def test_a_rank_counts_the_better_rows_that_compete(values: list[float], unranked: int) -> None:
+    unranked = min(unranked, len(values))
+    ranks = list_ranks(make_table(*values, unranked=unranked))
+    competing = [round(value, 2) for value in values[: len(values) - unranked]]
+    assert ranks[len(competing) :] == [0] * unranked
+    if len(set(competing)) < 2:
+        assert ranks == [0] * len(values)
+        return
+    for value, rank in zip(competing, ranks, strict=False):
+        better = sum(other > value for other in competing)
+        assert rank == (better + 1 if better < 3 else 0)
+
+
+def test_rows_and_sections_are_ranked_on_their_own() -> None:
+    columns = (NAME, ReportColumn("a", "a", best=BestValue.HIGHEST), ReportColumn("b", "b", best=BestValue.HIGHEST))
+    rows = (make_row(("x", 1.0, 2.0), "one"), make_row(("y", 4.0, 3.0), "two"), make_row(("z", 5.0, 1.0), "two"))
+    table = ReportTable("t", "T", columns, rows)
+    by_row, by_section = (
+        [[cell.rank for cell in row.cells] for row in marked.rows]
+        for marked in (table.mark_rows(), table.mark_sections())
+    )
+    assert by_row == [[0, 2, 1], [0, 1, 2], [0, 1, 2]]
+    assert by_section == [[0, 0, 0], [0, 2, 1], [0, 1, 2]]
+
+
+@pytest.mark.parametrize(
+    ("value", "column", "text"),
+    [
+        (None, NUMBER, "-"),
+        (True, NUMBER, "✓"),
+        (False, NUMBER, "×"),
+        ("idm", NAME, "idm"),
+        (80.0, NUMBER, "80.00 ± 7.00"),
+        (80.0, ReportColumn("d", "d", has_sign=True, intervals=IntervalStyle.ENDS), "+80.00 [+70.00, +84.00]"),
+        (-0.001, ReportColumn("d", "d", has_sign=True), "+0.00 ± 7.00"),
+        (3.0, ReportColumn("n", "n", decimals=0), "3 ± 7"),
+    ],
+)
+def test_cells_as_text(value: object, column: ReportColumn, text: str) -> None:
+    assert format_cell(ReportCell(value, INTERVAL), column) == text
+
+
+def test_csv_has_full_precision_and_both_ends_of_intervals() -> None:
+    rows = (
+        make_row(('a,"b"', ReportCell(80.123456789, INTERVAL), True), "one"),
+        make_row(("c", None, False), "two"),
+    )
+    columns = (NAME, NUMBER, ReportColumn("flag", "Flag"))
+    found = list(csv.DictReader(io.StringIO(format_csv(ReportTable("t", "T", columns, rows)))))
+    first = {"section": "one", "agent": 'a,"b"', "ds": "80.123457", "ds_low": "70", "ds_high": "84", "flag": "yes"}
+    empty = {"section": "two", "agent": "c", "ds": "", "ds_low": "", "ds_high": "", "flag": "no"}
+    assert found == [first, empty]
+
+
+def test_markdown_and_terminal_show_groups_sections_and_marks() -> None:
+    columns = (NAME, ReportColumn("ds", "DS", "Bucket", best=BestValue.HIGHEST))
+    rows = (make_row(("a|b", 1.0), "First"), make_row(("c", 2.0), "Second"))
+    table = ReportTable("t", "T", columns, rows).mark_columns()
+    assert format_markdown(table).splitlines() == [
+        "| Agent | Bucket DS |",
+        "| --- | ---: |",
+        "| *First* |  |",
+        "| a\\|b | 1.00 (2) |",
+        "| *Second* |  |",
+        "| c | **2.00** |",
+    ]
+    assert table.groups == (("", 1), ("Bucket", 1))
+    header, lines = format_text_rows(table)
+    assert header == ("Agent", "Bucket DS")
+    assert lines == [("First:", ""), ("a|b", "1.00"), ("Second:", ""), ("c", "2.00")]
+
+
+def test_an_unknown_column_is_named() -> None:
+    with pytest.raises(KeyError, match="expected a column of ds"):
+        make_table(1.0).find_column("sr")
