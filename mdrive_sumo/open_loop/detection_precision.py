@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.contract import Detections
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, boxes_corners
 
 MIN_IOU = 0.5
@@ -42,24 +43,26 @@ def match_frame(detections: Detections, truth: Float) -> DetectionCounts:
     """Return the counts of one frame; truth: ground-truth boxes (M, 5), as `Detections.boxes`."""
     order = np.argsort(-detections.scores, kind="stable")
     overlap = compute_overlaps(detections.boxes[order], truth)
-    free = np.ones(len(truth), dtype=np.bool_)
     counts = DetectionCounts(len(truth))
     for row, score in enumerate(detections.scores[order].tolist()):
-        is_true = False
-        if len(truth):
-            best = int(np.argmax(np.where(free, overlap[row], -1.0)))
-            is_true = bool(free[best] and overlap[row, best] >= MIN_IOU)
-            free[best] &= not is_true
-        counts.add(DetectionCounts(0, {round(1000 * score): (int(is_true), 1)}))
+        best = int(overlap[row].argmax()) if len(truth) else -1
+        is_true = best >= 0 and bool(overlap[row, best] >= MIN_IOU)
+        if is_true:
+            overlap[:, best] = -1.0  # found once
+        key = round(1000 * score)
+        found, count = counts.by_score.get(key, (0, 0))
+        counts.by_score[key] = found + is_true, count + 1
     return counts
 
 
 def compute_overlaps(first: Float, second: Float) -> Float:
     """Return the intersection over union (N, M) of oriented boxes (N, 5) and (M, 5)."""
-    polygons = [np.asarray(shapely.polygons(boxes_corners(*boxes.T))) for boxes in (first, second)]
+    reach = [portable.hypot(boxes[:, 3], boxes[:, 4]) / 2 for boxes in (first, second)]
+    apart = first[:, None, :2] - second[None, :, :2]
+    rows, columns = np.nonzero(portable.hypot(apart[..., 0], apart[..., 1]) < reach[0][:, None] + reach[1])
+    own, other = (shapely.polygons(boxes_corners(*boxes.T)) for boxes in (first[rows], second[columns]))
     common = np.zeros((len(first), len(second)))
-    rows, columns = shapely.STRtree(polygons[1]).query(polygons[0])
-    common[rows, columns] = shapely.area(shapely.intersection(polygons[0][rows], polygons[1][columns]))
+    common[rows, columns] = shapely.area(shapely.intersection(own, other))
     areas = [boxes[:, 3] * boxes[:, 4] for boxes in (first, second)]
     return common / (areas[0][:, None] + areas[1] - common)
 
