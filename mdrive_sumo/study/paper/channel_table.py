@@ -19,10 +19,13 @@ from mdrive_sumo.scoring.paired_intervals import (
     group_by_scenario,
 )
 from mdrive_sumo.study.conditions import ChannelCondition
+from mdrive_sumo.study.paper.paper_plan import MIN_STRATUM
 from mdrive_sumo.study.study_runs import StudyRow
 
 SCORES: Mapping[str, tuple[str, int]] = {"ds": ("DS", 2), "rc": ("RC", 2), "ip": ("IS", 3), "sr": ("SR", 2)}
 """Scores of the paper's tables with their decimals; its IS is the infraction penalty IP."""
+INTERVALS = ("ds", "sr")
+"""Scores whose differences are shown with an interval: the table shall fit a page."""
 
 
 def build_channel_table(
@@ -69,7 +72,12 @@ def _build_row(agent: str, clean: StudyRow, perturbed: StudyRow) -> ReportRow:
         means = [compute_score_interval(table, score) for table in (first, second)]
         difference = compute_difference_interval(second, first, score)
         cells += [None if mean is None else mean.mean for mean in means]
-        cells.append(ReportCell(None) if difference is None else ReportCell(difference.mean, difference))
+        has_interval = score in INTERVALS and len(first) >= MIN_STRATUM
+        cells.append(
+            ReportCell(None)
+            if difference is None
+            else ReportCell(difference.mean, difference if has_interval else None)
+        )
     return make_row(cells, "mdrive-sumo")
 
 
@@ -89,6 +97,7 @@ def _describe(ours: Sequence[ReportRow]) -> str:
     if not ours:
         return "No agent of this study exchanges messages."
     return (
-        "Brackets: 95 % bootstrap interval of the difference, paired by scenario and seed; one that contains 0 shows no"
-        " effect."
+        "Brackets: 95 % bootstrap interval of the difference, paired by scenario and seed, none over fewer than five"
+        " scenarios; one that contains 0 shows no effect. Published differences are those of the printed scores; the"
+        " paper prints some that deviate by 0.01."
     )

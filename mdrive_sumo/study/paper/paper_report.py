@@ -20,6 +20,7 @@ from mdrive_sumo.report.published_results import (
 )
 from mdrive_sumo.study.paper import section_texts
 from mdrive_sumo.study.paper.channel_table import build_channel_table
+from mdrive_sumo.study.paper.cooperation_gain import PAIRS
 from mdrive_sumo.study.paper.gain_tables import build_gap_table, build_pair_table
 from mdrive_sumo.study.paper.open_closed_table import (
     build_correlation_table,
@@ -43,7 +44,7 @@ def build_paper_report(numbers: PaperNumbers, request: PaperRequest) -> Comparis
         _make_section(section_texts.SCENARIOS, (build_scenario_table(numbers.scenarios),)),
         _make_section(section_texts.MAIN, _build_main_tables(numbers)),
         _build_category_section(numbers),
-        _make_section(section_texts.GAINS, (build_pair_table(numbers.gains),) if numbers.gains else ()),
+        _build_gain_section(numbers),
         _make_section(
             section_texts.CATEGORIES,
             tuple(build_category_table(numbers.compared, score) for score in ("ds", "sr", "h")),
@@ -96,15 +97,22 @@ def _build_category_section(numbers: PaperNumbers) -> ReportSection:
     return replace(section, figures=(figure,) if figure else ())
 
 
+def _build_gain_section(numbers: PaperNumbers) -> ReportSection:
+    if numbers.gains:
+        return _make_section(section_texts.GAINS, (build_pair_table(numbers.gains),))
+    pairs = "; ".join(" and ".join(pair) for pair in PAIRS)
+    missing = f"No pair of agents with one planner is in this study. Pairs are: {pairs}."
+    return replace(_make_section(section_texts.GAINS), note=missing)
+
+
 def _build_channel_sections(numbers: PaperNumbers) -> Sequence[ReportSection]:
     clean, *perturbed = CONDITIONS
     parts = (
-        ("latency", section_texts.LATENCY, PUBLISHED_LATENCY),
-        ("pose_error", section_texts.POSE_ERROR, PUBLISHED_POSE_ERROR),
+        ("latency", "Latency of 6 ticks", section_texts.LATENCY, PUBLISHED_LATENCY),
+        ("pose_error", "Pose error of 0.6 m and 0.6°", section_texts.POSE_ERROR, PUBLISHED_POSE_ERROR),
     )
     sections: list[ReportSection] = []
-    for (name, text, published), condition in zip(parts, perturbed, strict=True):
-        title = f"{condition.name[0].upper()}{condition.name[1:]}: clean and perturbed channel"
+    for (name, title, text, published), condition in zip(parts, perturbed, strict=True):
         table = build_channel_table(name, title, numbers.channel, (clean, condition), published)
         sections.append(_make_section(text, (table,)))
     return sections

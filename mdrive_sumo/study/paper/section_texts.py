@@ -84,8 +84,8 @@ HUMANS = SectionText(
     "fig:mdrive_human_experiments",
     "CoLMDriver succeeds less often than human experts, and is slower when it negotiates.",
     "Nothing yet.",
-    "This study drives no person, so it has no table here. time ratio in the main table compares the time that agents"
-    " need with that of omniscient, not with a person's.",
+    "This study drives no person, so it has no table here. The time ratio of the main table compares the time that"
+    " agents need with that of omniscient, not with a person's.",
 )
 LATENCY = SectionText(
     "Latency (RQ5)",

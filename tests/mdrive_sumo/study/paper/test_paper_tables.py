@@ -25,16 +25,20 @@ def test_the_conditions_are_the_papers() -> None:
 
 
 def test_differences_to_the_clean_channel_are_paired_and_void_scenarios_left_out() -> None:
-    clean = [make_scenario(f"s{place}", 50.0 + 10 * place) for place in range(4)]
-    worse = [make_scenario(f"s{place}", 44.0 + 10 * place) for place in range(4)]
-    void = worse[3].model_copy(update={"status": "void", "ds": 0.0})
-    rows = [make_row("talker", CLEAN, *clean), make_row("talker", LATENCY, *worse[:3], void)]
+    clean = [make_scenario(f"s{place}", 50.0 + 10 * place) for place in range(6)]
+    worse = [make_scenario(f"s{place}", 44.0 + 10 * place) for place in range(6)]
+    void = worse[5].model_copy(update={"status": "void", "ds": 0.0})
+    rows = [make_row("talker", CLEAN, *clean), make_row("talker", LATENCY, *worse[:5], void)]
     table = build_channel_table("latency", "Latency", rows, (CLEAN, LATENCY), PUBLISHED_LATENCY)
     cells = {column.key: cell for column, cell in zip(table.columns, table.rows[0].cells, strict=True)}
-    assert (cells["ds_clean"].value, cells["ds_perturbed"].value) == (60.0, 54.0), "without s3"
+    assert (cells["ds_clean"].value, cells["ds_perturbed"].value) == (70.0, 64.0), "without s5"
     difference = cells["ds_difference"]
     assert difference.value == -6.0 and difference.interval is not None
     assert difference.interval.low == pytest.approx(-6.0) and difference.interval.high == pytest.approx(-6.0)
+    assert cells["rc_difference"].interval is None
+    few = build_channel_table("latency", "", [make_row("a", CLEAN, *clean[:4]), make_row("a", LATENCY, *worse[:4])],
+                              (CLEAN, LATENCY), ())  # fmt: skip
+    assert few.rows[0].cells[3].value == -6.0 and few.rows[0].cells[3].interval is None
     published = table.rows[1].cells
     assert [cell.value for cell in published[:4]] == ["CoDriving", 92.85, 84.59, pytest.approx(-8.26)]
     assert not table.rows[1].is_ranked
