@@ -96,7 +96,6 @@ def build_category_table(agents: Sequence[ComparedAgent], score: str = "h", name
     score: a key of `SCORES`.
     """
     label, compute = SCORES[score]
-    means = [compute_category_means(agent.results.scenarios) for agent in agents]
     ranked = [agent.is_ranked for agent in agents]
     columns = (
         ReportColumn("category", "Category"),
@@ -108,6 +107,9 @@ def build_category_table(agents: Sequence[ComparedAgent], score: str = "h", name
     )
     rows: list[ReportRow] = []
     for bucket, categories in list_categories(agents[0]).items():
+        means = [
+            compute_category_means([one for one in agent.results.scenarios if one.bucket == bucket]) for agent in agents
+        ]
         for category in categories:
             values: list[CellValue] = [compute(found[category]) for found in means]
             rows.append(make_row((category, float(means[0][category].scenarios), *values), bucket))

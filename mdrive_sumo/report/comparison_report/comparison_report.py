@@ -102,7 +102,11 @@ def build_comparison_report(
         _make_scenario_section(agents),
         ReportSection("Provenance", (build_provenance_table(agents),), note=made_by),
     )
-    title = f"{agents[0].results.run.suite}: {names}" if len(agents) <= 3 else agents[0].results.run.suite
+    title = (
+        f"{agents[0].results.run.suite}: {names}"
+        if len(agents) <= 3
+        else f"{agents[0].results.run.suite}: {len(agents)} agents"
+    )
     return ComparisonReport(title, list_facts(agents), list_warnings(agents), sections)
 
 

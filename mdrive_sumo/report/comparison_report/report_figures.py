@@ -139,7 +139,9 @@ def make_scenario_figure(table: ReportTable, name: str = "scenarios") -> ReportF
         axes = figure.add_subplot()
         places = np.arange(len(agents) + 1) - 0.5, np.arange(len(names) + 1) - 0.5
         shades = colormaps[SHADES].resampled(SHADE_STEPS)
-        mesh = axes.pcolormesh(*places, np.array(numbers), cmap=shades, vmin=0, vmax=100, linewidth=0)
+        mesh = axes.pcolormesh(
+            *places, np.array(numbers), cmap=shades, vmin=0, vmax=100, edgecolors="face", linewidth=0.4
+        )
         axes.invert_yaxis()
         axes.set_xticks(range(len(agents)), agents, rotation=30, ha="right", rotation_mode="anchor")
         starts = [i for i, section in enumerate(sections) if i == 0 or section != sections[i - 1]]

@@ -31,7 +31,7 @@ _ESCAPES = {
     "<": r"\textless{}",
     ">": r"\textgreater{}",
     "|": r"\textbar{}",
-    '"': r"\textquotedbl{}",
+    '"': "''",  # \textquotedbl needs the T1 encoding
     "[": "{[}",  # after \\ a bracket would be an optional argument
     "]": "{]}",
     "*": "{*}",  # likewise a star
@@ -81,7 +81,6 @@ def format_latex_document(names: tuple[str, ...], title: str) -> str:
     return "\n".join(
         (
             r"\documentclass{article}",
-            r"\usepackage[T1]{fontenc}",
             r"\usepackage[utf8]{inputenc}",
             r"\usepackage[a4paper,landscape,margin=15mm]{geometry}",
             *PACKAGES,
@@ -95,7 +94,7 @@ def format_latex_document(names: tuple[str, ...], title: str) -> str:
 
 
 def escape_latex(text: str) -> str:
-    """Return text that LaTeX prints as it is; characters without a glyph in the T1 encoding become a question mark."""
+    """Return text that LaTeX prints as it is; other characters beyond ASCII become a question mark."""
     collapsed = re.sub(r"\s+", " ", text)
     return "".join(_ESCAPES.get(char) or (char if char.isascii() and char.isprintable() else "?") for char in collapsed)
 

@@ -140,6 +140,13 @@ def test_groups_and_categories_of_interdrive(agents: tuple[ComparedAgent, ...]) 
     assert ranks == [0, 0, 2, 2, 1, 0], "omniscient, the last, does not compete"
 
 
+def test_a_category_of_two_buckets_is_two_rows() -> None:
+    run = make_agent_run("a", {"i01": (100.0,), "log": (50.0,)})
+    same = [one.model_copy(update={"category": "same"}) for one in run.scenarios]
+    table = build_category_table(make_agents_of_results([summarize_run(run.run, same)]), "ds")
+    assert [(row.section, row.cells[2].value) for row in table.rows] == [("InterDrive", 100), ("V2XPnP", 50)]
+
+
 def test_infractions_are_counted_per_drive(agents: tuple[ComparedAgent, ...]) -> None:
     table = build_infraction_table(agents)
     drives = dict(zip((agent.name for agent in agents), table.find_column("drives"), strict=True))
