@@ -12,6 +12,7 @@ from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failure
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.open_loop import OpenLoopResults
 from mdrive_sumo.report.comparison_report.score_tables import build_main_table
 from mdrive_sumo.report.comparison_report.table_text import format_text_rows
 from mdrive_sumo.runs.agent_spec import AgentSpec
@@ -24,11 +25,12 @@ from mdrive_sumo.study.paper.paper_numbers import compute_paper_numbers
 from mdrive_sumo.study.paper.paper_plan import PaperScale, make_plan
 from mdrive_sumo.study.paper.paper_study import REFERENCE, PaperStudy
 from mdrive_sumo.study.paper.study_folder import claim_folder, describe_study
+from mdrive_sumo.study.study_runs import RUNS_FOLDER
 
 
 @click.command("paper")
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder.")
-@click.option("--quick", is_flag=True, help="A few scenarios of every kind: three minutes, to see what comes out.")
+@click.option("--quick", is_flag=True, help="Eight scenarios, to see within minutes what comes out.")
 @click.option("--all-scenarios", is_flag=True, help="Every scenario, not every third of each category.")
 @click.option(
     "--agents", metavar="A,B,...", help="Agents, each as --agent of `eval` [default: all that are installed]."
@@ -62,7 +64,17 @@ def command(ctx: click.Context, **options: object) -> None:
     click.echo(format_text_table(*format_text_rows(build_main_table(numbers.compared))))
     click.echo("\n" + "\n".join(map(str, pages)))
     failed = warn_about_failures(numbers.runs, given.out)
+    failed = _warn_about_open_failures(numbers.open, given.out) or failed
     ctx.exit(1 if failed or any(run.void for run in numbers.runs) else 0)
+
+
+def _warn_about_open_failures(opened: Mapping[str, OpenLoopResults], folder: Path) -> bool:
+    """Print in how many recordings each agent failed in open loop; return whether there are any."""
+    counts = {agent: sum(bool(one.failures) for one in results.scenarios) for agent, results in opened.items()}
+    failed = {agent: count for agent, count in counts.items() if count}
+    for agent, count in failed.items():
+        click.echo(f"THE AGENT {agent} FAILED in {count} recordings of the open loop: {folder / RUNS_FOLDER}", err=True)
+    return bool(failed)
 
 
 @dataclass(frozen=True, slots=True)

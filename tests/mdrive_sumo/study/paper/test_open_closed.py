@@ -72,6 +72,7 @@ RECORDINGS = st.lists(
 )
 
 
+@pytest.mark.slow
 @given(RECORDINGS, st.data())
 def test_resampled_metrics_are_those_of_the_resampled_recordings(
     recordings: list[OpenLoopScenario], data: st.DataObject
@@ -102,6 +103,7 @@ def both(
     return shown, driven
 
 
+@pytest.mark.slow
 def test_perfect_agreement_and_perfect_disagreement() -> None:
     agree = compare_open_with_closed(*both({"a": (0.5, 90.0), "b": (1.0, 80.0), "c": (2.0, 10.0)}))
     found = {(one.metric, one.score): one for one in agree.correlations}["ade", "ds"]
@@ -125,6 +127,7 @@ def test_the_reference_counts_in_no_correlation_and_two_agents_have_none() -> No
     assert {cell.value for cell in build_correlation_table(found).find_column("spearman")} == {None}
 
 
+@pytest.mark.slow
 def test_void_episodes_and_agents_without_plans_are_left_out() -> None:
     shown, driven = both({"a": (0.5, 90.0), "b": (1.0, 80.0), "c": (2.0, 10.0)})
     void = driven["b"].scenarios[0].model_copy(update={"status": "void", "ds": 0.0})
@@ -142,6 +145,6 @@ def test_void_episodes_and_agents_without_plans_are_left_out() -> None:
 @pytest.mark.slow
 def test_the_figure_has_the_papers_axes_and_every_agent() -> None:
     shown, driven = both({"a": (0.5, 90.0), "b": (1.0, 80.0), "omniscient": (0.1, 99.0)}, scenarios=2)
-    _, svg = make_open_closed_figure(compare_open_with_closed(shown, driven)).render("png", "svg")
+    (svg,) = make_open_closed_figure(compare_open_with_closed(shown, driven)).render("svg")
     for text in (b"AP50", b"ADE", b"DS", b"SR", b"omniscient"):
         assert b"<!-- " + text in svg, "matplotlib draws text as paths and names it in a comment"

@@ -9,6 +9,8 @@ from click.testing import Result
 from testing import paper_fakes
 from testing.study_samples import invoke
 
+from mdrive_sumo.open_loop import OpenLoopScenario
+from mdrive_sumo.open_loop.open_loop_job import OpenLoopJob
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scoring import ScenarioResult
 
@@ -78,6 +80,7 @@ def test_every_table_and_figure_of_a_quick_study_says_so(suite: Path) -> None:
     assert "These numbers are no results" in (out / "paper.html").read_text()
 
 
+@pytest.mark.slow
 def test_an_interrupted_study_goes_on_and_agents_may_be_added(suite: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drive = paper_fakes.drive
 
@@ -162,6 +165,17 @@ def test_agents_that_cannot_start_are_left_out_and_named(suite: Path, monkeypatc
     assert ended.exit_code == 0, ended.output
     assert "left out: colmdriver: language model: option endpoint" in ended.stderr
     assert "Left out: colmdriver: language model" in (suite.parent / "out" / "paper.md").read_text()
+
+
+@pytest.mark.slow
+def test_an_agent_that_fails_in_open_loop_only_is_exit_code_1(suite: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(job: OpenLoopJob) -> OpenLoopScenario:
+        return paper_fakes.show(job).model_copy(update={"failures": {"1": "too fast"}})
+
+    monkeypatch.setattr(paper_fakes.find_module("open_loop.evaluate_open"), "run_open_loop_job", fail)
+    ended = study(suite, agents="idm")
+    assert ended.exit_code == 1
+    assert "THE AGENT idm FAILED in 2 recordings of the open loop" in ended.stderr
 
 
 @pytest.mark.slow
