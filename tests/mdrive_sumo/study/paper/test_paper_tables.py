@@ -4,13 +4,19 @@ import pytest
 from testing.study_samples import make_row, make_run, make_scenario
 
 from mdrive_sumo.core.statistics import ConfidenceInterval
-from mdrive_sumo.report.published_results import PUBLISHED_GAPS, PUBLISHED_LATENCY
+from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_results
+from mdrive_sumo.report.published_results import AS_PUBLISHED, BUCKETS, PUBLISHED_GAPS, PUBLISHED_LATENCY
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.paper.channel_table import build_channel_table
 from mdrive_sumo.study.paper.cooperation_gain import compute_pair_gains, compute_role_gaps
 from mdrive_sumo.study.paper.gain_tables import TOO_FEW, build_gap_table, build_pair_table, judge_gain
+from mdrive_sumo.study.paper.open_closed import OpenClosedComparison
 from mdrive_sumo.study.paper.paper_agents import AgentRole, find_role
+from mdrive_sumo.study.paper.paper_facts import PaperRequest
+from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
+from mdrive_sumo.study.paper.paper_plan import PaperPlan, PaperScale
+from mdrive_sumo.study.paper.paper_report import build_paper_report
 from mdrive_sumo.study.paper.paper_study import CONDITIONS
 from mdrive_sumo.study.paper.scenario_table import build_scenario_table
 
@@ -123,3 +129,38 @@ def test_scenarios_stand_beside_those_of_the_paper() -> None:
 def test_few_scenarios_show_nothing() -> None:
     sure = ConfidenceInterval(3.0, 3.0, 3.0)
     assert [judge_gain(sure, count) for count in (1, 4, 5)] == [TOO_FEW, TOO_FEW, "gain"]
+
+
+def make_numbers(scale: PaperScale) -> PaperNumbers:
+    """Two agents with one scenario in each of the paper's buckets, and nothing in open loop."""
+    driven = {
+        agent: make_run(*(make_scenario(bucket, ds, bucket=bucket) for bucket in BUCKETS), agent=agent)
+        for agent, ds in (("idm", 50.0), ("single", 60.0))
+    }
+    suite = load_suite("interdrive")
+    return PaperNumbers(
+        plan=PaperPlan(scale, ("s",), ("s",), ("s",)),
+        scenarios=suite.scenarios,
+        closed=driven,
+        open={},
+        channel=(),
+        compared=make_agents_of_results(driven.values()),
+        gaps=(),
+        gains=(),
+        comparison=OpenClosedComparison(0, (), ()),
+    )
+
+
+@pytest.mark.parametrize("scale", PaperScale)
+def test_published_rows_stand_beside_ours_but_in_a_quick_study(scale: PaperScale) -> None:
+    report = build_paper_report(make_numbers(scale), PaperRequest(("mdrive-sumo",), {"colmdriver": "no model"}))
+    main = next(table for table in report.tables if table.name.endswith("main"))
+    sections = [name for name, _ in main.sections]
+    assert (AS_PUBLISHED in sections) == (scale is not PaperScale.QUICK)
+    assert ("ours are over a share of each category" in main.note) == (scale is PaperScale.STANDARD)
+    assert not any(row.is_ranked for row in main.rows if row.section == AS_PUBLISHED)
+    assert any("colmdriver: no model" in warning for warning in report.warnings)
+    gains = next(section for section in report.sections if "gain" in section.title)
+    assert gains.tables == () and "sharing and single" in gains.note
+    for section in report.sections[:-1]:
+        assert {"Counterpart of", "Comparable to CARLA", "Not comparable"} <= {*section.points}, section.title
