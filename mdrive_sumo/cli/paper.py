@@ -31,7 +31,7 @@ from mdrive_sumo.study.study_runs import RUNS_FOLDER
 @click.command("paper")
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder.")
 @click.option("--quick", is_flag=True, help="Eight scenarios, to see within minutes what comes out.")
-@click.option("--all-scenarios", is_flag=True, help="Every scenario, not every third of each category.")
+@click.option("--all-scenarios", is_flag=True, help="Every scenario, not a quarter of each category.")
 @click.option(
     "--agents", metavar="A,B,...", help="Agents, each as --agent of `eval` [default: all that are installed]."
 )

@@ -17,7 +17,7 @@ QUICK_WARNING = (
 CHOICES: Mapping[PaperScale, str] = MappingProxyType(
     {
         PaperScale.QUICK: "one of each InterDrive group and interactivity level, and two logs",
-        PaperScale.STANDARD: "a third of each category, at least five of each InterDrive group and interactivity level",
+        PaperScale.STANDARD: "a quarter of each category, and five or more of each InterDrive group and level",
         PaperScale.WHOLE: "all of the suite",
     }
 )

@@ -1,4 +1,4 @@
-"""Which scenarios each part of the study drives: all, a third or few of every kind; the choice is never random."""
+"""Which scenarios each part of the study drives: all, a quarter or few of every kind; the choice is never random."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ CHANNEL_SCENARIOS = 21
 """Scenarios of the latency and pose-error tables (paper, RQ5); it does not name them."""
 QUICK_LOG_SCENARIOS = 2
 """Scenarios of `LOG_BUCKET` in a quick study, which shall take three minutes on two cores."""
-STANDARD_SHARE = 3
+STANDARD_SHARE = 4
 """A standard study drives one of so many scenarios of each category, so that it takes half an hour on two cores."""
 MIN_STRATUM = 5
 """Least number of scenarios of an interactivity level or InterDrive group in a standard study: an interval over fewer
@@ -50,7 +50,7 @@ class PaperPlan:
 def make_plan(suite: Suite, scale: PaperScale) -> PaperPlan:
     """Return the scenarios of a study. Raises InputError if no scenario has two CAVs.
 
-    QUICK: one of each stratum, and `QUICK_LOG_SCENARIOS` logs. STANDARD: a third of each category, at least
+    QUICK: one of each stratum, and `QUICK_LOG_SCENARIOS` logs. STANDARD: a quarter of each category, at least
     `MIN_STRATUM` of each stratum, and of the logs `CHANNEL_SCENARIOS` with two CAVs or more and as large a share of the
     others. WHOLE: all.
     """
