@@ -25,7 +25,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "rescore": ("rescore", "Score a run's recordings again, without simulation."),
     "compare": ("compare", "Compare two runs scenario by scenario."),
     "report": ("report", "Write tables and figures over several runs: HTML, Markdown, LaTeX, CSV."),
-    "study": ("study", "Measure cooperation: worse channels, the value of messages."),
+    "study": ("study", "Measure cooperation: the paper's tables, worse channels, the value of messages."),
     "validate": ("validate", "Check that a suite is sound, difficult and solvable."),
     "reference-times": ("reference_times", "Write when `omniscient` arrived in a run, beside its suite."),
     "generate": ("generate", "Generate scenarios: proposed, placed, checked, driven."),

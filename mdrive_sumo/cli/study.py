@@ -10,6 +10,7 @@ import click
 from mdrive_sumo.cli.ablate import command as ablate_command
 from mdrive_sumo.cli.comm import parse_comm_options
 from mdrive_sumo.cli.gain import command as gain_command
+from mdrive_sumo.cli.paper import command as paper_command
 from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.workers import workers_option
@@ -38,10 +39,12 @@ from mdrive_sumo.study.study_summary import StudyLine, summarise_rows
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
 
 command = click.Group(
-    "study", help="Measure what cooperation is worth: in parts, over worse channels, and message by message."
+    "study",
+    help="Measure what cooperation is worth: the paper's tables, in parts, over worse channels, message by message.",
 )
 command.add_command(ablate_command)
 command.add_command(gain_command)
+command.add_command(paper_command)
 
 
 @command.command("comm")

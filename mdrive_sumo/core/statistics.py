@@ -92,6 +92,28 @@ def _resample_clusters(values: Float, random: np.random.Generator) -> Float:
     return values[rows, columns].mean(axis=(1, 2))
 
 
+def draw_resample_counts(size: int) -> Float:
+    """Return how often each of `size` values counts (1 + RESAMPLES, size), for statistics that are no mean.
+
+    The first row is the sample itself, where each counts once; the others are the resamples of `bootstrap_mean`.
+    """
+    drawn = np.random.default_rng(SEED).integers(size, size=(RESAMPLES, size))
+    places = drawn + size * np.arange(RESAMPLES)[:, np.newaxis]
+    counts = np.bincount(places.ravel(), minlength=RESAMPLES * size).reshape(RESAMPLES, size)
+    return np.concatenate((np.ones((1, size)), counts.astype(np.float64)))
+
+
+def sum_resamples(counts: Float, values: Float) -> Float:
+    """Return the sums (R, ...) of values (N, ...) where value j counts `counts[r, j]` times; no sum depends on R.
+
+    It adds one value after the other, because a matrix product has other last bits on other machines.
+    """
+    sums = np.zeros((len(counts), *values.shape[1:]))
+    for column, value in zip(counts.T, values, strict=True):
+        sums += np.multiply.outer(column, value)
+    return sums
+
+
 def make_interval(mean: float, resampled_means: Float) -> ConfidenceInterval:
     """Return the interval between the percentiles of resampled means that `CONFIDENCE` names."""
     tail = (1 - CONFIDENCE) / 2

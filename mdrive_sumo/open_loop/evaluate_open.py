@@ -1,6 +1,7 @@
 """`evaluate_open`: show an agent recorded drives in worker processes; a journal keeps every finished one."""
 
 from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 
 from pydantic import ValidationError
 
@@ -9,6 +10,7 @@ from mdrive_sumo.open_loop.open_loop_job import OpenLoopJob, run_open_loop_job
 from mdrive_sumo.open_loop.open_loop_run import OpenLoopRun
 from mdrive_sumo.open_loop.results import OpenLoopResults, OpenLoopScenario, summarize_open_loop
 from mdrive_sumo.runs.evaluate import report_write_errors, run_with_retries
+from mdrive_sumo.runs.executor import Executor
 from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.process_pool import WorkerFailure
@@ -20,9 +22,20 @@ Report = Callable[[int, int, OpenLoopScenario], None]
 """Receives the number of finished recordings, their total and the newest result."""
 
 
-def evaluate_open(run: OpenLoopRun, report: Report, *, fresh: bool = False) -> OpenLoopResults:
+OpenLoopExecutor = Executor[OpenLoopJob, OpenLoopScenario]
+
+
+def make_open_loop_executor(workers: int, limit_s: float) -> AbstractContextManager[OpenLoopExecutor]:
+    """Return worker processes for several evaluations, so that none starts its own. limit_s: as of `OpenLoopRun`."""
+    return make_executor(run_open_loop_job, workers, limit_s)
+
+
+def evaluate_open(
+    run: OpenLoopRun, report: Report, *, fresh: bool = False, executor: OpenLoopExecutor | None = None
+) -> OpenLoopResults:
     """Show the recordings that the journal does not hold yet, write `open_loop.json`, and return the results.
 
+    executor: of `make_open_loop_executor`; None: this evaluation starts and ends workers of its own.
     Raises InputError, WorldError if a worker dies twice over one recording, and KeyboardInterrupt; the journal then
     keeps every finished recording.
     """
@@ -32,7 +45,7 @@ def evaluate_open(run: OpenLoopRun, report: Report, *, fresh: bool = False) -> O
         with report_write_errors(run.folder):
             for key in () if run.agent.is_builtin else todo:
                 run.find_logs(key).mkdir(parents=True, exist_ok=True)
-        for result in _show(run, todo, journal):
+        for result in _show(run, todo, journal, executor):
             journal.add_result(result.model_dump(mode="json"))
             found[result.key] = result
             report(len(found), len(run.episodes), result)
@@ -54,7 +67,9 @@ def _load_kept_results(run: OpenLoopRun, journal: Journal) -> dict[EpisodeKey, O
     return kept
 
 
-def _show(run: OpenLoopRun, todo: Sequence[EpisodeKey], journal: Journal) -> Generator[OpenLoopScenario]:
+def _show(
+    run: OpenLoopRun, todo: Sequence[EpisodeKey], journal: Journal, shared: OpenLoopExecutor | None
+) -> Generator[OpenLoopScenario]:
     """Yield the result of every recording as it finishes."""
     jobs = [run.make_job(key) for key in todo]
     if not jobs:
@@ -66,7 +81,8 @@ def _show(run: OpenLoopRun, todo: Sequence[EpisodeKey], journal: Journal) -> Gen
         if is_last:
             raise WorldError(f"{name}: {reason}; the same command tries again")
 
-    with make_executor(run_open_loop_job, min(run.workers, len(jobs)), run.limit_s()) as executor:
+    own = make_open_loop_executor(min(run.workers, len(jobs)), run.limit_s())
+    with nullcontext(shared) if shared else own as executor:
         for _, outcome in run_with_retries(executor, jobs, note_failure):
             if not isinstance(outcome, WorkerFailure):
                 yield outcome

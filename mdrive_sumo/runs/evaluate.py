@@ -1,7 +1,7 @@
 """`evaluate`: drive the scenarios of a run in worker processes; a journal keeps every finished one."""
 
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from typing import Protocol, TypeVar
@@ -65,9 +65,18 @@ class Progress(Protocol):
         ...
 
 
-def evaluate(run: PreparedRun, progress: Progress) -> Results:
+EpisodeExecutor = Executor[EpisodeJob, ScenarioResult | TransferableResult]
+
+
+def make_episode_executor(workers: int, limit_s: float) -> AbstractContextManager[EpisodeExecutor]:
+    """Return worker processes for several runs, so that none starts its own. limit_s: as of `PreparedRun`."""
+    return make_executor(run_job, workers, limit_s)
+
+
+def evaluate(run: PreparedRun, progress: Progress, executor: EpisodeExecutor | None = None) -> Results:
     """Drive the scenarios that the journal does not hold yet, write `results.json`, and return the results.
 
+    executor: of `make_episode_executor`; None: this run starts and ends workers of its own.
     Results of earlier starts are kept, void ones are tried again. Raises InputError, KeyboardInterrupt and, with
     `fail_fast`, StoppedAtFailure; the journal then keeps every finished scenario.
     """
@@ -84,7 +93,7 @@ def evaluate(run: PreparedRun, progress: Progress) -> Results:
             with report_write_errors(run.folder):
                 run.make_folders()
                 (run.folder / RESULTS_FILE).unlink(missing_ok=True)  # until the end it would belong to another journal
-            for result in _drive(run, todo, journal, progress):
+            for result in _drive(run, todo, (journal, progress), executor):
                 journal.add_result(result.model_dump(mode="json"), _compute_recording_checksum(run, result))
                 found[result.key] = result
                 progress.done(result)
@@ -151,28 +160,35 @@ def _load_kept_results(run: PreparedRun, journal: Journal) -> dict[EpisodeKey, S
 
 
 def _drive(
-    run: PreparedRun, todo: Mapping[EpisodeKey, Scenario], journal: Journal, progress: Progress
+    run: PreparedRun,
+    todo: Mapping[EpisodeKey, Scenario],
+    receivers: tuple[Journal, Progress],
+    shared: EpisodeExecutor | None,
 ) -> Generator[ScenarioResult]:
     """Yield the result of every episode as it finishes. Long ones start first so that no worker idles at the end."""
+    journal, progress = receivers
     ordered = sorted(todo.items(), key=lambda item: _estimate_cost(item[1]), reverse=True)
     jobs = [run.make_job(scenario, seed) for (_, seed), scenario in ordered]
-    scheduler = run.config.scheduler
-    function = (
-        partial(run_with_output_files, run_job) if scheduler else run_job
-    )  # machines of a cluster need not share our disk
 
     def note_failure(job: EpisodeJob, reason: str, is_last: bool) -> None:
         name = run.name_episode((job.scenario, job.seed))
         journal.add_failure(name, reason)
         progress.note(f"{name}: {reason}" + ("" if is_last else "; tried again later"))
 
-    workers = min(run.config.workers, len(jobs))
-    with make_executor(function, workers, run.limit_s(), scheduler) as executor:
+    with nullcontext(shared) if shared else _make_own_executor(run, len(jobs)) as executor:
         for job, outcome in run_with_retries(executor, jobs, note_failure):
             if isinstance(outcome, WorkerFailure):
                 yield make_void_result(todo[job.scenario, job.seed], job.seed, outcome.reason)
             else:
                 yield store_output_files(job, outcome) if isinstance(outcome, TransferableResult) else outcome
+
+
+def _make_own_executor(run: PreparedRun, jobs: int) -> AbstractContextManager[EpisodeExecutor]:
+    scheduler = run.config.scheduler
+    function = (
+        partial(run_with_output_files, run_job) if scheduler else run_job
+    )  # machines of a cluster need not share our disk
+    return make_executor(function, min(run.config.workers, jobs), run.limit_s(), scheduler)
 
 
 def run_with_retries(

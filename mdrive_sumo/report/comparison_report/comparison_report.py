@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.comparison_report.category_tables import (
@@ -42,6 +42,8 @@ class ReportSection:
     tables: tuple[ReportTable, ...] = ()
     figures: tuple[ReportFigure, ...] = ()
     note: str = ""
+    points: Mapping[str, str] = field(default_factory=dict[str, str])
+    """What there is to say about it, each under its own short heading."""
 
 
 @dataclass(frozen=True, slots=True)

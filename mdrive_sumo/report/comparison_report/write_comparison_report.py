@@ -22,6 +22,16 @@ def write_comparison_report(report: ComparisonReport, out: Path) -> tuple[Path, 
 
     Raises InputError if the folder holds something or cannot be written.
     """
+    contents = render_report_files(report, PAGE_FILE, MARKDOWN_FILE)
+    with atomic_folder(out) as draft:
+        for name, content in contents.items():
+            (draft / name).parent.mkdir(exist_ok=True)
+            (draft / name).write_bytes(content)
+    return out / PAGE_FILE, out / MARKDOWN_FILE, out / LATEX_FOLDER, out / CSV_FOLDER, out / FIGURES_FOLDER
+
+
+def render_report_files(report: ComparisonReport, page_file: str, markdown_file: str) -> dict[str, bytes]:
+    """Return the content of every file of a report by its path: the two pages, tables and figures."""
     images = {figure.name: figure.render("png", "svg") for figure in report.figures}
     latex = [table for table in report.tables if len(table.rows) <= MAX_LATEX_ROWS]
     links = ReportLinks(
@@ -29,23 +39,20 @@ def write_comparison_report(report: ComparisonReport, out: Path) -> tuple[Path, 
         {table.name: f"{LATEX_FOLDER}/{table.name}.tex" for table in latex},
     )
     texts = {
-        PAGE_FILE: render_report_page(report, {name: svg for name, (_, svg) in images.items()}, links),
-        MARKDOWN_FILE: format_report_markdown(report),
+        page_file: render_report_page(report, {name: svg for name, (_, svg) in images.items()}, links),
+        markdown_file: format_report_markdown(report),
         **{links.csv[table.name]: format_csv(table) for table in report.tables},
         **{links.latex[table.name]: format_latex(table) for table in latex},
         f"{LATEX_FOLDER}/{LATEX_DOCUMENT}.tex": format_latex_document(
             tuple(table.name for table in latex), report.title
         ),
     }
-    with atomic_folder(out) as draft:
-        for folder in (CSV_FOLDER, LATEX_FOLDER, FIGURES_FOLDER):
-            (draft / folder).mkdir()
-        for name, text in texts.items():
-            (draft / name).write_text(text, encoding="utf-8")
-        for name, (png, svg) in images.items():
-            (draft / FIGURES_FOLDER / f"{name}.png").write_bytes(png)
-            (draft / FIGURES_FOLDER / f"{name}.svg").write_bytes(svg)
-    return out / PAGE_FILE, out / MARKDOWN_FILE, out / LATEX_FOLDER, out / CSV_FOLDER, out / FIGURES_FOLDER
+    pictures = {
+        f"{FIGURES_FOLDER}/{name}.{kind}": content
+        for name, (png, svg) in images.items()
+        for kind, content in (("png", png), ("svg", svg))
+    }
+    return {**{name: text.encode("utf-8") for name, text in texts.items()}, **pictures}
 
 
 def format_report_markdown(report: ComparisonReport) -> str:
@@ -62,7 +69,8 @@ def format_report_markdown(report: ComparisonReport) -> str:
 
 
 def _format_section(section: ReportSection) -> list[str]:
-    parts = [f"## {escape_markdown(section.title)}", escape_markdown(section.note)]
+    points = [f"- **{escape_markdown(name)}**: {escape_markdown(words)}" for name, words in section.points.items()]
+    parts = [f"## {escape_markdown(section.title)}", "\n".join(points), escape_markdown(section.note)]
     parts += [f"![{figure.title}]({FIGURES_FOLDER}/{figure.name}.png)" for figure in section.figures]
     for table in section.tables:
         parts += [f"### {escape_markdown(table.title)}", format_markdown(table), escape_markdown(table.note)]
