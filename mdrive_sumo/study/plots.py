@@ -73,7 +73,7 @@ def draw_curves(found: Sequence[FactorCurve], factor: ChannelFactor, title: str,
         figure.suptitle(title, fontsize="medium")
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), frameon=False)
-        return _save(figure, stem.with_suffix(".png")), _save(figure, stem.with_suffix(".svg"))
+        return save_figure(figure, stem.with_suffix(".png")), save_figure(figure, stem.with_suffix(".svg"))
 
 
 def _place_levels(levels: Collection[Level]) -> dict[Level, float]:
@@ -117,7 +117,7 @@ def _get_interval(line: StudyLine, name: str) -> ConfidenceInterval | None:
     return line.ds if name == "ds" else line.sr
 
 
-def _save(figure: Figure, path: Path) -> Path:
+def save_figure(figure: Figure, path: Path) -> Path:
     try:
         figure.savefig(path, dpi=150, metadata={"Date": None} if path.suffix == ".svg" else None)
     except OSError as error:
