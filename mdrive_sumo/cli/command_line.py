@@ -23,6 +23,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "verify": ("verify", "Execute a run again and compare every tick."),
     "rescore": ("rescore", "Score a run's recordings again, without simulation."),
     "compare": ("compare", "Compare two runs scenario by scenario."),
+    "report": ("report", "Write tables and figures over several runs: HTML, Markdown, LaTeX, CSV."),
     "study": ("study", "Measure cooperation: worse channels, the value of messages."),
     "validate": ("validate", "Check that a suite is sound, difficult and solvable."),
     "reference-times": ("reference_times", "Write when `omniscient` arrived in a run, beside its suite."),

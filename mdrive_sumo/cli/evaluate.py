@@ -15,7 +15,7 @@ from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.agent_failures import format_agent_failures, format_first_failure
 from mdrive_sumo.report.progress import ProgressDisplay
-from mdrive_sumo.report.result_tables import CapturedCooperation, format_summary
+from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.report.run_report import REPORT_FILE, save_run_report
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, Progress, StoppedAtFailure, evaluate
@@ -24,6 +24,7 @@ from mdrive_sumo.runs.other_agents import parse_other_agents
 from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER, LOGS_FOLDER, PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
 from mdrive_sumo.scoring import Results, ScoreMode
+from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation
 from mdrive_sumo.study.reference_runs import evaluate_captured_cooperation
 
 MODES = tuple(mode.value for mode in ScoreMode)

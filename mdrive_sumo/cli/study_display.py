@@ -11,7 +11,8 @@ import click
 from mdrive_sumo.report.agent_failures import list_agent_failures
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.scoring import EpisodeKey, Results, ScenarioResult
-from mdrive_sumo.study.study_runs import RUNS_FOLDER, StudyProgress
+from mdrive_sumo.study.paper.paper_study import PaperProgress
+from mdrive_sumo.study.study_runs import RUNS_FOLDER
 
 Row = TypeVar("Row", covariant=True)
 
@@ -28,7 +29,7 @@ class DrivenStudy(Protocol[Row]):
         """Return the number of episodes."""
         ...
 
-    def rows(self, progress: StudyProgress) -> Iterator[Row]:
+    def rows(self, progress: PaperProgress) -> Iterator[Row]:
         """Drive the unfinished runs and yield the rows."""
         ...
 
@@ -39,6 +40,7 @@ class StudyDisplay(ProgressDisplay):
     def __init__(self, stream: TextIO, total: int) -> None:
         super().__init__(stream)
         self._total = total
+        self._compared = 0
         self._name = ""
 
     def run(self, name: str) -> None:
@@ -50,6 +52,14 @@ class StudyDisplay(ProgressDisplay):
         """See StudyProgress."""
         self._total -= scenarios
 
+    def compared(self, name: str) -> None:
+        """See PaperProgress."""
+        self._compared += 1
+        if self._live:
+            self._draw(name)
+        else:
+            self._write(f"{self._state()}  {name} compared\n")
+
     def begin(self, total: int, kept: Mapping[EpisodeKey, ScenarioResult]) -> None:
         """See Progress: one of the study's runs begins."""
         self._kept += len(kept)
@@ -58,8 +68,10 @@ class StudyDisplay(ProgressDisplay):
             self.note(f"  {len(kept)} of {total} scenarios are done already")
 
     def _state(self) -> str:
-        done = len(self._results)
-        return f"{done:{len(str(self._total))}}/{self._total}  eta {self._time_left()}"
+        return f"{self._count_done():{len(str(self._total))}}/{self._total}  eta {self._time_left()}"
+
+    def _count_done(self) -> int:
+        return super()._count_done() + self._compared
 
 
 def drive_with_display(ctx: click.Context, study: DrivenStudy[Row]) -> list[Row]:

@@ -18,8 +18,7 @@ def atomic_folder(out: Path) -> Generator[Path]:
     SIGTERM ends the block like Ctrl-C, with KeyboardInterrupt. Raises InputError unless `out` is new or an empty
     folder, or if it cannot be written.
     """
-    if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
-        raise InputError(f"{out}: expected a new or empty folder to write to, found something there")
+    check_new_folder(out)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with _sigterm_as_interrupt(), tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as scratch:
@@ -29,6 +28,12 @@ def atomic_folder(out: Path) -> Generator[Path]:
             draft.rename(out)  # takes the place of an empty folder
     except OSError as error:
         raise InputError(f"{out}: cannot be written: {error.strerror}") from error
+
+
+def check_new_folder(out: Path) -> None:
+    """Raise InputError unless a folder to write to is new or empty."""
+    if out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir()))):
+        raise InputError(f"{out}: expected a new or empty folder to write to, found something there")
 
 
 @contextmanager

@@ -38,7 +38,7 @@ def bootstrap_stratified_mean(groups: Sequence[Float]) -> ConfidenceInterval:
     """Return the mean of the means of the groups, (N,) each with N >= 1; every group is resampled on its own."""
     random = np.random.default_rng(SEED)
     means = [values[random.integers(len(values), size=(RESAMPLES, len(values)))].mean(axis=1) for values in groups]
-    return _percentile_interval(float(np.mean([values.mean() for values in groups])), np.mean(means, axis=0))
+    return compute_percentile_interval(float(np.mean([values.mean() for values in groups])), np.mean(means, axis=0))
 
 
 def bootstrap_clustered_mean(values: Float) -> ConfidenceInterval:
@@ -60,7 +60,7 @@ def bootstrap_stratified_clustered_mean(groups: Sequence[Float]) -> ConfidenceIn
     means = [
         np.concatenate([_resample_clusters(values, random) for _ in range(RESAMPLES // CHUNK)]) for values in groups
     ]
-    return _percentile_interval(float(np.mean([values.mean() for values in groups])), np.mean(means, axis=0))
+    return compute_percentile_interval(float(np.mean([values.mean() for values in groups])), np.mean(means, axis=0))
 
 
 def _resample_clusters(values: Float, random: np.random.Generator) -> Float:
@@ -71,7 +71,17 @@ def _resample_clusters(values: Float, random: np.random.Generator) -> Float:
     return values[rows, columns].mean(axis=(1, 2))
 
 
-def _percentile_interval(mean: float, resampled_means: Float) -> ConfidenceInterval:
+def draw_resample_counts(size: int) -> Float:
+    """Return how often each of `size` values counts (1 + RESAMPLES, size), for statistics that are no mean.
+
+    The first row is the sample itself, where each counts once; the others are resamples.
+    """
+    drawn = np.random.default_rng(SEED).multinomial(size, np.full(size, 1 / size), size=RESAMPLES)
+    return np.concatenate((np.ones((1, size)), drawn.astype(np.float64)))
+
+
+def compute_percentile_interval(mean: float, resampled_means: Float) -> ConfidenceInterval:
+    """Return the interval of a statistic from its values in resamples (R,)."""
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(resampled_means, (tail, 1 - tail))
     return ConfidenceInterval(mean, float(low), float(high))

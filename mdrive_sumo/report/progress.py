@@ -65,11 +65,14 @@ class ProgressDisplay:
         means = f"DS {_mean(r.ds for r in self._results)}  SR {_mean(r.sr for r in self._results)}"
         return f"{done:{len(str(self._total))}}/{self._total}  {means}  eta {self._time_left()}"
 
+    def _count_done(self) -> int:
+        return len(self._results)
+
     def _time_left(self) -> str:
-        fresh = len(self._results) - self._kept
+        fresh = self._count_done() - self._kept
         if not fresh:
             return "-:--"
-        left_s = (self._clock() - self._began) / fresh * (self._total - len(self._results))
+        left_s = (self._clock() - self._began) / fresh * (self._total - self._count_done())
         minutes, seconds = divmod(round(left_s), 60)
         return f"{minutes}:{seconds:02}"
 

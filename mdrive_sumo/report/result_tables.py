@@ -2,11 +2,11 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 
 from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.core.tables import TableRow, format_text_table
 from mdrive_sumo.scoring import Means, Results, RunInfo, ScenarioResult, compute_mean_intervals
+from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation
 from mdrive_sumo.scoring.summary import count_scenarios
 
 SCORE_HEADER: TableRow = ("DS", "SR", "efficient SR", "time ratio", "RC", "IP")
@@ -20,17 +20,6 @@ SLOW_IMPACT, FAST_IMPACT = 1.0, 5.0
 """Impact speeds [m/s] that separate the classes of severity (issue G): a touch at walking pace, and what injures."""
 UNKNOWN_SPEED = "unknown"
 SEVERITIES = ("below 1 m/s", "1 to 5 m/s", "above 5 m/s", UNKNOWN_SPEED)
-
-
-@dataclass(frozen=True, slots=True)
-class CapturedCooperation:
-    """Captured cooperation as a share (docs/studies.md); None where perfect cooperation gains less than 2 DS."""
-
-    bucket_mean: float | None
-    scenario_mean: float | None
-    buckets: Mapping[str, float | None]
-    categories: Mapping[str, float | None]
-    """InterDrive's groups included."""
 
 
 def format_captured(value: float | None) -> str:

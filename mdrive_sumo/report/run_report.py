@@ -12,7 +12,6 @@ from mdrive_sumo.report.result_tables import (
     ROLE_HEADER,
     SCORE_HEADER,
     TIMED_HEADER,
-    CapturedCooperation,
     build_interval_rows,
     build_role_rows,
     build_score_rows,
@@ -35,6 +34,7 @@ from mdrive_sumo.scoring import (
     compute_category_means,
     compute_harmonic_mean,
 )
+from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation
 from mdrive_sumo.scoring.metrics import ScalarMetric, list_scalar_metrics
 
 REPORT_FILE = "report.md"

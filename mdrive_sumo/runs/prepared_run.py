@@ -126,9 +126,14 @@ def prepare(config: RunConfig) -> PreparedRun:
     """Load the suite and create the agent once. Raises InputError for whatever the user has to mend."""
     check_seeds(config.seeds)
     suite = load_suite(config.suite)
-    scenarios = suite.select(config.scenario)
-    for scenario in scenarios:
+    for scenario in suite.select(config.scenario):
         check_scenario(scenario, load_road_map(find_network_folder(scenario.network, suite.find_folder(scenario.id))))
+    return prepare_with_suite(config, suite)
+
+
+def prepare_with_suite(config: RunConfig, suite: Suite) -> PreparedRun:
+    """As `prepare`, with the suite of the configuration, whose scenarios are checked already."""
+    scenarios = suite.select(config.scenario)
     folder = config.out or config.default_folder(suite.name)
     if config.sandbox and config.scheduler:
         raise InputError("--sandbox: expected --executor local, found dask: a box needs the main thread of its process")

@@ -34,20 +34,27 @@ def find_setting_differences(
 
     folders: their run folders, whose journals also name the options and the code of the agents.
     """
-    first, second = (_list_settings(info, folder) for info, folder in zip((a, b), folders, strict=True))
+    return compare_settings(*(list_settings(info, folder) for info, folder in zip((a, b), folders, strict=True)))
+
+
+def compare_settings(first: Mapping[str, Any], second: Mapping[str, Any]) -> tuple[SettingDifference, ...]:
+    """Return the differences of two runs' settings, as `list_settings` returns them."""
     names = dict.fromkeys((*first, *second))
     return tuple(
-        SettingDifference(name, _format(first.get(name)), _format(second.get(name)))
+        SettingDifference(name, format_setting(first.get(name)), format_setting(second.get(name)))
         for name in names
         if first.get(name) != second.get(name) and not (name in _JOURNAL_ONLY and (name in first) != (name in second))
     )
 
 
-_JOURNAL_ONLY = ("agent code", "sandbox")
+LIBRARY_CODE = "library code"
+"""Name of the checksum of the library's own code, as reports list it among the settings."""
+_JOURNAL_ONLY = ("agent code", "sandbox", LIBRARY_CODE)
 """Settings that only a journal has: unknown is no difference."""
 
 
-def _list_settings(info: RunInfo, folder: Path | None) -> dict[str, Any]:
+def list_settings(info: RunInfo, folder: Path | None = None) -> dict[str, Any]:
+    """Return the settings of a run by name. folder: its run folder, whose journal names more of them."""
     fingerprint = _read_fingerprint(folder)
     found: dict[str, Any] = {"agent": info.agent}
     found |= dict(_list_agent_settings(info, fingerprint))
@@ -83,7 +90,8 @@ def _read_fingerprint(folder: Path | None) -> Mapping[str, Any]:
         return {}
 
 
-def _format(value: object) -> str:
+def format_setting(value: object) -> str:
+    """Return the value of a setting as short text."""
     if value is None:
         return ABSENT
     text = f"{value:g}" if isinstance(value, float) else str(value)

@@ -23,6 +23,7 @@ from mdrive_sumo.scoring.results_file import (
     build_results_schema,
     load_results,
     load_unchecked_results,
+    read_results_format,
     save_results,
 )
 from mdrive_sumo.scoring.scenario_score import make_void_result, score_episode
@@ -66,6 +67,7 @@ __all__ = [
     "find_scenario_faults",
     "load_results",
     "load_unchecked_results",
+    "read_results_format",
     "save_results",
     "build_results_schema",
 ]

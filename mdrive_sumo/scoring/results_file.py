@@ -42,6 +42,17 @@ def load_unchecked_results(path: Path) -> Results:
         raise InputError(f"{path}: expected JSON, found a corrupt file ({error})") from None
 
 
+def read_results_format(path: Path) -> str:
+    """Return the format that a results file states, before `load_results` upgrades it. Raises InputError."""
+    try:
+        data: Any = json.loads(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: expected JSON, found a corrupt file ({error})") from None
+    return str(data.get("format")) if isinstance(data, dict) else ""
+
+
 def _upgrade(path: Path, data: Any) -> Any:
     """Return a file's content as the present version. Raises InputError for an unknown version."""
     if not isinstance(data, dict):

@@ -11,9 +11,9 @@ from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_clustered_
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.scoring import Results, ScenarioResult
+from mdrive_sumo.scoring.paired_intervals import ResultTable, group_by_scenario
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.study.study_runs import RUNS_FOLDER, StudyProgress, make_variant, name_agent_folder
-from mdrive_sumo.study.study_summary import ResultTable, group_by_scenario
 
 PERFECT, REALISTIC = SensingProfile.PERFECT, SensingProfile.REALISTIC
 SINGLE, SHARING, NEGOTIATING = "single", "sharing", "sharing+negotiation"

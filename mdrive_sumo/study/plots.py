@@ -3,32 +3,15 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.report.figure_style import COLOURS, MARKERS, open_figure, save_figure
 from mdrive_sumo.study.conditions import ChannelCondition, ChannelFactor, Level
 from mdrive_sumo.study.study_summary import StudyLine
 
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's palette (Color Universal Design, 2008), safe for colour blindness."""
-MARKERS = "os^Dv<>"
 SCORES = (("ds", "driving score DS [%]"), ("sr", "success rate SR [%]"))
-STYLE: Mapping[Any, Any] = {
-    "font.size": 10,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#dddddd",
-    "grid.linewidth": 0.6,
-    "axes.axisbelow": True,
-    "svg.hashsalt": "mdrive-sumo",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +44,7 @@ def _make_curve(lines: Sequence[StudyLine], factor: ChannelFactor, base: Channel
 def draw_curves(found: Sequence[FactorCurve], factor: ChannelFactor, title: str, stem: Path) -> tuple[Path, Path]:
     """Write STEM.png and STEM.svg, the same bytes for the same numbers, and return the paths. Raises InputError."""
     places = _place_levels({level for curve in found for level in curve.lines})
-    with rc_context(dict(STYLE)):
-        figure = Figure(figsize=(9.0, 4.2), layout="constrained")
-        FigureCanvasAgg(figure)
+    with open_figure(9.0, 4.2) as figure:
         panels = [figure.add_subplot(1, 2, i + 1) for i in range(2)]
         for axes, (name, label) in zip(panels, SCORES, strict=True):
             for i, curve in enumerate(found):
@@ -73,7 +54,7 @@ def draw_curves(found: Sequence[FactorCurve], factor: ChannelFactor, title: str,
         figure.suptitle(title, fontsize="medium")
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 4), frameon=False)
-        return save_figure(figure, stem.with_suffix(".png")), save_figure(figure, stem.with_suffix(".svg"))
+        return save_figure(figure, stem)
 
 
 def _place_levels(levels: Collection[Level]) -> dict[Level, float]:
@@ -115,11 +96,3 @@ def _draw_curve(axes: Axes, curve: FactorCurve, what: tuple[str, Mapping[Level, 
 
 def _get_interval(line: StudyLine, name: str) -> ConfidenceInterval | None:
     return line.ds if name == "ds" else line.sr
-
-
-def save_figure(figure: Figure, path: Path) -> Path:
-    try:
-        figure.savefig(path, dpi=150, metadata={"Date": None} if path.suffix == ".svg" else None)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
-    return path

@@ -5,12 +5,11 @@ from dataclasses import replace
 
 from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.report.result_tables import CapturedCooperation
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scoring import Results
-from mdrive_sumo.study.captured_cooperation import compute_captured_cooperation
+from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation, compute_captured_cooperation
 from mdrive_sumo.study.study_runs import BEST
 from mdrive_sumo.v2x.comm_settings import PRESETS
 

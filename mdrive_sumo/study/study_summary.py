@@ -3,17 +3,17 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_clustered_mean
-from mdrive_sumo.report.result_tables import CapturedCooperation
-from mdrive_sumo.scoring import ScenarioResult, ScoreMode
-from mdrive_sumo.study.captured_cooperation import compute_captured_from_scenarios
+from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.scoring import ScoreMode
+from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation, compute_captured_from_scenarios
+from mdrive_sumo.scoring.paired_intervals import (
+    compute_difference_interval,
+    compute_score_interval,
+    group_by_scenario,
+    select_defined,
+)
 from mdrive_sumo.study.study_runs import BEST, StudyRow
-
-ResultTable = Mapping[str, Mapping[int, ScenarioResult]]
-"""Results by scenario id and seed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,36 +70,3 @@ def _compute_captured(row: StudyRow, rows: Mapping[tuple[str, str], StudyRow]) -
         return compute_captured_from_scenarios(row.scenarios, off.scenarios, best.scenarios, mode)
     except InputError:  # all void: the table says so in its own column
         return None
-
-
-def group_by_scenario(results: Sequence[ScenarioResult]) -> dict[str, dict[int, ScenarioResult]]:
-    """Return results by scenario id and seed; scenarios with a void result are left out, so that all count the same."""
-    found: dict[str, dict[int, ScenarioResult]] = {}
-    for result in results:
-        found.setdefault(result.id, {})[result.seed] = result
-    return {name: by_seed for name, by_seed in found.items() if all(one.status == "ok" for one in by_seed.values())}
-
-
-def select_defined(table: ResultTable, name: str) -> ResultTable:
-    """Return the scenarios in which a score is defined with every seed."""
-    return {
-        scenario: by_seed
-        for scenario, by_seed in table.items()
-        if all(getattr(one, name) is not None for one in by_seed.values())
-    }
-
-
-def compute_score_interval(table: ResultTable, name: str) -> ConfidenceInterval | None:
-    """Return mean and interval of a score by its field's name; None if the table is empty."""
-    values = [[getattr(one, name) for _, one in sorted(by_seed.items())] for by_seed in table.values()]
-    return bootstrap_clustered_mean(np.array(values)) if values else None
-
-
-def compute_difference_interval(table: ResultTable, base: ResultTable, name: str) -> ConfidenceInterval | None:
-    """Return mean and interval of the paired differences to the base condition; None if they share no scenario."""
-    values = [
-        [getattr(table[scenario][seed], name) - getattr(base[scenario][seed], name) for seed in sorted(table[scenario])]
-        for scenario in table
-        if scenario in base
-    ]
-    return bootstrap_clustered_mean(np.array(values)) if values else None

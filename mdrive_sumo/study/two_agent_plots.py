@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
+from mdrive_sumo.report.figure_style import COLOURS, MARKERS, open_figure, save_figure
 from mdrive_sumo.study.cross_play import CrossPlaySummary
 from mdrive_sumo.study.penetration import PenetrationLine, PenetrationSummary
-from mdrive_sumo.study.plots import COLOURS, MARKERS, SCORES, STYLE, save_figure
+from mdrive_sumo.study.plots import SCORES
 from mdrive_sumo.study.two_agents import ALL, DS, OTHER, TESTED
 
 LINE_STYLES = {ALL: "-", TESTED: "--", OTHER: ":"}
@@ -21,10 +19,9 @@ DARK_BELOW = 60.0
 def draw_cross_play(summary: CrossPlaySummary, title: str, stem: Path) -> tuple[Path, Path]:
     """Write STEM.png and STEM.svg, a matrix of the mean DS of the CAV under test. Raises InputError."""
     size = 2.5 + 0.95 * len(summary.agents)
-    with rc_context({**STYLE, "axes.grid": False}):
-        figure = Figure(figsize=(size + 1.2, size), layout="constrained")
-        FigureCanvasAgg(figure)
+    with open_figure(size + 1.2, size) as figure:
         axes = figure.add_subplot()
+        axes.grid(visible=False)
         values = [[summary.cells[tested, others][DS].mean for others in summary.agents] for tested in summary.agents]
         image = axes.imshow(values, vmin=0.0, vmax=100.0, cmap="cividis")
         for y, row in enumerate(values):
@@ -35,7 +32,7 @@ def draw_cross_play(summary: CrossPlaySummary, title: str, stem: Path) -> tuple[
         axes.set_yticks(places, summary.agents)
         axes.set(xlabel="agent of the other CAVs", ylabel="agent under test", title=title)
         figure.colorbar(image, label="DS of the CAV under test [%]", shrink=0.8)
-        return save_figure(figure, stem.with_suffix(".png")), save_figure(figure, stem.with_suffix(".svg"))
+        return save_figure(figure, stem)
 
 
 def draw_penetration(summary: PenetrationSummary, title: str, stem: Path) -> tuple[Path, Path]:
@@ -43,9 +40,7 @@ def draw_penetration(summary: PenetrationSummary, title: str, stem: Path) -> tup
 
     Raises InputError.
     """
-    with rc_context(dict(STYLE)):
-        figure = Figure(figsize=(9.0, 4.4), layout="constrained")
-        FigureCanvasAgg(figure)
+    with open_figure(9.0, 4.4) as figure:
         panels = [figure.add_subplot(1, 2, i + 1) for i in range(2)]
         for axes, (metric, label) in zip(panels, SCORES, strict=True):
             for i, agent in enumerate(dict.fromkeys(line.agent for line in summary.lines)):
@@ -56,7 +51,7 @@ def draw_penetration(summary: PenetrationSummary, title: str, stem: Path) -> tup
         figure.suptitle(title, fontsize="medium")
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
-        return save_figure(figure, stem.with_suffix(".png")), save_figure(figure, stem.with_suffix(".svg"))
+        return save_figure(figure, stem)
 
 
 def _draw_role(axes: Axes, lines: Sequence[PenetrationLine], what: tuple[str, str], i: int) -> None:

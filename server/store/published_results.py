@@ -4,39 +4,9 @@ Source: table 2 of the MDrive paper ("MDrive Benchmark Across Three Scenario Buc
 methods' own sensors. Ours are measured in SUMO: the two are not the same experiment.
 """
 
-from typing import NamedTuple
-
+from mdrive_sumo.report.published_results import BUCKETS, PUBLISHED_METHODS, PublishedMethod
 from server.enums import ChallengeTrack
 from server.store.queries import LeaderboardEntry
-
-BUCKETS = ("InterDrive", "Interaction", "V2XPnP")
-"""Buckets as scenario files name them."""
-
-
-class _PublishedResult(NamedTuple):
-    method: str
-    track: ChallengeTrack
-    ds: tuple[float, float, float, float]
-    """DS [%] per bucket, then "Avg", the mean of the three."""
-    sr: tuple[float, float, float, float]
-
-
-_TABLE = (
-    _PublishedResult("TCP", ChallengeTrack.SINGLE, (83.55, 75.80, 71.02, 76.79), (67.80, 55.25, 58.70, 60.58)),
-    _PublishedResult("UniAD", ChallengeTrack.SINGLE, (57.48, 53.08, 72.55, 61.04), (26.40, 31.10, 68.48, 41.99)),
-    _PublishedResult("VAD", ChallengeTrack.SINGLE, (57.49, 48.83, 67.20, 57.84), (23.30, 27.14, 66.30, 38.91)),
-    _PublishedResult("LMDrive", ChallengeTrack.SINGLE, (56.74, 57.45, 71.56, 61.92), (27.10, 29.08, 69.57, 41.92)),
-    _PublishedResult("CoDriving", ChallengeTrack.SHARING, (83.99, 79.06, 84.97, 82.67), (66.10, 70.53, 82.84, 73.16)),
-    _PublishedResult(
-        "CoLMDriver (rule-based)",
-        ChallengeTrack.NEGOTIATION,
-        (83.77, 66.70, 77.89, 76.12),
-        (75.10, 53.65, 73.13, 67.29),
-    ),
-    _PublishedResult(
-        "CoLMDriver", ChallengeTrack.NEGOTIATION, (85.29, 67.91, 78.27, 77.16), (76.85, 51.93, 75.37, 68.05)
-    ),
-)
 
 
 def list_published(
@@ -45,14 +15,20 @@ def list_published(
     """Return the published entries, the best first. The paper has no numbers by category."""
     if category is not None or (bucket is not None and bucket not in BUCKETS):
         return []
-    column = len(BUCKETS) if bucket is None else BUCKETS.index(bucket)
-    found = [_to_entry(entry, column) for entry in _TABLE if track is None or entry.track is track]
+    found = [_to_entry(method, bucket) for method in PUBLISHED_METHODS if track in (None, _find_track(method))]
     return sorted(found, key=lambda row: -row.ds)
 
 
-def _to_entry(entry: _PublishedResult, column: int) -> LeaderboardEntry:
-    ds, sr = entry.ds[column], entry.sr[column]
+def _find_track(method: PublishedMethod) -> ChallengeTrack:
+    if method.negotiates:
+        return ChallengeTrack.NEGOTIATION
+    return ChallengeTrack.SHARING if method.shares_perception else ChallengeTrack.SINGLE
+
+
+def _to_entry(method: PublishedMethod, bucket: str | None) -> LeaderboardEntry:
+    ds, sr = method.average if bucket is None else method.scores[bucket]
     figures = {"ds": ds, "sr": sr}
+    name = method.method.replace("*", " (rule-based)")
     return LeaderboardEntry(
-        None, "MDrive paper", entry.method, entry.track.value, None, ds, figures, None, published=True
+        None, "MDrive paper", name, _find_track(method).value, None, ds, figures, None, published=True
     )

@@ -8,6 +8,11 @@ from testing.study_samples import IDEAL, OFF, make_row, make_scenario
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scoring import ScenarioResult
+from mdrive_sumo.scoring.paired_intervals import (
+    compute_difference_interval,
+    compute_score_interval,
+    group_by_scenario,
+)
 from mdrive_sumo.study.conditions import (
     FACTORS,
     ChannelCondition,
@@ -16,13 +21,7 @@ from mdrive_sumo.study.conditions import (
 )
 from mdrive_sumo.study.plots import draw_curves, make_curves
 from mdrive_sumo.study.study_runs import is_silent
-from mdrive_sumo.study.study_summary import (
-    StudyLine,
-    compute_difference_interval,
-    compute_score_interval,
-    group_by_scenario,
-    summarise_rows,
-)
+from mdrive_sumo.study.study_summary import StudyLine, summarise_rows
 
 
 def test_differences_are_paired_and_void_scenarios_are_left_out() -> None:

@@ -1,22 +1,27 @@
 """Captured cooperation: the share of the gain of perfect cooperation that an agent reaches over its channel."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.report.result_tables import CapturedCooperation
-from mdrive_sumo.scoring import (
-    Means,
-    Results,
-    ScenarioResult,
-    ScoreMode,
-    compute_category_group_means,
-    compute_category_means,
-    compute_overall,
-)
-from mdrive_sumo.scoring.summary import compute_bucket_means
+from mdrive_sumo.scoring.category_groups import compute_category_group_means
+from mdrive_sumo.scoring.results import Means, Results, ScenarioResult
+from mdrive_sumo.scoring.score_mode import ScoreMode
+from mdrive_sumo.scoring.summary import compute_bucket_means, compute_category_means, compute_overall
 
 LEAST_GAIN_DS = 2.0
 """Least gain of perfect cooperation [DS]: the share of a smaller gain would be noise and is left blank."""
+
+
+@dataclass(frozen=True, slots=True)
+class CapturedCooperation:
+    """Captured cooperation as a share (docs/studies.md); None where perfect cooperation gains less than 2 DS."""
+
+    bucket_mean: float | None
+    scenario_mean: float | None
+    buckets: Mapping[str, float | None]
+    categories: Mapping[str, float | None]
+    """InterDrive's groups included."""
 
 
 def compute_captured_cooperation(agent: Results, off: Results, omniscient: Results) -> CapturedCooperation:

@@ -9,7 +9,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.scoring import ScoreMode
-from mdrive_sumo.study.captured_cooperation import (
+from mdrive_sumo.scoring.captured_cooperation import (
     LEAST_GAIN_DS,
     compute_captured_cooperation,
     compute_captured_from_scenarios,

@@ -1,0 +1,119 @@
+"""`mdrive-sumo study paper`: the counterparts of the paper's tables and figures."""
+
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
+from mdrive_sumo.cli.study_options import parse_agent_names
+from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.report.comparison_report.score_tables import build_main_table
+from mdrive_sumo.report.comparison_report.table_text import format_text_rows
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.prepared_run import PreparedRun, prepare, prepare_with_suite
+from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.study.paper.paper_agents import prepare_installed_agents
+from mdrive_sumo.study.paper.paper_facts import PaperRequest
+from mdrive_sumo.study.paper.paper_files import write_paper
+from mdrive_sumo.study.paper.paper_numbers import compute_paper_numbers
+from mdrive_sumo.study.paper.paper_plan import make_plan
+from mdrive_sumo.study.paper.paper_study import REFERENCE, PaperStudy
+from mdrive_sumo.study.paper.study_folder import claim_folder, describe_study
+
+
+@click.command("paper")
+@click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder.")
+@click.option("--quick", is_flag=True, help="A few scenarios of every kind: three minutes, to see what comes out.")
+@click.option(
+    "--agents", metavar="A,B,...", help="Agents, each as --agent of `eval` [default: all that are installed]."
+)
+@click.option("--suite", default="mdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
+@click.option(
+    "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="The first seed; 0: as written."
+)
+@click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many seeds.")
+@click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted study.")
+@workers_option
+@click.pass_context
+def command(ctx: click.Context, **options: object) -> None:
+    """Measure the counterpart of every table and figure of the MDrive paper.
+
+    Drives every agent in closed loop (RQ1, RQ2), shows it recorded drives in open loop (RQ3), and drives agents that
+    exchange messages over the paper's worse channels (RQ5). Writes paper.md, paper.html, paper.json, every table as
+    .tex and .csv and the figures into --out, and every run into --out/runs. The same command given again continues an
+    interrupted study.
+
+    Exit codes: 0 every scenario has a score, 1 some are void or an agent failed, 2 unusable input, 130 interrupted.
+    """
+    given = _PaperOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
+    prepared = given.prepare_study()
+    for name, why in prepared.left_out.items():
+        click.echo(f"left out: {name}: {why}", err=True)
+    rows = drive_with_display(ctx, prepared.study)
+    numbers = compute_paper_numbers(prepared.study, rows)
+    request = PaperRequest(("mdrive-sumo", *sys.argv[1:]), prepared.left_out)
+    pages = write_paper(given.out, numbers, request, prepared.about)
+    click.echo(format_text_table(*format_text_rows(build_main_table(numbers.compared))))
+    click.echo("\n" + "\n".join(map(str, pages)))
+    failed = warn_about_failures(numbers.runs, given.out)
+    ctx.exit(1 if failed or any(run.void for run in numbers.runs) else 0)
+
+
+@dataclass(frozen=True, slots=True)
+class _PreparedStudy:
+    study: PaperStudy
+    left_out: Mapping[str, str]
+    """Why built-in agents are left out, by agent."""
+    about: Mapping[str, Any]
+    """The content of `study_plan.json`."""
+
+
+@dataclass(frozen=True, slots=True)
+class _PaperOptions:
+    """The options of `study paper`."""
+
+    out: Path
+    quick: bool
+    agents: str | None
+    suite: str
+    seed: int
+    seeds: int
+    fresh: bool
+    workers: int
+
+    def prepare_study(self) -> _PreparedStudy:
+        """Return the study, and claim its folder. Raises InputError before anything is driven."""
+        names = self._parse_agents()
+        reference = prepare(self._make_config(REFERENCE))
+        plan = make_plan(reference.suite, quick=self.quick)
+
+        def prepare_agent(name: str) -> PreparedRun:
+            return reference if name == REFERENCE else prepare_with_suite(self._make_config(name), reference.suite)
+
+        agents, left_out = prepare_installed_agents(prepare_agent, names)
+        about = describe_study(reference.config, reference.suite, plan)
+        claim_folder(self.out, about, fresh=self.fresh)
+        return _PreparedStudy(PaperStudy(plan, agents, reference, self.out), left_out, about)
+
+    def _parse_agents(self) -> Sequence[str]:
+        """Return the agents that are named; none: all that are installed. Raises InputError."""
+        if self.agents is None:
+            return ()
+        return parse_agent_names(self.agents)
+
+    def _make_config(self, agent: str) -> RunConfig:
+        return RunConfig(
+            suite=self.suite,
+            agent=AgentSpec(agent),
+            seed=self.seed,
+            more_seeds=tuple(range(self.seed + 1, self.seed + self.seeds)),
+            workers=self.workers,
+            out=self.out,
+            fresh=self.fresh,
+            command=("mdrive-sumo", *sys.argv[1:]),
+        )

@@ -1,0 +1,40 @@
+"""`mdrive-sumo report`."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from mdrive_sumo.core.atomic_folder import check_new_folder
+from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.report.comparison_report.compared_agent import make_compared_agents
+from mdrive_sumo.report.comparison_report.comparison_report import build_comparison_report
+from mdrive_sumo.report.comparison_report.report_runs import load_report_runs
+from mdrive_sumo.report.comparison_report.table_text import format_text_rows
+from mdrive_sumo.report.comparison_report.write_comparison_report import write_comparison_report
+
+
+@click.command("report")
+@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN...")
+@click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="A new or empty folder.")
+@click.option("--baseline", default="", metavar="NAME", help="Compare all with this agent, not every pair.")
+@click.option("--with-published", is_flag=True, help="Add the paper's CARLA rows to the main table, not ranked.")
+def command(runs: tuple[Path, ...], out: Path, baseline: str, with_published: bool) -> None:
+    """Write tables and figures over several runs.
+
+    RUN is a folder written by `eval`, or a results file. All runs have one suite, set of scenarios, score mode and
+    version. Runs of an agent that differ in their seeds only are one line of a table; those with other settings have
+    lines of their own, named by what differs (--baseline takes these names).
+
+    --out gets report.html (one file, for any browser), report.md, every table as csv/NAME.csv and latex/NAME.tex (for
+    \\input, with booktabs), every figure as SVG and PNG. The best three of a column are marked as in the paper;
+    privileged agents and published rows are never ranked. Differences are paired by scenario and seed, each with a
+    95 % bootstrap interval.
+    """
+    check_new_folder(out)
+    agents = make_compared_agents(load_report_runs(runs))
+    command_line = ("mdrive-sumo", *sys.argv[1:])
+    report = build_comparison_report(agents, baseline=baseline, with_published=with_published, command=command_line)
+    files = write_comparison_report(report, out)
+    click.echo(format_text_table(*format_text_rows(report.tables[0])))
+    click.echo("\n" + "\n".join((*(f"note: {warning}" for warning in report.warnings), *map(str, files))))

@@ -1,0 +1,150 @@
+"""ComparedAgent: one agent with one set of settings, the line of a table; its runs with different seeds are pooled."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.comparison_report.report_runs import ReportRun, check_report_runs
+from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, compare_settings, format_setting
+from mdrive_sumo.scoring import Results, ScenarioResult, summarize_run
+from mdrive_sumo.scoring.labels import JOINT, NEGOTIATION, PRIVILEGED, SHARING, SHARING_TYPES
+from mdrive_sumo.v2x.comm_settings import PRESETS, describe_comm
+
+SINGLE_AGENT, MULTI_AGENT = "Single-agent", "Multi-agent"
+UPPER_BOUND = "Privileged: an upper bound, not ranked"
+SECTIONS = (SINGLE_AGENT, MULTI_AGENT, UPPER_BOUND)
+"""Headings of a table's rows, the first two as in the paper's main table."""
+_COMM = "comm "
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedAgent:
+    """An agent with its settings. Those of one report have different names."""
+
+    name: str
+    """The name of the agent, with the settings in which others of the same name differ."""
+    results: Results
+    """Of all its runs and seeds."""
+    runs: tuple[ReportRun, ...]
+
+    @property
+    def section(self) -> str:
+        """The heading of its row, by the labels that its messages and declarations give it."""
+        labels = self.results.run.labels
+        if PRIVILEGED in labels:
+            return UPPER_BOUND
+        return MULTI_AGENT if {SHARING, NEGOTIATION, JOINT} & {*labels} else SINGLE_AGENT
+
+    @property
+    def is_ranked(self) -> bool:
+        """Whether it competes: what knows everything is a bound, and no competitor."""
+        return self.section != UPPER_BOUND
+
+    @property
+    def shares_perception(self) -> bool:
+        """Whether its CAVs exchange what they see; agents that negotiate may do both."""
+        return any(SHARING_TYPES & {*scenario.exchanged} for scenario in self.results.scenarios)
+
+    @property
+    def negotiates(self) -> bool:
+        """Whether its CAVs exchange anything beyond CAMs and CPMs."""
+        return NEGOTIATION in self.results.run.labels
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """The seeds of all its runs."""
+        return self.results.run.all_seeds
+
+
+def make_compared_agents(runs: Iterable[ReportRun]) -> tuple[ComparedAgent, ...]:
+    """Pool runs that differ in seeds only, and name the others by what differs; sections in the order of `SECTIONS`.
+
+    Raises InputError for runs that cannot stand in one report, and for a seed that occurs twice.
+    """
+    found = tuple(runs)
+    check_report_runs(found)
+    groups: list[list[ReportRun]] = []
+    for run in found:
+        same = next((group for group in groups if not compare_settings(group[0].settings, run.settings)), None)
+        if same is None:
+            groups.append([run])
+        else:
+            _check_new_seeds(same, run)
+            same.append(run)
+    names = name_agents([group[0] for group in groups])
+    agents = [
+        ComparedAgent(name, pool_results([run.results for run in group]), tuple(group))
+        for name, group in zip(names, groups, strict=True)
+    ]
+    return tuple(sorted(agents, key=lambda agent: SECTIONS.index(agent.section)))
+
+
+def make_agents_of_results(results: Iterable[Results], folders: Iterable[Path] = ()) -> tuple[ComparedAgent, ...]:
+    """As `make_compared_agents`, of loaded results. folders: their run folders, in the same order, or none."""
+    loaded, places = tuple(results), tuple(folders)
+    found = places or (None,) * len(loaded)
+    return make_compared_agents(ReportRun.from_results(one, place) for one, place in zip(loaded, found, strict=True))
+
+
+def _check_new_seeds(group: Sequence[ReportRun], run: ReportRun) -> None:
+    for other in group:
+        if common := {*other.results.run.all_seeds} & {*run.results.run.all_seeds}:
+            raise InputError(
+                f"report: expected an agent with the same settings and seed once, found {run.results.run.agent} with"
+                f" seed {min(common)} in {other.place} and {run.place}"
+            )
+
+
+def pool_results(results: Sequence[Results]) -> Results:
+    """Return the results of runs that differ in seeds only as one run; its seeds are sorted."""
+    if len(results) == 1:
+        return results[0]
+    scenarios: list[ScenarioResult] = [scenario for one in results for scenario in one.scenarios]
+    seeds = tuple(sorted(seed for one in results for seed in one.run.all_seeds))
+    labels = tuple(dict.fromkeys(label for one in results for label in one.run.labels))
+    info = results[0].run.model_copy(update={"seed": seeds[0], "seeds": seeds, "labels": labels})
+    return summarize_run(info, sorted(scenarios, key=lambda scenario: (scenario.seed, scenario.id)))
+
+
+def name_agents(runs: Sequence[ReportRun]) -> list[str]:
+    """Return a name for each run: its agent, and in brackets the settings in which runs of the same agent differ."""
+    names = [_name_agent(run, runs, hidden=(LIBRARY_CODE,)) for run in runs]
+    if len(set(names)) < len(names):
+        names = [_name_agent(run, runs) for run in runs]
+    return [name if (before := names[:i].count(name)) == 0 else f"{name} #{before + 1}" for i, name in enumerate(names)]
+
+
+def _name_agent(run: ReportRun, runs: Sequence[ReportRun], hidden: Sequence[str] = ()) -> str:
+    agent = run.results.run.agent
+    same_agent = (other.settings for other in runs if other.results.run.agent == agent)
+    differing = {one.name for other in same_agent for one in compare_settings(run.settings, other)} - {*hidden}
+    parts = [*_describe_channel(run, differing)]
+    parts += [
+        f"{name.removeprefix('agent config ')} {format_setting(run.settings.get(name))}"
+        for name in run.settings
+        if name in differing and not name.startswith(_COMM)
+    ]
+    return f"{agent} ({', '.join(parts)})" if parts else agent
+
+
+def _describe_channel(run: ReportRun, differing: Iterable[str]) -> Iterable[str]:
+    """Yield the channel as a preset if it is one, else the settings of it that differ."""
+    names = [name.removeprefix(_COMM) for name in differing if name.startswith(_COMM)]
+    if not names:
+        return
+    comm: Mapping[str, Any] = run.results.run.comm
+    preset = str(comm.get("preset", ""))
+    if not comm.get("on", True):
+        yield "channel off"
+    elif preset in PRESETS and {**comm} == describe_comm(PRESETS[preset]):
+        yield f"channel {preset}"
+    else:
+        yield from (f"{name} {format_setting(comm[name])}" for name in comm if name in names)
+
+
+def describe_code(run: ReportRun) -> str:
+    """Return the short checksum of the library's code that drove a run; "" if it is unknown."""
+    code = run.settings.get(LIBRARY_CODE)
+    return format_setting(code) if code else ""

@@ -1,0 +1,195 @@
+"""Differences of every agent to every other, or to a baseline: paired bootstrap over scenarios and seeds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.suggestion import suggest_name
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
+from mdrive_sumo.report.comparison_report.published_rows import order_buckets
+from mdrive_sumo.report.comparison_report.report_table import (
+    CellValue,
+    IntervalStyle,
+    ReportCell,
+    ReportColumn,
+    ReportRow,
+    ReportTable,
+    make_row,
+)
+from mdrive_sumo.runs.compare import TIE, average_seeds
+from mdrive_sumo.scoring.paired_intervals import (
+    ResultTable,
+    compute_difference_interval,
+    compute_stratified_difference,
+    group_by_scenario,
+    select_defined,
+)
+
+DIFFERENCE_NOTE = (
+    "Differences agent minus other, paired by scenario and, where both have it, by seed; 95 % bootstrap intervals:"
+    " scenarios are drawn anew, then the seeds of each. Void scenarios are left out. An interval without 0 is a"
+    " difference beyond chance; intervals are not widened for the number of comparisons."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class AgentDifference:
+    """One agent minus another. Intervals are None where nothing can be paired."""
+
+    agent: str
+    other: str
+    scenarios: int
+    """Scenarios in which neither is void."""
+    seeds: tuple[int, ...]
+    """Seeds that both have, by which they are paired; empty: means over the seeds of each are."""
+    ds: ConfidenceInterval | None
+    """Over scenarios, as `mdrive-sumo compare` has it."""
+    sr: ConfidenceInterval | None
+    efficient_sr: ConfidenceInterval | None
+    time_ratio: ConfidenceInterval | None
+    """Over the scenarios in which every CAV arrives with both, with every seed."""
+    buckets: dict[str, tuple[ConfidenceInterval | None, ConfidenceInterval | None]]
+    """DS and SR by bucket."""
+    bucket_mean: tuple[ConfidenceInterval | None, ConfidenceInterval | None]
+    """DS and SR, mean of the buckets."""
+    wins: int
+    """Scenarios with a higher DS, mean over seeds."""
+    losses: int
+
+
+def compute_differences(agents: Sequence[ComparedAgent], baseline: str = "") -> tuple[AgentDifference, ...]:
+    """Return the difference of every agent to the baseline, or of every pair: upper bounds first, then by DS.
+
+    Raises InputError if no agent has the baseline's name.
+    """
+    if baseline:
+        base = find_compared_agent(agents, baseline)
+        return tuple(compute_difference(agent, base) for agent in agents if agent is not base)
+    ordered = sorted(agents, key=lambda agent: (agent.is_ranked, -agent.results.overall.bucket_mean.ds))
+    return tuple(compute_difference(agent, other) for i, agent in enumerate(ordered) for other in ordered[i + 1 :])
+
+
+def find_compared_agent(agents: Sequence[ComparedAgent], name: str) -> ComparedAgent:
+    """Return the agent of a name. Raises InputError."""
+    names = [agent.name for agent in agents]
+    if name not in names:
+        suggestion = suggest_name(name, names)
+        raise InputError(f"--baseline: expected one of {', '.join(names)}, found {name!r:.60}{suggestion}")
+    return agents[names.index(name)]
+
+
+def compute_difference(agent: ComparedAgent, other: ComparedAgent) -> AgentDifference:
+    """Return agent minus other."""
+    seeds = tuple(seed for seed in agent.seeds if seed in other.seeds)
+    ours, theirs = (_build_result_table(one, seeds) for one in (agent, other))
+    common = [scenario for scenario in ours if scenario in theirs]
+    ours, theirs = ({scenario: table[scenario] for scenario in common} for table in (ours, theirs))
+    buckets = order_buckets({scenario.bucket for scenario in agent.results.scenarios})
+    gains = [_mean_ds(ours, scenario) - _mean_ds(theirs, scenario) for scenario in common]
+    return AgentDifference(
+        agent.name,
+        other.name,
+        scenarios=len(common),
+        seeds=seeds,
+        ds=compute_difference_interval(ours, theirs, "ds"),
+        sr=compute_difference_interval(ours, theirs, "sr"),
+        efficient_sr=_compute_defined(ours, theirs, "efficient_sr"),
+        time_ratio=_compute_defined(ours, theirs, "time_ratio"),
+        buckets={name: _compute_bucket(ours, theirs, name) for name in buckets},
+        bucket_mean=(
+            compute_stratified_difference(ours, theirs, "ds"),
+            compute_stratified_difference(ours, theirs, "sr"),
+        ),
+        wins=sum(gain > TIE for gain in gains),
+        losses=sum(gain < -TIE for gain in gains),
+    )
+
+
+def _build_result_table(agent: ComparedAgent, seeds: Sequence[int]) -> ResultTable:
+    """Return the results that are not void by scenario and common seed; their means over all seeds if there is none."""
+    if not seeds:
+        means = average_seeds(agent.results.scenarios).values()
+        return {one.id: {0: one} for one in means if one.status == "ok"}
+    table = group_by_scenario([one for one in agent.results.scenarios if one.seed in seeds])
+    return {name: by_seed for name, by_seed in table.items() if len(by_seed) == len(seeds)}
+
+
+def _mean_ds(table: ResultTable, scenario: str) -> float:
+    return sum(one.ds for one in table[scenario].values()) / len(table[scenario])
+
+
+def _compute_defined(ours: ResultTable, theirs: ResultTable, score: str) -> ConfidenceInterval | None:
+    return compute_difference_interval(select_defined(ours, score), select_defined(theirs, score), score)
+
+
+def _compute_bucket(
+    ours: ResultTable, theirs: ResultTable, bucket: str
+) -> tuple[ConfidenceInterval | None, ConfidenceInterval | None]:
+    part = {name: found for name, found in ours.items() if next(iter(found.values())).bucket == bucket}
+    return compute_difference_interval(part, theirs, "ds"), compute_difference_interval(part, theirs, "sr")
+
+
+def build_difference_table(differences: Sequence[AgentDifference], name: str = "differences") -> ReportTable:
+    """Return the differences over all scenarios, with scenarios won and lost."""
+    rows = [
+        make_row(
+            (
+                one.agent,
+                one.other,
+                float(one.scenarios),
+                ", ".join(map(str, one.seeds)) or "means",
+                *map(_make_cell, (one.ds, one.sr, one.efficient_sr, one.time_ratio)),
+                float(one.wins),
+                float(one.losses),
+            )
+        )
+        for one in differences
+    ]
+    return ReportTable(
+        name,
+        "Paired differences",
+        (
+            ReportColumn("agent", "Agent"),
+            ReportColumn("other", "minus"),
+            ReportColumn("scenarios", "scenarios", decimals=0),
+            ReportColumn("seeds", "seeds"),
+            *(_make_column(key, label) for key, label in _LABELS.items()),
+            ReportColumn("wins", "better in", decimals=0),
+            ReportColumn("losses", "worse in", decimals=0),
+        ),
+        tuple(rows),
+        f"{DIFFERENCE_NOTE} Means over scenarios, as mdrive-sumo compare has them.",
+    )
+
+
+def build_bucket_difference_table(
+    differences: Sequence[AgentDifference], name: str = "differences_by_bucket"
+) -> ReportTable | None:
+    """Return the differences of DS and SR by bucket and of the mean of the buckets; None if there is one bucket."""
+    if not differences or len(differences[0].buckets) < 2:
+        return None
+    columns = [ReportColumn("agent", "Agent"), ReportColumn("other", "minus")]
+    for bucket in (*differences[0].buckets, "Overall"):
+        key = bucket.lower()
+        columns += [_make_column(f"{key}_ds", "DS", bucket), _make_column(f"{key}_sr", "SR", bucket)]
+    rows = tuple(_make_bucket_row(one) for one in differences)
+    note = f"{DIFFERENCE_NOTE} Overall: mean of the buckets, each drawn anew on its own."
+    return ReportTable(name, "Paired differences by bucket", tuple(columns), rows, note)
+
+
+def _make_bucket_row(one: AgentDifference) -> ReportRow:
+    intervals = [interval for pair in (*one.buckets.values(), one.bucket_mean) for interval in pair]
+    cells: list[CellValue | ReportCell] = [one.agent, one.other, *map(_make_cell, intervals)]
+    return make_row(cells)
+
+
+_LABELS = {"ds": "DS", "sr": "SR", "efficient_sr": "efficient SR", "time_ratio": "time ratio"}
+
+
+def _make_column(key: str, label: str, group: str = "") -> ReportColumn:
+    return ReportColumn(key, label, group, has_sign=True, intervals=IntervalStyle.ENDS)
+
+
+def _make_cell(interval: ConfidenceInterval | None) -> ReportCell:
+    return ReportCell(None if interval is None else interval.mean, interval)

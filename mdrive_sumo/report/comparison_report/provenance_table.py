@@ -1,0 +1,101 @@
+"""Where the numbers of a report come from: agents, settings, seeds, code, versions and checksums of the runs."""
+
+import hashlib
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent, describe_code
+from mdrive_sumo.report.comparison_report.report_runs import SHORT_CHECKSUM, ReportRun
+from mdrive_sumo.report.comparison_report.report_table import ReportTable, make_row, make_text_columns
+from mdrive_sumo.report.result_tables import describe_missing_reference
+from mdrive_sumo.runs.evaluate import RESULTS_FILE
+from mdrive_sumo.scoring import EpisodeKey
+
+PROVENANCE_NOTE = (
+    "One line for each run. Checksum: of the results file (SHA-256, its beginning); code: of the library that drove."
+)
+_COLUMNS = {
+    "agent": "Agent",
+    "labels": "labels",
+    "seeds": "seeds",
+    "settings": "settings",
+    "agent_code": "agent code",
+    "code": "code",
+    "versions": "versions",
+    "checksum": "checksum",
+    "place": "run",
+}
+
+
+def build_provenance_table(agents: Sequence[ComparedAgent], name: str = "provenance") -> ReportTable:
+    """Return a line for every run."""
+    rows = [make_row(_describe_run(agent, run)) for agent in agents for run in agent.runs]
+    return ReportTable(name, "Provenance", make_text_columns(_COLUMNS), tuple(rows), PROVENANCE_NOTE)
+
+
+def _describe_run(agent: ComparedAgent, run: ReportRun) -> tuple[str, ...]:
+    info = run.results.run
+    comm = info.comm.get("preset", "-") if info.comm.get("on", True) else "off"
+    settings = {"channel": comm, "clock": info.agent_clock}
+    settings |= {name: getattr(info, name) for name in EpisodeOptions.list_choices()}
+    return (
+        agent.name,
+        ", ".join(info.labels) or "-",
+        ", ".join(map(str, info.all_seeds)),
+        ", ".join(f"{name} {value}" for name, value in settings.items() if value),
+        str(run.settings.get("agent code") or "-").removeprefix("sha256:")[:SHORT_CHECKSUM],
+        describe_code(run) or "-",
+        ", ".join(f"{name} {version}" for name, version in sorted(info.versions.items())),
+        compute_results_checksum(run) or "-",
+        run.place,
+    )
+
+
+def compute_results_checksum(run: ReportRun) -> str:
+    """Return the beginning of the SHA-256 of a run's results file; "" if there is no file."""
+    path = Path(run.place)
+    path = path / RESULTS_FILE if path.is_dir() else path
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:SHORT_CHECKSUM] if path.is_file() else ""
+
+
+def list_facts(agents: Sequence[ComparedAgent], command: Sequence[str] = ()) -> dict[str, str]:
+    """Return what all runs have in common, by name. command: the command line that makes the report."""
+    results = agents[0].results
+    run = results.run
+    buckets = ", ".join(f"{name} {bucket.scenarios}" for name, bucket in results.buckets.items())
+    facts = {
+        "suite": f"{run.suite}, checksum {run.suite_checksum.removeprefix('sha256:')[:SHORT_CHECKSUM]}",
+        "scenarios": f"{len({scenario.id for scenario in results.scenarios})} ({buckets})",
+        "score mode": run.score_mode,
+        "runs": str(sum(len(agent.runs) for agent in agents)),
+        "command": shlex.join(command),
+    }
+    return {name: value for name, value in facts.items() if value}
+
+
+def list_warnings(agents: Sequence[ComparedAgent]) -> tuple[str, ...]:
+    """Return a sentence about everything that limits the comparison of the agents."""
+    runs = [run for agent in agents for run in agent.runs]
+    codes = sorted({code for run in runs if (code := describe_code(run))})
+    seeds = {agent.seeds for agent in agents}
+    warnings = [
+        f"The runs were driven with different code of the library: {', '.join(codes)}." if len(codes) > 1 else "",
+        "The agents were driven with different seeds; differences are paired by the seeds that both have."
+        if len(seeds) > 1
+        else "",
+    ]
+    for agent in agents:
+        void = _shorten([scenario.key for scenario in agent.results.scenarios if scenario.status == "void"])
+        warnings.append(f"{agent.name}: void episodes count as 0 in means: {void}." if void else "")
+        failed = sum(ego.outcome == "agent-failed" for scenario in agent.results.scenarios for ego in scenario.egos)
+        warnings.append(f"{agent.name}: the agent failed in {failed} drives." if failed else "")
+        missing = describe_missing_reference(agent.results)
+        warnings.append(f"{agent.name}: reference times: {missing}." if missing else "")
+    return tuple(warning for warning in warnings if warning)
+
+
+def _shorten(keys: Sequence[EpisodeKey], limit: int = 5) -> str:
+    names = [f"{name} (seed {seed})" for name, seed in keys[:limit]]
+    return ", ".join(names) + (f" and {len(keys) - limit} more" if len(keys) > limit else "")

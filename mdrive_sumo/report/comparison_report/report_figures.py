@@ -1,0 +1,162 @@
+"""The figures of a report: categories, differences, distribution of the driving score, scores by scenario."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mdrive_sumo.report.comparison_report.category_tables import compute_agent_levels
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
+from mdrive_sumo.report.comparison_report.difference_tables import AgentDifference
+from mdrive_sumo.report.comparison_report.report_figure import ReportFigure
+from mdrive_sumo.report.comparison_report.report_table import ReportTable
+from mdrive_sumo.report.comparison_report.scenario_tables import compute_distribution
+from mdrive_sumo.report.figure_style import COLOURS
+from mdrive_sumo.scoring import compute_harmonic_mean
+
+HATCHES = ("", "///", "...", "xxx")
+"""Patterns of bars once all colours are in use."""
+WIDTH_IN = 9.0
+MAX_LABELLED_BARS = 24
+MAX_LABELLED_SCENARIOS = 70
+SHADES = "viridis"
+"""Colours of scores from 0 to 100, ordered by lightness: they differ in print and for the colour-blind."""
+
+
+SHADE_STEPS = 20
+"""Shades of a heat map: few, because an SVG file holds a picture of points instead of more."""
+
+
+def make_level_figure(agents: Sequence[ComparedAgent], name: str = "levels") -> ReportFigure | None:
+    """Return the category figure, H by interactivity level; None without scenarios of the levels."""
+    values = {
+        agent.name: {level: compute_harmonic_mean(means) for level, means in compute_agent_levels(agent).items()}
+        for agent in agents
+    }
+    levels = list(values[agents[0].name])
+    if not levels:
+        return None
+    described = "; ".join(
+        f"{agent}: {', '.join(f'{level} {value:.1f}' for level, value in found.items())}"
+        for agent, found in values.items()
+    )
+
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        _draw_bars(axes, levels, {agent: [found[level] for level in levels] for agent, found in values.items()})
+        axes.set(ylabel="H, harmonic mean of DS and SR [%]", ylim=(0, 108))
+        figure.legend(loc="outside lower center", ncols=min(len(values), 4), frameon=False)
+
+    height = 3.6 + 0.25 * ((len(agents) - 1) // 4)
+    return ReportFigure(name, "Harmonic mean of DS and SR by interactivity level", described, (WIDTH_IN, height), draw)
+
+
+def _draw_bars(axes: Axes, groups: Sequence[str], values: dict[str, list[float]]) -> None:
+    width = 0.84 / len(values)
+    for i, (label, heights) in enumerate(values.items()):
+        x = np.arange(len(groups)) - 0.42 + width * (i + 0.5)
+        colour, hatch = COLOURS[i % len(COLOURS)], HATCHES[i // len(COLOURS) % len(HATCHES)]
+        bars = axes.bar(x, heights, width * 0.92, label=label, color=colour, hatch=hatch, edgecolor="none")
+        if len(groups) * len(values) <= MAX_LABELLED_BARS:
+            axes.bar_label(bars, fmt="%.1f", padding=1, fontsize=8)
+    axes.set_xticks(range(len(groups)), groups)
+    axes.grid(axis="x", visible=False)
+
+
+def make_difference_figure(differences: Sequence[AgentDifference], name: str = "differences") -> ReportFigure | None:
+    """Return the paired differences of DS with their intervals; None without any."""
+    known = [one for one in differences if one.ds is not None]
+    if not known:
+        return None
+    described = "; ".join(f"{one.agent} minus {one.other}: {one.ds.mean:+.2f}" for one in known if one.ds)
+    size = (WIDTH_IN, 1.2 + 0.3 * len(known))
+    return ReportFigure(
+        name, "Paired differences of the driving score", described, size, partial(_draw_differences, known)
+    )
+
+
+def _draw_differences(differences: Sequence[AgentDifference], figure: Figure) -> None:
+    axes = figure.add_subplot()
+    axes.axvline(0, color="#000000", linewidth=0.8)
+    for i, one in enumerate(differences):
+        if one.ds is None:
+            continue
+        is_clear = one.ds.low > 0 or one.ds.high < 0
+        axes.plot([one.ds.low, one.ds.high], [i, i], color=COLOURS[0], linewidth=2.2, solid_capstyle="butt")
+        face = COLOURS[0] if is_clear else "#ffffff"
+        axes.plot(one.ds.mean, i, "o", color=COLOURS[0], markerfacecolor=face, markersize=6)
+    axes.set_yticks(range(len(differences)), [f"{one.agent}  −  {one.other}" for one in differences])
+    axes.set(xlabel="difference of DS [percentage points], 95 % interval; filled: without 0")
+    axes.set_ylim(len(differences) - 0.4, -0.6)
+    axes.grid(axis="y", visible=False)
+
+
+def make_distribution_figure(agents: Sequence[ComparedAgent], name: str = "distribution") -> ReportFigure:
+    """Return the share of episodes in each class of driving score, a bar for each agent."""
+    shares = {agent.name: compute_distribution(agent.results.scenarios) for agent in agents}
+    described = "; ".join(
+        f"{agent}: {', '.join(f'{label} {share:.0f} %' for label, share in found.items())}"
+        for agent, found in shares.items()
+    )
+
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        labels = list(next(iter(shares.values())))
+        left = np.zeros(len(shares))
+        for i, label in enumerate(labels):
+            widths = np.array([found[label] for found in shares.values()])
+            bars = axes.barh(list(shares), widths, left=left, height=0.7, label=label, color=pick_shade(i, len(labels)))
+            texts = [f"{width:.0f}" if width >= 4 else "" for width in widths]
+            light = i >= len(labels) // 2
+            axes.bar_label(bars, texts, label_type="center", fontsize=8, color="#111111" if light else "#fefefe")
+            left += widths
+        axes.invert_yaxis()
+        axes.set(xlabel="share of the episodes [%]", xlim=(0, 100))
+        axes.grid(axis="y", visible=False)
+        figure.legend(loc="outside lower center", ncols=len(labels), frameon=False, title="driving score DS")
+
+    size = (WIDTH_IN, 1.7 + 0.36 * len(agents))
+    return ReportFigure(name, "Distribution of the driving score", described, size, draw)
+
+
+def pick_shade(i: int, count: int) -> str:
+    """Return the colour of class i of `count`, from the lowest scores to the highest."""
+    red, green, blue, _ = colormaps[SHADES](i / max(1, count - 1))
+    return "#" + "".join(f"{round(255 * part):02x}" for part in (red, green, blue))
+
+
+def make_scenario_figure(table: ReportTable, name: str = "scenarios") -> ReportFigure:
+    """Return the matrix agents x scenarios as a heat map. table: of `build_scenario_table`."""
+    agents = [column.label for column in table.columns[2:]]
+    numbers = [[np.nan if cell.number is None else cell.number for cell in row.cells[2:]] for row in table.rows]
+    names = [str(row.cells[0].value) for row in table.rows]
+    sections = [row.section for row in table.rows]
+
+    def draw(figure: Figure) -> None:
+        axes = figure.add_subplot()
+        places = np.arange(len(agents) + 1) - 0.5, np.arange(len(names) + 1) - 0.5
+        shades = colormaps[SHADES].resampled(SHADE_STEPS)
+        mesh = axes.pcolormesh(*places, np.array(numbers), cmap=shades, vmin=0, vmax=100, linewidth=0)
+        axes.invert_yaxis()
+        axes.set_xticks(range(len(agents)), agents, rotation=30, ha="right", rotation_mode="anchor")
+        starts = [i for i, section in enumerate(sections) if i == 0 or section != sections[i - 1]]
+        for start in starts[1:]:
+            axes.axhline(start - 0.5, color="#ffffff", linewidth=2)
+        if len(names) <= MAX_LABELLED_SCENARIOS:
+            axes.set_yticks(range(len(names)), names, fontsize=7)
+        else:
+            axes.set_yticks(starts, [sections[start] for start in starts])
+        axes.grid(visible=False)
+        figure.colorbar(mesh, ax=axes, label=table.title.partition(" ")[0] + " [%]", shrink=0.8)
+
+    row_in = 0.17 if len(names) <= MAX_LABELLED_SCENARIOS else 0.05
+    return ReportFigure(
+        name,
+        table.title,
+        "A row for each scenario, a column for each agent; the numbers are in the table.",
+        (min(WIDTH_IN, 4.0 + 0.7 * len(agents)), 1.6 + row_in * len(names)),
+        draw,
+    )

@@ -1,0 +1,68 @@
+"""`report.html`: a comparison report as one self-contained page without scripts, light and dark, also on a phone."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport
+from mdrive_sumo.report.comparison_report.report_figure import ReportFigure, inline_svg
+from mdrive_sumo.report.comparison_report.report_figures import pick_shade
+from mdrive_sumo.report.comparison_report.report_table import ReportCell, ReportColumn, ReportTable, format_cell
+from mdrive_sumo.report.comparison_report.scenario_tables import find_ds_class
+from mdrive_sumo.report.comparison_report.table_markdown import count_text_columns, has_marks
+from mdrive_sumo.report.palette import format_custom_properties
+
+TEMPLATE, STYLE = "comparison_report.html", "comparison_report.css"
+SHADES = 6
+MAX_OPEN_ROWS = 30
+"""Longer tables are folded."""
+_TEMPLATES = Environment(
+    loader=PackageLoader("mdrive_sumo.report", "static"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ReportLinks:
+    """Places of the files beside a page, by the name of a table; "" where there is none."""
+
+    csv: dict[str, str]
+    latex: dict[str, str]
+
+
+def render_report_page(report: ComparisonReport, images: dict[str, bytes], links: ReportLinks | None = None) -> str:
+    """Return the page. images: the figures as SVG by name. links: the files of the tables, if they are written."""
+    shades = "".join(
+        f".shade-{i} {{ background: {pick_shade(i, SHADES)}; color: {'#111' if i >= SHADES // 2 else '#fff'}; }}\n"
+        for i in range(SHADES)
+    )
+    style = format_custom_properties() + (files("mdrive_sumo.report") / "static" / STYLE).read_text("utf-8") + shades
+    return _TEMPLATES.get_template(TEMPLATE).render(
+        report=report,
+        style=Markup(style),
+        links=links or ReportLinks({}, {}),
+        images={figure.name: _inline(figure, images) for figure in report.figures},
+        text_of=format_cell,
+        classes_of=_list_classes,
+        text_columns=count_text_columns,
+        has_marks=has_marks,
+        max_open_rows=MAX_OPEN_ROWS,
+        is_any_marked=any(has_marks(table) for table in report.tables),
+    )
+
+
+def _inline(figure: ReportFigure, images: dict[str, bytes]) -> Markup:
+    return Markup(inline_svg(images[figure.name], figure.name))
+
+
+def _list_classes(cell: ReportCell, column: ReportColumn, table: ReportTable) -> Sequence[str]:
+    """Return the classes of a cell: its rank, and its shade in a shaded table."""
+    classes = [f"rank-{cell.rank}"] if cell.rank else []
+    is_score = table.is_shaded and cell.number is not None and column.decimals
+    return [*classes, *([f"shade-{find_ds_class(cell.number)}"] if is_score and cell.number is not None else [])]

@@ -1,0 +1,110 @@
+"""Load the runs of a report and check that their numbers can stand in one table."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.evaluate import RESULTS_FILE
+from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
+from mdrive_sumo.runs.run_listing import check_run_folder
+from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, list_settings
+from mdrive_sumo.scoring import Results, load_results, read_results_format
+from mdrive_sumo.scoring.results import FORMAT
+
+VERSIONS_THAT_COUNT = ("mdrive-sumo", "libsumo")
+"""Packages whose releases change results; Python and NumPy do not (docs/decisions/030)."""
+SHORT_CHECKSUM = 12
+
+
+@dataclass(frozen=True, slots=True)
+class ReportRun:
+    """A run of a report: its results, and where they were found."""
+
+    results: Results
+    place: str
+    """The folder or file; the agent of results without one."""
+    settings: Mapping[str, Any]
+    """As `list_settings` returns them, with the checksum of the library's code where it is known."""
+    format: str = FORMAT
+    """Format of the results file, before it was upgraded."""
+
+    @classmethod
+    def from_results(cls, results: Results, folder: Path | None = None) -> Self:
+        """Return a run of loaded results. folder: its run folder, whose journal names more of its settings."""
+        settings = list_settings(results.run, folder)
+        if folder is not None and (folder / JOURNAL_FILE).is_file():
+            settings[LIBRARY_CODE] = read_fingerprint(folder).get("code")
+        return cls(results, str(folder or results.run.agent), settings)
+
+
+def load_report_runs(places: Iterable[Path]) -> tuple[ReportRun, ...]:
+    """Load runs by their folders or results files. Raises InputError for what cannot stand in one report."""
+    found = tuple(places)
+    _check_places(found)
+    runs = tuple(_load_run(place) for place in found)
+    check_report_runs(runs)
+    return runs
+
+
+def check_report_runs(runs: Sequence[ReportRun]) -> None:
+    """Raise InputError unless the runs have one format, suite, score mode, version and set of scenarios."""
+    if not runs:
+        raise InputError("report: expected at least one run, found none")
+    for run in runs:
+        if not run.results.scenarios:
+            raise InputError(f"{run.place}: scenarios: expected at least one, found none")
+    _check_shared(runs, "results format", [run.format for run in runs])
+    _check_shared(runs, "suite", [_describe_suite(run) for run in runs])
+    _check_shared(runs, "score mode", [run.results.run.score_mode for run in runs])
+    _check_shared(runs, "version", [_describe_versions(run) for run in runs])
+    _check_scenarios(runs)
+
+
+def _describe_suite(run: ReportRun) -> str:
+    return f"{run.results.run.suite} ({run.results.run.suite_checksum.removeprefix('sha256:')[:SHORT_CHECKSUM]})"
+
+
+def _describe_versions(run: ReportRun) -> str:
+    versions = run.results.run.versions
+    return " ".join(f"{name} {versions[name]}" for name in VERSIONS_THAT_COUNT if name in versions)
+
+
+def _check_places(places: Sequence[Path]) -> None:
+    known: dict[Path, Path] = {}
+    for place in places:
+        if (path := place.resolve()) in known:
+            raise InputError(f"report: expected every run once, found {str(known[path])!r} twice")
+        known[path] = place
+
+
+def _load_run(place: Path) -> ReportRun:
+    if not place.is_file():
+        check_run_folder(place)
+    path = place if place.is_file() else place / RESULTS_FILE
+    run = ReportRun.from_results(load_results(path), None if place.is_file() else place)
+    return ReportRun(run.results, str(place), run.settings, read_results_format(path))
+
+
+def _check_shared(runs: Sequence[ReportRun], what: str, values: Sequence[str]) -> None:
+    other = next((i for i, value in enumerate(values) if value != values[0]), None)
+    if other is not None:
+        raise InputError(
+            f"report: expected runs of one {what}, found {values[0]} in {runs[0].place} and {values[other]} in"
+            f" {runs[other].place}"
+        )
+
+
+def _check_scenarios(runs: Sequence[ReportRun]) -> None:
+    """Raise InputError for runs of different scenarios: their means could not be compared."""
+    first = {scenario.id for scenario in runs[0].results.scenarios}
+    for run in runs[1:]:
+        found = {scenario.id for scenario in run.results.scenarios}
+        if found != first:
+            example = min(first ^ found)
+            only = runs[0].place if example in first else run.place
+            raise InputError(
+                f"report: expected runs of the same scenarios, found {len(first)} in {runs[0].place} and {len(found)}"
+                f" in {run.place}; {example} is only in {only}"
+            )

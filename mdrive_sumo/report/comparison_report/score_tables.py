@@ -1,0 +1,174 @@
+"""The main table of a report, in the form of the paper's, and all scores by bucket."""
+
+from collections.abc import Mapping, Sequence
+
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
+from mdrive_sumo.report.comparison_report.published_rows import order_buckets
+from mdrive_sumo.report.comparison_report.report_table import (
+    BestValue,
+    CellValue,
+    IntervalStyle,
+    ReportCell,
+    ReportColumn,
+    ReportRow,
+    ReportTable,
+    make_row,
+)
+from mdrive_sumo.report.published_results import AS_PUBLISHED, MAIN_TABLE_LABEL, PublishedMethod
+from mdrive_sumo.scoring import MeanIntervals, Means, compute_mean_intervals
+from mdrive_sumo.scoring.intervals import BUCKET_MEAN, SCENARIO_MEAN
+from mdrive_sumo.scoring.summary import count_scenarios
+
+OVERALL = "Overall"
+MAIN_NOTE = (
+    "DS, SR and efficient SR in percent. Time ratio: time needed divided by that of omniscient, where every CAV"
+    " arrives; efficient SR counts successes with a time ratio of at most 2."
+    " Time ratios are means over different scenarios, hence not ranked."
+)
+OVERALL_NOTE = (
+    "Overall: mean of the buckets, as the numbers of the paper's table are (its caption says mean over scenarios)."
+)
+SEEDS_NOTE = (
+    "±: half of the 95 % bootstrap interval of a mean over several seeds; scenarios are drawn anew, then seeds."
+)
+INTERVAL_NOTE = "95 % bootstrap intervals: scenarios are drawn anew, then the seeds of each."
+PUBLISHED_NOTE = (
+    f"CARLA rows as published (mdrive.tex, {MAIN_TABLE_LABEL}): another simulator, other scenario files, methods"
+    " with learned perception; they are not ranked."
+)
+AGENT_COLUMNS = (
+    ReportColumn("agent", "Agent"),
+    ReportColumn("perception_sharing", "Sharing"),
+    ReportColumn("negotiation", "Negotiation"),
+)
+
+
+def make_score_columns(group: str, *, with_times: bool) -> tuple[ReportColumn, ...]:
+    """Return the columns DS and SR of a group, with efficient SR and time ratio if asked for."""
+    key = group.lower().replace(" ", "_")
+    times = (
+        ReportColumn(f"{key}_efficient_sr", "eff. SR", group, best=BestValue.HIGHEST),
+        ReportColumn(f"{key}_time_ratio", "time ratio", group),
+    )
+    return (
+        ReportColumn(f"{key}_ds", "DS", group, best=BestValue.HIGHEST),
+        ReportColumn(f"{key}_sr", "SR", group, best=BestValue.HIGHEST),
+        *(times if with_times else ()),
+    )
+
+
+def build_main_table(
+    agents: Sequence[ComparedAgent], published: Sequence[PublishedMethod] = (), name: str = "main"
+) -> ReportTable:
+    """Return DS and SR by bucket and overall, with efficient SR and time ratio; the best three of each column marked.
+
+    published: rows of the paper's main table, set apart and never ranked. Agents of one bucket have no overall column.
+    """
+    buckets = order_buckets(agents[0].results.buckets)
+    is_one = len(buckets) == 1
+    columns = [*AGENT_COLUMNS]
+    for bucket in buckets:
+        columns += make_score_columns(bucket, with_times=is_one)
+    columns += [] if is_one else make_score_columns(OVERALL, with_times=True)
+    notes = (
+        MAIN_NOTE,
+        "" if is_one else OVERALL_NOTE,
+        SEEDS_NOTE if any(len(agent.seeds) > 1 for agent in agents) else "",
+        PUBLISHED_NOTE if published else "",
+    )
+    return ReportTable(
+        name,
+        f"Scores by bucket: {agents[0].results.run.suite}",
+        tuple(columns),
+        (
+            *(_make_main_row(agent, buckets) for agent in agents),
+            *(_make_published_row(method, buckets) for method in published),
+        ),
+        " ".join(note for note in notes if note),
+    ).mark_columns()
+
+
+def _make_main_row(agent: ComparedAgent, buckets: Sequence[str]) -> ReportRow:
+    intervals = find_intervals(agent) if len(agent.seeds) > 1 else {}
+    is_one = len(buckets) == 1
+    cells: list[CellValue | ReportCell] = [agent.name, agent.shares_perception, agent.negotiates]
+    for bucket in buckets:
+        cells += make_score_cells(agent.results.buckets[bucket], intervals.get(bucket), with_times=is_one)
+    if not is_one:
+        cells += make_score_cells(agent.results.overall.bucket_mean, intervals.get(BUCKET_MEAN), with_times=True)
+    return make_row(cells, agent.section, is_ranked=agent.is_ranked)
+
+
+def _make_published_row(method: PublishedMethod, buckets: Sequence[str]) -> ReportRow:
+    cells: list[CellValue] = [method.method, method.shares_perception, method.negotiates]
+    for bucket in buckets:
+        cells += method.scores.get(bucket, (None, None))
+    if len(buckets) > 1:
+        cells += method.average
+    return make_row((*cells, None, None), AS_PUBLISHED, is_ranked=False)
+
+
+def find_intervals(agent: ComparedAgent) -> Mapping[str, MeanIntervals]:
+    """Return the intervals of an agent by bucket, `BUCKET_MEAN` and `SCENARIO_MEAN`."""
+    return {found.group: found for found in compute_mean_intervals(agent.results)}
+
+
+def make_score_cells(
+    means: Means, intervals: MeanIntervals | None, *, with_times: bool
+) -> list[CellValue | ReportCell]:
+    """Return the cells below `make_score_columns`."""
+    ds, sr = (None, None) if intervals is None else (intervals.ds, intervals.sr)
+    scores: list[CellValue | ReportCell] = [ReportCell(means.ds, ds), ReportCell(means.sr, sr)]
+    return [*scores, means.efficient_sr, means.time_ratio] if with_times else scores
+
+
+def build_bucket_table(agents: Sequence[ComparedAgent], name: str = "buckets") -> ReportTable:
+    """Return every score of each agent by bucket, as bucket mean and as scenario mean, with intervals of DS and SR."""
+    buckets = order_buckets(agents[0].results.buckets)
+    groups = (*buckets, BUCKET_MEAN, SCENARIO_MEAN) if len(buckets) > 1 else buckets
+    intervals = [find_intervals(agent) for agent in agents]
+    rows = [
+        _make_bucket_row(agent, group, found[group])
+        for group in groups
+        for agent, found in zip(agents, intervals, strict=True)
+    ]
+    return ReportTable(
+        name,
+        "All scores by bucket",
+        (
+            ReportColumn("agent", "Agent"),
+            ReportColumn("scenarios", "scenarios", decimals=0),
+            ReportColumn("ds", "DS", best=BestValue.HIGHEST, intervals=IntervalStyle.ENDS),
+            ReportColumn("sr", "SR", best=BestValue.HIGHEST, intervals=IntervalStyle.ENDS),
+            ReportColumn("efficient_sr", "efficient SR", best=BestValue.HIGHEST),
+            ReportColumn("time_ratio", "time ratio"),
+            ReportColumn("timed", "timed episodes", decimals=0),
+            ReportColumn("rc", "RC", best=BestValue.HIGHEST),
+            ReportColumn("ip", "IP", decimals=3, best=BestValue.HIGHEST),
+        ),
+        tuple(rows),
+        f"{MAIN_NOTE} {INTERVAL_NOTE} Privileged agents are an upper bound and not ranked.",
+    ).mark_sections()
+
+
+def _make_bucket_row(agent: ComparedAgent, group: str, intervals: MeanIntervals) -> ReportRow:
+    results = agent.results
+    overall = results.overall
+    if group in results.buckets:
+        means: Means = results.buckets[group]
+        count, timed = results.buckets[group].scenarios, results.buckets[group].timed
+    else:
+        means = overall.bucket_mean if group == BUCKET_MEAN else overall.scenario_mean
+        count, timed = count_scenarios(results.scenarios), overall.timed
+    cells: tuple[CellValue | ReportCell, ...] = (
+        agent.name,
+        float(count),
+        ReportCell(means.ds, intervals.ds),
+        ReportCell(means.sr, intervals.sr),
+        means.efficient_sr,
+        means.time_ratio,
+        float(timed),
+        means.rc,
+        means.ip,
+    )
+    return make_row(cells, group, is_ranked=agent.is_ranked)

@@ -1,0 +1,43 @@
+"""Report tables as CSV: one line of column keys, full precision, both ends of every interval."""
+
+import csv
+import io
+
+from mdrive_sumo.report.comparison_report.report_table import CellValue, ReportTable
+
+DECIMALS = 6
+"""As in `results.json`."""
+
+
+def format_csv(table: ReportTable) -> str:
+    """Return a table as CSV (RFC 4180); undefined values are empty, properties are yes or no.
+
+    A column whose cells have intervals is followed by KEY_low and KEY_high. Sections are the first column.
+    """
+    has_sections = any(row.section for row in table.rows)
+    with_intervals = [any(row.cells[i].interval is not None for row in table.rows) for i in range(len(table.columns))]
+    header = ["section"] if has_sections else []
+    for column, has_interval in zip(table.columns, with_intervals, strict=True):
+        header += [column.key, *((f"{column.key}_low", f"{column.key}_high") if has_interval else ())]
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(header)
+    for row in table.rows:
+        line = [row.section] if has_sections else []
+        for cell, has_interval in zip(row.cells, with_intervals, strict=True):
+            line.append(_format_value(cell.value))
+            if has_interval:
+                ends = (cell.interval.low, cell.interval.high) if cell.interval else (None, None)
+                line += [_format_value(end) for end in ends]
+        writer.writerow(line)
+    return file.getvalue()
+
+
+def _format_value(value: CellValue) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, str):
+        return value
+    return f"{round(value, DECIMALS) + 0.0:.{DECIMALS}f}".rstrip("0").rstrip(".")

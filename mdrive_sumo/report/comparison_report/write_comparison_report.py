@@ -1,0 +1,77 @@
+"""Write a comparison report: page, Markdown, tables as LaTeX and CSV, figures as SVG and PNG."""
+
+from pathlib import Path
+
+from mdrive_sumo.core.atomic_folder import atomic_folder
+from mdrive_sumo.core.tables import escape_markdown
+from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, ReportSection
+from mdrive_sumo.report.comparison_report.report_page import ReportLinks, render_report_page
+from mdrive_sumo.report.comparison_report.table_csv import format_csv
+from mdrive_sumo.report.comparison_report.table_latex import format_latex, format_latex_document
+from mdrive_sumo.report.comparison_report.table_markdown import MARKS_LEGEND, format_markdown, has_marks
+
+PAGE_FILE, MARKDOWN_FILE = "report.html", "report.md"
+CSV_FOLDER, LATEX_FOLDER, FIGURES_FOLDER = "csv", "latex", "figures"
+LATEX_DOCUMENT = "all_tables"
+MAX_LATEX_ROWS = 60
+"""Longer tables do not fit on a page: they have no LaTeX file."""
+
+
+def write_comparison_report(report: ComparisonReport, out: Path) -> tuple[Path, ...]:
+    """Write a report into a new or empty folder, completely or not at all; return the files to begin with.
+
+    Raises InputError if the folder holds something or cannot be written.
+    """
+    contents = render_report_files(report, PAGE_FILE, MARKDOWN_FILE)
+    with atomic_folder(out) as draft:
+        for name, content in contents.items():
+            (draft / name).parent.mkdir(exist_ok=True)
+            (draft / name).write_bytes(content)
+    return out / PAGE_FILE, out / MARKDOWN_FILE, out / LATEX_FOLDER, out / CSV_FOLDER, out / FIGURES_FOLDER
+
+
+def render_report_files(report: ComparisonReport, page_file: str, markdown_file: str) -> dict[str, bytes]:
+    """Return the content of every file of a report by its path: the two pages, tables and figures."""
+    images = {figure.name: figure.render() for figure in report.figures}
+    latex = [table for table in report.tables if len(table.rows) <= MAX_LATEX_ROWS]
+    links = ReportLinks(
+        {table.name: f"{CSV_FOLDER}/{table.name}.csv" for table in report.tables},
+        {table.name: f"{LATEX_FOLDER}/{table.name}.tex" for table in latex},
+    )
+    texts = {
+        page_file: render_report_page(report, {name: svg for name, (_, svg) in images.items()}, links),
+        markdown_file: format_report_markdown(report),
+        **{links.csv[table.name]: format_csv(table) for table in report.tables},
+        **{links.latex[table.name]: format_latex(table) for table in latex},
+        f"{LATEX_FOLDER}/{LATEX_DOCUMENT}.tex": format_latex_document(
+            tuple(table.name for table in latex), report.title
+        ),
+    }
+    pictures = {
+        f"{FIGURES_FOLDER}/{name}.{kind}": content
+        for name, (png, svg) in images.items()
+        for kind, content in (("png", png), ("svg", svg))
+    }
+    return {**{name: text.encode("utf-8") for name, text in texts.items()}, **pictures}
+
+
+def format_report_markdown(report: ComparisonReport) -> str:
+    """Return the report as a Markdown page; its figures lie in the folder `figures` beside it."""
+    parts = [f"# {escape_markdown(report.title)}"]
+    parts.append("\n".join(f"- {name}: {escape_markdown(value)}" for name, value in report.facts.items()))
+    if report.warnings:
+        parts.append("\n".join(f"- **Note:** {escape_markdown(warning)}" for warning in report.warnings))
+    if any(has_marks(table) for table in report.tables):
+        parts.append(MARKS_LEGEND)
+    for section in report.sections:
+        parts += _format_section(section)
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _format_section(section: ReportSection) -> list[str]:
+    points = [f"- **{escape_markdown(name)}**: {escape_markdown(words)}" for name, words in section.points.items()]
+    parts = [f"## {escape_markdown(section.title)}", "\n".join(points), escape_markdown(section.note)]
+    parts += [f"![{figure.title}]({FIGURES_FOLDER}/{figure.name}.png)" for figure in section.figures]
+    for table in section.tables:
+        parts += [f"### {escape_markdown(table.title)}", format_markdown(table), escape_markdown(table.note)]
+    return parts

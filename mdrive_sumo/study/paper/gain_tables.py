@@ -1,0 +1,76 @@
+"""Tables of what cooperation gains (RQ1, RQ2)."""
+
+from collections.abc import Sequence
+
+from mdrive_sumo.report.comparison_report.report_table import (
+    IntervalStyle,
+    ReportCell,
+    ReportColumn,
+    ReportTable,
+    make_row,
+    make_text_columns,
+)
+from mdrive_sumo.report.published_results import PUBLISHED_GAPS
+from mdrive_sumo.study.gain import judge
+from mdrive_sumo.study.paper.cooperation_gain import PAIRS, PairGain, RoleGap
+
+SHOWN = "shown"
+SHOWN_NOTE = (
+    "Brackets: 95 % bootstrap intervals over scenarios. The last column says what the interval carries: an interval"
+    " that contains 0 shows no difference, neither a gain nor that there is none."
+)
+
+
+def build_pair_table(gains: Sequence[PairGain]) -> ReportTable:
+    """Return the paired gains of pairs of agents with one planner, a section for each pair."""
+    columns = (
+        ReportColumn("group", "scenarios"),
+        ReportColumn("scenarios", "number", decimals=0),
+        ReportColumn("ds", "DS", "gain", has_sign=True, intervals=IntervalStyle.ENDS),
+        ReportColumn("sr", "SR", "gain", has_sign=True, intervals=IntervalStyle.ENDS),
+        *make_text_columns({"shown_ds": "shown by DS", "shown_sr": "shown by SR"}),
+    )
+    rows = [
+        make_row(
+            (
+                one.group,
+                float(one.scenarios),
+                ReportCell(one.ds.mean, one.ds),
+                ReportCell(one.sr.mean, one.sr),
+                judge(one.ds),
+                judge(one.sr),
+            ),
+            f"{PAIRS[one.agent, one.base]}: {one.agent} - {one.base}",
+        )
+        for one in gains
+    ]
+    return ReportTable("gains", "What sharing and negotiation gain", columns, tuple(rows), SHOWN_NOTE)
+
+
+def build_gap_table(gaps: Sequence[RoleGap]) -> ReportTable:
+    """Return the gap of multi-agent and single-agent systems by bucket and level, beside the paper's."""
+    columns = (
+        ReportColumn("group", "scenarios"),
+        ReportColumn("scenarios", "number", decimals=0),
+        ReportColumn("multi", "multi-agent", "mean H"),
+        ReportColumn("single", "single-agent", "mean H"),
+        ReportColumn("gap", "gap", has_sign=True, intervals=IntervalStyle.ENDS),
+        *make_text_columns({SHOWN: SHOWN}),
+        ReportColumn("paper", "gap in the paper (CARLA)", has_sign=True),
+    )
+    rows = [
+        make_row(
+            (
+                one.group,
+                float(one.scenarios),
+                one.multi,
+                one.single,
+                ReportCell(one.gap.mean, one.gap),
+                judge(one.gap),
+                PUBLISHED_GAPS.get(one.group),
+            )
+        )
+        for one in gaps
+    ]
+    note = f"H: harmonic mean of DS and SR of an agent; the mean is over the agents of a kind. {SHOWN_NOTE}"
+    return ReportTable("gap", "Multi-agent minus single-agent systems", columns, tuple(rows), note)

@@ -1,0 +1,137 @@
+"""Does the order of agents in open loop foretell their order in closed loop? Rank correlations with intervals (RQ3)."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.rank_correlation import compute_kendall, compute_spearman
+from mdrive_sumo.core.statistics import ConfidenceInterval, compute_percentile_interval, draw_resample_counts
+from mdrive_sumo.open_loop import OpenLoopResults, OpenLoopScenario
+from mdrive_sumo.open_loop.results import OpenLoopMetrics, combine_metrics
+from mdrive_sumo.scoring import EpisodeKey, Results, ScenarioResult
+from mdrive_sumo.study.paper.paper_study import REFERENCE
+from mdrive_sumo.study.paper.resampled_metrics import resample_metric
+
+OPEN_METRICS: Mapping[str, int] = {"ap50": 1, "ade": -1, "fde": -1, "cr": -1, "cr_mdrive": -1, "overlap": -1}
+"""Open-loop metrics, with 1 where more is better; the paper's figure has AP50 and ADE."""
+CLOSED_METRICS = ("ds", "sr")
+MIN_AGENTS = 3
+"""Least number of agents for a correlation: two are always in one order or the other."""
+MIN_DEFINED_SHARE = 0.5
+"""Least share of the resamples in which a correlation exists, i.e. not all agents are tied, for an interval."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenClosedLine:
+    """One agent in both loops, over the same recordings and scenarios."""
+
+    agent: str
+    open: OpenLoopMetrics
+    ds: float
+    sr: float
+    is_reference: bool
+    """Whether open loop compares the agent with its own drives."""
+
+
+@dataclass(frozen=True, slots=True)
+class RankCorrelation:
+    """Correlation of an open-loop metric with a closed-loop score over the agents that have both."""
+
+    metric: str
+    score: str
+    agents: tuple[str, ...]
+    spearman: ConfidenceInterval | None
+    """+1: what is better in open loop is better in closed loop. None: too few agents, or all are tied."""
+    kendall: ConfidenceInterval | None
+
+
+@dataclass(frozen=True, slots=True)
+class OpenClosedComparison:
+    """The numbers of RQ3."""
+
+    scenarios: int
+    """Different scenarios that every agent has in both loops, none void."""
+    lines: tuple[OpenClosedLine, ...]
+    correlations: tuple[RankCorrelation, ...]
+
+
+def compare_open_with_closed(
+    opened: Mapping[str, OpenLoopResults], closed: Mapping[str, Results]
+) -> OpenClosedComparison:
+    """Return every agent's metrics in both loops, and the rank correlations between them.
+
+    opened, closed: by agent, of the same agents; only episodes that all have in both loops count. The reference is in
+    no correlation, because it is compared with its own drives.
+    """
+    shown = {name: {one.key: one for one in results.scenarios} for name, results in opened.items()}
+    driven = {
+        name: {one.key: one for one in closed[name].scenarios if one.status == "ok"} for name in opened
+    }  # void episodes have no score
+    first = next(iter(shown.values()), {})
+    keys = [key for key in first if all(key in table[name] for table in (shown, driven) for name in opened)]
+    if not keys:
+        return OpenClosedComparison(0, (), ())
+    lines = tuple(_make_line(name, keys, shown[name], driven[name]) for name in opened)
+    resamples = _ScenarioResamples.of(keys)
+    correlations = [one for metric in OPEN_METRICS for one in _correlate(metric, lines, shown, driven, resamples)]
+    return OpenClosedComparison(len({name for name, _ in keys}), lines, tuple(correlations))
+
+
+@dataclass(frozen=True, slots=True)
+class _ScenarioResamples:
+    """Episodes, and how often each counts in each resample of the scenarios: all seeds of one count alike."""
+
+    keys: Sequence[EpisodeKey]
+    counts: Float
+    """(1 + RESAMPLES, episodes); the first row is the sample itself."""
+
+    @classmethod
+    def of(cls, keys: Sequence[EpisodeKey]) -> "_ScenarioResamples":
+        """Draw the resamples."""
+        names = [*dict.fromkeys(name for name, _ in keys)]
+        columns = [names.index(name) for name, _ in keys]
+        return cls(keys, draw_resample_counts(len(names))[:, columns])
+
+
+def _make_line(
+    agent: str,
+    keys: Sequence[EpisodeKey],
+    shown: Mapping[EpisodeKey, OpenLoopScenario],
+    driven: Mapping[EpisodeKey, ScenarioResult],
+) -> OpenClosedLine:
+    ds, sr = (float(np.mean([getattr(driven[key], score) for key in keys])) for score in CLOSED_METRICS)
+    return OpenClosedLine(agent, combine_metrics([shown[key] for key in keys]), ds, sr, agent == REFERENCE)
+
+
+def _correlate(
+    metric: str,
+    lines: Sequence[OpenClosedLine],
+    shown: Mapping[str, Mapping[EpisodeKey, OpenLoopScenario]],
+    driven: Mapping[str, Mapping[EpisodeKey, ScenarioResult]],
+    resamples: _ScenarioResamples,
+) -> Iterator[RankCorrelation]:
+    """Yield the correlation of an open-loop metric with each closed-loop score."""
+    known = [one for one in lines if not one.is_reference and getattr(one.open, metric) is not None]
+    agents = tuple(line.agent for line in known)
+    if len(agents) < MIN_AGENTS:
+        yield from (RankCorrelation(metric, score, agents, None, None) for score in CLOSED_METRICS)
+        return
+    keys, counts = resamples.keys, resamples.counts
+    opened = [resample_metric([shown[agent][key] for key in keys], metric, counts) for agent in agents]
+    x = OPEN_METRICS[metric] * np.stack(opened, axis=-1)
+    usable = ~np.isnan(x).any(axis=-1)  # a resample may lack all recordings in which an agent has a plan
+    for score in CLOSED_METRICS:
+        closed = [counts @ [getattr(driven[agent][key], score) for key in keys] for agent in agents]
+        y = np.stack(closed, axis=-1) / counts.sum(axis=1, keepdims=True)
+        rho, tau = (correlate(x[usable], y[usable]) for correlate in (compute_spearman, compute_kendall))
+        yield RankCorrelation(metric, score, agents, _summarize(rho, len(counts)), _summarize(tau, len(counts)))
+
+
+def _summarize(values: Float, resamples: int) -> ConfidenceInterval | None:
+    """Return the first value with the interval of the others; None if it or most of the others are undefined."""
+    defined = values[1:][~np.isnan(values[1:])]
+    if not len(values) or np.isnan(values[0]) or len(defined) < MIN_DEFINED_SHARE * (resamples - 1):
+        return None
+    return compute_percentile_interval(float(values[0]), defined)

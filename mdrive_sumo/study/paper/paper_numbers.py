@@ -1,0 +1,57 @@
+"""All numbers of the study, computed from its runs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from mdrive_sumo.open_loop import OpenLoopResults
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent, make_agents_of_results
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring import Results
+from mdrive_sumo.study.paper.cooperation_gain import PairGain, RoleGap, compute_pair_gains, compute_role_gaps
+from mdrive_sumo.study.paper.open_closed import OpenClosedComparison, compare_open_with_closed
+from mdrive_sumo.study.paper.paper_plan import PaperPlan
+from mdrive_sumo.study.paper.paper_study import DETECTOR_PREFIX, ClosedRow, OpenRow, PaperRow, PaperStudy
+from mdrive_sumo.study.study_runs import StudyRow
+
+
+@dataclass(frozen=True, slots=True)
+class PaperNumbers:
+    """The numbers of the study."""
+
+    plan: PaperPlan
+    scenarios: tuple[Scenario, ...]
+    """Those of the main table."""
+    closed: Mapping[str, Results]
+    """By agent; detectors have the scenarios of the open loop only."""
+    open: Mapping[str, OpenLoopResults]
+    channel: tuple[StudyRow, ...]
+    compared: tuple[ComparedAgent, ...]
+    """The rows of the main table."""
+    gaps: tuple[RoleGap, ...]
+    gains: tuple[PairGain, ...]
+    comparison: OpenClosedComparison
+
+    @property
+    def runs(self) -> tuple[Results, ...]:
+        """The results of all runs in closed loop, those over worse channels included."""
+        return (*self.closed.values(), *(one for row in self.channel for one in row.results))
+
+
+def compute_paper_numbers(study: PaperStudy, rows: Sequence[PaperRow]) -> PaperNumbers:
+    """Return the numbers of a finished study, which has an agent for the main table."""
+    closed = {row.agent: row for row in rows if isinstance(row, ClosedRow) and row.agent in study.agents}
+    opened = {row.agent: row.results for row in rows if isinstance(row, OpenRow)}
+    main = [row for name, row in closed.items() if not name.startswith(DETECTOR_PREFIX)]
+    driven = {row.agent: row.results for row in main}
+    results = {name: row.results for name, row in closed.items()}
+    return PaperNumbers(
+        study.plan,
+        tuple(scenario for scenario in study.reference.scenarios if scenario.id in {*study.plan.closed}),
+        results,
+        opened,
+        tuple(row for row in rows if isinstance(row, StudyRow)),
+        make_agents_of_results([row.results for row in main], [row.folder for row in main]),
+        compute_role_gaps(driven),
+        compute_pair_gains(driven),
+        compare_open_with_closed(opened, results),
+    )

@@ -1,0 +1,118 @@
+"""The study as a report: tables and figures with the words that say what they can be compared with."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from mdrive_sumo.report.comparison_report.category_tables import (
+    build_category_table,
+    build_interdrive_table,
+    build_level_table,
+)
+from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, ReportSection
+from mdrive_sumo.report.comparison_report.report_figures import make_level_figure
+from mdrive_sumo.report.comparison_report.report_table import ReportTable, make_row, make_text_columns
+from mdrive_sumo.report.comparison_report.score_tables import build_bucket_table, build_main_table
+from mdrive_sumo.report.published_results import (
+    BUCKET_SIZES,
+    PUBLISHED_LATENCY,
+    PUBLISHED_METHODS,
+    PUBLISHED_POSE_ERROR,
+)
+from mdrive_sumo.study.paper import section_texts
+from mdrive_sumo.study.paper.channel_table import build_channel_table
+from mdrive_sumo.study.paper.gain_tables import build_gap_table, build_pair_table
+from mdrive_sumo.study.paper.open_closed_table import (
+    build_correlation_table,
+    build_open_closed_table,
+    make_open_closed_figure,
+)
+from mdrive_sumo.study.paper.paper_facts import QUICK, PaperRequest, list_paper_facts, list_paper_warnings
+from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
+from mdrive_sumo.study.paper.paper_study import CONDITIONS
+from mdrive_sumo.study.paper.scenario_table import build_scenario_table
+from mdrive_sumo.study.paper.section_texts import SectionText
+
+TITLE = "The paper's tables and figures, measured with mdrive-sumo"
+QUICK_PREFIX = "quick_"
+
+
+def build_paper_report(numbers: PaperNumbers, request: PaperRequest) -> ComparisonReport:
+    """Return the report of a study; tables and figures of a quick one say so in title and name."""
+    sections = (
+        _make_section(section_texts.SCENARIOS, (build_scenario_table(numbers.scenarios),)),
+        _make_section(section_texts.MAIN, _build_main_tables(numbers)),
+        _build_category_section(numbers),
+        _make_section(section_texts.GAINS, (build_pair_table(numbers.gains),) if numbers.gains else ()),
+        _make_section(
+            section_texts.CATEGORIES,
+            tuple(build_category_table(numbers.compared, score) for score in ("ds", "sr", "h")),
+        ),
+        replace(
+            _make_section(
+                section_texts.OPEN_CLOSED,
+                (build_open_closed_table(numbers.comparison), build_correlation_table(numbers.comparison)),
+            ),
+            figures=(make_open_closed_figure(numbers.comparison),),
+        ),
+        _make_section(section_texts.HUMANS),
+        *_build_channel_sections(numbers),
+        ReportSection("Without a counterpart", (_build_missing_table(),)),
+    )
+    if numbers.plan.quick:
+        sections = tuple(_mark_quick(section) for section in sections)
+    return ComparisonReport(TITLE, list_paper_facts(numbers, request), list_paper_warnings(numbers, request), sections)
+
+
+def _make_section(text: SectionText, tables: tuple[ReportTable, ...] = ()) -> ReportSection:
+    return ReportSection(text.title, tables, points=text.list_points())
+
+
+def _build_main_tables(numbers: PaperNumbers) -> tuple[ReportTable, ...]:
+    published = PUBLISHED_METHODS if _drives_whole_buckets(numbers) else ()
+    return build_main_table(numbers.compared, published), build_bucket_table(numbers.compared)
+
+
+def _drives_whole_buckets(numbers: PaperNumbers) -> bool:
+    """Return whether the published rows are means over as many scenarios of the same buckets."""
+    buckets = numbers.compared[0].results.buckets
+    return {name: bucket.scenarios for name, bucket in buckets.items()} == dict(BUCKET_SIZES)
+
+
+def _build_category_section(numbers: PaperNumbers) -> ReportSection:
+    tables = (
+        build_level_table(numbers.compared),
+        build_interdrive_table(numbers.compared),
+        build_gap_table(numbers.gaps) if numbers.gaps else None,
+    )
+    figure = make_level_figure(numbers.compared)
+    section = _make_section(section_texts.CATEGORY_FIGURE, tuple(table for table in tables if table))
+    return replace(section, figures=(figure,) if figure else ())
+
+
+def _build_channel_sections(numbers: PaperNumbers) -> Sequence[ReportSection]:
+    clean, *perturbed = CONDITIONS
+    parts = (
+        ("latency", section_texts.LATENCY, PUBLISHED_LATENCY),
+        ("pose_error", section_texts.POSE_ERROR, PUBLISHED_POSE_ERROR),
+    )
+    sections: list[ReportSection] = []
+    for (name, text, published), condition in zip(parts, perturbed, strict=True):
+        title = f"{condition.name[0].upper()}{condition.name[1:]}: clean and perturbed channel"
+        table = build_channel_table(name, title, numbers.channel, (clean, condition), published)
+        sections.append(_make_section(text, (table,)))
+    return sections
+
+
+def _build_missing_table() -> ReportTable:
+    columns = make_text_columns({"item": "of the paper", "reason": "why the study has no counterpart"})
+    rows = tuple(make_row(row) for row in section_texts.NO_COUNTERPART.items())
+    return ReportTable("without_counterpart", "Tables and figures of the paper without a counterpart", columns, rows)
+
+
+def _mark_quick(section: ReportSection) -> ReportSection:
+    """Return a section whose tables and figures are marked as those of a quick study."""
+    tables, figures = (
+        tuple(replace(one, name=f"{QUICK_PREFIX}{one.name}", title=f"{QUICK}: {one.title}") for one in found)
+        for found in (section.tables, section.figures)
+    )
+    return replace(section, tables=tables, figures=figures)

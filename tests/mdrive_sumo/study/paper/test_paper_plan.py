@@ -1,0 +1,58 @@
+"""Which scenarios each part of the study drives."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.suite import Suite, load_suite
+from mdrive_sumo.study.paper.paper_plan import CHANNEL_SCENARIOS, choose_evenly, make_plan, name_stratum
+
+
+@pytest.fixture(scope="module")
+def mdrive() -> Suite:
+    return load_suite("mdrive")
+
+
+def test_the_whole_study_drives_every_scenario_and_21_logs_over_worse_channels(mdrive: Suite) -> None:
+    plan = make_plan(mdrive, quick=False)
+    assert len(plan.closed) == 225 and len(plan.logs) == 67
+    assert len(plan.channel) == len({*plan.channel}) == CHANNEL_SCENARIOS == 21
+    assert {*plan.channel} <= {*plan.logs} <= {*plan.closed}
+    by_id = {scenario.id: scenario for scenario in mdrive}
+    assert all(len(by_id[name].egos) > 1 for name in plan.channel), "a message needs a receiver"
+    assert {by_id[name].network for name in plan.channel} == {by_id[name].network for name in plan.logs}
+
+
+def test_a_quick_study_has_every_stratum_once_and_is_always_the_same(mdrive: Suite) -> None:
+    plan = make_plan(mdrive, quick=True)
+    assert plan == make_plan(mdrive, quick=True)
+    assert len(plan.closed) == 9 and {*plan.channel} == {*plan.logs} <= {*plan.closed}
+    strata = {name_stratum(scenario) for scenario in mdrive}
+    found = [name_stratum(scenario) for scenario in mdrive if scenario.id in {*plan.closed}]
+    levels = {"static-avoidance", "dynamic-avoidance", "dynamic-coordination"}
+    assert {*found} == strata == {"IC", "LM", "LC", "synthetic"} | levels
+    assert found.count("synthetic") == 3
+
+
+def test_a_suite_without_logs_is_compared_as_a_whole(mdrive: Suite) -> None:
+    plan = make_plan(load_suite("interdrive"), quick=True)
+    assert plan.logs == plan.closed and len(plan.closed) == 3
+
+
+def test_scenarios_with_one_cav_have_no_channel(mdrive: Suite) -> None:
+    alone = tuple(scenario for scenario in mdrive if len(scenario.egos) == 1)
+    with pytest.raises(InputError, match="two CAVs or more, found none"):
+        make_plan(Suite(mdrive.about, mdrive.folder, alone), quick=False)
+
+
+@given(st.integers(0, 60), st.integers(1, 25))
+def test_even_choices_are_ordered_different_and_spread(size: int, count: int) -> None:
+    found = choose_evenly(range(size), count)
+    assert len(found) == min(size, count)
+    assert found == sorted({*found})
+    if size > count:
+        gaps = [b - a for a, b in pairwise(found)]
+        assert max(gaps, default=0) - min(gaps, default=0) <= 1
