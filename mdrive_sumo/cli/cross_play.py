@@ -19,7 +19,7 @@ from mdrive_sumo.study.two_agent_files import (
 from mdrive_sumo.study.two_agent_plots import draw_cross_play
 
 DEFAULT_AGENTS = "idm,single,sharing,colmdriver-rule,sharing+negotiation"
-"""Built-in agents that a road may hold together; constant-speed, stationary and take-turns react to nobody."""
+"""Built-in agents that react to other vehicles: constant-speed, stationary and take-turns do not."""
 
 
 @click.command("cross-play")
