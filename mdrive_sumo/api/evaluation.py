@@ -13,6 +13,7 @@ from mdrive_sumo.report.run_report import save_run_report
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
 from mdrive_sumo.runs.evaluate import Progress
 from mdrive_sumo.runs.evaluate import evaluate as run_jobs
+from mdrive_sumo.runs.other_agents import parse_other_agents
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.process_pool import count_available_cores
 from mdrive_sumo.runs.run_config import ConfigValue, RunConfig, check_seeds
@@ -27,6 +28,8 @@ def evaluate(
     *,
     scenario: str = "*",
     agent_config: Mapping[str, ConfigValue] | None = None,
+    others: str | None = None,
+    penetration: int | None = None,
     seeds: int | Iterable[int] = 1,
     score_mode: str = "mdrive",
     workers: int | None = None,
@@ -43,6 +46,8 @@ def evaluate(
 
     suite: a suite (also a part of one, such as `suite["i1*"]`), its name or its folder. scenario: a glob over ids and
     categories. agent: a built-in name, a class, `module:Class`, `path.py:Class`, `carla:path.py`.
+    others: the agent of the CAVs that are not under test; `agent` then drives one CAV of each scenario, drawn by the
+    seed, or the percentage of them that `penetration` says (without `others`, the rest drives as `single`).
     seeds: a number of seeds (3 means 0, 1 and 2) or the seeds themselves. workers: processes, by
     default one per core. scheduler: address of a Dask scheduler whose workers drive instead.
     out: the run folder, which holds all seeds; by default a folder below `runs/` that the arguments determine. A folder
@@ -62,6 +67,7 @@ def evaluate(
         suite=name,
         scenario=pattern,
         agent=AgentSpec(agent, agent_config or {}),
+        others=parse_other_agents(others, penetration),
         seed=chosen[0],
         more_seeds=chosen[1:],
         score_mode=parse_score_mode(score_mode),

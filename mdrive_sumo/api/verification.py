@@ -12,7 +12,7 @@ from mdrive_sumo.runs.episode_job import replay_language_model
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.foreign_agent import permit_agent
 from mdrive_sumo.runs.journal import JOURNAL_FILE
-from mdrive_sumo.runs.prepared_run import PreparedRun, declare_labels
+from mdrive_sumo.runs.prepared_run import PreparedRun, declare_all_labels
 from mdrive_sumo.runs.rescore import rescored_path
 from mdrive_sumo.runs.stored_run import StoredRun
 from mdrive_sumo.runs.verify import VerificationResult, sample_results, verify
@@ -112,5 +112,6 @@ def _declare(run: PreparedRun, stored: PreparedRun) -> dict[str, Any]:
 
     run: as it may be executed; stored: as it was, without a box unless it had one.
     """
-    declared, labels = declare_labels(replay_language_model(run.agent, None), is_sandboxed=stored.config.sandbox)
+    agents = [replay_language_model(run.agent, None), *((run.others.agent,) if run.others else ())]
+    declared, labels = declare_all_labels(agents, is_sandboxed=stored.config.sandbox)
     return {"labels": labels, "declared_label": declared}

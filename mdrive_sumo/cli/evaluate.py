@@ -21,6 +21,7 @@ from mdrive_sumo.report.run_report import REPORT_FILE, save_run_report
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, Progress, StoppedAtFailure, evaluate
 from mdrive_sumo.runs.journal import JOURNAL_FILE
+from mdrive_sumo.runs.other_agents import parse_other_agents
 from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER, LOGS_FOLDER, PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
 from mdrive_sumo.scoring import Results, ScoreMode
@@ -43,6 +44,18 @@ EXECUTORS = ("local", "dask")
 )
 @click.option(
     "--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Options of the agent, a JSON object."
+)
+@click.option(
+    "--others",
+    metavar="AGENT",
+    help="Agent of the CAVs that are not under test: --agent drives one CAV of each scenario, drawn by the seed, or as"
+    " many as --penetration says [default with --penetration: single].",
+)
+@click.option(
+    "--penetration",
+    type=click.IntRange(1, 99),
+    metavar="PERCENT",
+    help="Share of the CAVs that --agent drives, at least one; the others drive as --others.",
 )
 @episode_options
 @click.option(
@@ -112,6 +125,7 @@ def command(
         raise InputError(f"--executor {executor}: expected --scheduler with dask and only then")
     config = RunConfig(
         agent=AgentSpec(options.pop("agent"), agent_options),
+        others=parse_other_agents(options.pop("others"), options.pop("penetration")),
         options=read_episode_options(options),
         seed=first,
         more_seeds=tuple(range(first + 1, first + count)),
@@ -169,7 +183,7 @@ def evaluate_with_display(
 
 def _list_written_files(run: PreparedRun) -> str:
     files = {RESULTS_FILE: "all numbers", REPORT_FILE: "to read", JOURNAL_FILE: "what was done"}
-    if not run.config.agent.is_builtin:
+    if not run.config.is_builtin:
         files[f"{LOGS_FOLDER}/"] = "output of the agent's processes"
     if run.config.record:
         files[f"{EPISODES_FOLDER}/"] = "recordings, for view, verify and rescore"

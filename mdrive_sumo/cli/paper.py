@@ -9,8 +9,8 @@ from typing import Any
 import click
 
 from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
+from mdrive_sumo.cli.study_options import parse_agent_names
 from mdrive_sumo.cli.workers import workers_option
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.open_loop import OpenLoopResults
 from mdrive_sumo.report.comparison_report.score_tables import build_main_table
@@ -126,12 +126,7 @@ class _PaperOptions:
         """Return the agents that are named; none: all that are installed. Raises InputError."""
         if self.agents is None:
             return ()
-        names = [name.strip() for name in self.agents.split(",")]
-        if "" in names or len({*names}) < len(names):
-            raise InputError(
-                f"study: --agents: expected different agents with commas between them, found {self.agents!r}"
-            )
-        return names
+        return parse_agent_names(self.agents)
 
     def _make_config(self, agent: str) -> RunConfig:
         return RunConfig(

@@ -9,10 +9,13 @@ import click
 
 from mdrive_sumo.cli.ablate import command as ablate_command
 from mdrive_sumo.cli.comm import parse_comm_options
+from mdrive_sumo.cli.cross_play import command as cross_play_command
 from mdrive_sumo.cli.gain import command as gain_command
 from mdrive_sumo.cli.paper import command as paper_command
+from mdrive_sumo.cli.penetration import command as penetration_command
 from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
+from mdrive_sumo.cli.study_options import parse_agent_names
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
@@ -43,7 +46,9 @@ command = click.Group(
     help="Measure what cooperation is worth: the paper's tables, in parts, over worse channels, message by message.",
 )
 command.add_command(ablate_command)
+command.add_command(cross_play_command)
 command.add_command(gain_command)
+command.add_command(penetration_command)
 command.add_command(paper_command)
 
 
@@ -157,11 +162,7 @@ class _StudyOptions:
 
     def study(self, found: tuple[ChannelCondition, ...]) -> Study:
         """Return the study; creates every agent once. Raises InputError."""
-        names = [name.strip() for name in self.agents.split(",")]
-        if "" in names or len(set(names)) < len(names):
-            raise InputError(
-                f"study: --agents: expected different agents with commas between them, found {self.agents!r}"
-            )
+        names = parse_agent_names(self.agents)
         configs = self._parse_agent_configs(names)
         agents = {name: self._prepare_agent(name, configs.get(name)) for name in names}
         best = agents.get(BEST) or self._prepare_agent(BEST, None) if self.captured else None

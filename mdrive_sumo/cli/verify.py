@@ -64,9 +64,10 @@ def _print_circumstances(stored: StoredRun, run: PreparedRun) -> None:
         click.echo("warning: the run has no recordings; only final digests are compared", err=True)
     if not stored.journal.checksum:
         click.echo("warning: the journal is of an older version, whose lines have no checksums", err=True)
-    if not run.config.agent.is_builtin:
-        where = "in boxes" if run.config.sandbox else "with your permissions"
-        click.echo(f"running {describe_foreign_agent(run.config.agent)} {where}", err=True)
+    where = "in boxes" if run.config.sandbox else "with your permissions"
+    for agent in run.config.agents:
+        if not agent.is_builtin:
+            click.echo(f"running {describe_foreign_agent(agent)} {where}", err=True)
 
 
 def _print_file(file: FileVerification) -> None:

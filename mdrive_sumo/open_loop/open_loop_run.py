@@ -55,7 +55,7 @@ class OpenLoopRun:
 
     def limit_s(self) -> float:
         """Return the wall clock after which a recording counts as hung [s]."""
-        return compute_limit_s(self.agent, self.reference.scenarios)
+        return compute_limit_s((self.agent,), self.reference.scenarios)
 
 
 def prepare_open_loop(

@@ -11,6 +11,7 @@ from mdrive_sumo.scoring.summary import count_scenarios
 
 SCORE_HEADER: TableRow = ("DS", "SR", "efficient SR", "time ratio", "RC", "IP")
 INTERVAL_HEADER: TableRow = ("mean over seeds", "DS", "95 % from", "to", "SR", "95 % from", "to")
+ROLE_HEADER: TableRow = ("agent", "role", "CAVs", "DS", "SR", "time ratio")
 TIMED_HEADER = "timed"
 """Scenarios over which the time ratio is a mean."""
 CAPTURED_HEADER = "captured [%]"
@@ -72,9 +73,24 @@ def _format_interval(interval: ConfidenceInterval) -> TableRow:
 
 
 def describe_agent(results: Results) -> str:
-    """Return the agent with its labels, e.g. "omniscient [privileged]"."""
-    labels = ", ".join(results.run.labels)
-    return f"{results.run.agent} [{labels}]" if labels else results.run.agent
+    """Return the agent with its labels, e.g. "omniscient [privileged]"; with the other agent in a run of two."""
+    labels, run = ", ".join(results.run.labels), results.run
+    share = "one CAV" if run.penetration is None else f"{run.penetration} % of the CAVs"
+    name = f"{run.agent} ({share}) among {run.others}" if run.others else run.agent
+    return f"{name} [{labels}]" if labels else name
+
+
+def build_role_rows(results: Results) -> list[TableRow]:
+    """Return the rows below `ROLE_HEADER` of a run of two agents; none for a run of one."""
+    roles = results.overall.roles
+    if roles is None:
+        return []
+    found = ((results.run.agent, "under test", roles.tested), (results.run.others, "other", roles.others))
+    return [
+        (name, role, str(one.cavs), f"{one.ds:.2f}", f"{one.sr:.2f}", format_optional(one.time_ratio))
+        for name, role, one in found
+        if one is not None
+    ]
 
 
 def count_outcomes(results: Results) -> Counter[str]:
@@ -168,6 +184,7 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
             format_text_table(*build_score_rows(results, captured)),
             "",
             *((format_text_table(INTERVAL_HEADER, rows), "") if (rows := build_interval_rows(results)) else ()),
+            *((format_text_table(ROLE_HEADER, rows), "") if (rows := build_role_rows(results)) else ()),
             *(f"{name:<13}{value}" for name, value in facts),
             *(
                 f"  {name_episode(run, s)}: {' '.join(s.reason.split())}"

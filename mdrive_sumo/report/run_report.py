@@ -9,9 +9,11 @@ from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import (
     CAPTURED_HEADER,
     INTERVAL_HEADER,
+    ROLE_HEADER,
     SCORE_HEADER,
     TIMED_HEADER,
     build_interval_rows,
+    build_role_rows,
     build_score_rows,
     count_collisions_by_severity,
     count_infractions,
@@ -52,6 +54,8 @@ or another road user leaves a place until the other takes it, at most 5 s. Comfo
 accelerations, jerks and yaw rate are within nuPlan's bounds. Messages: payload that all stations send in a second."""
 INTERVALS = """\
 Means over seeds with 95 % bootstrap intervals: scenarios are drawn anew, then seeds within each."""
+ROLES = """\
+Scores by agent: means over scenarios of means over the CAVs that the agent drives, whatever the score mode."""
 MEANS = ("bucket mean", "scenario mean")
 CAPTURED = """\
 Captured cooperation is (agent - the same agent with the channel off) / (omniscient - the same agent with the
@@ -70,6 +74,7 @@ def build_run_report(results: Results, captured: CapturedCooperation | None = No
         "## Scores",
         _score_table(results, captured),
         _interval_table(results),
+        _role_table(results),
         *(("## Beside the score", BESIDE, _scalar_table(results)) if results.overall.scalars else ()),
         "## How it ended",
         _counts("outcome", "CAVs", count_outcomes(results).items()),
@@ -129,6 +134,11 @@ def _scalar_table(results: Results) -> str:
 def _interval_table(results: Results) -> str:
     rows = build_interval_rows(results)
     return f"{INTERVALS}\n\n{format_markdown_table(INTERVAL_HEADER, rows)}" if rows else ""
+
+
+def _role_table(results: Results) -> str:
+    rows = build_role_rows(results)
+    return f"{ROLES}\n\n{format_markdown_table(ROLE_HEADER, rows)}" if rows else ""
 
 
 def _counts(name: str, unit: str, counts: Iterable[tuple[str, int]], empty: str = "") -> str:

@@ -1,6 +1,8 @@
 """EpisodeJob: one episode as a typed, picklable value for a worker process. The composition root of a run."""
 
 import os
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -10,16 +12,19 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
 from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.loop.agent_driver import AgentDriver
 from mdrive_sumo.loop.open_world import open_world
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import RejectedError, open_agents
+from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.runs.transcript import save_transcript, transcript_path
 from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, load_suite_of_one
 from mdrive_sumo.scenario.variation import load_varied_scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
+from mdrive_sumo.scoring.roles import mark_tested
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,8 @@ class EpisodeJob:
     suite_folder: Path
     scenario: str
     agent: AgentSpec
+    others: OtherAgents | None = None
+    """The agents of the CAVs that are not under test; None: `agent` drives all."""
     seed: int = 0
     score_mode: ScoreMode = ScoreMode.MDRIVE
     options: EpisodeOptions = field(default_factory=EpisodeOptions)
@@ -64,7 +71,10 @@ def score_job_episode(job: EpisodeJob, episode: EpisodeRecord) -> ScenarioResult
     """Return the score of an episode of a job's scenario, with the suite's reference times. Raises InputError."""
     scenario, roads = load_job_scenario(job)
     reference = find_reference_times(scenario, _load_suite_of_job(job).find_folder(scenario.id))
-    return score_episode(episode, scenario, roads, job.score_mode, job.seed, reference)
+    result = score_episode(episode, scenario, roads, job.score_mode, job.seed, reference)
+    if job.others is None:
+        return result
+    return mark_tested(result, job.others.choose_tested(scenario, job.seed))
 
 
 def reexecute(job: EpisodeJob) -> EpisodeRecord:
@@ -136,21 +146,44 @@ def _load_suite_once(folder: Path, scenario: str) -> Suite:
     return load_suite_of_one(Path(folder), scenario)
 
 
+def _describe_others(others: OtherAgents | None) -> dict[str, str]:
+    return {"others": others.agent.name} if others else {}
+
+
 def _drive(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord:
     config = EpisodeConfig(
         scenario,
         roads,
         job.seed,
-        {"agent": job.agent.name, "seed": job.seed, **job.options.to_dict()},
+        {"agent": job.agent.name, **_describe_others(job.others), "seed": job.seed, **job.options.to_dict()},
         replayed_failures=job.replayed_failures,
         options=job.options,
         think_times=job.think_times,
     )
     logs = job.logs / scenario.id if job.logs is not None else None
-    with open_agents(job.agent, config.cav_pseudonyms, logs) as drivers, open_world(config) as world:
+    with _open_drivers(job, scenario, config, logs) as drivers, open_world(config) as world:
         try:
             return run_episode(config, world, drivers)
         except InputError as error:  # the scenario has been checked before: it is about the agent's declaration
             if job.agent.box is not None:
                 raise RejectedError(str(error)) from None
             raise
+
+
+@contextmanager
+def _open_drivers(
+    job: EpisodeJob, scenario: Scenario, config: EpisodeConfig, logs: Path | None
+) -> Generator[dict[str, AgentDriver]]:
+    """Start the agents of an episode and yield driver by CAV id, in the order of the scenario."""
+    known = config.cav_pseudonyms
+    if job.others is None:
+        with open_agents(job.agent, known, logs) as drivers:
+            yield drivers
+        return
+    tested = job.others.choose_tested(scenario, job.seed)
+    rest = {ego: name for ego, name in known.items() if ego not in tested}
+    with (
+        open_agents(job.agent, {ego: known[ego] for ego in known if ego in tested}, logs) as first,
+        open_agents(job.others.agent, rest, logs) as second,
+    ):
+        yield {ego: (first | second)[ego] for ego in known}

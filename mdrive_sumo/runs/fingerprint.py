@@ -25,6 +25,7 @@ def compute_fingerprint(config: RunConfig, suite: Suite, scenarios: tuple[Scenar
         "suite_checksum": suite.checksum(),
         "networks": compute_networks_checksum(suite, scenarios),
         "agent_code": config.agent.code_checksum(),
+        **({"others_code": config.others.agent.code_checksum()} if config.others else {}),
         "code": compute_code_checksum(),
         **read_versions(),
     }

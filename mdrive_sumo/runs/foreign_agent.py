@@ -12,6 +12,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.prepared_run import PreparedRun
 
+CODE_KEYS = ("agent_code", "others_code")
+"""Where a fingerprint has the checksums of the agents of a run, in their order."""
 REMEDY = "read it, then add --trust-agent, or --sandbox to run it in a box"
 
 
@@ -25,25 +27,35 @@ def permit_agent(
 ) -> PreparedRun:
     """Return the stored run as it may be executed again.
 
-    trusted: the user trusts the agent's code. sandbox: run it in boxes, as a run made with `eval --sandbox` always is.
-    place: where the agent is now, if it has moved. ask: puts a question to the user. Raises InputError if the agent may
-    not run, is missing, or is not the one of the run.
+    trusted: the user trusts the code of all agents of the run. sandbox: run them in boxes, as a run made with
+    `eval --sandbox` always is. place: where the agent under test is now, if it has moved. ask: puts a question to the
+    user. Raises InputError if an agent may not run, is missing, or is not the one of the run.
     """
     agent = run.config.agent if place is None else replace(run.config.agent, agent=place).resolve()
-    if agent.is_builtin:
-        if not run.config.agent.is_builtin:
-            raise InputError(f"--agent: expected where {run.config.agent.name} is now, found the built-in {agent.name}")
+    if agent.is_builtin and not run.config.agent.is_builtin:
+        raise InputError(f"--agent: expected where {run.config.agent.name} is now, found the built-in {agent.name}")
+    config = replace(run.config, agent=agent)
+    if config.is_builtin:
         return run
     boxed = sandbox or run.config.sandbox
+    for one, key in zip(config.agents, CODE_KEYS, strict=False):
+        if not one.is_builtin:
+            _permit_code(run, one, key, ask, permitted=boxed or trusted)
+    return replace(run, config=replace(config, sandbox=boxed))
+
+
+def _permit_code(
+    run: PreparedRun, agent: AgentSpec, key: str, ask: Callable[[str], bool] | None, *, permitted: bool
+) -> None:
+    """Raise InputError unless an agent's code is that of the run and may run. key: of its checksum."""
     if agent.find_file() is not None:
-        check_agent_unchanged(run, agent)  # reads the file only
-    if not boxed and not trusted:
+        check_agent_unchanged(run, agent, key)  # reads the file only
+    if not permitted:
         what = f"{run.folder}: this would run {describe_foreign_agent(agent)} with all your permissions"
         if ask is None or not ask(f"{what}. Run it?"):
             raise InputError(f"{what}; {REMEDY}")
     if agent.find_file() is None:
-        check_agent_unchanged(run, agent)
-    return replace(run, config=replace(run.config, agent=agent, sandbox=boxed))
+        check_agent_unchanged(run, agent, key)
 
 
 def describe_foreign_agent(agent: AgentSpec) -> str:
@@ -54,10 +66,10 @@ def describe_foreign_agent(agent: AgentSpec) -> str:
     return f"the agent {agent.name} (sha256 {compute_file_checksum(file)[7:23]})"
 
 
-def check_agent_unchanged(run: PreparedRun, agent: AgentSpec) -> None:
-    """Raise InputError if the agent's code is missing or is not that of the run."""
+def check_agent_unchanged(run: PreparedRun, agent: AgentSpec, key: str = CODE_KEYS[0]) -> None:
+    """Raise InputError if an agent's code is missing or is not that of the run. key: of its checksum."""
     file = agent.find_file()
-    expected = run.fingerprint.get("agent_code", "")
+    expected = run.fingerprint.get(key, "")
     if file is not None and not file.is_file():
         raise InputError(
             f"{run.folder}: expected the run's agent at {file}, found no file; --agent PATH:CLASS says where it is now"

@@ -1,7 +1,7 @@
 """PreparedRun: an evaluation that is ready to start. Errors in its input are found here, before the first tick."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdrive_sumo.agent_process.agent_file import describe_missing_class
@@ -18,6 +18,7 @@ from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor
+from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig, check_seeds
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.reference_times import find_reference_times
@@ -49,7 +50,15 @@ class PreparedRun:
     @property
     def agent(self) -> AgentSpec:
         """The agent as a worker starts it. Raises InputError if it cannot run in a box but shall."""
-        return _locate_agent(self.config, self.suite, self.folder)
+        return _locate_agent(self.config.agent, self.config, self.suite, self.folder)
+
+    @property
+    def others(self) -> OtherAgents | None:
+        """The second agent as a worker starts it, if there is one. Raises InputError as `agent` does."""
+        others = self.config.others
+        if others is None:
+            return None
+        return replace(others, agent=_locate_agent(others.agent, self.config, self.suite, self.folder))
 
     @property
     def episodes(self) -> dict[EpisodeKey, Scenario]:
@@ -84,12 +93,13 @@ class PreparedRun:
             suite_folder=self.suite.folder.resolve(),
             scenario=scenario.id,
             agent=self.agent,
+            others=self.others,
             seed=seed,
             score_mode=config.score_mode,
             options=config.options,
             recording=self.find_recording((scenario.id, seed)) if config.record else None,
             transcripts=self.find_transcripts(seed),
-            logs=None if config.agent.is_builtin else logs,
+            logs=None if config.is_builtin else logs,
             checksum=compute_file_checksum(self.suite.find_folder(scenario.id) / scenario.id / SCENARIO_FILE),
         )
 
@@ -101,7 +111,7 @@ class PreparedRun:
     def make_folders(self) -> None:
         """Create the folders that the jobs write into. Raises OSError."""
         kinds = [EPISODES_FOLDER] if self.config.record else []
-        if not self.config.agent.is_builtin:
+        if not self.config.is_builtin:
             kinds.append(LOGS_FOLDER)
         for kind in kinds:
             for seed in self.config.seeds:
@@ -109,15 +119,14 @@ class PreparedRun:
 
     def limit_s(self) -> float:
         """Return the wall clock after which an episode counts as hung [s]."""
-        return compute_limit_s(self.config.agent, self.scenarios)
+        return compute_limit_s(self.config.agents, self.scenarios)
 
 
-def compute_limit_s(agent: AgentSpec, scenarios: Sequence[Scenario]) -> float:
+def compute_limit_s(agents: Sequence[AgentSpec], scenarios: Sequence[Scenario]) -> float:
     """Return the wall clock after which an episode counts as hung [s]: more than its agents may take together."""
-    if agent.is_builtin:
-        return SIMULATION_LIMIT_S
+    foreign = [agent.limits for agent in agents if not agent.is_builtin]
     most = max(len(scenario.egos) for scenario in scenarios)
-    return SIMULATION_LIMIT_S + most * (2 * agent.limits.start_s + agent.limits.episode_s)
+    return SIMULATION_LIMIT_S + most * max((2 * one.start_s + one.episode_s for one in foreign), default=0.0)
 
 
 def prepare(config: RunConfig) -> PreparedRun:
@@ -136,16 +145,18 @@ def prepare_with_suite(config: RunConfig, suite: Suite) -> PreparedRun:
     if config.sandbox and config.scheduler:
         raise InputError("--sandbox: expected --executor local, found dask: a box needs the main thread of its process")
     check_mute(config, scenarios)
-    check_agent_name(config.agent)
-    agent = _locate_agent(config, suite, folder)
-    declared_label, labels = declare_labels(agent, is_sandboxed=agent.box is not None)
+    for agent in config.agents:
+        check_agent_name(agent)
+    declared_label, labels = declare_all_labels(
+        [_locate_agent(agent, config, suite, folder) for agent in config.agents], is_sandboxed=config.sandbox
+    )
     info = make_run_info(config, suite, labels, declared_label)
     return PreparedRun(config, suite, scenarios, folder, info, compute_fingerprint(config, suite, scenarios))
 
 
-def _locate_agent(config: RunConfig, suite: Suite, run_folder: Path) -> AgentSpec:
-    """Return the agent as any process finds it, in a box if the run is sandboxed. Raises InputError."""
-    agent = config.agent.resolve()
+def _locate_agent(agent: AgentSpec, config: RunConfig, suite: Suite, run_folder: Path) -> AgentSpec:
+    """Return an agent as any process finds it, in a box if the run is sandboxed. Raises InputError."""
+    agent = agent.resolve()
     if not config.sandbox:
         return agent
     return box_agent(agent, list_hidden_folders(suite.folder, RUNS_FOLDER), run_folder)
@@ -158,6 +169,8 @@ def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], decl
         "labels": labels,
         "declared_label": declared_label,
         "agent_config": config.agent.config_hash(),
+        "others": config.others.agent.name if config.others else "",
+        "penetration": config.others.penetration if config.others else None,
         "suite": suite.name,
         "suite_checksum": suite.checksum(),
         "seed": config.seed,
@@ -206,6 +219,21 @@ def check_agent_name(agent: AgentSpec) -> None:
         raise InputError(f"agent {name!r}: expected {known}, found neither{suggestion}")
 
 
+def declare_all_labels(agents: Sequence[AgentSpec], *, is_sandboxed: bool) -> tuple[str, tuple[str, ...]]:
+    """Return the label that the agent under test declares, and the labels that follow from all agents of a run.
+
+    agents: the one under test first. Raises InputError for agents that cannot be created, or cannot drive together.
+    """
+    if sum(_is_joint(agent) for agent in agents) > 1:
+        raise InputError("--others: expected at most one joint agent (carla:...) in a run, found two")
+    declared = [declare_labels(agent, is_sandboxed=is_sandboxed) for agent in agents]
+    return declared[0][0], tuple(dict.fromkeys(label for _, labels in declared for label in labels))
+
+
+def _is_joint(agent: AgentSpec) -> bool:
+    return isinstance(agent.agent, str) and find_carla_file(agent.agent) is not None
+
+
 def declare_labels(agent: AgentSpec, *, is_sandboxed: bool) -> tuple[str, tuple[str, ...]]:
     """Create an agent; return the label that it declares, and the labels that follow from it. Raises InputError."""
     name = agent.name
@@ -215,9 +243,8 @@ def declare_labels(agent: AgentSpec, *, is_sandboxed: bool) -> tuple[str, tuple[
         raise InputError(f"agent {name!r}: cannot be created: {error.text.removeprefix('InputError: ')}") from None
     if unknown := find_unknown_sensor(declaration.sensors):
         raise InputError(unknown)
-    is_joint = isinstance(agent.agent, str) and find_carla_file(agent.agent) is not None
     facts = {
-        JOINT: is_joint,
+        JOINT: _is_joint(agent),
         PRIVILEGED: any(sensor.kind == PRIVILEGED for sensor in declaration.sensors),
         UNSANDBOXED: not agent.is_builtin and not is_sandboxed,
     }
@@ -238,7 +265,7 @@ def check_mute(config: RunConfig, scenarios: Sequence[Scenario]) -> None:
                 f"--comm-mute {pattern}: expected a sender among {', '.join(sorted(senders))} or *, found {sender!r}"
                 f"{suggest_name(sender, senders)}"
             )
-        if config.agent.is_builtin and kind not in {"*", *TYPES}:
+        if config.is_builtin and kind not in {"*", *TYPES}:
             suggestion = suggest_name(kind, TYPES)
             raise InputError(
                 f"--comm-mute {pattern}: expected a type among {', '.join(TYPES)} or *, found {kind!r}{suggestion}"

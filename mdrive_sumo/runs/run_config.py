@@ -13,14 +13,15 @@ from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.scoring import ScoreMode
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json
 
 ConfigValue = float | str | bool
 RUNS_FOLDER = Path("runs")
 FINGERPRINT_TYPES = {
-    **dict.fromkeys(("suite", "scenario", "agent", "agent_config", "score_mode", "seeds"), str),
-    "seed": int,
+    **dict.fromkeys(("suite", "scenario", "agent", "agent_config", "score_mode", "seeds", "others"), str),
+    **dict.fromkeys(("seed", "penetration"), int),
     **dict.fromkeys(("record", "sandbox"), bool),
 }
 """Types of the values of a fingerprint that a stranger's journal may hold otherwise."""
@@ -34,6 +35,8 @@ class RunConfig:
     """Name of a packaged suite, or a folder."""
     scenario: str = "*"
     agent: AgentSpec = field(default_factory=lambda: AgentSpec("idm"))
+    others: OtherAgents | None = None
+    """A second agent, which drives the CAVs that are not under test; None: `agent` drives all."""
     seed: int = 0
     """The first seed."""
     more_seeds: tuple[int, ...] = ()
@@ -56,6 +59,16 @@ class RunConfig:
     """The command as the user typed it, for the report."""
 
     @property
+    def agents(self) -> tuple[AgentSpec, ...]:
+        """All agents of the run, the one under test first."""
+        return (self.agent, *((self.others.agent,) if self.others else ()))
+
+    @property
+    def is_builtin(self) -> bool:
+        """Whether all agents are built in, so that none has a process, a log or code of its own."""
+        return all(agent.is_builtin for agent in self.agents)
+
+    @property
     def seeds(self) -> tuple[int, ...]:
         """All seeds; every scenario is driven with each."""
         return (self.seed, *self.more_seeds)
@@ -71,6 +84,7 @@ class RunConfig:
             "scenario": self.scenario,
             "agent": self.agent.resolve().name,
             "agent_config": self.agent.config_text(),
+            **(_describe_others(self.others) if self.others else {}),
             "seed": self.seed,
             **({"seeds": ",".join(map(str, self.seeds))} if self.more_seeds else {}),
             "score_mode": str(self.score_mode),
@@ -89,6 +103,7 @@ class RunConfig:
             suite=values["suite"],
             scenario=values["scenario"],
             agent=AgentSpec(values["agent"], json.loads(values["agent_config"])),
+            others=_read_others(values),
             seed=values["seed"],
             more_seeds=_parse_more_seeds(values["seed"], values.get("seeds", "")),
             score_mode=ScoreMode(values["score_mode"]),
@@ -102,7 +117,9 @@ class RunConfig:
         chosen, default = self.options.to_dict(), EpisodeOptions().to_dict()
         parts = [
             suite_name,
-            re.sub(r"^.*/|\.py(?=:)", "", self.agent.name),
+            _shorten_name(self.agent),
+            *((f"with-{_shorten_name(self.others.agent)}",) if self.others else ()),
+            f"{self.others.penetration}percent" if self.others and self.others.penetration is not None else "",
             _name_seeds(self.seeds),
             self.scenario if self.scenario != "*" else "",
             self.agent.config_hash()[7:13],
@@ -114,6 +131,19 @@ class RunConfig:
             "sandbox" if self.sandbox else "",
         ]
         return RUNS_FOLDER / re.sub(r"[^A-Za-z0-9_.+-]+", "_", "-".join(part for part in parts if part))
+
+
+def _shorten_name(agent: AgentSpec) -> str:
+    return re.sub(r"^.*/|\.py(?=:)", "", agent.name)
+
+
+def _describe_others(others: OtherAgents) -> dict[str, str | int]:
+    penetration = {} if others.penetration is None else {"penetration": others.penetration}
+    return {"others": others.agent.resolve().name, **penetration}
+
+
+def _read_others(values: Mapping[str, Any]) -> OtherAgents | None:
+    return OtherAgents(AgentSpec(values["others"]), values.get("penetration")) if "others" in values else None
 
 
 def check_seeds(seeds: Sequence[int]) -> None:

@@ -58,6 +58,8 @@ def list_settings(info: RunInfo, folder: Path | None = None) -> dict[str, Any]:
     fingerprint = _read_fingerprint(folder)
     found: dict[str, Any] = {"agent": info.agent}
     found |= dict(_list_agent_settings(info, fingerprint))
+    if info.others:
+        found |= {"others": info.others, "penetration": "one CAV" if info.penetration is None else info.penetration}
     found |= {f"comm {name}": value for name, value in info.comm.items() if name != "preset"}
     found["agent clock"] = info.agent_clock
     found |= {name: getattr(info, name) for name in EpisodeOptions.list_choices()}

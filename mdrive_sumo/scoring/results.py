@@ -66,6 +66,8 @@ class EgoResult(_Part):
     time_ratio: Number | None = None
     """Its ticks divided by those of `omniscient`; null unless both arrived."""
     infractions: tuple[Infraction, ...]
+    is_other: bool = Field(default=False, exclude_if=lambda is_other: not is_other)
+    """Whether the second agent of a run with two (`--others`) drove it; absent where the agent under test did."""
 
 
 class Means(_Part):
@@ -128,6 +130,28 @@ class BucketResult(Means):
     """Means of the scalar metrics over the episodes in which each is defined."""
 
 
+class RoleMeans(_Part):
+    """What the CAVs of one agent reached in a run of two agents: means over scenarios of means over these CAVs."""
+
+    cavs: int
+    """CAVs in all episodes."""
+    ds: Number
+    sr: Number
+    rc: Number
+    ip: Number
+    time_ratio: Number | None = None
+    """Mean over the CAVs that have one."""
+
+
+class Roles(_Part):
+    """A run of two agents (`--others`), agent by agent. Scores are those of single CAVs, whatever the score mode."""
+
+    tested: RoleMeans
+    """CAVs of the agent under test."""
+    others: RoleMeans | None
+    """CAVs of the second agent; null if it drove none."""
+
+
 class Overall(_Part):
     """The paper's numbers are means of bucket values, its caption says mean over scenarios: both are here."""
 
@@ -137,6 +161,8 @@ class Overall(_Part):
     """Episodes in which every CAV arrived; the time ratios are means over these."""
     scalars: Scalars = Field(default_factory=_no_scalars)
     """Means of the scalar metrics over the episodes in which each is defined."""
+    roles: Roles | None = Field(default=None, exclude_if=lambda roles: roles is None)
+    """Scores by agent in a run of two agents; absent in a run of one."""
 
 
 class RunInfo(_Part):
@@ -150,6 +176,10 @@ class RunInfo(_Part):
     """What the agent says of itself; nothing depends on it."""
     agent_config: str = ""
     """Hash of the agent's configuration."""
+    others: str = Field(default="", exclude_if=lambda others: not others)
+    """The agent of the CAVs that are not under test (`--others`); absent in a run of one agent."""
+    penetration: int | None = Field(default=None, exclude_if=lambda penetration: penetration is None)
+    """Percentage of the CAVs under test; absent if it is one CAV, or all."""
     suite: str
     suite_checksum: str
     seed: int

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from mdrive_sumo.scoring.labels import derive_labels
 from mdrive_sumo.scoring.results import BucketResult, Means, Overall, Results, RunInfo, ScenarioResult
+from mdrive_sumo.scoring.roles import compute_roles
 from mdrive_sumo.scoring.score_mode import compute_mean
 
 
@@ -25,6 +26,7 @@ def compute_overall(scenarios: Sequence[ScenarioResult]) -> Overall:
         scenario_mean=compute_means(scenarios),
         timed=count_timed(scenarios),
         scalars=compute_scalar_means(scenarios),
+        roles=compute_roles(scenarios),
     )
 
 

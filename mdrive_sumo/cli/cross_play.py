@@ -1,0 +1,56 @@
+"""`mdrive-sumo study cross-play`: every agent among CAVs of every other agent."""
+
+from typing import Any
+
+import click
+
+from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
+from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names, study_options
+from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.study.cross_play import CrossPlayStudy, summarise_cross_play
+from mdrive_sumo.study.two_agent_files import (
+    STRANGERS_HEADER,
+    cross_play_csv,
+    cross_play_json,
+    cross_play_markdown,
+    make_matrix,
+    make_strangers_table,
+)
+from mdrive_sumo.study.two_agent_plots import draw_cross_play
+
+DEFAULT_AGENTS = "idm,single,sharing,colmdriver-rule,sharing+negotiation"
+"""Built-in agents that react to other vehicles: constant-speed, stationary and take-turns do not."""
+
+
+@click.command("cross-play")
+@click.option(
+    "--agents", default=DEFAULT_AGENTS, show_default=True, metavar="A,B,...", help="Agents, each as --agent of `eval`."
+)
+@study_options(suite="interdrive", seed=0, seeds=1)
+@click.pass_context
+def command(ctx: click.Context, agents: str, **options: Any) -> None:
+    """Measure how well agents drive with partners that they were not built for.
+
+    Each agent drives one CAV of every scenario, drawn by the seed, among CAVs of each agent: as many runs as pairs.
+    Writes cross-play.json, .csv, .md and the matrix as .png and .svg into --out, and every run into --out/runs. The
+    same command given again continues an interrupted study.
+
+    Exit codes: 0 every scenario has a score, 1 some are void or an agent failed, 2 unusable input, 130 interrupted.
+    """
+    given = StudyOptions(**options)
+    names = parse_agent_names(agents, fewest=2)
+    study = CrossPlayStudy({name: given.prepare_agent(name) for name in names}, given.all_seeds, given.out)
+    rows = drive_with_display(ctx, study)
+    summary = summarise_cross_play(rows)
+    about = given.describe(rows[0].results[0].run.suite)
+    pages = {
+        "cross-play.json": cross_play_json(about, rows, summary),
+        "cross-play.csv": cross_play_csv(summary),
+        "cross-play.md": cross_play_markdown(about, rows, summary),
+    }
+    paths = [*given.write_pages(pages), *draw_cross_play(summary, about.suite, given.out / "cross-play")]
+    click.echo(format_text_table(STRANGERS_HEADER, make_strangers_table(summary)))
+    click.echo("\n" + format_text_table(*make_matrix(summary)))
+    click.echo("\n" + "\n".join(map(str, paths)))
+    failed = warn_about_failures((one for row in rows for one in row.results), given.out)
+    ctx.exit(1 if failed or summary.void else 0)

@@ -1,0 +1,103 @@
+"""Options that studies of agents share: suite, channel, seeds, folder."""
+
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mdrive_sumo.cli.comm import parse_comm_options
+from mdrive_sumo.cli.scenario_option import scenario_option
+from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.evaluate import report_write_errors
+from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
+from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.study.study_files import StudyDescription
+from mdrive_sumo.v2x.comm_settings import PRESETS
+
+
+def study_options(*, suite: str, seed: int, seeds: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Return a decorator that adds the options of `StudyOptions` to a command, with these defaults."""
+    options = (
+        click.option("--suite", default=suite, show_default=True, metavar="NAME|DIR", help="What to drive."),
+        scenario_option,
+        click.option("--comm", default="ideal", show_default=True, metavar="|".join(PRESETS), help="The V2X channel."),
+        click.option(
+            "--seed", type=click.IntRange(0, 2**31 - 1), default=seed, show_default=True, help="The first seed."
+        ),
+        click.option("--seeds", type=click.IntRange(1, 1000), default=seeds, show_default=True, help="How many seeds."),
+        click.option("--no-record", is_flag=True, help="Keep no recordings: no view or verify of single runs."),
+        click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted study."),
+        click.option(
+            "--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder."
+        ),
+        workers_option,
+    )
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return decorate
+
+
+@dataclass(frozen=True, slots=True)
+class StudyOptions:
+    """What the user asked for."""
+
+    suite: str
+    scenario: str
+    comm: str
+    seed: int
+    seeds: int
+    no_record: bool
+    fresh: bool
+    out: Path
+    workers: int
+
+    @property
+    def all_seeds(self) -> tuple[int, ...]:
+        """Every seed of the study."""
+        return tuple(range(self.seed, self.seed + self.seeds))
+
+    def prepare_agent(self, name: str) -> PreparedRun:
+        """Return the run of an agent with the first seed. Raises InputError."""
+        config = RunConfig(
+            suite=self.suite,
+            scenario=self.scenario,
+            agent=AgentSpec(name),
+            seed=self.seed,
+            options=EpisodeOptions(parse_comm_options(self.comm)),
+            record=not self.no_record,
+            workers=self.workers,
+            out=self.out,
+            fresh=self.fresh,
+            command=("mdrive-sumo", *sys.argv[1:]),
+        )
+        return prepare(config)
+
+    def describe(self, suite: str) -> StudyDescription:
+        """Return the study for its files. suite: the name of the suite that was driven."""
+        return StudyDescription(suite, self.scenario, "", {}, self.all_seeds, ("mdrive-sumo", *sys.argv[1:]))
+
+    def write_pages(self, pages: dict[str, str]) -> list[Path]:
+        """Write pages into the folder, by file name, and return the paths. Raises InputError."""
+        for name, text in pages.items():
+            with report_write_errors(self.out / name):
+                (self.out / name).write_text(text, encoding="utf-8")
+        return [self.out / name for name in pages]
+
+
+def parse_agent_names(text: str, fewest: int = 1) -> Sequence[str]:
+    """Return the agents of a list with commas. Raises InputError for one twice, an empty one, or too few."""
+    names = [name.strip() for name in text.split(",")]
+    if "" in names or len(set(names)) < len(names) or len(names) < fewest:
+        count = f"at least {fewest} " if fewest > 1 else ""
+        raise InputError(f"study: --agents: expected {count}different agents with commas between them, found {text!r}")
+    return names

@@ -1,0 +1,43 @@
+"""OtherAgents: the agents of the CAVs that the agent under test does not drive (cross-play, partial penetration)."""
+
+from dataclasses import dataclass
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.seeding import derive_seed
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.scenario.scenario import Scenario
+
+SINGLE = "single"
+"""Drives the CAVs that are not connected: it neither sends nor reads messages."""
+
+
+@dataclass(frozen=True, slots=True)
+class OtherAgents:
+    """A second agent in a run, and which share of the CAVs is left to the agent under test."""
+
+    agent: AgentSpec
+    penetration: int | None = None
+    """Percentage of the CAVs that the agent under test drives, rounded, at least one; None: exactly one."""
+
+    def choose_tested(self, scenario: Scenario, seed: int) -> frozenset[str]:
+        """Return the CAVs that the agent under test drives.
+
+        They are drawn by the seed; with the same seed, a higher penetration keeps those of a lower one.
+        """
+        egos = sorted((ego.id for ego in scenario.egos), key=lambda ego: derive_seed(seed, "tested", scenario.id, ego))
+        count = 1 if self.penetration is None else count_tested(len(egos), self.penetration)
+        return frozenset(egos[:count])
+
+
+def count_tested(cavs: int, penetration: int) -> int:
+    """Return how many of the CAVs a penetration [%] leaves to the agent under test: rounded half up, at least one."""
+    return max(1, (2 * cavs * penetration + 100) // 200)
+
+
+def parse_other_agents(others: str | None, penetration: int | None) -> OtherAgents | None:
+    """Return the second agent of `--others` and `--penetration`; None without either. Raises InputError."""
+    if penetration is not None and not 1 <= penetration <= 99:
+        raise InputError(f"penetration: expected 1 to 99 percent of the CAVs, found {penetration}")
+    if others is None and penetration is None:
+        return None
+    return OtherAgents(AgentSpec(others or SINGLE), penetration)

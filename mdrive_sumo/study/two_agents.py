@@ -1,0 +1,79 @@
+"""Runs of two agents as parts of a study, and the scores of each agent's CAVs, scenario by scenario."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.runs.fingerprint import compute_fingerprint
+from mdrive_sumo.runs.other_agents import OtherAgents
+from mdrive_sumo.runs.prepared_run import PreparedRun, make_run_info
+from mdrive_sumo.scoring import EgoResult, Results, ScenarioResult
+from mdrive_sumo.scoring.score_mode import SUCCESS_DS, compute_mean
+from mdrive_sumo.study.study_summary import group_by_scenario
+
+DS, SR = "ds", "sr"
+METRICS = (DS, SR)
+ALL, TESTED, OTHER = "all", "under test", "other"
+ROLES = (ALL, TESTED, OTHER)
+"""All CAVs of an episode, those of the agent under test, those of the second agent."""
+
+
+@dataclass(frozen=True, slots=True)
+class TwoAgentRow:
+    """An agent among others, with the results of every seed."""
+
+    agent: str
+    others: str
+    penetration: int | None
+    """Percentage of CAVs under test, 0 and 100 included; None: one CAV."""
+    results: tuple[Results, ...]
+
+    @property
+    def scenarios(self) -> tuple[ScenarioResult, ...]:
+        """The scenarios of all seeds."""
+        return tuple(scenario for results in self.results for scenario in results.scenarios)
+
+
+def make_two_agent_run(
+    tested: PreparedRun, other: PreparedRun, penetration: int | None, seed: int, folder: Path
+) -> PreparedRun:
+    """Return the run in which the CAVs that `tested` leaves are driven by the agent of `other`. Raises InputError."""
+    config = replace(tested.config, others=OtherAgents(other.config.agent, penetration), seed=seed)
+    labels = tuple(dict.fromkeys((*tested.info.labels, *other.info.labels)))
+    return replace(
+        tested,
+        config=config,
+        folder=folder,
+        info=make_run_info(config, tested.suite, labels, tested.info.declared_label),
+        fingerprint=compute_fingerprint(config, tested.suite, tested.scenarios),
+    )
+
+
+def list_common_scenarios(rows: Sequence[TwoAgentRow], role: str = ALL) -> list[str]:
+    """Return the scenarios that are void in no row and have CAVs of this role in every episode, in their order."""
+    tables = [group_by_scenario(row.scenarios) for row in rows]
+    names = dict.fromkeys(scenario.id for row in rows for scenario in row.scenarios)
+    return [
+        name
+        for name in names
+        if all(name in table and all(_select(one, role) for one in table[name].values()) for table in tables)
+    ]
+
+
+def tabulate_role(row: TwoAgentRow, names: Sequence[str], role: str, metric: str) -> Float:
+    """Return DS or SR [%] of the CAVs of a role, (scenarios, seeds): means over these CAVs, each scored alone."""
+    table = group_by_scenario(row.scenarios)
+    return np.array(
+        [[_average(_select(one, role), metric) for _, one in sorted(table[name].items())] for name in names]
+    )
+
+
+def _select(result: ScenarioResult, role: str) -> list[EgoResult]:
+    return [ego for ego in result.egos if role == ALL or ego.is_other == (role == OTHER)]
+
+
+def _average(egos: Sequence[EgoResult], metric: str) -> float:
+    return compute_mean(ego.ds if metric == DS else 100.0 * (ego.ds > SUCCESS_DS) for ego in egos)
