@@ -30,6 +30,9 @@ class TrackHistory(TrackColumns):
     mean_x: Float
     """Mean position [m] since the track has been at one place,"""
     mean_y: Float
+    mean_vx: Float
+    """mean velocity [m/s] since then,"""
+    mean_vy: Float
     mean_count: Int
     """the number of positions in it,"""
     mean_tick: Int
@@ -49,6 +52,8 @@ class TrackHistory(TrackColumns):
             seen_by_sensor=np.array([source == OWN_SENSOR for source in new.sources], dtype=np.bool_),
             mean_x=new.objects.x.copy(),
             mean_y=new.objects.y.copy(),
+            mean_vx=new.objects.speed * portable.cos(new.objects.yaw),
+            mean_vy=new.objects.speed * portable.sin(new.objects.yaw),
             mean_count=np.ones(count, dtype=np.int64),
             mean_tick=ticks.copy(),
         )
@@ -185,14 +190,23 @@ class TrackList:
         share = np.where(left, 1.0, seen / count)
         history.mean_x += share * (states.x - history.mean_x)
         history.mean_y += share * (states.y - history.mean_y)
+        history.mean_vx += share * (states.vx - history.mean_vx)
+        history.mean_vy += share * (states.vy - history.mean_vy)
         history.mean_count, history.mean_tick = count, np.where(left, tick, history.mean_tick)
 
     def _find_standing(self, tick: int) -> Bool:
-        """Return a mask (N,): tracks that have stayed at one place for a while."""
-        states, parameters = self._states, self._parameters
-        limit = parameters.standstill_speed_sigmas * np.sqrt(states.velocity) + parameters.speed_floor
-        slow = portable.hypot(states.vx, states.vy) <= limit
-        return slow & (tick - self._history.mean_tick >= parameters.standstill_ticks)
+        """Return a mask (N,): tracks that have stayed at one place for a while.
+
+        Their speed is about 0 now, and in the mean over that time: the single speed of a vehicle at walking pace is
+        hardly different from 0, its mean is.
+        """
+        states, history, parameters = self._states, self._history, self._parameters
+        age = tick - history.mean_tick
+        count = np.clip(age / parameters.correlation_ticks, 1.0, parameters.standstill_speeds)
+        sigma = parameters.standstill_speed_sigmas * np.sqrt(states.velocity)
+        slow = portable.hypot(states.vx, states.vy) <= sigma + parameters.speed_floor
+        slow &= portable.hypot(history.mean_vx, history.mean_vy) <= sigma / np.sqrt(count) + parameters.speed_floor
+        return slow & (age >= parameters.standstill_ticks)
 
     def build_objects(self, tick: int, own: OwnState) -> Objects:
         """Return the confirmed tracks as boxes, nearest first."""

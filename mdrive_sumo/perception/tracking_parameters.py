@@ -48,7 +48,9 @@ class TrackingParameters:
     standstill_m: float = 0.15
     """... this distance: an estimated own position drifts by 0.05 m a second."""
     standstill_speed_sigmas: float = 1.25
-    """It stands only while its estimated speed is within so many standard deviations of 0."""
+    """It stands only while its estimated speed, and the mean of that, is within so many standard deviations of 0."""
+    standstill_speeds: float = 6.0
+    """The mean of the estimated speed is over at most so many independent ones: one in `correlation_ticks`, for 3 s."""
     own_radius_m: float = 2.5
     """Reported vehicles nearer than this to the own centre are the own car."""
     memory_ticks: int = TICKS_PER_SECOND
