@@ -72,7 +72,7 @@ class IdmAgent:
         self._limits = self._compute_speed_limits()
         self._stop_lines = StopLines([sign.s for sign in briefing.stop_signs], briefing.traffic_lights)
         self._avoidance = ObstacleAvoidance(briefing)
-        self._acceleration = 0.0
+        self._acceleration, self._tick, self._decision_tick = 0.0, -1, -self._parameters.decision_ticks
         self._curvatures = right_of_way.CurvatureEstimator()
         self._yielding = right_of_way.YieldingPolicy(briefing.seed)
 
@@ -87,15 +87,18 @@ class IdmAgent:
     def act(self, seen: Observation) -> Reply:
         """Return the plan that follows from the last decision."""
         self._follower.update(seen.own.x, seen.own.y, seen.own.speed)
-        if seen.tick % self._parameters.decision_ticks == 0:
-            self._acceleration = self._decide(seen)
-        return Reply(plan=self._follower.advance(self._acceleration, self._limits, self._briefing.tick_s))
+        undecided_ticks = seen.tick - self._decision_tick
+        if undecided_ticks >= self._parameters.decision_ticks:
+            self._acceleration = self._decide(seen, undecided_ticks * self._briefing.tick_s)
+            self._decision_tick = seen.tick
+        elapsed_s = (seen.tick - self._tick) * self._briefing.tick_s  # several ticks if replies are late
+        self._tick = seen.tick
+        return Reply(plan=self._follower.advance(self._acceleration, self._limits, elapsed_s))
 
-    def _decide(self, seen: Observation) -> float:
-        """Return the acceleration [m/s2]: the lowest that any constraint demands."""
+    def _decide(self, seen: Observation, elapsed_s: float) -> float:
+        """Return the acceleration [m/s2], the lowest that any constraint demands; elapsed_s: since the last one."""
         objects, stop_gaps = self._avoid_obstacles(seen)
         parameters, position = self._parameters, (seen.own.x, seen.own.y)
-        elapsed_s = parameters.decision_ticks * self._briefing.tick_s
         ego = right_of_way.EgoMotion(position, self._follower.speed, self._cruise_speed, parameters.acceleration)
         preview = right_of_way.preview_path(self._follower.path, self._follower.s, self._briefing.vehicle)
         curvature = self._curvatures.update(objects, elapsed_s)
