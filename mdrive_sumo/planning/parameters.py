@@ -261,7 +261,7 @@ class PlannerParameters:
     a way past."""
     deadlock_margin: SafetyMargin = SafetyMargin(0.5, 0.1)
     stopped_speed: float = 0.05
-    """[m/s] A slower car stands, and its next profile begins where it is and not where its profile has it."""
+    """[m/s] A slower car stands; in a queue its next profile begins where it is, not where its profile has it."""
     interval_s: float = 0.2
     plan_points: int = 50
     max_tracking_error_m: float = 0.8

@@ -14,7 +14,7 @@ class QueueGapParameters:
     sigmas: float = 4.0
     """... and so many standard deviations of its estimated position more: a car that waits plans twice a second and
     never drives back, so that the largest of many errors counts. Tracks 6 m away, detector `lidar-single`: standard
-    deviation 0.16 m, largest error of the rear end 0.44 m in 47 s at walking pace."""
+    deviation 0.16 m, largest error of the rear end 0.44 m in 40 s at walking pace."""
     most_m: float = 1.5
     """Not more than this: the position of a vehicle that is not seen any more becomes uncertain within a second."""
 

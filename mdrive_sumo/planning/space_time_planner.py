@@ -94,7 +94,8 @@ class SpaceTimePlanner:
         elif (tick - self._profile_tick) % replan_ticks == 0:
             layer = min((tick - self._profile_tick) // replan_ticks, len(profile.s) - 1)
             start = float(profile.s[layer]), float(profile.speed[layer])
-            if not start[1] and abs(speed) <= self._parameters.stopped_speed:
+            in_queue = any(motion.min_gap_m for motion in motions)
+            if in_queue and not start[1] and abs(speed) <= self._parameters.stopped_speed:
                 start = self.s, 0.0  # its estimated position drifts: a standing car must not follow that
         elif self._is_unsafe(tick, motions):
             start = self.s, speed

@@ -111,8 +111,9 @@ def test_a_car_that_cannot_avoid_a_collision_brakes() -> None:
     assert np.all(np.diff(found) <= 1e-6)
 
 
-def test_a_standing_car_does_not_follow_the_drift_of_its_estimated_position() -> None:
-    planner, ahead = planned(0.0, [standing(LENGTH + 1.0, 0.0)]), [standing(LENGTH + 1.0, 0.0)]
+def test_a_standing_car_in_a_queue_does_not_follow_the_drift_of_its_estimated_position() -> None:
+    ahead = [replace(standing(LENGTH + 1.0, 0.0), min_gap_m=1.1)]
+    planner = planned(0.0, ahead)
     for tick in range(2, 200, 2):
         planner.track_ego(tick, own(-0.002 * tick))
         planner.update(tick, 0.0, ahead)
