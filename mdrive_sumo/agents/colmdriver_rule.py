@@ -48,7 +48,8 @@ class ColmdriverRuleAgent:
             names, motions = self._negotiation.predict_announced_motions(seen, planner)
             objects = self._tracker.update(seen)
             stop_points = self._negotiation.find_stop_points(seen, planner)
-            self._ego_planner.update_plan(seen, exclude_objects(objects, names), motions, stop_points)
+            others, sigmas = exclude_objects(objects, names), self._tracker.position_sigmas
+            self._ego_planner.update_plan(seen, others, motions, stop_points, sigmas)
         plan = planner.build_plan(seen.tick)
         step = self._negotiation.negotiate(seen, planner, plan.points)
         return Reply(plan=plan, messages=step.messages, notes=notes + step.notes)

@@ -5,13 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.contract import Briefing, Objects, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.planning import right_of_way
+from mdrive_sumo.planning.obstacle_avoidance import ObstacleAvoidance
 from mdrive_sumo.planning.path_follower import PathFollower
 from mdrive_sumo.planning.reference_path import SPACING_M, build_path, compute_curve_speeds
-from mdrive_sumo.planning.stop_lines import StopLines
+from mdrive_sumo.planning.stop_lines import StopLines, build_stop_lines
 
 OPTIONS = {
     "speed": Option(8.0, 1.0, 30.0),
@@ -44,11 +46,12 @@ class IdmParameters:
 
 
 class IdmAgent:
-    """Drives alone and by sight: keeps distance (IDM), stops at signs and red lights, yields by time-to-conflict.
+    """Drives alone and by sight: keeps distance (IDM), yields by time-to-conflict, drives around what stands.
 
     Intelligent Driver Model: Treiber, Hennecke, Helbing, Congested traffic states in empirical observations and
     microscopic simulations, Phys. Rev. E 62 (2000) 1805. It knows no intentions: a vehicle that will turn is predicted
-    to go straight on until it turns.
+    to go straight on until it turns. Around parked vehicles and static objects it takes the detours of the other
+    baselines (`ObstacleAvoidance`), where the road has room and nothing comes towards it.
     """
 
     label = "single"
@@ -64,40 +67,59 @@ class IdmAgent:
 
     def start(self, briefing: Briefing) -> None:
         """Build the path and its speed limits."""
-        parameters = self._parameters
         self._briefing = briefing
-        self._path = build_path(briefing.route_xy, briefing.vehicle.rear_to_centre)
-        stations = np.arange(len(self._path.xy)) * SPACING_M
-        legal = np.interp(stations, briefing.route_s, briefing.route_speed_limit)
-        lateral, braking = parameters.lateral_acceleration, parameters.braking
-        self._limits = np.minimum(compute_curve_speeds(self._path, self._cruise_speed, lateral, braking), legal)
-        self._follower = PathFollower(self._path)
+        self._follower = PathFollower(build_path(briefing.route_xy, briefing.vehicle.rear_to_centre))
+        self._limits = self._compute_speed_limits()
         self._stop_lines = StopLines([sign.s for sign in briefing.stop_signs], briefing.traffic_lights)
-        self._acceleration = 0.0
+        self._avoidance = ObstacleAvoidance(briefing)
+        self._acceleration, self._tick, self._decision_tick = 0.0, -1, -self._parameters.decision_ticks
         self._curvatures = right_of_way.CurvatureEstimator()
         self._yielding = right_of_way.YieldingPolicy(briefing.seed)
+
+    def _compute_speed_limits(self) -> Float:
+        """Return the legal and comfortable speed (M,) [m/s] at the points of the path."""
+        path, parameters = self._follower.path, self._parameters
+        stations = np.arange(len(path.xy)) * SPACING_M
+        legal = np.interp(stations, self._briefing.route_s, self._briefing.route_speed_limit)
+        lateral, braking = parameters.lateral_acceleration, parameters.braking
+        return np.minimum(compute_curve_speeds(path, self._cruise_speed, lateral, braking), legal)
 
     def act(self, seen: Observation) -> Reply:
         """Return the plan that follows from the last decision."""
         self._follower.update(seen.own.x, seen.own.y, seen.own.speed)
-        if seen.tick % self._parameters.decision_ticks == 0:
-            self._acceleration = self._decide(seen)
-        return Reply(plan=self._follower.advance(self._acceleration, self._limits, self._briefing.tick_s))
+        undecided_ticks = seen.tick - self._decision_tick
+        if undecided_ticks >= self._parameters.decision_ticks:
+            self._acceleration = self._decide(seen, undecided_ticks * self._briefing.tick_s)
+            self._decision_tick = seen.tick
+        elapsed_s = (seen.tick - self._tick) * self._briefing.tick_s  # several ticks if replies are late
+        self._tick = seen.tick
+        return Reply(plan=self._follower.advance(self._acceleration, self._limits, elapsed_s))
 
-    def _decide(self, seen: Observation) -> float:
-        """Return the acceleration [m/s2]: the lowest that any constraint demands."""
-        assert seen.objects is not None, "the objects sensor is declared"
+    def _decide(self, seen: Observation, elapsed_s: float) -> float:
+        """Return the acceleration [m/s2], the lowest that any constraint demands; elapsed_s: since the last one."""
+        objects, stop_gaps = self._avoid_obstacles(seen)
         parameters, position = self._parameters, (seen.own.x, seen.own.y)
-        elapsed_s = parameters.decision_ticks * self._briefing.tick_s
         ego = right_of_way.EgoMotion(position, self._follower.speed, self._cruise_speed, parameters.acceleration)
-        preview = right_of_way.preview_path(self._path, self._follower.s, self._briefing.vehicle)
-        curvature = self._curvatures.update(seen.objects, elapsed_s)
-        conflicts = right_of_way.find_crossing_conflicts(preview, seen.objects, curvature)
+        preview = right_of_way.preview_path(self._follower.path, self._follower.s, self._briefing.vehicle)
+        curvature = self._curvatures.update(objects, elapsed_s)
+        conflicts = right_of_way.find_crossing_conflicts(preview, objects, curvature)
         demands = [self._accelerate_freely(), self._yield_to_conflicts(ego, conflicts, elapsed_s)]
-        leads = right_of_way.find_lead_objects(ego, preview, seen.objects)
+        leads = right_of_way.find_lead_objects(ego, preview, objects)
         demands += [self._follow(lead) for lead in leads]
-        demands += [self._stop_within(gap) for gap in self._find_stop_gaps(seen)]
+        demands += [self._stop_within(gap) for gap in stop_gaps]
         return max(min(demands), -parameters.hard_braking)
+
+    def _avoid_obstacles(self, seen: Observation) -> tuple[Objects, list[float]]:
+        """Return the objects, and the distances [m] at which to stop; take a detour where one is free."""
+        assert seen.objects is not None, "the objects sensor is declared"
+        follower, path = self._follower, self._follower.path
+        stations = self._find_stop_stations(seen)
+        objects, waits = self._avoidance.update(seen, seen.objects, follower, stations)
+        if follower.path is not path:
+            self._limits = self._compute_speed_limits()
+            self._stop_lines = build_stop_lines(follower.path, self._briefing)
+            stations = self._find_stop_stations(seen)
+        return objects, [station - follower.s for station in [*stations, *(wait.s for wait in waits)]]
 
     def _accelerate_freely(self) -> float:
         """Return the IDM's acceleration [m/s2] on a free road."""
@@ -119,15 +141,14 @@ class IdmAgent:
         allowed = math.sqrt(2 * self._parameters.stop_braking * gap)
         return -(speed * speed) / (2 * gap) if speed > allowed else (allowed - speed) / self._parameters.response_s
 
-    def _find_stop_gaps(self, seen: Observation) -> list[float]:
-        """Return the distances [m] to the stations at which signs and lights stop the box centre."""
+    def _find_stop_stations(self, seen: Observation) -> list[float]:
+        """Return the stations [m] at which signs and lights stop the box centre."""
         s = self._follower.s
 
         def can_stop(line: float) -> bool:
             return line > s and self._can_stop_within(line - s)
 
-        stations = self._stop_lines.find_stop_stations(self._follower.actual_s, seen.own.speed, seen.signals, can_stop)
-        return [station - s for station in stations]
+        return self._stop_lines.find_stop_stations(self._follower.actual_s, seen.own.speed, seen.signals, can_stop)
 
     def _can_stop_within(self, gap: float) -> bool:
         """Return whether hard braking stops within `gap` [m]."""

@@ -29,7 +29,8 @@ class SharingNegotiationAgent(SharingAgent):
             names, motions = self._negotiation.predict_announced_motions(seen, planner)
             tracked = self._tracker.update(seen)
             detections = Detections.from_objects(tracked)
-            self._ego_planner.update_plan(seen, exclude_objects(tracked, names), motions)
+            others = exclude_objects(tracked, names)
+            self._ego_planner.update_plan(seen, others, motions, sigmas=self._tracker.position_sigmas)
         plan = planner.build_plan(seen.tick)
         step = self._negotiation.negotiate(seen, planner, plan.points)
         messages = self._awareness.compose_messages(seen) + step.messages

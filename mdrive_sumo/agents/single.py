@@ -33,5 +33,5 @@ class SingleAgent:
         if self._ego_planner.track_ego(seen):
             tracked = self._tracker.update(seen)
             detections = Detections.from_objects(tracked)
-            self._ego_planner.update_plan(seen, tracked)
+            self._ego_planner.update_plan(seen, tracked, sigmas=self._tracker.position_sigmas)
         return Reply(plan=self._ego_planner.planner.build_plan(seen.tick), detections=detections)

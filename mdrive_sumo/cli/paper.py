@@ -11,6 +11,7 @@ import click
 from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.study_options import parse_agent_names
 from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.open_loop import OpenLoopResults
 from mdrive_sumo.report.comparison_report.score_tables import build_main_table

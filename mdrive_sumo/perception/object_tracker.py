@@ -6,7 +6,7 @@ stations are hints. A track begins with an unmatched measurement, is confirmed w
 predicted while it is not seen, and ends after a while (`track_list`).
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from mdrive_sumo.contract import Briefing, Message, Note, Objects, Observation, OwnState
 from mdrive_sumo.contract.detector_profiles import PROFILES
@@ -94,6 +94,11 @@ class ObjectTracker:
             self._tracks.add(tick, reported.exclude_near(seen.own, self._parameters.own_radius_m))
         self._tracks.end_update(tick)
         return self._tracks.build_objects(tick, seen.own)
+
+    @property
+    def position_sigmas(self) -> Mapping[str, float]:
+        """Standard deviation [m] of each coordinate of the position by id, of the objects of the last update."""
+        return self._tracks.get_position_sigmas()
 
     def _measure_messages(self, tick: int, own: OwnState) -> Iterator[Measurements]:
         """Yield what new messages report; every message is used once."""

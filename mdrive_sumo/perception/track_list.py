@@ -1,6 +1,6 @@
 """The tracks of an `ObjectTracker`: association, births, confirmation, standstill and deletion."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import Objects, OwnState
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Bool, Float, Int
+from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.perception.assignment import assign
 from mdrive_sumo.perception.measurements import OWN_SENSOR, STATIONS, Measurements
@@ -30,6 +30,9 @@ class TrackHistory(TrackColumns):
     mean_x: Float
     """Mean position [m] since the track has been at one place,"""
     mean_y: Float
+    mean_vx: Float
+    """mean velocity [m/s] since then,"""
+    mean_vy: Float
     mean_count: Int
     """the number of positions in it,"""
     mean_tick: Int
@@ -49,6 +52,8 @@ class TrackHistory(TrackColumns):
             seen_by_sensor=np.array([source == OWN_SENSOR for source in new.sources], dtype=np.bool_),
             mean_x=new.objects.x.copy(),
             mean_y=new.objects.y.copy(),
+            mean_vx=new.objects.speed * portable.cos(new.objects.yaw),
+            mean_vy=new.objects.speed * portable.sin(new.objects.yaw),
             mean_count=np.ones(count, dtype=np.int64),
             mean_tick=ticks.copy(),
         )
@@ -185,23 +190,51 @@ class TrackList:
         share = np.where(left, 1.0, seen / count)
         history.mean_x += share * (states.x - history.mean_x)
         history.mean_y += share * (states.y - history.mean_y)
+        history.mean_vx += share * (states.vx - history.mean_vx)
+        history.mean_vy += share * (states.vy - history.mean_vy)
         history.mean_count, history.mean_tick = count, np.where(left, tick, history.mean_tick)
 
     def _find_standing(self, tick: int) -> Bool:
-        """Return a mask (N,): tracks that have stayed at one place for a while."""
+        """Return a mask (N,): tracks that have stayed at one place for a while.
+
+        Their speed is about 0 now, and in the mean over that time: the single speed of a vehicle at walking pace is
+        hardly different from 0, its mean is.
+        """
+        states, history, parameters = self._states, self._history, self._parameters
+        age = tick - history.mean_tick
+        count = np.clip(age / parameters.correlation_ticks, 1.0, parameters.standstill_speeds)
+        sigma = parameters.standstill_speed_sigmas * np.sqrt(states.velocity)
+        slow = portable.hypot(states.vx, states.vy) <= sigma + parameters.speed_floor
+        slow &= portable.hypot(history.mean_vx, history.mean_vy) <= sigma / np.sqrt(count) + parameters.speed_floor
+        return slow & (age >= parameters.standstill_ticks)
+
+    def get_position_sigmas(self) -> Mapping[str, float]:
+        """Return the standard deviation [m] of each coordinate of the position by the id of the track."""
+        names = self._get_names(np.arange(len(self)))
+        return dict(zip(names, np.sqrt(self._states.position).tolist(), strict=True))
+
+    def _get_names(self, rows: Int) -> tuple[str, ...]:
+        """Return the ids of tracks: of their stations, or of their own."""
+        numbers = self._history.number[rows].tolist()
+        return tuple(self._station_by_number.get(number, f"k{number}") for number in numbers)
+
+    def _find_lead(self, own: OwnState) -> Bool:
+        """Return a mask (N,): vehicles shortly ahead in the own direction."""
         states, parameters = self._states, self._parameters
-        limit = parameters.standstill_speed_sigmas * np.sqrt(states.velocity) + parameters.speed_floor
-        slow = portable.hypot(states.vx, states.vy) <= limit
-        return slow & (tick - self._history.mean_tick >= parameters.standstill_ticks)
+        cos, sin = portable.cos_sin(own.yaw)
+        dx, dy = states.x - own.x, states.y - own.y
+        ahead, aside = dx * cos + dy * sin, dy * cos - dx * sin
+        lead = (self._history.kind == Kind.VEHICLE) & (np.abs(wrap_angles(states.yaw - own.yaw)) < parameters.lead_yaw)
+        return lead & (ahead > 0) & (ahead < parameters.lead_m) & (np.abs(aside) < parameters.lead_lateral_m)
 
     def build_objects(self, tick: int, own: OwnState) -> Objects:
-        """Return the confirmed tracks as boxes, nearest first."""
-        rows = np.flatnonzero(self._history.confirmed)
+        """Return the tracks that are confirmed or directly ahead as boxes, nearest first."""
+        rows = np.flatnonzero(self._history.confirmed | self._find_lead(own))
         states, history, standing = self._states.take(rows), self._history.take(rows), self._find_standing(tick)[rows]
         x, y = np.where(standing, history.mean_x, states.x), np.where(standing, history.mean_y, states.y)
         order = np.argsort(portable.hypot(x - own.x, y - own.y), kind="stable")
         return Objects(
-            tuple(self._station_by_number.get(number, f"k{number}") for number in history.number.tolist()),
+            self._get_names(rows),
             history.kind, x, y, states.yaw, np.where(standing, 0.0, states.speed), states.length, states.width,
         ).take(order)  # fmt: skip
 

@@ -1,5 +1,6 @@
 """Parameters of multi-object tracking, each with its unit and its reason."""
 
+import math
 from dataclasses import dataclass
 
 from mdrive_sumo.core.state import TICKS_PER_SECOND
@@ -31,6 +32,13 @@ class TrackingParameters:
     """A standing object that was seen over this time is no false positive: those last half a second."""
     moving_speed: float = 1.0
     """[m/s] A faster object is no false positive either if it was seen twice."""
+    lead_m: float = 12.0
+    """A vehicle ahead in the own direction is believed at once if its centre is nearer than this, ..."""
+    lead_lateral_m: float = 1.5
+    """... less aside, ..."""
+    lead_yaw: float = math.pi / 4
+    """[rad] ... and turned by less: at a density of 0.5 in a circle of 100 m, one frame in 1700 has a false positive
+    there, and a car in a queue that ignores the one ahead for half a second runs into it (decision 040)."""
     warm_ticks: int = TICKS_PER_SECOND
     """Objects of the first second are believed at once: in traffic a tracker has run before."""
     coasting_ticks: int = TICKS_PER_SECOND
@@ -48,7 +56,9 @@ class TrackingParameters:
     standstill_m: float = 0.15
     """... this distance: an estimated own position drifts by 0.05 m a second."""
     standstill_speed_sigmas: float = 1.25
-    """It stands only while its estimated speed is within so many standard deviations of 0."""
+    """It stands only while its estimated speed, and the mean of that, is within so many standard deviations of 0."""
+    standstill_speeds: float = 6.0
+    """The mean of the estimated speed is over at most so many independent ones: one in `correlation_ticks`, for 3 s."""
     own_radius_m: float = 2.5
     """Reported vehicles nearer than this to the own centre are the own car."""
     memory_ticks: int = TICKS_PER_SECOND

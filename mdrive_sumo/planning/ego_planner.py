@@ -1,11 +1,11 @@
 """Planning for one CAV from a list of objects: what `single`, `sharing` and the negotiating agents have in common."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState
-from mdrive_sumo.planning.interaction_prediction import InteractionPredictor
+from mdrive_sumo.planning.interaction_prediction import EXACT, InteractionPredictor
 from mdrive_sumo.planning.motion_prediction import PredictedMotion
 from mdrive_sumo.planning.obstacle_avoidance import ObstacleAvoidance
 from mdrive_sumo.planning.parameters import STOP_LINE
@@ -34,11 +34,12 @@ class EgoPlanner:
         objects: Objects,
         announced: Sequence[PredictedMotion] = (),
         stop_points: Sequence[StopPoint] = (),
+        sigmas: Mapping[str, float] = EXACT,
     ) -> None:
         """Update the plan.
 
         objects: road users whose motion has to be predicted; announced: known motions of others; stop_points: further
-        places to wait at.
+        places to wait at; sigmas: standard deviation [m] of the position of objects by id, 0 for the others.
         """
         planner, path = self.planner, self.planner.path
         line_stops = self._find_line_stops(seen)
@@ -47,7 +48,7 @@ class EgoPlanner:
         if planner.path is not path:
             self._stop_lines = build_stop_lines(planner.path, self._briefing)
             line_stops = self._find_line_stops(seen)
-        motions, yield_stops = self._predictor.predict(seen.own, objects, planner)
+        motions, yield_stops = self._predictor.predict(seen.own, objects, planner, sigmas)
         stops = [*yield_stops, *line_stops, *obstacle_stops, *stop_points]
         planner.update(seen.tick, seen.own.speed, [*motions, *announced], stops)
 

@@ -1,5 +1,9 @@
 """Predicted motions of observed road users: time-to-conflict, right of way, and a safe distance."""
 
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, Objects, OwnState
@@ -24,9 +28,12 @@ from mdrive_sumo.planning.parameters import (
     RIGHT_OF_WAY,
     InteractionParameters,
 )
+from mdrive_sumo.planning.queue_gap import compute_queue_gap
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
 
+EXACT: Mapping[str, float] = MappingProxyType({})
+"""Standard deviations of objects whose position is exact."""
 RELIABLE_ROWS = int((MOTION.reliable_s >= TIMES).sum())
 """Rows of a prediction within `MotionParameters.reliable_s`."""
 
@@ -47,15 +54,21 @@ class InteractionPredictor:
         self._elapsed_s = PLANNER.check_ticks * briefing.tick_s
 
     def predict(
-        self, own: OwnState, objects: Objects, planner: SpaceTimePlanner
+        self, own: OwnState, objects: Objects, planner: SpaceTimePlanner, sigmas: Mapping[str, float] = EXACT
     ) -> tuple[list[PredictedMotion], list[StopPoint]]:
-        """Return the motions of all relevant objects, and the points at which to wait for those that go first."""
+        """Return the motions of all relevant objects, and the points at which to wait for those that go first.
+
+        sigmas: standard deviation [m] of the position of objects by id, 0 for the others.
+        """
         position, speed = (own.x, own.y), max(own.speed, 0.0)
         ego = right_of_way.EgoMotion(position, speed, self._cruise_speed, self._parameters.acceleration)
         preview = right_of_way.preview_path(planner.path, planner.s, self._briefing.vehicle)
         curvature = self._curvatures.update(objects, self._elapsed_s)
         on_path = right_of_way.find_rows_on_path(ego, preview, objects).tolist()
-        motions = [self._predict_lead_object(objects, row, planner.path, planner.s) for row in on_path]
+        motions = [
+            self._predict_lead_object(objects, row, planner.path, planner.s, sigmas.get(objects.ids[row], 0.0))
+            for row in on_path
+        ]
         yields_to_ego = right_of_way.find_followers_beside(ego, preview, objects)
         same_direction = right_of_way.find_same_direction(preview, objects)
         row_by_id = {name: row for row, name in enumerate(objects.ids) if row not in on_path and not yields_to_ego[row]}
@@ -72,16 +85,21 @@ class InteractionPredictor:
         stops = [stop for one in conflicts if one.id in first for stop in self._build_stop_points(one, ego, planner.s)]
         return motions, stops
 
-    def _predict_lead_object(self, objects: Objects, row: int, path: ReferencePath, s: float) -> PredictedMotion:
-        """Return the motion of an object on the own path: it brakes from now on."""
+    def _predict_lead_object(
+        self, objects: Objects, row: int, path: ReferencePath, s: float, sigma: float
+    ) -> PredictedMotion:
+        """Return the motion of an object on the own path: it brakes from now on; sigma [m]: of its position."""
         speed, look_m = float(objects.speed[row]), RIGHT_OF_WAY.look_ahead_m
         here = path.project(float(objects.x[row]), float(objects.y[row]), s + look_m / 2, look_m)
         yaw = float(np.interp(here, np.arange(len(path.xy)) * SPACING_M, path.yaw))
         travelled = predict_yielding(speed)
         aligned = abs(wrap_angle(float(objects.yaw[row]) - yaw)) < self._parameters.same_direction_rad
+        poses = place_on_arc(objects, row, travelled, 0.0)
         if abs(speed) > MOTION.standing_speed and aligned:
-            return _build_motion(objects, row, place_on_path(path, here, travelled))
-        return _build_motion(objects, row, place_on_arc(objects, row, travelled, 0.0))
+            poses = place_on_path(path, here, travelled)
+        motion = _build_motion(objects, row, poses)
+        leads = aligned and objects.kind[row] != Kind.STATIC
+        return replace(motion, min_gap_m=compute_queue_gap(sigma)) if leads else motion
 
     def _build_stop_points(
         self, conflict: right_of_way.CrossingConflict, ego: right_of_way.EgoMotion, s: float

@@ -31,6 +31,8 @@ class PredictedMotion:
     """One value, or one per row: an object at an uncertain position covers a longer box."""
     width: float
     stands_at_end: bool = False
+    min_gap_m: float = 0.0
+    """The own car keeps at least this gap [m] behind the box, whatever its margin is."""
 
 
 def predict_constant_speed(speed: float) -> Float:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
@@ -13,7 +14,26 @@ from mdrive_sumo.perception.static_object_tracker import StaticObjectTracker
 from mdrive_sumo.planning.detour import Detour, compute_box_extents, find_detour, find_obstructing_boxes
 from mdrive_sumo.planning.parameters import AVOIDANCE, DETOUR, AvoidanceParameters
 from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps, find_cells
-from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
+from mdrive_sumo.planning.reference_path import ReferencePath
+from mdrive_sumo.planning.space_time_planner import StopPoint
+
+
+class ReplaceablePath(Protocol):
+    """A path that a car drives along, and that may be replaced: a `SpaceTimePlanner` or a `PathFollower`."""
+
+    @property
+    def path(self) -> ReferencePath:
+        """The present path."""
+        ...
+
+    @property
+    def s(self) -> float:
+        """Station [m] of the car on it."""
+        ...
+
+    def replace_path(self, path: ReferencePath) -> None:
+        """Continue along another path, which begins as the present one does."""
+        ...
 
 
 class ObstacleAvoidance:
@@ -28,7 +48,7 @@ class ObstacleAvoidance:
         """Tick and station [m] of the last conflict on the detour."""
 
     def update(
-        self, seen: Observation, objects: Objects, planner: SpaceTimePlanner, stop_stations: Sequence[float]
+        self, seen: Observation, objects: Objects, planner: ReplaceablePath, stop_stations: Sequence[float]
     ) -> tuple[Objects, list[StopPoint]]:
         """Replace the planner's path if there is a free detour; return the refined objects and where to wait.
 
@@ -70,7 +90,7 @@ class ObstacleAvoidance:
         return np.any(gaps < self._parameters.queue_radius_m, axis=1)
 
     def _take_detour(
-        self, own: OwnState, objects: Objects, parked: Bool, boxes: Float, planner: SpaceTimePlanner
+        self, own: OwnState, objects: Objects, parked: Bool, boxes: Float, planner: ReplaceablePath
     ) -> bool:
         """Replace the path if there is a free detour around the parked objects (N,); return whether there is one."""
         detour = find_detour(planner.path, planner.s, max(own.speed, 0.0), boxes[parked], self._briefing)
@@ -86,7 +106,7 @@ class ObstacleAvoidance:
         return True
 
     def _find_oncoming_stops(
-        self, tick: int, others: Objects, own: OwnState, planner: SpaceTimePlanner
+        self, tick: int, others: Objects, own: OwnState, planner: ReplaceablePath
     ) -> list[StopPoint]:
         """Return where to wait for traffic that crosses the detour; empty if the car is already in its way."""
         if self._detour is None or planner.s > self._detour.last_s:

@@ -260,6 +260,8 @@ class PlannerParameters:
     """After standing for this long the planner uses `deadlock_margin`: two cars that wait close to each other must find
     a way past."""
     deadlock_margin: SafetyMargin = SafetyMargin(0.5, 0.1)
+    stopped_speed: float = 0.05
+    """[m/s] A slower car stands; in a queue its next profile begins where it is, not where its profile has it."""
     interval_s: float = 0.2
     plan_points: int = 50
     max_tracking_error_m: float = 0.8

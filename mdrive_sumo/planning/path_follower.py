@@ -38,6 +38,12 @@ class PathFollower:
         self.actual_s = 0.0
         self._parameters = parameters
 
+    def replace_path(self, path: ReferencePath) -> None:
+        """Continue along another path, which begins as the present one does."""
+        x, y = self.path.get_points(np.array((self.actual_s,)))[0].tolist()
+        actual_s = path.project(x, y, self.actual_s)
+        self.path, self.s, self.actual_s = path, actual_s + (self.s - self.actual_s), actual_s
+
     def update(self, x: float, y: float, speed: float) -> None:
         """Keep the reference near the measured box centre [m] and speed [m/s]."""
         lead_m, lead_speed = self._parameters.lead_m, self._parameters.lead_speed

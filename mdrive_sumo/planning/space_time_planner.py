@@ -94,6 +94,9 @@ class SpaceTimePlanner:
         elif (tick - self._profile_tick) % replan_ticks == 0:
             layer = min((tick - self._profile_tick) // replan_ticks, len(profile.s) - 1)
             start = float(profile.s[layer]), float(profile.speed[layer])
+            in_queue = any(motion.min_gap_m for motion in motions)
+            if in_queue and not start[1] and abs(speed) <= self._parameters.stopped_speed:
+                start = self.s, 0.0  # its estimated position drifts: a standing car must not follow that
         elif self._is_unsafe(tick, motions):
             start = self.s, speed
         else:
@@ -115,7 +118,7 @@ class SpaceTimePlanner:
         cells = find_cells(self.path, self._get_stations(tick, TIMES[:count]))
         met = np.zeros(count, dtype=np.bool_)
         for motion in motions:
-            met |= np.diagonal(self._compute_conflicts(cells, motion, MARGINS.check)[:count])
+            met |= np.diagonal(self._compute_conflicts(cells, replace(motion, min_gap_m=0.0), MARGINS.check)[:count])
         return bool((met & ~np.logical_and.accumulate(met)).any())
 
     def _compute_conflicts(self, cells: Int, motion: PredictedMotion, margin: SafetyMargin) -> Bool:
@@ -127,6 +130,9 @@ class SpaceTimePlanner:
         theirs = boxes_corners(poses[:, 0], poses[:, 1], poses[:, 2], length, width)
         met = np.zeros((len(TIMES), len(cells)), dtype=np.bool_)
         met[: len(poses)] = compute_overlaps(mine, theirs).T
+        if motion.min_gap_m > margin.longitudinal:
+            behind = compute_footprints(self.path, vehicle.length + 2 * motion.min_gap_m, vehicle.width, cells)
+            met[: len(poses)] |= compute_overlaps(behind, theirs).T
         if motion.stands_at_end:
             met[len(poses) :] = met[len(poses) - 1]
         return met

@@ -13,6 +13,7 @@ from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.planning.interaction_prediction import InteractionPredictor
 from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion, predict_yielding
 from mdrive_sumo.planning.parameters import PLANNER, RIGHT_OF_WAY
+from mdrive_sumo.planning.queue_gap import QUEUE_GAP
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
 
 RIGHT, LEFT = math.pi / 2, -math.pi / 2
@@ -49,6 +50,18 @@ def test_traffic_from_the_right_goes_first_and_from_the_left_does_not() -> None:
     assert none == []
     assert left.stands_at_end
     assert left.poses[-1, 1] == pytest.approx(20.0 - predict_yielding(8.0)[-1])  # he brakes for me
+
+
+def test_only_vehicles_ahead_in_the_own_direction_get_a_gap_that_grows_with_their_sigma() -> None:
+    def find_gap(sigma: float, yaw: float = 0.0, kind: Kind = Kind.VEHICLE) -> float:
+        driver, ahead = Driver(), things((12.0, 0.0, yaw, 0.0), kind=kind)
+        driver.planner.track_ego(0, own())
+        (motion, *_), _ = driver.foresight.predict(own(), ahead, driver.planner, {ahead.ids[0]: sigma})
+        return motion.min_gap_m
+
+    assert find_gap(0.0) == PLANNER.min_margin.longitudinal == QUEUE_GAP.exact_m
+    assert find_gap(0.0) < find_gap(0.1) < find_gap(0.2) < find_gap(5.0) == QUEUE_GAP.most_m
+    assert find_gap(0.2, yaw=RIGHT) == find_gap(0.2, yaw=math.pi) == find_gap(0.2, kind=Kind.STATIC) == 0.0
 
 
 def test_the_first_to_arrive_goes_first_from_any_side() -> None:

@@ -109,6 +109,13 @@ class TestOnTheRoad:
         assert episode.contacts == ()
         assert off_road_m(episode, roads) < 0.05
 
+    def test_idm_passes_a_standing_object_too(self) -> None:
+        roads, lane = lane_of(*STREETS[0])
+        episode = driven(*STREETS[0], (beside(lane, 45.0, 0.2, Kind.STATIC, (2.0, 2.0)),), "idm")
+        assert episode.find_ending("0").end is End.ARRIVED
+        assert episode.contacts == ()
+        assert off_road_m(episode, roads) < 0.05
+
     def test_no_detour_on_a_free_road(self) -> None:
         _, lane = lane_of(*STREETS[0])
         episode = driven(*STREETS[0], (beside(lane, 45.0, -3.6, Kind.STATIC, (1.0, 1.0)),))

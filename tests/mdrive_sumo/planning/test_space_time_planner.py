@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from shapely import Polygon, affinity, box
 from testing.planning import LENGTH, WIDTH, briefing, moving, own, standing, stations, straight
@@ -15,6 +15,7 @@ from testing.sampling import examples
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.planning.motion_prediction import HORIZON_S, TIMES, PredictedMotion
 from mdrive_sumo.planning.parameters import MARGINS, PLANNER
+from mdrive_sumo.planning.queue_gap import compute_queue_gap
 from mdrive_sumo.planning.reference_path import SPACING_M
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
 
@@ -108,6 +109,52 @@ def test_a_car_that_cannot_avoid_a_collision_brakes() -> None:
     found = speeds(planned(8.0, [standing(8.0, 0.0)]))
     assert found[-1] == 0
     assert np.all(np.diff(found) <= 1e-6)
+
+
+def test_a_standing_car_in_a_queue_does_not_follow_the_drift_of_its_estimated_position() -> None:
+    ahead = [replace(standing(LENGTH + 1.0, 0.0), min_gap_m=1.1)]
+    planner = planned(0.0, ahead)
+    for tick in range(2, 200, 2):
+        planner.track_ego(tick, own(-0.002 * tick))
+        planner.update(tick, 0.0, ahead)
+        assert stations(planner, tick)[0] <= planner.s + 0.05
+
+
+@settings(max_examples=examples(6, 100))
+@given(
+    sigma=st.floats(0.0, 0.25),
+    gap_m=st.floats(0.5, 3.0),
+    errors=st.lists(st.floats(-3.0, 3.0), min_size=8, max_size=12),
+)
+@example(sigma=0.25, gap_m=1.5, errors=[3.0] * 12)
+def test_the_gap_in_a_queue_stays_positive_whatever_the_errors(sigma: float, gap_m: float, errors: list[float]) -> None:
+    """The vehicle ahead stands; every half second its position is estimated anew, off by up to three sigma."""
+    planner, x, speed = SpaceTimePlanner(briefing(), 0.0, 8.0), 0.0, 0.0
+    front = LENGTH + gap_m
+    for tick in range(0, PLANNER.replan_ticks * len(errors), 4):
+        error = errors[tick // PLANNER.replan_ticks] * sigma
+        ahead = replace(standing(front + error, 0.0), min_gap_m=compute_queue_gap(sigma))
+        planner.track_ego(tick, own(x, speed=speed))
+        planner.update(tick, speed, [ahead])
+        after = max(float(stations(planner, tick)[0]), x)  # 0.2 s later; it does not drive back
+        x, speed = after, (after - x) / PLANNER.interval_s
+        assert front - LENGTH - x > 0
+
+
+def test_the_gap_in_a_queue_counts_ahead_and_not_aside() -> None:
+    """A car that passes within the margin of a parked one is not stopped by the gap, as long as it does not overlap."""
+    for aside, passes in ((WIDTH + 0.5, True), (WIDTH - 0.1, False)):
+        parked = replace(standing(10.0, aside), min_gap_m=1.5)
+        assert bool(stations(planned(0.0, [parked]))[-1] > 20.0) is passes
+
+
+def test_after_a_long_wait_the_gap_in_a_queue_does_not_shrink() -> None:
+    gap_m = compute_queue_gap(0.2)
+    planner = SpaceTimePlanner(briefing(), 0.0, 8.0)
+    for tick in range(0, 2 * PLANNER.deadlock_ticks, 4):
+        planner.track_ego(tick, own())
+        planner.update(tick, 0.0, [replace(standing(LENGTH + gap_m - 0.1, 0.0), min_gap_m=gap_m)])
+        assert stations(planner, tick)[-1] == pytest.approx(0.0)
 
 
 def test_after_a_long_wait_the_margin_shrinks() -> None:
