@@ -34,8 +34,6 @@ class EpisodeJob:
     suite_folder: Path
     scenario: str
     agent: AgentSpec
-    others: OtherAgents | None = None
-    """The agents of the CAVs that are not under test; None: `agent` drives all."""
     seed: int = 0
     score_mode: ScoreMode = ScoreMode.MDRIVE
     options: EpisodeOptions = field(default_factory=EpisodeOptions)
@@ -51,6 +49,8 @@ class EpisodeJob:
     """Think times of the agents of the recorded run, for re-execution."""
     checksum: str = ""
     """Of the scenario's file when the run was prepared, because a worker reads it again; "": not checked."""
+    others: OtherAgents | None = None
+    """The agents of the CAVs that are not under test; None: `agent` drives all."""
 
 
 def run_job(job: EpisodeJob) -> ScenarioResult:
