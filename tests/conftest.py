@@ -5,6 +5,7 @@ import os
 import signal
 from collections.abc import Generator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -99,7 +100,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
     """Measure no coverage in slow tests, nor in their fixtures: tracing doubles their time."""
-    plugin = item.config.pluginmanager.getplugin("_cov")
+    plugin: Any = item.config.pluginmanager.getplugin("_cov")
     controller = plugin.cov_controller if plugin and item.get_closest_marker("slow") else None
     if controller is None:
         return (yield)
