@@ -37,7 +37,7 @@ eval: install ## drive the built-in InterDrive suite with the idm baseline
 	$(BIN)/mdrive-sumo eval --suite interdrive --agent idm
 
 test: install ## the tests
-	$(PYTEST) -n 3 --dist worksteal -m "not full" $(COVERAGE)
+	$(PYTEST) -n 3 --dist worksteal -m "not full"
 
 test-all: install ## every test: each scenario, each log, long soaks
 	TESTS_PROFILE=all $(PYTEST) -n 2

@@ -5,7 +5,6 @@ import os
 import signal
 from collections.abc import Generator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -95,20 +94,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     The last tests are dealt to the workers of pytest-xdist one by one, and each worker would make the fixture again.
     """
     items.sort(key=lambda item: item.get_closest_marker("costly_fixture") is None)
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Generator[None, object, object]:
-    """Measure no coverage in slow tests, nor in their fixtures: tracing doubles their time."""
-    plugin: Any = item.config.pluginmanager.getplugin("_cov")
-    controller = plugin.cov_controller if plugin and item.get_closest_marker("slow") else None
-    if controller is None:
-        return (yield)
-    controller.pause()
-    try:
-        return (yield)
-    finally:
-        controller.resume()
 
 
 def pytest_configure(config: pytest.Config) -> None:
