@@ -1,0 +1,1 @@
+"""The hard tier: families of scenarios whose parameters an adversarial search varies."""
