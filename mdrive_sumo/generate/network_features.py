@@ -15,6 +15,8 @@ from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
 
 HIGHWAY_MPS = 16.0
 """[m/s] Roads with a higher speed limit and one direction of travel are highways."""
+HARD_TIER_PREFIX = "hard_"
+"""Names of networks of the hard tier begin so; proposals for the other suites do not use them."""
 OPPOSITE_RAD = math.radians(135)
 
 
@@ -64,10 +66,15 @@ def _do_merge(one: LaneRoute, other: LaneRoute) -> bool:
     return differs and one.lanes[-1] == other.lanes[-1]
 
 
+def is_hard_tier(network: str) -> bool:
+    """Return whether a packaged network belongs to the hard tier only."""
+    return network.startswith(HARD_TIER_PREFIX)
+
+
 def find_networks(proposal: Proposal, names: Iterable[str] = ()) -> tuple[RoadMap, ...]:
     """Return the networks (packaged ones, or those named) that meet the proposal's requirements; raises InputError if
     there is none."""
-    folders = list_packaged_networks()
+    folders = {name: folder for name, folder in list_packaged_networks().items() if not is_hard_tier(name)}
     maps = [load_road_map(folders[name]) for name in sorted(names or folders)]
     fitting = tuple(roads for roads in maps if _is_suitable(extract_features(roads), proposal))
     if not fitting:

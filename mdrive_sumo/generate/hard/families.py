@@ -1,0 +1,9 @@
+"""All scenario families of the hard tier by category."""
+
+from collections.abc import Mapping
+
+from mdrive_sumo.generate.hard.family import ScenarioFamily
+
+_ALL: tuple[ScenarioFamily, ...] = ()
+
+FAMILIES: Mapping[str, ScenarioFamily] = {family.category: family for family in _ALL}
