@@ -19,8 +19,8 @@ from mdrive_sumo.generate.generated_suite import (
     find_rebuild_differences,
     load_packaged_generated,
     load_recipes,
-    rebuild_scenario,
     write_generated_suite,
+    write_rebuilt_suite,
 )
 from mdrive_sumo.generate.generation_search import (
     GenerationAttempt,
@@ -185,9 +185,7 @@ def _format_attempt(attempt: GenerationAttempt) -> str:
 def _rebuild_suite(name: str, out: Path | None) -> int:
     recipes = load_recipes(name)
     if out is not None:
-        write_generated_suite(
-            load_suite(name).about, [(recipe, rebuild_scenario(recipe)) for recipe in recipes.values()], out
-        )
+        write_rebuilt_suite(load_suite(name), recipes, out)
         click.echo(f"{len(recipes)} scenarios: {out}")
         return 0
     changed = 0

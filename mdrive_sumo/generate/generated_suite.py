@@ -1,5 +1,6 @@
 """Suites of generated scenarios: written with a recipe beside each scenario, and rebuilt from the recipes."""
 
+import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -9,6 +10,7 @@ from mdrive_sumo.generate.hard.hard_recipe import HardRecipe, build_hard_scenari
 from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario
 from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
 from mdrive_sumo.runs.evaluate import report_write_errors
+from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE
 from mdrive_sumo.scenario.scenario import Scenario, save_scenario
 from mdrive_sumo.scenario.suite import (
     RECIPE_FILE,
@@ -21,8 +23,11 @@ from mdrive_sumo.scenario.suite import (
     save_suite,
     seal_suite,
 )
+from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE
 
 AnyRecipe = Recipe | HardRecipe
+MEASURED_FILES = (CERTIFICATE_FILE, REFERENCE_TIMES_FILE)
+"""Files beside a suite that hold what drives showed."""
 
 
 def check_output_folder(folder: Path) -> None:
@@ -91,6 +96,22 @@ def rebuild_scenario(recipe: AnyRecipe) -> Scenario:
         return build_hard_scenario(recipe) if isinstance(recipe, HardRecipe) else build_scenario(recipe)
     except ProposalRejected as refused:
         raise InputError(f"recipe {recipe.id}: refused at stage {refused.stage}: {refused.reason}") from None
+
+
+def write_rebuilt_suite(suite: Suite, recipes: Mapping[Path, AnyRecipe], folder: Path) -> Suite:
+    """Write the scenarios that the recipes of a suite make as a new suite. Raises InputError.
+
+    What was measured, which no recipe makes again, is copied if the scenarios are the same.
+    """
+
+    def copy_measured(sealed: Suite) -> None:
+        if sealed.checksum() == suite.checksum():
+            for path in (suite.folder / name for name in MEASURED_FILES):
+                if path.is_file():
+                    shutil.copyfile(path, sealed.folder / path.name)
+
+    made = [(recipe, rebuild_scenario(recipe)) for recipe in recipes.values()]
+    return write_generated_suite(suite.about, made, folder, copy_measured)
 
 
 def find_rebuild_differences(recipes: Mapping[Path, AnyRecipe]) -> Iterator[str]:

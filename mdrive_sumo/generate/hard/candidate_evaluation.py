@@ -21,10 +21,9 @@ from mdrive_sumo.generate.hard.hard_recipe import (
     HARD_GENERATOR,
     HardRecipe,
     build_candidate,
-    compute_time_limits,
-    set_time_limits,
 )
 from mdrive_sumo.generate.hard.reference_drive import REFERENCE_AGENT, drive_with
+from mdrive_sumo.generate.hard.time_limits import compute_time_limits, set_time_limits
 from mdrive_sumo.generate.pipeline import ProposalRejected
 from mdrive_sumo.generate.validation import FULL_SCORE
 from mdrive_sumo.loop import EpisodeOptions

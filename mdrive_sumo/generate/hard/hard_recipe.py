@@ -11,21 +11,16 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.state import DT
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.generate.hard import families
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily, check_candidate
-from mdrive_sumo.scenario.reference_times import ReferenceTicks
+from mdrive_sumo.generate.hard.time_limits import set_time_limits
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error, load_scenario, save_scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.suite import SCENARIO_FILE
 
 HARD_GENERATOR = 1
 """Version of the families, incremented whenever the same recipe would make another scenario."""
-LIMIT_FACTOR, LIMIT_EXTRA_S = 1.5, 2.0
-"""Time limit of a CAV: so many times the time of `omniscient`, and so many seconds. Half of the time again lets a
-driver without privilege be cautious, but not wait until all others are gone; the seconds cover one reaction, and
-rounding, on short routes."""
 
 
 class HardRecipe(BaseModel):
@@ -42,7 +37,7 @@ class HardRecipe(BaseModel):
     seed: str = Field(min_length=1, max_length=200)
     """Of all that the values leave open."""
     time_limits_s: Mapping[str, Annotated[float, Field(gt=0, allow_inf_nan=False)]]
-    """Time limit [s] by CAV id, see `compute_time_limit_s`."""
+    """Time limit [s] by CAV id, see `hard.time_limits`."""
 
 
 def is_hard_recipe(path: Path) -> bool:
@@ -64,11 +59,6 @@ def load_hard_recipe(path: Path) -> HardRecipe:
     if recipe.generator != HARD_GENERATOR:
         raise InputError(f"{path}: expected version {HARD_GENERATOR} of the families, found {recipe.generator}")
     return recipe
-
-
-def compute_time_limit_s(reference_ticks: int) -> float:
-    """Return the time limit [s] of a CAV that needs so many ticks with `omniscient`."""
-    return round(LIMIT_FACTOR * reference_ticks * DT + LIMIT_EXTRA_S, 3)
 
 
 def find_families(names: Sequence[str] = ()) -> tuple[ScenarioFamily, ...]:
@@ -108,14 +98,3 @@ def build_candidate(family: ScenarioFamily, candidate: FamilyCandidate) -> Scena
         path = Path(scratch) / SCENARIO_FILE
         save_scenario(built, path)
         return load_scenario(path)
-
-
-def set_time_limits(scenario: Scenario, limits_s: Mapping[str, float]) -> Scenario:
-    """Return the scenario with the time limit [s] of each CAV."""
-    egos = tuple(ego.model_copy(update={"time_limit_s": limits_s[ego.id]}) for ego in scenario.egos)
-    return scenario.model_copy(update={"egos": egos})
-
-
-def compute_time_limits(reference: ReferenceTicks) -> dict[str, float]:
-    """Return the time limit [s] by CAV id for the measured times of `omniscient`."""
-    return {name: compute_time_limit_s(ticks) for name, ticks in reference.items()}
