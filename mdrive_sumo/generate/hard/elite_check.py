@@ -20,7 +20,7 @@ class EliteTask:
     """An elite to check; it can be sent to a worker process."""
 
     scenario: Scenario
-    seeds: int = CHECK_SEEDS
+    seeds: int
 
 
 class EliteCheck(BaseModel):

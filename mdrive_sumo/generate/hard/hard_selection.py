@@ -134,7 +134,7 @@ def select_checked_elites(
         while True:
             fit = [one for one in elites if one.id not in journal.checks or journal.checks[one.id].is_solved]
             chosen = select_elites(fit, settings.count, settings.mean_score, scenario_by_id)
-            tasks = [EliteTask(one.scenario) for one in chosen if one.evaluation.id not in journal.checks]
+            tasks = [EliteTask(one.scenario, CHECK_SEEDS) for one in chosen if one.evaluation.id not in journal.checks]
             if not tasks:
                 return chosen
             note(f"{len(tasks)} of {len(chosen)} chosen scenarios to drive with omniscient and {CHECK_SEEDS} seeds")
