@@ -7,6 +7,9 @@ import numpy as np
 from mdrive_sumo.contract.detector_profiles import IDEAL
 from mdrive_sumo.core.geometry import Float
 
+PROTOCOL_SPEED = 8.0
+"""[m/s] Speed of the CAVs in the original benchmark (paper, table of controllers)."""
+
 
 @dataclass(frozen=True, slots=True)
 class VehicleFacts:
@@ -50,7 +53,7 @@ class Briefing:
     tick_s: float
     """Length of a tick [s]."""
     time_limit_s: float
-    """The route time-out of the scenario [s] (protocol 7.6)."""
+    """Time [s] after which the CAV is timed out: its own limit in the scenario, or that of protocol 7.6."""
     vehicle: VehicleFacts
     route_xy: Float
     """(N, 2) points every metre [m]; the first is the start, the last is the goal."""
@@ -69,3 +72,6 @@ class Briefing:
     of all lanes and junctions together, oncoming lanes included, at most 10 m. No rows if it was not measured."""
     standard_detector: str = IDEAL
     """The detector profile that the profile `standard` of the objects sensor stands for in this episode."""
+    desired_speed: float | None = PROTOCOL_SPEED
+    """Speed [m/s] that the scenario asks CAVs to drive where the road allows it; None: the limits of the road
+    (`route_speed_limit`). Nothing enforces it: time and safety are scored, speed is not."""

@@ -98,6 +98,8 @@ class Privileged:
     """Every actor that is not a CAV, at any distance."""
     rooms: tuple[Float, ...] = ()
     """(N, 2) free width beside the route points of each CAV [m], as `Briefing.route_room`."""
+    speed_limits: tuple[Float, ...] = ()
+    """(N,) speed limit [m/s] at the route points of each CAV, as `Briefing.route_speed_limit`."""
 
 
 class _DeferredObjects:

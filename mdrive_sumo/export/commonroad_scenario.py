@@ -104,11 +104,11 @@ def build_scenario(
 
 
 def _build_problem(recording: ScoredRecording, number: int, column: int) -> PlanningProblem:
-    """Return the task of a CAV: from its start to the end of its route within the time limit of the scenario."""
+    """Return the task of a CAV: from its start to the end of its route within its time limit."""
     ego = recording.scenario.egos[column]
     initial = _build_initial_state(recording, 0, column)
     goal: Any = CustomState(
-        time_step=Interval(1, compute_time_limit_ticks(recording.scenario)),
+        time_step=Interval(1, compute_time_limit_ticks(recording.scenario)[ego.id]),
         position=CircleOccupancy(GOAL_RADIUS_M, shapely.Point(ego.xy[-1])),
     )
     return PlanningProblem(number, initial, GoalRegion([goal]))

@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 from mdrive_sumo.contract import STANDSTILL, Briefing, Control, Message, Observation, Plan, Reply, SensorSpec
+from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End, Frame
 from mdrive_sumo.episode import Ending, EpisodeRecord, ReceivedMessages, Recorder, ThinkTime, quantize_frame
@@ -124,15 +125,17 @@ class EpisodeSimulation:
 
     def _build_briefings(self) -> dict[str, Briefing]:
         config, facts = self._config, dynamics.to_vehicle_facts(VEHICLE)
-        limit_s = criteria.compute_time_limit_ticks(config.scenario) / TICKS_PER_SECOND
+        limits = criteria.compute_time_limit_ticks(config.scenario)
+        desired_speed = PROTOCOL_SPEED if config.scenario.speeds == "protocol" else None
         detector = config.options.sensing.standard_detector
         briefings: dict[str, Briefing] = {}
         for ego in config.scenario.egos:
             seed = derive_seed(config.seed, config.scenario.id, "agent", ego.id)
             length, width = self._dimensions[ego.id]
             vehicle = replace(facts, length=length, width=width)
+            limit_s = limits[ego.id] / TICKS_PER_SECOND
             briefing = build_briefing(ego, config.roads, vehicle, seed, limit_s, detector)
-            briefings[ego.id] = replace(briefing, ego_id=config.pseudonyms[ego.id])
+            briefings[ego.id] = replace(briefing, ego_id=config.pseudonyms[ego.id], desired_speed=desired_speed)
         return briefings
 
     def _begin_tick(self, busy: Collection[str]) -> dict[str, Observation]:

@@ -55,7 +55,7 @@ class SimulatedFrames:
         """world: not started yet."""
         scenario = config.scenario
         self._config, self._world = config, world
-        self._time_limit = criteria.compute_time_limit_ticks(scenario)
+        self._time_limits = criteria.compute_time_limit_ticks(scenario)
         self._references = {ego.id: criteria.build_route_reference(ego) for ego in scenario.egos}
         self._progress = {ego.id: criteria.RouteProgress() for ego in scenario.egos}
         self._vehicle_states = {
@@ -100,7 +100,7 @@ class SimulatedFrames:
             self._progress[ego] = criteria.update_progress(
                 self._progress[ego], self._references[ego], frame.tick, state.x, state.y, state.speed
             )
-            end = criteria.find_end(self._progress[ego], frame.tick, self._time_limit)
+            end = criteria.find_end(self._progress[ego], frame.tick, self._time_limits[ego])
             if end is not None:
                 ends[ego] = end
         return ends

@@ -4,6 +4,7 @@ Scalar Python, because they are evaluated once per CAV and tick. All functions a
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -77,12 +78,18 @@ def build_reference_along(xy: Float, yaw: Float) -> RouteReference:
     return RouteReference(*(tuple(column.tolist()) for column in columns))
 
 
-def compute_time_limit_ticks(scenario: Scenario) -> int:
-    """Return the time limit: int(0.8 s/m * L0 + 8 s) in ticks, with ego 0's route length L0 for every ego (7.6, K3).
+def compute_time_limit_ticks(scenario: Scenario) -> Mapping[str, int]:
+    """Return the time limit [ticks] by CAV id: its own, rounded to ticks, or that of the protocol.
 
-    The route is that of the scenario as written, so that every seed has the same time.
+    The protocol's is int(0.8 s/m * L0 + 8 s), with the route length L0 of ego 0 for every ego (7.6, K3). Route and own
+    limits are those of the scenario as written, so that every seed has the same time.
     """
-    return int(0.8 * build_route_reference(scenario.as_written.egos[0]).length + 8.0) * TICKS_PER_SECOND
+    egos = scenario.as_written.egos
+    common = int(0.8 * build_route_reference(egos[0]).length + 8.0) * TICKS_PER_SECOND
+    return {
+        ego.id: common if ego.time_limit_s is None else max(round(ego.time_limit_s * TICKS_PER_SECOND), 1)
+        for ego in egos
+    }
 
 
 def advance_index(reference: RouteReference, index: int, window: int, x: float, y: float) -> int:

@@ -112,6 +112,7 @@ class ObservationBuilder:
             plans=tuple(plans.get(ego) for ego in egos),
             objects=scene.boxes.take(slice(len(scene.egos), None)),
             rooms=tuple(self._briefings[ego].route_room for ego in egos),
+            speed_limits=tuple(self._briefings[ego].route_speed_limit for ego in egos),
         )
 
 

@@ -65,7 +65,7 @@ class _CavStates:
     """Progress and ending of every CAV while its drive is recorded."""
 
     references: Mapping[str, criteria.RouteReference]
-    limit_ticks: int
+    limit_ticks: Mapping[str, int]
     progress: dict[str, criteria.RouteProgress]
     endings: dict[str, Ending] = field(default_factory=dict[str, Ending])
     end_by_cav: dict[str, str] = field(default_factory=dict[str, str])
@@ -153,7 +153,7 @@ def _judge(world: _LoggedWorld, frame: Frame, states: _CavStates) -> None:
         states.progress[name] = criteria.update_progress(
             states.progress[name], states.references[name], frame.tick, state.x, state.y, state.speed
         )
-        end = criteria.find_end(states.progress[name], frame.tick, states.limit_ticks)
+        end = criteria.find_end(states.progress[name], frame.tick, states.limit_ticks[name])
         if end is not None or world.cavs[name].at((frame.tick + 1) * DT) is None:
             states.endings[name] = Ending(name, frame.tick, end or End.ARRIVED)
             states.end_by_cav[name] = LOG_ENDED if end is None else str(end)

@@ -132,7 +132,7 @@ def judged(
     about: Scenario, drives: Mapping[str, Sequence[Row]], hits: Iterable[tuple[int, Contact]] = ()
 ) -> EpisodeRecord:
     """The recording that a live judge makes of these drives: each CAV until its end, then its agent fails."""
-    limit = compute_time_limit_ticks(about)
+    limits = compute_time_limit_ticks(about)
     rows, ends = dict[str, Sequence[Row]](), dict[str, End]()
     for one in about.egos:
         route, trial = build_route_reference(one), RouteProgress()
@@ -140,7 +140,7 @@ def judged(
         for tick, row in enumerate(drives[one.id]):
             seen = quantize_frame(Frame(tick, {one.id: EgoState(*row)}, Actors.empty(), {})).egos[one.id]
             trial = update_progress(trial, route, tick, seen.x, seen.y, seen.speed)
-            end, lived = find_end(trial, tick, limit), tick + 1
+            end, lived = find_end(trial, tick, limits[one.id]), tick + 1
             if end is not None:
                 break
         rows[one.id], ends[one.id] = drives[one.id][:lived], end or End.AGENT_FAILED

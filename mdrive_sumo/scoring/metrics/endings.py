@@ -43,7 +43,8 @@ def compute_route_completion(track: EgoTrack) -> float:
     Raises EpisodeMismatch if the criteria, applied to the recorded frames, end the CAV differently. No frame shows an
     agent's failure; the CAV must then end in the same tick as by the criteria, or earlier.
     """
-    progress, reference, limit = RouteProgress(), track.reference, compute_time_limit_ticks(track.scenario)
+    progress, reference = RouteProgress(), track.reference
+    limit = compute_time_limit_ticks(track.scenario)[track.ego.id]
     end: End | None = None
     tick = -1
     for tick, ((x, y), speed) in enumerate(zip(track.xy.tolist(), track.speed.tolist(), strict=True)):

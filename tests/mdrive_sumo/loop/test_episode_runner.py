@@ -14,6 +14,8 @@ from mdrive_sumo.episode import Ending, EpisodeRecord
 from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring.metrics.ego_track import build_ego_track
+from mdrive_sumo.scoring.metrics.endings import compute_route_completion
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
 
 EXACT = EpisodeOptions(sensing=SensingProfile.PERFECT)
@@ -168,6 +170,21 @@ def test_the_time_limit_of_ego_0_holds_for_all_cavs() -> None:
     egos = (straight_ego("0", x=100, length=10), straight_ego("1", x=10, length=60))
     episode, _ = drive(straight_scenario(*egos), {"0": Says(crawl), "1": Says(crawl)})
     assert (episode.find_ending("1").end, episode.find_ending("1").tick) == (End.TIMED_OUT, 16 * 20)
+
+
+def test_a_cav_with_a_time_limit_of_its_own_ends_at_it_and_is_told() -> None:
+    """Both drive on; the score finds the same endings in the recording (`compute_route_completion`)."""
+    timed = straight_ego("1", x=100).model_copy(update={"time_limit_s": 1.5})
+    scenario = straight_scenario(straight_ego("0"), timed).model_copy(update={"speeds": "road"})
+    agents = {name: Says(lambda seen: go) for name in ("0", "1")}
+    episode, _ = drive(scenario, agents)
+    assert (episode.find_ending("1").end, episode.find_ending("1").tick) == (End.TIMED_OUT, 30)
+    assert episode.find_ending("0").end is End.ARRIVED
+    told = [agent.briefing for agent in agents.values() if agent.briefing]
+    assert [(one.time_limit_s, one.desired_speed) for one in told] == [(48.0, None), (1.5, None)]
+    for column, limit_percent in ((0, 100.0), (1, 5.0)):
+        track = build_ego_track(episode, scenario, straight_road(), column)
+        assert compute_route_completion(track) <= limit_percent
 
 
 @pytest.mark.slow

@@ -104,7 +104,15 @@ def test_arrived_one_tick_later() -> None:
     [(50, 48), (91, 80), (52, 49)],  # 0.8 * 91 + 8 = 80.8; 0.8 * 52 + 8 = 49.6
 )
 def test_time_limit_of_ego_0(length: int, seconds: int) -> None:
-    assert compute_time_limit_ticks(scenario(ego("0", length), ego("1", 300))) == seconds * 20
+    limits = compute_time_limit_ticks(scenario(ego("0", length), ego("1", 300)))
+    assert limits == dict.fromkeys(("0", "1"), seconds * 20)
+
+
+def test_a_cav_may_have_a_time_limit_of_its_own() -> None:
+    timed = ego("1", 300).model_copy(update={"time_limit_s": 12.34})
+    written = scenario(ego("0", 50), timed)
+    drawn = written.derive(egos=(ego("0", 60), ego("1", 310)))
+    assert compute_time_limit_ticks(written) == compute_time_limit_ticks(drawn) == {"0": 48 * 20, "1": 247}
 
 
 def test_timed_out_at_the_limit() -> None:
