@@ -68,10 +68,11 @@ def build_lane_route(
     start_s: float,
     goal_s: float,
     change_at: Mapping[int, float] | None = None,
+    change_m: float = LANE_CHANGE_M,
 ) -> Route:
     """Return the dense route along connected lanes, from arc length start_s [m] on the first to goal_s [m] on the last.
 
-    Where two consecutive lanes are neighbours the route moves over within `LANE_CHANGE_M`, centred on the stretch that
+    Where two consecutive lanes are neighbours the route moves over within `change_m` [m], centred on the stretch that
     both share, or begins at arc length `change_at[i]` [m] of lane i. Raises InputError for lanes that do not connect.
     """
     pieces: list[tuple[Float, Float]] = []
@@ -83,7 +84,7 @@ def build_lane_route(
             neighbour = _find_lane(roads, lanes[i + 1])
             goal = neighbour.centre.at(goal_s) if i + 2 == len(lanes) else neighbour.centre.xy[-1]
             end = lane.centre.project(float(goal[0]), float(goal[1]))[0]
-            leave, arrive = _compute_change_window(lane, begin, end, (change_at or {}).get(i))
+            leave, arrive = _compute_change_window(lane, (begin, end), (change_at or {}).get(i), change_m)
             pieces.append(_sample_lane(lane, begin, leave))
             pieces.append(_sample_lane_change(lane, neighbour, leave, arrive))
             begin = neighbour.centre.project(*lane.centre.at(arrive))[0]  # in a bend the lanes differ in length
@@ -103,9 +104,12 @@ def _find_lane(roads: RoadMap, lane_id: str) -> Lane:
     return roads.lanes[lane_id]
 
 
-def _compute_change_window(lane: Lane, begin: float, end: float, wanted: float | None) -> tuple[float, float]:
+def _compute_change_window(
+    lane: Lane, shared: tuple[float, float], wanted: float | None, change_m: float
+) -> tuple[float, float]:
+    begin, end = shared
     room = max(end - begin, 0.0)
-    length = min(LANE_CHANGE_M, room)
+    length = min(change_m, room)
     leave = begin + (room - length) / 2 if wanted is None else min(max(wanted, begin), end - length)
     if length < 1.0:
         raise InputError(f"lane {lane.id}: expected at least 1 m to change lanes in, found {room:.1f} m")

@@ -10,6 +10,11 @@ from mdrive_sumo.scenario.scenario_part import Coordinate, Identifier, ScenarioP
 BackgroundMode = Literal["reactive", "replay", "hybrid"]
 
 
+def _is_unset(value: float | None) -> bool:
+    """Return whether an optional field has its default: then it is left out of files and checksums."""
+    return value is None
+
+
 class CarFollowing(ScenarioPart):
     """Car-following parameters; the defaults are SUMO's for passenger cars (Krauss model)."""
 
@@ -21,6 +26,8 @@ class CarFollowing(ScenarioPart):
     """[m/s2]"""
     sigma: float = Field(default=0.5, ge=0, le=1)
     """Driver imperfection."""
+    max_speed: float | None = Field(default=None, gt=0, le=60, exclude_if=_is_unset)
+    """[m/s] Of a truck or tractor; None: only the road's limit counts."""
 
 
 class Schedule(ScenarioPart):

@@ -60,6 +60,8 @@ def add_vehicle_type(vehicle: BackgroundVehicle) -> None:
     types.setDecel(name, driving.decel)
     types.setApparentDecel(name, driving.decel)
     types.setImperfection(name, driving.sigma)
+    if driving.max_speed is not None:
+        types.setMaxSpeed(name, driving.max_speed)
     if vehicle.schedule is not None:
         types.setActionStepLength(name, ACTION_TICKS * DT)
         types.setParameter(name, KEEP_CLEAR_PARAMETER, "0")

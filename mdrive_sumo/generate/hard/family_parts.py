@@ -34,6 +34,14 @@ Lanes = tuple[str, ...]
 finds them from the first to the last lane."""
 
 
+@dataclass(frozen=True, slots=True)
+class RouteLaneChange:
+    """The lane change of a route: where it begins on the lane that it leaves [m], and its length [m]."""
+
+    at_m: float
+    length_m: float
+
+
 def read_values(family: ScenarioFamily, candidate: FamilyCandidate) -> dict[str, float]:
     """Return the candidate's values by parameter name. Raises InputError for values out of bounds."""
     check_candidate(family, candidate)
@@ -47,9 +55,19 @@ def load_network(name: str) -> RoadMap:
 
 
 @lru_cache(maxsize=512)
-def _build_line(roads: RoadMap, lanes: Lanes) -> tuple[Polyline, Float]:
+def _build_line(roads: RoadMap, lanes: Lanes, change: RouteLaneChange | None = None) -> tuple[Polyline, Float]:
     """Return the route along whole lanes, and the lane direction [rad] at every metre."""
-    route = build_lane_route(roads, lanes, 0.0, roads.lanes[lanes[-1]].centre.length)
+    end_m = roads.lanes[lanes[-1]].centre.length
+    if change is None:
+        route = build_lane_route(roads, lanes, 0.0, end_m)
+    else:
+        pairs = zip(lanes, lanes[1:], strict=False)
+        changes = {
+            i: change.at_m
+            for i, (here, there) in enumerate(pairs)
+            if there in (roads.lanes[here].left, roads.lanes[here].right)
+        }
+        route = build_lane_route(roads, lanes, 0.0, end_m, changes, change.length_m)
     return Polyline(route.xy), route.yaw
 
 
@@ -77,12 +95,21 @@ def compute_pose(roads: RoadMap, lanes: Lanes, station: float, offset: float = 0
     )
 
 
-def build_cav(roads: RoadMap, name: str, lanes: Lanes, start_m: float, goal_m: float, speed: float) -> Ego:
+def build_cav(
+    roads: RoadMap,
+    name: str,
+    lanes: Lanes,
+    start_m: float,
+    goal_m: float,
+    speed: float,
+    change: RouteLaneChange | None = None,
+) -> Ego:
     """Return a CAV that drives from one station [m] of a chain of lanes to another and starts at `speed` [m/s].
 
+    `change`: place and length of its lane changes; by default within 20 m, which is for urban speeds.
     Raises ProposalRejected if it does not lie on the chain.
     """
-    line, yaw = _build_line(roads, lanes)
+    line, yaw = _build_line(roads, lanes, change)
     if not 0.0 <= start_m < goal_m - 10.0 or goal_m > line.length:
         raise ProposalRejected(
             PipelineStage.SPAWNS,
