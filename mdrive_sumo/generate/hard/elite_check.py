@@ -6,13 +6,12 @@ from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.generate.hard.reference_drive import compute_reference_score
-from mdrive_sumo.generate.validation import FULL_SCORE
+from mdrive_sumo.generate.validation import FULL_SCORE, HARD_SEEDS
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
 
-CHECK_SEEDS = 5
-"""Number of seeds, from 0 on, with which `omniscient` must score 100 (issue K)."""
+CHECK_SEEDS = HARD_SEEDS
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,20 +12,19 @@ from dataclasses import dataclass, field
 from mdrive_sumo.generate.duplicates import find_duplicate
 from mdrive_sumo.generate.hard.adversarial_search import SearchJournal
 from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation
+from mdrive_sumo.generate.hard.corridors import is_corridor_network
 from mdrive_sumo.generate.hard.elite_check import CHECK_SEEDS, EliteCheck, EliteTask, check_elite, describe_check
 from mdrive_sumo.generate.hard.hard_recipe import build_hard_scenario
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.scenario import Scenario
 
-CORRIDOR_NETWORKS = "hard_corridor_"
-"""Beginning of the names of networks with dense corridors: signals, buses, cyclists and pedestrians."""
 CHECK_LIMIT_S = 900.0
 """Wall clock for the drives of one elite."""
 
 
 def is_on_corridor(elite: CandidateEvaluation) -> bool:
     """Return whether an elite drives on a dense corridor."""
-    return elite.measured.network.startswith(CORRIDOR_NETWORKS)
+    return is_corridor_network(elite.measured.network)
 
 
 def is_certified(elite: CandidateEvaluation) -> bool:
