@@ -2,8 +2,21 @@
 
 from collections.abc import Mapping
 
+from mdrive_sumo.generate.hard import (
+    blind_crossing,
+    occluded_pedestrian,
+    right_turn_cyclist,
+    roundabout_entry,
+    unprotected_left,
+)
 from mdrive_sumo.generate.hard.family import ScenarioFamily
 
-_ALL: tuple[ScenarioFamily, ...] = ()
+_ALL: tuple[ScenarioFamily, ...] = (
+    unprotected_left.FAMILY,
+    blind_crossing.FAMILY,
+    occluded_pedestrian.FAMILY,
+    right_turn_cyclist.FAMILY,
+    roundabout_entry.FAMILY,
+)
 
 FAMILIES: Mapping[str, ScenarioFamily] = {family.category: family for family in _ALL}

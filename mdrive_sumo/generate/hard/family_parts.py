@@ -12,13 +12,22 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.generate.hard.family import BUCKET, FamilyCandidate, ScenarioFamily, check_candidate
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
+from mdrive_sumo.generate.spawn_points import RouteLine, find_conflict_stations
 from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import RoadMap, build_lane_route, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
-from mdrive_sumo.scenario.scripted_actor import Actor, KindName, PathMotion, PositionTrigger, StartMotion, Trigger
+from mdrive_sumo.scenario.scripted_actor import (
+    Actor,
+    KindName,
+    LaneMotion,
+    PathMotion,
+    PositionTrigger,
+    StartMotion,
+    Trigger,
+)
 
 BODY_SIZES: Mapping[str, tuple[float, float]] = {
     "car": (4.6, 1.85),
@@ -138,6 +147,45 @@ def _select_lanes(roads: RoadMap, lanes: Lanes, start_m: float, goal_m: float) -
     return lanes[first : last + 1]
 
 
+def build_platoon(
+    roads: RoadMap, names: Sequence[str], lanes: Lanes, fronts: tuple[float, float], drive: tuple[float, float]
+) -> list[Ego]:
+    """Return CAVs that follow each other on a chain of lanes: as many of the names as have room.
+
+    `fronts`: station [m] of the first and gap [m] between centres; `drive`: goal [m], the same for all, and speed.
+    """
+    stations = [fronts[0] - k * fronts[1] for k in range(len(names))]
+    placed = [(name, station) for name, station in zip(names, stations, strict=True) if station >= 0.0]
+    return [build_cav(roads, name, lanes, station, drive[0], drive[1]) for name, station in placed]
+
+
+def find_conflict(roads: RoadMap, lanes: Lanes, others: Lanes) -> tuple[float, float]:
+    """Return the stations [m] on two chains of lanes at which they first come together. Raises InputError if never."""
+    one, other = (RouteLine(_build_line(roads, chain)[0].xy, 0.0) for chain in (lanes, others))
+    if (met := find_conflict_stations(one, other)) is None:
+        raise InputError(f"network {roads.name}: expected chains of lanes that meet, found {lanes} and {others}")
+    return met
+
+
+def build_driving_actor(roads: RoadMap, name: str, model: str, drive: tuple[Lanes, float, float]) -> Actor:
+    """Return a vehicle that is not connected and drives along lanes; `drive`: lanes, start [m], speed [m/s].
+
+    It stops for what is in its way, and yields to nothing else.
+    """
+    lanes, start_m, speed = drive
+    length, width = BODY_SIZES[model]
+    used = _select_lanes(roads, lanes, start_m, compute_chain_length(roads, lanes))
+    return Actor(
+        id=name,
+        kind="vehicle",
+        model=model,
+        length=length,
+        width=width,
+        start=compute_pose(roads, lanes, start_m),
+        motion=LaneMotion(lanes=used, speed=round(speed, 2), start_speed=round(speed, 2)),
+    )
+
+
 def build_vehicle_actor(name: str, model: str, pose: Pose, mirrored: bool = True) -> Actor:
     """Return a standing vehicle of a model of `BODY_SIZES`: parked, or stopped in a lane."""
     length, width = BODY_SIZES[model]
@@ -161,7 +209,6 @@ def build_crossing_actor(
         width=width,
         start=Pose(x=round(x, 3), y=round(y, 3), yaw=round(portable.atan2(y1 - y, x1 - x), 4)),
         motion=PathMotion(points=path, speed=speed),
-        avoid_collision=False,
         trigger=trigger,
         action=StartMotion(),
     )

@@ -35,7 +35,7 @@ PARAMETERS = (
 
 
 def _build(candidate: FamilyCandidate) -> Scenario:
-    values, roads = read_values(MOTORWAY_MERGE, candidate), load_network(NETWORK)
+    values, roads = read_values(FAMILY, candidate), load_network(NETWORK)
     right, left = (find_lane_path(roads, f"main_{i}", f"after_{i}") for i in (0, 1))
     ramp = find_lane_path(roads, "ramp_0", "after_0")
     nose_m = find_lane_start(roads, right, "merge_1")
@@ -68,10 +68,10 @@ def _build(candidate: FamilyCandidate) -> Scenario:
         TrafficFlow(ramp[: ramp.index("merge_0")], values["ramp_flow"], CARS),
     )
     vehicles = build_flows(roads, flows, candidate.seed, egos)
-    return build_scenario(MOTORWAY_MERGE, candidate, roads, egos, FamilyTraffic(vehicles))
+    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles))
 
 
-MOTORWAY_MERGE = ScenarioFamily(
+FAMILY = ScenarioFamily(
     category="motorway-merge",
     description="CAVs merge from a ramp behind a noise wall into motorway traffic at 22 to 33 m/s.",
     parameters=PARAMETERS,

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 
 import shapely
 
-from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.generate.hard.family_parts import BODY_SIZES, Lanes, RouteLaneChange, build_cav, compute_pose
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing
 from mdrive_sumo.scenario.scenario import Ego
-from mdrive_sumo.scenario.scripted_actor import Actor, LaneMotion, StandingMotion
+from mdrive_sumo.scenario.scripted_actor import Actor, LaneMotion, PathMotion
 
+MODEL_SIZES: Mapping[str, tuple[float, float]] = {**BODY_SIZES, "ambulance": (6.2, 2.1)}
+"""Length and width [m] of vehicles by model; the ambulance is that of EN 1789, type C, rounded."""
 CAR_M = 4.9
 """[m] Length of a CAV."""
 DRIVING: Mapping[str, CarFollowing] = {
@@ -45,6 +46,8 @@ class TrafficFlow:
     """Vehicles per hour."""
     models: Mapping[str, float]
     """Weights of models of `BODY_SIZES`."""
+    is_entering: bool = False
+    """Whether all enter later, behind what is on the road at the start."""
 
 
 CARS: Mapping[str, float] = {"car": 0.85, "van": 0.15}
@@ -65,7 +68,7 @@ def build_flows(
     for number, flow in enumerate(flows):
         if flow.per_hour >= 1.0:
             rng = random.Random(f"{seed}/flow/{number}")
-            made += _find_present(roads, flow, rng, blocked)
+            made += [] if flow.is_entering else _find_present(roads, flow, rng, blocked)
             made += _find_entering(roads, flow, rng, duration_s)
     return tuple(vehicle.model_copy(update={"id": f"bg{i}"}) for i, vehicle in enumerate(made))
 
@@ -83,16 +86,11 @@ def _build_blocked_area(roads: RoadMap, egos: Sequence[Ego], actors: Sequence[Ac
 
 
 def _find_speed(actor: Actor) -> float:
-    match actor.motion:
-        case LaneMotion(start_speed=speed):
-            return speed
-        case StandingMotion():
-            return 15.0  # nothing starts right before an obstacle
-        case _:
-            return 0.0
+    """Return the start speed [m/s] of an actor."""
+    return actor.motion.start_speed if isinstance(actor.motion, LaneMotion | PathMotion) else 0.0
 
 
-def _draw_gap(roads: RoadMap, flow: TrafficFlow, rng: random.Random) -> float:
+def _draw_gap(flow: TrafficFlow, rng: random.Random) -> float:
     """Return a time headway [s] with the flow's mean."""
     return LEAST_HEADWAY_S + rng.expovariate(1.0 / max(3600.0 / flow.per_hour - LEAST_HEADWAY_S, 0.05))
 
@@ -114,7 +112,7 @@ def _find_present(
         while True:
             model, speed = _draw_vehicle(roads, lane, flow, rng)
             length, width = BODY_SIZES[model]
-            front -= _draw_gap(roads, flow, rng) * speed + length
+            front -= _draw_gap(flow, rng) * speed + length
             if front < length + 1.0:
                 break
             pose = compute_pose(roads, (lane,), front - length / 2)
@@ -126,11 +124,11 @@ def _find_present(
 def _find_entering(
     roads: RoadMap, flow: TrafficFlow, rng: random.Random, duration_s: float
 ) -> Iterator[BackgroundVehicle]:
-    depart_s = _draw_gap(roads, flow, rng)
+    depart_s = _draw_gap(flow, rng)
     while depart_s < duration_s:
         model, speed = _draw_vehicle(roads, flow.lanes[0], flow, rng)
         yield _build_vehicle(roads, flow.lanes, model, depart_s, BODY_SIZES[model][0] + 0.5, speed)
-        depart_s += _draw_gap(roads, flow, rng) + BODY_SIZES[model][0] / speed
+        depart_s += _draw_gap(flow, rng) + BODY_SIZES[model][0] / speed
 
 
 def _build_vehicle(
@@ -177,26 +175,15 @@ def build_platoons(roads: RoadMap, platoons: Sequence[Platoon]) -> tuple[Ego, ..
 
 
 def build_moving_actor(
-    name: str, model: str, roads: RoadMap, lanes: Lanes, start_m: float, speed: float, **more: object
+    name: str, model: str, roads: RoadMap, lanes: Lanes, start: tuple[float, float], **more: object
 ) -> Actor:
-    """Return a vehicle of a model of `BODY_SIZES` that drives along lanes from a station [m] on the first of them."""
-    length, width = BODY_SIZES[model]
-    pose = compute_pose(roads, (lanes[0],), start_m)
-    motion = LaneMotion(lanes=lanes, speed=speed, start_speed=speed)
-    return Actor.model_validate(
-        {
-            "id": name, "kind": "vehicle", "model": model, "length": length, "width": width, "start": pose,
-            "motion": motion, **more,
-        }
-    )  # fmt: skip
+    """Return a vehicle of a model of `MODEL_SIZES` that drives along lanes; `more`: further fields of `Actor`.
 
-
-def mix_seed(seed: str, name: str) -> float:
-    """Return a number in [0, 1) that a candidate's seed draws for one purpose."""
-    return random.Random(f"{seed}/{name}").random()
-
-
-def turn_point(x: float, y: float, yaw: float, ahead: float) -> tuple[float, float]:
-    """Return the point `ahead` [m] of a pose."""
-    cos, sin = portable.cos_sin(yaw)
-    return float(x + ahead * cos), float(y + ahead * sin)
+    start: station [m] on the chain, at which it begins, and its speed [m/s]; with a trigger it stands until then.
+    """
+    station, speed = start
+    length, width = MODEL_SIZES[model]
+    motion = LaneMotion(lanes=lanes, speed=round(speed, 2), start_speed=0.0 if "trigger" in more else round(speed, 2))
+    size = {"length": length, "width": width}
+    fields = {"id": name, "kind": "vehicle", "model": model, "motion": motion, **size, **more}
+    return Actor.model_validate({**fields, "start": compute_pose(roads, lanes, station)})

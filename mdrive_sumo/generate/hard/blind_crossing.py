@@ -1,0 +1,118 @@
+"""Crossing traffic behind buildings: four-way crossings and T-junctions, from the left and from the right."""
+
+from dataclasses import dataclass
+
+from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
+from mdrive_sumo.generate.hard.family_encounter import (
+    Encounter,
+    build_encounter_parameters,
+    build_followers,
+    build_mast,
+    place_encounter,
+)
+from mdrive_sumo.generate.hard.family_parts import (
+    FamilyTraffic,
+    build_platoon,
+    build_scenario,
+    compute_chain_length,
+    load_network,
+    read_values,
+)
+from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
+from mdrive_sumo.roads import RoadMap, find_lane_path
+from mdrive_sumo.scenario.scenario import Ego, Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class CrossingSite:
+    """A junction: first and last lanes of CAV 0, of the hidden vehicle, and of the CAVs from the opposite side."""
+
+    network: str
+    own: tuple[str, str]
+    hidden: tuple[str, str]
+    opposite: tuple[str, str]
+    mean_speed: float
+    """[m/s] Of CAV 0 until the conflict."""
+
+
+SITES = (
+    CrossingSite("hard_blind_crossing", ("south_1_in_1", "north_1_out_1"), ("west_1_1", "west_0_1"),
+                 ("north_1_in_1", "south_1_out_1"), 12.5),
+    CrossingSite("hard_blind_crossing", ("east_0_1", "east_1_1"), ("north_1_in_1", "south_1_out_1"),
+                 ("west_1_1", "west_0_1"), 12.5),
+    CrossingSite("hard_blind_tee", ("south_1_in_0", "west_0_0"), ("east_0_0", "east_1_0"),
+                 ("west_1_0", "west_0_0"), 10.0),
+    CrossingSite("hard_blind_tee", ("south_1_in_0", "west_0_0"), ("west_1_0", "west_0_0"),
+                 ("east_0_0", "east_1_0"), 9.5),
+    CrossingSite("hard_corridor_narrow", ("south_1_in_1", "north_1_out_1"), ("west_4_2", "west_0_2"),
+                 ("east_0_2", "east_2_2"), 11.0),
+    CrossingSite("hard_corridor_narrow", ("north_3_in_1", "south_3_out_1"), ("east_0_2", "east_4_2"),
+                 ("south_3_in_1", "north_3_out_1"), 11.0),
+    CrossingSite("hard_corridor_market", ("south_2_in_1", "west_0_3"), ("east_0_3", "east_5_3"),
+                 ("west_3_3", "west_0_3"), 9.0),
+)  # fmt: skip
+STREAMS_BY_NETWORK = {
+    "hard_blind_crossing": (
+        TrafficStream(("east_0", "east_1"), (1,), 0.5, large=False),
+        TrafficStream(("west_1", "west_0"), (1,), 0.3, large=False),
+        TrafficStream(("north_1_in", "south_1_out"), (1,), 0.5, large=False),
+    ),
+    "hard_blind_tee": (
+        TrafficStream(("west_1", "west_0"), (0,), 0.4),
+        TrafficStream(("east_0", "east_1"), (0,), 0.4),
+    ),
+    "hard_corridor_narrow": (
+        TrafficStream(("east_0", "east_1", "east_2", "east_3", "east_4"), (2,), 0.6),
+        TrafficStream(("west_4", "west_3", "west_2", "west_1", "west_0"), (2,), 0.6),
+        TrafficStream(("south_2_in", "north_2_out"), (1,), 0.4, large=False),
+        TrafficStream(("north_4_in", "south_4_out"), (1,), 0.4, large=False),
+    ),
+    "hard_corridor_market": (
+        TrafficStream(("east_0", "east_1", "east_2", "east_3", "east_4", "east_5"), (2, 3), 0.8),
+        TrafficStream(("west_5", "west_4", "west_3", "west_2", "west_1", "west_0"), (2, 3), 0.8),
+        TrafficStream(("south_3_in", "north_3_out"), (1,), 0.4, large=False),
+        TrafficStream(("north_5_in", "south_5_out"), (1,), 0.4, large=False),
+    ),
+}
+"""Reactive traffic by network; the corridors' streams also serve other families."""
+
+
+def build_blind_crossing(candidate: FamilyCandidate) -> Scenario:
+    """Return the scenario of a candidate: CAV 0 meets a hidden vehicle, which CAV 1 follows or a mast sees."""
+    values = read_values(FAMILY, candidate)
+    site = SITES[min(int(values["site"]), len(SITES) - 1)]
+    roads = load_network(site.network)
+    hidden = find_lane_path(roads, *site.hidden)
+    encounter = Encounter(find_lane_path(roads, *site.own), hidden, hidden, site.mean_speed)
+    placed = place_encounter(roads, encounter, values)
+    more = round(values["cavs"]) - len(placed.egos)
+    followers = build_followers(
+        roads, encounter, placed, more - more // 3, (values["own_speed"], values["hidden_speed"])
+    )
+    egos = (*placed.egos, *followers, *_build_opposite(roads, site, more // 3))
+    rsus = (build_mast(roads, encounter),) if values["mast"] >= 0.5 else ()
+    keep_clear = (*egos, *placed.actors)
+    streams = STREAMS_BY_NETWORK[site.network]
+    vehicles = build_traffic(roads, streams, round(values["vehicles"]), candidate.seed, keep_clear)
+    signals = site.network.startswith("hard_corridor")
+    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, placed.actors, rsus, signals))
+
+
+def _build_opposite(roads: RoadMap, site: CrossingSite, count: int) -> list[Ego]:
+    lanes = find_lane_path(roads, *site.opposite)
+    length, names = compute_chain_length(roads, lanes), [f"opposite{i}" for i in range(count)]
+    return build_platoon(roads, names, lanes, (0.4 * length, 25.0), (0.9 * length, 10.0))
+
+
+FAMILY = ScenarioFamily(
+    category="Blind_Crossing_Traffic",
+    description="Fast traffic crosses from behind buildings at a crossing or a T-junction.",
+    parameters=(
+        FamilyParameter("site", 0.0, float(len(SITES)), "", "junction and directions"),
+        *build_encounter_parameters((60.0, 150.0), (6.0, 13.8), (9.0, 20.0)),
+        FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit hangs above the junction (from 0.5 on)"),
+        FamilyParameter("cavs", 2.0, 10.0, "", "number of CAVs"),
+        FamilyParameter("vehicles", 0.0, 60.0, "", "number of reactive vehicles"),
+    ),
+    build=build_blind_crossing,
+)

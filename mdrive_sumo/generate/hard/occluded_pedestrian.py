@@ -1,0 +1,156 @@
+"""Pedestrians step out from between parked vehicles of a dense corridor; oncoming CAVs or masts see them wait."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
+from mdrive_sumo.generate.hard.family_parts import (
+    FamilyTraffic,
+    Lanes,
+    build_arrival_trigger,
+    build_cav,
+    build_crossing_actor,
+    build_platoon,
+    build_scenario,
+    compute_pose,
+    find_lane_start,
+    find_station,
+    load_network,
+    read_values,
+)
+from mdrive_sumo.generate.hard.family_streets import CORRIDORS, PAVEMENT_M, Corridor, FreePlace, build_kerbside
+from mdrive_sumo.generate.hard.family_traffic import build_traffic
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
+from mdrive_sumo.scenario.scripted_actor import Actor
+
+SITES = ((0, 1), (0, 2), (0, 4), (1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (2, 3))
+"""Corridor and segment of the first pedestrian."""
+SPACING_M = 48.0
+"""[m] Between pedestrians."""
+JUNCTION_M = (24.0, 22.0)
+"""[m] No pedestrian crosses closer to the begin or the end of a segment."""
+MEAN_SPEED = 12.0
+"""[m/s] Of CAV 0, by which the oncoming CAV is timed."""
+GOAL_M = 55.0
+"""[m] From the last pedestrian to the goal of CAV 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Street:
+    """The street of a candidate: chains of the CAV and of oncoming traffic, and the pedestrians' stations [m]."""
+
+    corridor: Corridor
+    roads: RoadMap
+    own: Lanes
+    oncoming: Lanes
+    places: tuple[float, ...]
+
+    def locate_oncoming(self, station: float) -> float:
+        """Return the station [m] on the oncoming chain beside a station of the own one."""
+        pose = compute_pose(self.roads, self.own, station)
+        return find_station(self.roads, self.oncoming, pose.x, pose.y)
+
+
+def _find_street(values: Mapping[str, float]) -> _Street:
+    corridor_index, segment = SITES[min(int(values["site"]), len(SITES) - 1)]
+    corridor = CORRIDORS[corridor_index]
+    roads = load_network(corridor.network)
+    own = corridor.find_chain(roads, "east", corridor.lanes[0])
+    segments = [
+        (find_lane_start(roads, own, lane), roads.lanes[lane].centre.length)
+        for lane in own
+        if not roads.lanes[lane].junction
+    ][segment:]
+    begin, length = segments[0]
+    wanted = begin + JUNCTION_M[0] + values["place"] * (length - sum(JUNCTION_M))
+    places: list[float] = []
+    for begin, length in segments:
+        while (place := max(wanted, begin + JUNCTION_M[0])) <= begin + length - JUNCTION_M[1]:
+            places.append(place)
+            wanted = place + SPACING_M
+    places = places[: round(values["pedestrians"])]
+    return _Street(corridor, roads, own, corridor.find_chain(roads, "west", corridor.lanes[-1]), tuple(places))
+
+
+def build_occluded_pedestrian(candidate: FamilyCandidate) -> Scenario:
+    """Return the scenario of a candidate: CAV 0 passes the parked row, CAV 1 comes from ahead."""
+    values = read_values(FAMILY, candidate)
+    street = _find_street(values)
+    roads, places = street.roads, street.places
+    start = max(places[0] - values["own_m"], 3.0)
+    own = build_cav(roads, "0", street.own, start, places[-1] + GOAL_M, values["own_speed"])
+    egos = (own, *_build_oncoming(street, values, places[0] - start), *_build_behind(street, values, start))
+    walkers = [_build_pedestrian(street, own, (k, place - start), values) for k, place in enumerate(places)]
+    free = [FreePlace(place, place + values["free_m"]) for place in places]
+    parked = build_kerbside(roads, street.own, free, (start - 20.0, places[-1] + 60.0), candidate.seed)
+    left = street.corridor.find_chain(roads, "west", street.corridor.lanes[0])
+    ends = sorted(_locate(street, left, station) for station in (start, places[-1] + 40.0))
+    free_left = [FreePlace(_locate(street, left, place) - 3.0, _locate(street, left, place) + 3.0) for place in places]
+    parked += build_kerbside(roads, left, free_left, (ends[0], ends[1]), candidate.seed)
+    actors = (*walkers, *parked)
+    vehicles = build_traffic(
+        roads, street.corridor.all_streams, round(values["vehicles"]), candidate.seed, (*egos, *walkers)
+    )
+    rsus = _build_masts(street) if values["mast"] >= 0.5 else ()
+    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors, rsus, signals=True))
+
+
+def _locate(street: _Street, lanes: Lanes, station: float) -> float:
+    pose = compute_pose(street.roads, street.own, station)
+    return find_station(street.roads, lanes, pose.x, pose.y)
+
+
+def _build_pedestrian(street: _Street, own: Ego, place: tuple[int, float], values: Mapping[str, float]) -> Actor:
+    """Return pedestrian k, who crosses the whole street when CAV 0 is `lead_m` away from the place on its route [m]."""
+    k, along = place
+    station = street.places[k]
+    corridor = street.corridor
+    width = 2 * len(corridor.lanes) * 3.3 + (6.6 if corridor.network.endswith("arterial") else 0.0)
+    kerb = compute_pose(street.roads, street.own, station, -PAVEMENT_M)
+    beyond = compute_pose(street.roads, street.own, station, width - 1.65 + 3.0)
+    trigger = build_arrival_trigger(own, along - values["lead_m"])
+    points = ((kerb.x, kerb.y), (beyond.x, beyond.y))
+    return build_crossing_actor(f"walker{k}", "pedestrian", points, values["walking_speed"], trigger)
+
+
+def _build_oncoming(street: _Street, values: Mapping[str, float], own_m: float) -> list[Ego]:
+    """Return CAVs from ahead: the first is `witness_m` before the pedestrian when CAV 0 is nearly there."""
+    count = max(1, (round(values["cavs"]) - 1) // 2)
+    place = street.locate_oncoming(street.places[0])
+    front = max(place - values["witness_m"] - own_m * 0.7, 3.0)
+    names = [str(2 * k + 1) for k in range(count)]
+    return build_platoon(street.roads, names, street.oncoming, (front, 26.0), (place + 50.0, MEAN_SPEED))
+
+
+def _build_behind(street: _Street, values: Mapping[str, float], start: float) -> list[Ego]:
+    count = round(values["cavs"]) - 1 - max(1, (round(values["cavs"]) - 1) // 2)
+    names = [str(2 * k + 2) for k in range(count)]
+    goal = street.places[-1] + GOAL_M
+    return build_platoon(street.roads, names, street.own, (start - 22.0, 22.0), (goal, values["own_speed"]))
+
+
+def _build_masts(street: _Street) -> tuple[RoadsideUnit, ...]:
+    poses = [compute_pose(street.roads, street.own, place + 9.0, -PAVEMENT_M) for place in street.places]
+    return tuple(RoadsideUnit(id=f"mast{k}", x=pose.x, y=pose.y) for k, pose in enumerate(poses))
+
+
+FAMILY = ScenarioFamily(
+    category="Occluded_Pedestrian",
+    description="Pedestrians step out from between parked vehicles of a dense corridor.",
+    parameters=(
+        FamilyParameter("site", 0.0, float(len(SITES)), "", "corridor and segment"),
+        FamilyParameter("place", 0.0, 1.0, "", "place of the first pedestrian in the segment"),
+        FamilyParameter("own_m", 45.0, 120.0, "m", "distance of CAV 0 from the first pedestrian"),
+        FamilyParameter("own_speed", 6.0, 13.8, "m/s", "start speed of CAV 0"),
+        FamilyParameter("lead_m", 14.0, 55.0, "m", "distance of CAV 0 at which a pedestrian starts"),
+        FamilyParameter("walking_speed", 1.1, 2.8, "m/s", "speed of the pedestrians"),
+        FamilyParameter("free_m", 4.0, 16.0, "m", "length of the free place before which the pedestrians wait"),
+        FamilyParameter("witness_m", 10.0, 60.0, "m", "distance of the oncoming CAV when CAV 0 is close"),
+        FamilyParameter("pedestrians", 1.0, 3.0, "", "number of pedestrians"),
+        FamilyParameter("mast", 0.0, 1.0, "", "whether roadside units stand beside the pedestrians (from 0.5 on)"),
+        FamilyParameter("cavs", 2.0, 8.0, "", "number of CAVs"),
+        FamilyParameter("vehicles", 0.0, 140.0, "", "number of reactive vehicles"),
+    ),
+    build=build_occluded_pedestrian,
+)

@@ -1,0 +1,78 @@
+"""Entry into a roundabout of two lanes whose planted island and corner houses hide the traffic in the ring."""
+
+from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
+from mdrive_sumo.generate.hard.family_encounter import (
+    Encounter,
+    build_encounter_parameters,
+    build_followers,
+    build_mast,
+    place_encounter,
+)
+from mdrive_sumo.generate.hard.family_parts import (
+    FamilyTraffic,
+    Lanes,
+    build_platoon,
+    build_scenario,
+    load_network,
+    read_values,
+)
+from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
+from mdrive_sumo.roads import RoadMap, find_lane_path
+from mdrive_sumo.scenario.scenario import Ego, Scenario
+
+NETWORK = "hard_roundabout"
+ARMS = ("east", "north", "west", "south")
+"""In driving direction around the ring."""
+MEAN_SPEED = 10.0
+"""[m/s] Of a CAV that slows down for the ring."""
+STREAMS_BY_ARM = {
+    "east": TrafficStream(("east_in", "ring_2", "ring_3", "ring_4", "west_out"), (0, 1), 0.5, large=False),
+    "north": TrafficStream(("north_in", "ring_4", "ring_5", "ring_6", "south_out"), (0, 1), 0.5, large=False),
+    "west": TrafficStream(("west_in", "ring_6", "ring_7", "ring_8", "east_out"), (0, 1), 0.5, large=False),
+    "south": TrafficStream(("south_in", "ring_8", "ring_1", "ring_2", "north_out"), (0, 1), 0.5, large=False),
+}
+
+
+def build_roundabout_entry(candidate: FamilyCandidate) -> Scenario:
+    """Return the scenario of a candidate: CAV 0 enters, the hidden vehicle comes round the island, CAV 1 behind it."""
+    values, roads = read_values(FAMILY, candidate), load_network(NETWORK)
+    arm = min(int(values["arm"]), 3)
+    lane = 0 if values["inner"] < 0.5 else 1
+    own = _find_way(roads, arm, lane, 2)
+    back = 1 + (values["far"] >= 0.5)
+    hidden = _find_way(roads, (arm - back) % 4, lane, 1 + back)
+    encounter = Encounter(own, hidden, hidden, MEAN_SPEED)
+    placed = place_encounter(roads, encounter, values)
+    more = round(values["cavs"]) - len(placed.egos)
+    followers = build_followers(roads, encounter, placed, more - more // 3, (values["own_speed"], 10.0))
+    egos = (*placed.egos, *followers, *_build_opposite(roads, arm, more // 3))
+    streams = tuple(STREAMS_BY_ARM[ARMS[k]] for k in range(4) if k != arm)
+    vehicles = build_traffic(roads, streams, round(values["vehicles"]), candidate.seed, (*egos, *placed.actors))
+    rsus = (build_mast(roads, encounter),) if values["mast"] >= 0.5 else ()
+    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, placed.actors, rsus))
+
+
+def _find_way(roads: RoadMap, arm: int, lane: int, arms: int) -> Lanes:
+    """Return the lanes from one arm to the one that lies `arms` further along the ring."""
+    return find_lane_path(roads, f"{ARMS[arm]}_in_{lane}", f"{ARMS[(arm + arms) % 4]}_out_{lane}")
+
+
+def _build_opposite(roads: RoadMap, arm: int, count: int) -> list[Ego]:
+    names = [f"opposite{i}" for i in range(count)]
+    return build_platoon(roads, names, _find_way(roads, (arm + 1) % 4, 0, 1), (110.0, 25.0), (280.0, 10.0))
+
+
+FAMILY = ScenarioFamily(
+    category="Hidden_Roundabout_Entry",
+    description="Entry into a roundabout whose island and corner houses hide the traffic in the ring.",
+    parameters=(
+        *build_encounter_parameters((50.0, 140.0), (6.0, 13.8), (7.0, 11.0)),
+        FamilyParameter("arm", 0.0, 4.0, "", "arm by which CAV 0 enters"),
+        FamilyParameter("inner", 0.0, 1.0, "", "whether both drive in the inner lane (from 0.5 on)"),
+        FamilyParameter("far", 0.0, 1.0, "", "whether the hidden vehicle comes from the opposite arm (from 0.5 on)"),
+        FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit stands at the entry (from 0.5 on)"),
+        FamilyParameter("cavs", 2.0, 10.0, "", "number of CAVs"),
+        FamilyParameter("vehicles", 0.0, 70.0, "", "number of reactive vehicles"),
+    ),
+    build=build_roundabout_entry,
+)

@@ -1,0 +1,88 @@
+"""Left turn across oncoming traffic of 60 km/h that trucks in the opposite left-turn lane hide."""
+
+import random
+
+from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
+from mdrive_sumo.generate.hard.family_encounter import (
+    Encounter,
+    build_encounter_parameters,
+    build_followers,
+    place_encounter,
+)
+from mdrive_sumo.generate.hard.family_parts import (
+    BODY_SIZES,
+    FamilyTraffic,
+    build_platoon,
+    build_scenario,
+    build_vehicle_actor,
+    compute_pose,
+    load_network,
+    read_values,
+)
+from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
+from mdrive_sumo.roads import RoadMap, find_lane_path
+from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scripted_actor import Actor
+
+NETWORK = "hard_arterial"
+MEAN_SPEED = 10.0
+"""[m/s] Of a car that slows down for the bend."""
+STREAMS = (
+    TrafficStream(("east_0", "east_1"), (1, 2), 1.0),
+    TrafficStream(("west_1", "west_0"), (1,), 0.3),
+    TrafficStream(("north_1_in", "south_1_out"), (1, 2), 0.6),
+    TrafficStream(("south_1_in", "north_1_out"), (1, 2), 0.6),
+)
+"""Those of the crossing road wait at red."""
+TRUCK_GAP_M = 1.5
+THROUGH_M = 120.0
+"""[m] Station of the first CAV that goes straight on beside the turning one."""
+
+
+def build_unprotected_left(candidate: FamilyCandidate) -> Scenario:
+    """Return the scenario of a candidate: CAV 0 turns left, CAV 1 drives beside and behind the hidden vehicle."""
+    values, roads, rng = read_values(FAMILY, candidate), load_network(NETWORK), random.Random(candidate.seed)
+    lane = rng.choice((2, 2, 1))
+    encounter = Encounter(
+        own=find_lane_path(roads, "east_0_3", "north_1_out_2"),
+        hidden=find_lane_path(roads, f"west_1_{lane}", f"west_0_{lane}"),
+        witness=find_lane_path(roads, f"west_1_{3 - lane}", f"west_0_{3 - lane}"),
+        mean_speed=MEAN_SPEED,
+    )
+    placed = place_encounter(roads, encounter, values)
+    more = round(values["cavs"]) - len(placed.egos)
+    followers = build_followers(roads, encounter, placed, more - more // 2, (values["own_speed"], 13.0))
+    egos = (*placed.egos, *followers, *_build_through(roads, more // 2))
+    actors = (*placed.actors, *_build_trucks(roads, round(values["trucks"]), values["truck_ahead_m"]))
+    vehicles = build_traffic(roads, STREAMS, round(values["vehicles"]), candidate.seed, (*egos, *actors))
+    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors, signals=True))
+
+
+def _build_trucks(roads: RoadMap, count: int, ahead_m: float) -> list[Actor]:
+    """Return trucks in the opposite left-turn lane, the first of them with its front `ahead_m` past the stop line."""
+    lanes, length = find_lane_path(roads, "west_1_3", "south_1_out_2"), BODY_SIZES["truck"][0]
+    front, made = roads.lanes["west_1_3"].centre.length + ahead_m, list[Actor]()
+    for i in range(count):
+        made.append(build_vehicle_actor(f"truck{i}", "truck", compute_pose(roads, lanes, front - length / 2)))
+        front -= length + TRUCK_GAP_M
+    return made
+
+
+def _build_through(roads: RoadMap, count: int) -> list[Ego]:
+    lanes = find_lane_path(roads, "east_0_1", "east_1_1")
+    names = [f"through{i}" for i in range(count)]
+    return build_platoon(roads, names, lanes, (THROUGH_M, 24.0), (THROUGH_M + 200.0, 12.0))
+
+
+FAMILY = ScenarioFamily(
+    category="Unprotected_Left_Turn",
+    description="Left turn across fast oncoming traffic that trucks in the opposite left-turn lane hide.",
+    parameters=(
+        *build_encounter_parameters((50.0, 120.0), (5.0, 14.0), (11.0, 16.6)),
+        FamilyParameter("truck_ahead_m", 0.0, 7.0, "m", "how far the first truck has driven into the junction"),
+        FamilyParameter("trucks", 1.0, 3.0, "", "number of trucks in the opposite left-turn lane"),
+        FamilyParameter("cavs", 3.0, 9.0, "", "number of CAVs"),
+        FamilyParameter("vehicles", 0.0, 90.0, "", "number of reactive vehicles"),
+    ),
+    build=build_unprotected_left,
+)
