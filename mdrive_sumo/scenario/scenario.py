@@ -7,7 +7,7 @@ box centre.
 import json
 import math
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
@@ -22,6 +22,19 @@ from mdrive_sumo.scenario.weather import WeatherName
 
 FORMAT = "mdrive-sumo/scenario/1"
 
+SpeedRule = Literal["protocol", "road"]
+TimeLimit = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
+
+
+def _is_unset(value: float | None) -> bool:
+    """Return whether an optional field has its default: then it is left out of files and checksums."""
+    return value is None
+
+
+def _is_protocol(value: SpeedRule) -> bool:
+    """Return whether the speed rule is the default: then it is left out of files and checksums."""
+    return value == "protocol"
+
 
 class Ego(ScenarioPart):
     """One CAV: its pose at tick 0 and its assigned route."""
@@ -30,6 +43,8 @@ class Ego(ScenarioPart):
     start: Pose
     start_speed: Speed = 0.0
     """[m/s]; 0 as in the original, or that of a log."""
+    time_limit_s: TimeLimit | None = Field(default=None, exclude_if=_is_unset)
+    """Time limit [s] of this CAV; without one that of the protocol (7.6)."""
     lanes: tuple[str, ...] = Field(min_length=1)
     """SUMO lane ids in driving order, junction-internal lanes included; a lane change lists both lanes."""
     route: tuple[Point, ...] = Field(min_length=2)
@@ -79,6 +94,8 @@ class Scenario(ScenarioPart):
     """Name of a network: a folder of the suite's own `networks/`, else of the packaged ones."""
     description: str = ""
     signals: Literal["frozen-green", "program"] = "frozen-green"
+    speeds: SpeedRule = Field(default="protocol", exclude_if=_is_protocol)
+    """Desired speed of CAVs: `protocol`: 8 m/s as in the original; `road`: the speed limits of their lanes."""
     egos: tuple[Ego, ...] = Field(min_length=1, max_length=32)
     background: Background = Background()
     actors: tuple[Actor, ...] = ()

@@ -29,6 +29,18 @@ def test_a_saved_scenario_is_loaded_as_it_was(tmp_path: Path) -> None:
     assert load_scenario(tmp_path / "s" / "scenario.json") == GOOD
 
 
+def test_defaults_of_speeds_and_time_limits_are_not_written(tmp_path: Path) -> None:
+    """Files and checksums of scenarios from before these fields stay as they are."""
+    assert "speeds" not in GOOD.model_dump_json()
+    assert "time_limit_s" not in GOOD.model_dump_json()
+    slow = GOOD.egos[0].model_copy(update={"time_limit_s": 12.5})
+    road = Scenario.model_validate({**GOOD.model_dump(), "speeds": "road", "egos": (slow, GOOD.egos[1])})
+    save_scenario(road, tmp_path / "s" / "scenario.json")
+    found = load_scenario(tmp_path / "s" / "scenario.json")
+    assert (found.speeds, [ego.time_limit_s for ego in found.egos]) == ("road", [12.5, None])
+    assert found == road
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -54,6 +66,8 @@ def test_a_saved_scenario_is_loaded_as_it_was(tmp_path: Path) -> None:
         (lambda d: d["egos"][1].update(id="0"), "expected every road user to have its own id, found twice: 0"),
         (lambda d: d["egos"][0].update(id="../x"), "egos.0.id: String should match pattern"),
         (lambda d: d.update(signals="off"), "signals: Input should be 'frozen-green' or 'program'"),
+        (lambda d: d.update(speeds="fast"), "speeds: Input should be 'protocol' or 'road', found 'fast'"),
+        (lambda d: d["egos"][0].update(time_limit_s=0), "egos.0.time_limit_s: Input should be greater than 0, found 0"),
         (lambda d: d.update(background={"action_step_s": 0}), "background.action_step_s: Input should be greater"),
     ],
 )
