@@ -177,6 +177,8 @@ class PhaseSettings(_SettingsModel):
     in_parallel: Count = 1
     in_total: Count = 1000
     seeds: Count = 1
+    sensor_track_only: bool = False
+    """Whether agents that are given lists of objects (docs/sensors.md, sensor track) are rejected."""
 
     @model_validator(mode="after")
     def _has_a_length(self) -> Self:

@@ -10,6 +10,7 @@ from fastapi import APIRouter, Request, Response
 from markupsafe import Markup
 from sqlalchemy.orm import Session
 
+from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
 from server.api import schemas, submission_views
 from server.api.csv_format import csv_headers, to_csv
@@ -18,7 +19,7 @@ from server.api.leaderboard_cache import FRESH_US, STALE_US
 from server.api.leaderboards import BoardKey, PhaseParts, list_parts, read_leaderboard
 from server.enums import ChallengeTrack
 from server.store import NotFound, phases, queries, teams
-from server.tracks import TRACK_LABELS
+from server.tracks import SENSING_LABELS, TRACK_LABELS
 from server.web import charts
 from server.web.scalar_columns import SCALAR_COLUMNS
 from server.web.templating import page_headers, render
@@ -82,7 +83,13 @@ class BoardView:
     def filters(self) -> list[tuple[str, str]]:
         """Return the query parameters that select the board, as in the API."""
         key = self.key
-        given = {"phase": key.phase, "track": key.track, "bucket": key.bucket, "category": key.category}
+        given = {
+            "phase": key.phase,
+            "track": key.track,
+            "sensing_track": key.sensing_track,
+            "bucket": key.bucket,
+            "category": key.category,
+        }
         return [(name, str(value)) for name, value in given.items() if value]
 
 
@@ -178,7 +185,14 @@ async def _parse_view(
     number = query.get("page") or "1"
     if not (number.isascii() and number.isdecimal() and len(number) <= 5 and 1 <= int(number) <= 10_000):
         raise InputError(f"page: expected a number from 1 to 10000, found {number!r:.60}")
-    which = BoardKey(phase, ChallengeTrack(track) if track else None, bucket, category)
+    sensing = _parse_choice(query, "sensing_track", tuple(SensingTrack))
+    which = BoardKey(
+        phase,
+        ChallengeTrack(track) if track else None,
+        bucket,
+        category,
+        SensingTrack(sensing) if sensing else None,
+    )
     sort, turned = (
         _parse_choice(query, "sort", tuple(SORTS)) or "rank",
         _parse_choice(query, "turned", ("1",)) is not None,
@@ -225,6 +239,8 @@ def _render_page(
         board.rows, key=lambda row: _sort_key(row, view.sort), reverse=SORTS[view.sort] is not view.is_reversed
     )
     rows.sort(key=lambda row: _sort_value(row, view.sort) is None)  # unknown values come last
+    if view.sort == "rank":  # of the two tracks, which have ranks of their own
+        rows.sort(key=lambda row: row.sensing_track != SensingTrack.OBJECT)
     pages = max(1, -(-len(rows) // ROWS_PER_PAGE))
     page = min(view.page, pages)
     context: dict[str, Any] = {
@@ -232,6 +248,8 @@ def _render_page(
         "tab": next(tab for tab in tabs if tab.id == board.phase),
         "parts": parts,
         "tracks": TRACK_LABELS,
+        "sensing": SENSING_LABELS,
+        "is_mixed": len({row.sensing_track for row in rows}) > 1,
         "scalars": SCALAR_COLUMNS if view.columns == COLUMNS_BESIDE else (),
         "falling": {name for name, is_falling in SORTS.items() if is_falling},
         "lines": _make_lines(session, view.key, rows[(page - 1) * ROWS_PER_PAGE : page * ROWS_PER_PAGE]),
@@ -284,10 +302,21 @@ def _format_csv(board: schemas.LeaderboardOut) -> str:
         *("efficient_sr", "time_ratio", "timed", "rc", "ip", "scenarios"),
     )
     return to_csv(
-        ("rank", "team", "method", "track", *figures, *_SCALAR_BY_NAME, "created", "submission", "published"),
+        (
+            "rank",
+            "team",
+            "method",
+            "track",
+            "sensing_track",
+            *figures,
+            *_SCALAR_BY_NAME,
+            "created",
+            "submission",
+            "published",
+        ),
         (
             (
-                *(row.rank, row.team, row.method, row.track.value),
+                *(row.rank, row.team, row.method, row.track.value, row.sensing_track),
                 *(getattr(row.figures, name) for name in figures),
                 *(column.find_value(row.figures) for column in SCALAR_COLUMNS),
                 *(row.created.isoformat() if row.created else None, row.submission, row.published),
