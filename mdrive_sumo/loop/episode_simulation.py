@@ -63,7 +63,9 @@ class EpisodeSimulation:
         self._scene: SensingFrame | None = None
         self._frame: Frame | None = None
         self._dimensions = frames.dimensions
-        about = {**config.about, SENSING_TRACK: derive_sensing_track(sensors.values()).value}
+        self.sensing_track = derive_sensing_track(sensors.values())
+        """Whether any CAV is given lists of objects."""
+        about = {**config.about, SENSING_TRACK: self.sensing_track.value}
         self._recorder = Recorder(scenario.id, about, self._dimensions, config.pseudonyms)
         self._channel = Channel(config.options.comm, derive_seed(config.seed, scenario.id, "channel"))
         self.briefings: Mapping[str, Briefing] = self._build_briefings()
