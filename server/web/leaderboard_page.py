@@ -203,7 +203,7 @@ def _render_page(
         "scalars": SCALAR_COLUMNS if view.columns == COLUMNS_BESIDE else (),
         "falling": {name for name, is_falling in SORTS.items() if is_falling},
         "lines": _make_lines(session, view.key, rows[(page - 1) * ROWS_PER_PAGE : page * ROWS_PER_PAGE]),
-        "teams": len(rows),
+        "teams": len({row.team for row in rows}),
         "pages": pages,
         "page": page,
         "unranked": any(row.rank is None for row in rows),
