@@ -1,6 +1,6 @@
 """The job that a worker process receives, and what it returns."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from sqlalchemy.orm import Session
@@ -30,6 +30,8 @@ class JobTask:
     data: Path
     """The server's data folder; shared by the machines of a cluster."""
     sandbox: SandboxSettings
+    sensor_track_only: bool = field(default=False, kw_only=True)
+    """Whether an agent that is given lists of objects is rejected."""
     limits: ArchiveSettings
 
     @property
@@ -78,6 +80,7 @@ def load_task(session: Session, job: JobRow, settings: ServerSettings) -> JobTas
         scenario=job.scenario,
         seed=job.seed,
         public=phase.public,
+        sensor_track_only=phase.sensor_track_only,
         data=settings.data.absolute(),
         sandbox=settings.sandbox,
         limits=settings.limits,

@@ -142,6 +142,11 @@ def test_what_an_agent_may_not_have_rejects_it(tmp_path: Path) -> None:
     assert found == AgentRejection(
         "track joint: expected one agent for all CAVs (get_entry_point) in agents.py, found an agent for each CAV"
     )
+    lists = replace(task(tmp_path, team(dies=5)), sensor_track_only=True)
+    found = run_submission_job(lists)
+    assert isinstance(found, AgentRejection) and found.why.startswith("agent: expected sensors of the sensor track")
+    carried = driven(replace(task(tmp_path, team(sensor="gnss", dies=5)), sensor_track_only=True)).result
+    assert carried is not None and carried["sensing_track"] == "sensor"
     found = run_submission_job(task(tmp_path, b"no zip"))
     assert isinstance(found, AgentRejection)
     assert found.why.startswith("archive: ")
