@@ -16,9 +16,7 @@ from mdrive_sumo.generate.hard.family_parts import (
     Lanes,
     build_driving_actor,
     build_scenario,
-    compute_pose,
     find_conflict,
-    find_station,
     load_network,
     read_values,
 )
@@ -101,9 +99,7 @@ def _build_blocking(roads: RoadMap, encounter: Encounter, queue: Lanes, row: tup
 
     They drive on when the light has turned green.
     """
-    _, at = find_conflict(roads, encounter.own, encounter.hidden)
-    place = compute_pose(roads, encounter.hidden, at)
-    front = find_station(roads, queue, place.x, place.y) - HALF_PATH_M - row[1]
+    front = find_conflict(roads, encounter.own, queue)[1] - HALF_PATH_M - row[1]
     made: list[Actor] = []
     for i in range(row[0]):
         model = ("bus", "truck", "van")[i % 3]
@@ -122,7 +118,7 @@ FAMILY = ScenarioFamily(
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "side street"),
         *build_encounter_parameters((30.0, 85.0), (3.0, 11.0), (8.0, 13.8)),
-        FamilyParameter("gap_m", 0.8, 6.0, "m", "distance of the first blocking vehicle from the side of CAV 0"),
+        FamilyParameter("gap_m", 2.5, 7.0, "m", "distance of the first blocking vehicle from the side of CAV 0"),
         FamilyParameter("blocking", 1.0, 3.0, "", "number of blocking vehicles"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit hangs above the junction (from 0.5 on)"),
         FamilyParameter("cavs", 2.0, 8.0, "", "number of CAVs"),
