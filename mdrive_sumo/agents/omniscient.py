@@ -118,7 +118,7 @@ class OmniscientAgent:
         return Reply(plan=self._build_plan(seen))
 
     def _choose_begin_tick(self, tick: int, known: Privileged) -> int:
-        """Return the tick from which to plan, at the first observation; remember the scale and where all objects are."""
+        """Return the tick from which to plan, at the first observation; remember scale and first positions."""
         objects = known.objects
         positions = zip(objects.x.tolist(), objects.y.tolist(), strict=True)
         self._first_positions = dict(zip(objects.ids, positions, strict=True))
