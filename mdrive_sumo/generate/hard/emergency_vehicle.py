@@ -75,7 +75,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
 
 FAMILY = ScenarioFamily(
     category="emergency-vehicle",
-    description="An ambulance on call crosses a priority road at 14 to 20 m/s out of the view of those who drive there.",
+    description="An ambulance on call crosses a priority road at 14 to 20 m/s and comes into view at the last moment.",
     parameters=PARAMETERS,
     build=_build,
 )

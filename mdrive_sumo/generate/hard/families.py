@@ -4,10 +4,18 @@ from collections.abc import Mapping
 
 from mdrive_sumo.generate.hard import (
     blind_crossing,
+    emergency_vehicle,
+    hidden_stop,
+    mixed_crossing,
+    motorway_merge,
+    motorway_weave,
+    narrow_street,
     occluded_pedestrian,
+    platoon_crossing,
     right_turn_cyclist,
     roundabout_entry,
     unprotected_left,
+    works_zone,
 )
 from mdrive_sumo.generate.hard.family import ScenarioFamily
 
@@ -17,6 +25,14 @@ _ALL: tuple[ScenarioFamily, ...] = (
     occluded_pedestrian.FAMILY,
     right_turn_cyclist.FAMILY,
     roundabout_entry.FAMILY,
+    motorway_merge.FAMILY,
+    motorway_weave.FAMILY,
+    platoon_crossing.FAMILY,
+    narrow_street.FAMILY,
+    works_zone.FAMILY,
+    emergency_vehicle.FAMILY,
+    mixed_crossing.FAMILY,
+    hidden_stop.FAMILY,
 )
 
 FAMILIES: Mapping[str, ScenarioFamily] = {family.category: family for family in _ALL}

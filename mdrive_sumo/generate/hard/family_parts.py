@@ -70,10 +70,9 @@ def _build_line(roads: RoadMap, lanes: Lanes, change: RouteLaneChange | None = N
     if change is None:
         route = build_lane_route(roads, lanes, 0.0, end_m)
     else:
-        pairs = zip(lanes, lanes[1:], strict=False)
         changes = {
             i: change.at_m
-            for i, (here, there) in enumerate(pairs)
+            for i, (here, there) in enumerate(pairwise(lanes))
             if there in (roads.lanes[here].left, roads.lanes[here].right)
         }
         route = build_lane_route(roads, lanes, 0.0, end_m, changes, change.length_m)
@@ -104,20 +103,22 @@ def compute_pose(roads: RoadMap, lanes: Lanes, station: float, offset: float = 0
     )
 
 
-def build_cav(
-    roads: RoadMap,
-    name: str,
-    lanes: Lanes,
-    start_m: float,
-    goal_m: float,
-    speed: float,
-    change: RouteLaneChange | None = None,
-) -> Ego:
+def build_cav(roads: RoadMap, name: str, lanes: Lanes, start_m: float, goal_m: float, speed: float) -> Ego:
     """Return a CAV that drives from one station [m] of a chain of lanes to another and starts at `speed` [m/s].
 
-    `change`: place and length of its lane changes; by default within 20 m, which is for urban speeds.
+    Lane changes take 20 m, which suits urban speeds. Raises ProposalRejected if it does not lie on the chain.
+    """
+    return build_changing_cav(roads, name, (lanes, None), (start_m, goal_m), speed)
+
+
+def build_changing_cav(
+    roads: RoadMap, name: str, way: tuple[Lanes, RouteLaneChange | None], drive: tuple[float, float], speed: float
+) -> Ego:
+    """Return a CAV as `build_cav` does; `way`: chain of lanes with its lane change; `drive`: stations [m] of both ends.
+
     Raises ProposalRejected if it does not lie on the chain.
     """
+    (lanes, change), (start_m, goal_m) = way, drive
     line, yaw = _build_line(roads, lanes, change)
     if not 0.0 <= start_m < goal_m - 10.0 or goal_m > line.length:
         raise ProposalRejected(

@@ -53,7 +53,12 @@ def _build(candidate: FamilyCandidate) -> Scenario:
         (
             Platoon(enter, round(values["entering"]), ramp_m, enter_goal, *entering),
             Platoon(
-                leave, round(values["leaving"]), main_m, leave_goal, *main, RouteLaneChange(values["leave_at"], CHANGE_M)
+                leave,
+                round(values["leaving"]),
+                main_m,
+                leave_goal,
+                *main,
+                RouteLaneChange(values["leave_at"], CHANGE_M),
             ),
             Platoon(left, round(values["passing"]), main_m + 8.0, left_goal, *main),
         ),

@@ -1,4 +1,4 @@
-"""Family `narrow-street`: CAVs from both ends of a village street where parked vehicles leave one lane at two places."""
+"""Family `narrow-street`: CAVs meet in a village street where parked vehicles leave one lane at two places."""
 
 from collections.abc import Sequence
 
@@ -38,8 +38,10 @@ PARAMETERS = (
 )
 
 
-def _build_parked_vehicles(roads: RoadMap, ways: Sequence[Lanes], vans: float, occupied: float, seed: str) -> list[Actor]:
-    """Return the parked vehicles at both narrow places, each on the right of the direction that is narrowed."""
+def _build_parked_vehicles(
+    roads: RoadMap, ways: Sequence[Lanes], vans: float, occupied: float, seed: str
+) -> list[Actor]:
+    """Return the parked vehicles at both narrow places, on the right of the direction that is narrowed."""
     rows: list[Actor] = []
     for name, way in zip(("south", "north"), ways, strict=True):
         row = ParkedRow(way, NARROW_M, -PARKED_OFFSET_M, vans, occupied)

@@ -26,7 +26,7 @@ PARAMETERS = (
     FamilyParameter("north_speed", 12.0, 19.0, "m/s", "speed of the northward platoon"),
     FamilyParameter("headway", 0.5, 1.6, "s", "time headway in platoons"),
     FamilyParameter("lanes", 0.0, 3.0, "", "which lanes: 1 is added for the left one eastward, 2 northward, rounded"),
-    FamilyParameter("flow", 0.0, 900.0, "veh/h", "other traffic on each lane of the priority road that no platoon uses"),
+    FamilyParameter("flow", 0.0, 900.0, "veh/h", "other traffic on each lane of the priority road without a platoon"),
 )
 
 

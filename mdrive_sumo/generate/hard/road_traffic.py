@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import shapely
 
 from mdrive_sumo.core.geometry import box_corners
-from mdrive_sumo.generate.hard.family_parts import BODY_SIZES, Lanes, RouteLaneChange, build_cav, compute_pose
+from mdrive_sumo.generate.hard.family_parts import BODY_SIZES, Lanes, RouteLaneChange, build_changing_cav, compute_pose
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle, CarFollowing
 from mdrive_sumo.scenario.scenario import Ego
@@ -63,7 +63,7 @@ def build_flows(
     duration_s: float = 25.0,
 ) -> tuple[BackgroundVehicle, ...]:
     """Return the vehicles of all flows: those on the road at the start, and those that enter within `duration_s`."""
-    blocked = _build_blocked_area(roads, egos, actors)
+    blocked = _build_blocked_area(egos, actors)
     made: list[BackgroundVehicle] = []
     for number, flow in enumerate(flows):
         if flow.per_hour >= 1.0:
@@ -73,7 +73,7 @@ def build_flows(
     return tuple(vehicle.model_copy(update={"id": f"bg{i}"}) for i, vehicle in enumerate(made))
 
 
-def _build_blocked_area(roads: RoadMap, egos: Sequence[Ego], actors: Sequence[Actor]) -> shapely.Geometry:
+def _build_blocked_area(egos: Sequence[Ego], actors: Sequence[Actor]) -> shapely.Geometry:
     """Return the area in which no vehicle starts: around CAVs and actors, and `CLEAR_S` before and behind them."""
     boxes = [(e.start, CAR_M, 2.0, e.start_speed) for e in egos]
     boxes += [(a.start, a.length, a.width, _find_speed(a)) for a in actors]
@@ -170,7 +170,8 @@ def build_platoons(roads: RoadMap, platoons: Sequence[Platoon]) -> tuple[Ego, ..
     for one in platoons:
         for k in range(one.count):
             start = one.lead_m - k * (CAR_M + max(one.headway_s * one.speed, 3.0))
-            made.append(build_cav(roads, str(len(made)), one.lanes, start, one.goal_m, one.speed, one.change))
+            way, drive = (one.lanes, one.change), (start, one.goal_m)
+            made.append(build_changing_cav(roads, str(len(made)), way, drive, one.speed))
     return tuple(made)
 
 

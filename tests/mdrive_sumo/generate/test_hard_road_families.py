@@ -1,0 +1,154 @@
+"""Families of the hard tier on fast and narrow roads: their traffic, platoons and single-lane places."""
+
+import random
+from collections.abc import Sequence
+from itertools import pairwise
+
+import pytest
+import shapely
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import box_corners
+from mdrive_sumo.core.state import Actors
+from mdrive_sumo.generate.hard import (
+    emergency_vehicle,
+    hidden_stop,
+    mixed_crossing,
+    motorway_merge,
+    motorway_weave,
+    narrow_street,
+    platoon_crossing,
+    works_zone,
+)
+from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
+from mdrive_sumo.generate.hard.family_parts import load_network
+from mdrive_sumo.generate.hard.road_traffic import MIXED, TrafficFlow, build_flows
+from mdrive_sumo.generate.pipeline import ProposalRejected
+from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
+from mdrive_sumo.roads import find_lane_path
+from mdrive_sumo.scenario.background import Background, BackgroundVehicle, CarFollowing
+from mdrive_sumo.scenario.checks import check_scenario
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.sumo import SumoWorld
+
+FAMILIES: Sequence[ScenarioFamily] = tuple(
+    module.FAMILY
+    for module in (
+        emergency_vehicle,
+        hidden_stop,
+        mixed_crossing,
+        motorway_merge,
+        motorway_weave,
+        narrow_street,
+        platoon_crossing,
+        works_zone,
+    )
+)
+POINTS = 5
+
+
+def build(family: ScenarioFamily, number: int, **fixed: float) -> Scenario | None:
+    """Return the scenario of a seeded random point, with the given values; None if it is rejected."""
+    rng = random.Random(f"{family.category}/{number}")
+    values = [fixed.get(one.name, rng.uniform(one.low, one.high)) for one in family.parameters]
+    try:
+        return family.build(FamilyCandidate("x", tuple(values), f"s{number}"))
+    except ProposalRejected:
+        return None
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.category)
+def test_most_points_of_a_family_are_sound_and_equal_points_equal(family: ScenarioFamily) -> None:
+    found = [build(family, number) for number in range(POINTS)]
+    sound = [scenario for scenario in found if scenario is not None]
+    assert len(sound) >= POINTS - 1
+    roads = load_network(sound[0].network)
+    for scenario in sound:
+        check_scenario(scenario, roads)
+        assert not list(find_spawn_overlaps(scenario, roads))
+        assert 2 <= len(scenario.egos) <= 12
+        assert len(scenario.background.vehicles) <= 150
+        assert (scenario.category, scenario.speeds) == (family.category, "road")
+    assert build(family, 0) == found[0]
+    assert len({scenario.model_dump_json() for scenario in sound}) == len(sound)
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.category)
+def test_values_beyond_the_bounds_are_refused(family: ScenarioFamily) -> None:
+    low = [one.low for one in family.parameters]
+    first = family.parameters[0]
+    with pytest.raises(InputError, match=f"{family.category}: {first.name}: expected"):
+        family.build(FamilyCandidate("x", (first.high + 1.0, *low[1:]), "s"))
+    with pytest.raises(InputError, match="values, found"):
+        family.build(FamilyCandidate("x", tuple(low[1:]), "s"))
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.category)
+def test_every_parameter_changes_the_scenario(family: ScenarioFamily) -> None:
+    fixed = {one.name: (one.low + one.high) / 2 for one in family.parameters}
+    middle = build(family, 0, **fixed)
+    assert middle is not None
+    for one in family.parameters:
+        ends = [build(family, 0, **{**fixed, one.name: end}) for end in (one.low, one.high)]
+        assert any(end is not None and end != middle for end in ends), one.name
+
+
+def test_no_vehicle_of_a_flow_starts_right_before_or_behind_a_cav() -> None:
+    scenario = build(motorway_merge.FAMILY, 1, right_flow=1200.0, left_flow=1500.0)
+    assert scenario is not None
+    roads = load_network(scenario.network)
+    vehicles = [one for one in scenario.background.vehicles if one.depart_s == 0.0]
+    assert vehicles
+    for vehicle in vehicles:
+        lane = roads.lanes[f"{vehicle.edges[0]}_{vehicle.depart_lane}"]
+        rear = shapely.Point(lane.centre.at(vehicle.depart_pos_m - vehicle.length))
+        front = shapely.Point(lane.centre.at(vehicle.depart_pos_m))
+        for ego in scenario.egos:
+            box = shapely.Polygon(
+                box_corners(ego.start.x, ego.start.y, ego.start.yaw, 4.9 + 2.0 * ego.start_speed, 2.0)
+            )
+            assert not box.contains(rear) and not box.contains(front), (vehicle.id, ego.id)
+
+
+def test_a_flow_has_its_mean_and_keeps_its_headway() -> None:
+    roads = load_network(motorway_merge.NETWORK)
+    lanes = find_lane_path(roads, "main_0", "after_0")
+    flow = TrafficFlow(lanes, 900.0, MIXED, is_entering=True)
+    vehicles = build_flows(roads, (flow,), "seed", (), duration_s=3600.0)
+    assert len(vehicles) == pytest.approx(900.0, rel=0.15)
+    times = [one.depart_s for one in vehicles]
+    assert all(after - before > 1.6 for before, after in pairwise(times))
+    assert {one.driving.max_speed for one in vehicles} == {None, 24.0, 30.0}
+
+
+def test_a_truck_keeps_its_governed_speed_and_fast_departures_are_on_time() -> None:
+    scenario = build(motorway_merge.FAMILY, 0)
+    assert scenario is not None
+    way = {"edges": ("main", "merge", "after"), "depart_s": 0.0, "depart_pos_m": 60.0}
+    truck = BackgroundVehicle(id="truck", depart_lane=0, depart_speed=20.0, driving=CarFollowing(max_speed=22.0), **way)
+    car = BackgroundVehicle(id="car", depart_lane=1, depart_speed=26.6, **way)
+    empty = scenario.model_copy(update={"background": Background(vehicles=(truck, car))})
+    with SumoWorld(empty, load_network(scenario.network), {}, 1) as world:
+        actors = world.start({}, Actors.empty()).actors
+        assert set(actors.ids) == {"truck", "car"}
+        for _ in range(200):
+            actors = world.advance({}, Actors.empty(), ()).actors
+    speed = dict(zip(actors.ids, actors.speed.tolist(), strict=True))
+    assert speed["truck"] <= 22.0 + 1e-6 < 25.0 < speed["car"]
+
+
+@pytest.mark.parametrize(
+    ("network", "ways"),
+    [
+        (works_zone.NETWORK, (("zone_eastward_0", "zone_westward_0"),)),
+        (narrow_street.NETWORK, (("west_eastward_0", "west_westward_0"), ("east_eastward_0", "east_westward_0"))),
+    ],
+)
+def test_two_cars_cannot_pass_each_other_in_a_single_lane_place(network: str, ways: Sequence[tuple[str, str]]) -> None:
+    roads = load_network(network)
+    for one, other in ways:
+        lines = [shapely.LineString(roads.lanes[name].centre.xy) for name in (one, other)]
+        stations = range(0, int(lines[0].length), 2)
+        gaps = [lines[0].interpolate(s).distance(lines[1]) for s in stations]
+        assert max(gaps) > 3.4  # they can pass elsewhere
+        assert 45.0 < 2 * sum(gap < 2.0 for gap in gaps) < 110.0
