@@ -32,7 +32,7 @@ class ColmdriverRuleAgent:
 
     def start(self, briefing: Briefing) -> None:
         """Prepare the negotiation; the path needs the first observation, which has the heading of the car."""
-        self._briefing = briefing
+        self._briefing = briefing = self._options.adapt_briefing(briefing)
         self._tracker = ObjectTracker(briefing, self._options.find_detector(briefing))
         self._negotiation = NegotiationInterface(briefing, self.build_negotiator(briefing.seed), stops=True)
         self._ego_planner: EgoPlanner | None = None
@@ -40,7 +40,8 @@ class ColmdriverRuleAgent:
     def act(self, seen: Observation) -> Reply:
         """Return the plan, updated when it is due, and messages with plan and claims."""
         if self._ego_planner is None:
-            self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
+            cruise_speed = self._options.find_cruise_speed(self._briefing)
+            self._ego_planner = EgoPlanner(self._briefing, seen.own, cruise_speed)
         planner = self._ego_planner.planner
         notes = self._tracker.receive(message for message in seen.messages if message.type == MCM)
         self._negotiation.receive(seen)

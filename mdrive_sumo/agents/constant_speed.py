@@ -2,12 +2,17 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
+from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
+from mdrive_sumo.planning.driving_options import MAX_SPEED
 from mdrive_sumo.planning.path_follower import PathFollower
-from mdrive_sumo.planning.reference_path import build_path, compute_curve_speeds
+from mdrive_sumo.planning.planning_scale import find_cruise_speed
+from mdrive_sumo.planning.reference_path import build_path, compute_curve_speeds, compute_legal_speeds
 
-OPTIONS = {"speed": Option(8.0, 1.0, 30.0)}
+OPTIONS = {"speed": Option(PROTOCOL_SPEED, 1.0, MAX_SPEED)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +29,7 @@ CONSTANT_SPEED = ConstantSpeedParameters()
 
 
 class ConstantSpeedAgent:
-    """Follows its route at a constant speed (8 m/s, slower only in sharp bends) and reacts to nothing.
+    """Follows its route at a constant speed (that of the scenario, slower only in sharp bends) and reacts to nothing.
 
     The driver of the paper's difficulty screening (protocol 14.2): a scenario that endangers it contains a conflict.
     """
@@ -32,7 +37,8 @@ class ConstantSpeedAgent:
     label = "single"
 
     def __init__(self, config: Config) -> None:
-        self._speed = read_options("constant-speed", config, OPTIONS)["speed"]
+        speed = read_options("constant-speed", config, OPTIONS)["speed"]
+        self._speed = speed if "speed" in config else None
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Return no sensor."""
@@ -43,7 +49,10 @@ class ConstantSpeedAgent:
         path = build_path(briefing.route_xy, briefing.vehicle.rear_to_centre)
         lateral, braking = CONSTANT_SPEED.lateral_acceleration, CONSTANT_SPEED.braking
         self._follower = PathFollower(path)
-        self._limits = compute_curve_speeds(path, self._speed, lateral, braking)
+        cruise_speed = find_cruise_speed(briefing, self._speed, PROTOCOL_SPEED)
+        self._limits = compute_curve_speeds(path, cruise_speed, lateral, braking)
+        if self._speed is None and briefing.desired_speed is None:
+            self._limits = np.minimum(self._limits, compute_legal_speeds(path, briefing))
         self._tick_s, self._tick = briefing.tick_s, -1
 
     def act(self, seen: Observation) -> Reply:

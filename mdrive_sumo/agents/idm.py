@@ -7,18 +7,21 @@ import numpy as np
 
 from mdrive_sumo.contract import Briefing, Objects, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
+from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.planning import right_of_way
+from mdrive_sumo.planning.driving_options import MAX_SPEED, ROAD_RANGE_M
 from mdrive_sumo.planning.obstacle_avoidance import ObstacleAvoidance
 from mdrive_sumo.planning.path_follower import PathFollower
+from mdrive_sumo.planning.planning_scale import find_cruise_speed, find_planning_scale
 from mdrive_sumo.planning.reference_path import SPACING_M, build_path, compute_curve_speeds
 from mdrive_sumo.planning.stop_lines import StopLines, build_stop_lines
 
 OPTIONS = {
-    "speed": Option(8.0, 1.0, 30.0),
+    "speed": Option(PROTOCOL_SPEED, 1.0, MAX_SPEED),
     "time_gap": Option(1.0, 0.2, 5.0),
-    "range": Option(60.0, 5.0, 200.0),
+    "range": Option(60.0, 5.0, ROAD_RANGE_M),
 }
 
 
@@ -58,20 +61,24 @@ class IdmAgent:
 
     def __init__(self, config: Config) -> None:
         options = read_options("idm", config, OPTIONS)
-        self._cruise_speed, self._time_gap, self._range = options["speed"], options["time_gap"], options["range"]
+        self._chosen_speed = options["speed"] if "speed" in config else None
+        self._time_gap, self._range = options["time_gap"], options["range"]
+        self._road_range = self._range if "range" in config else ROAD_RANGE_M
         self._parameters = IdmParameters()
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Return the sensor of nearby boxes."""
-        return (SensorSpec("objects", range_m=self._range),)
+        return (SensorSpec("objects", range_m=self._range, options={"road_range_m": self._road_range}),)
 
     def start(self, briefing: Briefing) -> None:
         """Build the path and its speed limits."""
         self._briefing = briefing
+        self._cruise_speed = find_cruise_speed(briefing, self._chosen_speed, PROTOCOL_SPEED)
+        self._scale = find_planning_scale(briefing, self._cruise_speed)
         self._follower = PathFollower(build_path(briefing.route_xy, briefing.vehicle.rear_to_centre))
         self._limits = self._compute_speed_limits()
         self._stop_lines = StopLines([sign.s for sign in briefing.stop_signs], briefing.traffic_lights)
-        self._avoidance = ObstacleAvoidance(briefing)
+        self._avoidance = ObstacleAvoidance(briefing, self._scale)
         self._acceleration, self._tick, self._decision_tick = 0.0, -1, -self._parameters.decision_ticks
         self._curvatures = right_of_way.CurvatureEstimator()
         self._yielding = right_of_way.YieldingPolicy(briefing.seed)
@@ -100,9 +107,10 @@ class IdmAgent:
         objects, stop_gaps = self._avoid_obstacles(seen)
         parameters, position = self._parameters, (seen.own.x, seen.own.y)
         ego = right_of_way.EgoMotion(position, self._follower.speed, self._cruise_speed, parameters.acceleration)
-        preview = right_of_way.preview_path(self._follower.path, self._follower.s, self._briefing.vehicle)
+        path, ahead = self._follower.path, self._scale.right_of_way
+        preview = right_of_way.preview_path(path, self._follower.s, self._briefing.vehicle, ahead)
         curvature = self._curvatures.update(objects, elapsed_s)
-        conflicts = right_of_way.find_crossing_conflicts(preview, objects, curvature)
+        conflicts = right_of_way.find_crossing_conflicts(preview, objects, curvature, ahead)
         demands = [self._accelerate_freely(), self._yield_to_conflicts(ego, conflicts, elapsed_s)]
         leads = right_of_way.find_lead_objects(ego, preview, objects)
         demands += [self._follow(lead) for lead in leads]

@@ -5,29 +5,36 @@ from functools import partial
 
 import numpy as np
 
-from mdrive_sumo.contract import MAX_PLAN_POINTS, Briefing, Observation, Plan, Privileged, Reply, SensorSpec
+from mdrive_sumo.contract import MAX_PLAN_POINTS, Briefing, Observation, OwnState, Plan, Privileged, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.core.geometry import Bool, Float, Int
+from mdrive_sumo.planning.driving_options import MAX_SPEED
 from mdrive_sumo.planning.fleet_paths import FleetPaths, find_cells_blocked_by_objects, predict_stations
 from mdrive_sumo.planning.joint_detours import has_undecided_vehicle, plan_joint_detours
+from mdrive_sumo.planning.joint_plan import find_common_scale, find_road_horizon, plan_on_roads
 from mdrive_sumo.planning.parameters import MARGINS, SafetyMargin
 from mdrive_sumo.planning.path_overlap import find_cells
 from mdrive_sumo.planning.pedestrian_caution import limit_speeds_near_pedestrians, predict_walking_on
 from mdrive_sumo.planning.planning_order import find_planning_order
 from mdrive_sumo.planning.reference_path import (
     ReferencePath,
+    build_path,
     compute_curve_speeds,
     compute_legal_speeds,
     convert_route_station,
 )
+from mdrive_sumo.planning.road_direction import RoadDirection, build_road_direction
 from mdrive_sumo.planning.speed_profile import (
     SpeedProfile,
     build_braking_profile,
     build_free_road_problem,
     find_fastest_profile,
 )
+from mdrive_sumo.planning.traffic_prediction import TrafficView
 
-OPTIONS = {"speed": Option(9.0, 2.0, 10.0)}
+OPTIONS = {"speed": Option(9.0, 2.0, MAX_SPEED)}
+FIRST_PLAN_POINTS = 20
+"""Points of the plan of a car that starts at speed, until it has a profile: 5 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +55,6 @@ class OmniscientParameters:
     review_ticks: int = 10
     """Every CAV reviews its plan this often, each in its own tick, so that no two change their plans at once."""
     review_s: float = 8.0
-    max_tracking_error_m: float = 0.8
-    """A car further than this from the station of its plan makes a new one."""
     stop_before_m: tuple[float, float] = (2.5, 1.0)
     """The box centre stops at most and at least this far before the line of a stop sign."""
     stop_tolerance_m: float = 1.0
@@ -73,7 +78,8 @@ class OmniscientAgent:
     label = "privileged"
 
     def __init__(self, config: Config) -> None:
-        self._cruise_speed = read_options("omniscient", config, OPTIONS)["speed"]
+        speed = read_options("omniscient", config, OPTIONS)["speed"]
+        self._chosen_speed = speed if "speed" in config else None
         self._parameters = OmniscientParameters()
 
     def sensors(self) -> tuple[SensorSpec, ...]:
@@ -83,6 +89,8 @@ class OmniscientAgent:
     def start(self, briefing: Briefing) -> None:
         """Store the briefing; everything else needs the first observation."""
         self._briefing = briefing
+        self._road: RoadDirection | None = None
+        """The direction of the own road where its limits count."""
         self._profile: SpeedProfile | None = None
         self._profile_tick = 0
         self._s = 0.0
@@ -109,6 +117,10 @@ class OmniscientAgent:
         if tick == 0:
             positions = zip(objects.x.tolist(), objects.y.tolist(), strict=True)
             self._first_positions = dict(zip(objects.ids, positions, strict=True))
+            default = OPTIONS["speed"].default
+            self._scale = find_common_scale(self._briefing, self._chosen_speed, default, known)
+            if not self._scale.is_protocol:
+                self._road = build_road_direction(self._briefing)
             undecided = has_undecided_vehicle(known, self._briefing)
             self._begin_tick = self._parameters.decision_ticks if undecided else 0
         return replace(known, objects=predict_walking_on(objects, self._first_positions))
@@ -116,24 +128,31 @@ class OmniscientAgent:
     def _plan_jointly(self, known: Privileged) -> None:
         """Find the paths of all CAVs and the order of planning."""
         briefing = self._briefing
-        size = briefing.vehicle.length, briefing.vehicle.width
-        self._fleet = FleetPaths(plan_joint_detours(known, briefing), size)
+        if self._road is not None:
+            self._fleet, order = plan_on_roads(known, briefing, self._scale, self._compute_curve_speeds)
+        else:
+            self._fleet, order = self._plan_for_protocol(known)
         self._path: ReferencePath = self._fleet.path_by_ego[briefing.ego_id]
         self._speeds = np.minimum(self._compute_curve_speeds(self._path), compute_legal_speeds(self._path, briefing))
-        until_s = briefing.time_limit_s - self._parameters.time_reserve_s
-        problems = {
-            ego: build_free_road_problem(path, self._compute_curve_speeds(path), (0.0, 0.0), 0.0, until_s)
-            for ego, path in self._fleet.path_by_ego.items()
-        }
-        order = find_planning_order(self._fleet, problems)
         self._rank = order.index(briefing.ego_id)
         self._earlier = order[: self._rank]
         self._signs = [convert_route_station(self._path, briefing, sign.s) for sign in briefing.stop_signs]
 
+    def _plan_for_protocol(self, known: Privileged) -> tuple[FleetPaths, tuple[str, ...]]:
+        """Return the paths of all CAVs and the order for the speeds of the protocol: all start from a standstill."""
+        briefing = self._briefing
+        fleet = FleetPaths(plan_joint_detours(known, briefing), (briefing.vehicle.length, briefing.vehicle.width))
+        until_s = briefing.time_limit_s - self._parameters.time_reserve_s
+        problems = {
+            ego: build_free_road_problem(path, self._compute_curve_speeds(path), (0.0, 0.0), 0.0, until_s)
+            for ego, path in fleet.path_by_ego.items()
+        }
+        return fleet, find_planning_order(fleet, problems)
+
     def _compute_curve_speeds(self, path: ReferencePath) -> Float:
         """Return the comfortable speed (M,) [m/s] at the points of a path."""
         parameters = self._parameters
-        return compute_curve_speeds(path, self._cruise_speed, parameters.lateral_acceleration, parameters.braking)
+        return compute_curve_speeds(path, self._scale.top_speed, parameters.lateral_acceleration, parameters.braking)
 
     def _is_sign_obeyed(self, line: float, speed: float) -> bool:
         """Return whether the car stands close before the line of a stop sign or has passed it."""
@@ -148,7 +167,8 @@ class OmniscientAgent:
         if profile is None or not profile.reaches_goal:
             return False
         age_s = (seen.tick - self._profile_tick) * self._briefing.tick_s
-        if abs(float(profile.get_stations(np.full(1, age_s))[0]) - self._s) > parameters.max_tracking_error_m:
+        tolerance_m = self._scale.max_tracking_error_m(seen.own.speed)
+        if abs(float(profile.get_stations(np.full(1, age_s))[0]) - self._s) > tolerance_m:
             return False
         count = int(parameters.review_s / parameters.interval_s)
         times = np.arange(1, count + 1, dtype=np.float64) * parameters.interval_s
@@ -165,7 +185,11 @@ class OmniscientAgent:
         briefing = self._briefing
         respects_all = self._profile is not None and margin != MARGINS.check
         size = briefing.vehicle.length, briefing.vehicle.width
-        blocked = find_cells_blocked_by_objects(self._path, cells, known.objects, times, size, margin)
+        if self._road is not None:
+            view = TrafficView(self._path, self._road, self._s, size)
+            blocked = view.find_blocked_cells(cells, known.objects, times, margin)
+        else:
+            blocked = find_cells_blocked_by_objects(self._path, cells, known.objects, times, size, margin)
         for other, state, plan in zip(known.ego_ids, known.states, known.plans, strict=True):
             if other in self._earlier or (other != briefing.ego_id and respects_all):
                 stations = predict_stations(self._fleet.path_by_ego[other], state, plan, times, briefing.tick_s)
@@ -176,10 +200,11 @@ class OmniscientAgent:
         """Return a new profile from the present state, with the stops that are due."""
         briefing, parameters = self._briefing, self._parameters
         now_s = seen.tick * briefing.tick_s
-        until_s = max(briefing.time_limit_s - parameters.time_reserve_s, now_s + parameters.min_horizon_s)
         speeds = limit_speeds_near_pedestrians(self._path, self._speeds, known.objects, briefing.vehicle)
-        problem = build_free_road_problem(self._path, speeds, (self._s, seen.own.speed), now_s, until_s)
-        problem = problem.add_traffic(partial(self._find_blocked, known, problem.cells, problem.times))
+        start, lattice = (self._s, seen.own.speed), self._scale.lattice
+        problem = build_free_road_problem(self._path, speeds, start, now_s, self._find_horizon(now_s), lattice)
+        block = partial(self._find_blocked, known, problem.cells, problem.times)
+        problem = problem.add_traffic(block, plan_margin=self._scale.plan_margin)
         done: SpeedProfile | None = None
         most_m, least_m = parameters.stop_before_m
         for line in self._signs:
@@ -191,13 +216,29 @@ class OmniscientAgent:
         last = find_fastest_profile(problem) or build_braking_profile(problem)
         return last if done is None else done.append(last)
 
+    def _find_horizon(self, now_s: float) -> float:
+        """Return until when a profile may last [s]."""
+        parameters = self._parameters
+        if self._road is not None:
+            return now_s + find_road_horizon(self._speeds, self._s)
+        return max(self._briefing.time_limit_s - parameters.time_reserve_s, now_s + parameters.min_horizon_s)
+
     def _build_plan(self, seen: Observation) -> Plan:
         """Return the plan that others may rely on: the profile until beyond the goal, or standing here."""
         interval_s = self._parameters.interval_s
         if self._profile is None:
-            return Plan(np.array([(seen.own.x, seen.own.y)]), interval_s)
+            return self._build_first_plan(seen.own)
         age_s = (seen.tick - self._profile_tick) * self._briefing.tick_s
         after = np.arange(1, MAX_PLAN_POINTS + 1, dtype=np.float64) * interval_s
         stations = self._profile.get_stations(age_s + after)
         count = int(np.searchsorted(stations, self._path.goal_s + self._parameters.beyond_goal_m)) + 1
         return Plan(self._path.get_points(stations[:count]), interval_s)
+
+    def _build_first_plan(self, own: OwnState) -> Plan:
+        """Return standing here, or where limits of roads count going on at the present speed."""
+        here, interval_s = np.array([(own.x, own.y)]), self._parameters.interval_s
+        if self._road is None or own.speed < self._parameters.stopped_speed:
+            return Plan(here, interval_s)
+        after = np.arange(1, FIRST_PLAN_POINTS + 1, dtype=np.float64) * interval_s
+        path = build_path(self._briefing.route_xy, self._briefing.vehicle.rear_to_centre, own.yaw)
+        return Plan(path.get_points(path.project(own.x, own.y, self._s, path.length) + own.speed * after), interval_s)

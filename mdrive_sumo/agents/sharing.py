@@ -23,16 +23,17 @@ class SharingAgent:
 
     def start(self, briefing: Briefing) -> None:
         """Prepare fusion and sending; the path needs the first observation, which has the heading of the car."""
-        self._briefing = briefing
+        self._briefing = briefing = self._options.adapt_briefing(briefing)
         detector = self._options.find_detector(briefing)
         self._tracker = ObjectTracker(briefing, detector)
-        self._awareness = AwarenessService(briefing, self._options.range_m, detector)
+        self._awareness = AwarenessService(briefing, self._options.find_range(briefing), detector)
         self._ego_planner: EgoPlanner | None = None
 
     def act(self, seen: Observation) -> Reply:
         """Return the plan, updated when it is due, and messages with the own state and detections."""
         if self._ego_planner is None:
-            self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
+            cruise_speed = self._options.find_cruise_speed(self._briefing)
+            self._ego_planner = EgoPlanner(self._briefing, seen.own, cruise_speed)
         notes = self._tracker.receive(seen.messages)
         detections = None
         if self._ego_planner.track_ego(seen):

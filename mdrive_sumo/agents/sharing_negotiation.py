@@ -20,7 +20,8 @@ class SharingNegotiationAgent(SharingAgent):
     def act(self, seen: Observation) -> Reply:
         """Return the plan, updated when it is due, and messages with detections, plan and claims."""
         if self._ego_planner is None:
-            self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
+            cruise_speed = self._options.find_cruise_speed(self._briefing)
+            self._ego_planner = EgoPlanner(self._briefing, seen.own, cruise_speed)
         planner = self._ego_planner.planner
         notes = self._tracker.receive(seen.messages)
         self._negotiation.receive(seen)

@@ -21,14 +21,15 @@ class SingleAgent:
 
     def start(self, briefing: Briefing) -> None:
         """Store the briefing; the path needs the first observation, because the briefing has no heading of the car."""
-        self._briefing = briefing
+        self._briefing = briefing = self._options.adapt_briefing(briefing)
         self._tracker = ObjectTracker(briefing, self._options.find_detector(briefing))
         self._ego_planner: EgoPlanner | None = None
 
     def act(self, seen: Observation) -> Reply:
         """Return the plan, updated when it is due."""
         if self._ego_planner is None:
-            self._ego_planner = EgoPlanner(self._briefing, seen.own, self._options.cruise_speed)
+            cruise_speed = self._options.find_cruise_speed(self._briefing)
+            self._ego_planner = EgoPlanner(self._briefing, seen.own, cruise_speed)
         detections = None
         if self._ego_planner.track_ego(seen):
             tracked = self._tracker.update(seen)

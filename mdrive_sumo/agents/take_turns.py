@@ -6,9 +6,15 @@ import re
 from mdrive_sumo.agents.constant_speed import ConstantSpeedAgent
 from mdrive_sumo.contract import STANDSTILL, Briefing, Control, Observation, Reply
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
+from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.planning.driving_options import MAX_SPEED
 
-OPTIONS = {"slots": Option(8.0, 1.0, 64.0), "turn": Option(0.115, 0.0, 1.0), "speed": Option(8.0, 1.0, 30.0)}
+OPTIONS = {
+    "slots": Option(8.0, 1.0, 64.0),
+    "turn": Option(0.115, 0.0, 1.0),
+    "speed": Option(PROTOCOL_SPEED, 1.0, MAX_SPEED),
+}
 """Number of turns: scenarios have at most eight CAVs. Length of a turn as a share of the time limit: with 0.115 the
 eighth CAV starts after 80 % of it (issue G). Speed [m/s] as of `constant-speed`."""
 NUMBERED_ID = re.compile(r"\D*(\d+)")
@@ -33,7 +39,7 @@ class TakeTurnsAgent(ConstantSpeedAgent):
         options = read_options("take-turns", config, OPTIONS)
         if not options["slots"].is_integer():
             raise InputError(f"agent take-turns: option slots: expected a whole number, found {options['slots']:g}")
-        super().__init__({"speed": options["speed"]})
+        super().__init__({"speed": options["speed"]} if "speed" in config else {})
         self._slots, self._turn = int(options["slots"]), options["turn"]
 
     def start(self, briefing: Briefing) -> None:

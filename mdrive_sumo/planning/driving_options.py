@@ -1,13 +1,26 @@
 """The options that all planning baselines share."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 from mdrive_sumo.contract import Briefing, SensorSpec
 from mdrive_sumo.contract.agent_options import Choice, Config, Option, read_choice, read_options
+from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
 from mdrive_sumo.contract.detector_profiles import IDEAL, LIDAR_SINGLE, STANDARD
+from mdrive_sumo.planning.planning_scale import find_cruise_speed
 
-DRIVING_OPTIONS = MappingProxyType({"speed": Option(8.0, 2.0, 10.0), "range": Option(80.0, 5.0, 200.0)})
+ROAD_RANGE_M = 200.0
+"""Range [m] of the detector on roads whose limits count: a car at 33 m/s stands after 181 m of braking with 3 m/s2."""
+MAX_SPEED = 40.0
+"""[m/s]"""
+DRIVING_OPTIONS = MappingProxyType(
+    {
+        "speed": Option(PROTOCOL_SPEED, 2.0, MAX_SPEED),
+        "speed_share": Option(1.0, 0.05, 1.0),
+        "range": Option(80.0, 5.0, ROAD_RANGE_M),
+    }
+)
 NO_OPTIONS: Mapping[str, Option] = MappingProxyType({})
 DETECTOR = Choice(STANDARD, (STANDARD, LIDAR_SINGLE, IDEAL))
 """By default all agents have the detector of the episode's sensing profile."""
@@ -16,7 +29,9 @@ DETECTOR = Choice(STANDARD, (STANDARD, LIDAR_SINGLE, IDEAL))
 class DrivingOptions:
     """Checked options of a baseline.
 
-    speed: cruising speed [m/s]; range: range of the detector [m]; detector: its error profile, see docs/sensors.md.
+    speed: cruising speed [m/s], without it the speed that the scenario asks for; speed_share: share of that speed and
+    of the limits; range: range of the detector [m], without it 80 m, or `ROAD_RANGE_M` where the limits of the road
+    count; detector: its error profile, see docs/sensors.md.
     """
 
     def __init__(self, agent: str, config: Config, extra: Mapping[str, Option] = NO_OPTIONS) -> None:
@@ -25,13 +40,31 @@ class DrivingOptions:
         Raises InputError for an unknown name or a value out of range.
         """
         self.values = read_options(agent, config, {**DRIVING_OPTIONS, **extra}, {"detector": DETECTOR})
-        self.cruise_speed, self.range_m = self.values["speed"], self.values["range"]
+        self._speed = self.values["speed"] if "speed" in config else None
+        self._range_m, self._road_range_m = self.values["range"], self.values["range"]
+        if "range" not in config:
+            self._road_range_m = ROAD_RANGE_M
         self._detector = read_choice(agent, config, "detector", DETECTOR)
 
     def build_sensor_spec(self, free_space: bool = False) -> SensorSpec:
         """Return the sensor of visible boxes; free_space: also how far the view is free."""
-        options = {"profile": self._detector, "free_space": free_space}
-        return SensorSpec("objects", range_m=self.range_m, options=options)
+        options = {"profile": self._detector, "free_space": free_space, "road_range_m": self._road_range_m}
+        return SensorSpec("objects", range_m=self._range_m, options=options)
+
+    def adapt_briefing(self, briefing: Briefing) -> Briefing:
+        """Return the briefing with the share of the speed limits that this agent drives."""
+        share = self.values["speed_share"]
+        if share == 1.0:
+            return briefing
+        return replace(briefing, route_speed_limit=share * briefing.route_speed_limit)
+
+    def find_cruise_speed(self, briefing: Briefing) -> float:
+        """Return the cruising speed [m/s] with an adapted briefing."""
+        return find_cruise_speed(briefing, self._speed, self.values["speed_share"] * PROTOCOL_SPEED)
+
+    def find_range(self, briefing: Briefing) -> float:
+        """Return the range of the detector [m] in this episode."""
+        return self._range_m if briefing.desired_speed is not None else self._road_range_m
 
     def find_detector(self, briefing: Briefing) -> str:
         """Return the name of the detector's error profile in this episode."""

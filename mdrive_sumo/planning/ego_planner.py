@@ -19,8 +19,8 @@ class EgoPlanner:
     def __init__(self, briefing: Briefing, own: OwnState, cruise_speed: float) -> None:
         """Build the path from the car's present state; cruise_speed [m/s]."""
         self.planner = SpaceTimePlanner(briefing, own.yaw, cruise_speed)
-        self._predictor = InteractionPredictor(briefing, cruise_speed)
-        self._briefing, self._avoidance = briefing, ObstacleAvoidance(briefing)
+        self._predictor = InteractionPredictor(briefing, cruise_speed, self.planner.scale)
+        self._briefing, self._avoidance = briefing, ObstacleAvoidance(briefing, self.planner.scale)
         self._stop_lines: StopLines = build_stop_lines(self.planner.path, briefing)
 
     def track_ego(self, seen: Observation) -> bool:

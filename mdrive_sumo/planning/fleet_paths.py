@@ -26,35 +26,49 @@ class FleetPaths:
     path_by_ego: Mapping[str, ReferencePath]
     size: tuple[float, float]
     parameters: JointPlanningParameters = JOINT_PLANNING
+    stride: int = 1
+    """Overlaps are known at every `stride`-th point of the paths: long routes have many."""
+    margin: SafetyMargin = MARGINS.plan
+    """Of planning."""
     _overlaps: dict[tuple[str, str, SafetyMargin], Bool] = field(
         default_factory=dict[tuple[str, str, SafetyMargin], Bool]
     )
 
-    def get_overlap(self, ego: str, other: str, margin: SafetyMargin = MARGINS.plan) -> Bool:
-        """Return the mask of `compute_path_overlaps`; computed at the first call."""
+    def get_overlap(self, ego: str, other: str, margin: SafetyMargin | None = None) -> Bool:
+        """Return the mask of `compute_path_overlaps` for every `stride`-th point; computed at the first call."""
+        margin = self.margin if margin is None else margin
         if ego > other:
             return self.get_overlap(other, ego, margin).T
         key = (ego, other, margin)
         if key not in self._overlaps:
             paths = self.path_by_ego[ego], self.path_by_ego[other]
-            self._overlaps[key] = compute_path_overlaps(*paths, self.size, margin)
+            self._overlaps[key] = compute_path_overlaps(*paths, self.size, margin, self.stride)
         return self._overlaps[key]
 
     def find_blocked_cells(
-        self, ego: str, cells: Int, other: str, stations: Float, margin: SafetyMargin = MARGINS.plan
+        self, ego: str, cells: Int, other: str, stations: Float, margin: SafetyMargin | None = None
     ) -> Bool:
         """Return a mask (T, J): which cells (J,) of ego the other CAV blocks at arc lengths `stations` (T,) [m].
 
         Beyond its goal the other CAV blocks nothing.
         """
         path = self.path_by_ego[other]
-        table = self.get_overlap(ego, other, margin)[cells][:, find_cells(path, stations)]
+        table = self.get_overlap(ego, other, margin)
+        if self.stride == 1:
+            table = table[cells][:, find_cells(path, stations)]
+        else:
+            rows, columns = self._find_rows(ego, cells), self._find_rows(other, find_cells(path, stations))
+            table = table[rows][:, columns]
         return table.T & (stations < path.goal_s + self.parameters.left_world_m)[:, None]
+
+    def _find_rows(self, ego: str, cells: Int) -> Int:
+        """Return the rows (J,) of overlap tables that belong to cells (J,)."""
+        return np.minimum((cells + self.stride // 2) // self.stride, (len(self.path_by_ego[ego].xy) - 1) // self.stride)
 
     def find_blocking_starts(self, ego: str) -> frozenset[str]:
         """Return the CAVs whose start obstructs the path of ego: it cannot arrive before they have left."""
         length, width = self.size
-        mine = compute_footprints(self.path_by_ego[ego], length, width + 2 * MARGINS.plan.lateral)
+        mine = compute_footprints(self.path_by_ego[ego], length, width + 2 * self.margin.lateral)
         others = [other for other in self.path_by_ego if other != ego]
         starts = [compute_footprints(self.path_by_ego[other], length, width)[0] for other in others]
         blocking = compute_overlaps(mine, np.array(starts).reshape(-1, 4, 2)).any(0)

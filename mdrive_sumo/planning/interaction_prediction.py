@@ -25,11 +25,12 @@ from mdrive_sumo.planning.parameters import (
     INTERACTION,
     MOTION,
     PLANNER,
-    RIGHT_OF_WAY,
     InteractionParameters,
 )
+from mdrive_sumo.planning.planning_scale import PROTOCOL_SCALE, PlanningScale
 from mdrive_sumo.planning.queue_gap import compute_queue_gap
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
+from mdrive_sumo.planning.road_direction import align_with_road, build_road_direction
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
 
 EXACT: Mapping[str, float] = MappingProxyType({})
@@ -46,9 +47,15 @@ class InteractionPredictor:
     """
 
     def __init__(
-        self, briefing: Briefing, cruise_speed: float, parameters: InteractionParameters = INTERACTION
+        self,
+        briefing: Briefing,
+        cruise_speed: float,
+        scale: PlanningScale = PROTOCOL_SCALE,
+        parameters: InteractionParameters = INTERACTION,
     ) -> None:
         self._briefing, self._cruise_speed, self._parameters = briefing, cruise_speed, parameters
+        self._scale = scale
+        self._road = None if scale.is_protocol else build_road_direction(briefing)
         self._curvatures = right_of_way.CurvatureEstimator()
         self._yielding = right_of_way.YieldingPolicy(briefing.seed)
         self._elapsed_s = PLANNER.check_ticks * briefing.tick_s
@@ -62,8 +69,10 @@ class InteractionPredictor:
         """
         position, speed = (own.x, own.y), max(own.speed, 0.0)
         ego = right_of_way.EgoMotion(position, speed, self._cruise_speed, self._parameters.acceleration)
-        preview = right_of_way.preview_path(planner.path, planner.s, self._briefing.vehicle)
+        preview = right_of_way.preview_path(planner.path, planner.s, self._briefing.vehicle, self._scale.right_of_way)
         curvature = self._curvatures.update(objects, self._elapsed_s)
+        if self._road is not None:
+            objects, curvature = align_with_road(self._road, planner.path, objects, curvature)
         on_path = right_of_way.find_rows_on_path(ego, preview, objects).tolist()
         motions = [
             self._predict_lead_object(objects, row, planner.path, planner.s, sigmas.get(objects.ids[row], 0.0))
@@ -72,7 +81,7 @@ class InteractionPredictor:
         yields_to_ego = right_of_way.find_followers_beside(ego, preview, objects)
         same_direction = right_of_way.find_same_direction(preview, objects)
         row_by_id = {name: row for row, name in enumerate(objects.ids) if row not in on_path and not yields_to_ego[row]}
-        found = right_of_way.find_crossing_conflicts(preview, objects, curvature)
+        found = right_of_way.find_crossing_conflicts(preview, objects, curvature, self._scale.right_of_way)
         conflicts = [one for one in found if one.begin_m > 0 and one.id in row_by_id]
         crossing = [one for one in conflicts if not same_direction[row_by_id[one.id]]]
         first = self._yielding.select_first(ego, crossing, self._elapsed_s)
@@ -81,7 +90,8 @@ class InteractionPredictor:
             if same_direction[row]:
                 motions.append(_predict_merging(objects, row, float(curvature[row])))
             else:
-                motions.append(_predict_crossing(objects, row, float(curvature[row]), conflict.id in first))
+                top_speed = get_top_speed(objects, row, self._scale.others_top_speed)
+                motions.append(_predict_crossing(objects, row, float(curvature[row]), conflict.id in first, top_speed))
         stops = [stop for one in conflicts if one.id in first for stop in self._build_stop_points(one, ego, planner.s)]
         return motions, stops
 
@@ -89,7 +99,7 @@ class InteractionPredictor:
         self, objects: Objects, row: int, path: ReferencePath, s: float, sigma: float
     ) -> PredictedMotion:
         """Return the motion of an object on the own path: it brakes from now on; sigma [m]: of its position."""
-        speed, look_m = float(objects.speed[row]), RIGHT_OF_WAY.look_ahead_m
+        speed, look_m = float(objects.speed[row]), self._scale.right_of_way.look_ahead_m
         here = path.project(float(objects.x[row]), float(objects.y[row]), s + look_m / 2, look_m)
         yaw = float(np.interp(here, np.arange(len(path.xy)) * SPACING_M, path.yaw))
         travelled = predict_yielding(speed)
@@ -120,14 +130,16 @@ def _predict_merging(objects: Objects, row: int, curvature: float) -> PredictedM
     return _predict_between(objects, row, (predict_hesitation(speed), predict_constant_speed(speed)), curvature)
 
 
-def _predict_crossing(objects: Objects, row: int, curvature: float, goes_first: bool) -> PredictedMotion:
-    """Return the motion of a road user whose path crosses the own path."""
+def _predict_crossing(
+    objects: Objects, row: int, curvature: float, goes_first: bool, top_speed: float
+) -> PredictedMotion:
+    """Return the motion of a road user whose path crosses the own path and that accelerates to `top_speed` [m/s]."""
     speed = float(objects.speed[row])
     if not goes_first:
         return _build_motion(objects, row, place_on_arc(objects, row, predict_yielding(speed), curvature))
     if objects.kind[row] == Kind.STATIC:
         return _build_motion(objects, row, place_on_arc(objects, row, predict_constant_speed(0.0), 0.0))
-    fastest = predict_acceleration(speed, get_top_speed(objects, row))
+    fastest = predict_acceleration(speed, top_speed)
     return _predict_between(objects, row, (predict_hesitation(speed), fastest), curvature)
 
 

@@ -10,7 +10,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.parameters import MOTION, MotionParameters
 from mdrive_sumo.planning.reference_path import ReferencePath
-from mdrive_sumo.planning.speed_profile import SAMPLE_S
+from mdrive_sumo.planning.speed_lattice import SAMPLE_S
 
 HORIZON_S = 10.0
 STRIDE = 2
@@ -84,6 +84,6 @@ def place_on_path(path: ReferencePath, s: float, travelled: Float) -> Float:
     return np.column_stack((path.get_points(stations), np.interp(stations, grid, path.yaw)))
 
 
-def get_top_speed(objects: Objects, row: int, parameters: MotionParameters = MOTION) -> float:
-    """Return the speed [m/s] to which an object may accelerate."""
-    return parameters.walking_top_speed if objects.kind[row] == Kind.PEDESTRIAN else parameters.top_speed
+def get_top_speed(objects: Objects, row: int, top_speed: float = MOTION.top_speed) -> float:
+    """Return the speed [m/s] to which an object may accelerate; top_speed: of vehicles."""
+    return MOTION.walking_top_speed if objects.kind[row] == Kind.PEDESTRIAN else top_speed

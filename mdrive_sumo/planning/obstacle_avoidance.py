@@ -12,8 +12,8 @@ from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.perception.static_object_tracker import StaticObjectTracker
 from mdrive_sumo.planning.detour import Detour, compute_box_extents, find_detour, find_obstructing_boxes
-from mdrive_sumo.planning.parameters import AVOIDANCE, DETOUR, AvoidanceParameters
 from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps, find_cells
+from mdrive_sumo.planning.planning_scale import PROTOCOL_SCALE, PlanningScale
 from mdrive_sumo.planning.reference_path import ReferencePath
 from mdrive_sumo.planning.space_time_planner import StopPoint
 
@@ -39,12 +39,13 @@ class ReplaceablePath(Protocol):
 class ObstacleAvoidance:
     """Tracks standing objects, decides which vehicles are parked, and replaces the path by a detour when it is free."""
 
-    def __init__(self, briefing: Briefing, parameters: AvoidanceParameters = AVOIDANCE) -> None:
-        self._vehicle, self._briefing, self._parameters = briefing.vehicle, briefing, parameters
+    def __init__(self, briefing: Briefing, scale: PlanningScale = PROTOCOL_SCALE) -> None:
+        self._vehicle, self._briefing, self._parameters = briefing.vehicle, briefing, scale.avoidance
+        self._detour_parameters = scale.detour
         self._tracker = StaticObjectTracker()
         self._passed_ids: frozenset[str] = frozenset()
         self._detour: Detour | None = None
-        self._last_conflict = -parameters.memory_ticks, math.inf
+        self._last_conflict = -self._parameters.memory_ticks, math.inf
         """Tick and station [m] of the last conflict on the detour."""
 
     def update(
@@ -65,11 +66,13 @@ class ObstacleAvoidance:
         # A vehicle that has never moved may be parked, queued or not; too close to it the car could not turn out.
         suspected = ~queued | self._tracker.find_never_moved(objects)
         still = (objects.kind == Kind.VEHICLE) & (standstill_s >= self._parameters.suspected_s) & suspected
-        obstructing = (fixed | still) & find_obstructing_boxes(planner.path, planner.s, boxes, self._vehicle)
+        obstructing = (fixed | still) & find_obstructing_boxes(
+            planner.path, planner.s, boxes, self._vehicle, self._detour_parameters
+        )
         if not obstructing.any():
             return objects, waits
-        first_s = compute_box_extents(planner.path, planner.s, boxes)[:, 0]
-        still &= ~_find_stopped_at_lines(first_s, stop_stations)
+        first_s = compute_box_extents(planner.path, planner.s, boxes, self._detour_parameters)[:, 0]
+        still &= ~_find_stopped_at_lines(first_s, stop_stations, self._detour_parameters.look_ahead_m)
         parked = fixed | (obstructing & still & ~queued & (standstill_s >= self._parameters.parked_s))
         if self._take_detour(seen.own, objects, parked, boxes, planner):
             return self._tracker.replace_by_means(objects, parked), waits
@@ -93,7 +96,9 @@ class ObstacleAvoidance:
         self, own: OwnState, objects: Objects, parked: Bool, boxes: Float, planner: ReplaceablePath
     ) -> bool:
         """Replace the path if there is a free detour around the parked objects (N,); return whether there is one."""
-        detour = find_detour(planner.path, planner.s, max(own.speed, 0.0), boxes[parked], self._briefing)
+        detour = find_detour(
+            planner.path, planner.s, max(own.speed, 0.0), boxes[parked], self._briefing, self._detour_parameters
+        )
         if detour is None:
             return False
         others, reserve_s = objects.take(~parked), self._parameters.time_reserve_s
@@ -168,9 +173,8 @@ class ObstacleAvoidance:
         return [StopPoint(max(stop, soonest))] if soonest < stop + self._parameters.max_overshoot_m else []
 
 
-def _find_stopped_at_lines(first_s: Float, stop_stations: Sequence[float]) -> Bool:
+def _find_stopped_at_lines(first_s: Float, stop_stations: Sequence[float], look_m: float) -> Bool:
     """Return a mask (N,): which objects that begin at first_s [m] have a stop line shortly ahead."""
-    look_m = DETOUR.look_ahead_m
     return np.array([any(s < line < s + look_m for line in stop_stations) for s in first_s], dtype=np.bool_)
 
 

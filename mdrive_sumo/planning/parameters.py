@@ -231,12 +231,12 @@ class ProfileParameters:
 
     beyond_goal_m: float = 1.0
     """A profile ends this far beyond the goal: the goal must be passed."""
-    forgiving_cells: int = 6
-    """In this many cells ahead of a standing car, plus its stopping distance, a violated margin is forgiven."""
+    forgiving_m: float = 1.5
+    """So far ahead of a standing car, plus its stopping distance, a violated margin is forgiven."""
     idle_period_s: float = 24.0
     """A CAV that stands for 30 s is out (protocol 7.5): once in every such period a profile has to move."""
-    idle_move_steps: int = 3
-    """For this many steps of the lattice."""
+    idle_move_s: float = 1.5
+    """For this long."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,11 +33,15 @@ def _compute_reach(corners: Float, centre: Float) -> float:
 
 
 def compute_path_overlaps(
-    path: ReferencePath, other: ReferencePath, size: tuple[float, float], margin: SafetyMargin
+    path: ReferencePath, other: ReferencePath, size: tuple[float, float], margin: SafetyMargin, stride: int = 1
 ) -> Bool:
-    """Return a mask (cells of path, cells of other): whether two cars of that size [m] would violate the margin."""
+    """Return a mask (cells of path, cells of other): whether two cars of that size [m] would violate the margin.
+
+    stride: only every such cell of both paths.
+    """
     inflated = (size[0] + margin.longitudinal, size[1] + margin.lateral)  # each car keeps half of the margin
-    return compute_overlaps(compute_footprints(path, *inflated), compute_footprints(other, *inflated))
+    every = slice(None, None, stride)
+    return compute_overlaps(compute_footprints(path, *inflated, every), compute_footprints(other, *inflated, every))
 
 
 def find_cells(path: ReferencePath, s: Float) -> Int:

@@ -50,7 +50,7 @@ def _count_successful(fleet: FleetPaths, problems: Mapping[str, SpeedProfileProb
     done: dict[str, SpeedProfile] = {}
     for ego in order:
         block = partial(_find_blocked, fleet, ego, problems[ego], done)
-        profile = find_fastest_profile(problems[ego].add_traffic(block))
+        profile = find_fastest_profile(problems[ego].add_traffic(block, plan_margin=fleet.margin))
         if profile is None or not profile.reaches_goal:
             break
         done[ego] = profile

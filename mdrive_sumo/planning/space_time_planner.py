@@ -15,6 +15,7 @@ from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.planning.motion_prediction import HORIZON_S, STRIDE, TIMES, PredictedMotion
 from mdrive_sumo.planning.parameters import MARGINS, MOTION, PLANNER, PlannerParameters, SafetyMargin
 from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps, find_cells
+from mdrive_sumo.planning.planning_scale import PlanningScale, find_planning_scale
 from mdrive_sumo.planning.reference_path import (
     SPACING_M,
     ReferencePath,
@@ -23,16 +24,12 @@ from mdrive_sumo.planning.reference_path import (
     compute_legal_speeds,
 )
 from mdrive_sumo.planning.speed_profile import (
-    TOP_SPEED,
     SpeedProfile,
     SpeedProfileProblem,
     build_braking_profile,
     build_free_road_problem,
     find_fastest_profile,
 )
-
-REACHABLE_CELLS = round(HORIZON_S * TOP_SPEED / SPACING_M)
-"""Cells that a car can reach within the horizon."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +47,8 @@ class SpaceTimePlanner:
         self, briefing: Briefing, start_yaw: float, cruise_speed: float, parameters: PlannerParameters = PLANNER
     ) -> None:
         self._briefing, self._cruise_speed, self._parameters = briefing, cruise_speed, parameters
+        self.scale: PlanningScale = find_planning_scale(briefing, cruise_speed)
+        """What follows from the speeds of this route."""
         self.path: ReferencePath = build_path(briefing.route_xy, briefing.vehicle.rear_to_centre, start_yaw)
         self._speeds = self._compute_speed_limits()
         self._profile: SpeedProfile | None = None
@@ -77,7 +76,7 @@ class SpaceTimePlanner:
     def is_update_due(self, tick: int) -> bool:
         """Return whether `update` must be called in this tick."""
         age, parameters = tick - self._profile_tick, self._parameters
-        due = age % parameters.replan_ticks == 0 or age % parameters.check_ticks == 0
+        due = age % self.scale.replan_ticks == 0 or age % parameters.check_ticks == 0
         return self._profile is None or due or not self._is_on_course(tick)
 
     def update(
@@ -88,7 +87,7 @@ class SpaceTimePlanner:
         stop_points: Sequence[StopPoint] = (),
     ) -> None:
         """Make a new profile if it is due, or if the present one has become unsafe; speed: measured [m/s]."""
-        profile, replan_ticks = self._profile, self._parameters.replan_ticks
+        profile, replan_ticks = self._profile, self.scale.replan_ticks
         if profile is None or not self._is_on_course(tick):
             start = self.s, speed
         elif (tick - self._profile_tick) % replan_ticks == 0:
@@ -105,7 +104,9 @@ class SpaceTimePlanner:
 
     def _is_on_course(self, tick: int) -> bool:
         """Return whether the car is where its profile has it."""
-        return abs(self._get_stations(tick, np.zeros(1))[0] - self.s) <= self._parameters.max_tracking_error_m
+        assert self._profile is not None, "is_update_due() asks only for a profile that there is"
+        station = float(self._get_stations(tick, np.zeros(1))[0])
+        return abs(station - self.s) <= self.scale.max_tracking_error_m(float(self._profile.speed[0]))
 
     def _get_stations(self, tick: int, after: Float) -> Float:
         """Return the stations (K,) [m] of the profile at times (K,) [s] from now."""
@@ -114,7 +115,7 @@ class SpaceTimePlanner:
 
     def _is_unsafe(self, tick: int, motions: Sequence[PredictedMotion]) -> bool:
         """Return whether the profile meets a motion within `check_s`; a margin violated from the start was intended."""
-        count = int(self._parameters.check_s / TIMES[0])
+        count = min(int(self.scale.check_s / TIMES[0]), len(TIMES))
         cells = find_cells(self.path, self._get_stations(tick, TIMES[:count]))
         met = np.zeros(count, dtype=np.bool_)
         for motion in motions:
@@ -149,22 +150,27 @@ class SpaceTimePlanner:
         if tick - self._moved_tick > parameters.deadlock_ticks:
             blocked = self._find_blocked(problem, motions, stop_points, parameters.deadlock_margin)
             return find_fastest_profile(replace(problem, blocked=blocked)) or build_braking_profile(problem)
+        if not self.scale.is_protocol:
+            problem = replace(problem, blocked_after=self._find_blocked_after(problem, motions, stop_points))
         problem = problem.add_traffic(
-            lambda margin: self._find_blocked(problem, motions, stop_points, margin), parameters.min_margin
+            lambda margin: self._find_blocked(problem, motions, stop_points, margin),
+            parameters.min_margin,
+            self.scale.plan_margin,
         )
         return find_fastest_profile(problem) or build_braking_profile(problem)
 
     def _build_problem(self, tick: int, start: tuple[float, float]) -> SpeedProfileProblem:
         """Return the problem of driving on a free road for the horizon."""
         now_s = tick / TICKS_PER_SECOND
-        problem = build_free_road_problem(self.path, self._speeds, start, now_s, now_s + HORIZON_S + 1e-6)
-        reachable = slice(REACHABLE_CELLS)
+        lattice = self.scale.lattice
+        problem = build_free_road_problem(self.path, self._speeds, start, now_s, now_s + HORIZON_S + 1e-6, lattice)
+        reachable = slice(round(HORIZON_S * lattice.top_speed / lattice.cell_m))  # within the horizon
         return replace(
             problem,
             cells=problem.cells[reachable],
             limits=problem.limits[reachable],
             blocked=problem.blocked[:, reachable],
-            goals=slice(min(problem.goals.start, REACHABLE_CELLS), None),
+            goals=slice(min(problem.goals.start, reachable.stop), None),
             wait_penalty=self._parameters.wait_penalty,
             must_move=np.zeros_like(problem.must_move),  # a car that must wait waits as long as it takes
         )
@@ -177,14 +183,29 @@ class SpaceTimePlanner:
         margin: SafetyMargin,
     ) -> Bool:
         """Return `SpeedProfileProblem.blocked` with the motions and the stop points."""
-        cells = problem.cells[::STRIDE]
+        stride = STRIDE if self.scale.is_protocol else 1
+        cells = problem.cells[::stride]
         met = np.zeros((len(TIMES), len(cells)), dtype=np.bool_)
         for motion in motions:
             met |= self._compute_conflicts(cells, motion, margin)
-        blocked = np.repeat(np.repeat(met, STRIDE, axis=0), STRIDE, axis=1)[:, : len(problem.cells)]
+        blocked = np.repeat(np.repeat(met, STRIDE, axis=0), stride, axis=1)[:, : len(problem.cells)]
         for stop in stop_points:
-            cell = max(math.ceil((stop.s - problem.start_s) / SPACING_M), 1)
-            blocked[problem.times <= stop.until_s, cell:] = True
+            blocked[problem.times <= stop.until_s, _find_stop_cell(problem, stop) :] = True
+        return blocked
+
+    def _find_blocked_after(
+        self, problem: SpeedProfileProblem, motions: Sequence[PredictedMotion], stop_points: Sequence[StopPoint]
+    ) -> Bool:
+        """Return `SpeedProfileProblem.blocked_after`: of motions that end standing, and of lasting stop points."""
+        blocked = np.zeros(len(problem.cells), dtype=np.bool_)
+        for motion in motions:
+            if motion.stands_at_end:
+                length = np.broadcast_to(motion.length, len(motion.poses))[-1:]
+                last = replace(motion, poses=motion.poses[-1:], length=length)
+                blocked |= self._compute_conflicts(problem.cells, last, MARGINS.contact)[0]
+        for stop in stop_points:
+            if stop.until_s > HORIZON_S:
+                blocked[_find_stop_cell(problem, stop) :] = True
         return blocked
 
     def predict_desired_points(self, speed: float, points: int) -> Float:
@@ -208,3 +229,8 @@ class SpaceTimePlanner:
         """Return the planned positions (`plan_points`, 2) [m] every `interval_s`."""
         after = np.arange(1, self._parameters.plan_points + 1, dtype=np.float64) * self._parameters.interval_s
         return self.path.get_points(self._get_stations(tick, after))
+
+
+def _find_stop_cell(problem: SpeedProfileProblem, stop: StopPoint) -> int:
+    """Return the first cell beyond a stop point."""
+    return max(math.ceil((stop.s - problem.lattice_s) / problem.lattice.cell_m), 1)

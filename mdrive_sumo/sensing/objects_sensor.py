@@ -19,7 +19,7 @@ from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSe
 from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
 from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 
-OPTIONS = ("profile", "fov_deg", "yaw_deg", "free_space", "min_visible")
+OPTIONS = ("profile", "fov_deg", "yaw_deg", "free_space", "min_visible", "road_range_m")
 SECTORS = 72
 """Of free sight by default: one every 5 degrees."""
 MAX_SECTORS = 720
@@ -43,7 +43,10 @@ class ObjectsSensor:
         self._min_visible = read_number(spec, "min_visible", self._profile.min_visible, 0.0, 1.0)
         if not 0.0 < spec.range_m <= MAX_RANGE_M:
             raise InputError(f"sensor 'objects': expected a range_m in (0, {MAX_RANGE_M:g}], found {spec.range_m!r}")
-        self._range_m = spec.range_m * fitting.weather.objects_range
+        range_m = spec.range_m
+        if fitting.briefing is not None and fitting.briefing.desired_speed is None:  # the limits of the road count
+            range_m = read_number(spec, "road_range_m", range_m, 0.1, MAX_RANGE_M)
+        self._range_m = range_m * fitting.weather.objects_range
         self._exact = self._profile is PROFILES[IDEAL]
         self._carrier, self._seed, self._roads = fitting.carrier, fitting.seed, fitting.roads
         self._track_salt = fitting.track_salt

@@ -117,4 +117,5 @@ def test_an_object_on_a_path_follows_its_bends() -> None:
 def test_pedestrians_stay_slow() -> None:
     assert get_top_speed(one(0, 0, 0, 1, Kind.PEDESTRIAN), 0) == MOTION.walking_top_speed
     assert get_top_speed(one(0, 0, 0, 1), 0) == MOTION.top_speed
+    assert get_top_speed(one(0, 0, 0, 1), 0, 20.0) == 20.0
     assert predict_acceleration(1.0, MOTION.walking_top_speed)[-1] < MOTION.walking_top_speed * TIMES[-1]

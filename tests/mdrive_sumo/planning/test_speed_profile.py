@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.planning.parameters import MARGINS, PROFILE
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath, build_path
+from mdrive_sumo.planning.speed_lattice import FINE, SAMPLE_S
 from mdrive_sumo.planning.speed_profile import (
-    SAMPLE_S,
-    STEP_S,
     SpeedProfile,
     SpeedProfileProblem,
     build_braking_profile,
@@ -41,10 +40,10 @@ def test_profiles_keep_limits_and_never_enter_what_is_blocked(speed: float, wall
     if profile is None:
         assert wall * SPACING_M < speed**2 / 8 + 5  # only what lies too near to stop before is hopeless
         return
-    change = np.diff(profile.speed) / STEP_S
+    change = np.diff(profile.speed) / FINE.step_s
     assert np.all((change >= -4.0) & (change <= 2.0) & (profile.speed[1:] <= 9.0) & (profile.speed[1:] >= 0.0))
-    assert np.diff(profile.s) == pytest.approx((profile.speed[1:] + profile.speed[:-1]) / 2 * STEP_S)
-    times = np.arange(SAMPLE_S, (len(profile.s) - 1) * STEP_S, SAMPLE_S)
+    assert np.diff(profile.s) == pytest.approx((profile.speed[1:] + profile.speed[:-1]) / 2 * FINE.step_s)
+    times = np.arange(SAMPLE_S, (len(profile.s) - 1) * FINE.step_s, SAMPLE_S)
     row = np.round(times / SAMPLE_S).astype(int) - 1
     inside = (profile.get_stations(times) / SPACING_M > wall + 1) & (
         profile.get_stations(times) / SPACING_M < wall + 18
@@ -57,7 +56,9 @@ def test_a_free_road_is_driven_in_the_least_time() -> None:
     profile = find_fastest_profile(free_task(straight_path()))
     assert profile is not None
     # 2 m/s2 up to 9 m/s takes 4.5 s and 20.25 m; the other 40.75 m take 4.53 s.
-    assert (len(profile.s) - 1) * STEP_S == pytest.approx(4.5 + (60 + PROFILE.beyond_goal_m - 20.25) / 9, abs=STEP_S)
+    assert (len(profile.s) - 1) * FINE.step_s == pytest.approx(
+        4.5 + (60 + PROFILE.beyond_goal_m - 20.25) / 9, abs=FINE.step_s
+    )
 
 
 def test_no_profile_if_every_cell_is_blocked() -> None:
@@ -89,8 +90,8 @@ def test_a_profile_never_stands_for_thirty_seconds() -> None:
     blocked[task.times < 40.0, 30:] = True
     profile = find_fastest_profile(replace(task, blocked=blocked))
     assert profile is not None
-    standing = np.convolve(profile.speed == 0.0, np.ones(int(29 / STEP_S)), mode="valid")
-    assert standing.max() < int(29 / STEP_S)
+    standing = np.convolve(profile.speed == 0.0, np.ones(int(29 / FINE.step_s)), mode="valid")
+    assert standing.max() < int(29 / FINE.step_s)
     assert PROFILE.idle_period_s < 30.0
 
 

@@ -1,0 +1,100 @@
+"""The joint plan of all CAVs before they move: paths, overlaps and the order in which they plan.
+
+Every CAV computes the same. On roads whose limits count a plan takes seconds, so those that share a process share it.
+"""
+
+import hashlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields
+from functools import lru_cache
+
+import numpy as np
+
+from mdrive_sumo.contract import Briefing, Objects, Privileged
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.planning.fleet_paths import FleetPaths
+from mdrive_sumo.planning.joint_detours import plan_joint_detours
+from mdrive_sumo.planning.planning_order import find_planning_order
+from mdrive_sumo.planning.planning_scale import PlanningScale
+from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
+from mdrive_sumo.planning.speed_lattice import FINE, LatticeParameters, choose_lattice
+from mdrive_sumo.planning.speed_profile import SpeedProfileProblem, build_free_road_problem
+
+SpeedsOfPath = Callable[[ReferencePath], Float]
+"""Highest comfortable speed (M,) [m/s] at the points of a path."""
+
+
+@dataclass(frozen=True, slots=True)
+class RoadHorizon:
+    """How long a plan may take on roads whose limits count: independent of the time limit, which follows from it."""
+
+    factor: float = 2.0
+    """Times the time on a free road, ..."""
+    extra_s: float = 40.0
+    """... and so much more: a red light, or a queue."""
+
+
+ROAD_HORIZON = RoadHorizon()
+OVERLAP_STRIDE = 2
+"""Overlaps of paths are known every 0.5 m: routes are several times longer than those of the protocol."""
+
+
+@dataclass(frozen=True)
+class _JointProblem:
+    """Everything that a joint plan depends on; equal ones have equal content."""
+
+    content: str
+    known: Privileged = field(compare=False)
+    briefing: Briefing = field(compare=False)
+    scale: PlanningScale = field(compare=False)
+    compute_speeds: SpeedsOfPath = field(compare=False)
+
+
+def plan_on_roads(
+    known: Privileged, briefing: Briefing, scale: PlanningScale, compute_speeds: SpeedsOfPath
+) -> tuple[FleetPaths, tuple[str, ...]]:
+    """Return paths and order of planning of CAVs that may start at speed; `compute_speeds` depends on `scale` only."""
+    digest = hashlib.blake2b(digest_size=16)
+    objects = (getattr(known.objects, one.name) for one in fields(Objects))
+    columns = [column for column in objects if isinstance(column, np.ndarray)]
+    for array in (*known.routes, *known.rooms, *known.speed_limits, *columns):
+        digest.update(np.ascontiguousarray(array).tobytes() + b"|")
+    content = f"{digest.hexdigest()} {known.ego_ids} {known.states} {briefing.vehicle} {scale.top_speed!r}"
+    return _plan_once(_JointProblem(content, known, briefing, scale, compute_speeds))
+
+
+@lru_cache(maxsize=1)
+def _plan_once(problem: _JointProblem) -> tuple[FleetPaths, tuple[str, ...]]:
+    """Return the plan; computed once for all CAVs of a process that ask in the same tick."""
+    known, briefing, scale = problem.known, problem.briefing, problem.scale
+    size = briefing.vehicle.length, briefing.vehicle.width
+    fleet = FleetPaths(plan_joint_detours(known, briefing), size, stride=OVERLAP_STRIDE, margin=scale.plan_margin)
+    free = {ego: _build_problem(problem, ego, path) for ego, path in fleet.path_by_ego.items()}
+    return fleet, find_planning_order(fleet, free)
+
+
+def _build_problem(problem: _JointProblem, ego: str, path: ReferencePath) -> SpeedProfileProblem:
+    """Return the problem of one CAV on a free road, with coarse steps: only the order counts."""
+    row = problem.known.ego_ids.index(ego)
+    state, lattice = problem.known.states[row], choose_lattice(problem.scale.top_speed, LatticeParameters(10.0, 0.0))
+    stations = np.linspace(0.0, path.length, len(path.xy))
+    route_s = np.linspace(0.0, path.goal_s, len(problem.known.routes[row]))
+    legal = np.interp(stations, route_s, problem.known.speed_limits[row])
+    speeds = np.minimum(problem.compute_speeds(path), legal)
+    start = path.project(state.x, state.y, 0.0), max(state.speed, 0.0)
+    return build_free_road_problem(path, speeds, start, 0.0, find_road_horizon(speeds, start[0]), lattice)
+
+
+def find_road_horizon(speeds: Float, s: float, parameters: RoadHorizon = ROAD_HORIZON) -> float:
+    """Return how long a plan from arc length s [m] may take [s]; speeds: (M,) [m/s] at the points of a path."""
+    rest = speeds[int(s / SPACING_M) :]
+    free_s = float(np.sum(SPACING_M / np.maximum(rest, 1.0)))
+    return parameters.factor * free_s + parameters.extra_s
+
+
+def find_common_scale(briefing: Briefing, chosen: float | None, default: float, known: Privileged) -> PlanningScale:
+    """Return the scale of all CAVs together; chosen, default: as `find_cruise_speed` has them."""
+    highest = max(float(limits.max()) for limits in known.speed_limits) if known.speed_limits else math.inf
+    cruise_speed = default if chosen is None and briefing.desired_speed is not None else (chosen or highest)
+    return PlanningScale(cruise_speed if cruise_speed <= FINE.top_speed else min(cruise_speed, highest))
