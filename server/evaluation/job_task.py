@@ -6,6 +6,7 @@ from pathlib import Path
 from sqlalchemy.orm import Session
 
 from server.enums import ChallengeTrack
+from server.phase_suites import PhaseSuites
 from server.settings import ArchiveSettings, SandboxSettings, ServerSettings
 from server.store import phases, submissions
 from server.store.jobs import JobOutcome
@@ -31,6 +32,8 @@ class JobTask:
     """The server's data folder; shared by the machines of a cluster."""
     sandbox: SandboxSettings
     limits: ArchiveSettings
+    checksum: str = ""
+    """Of the scenario's file when this worker read the suite; see `EpisodeJob.checksum`."""
 
     @property
     def archive(self) -> Path:
@@ -63,7 +66,7 @@ class AgentRejection:
 JobResult = JobOutcome | AgentRejection
 
 
-def load_task(session: Session, job: JobRow, settings: ServerSettings) -> JobTask:
+def load_task(session: Session, job: JobRow, settings: ServerSettings, suites: PhaseSuites) -> JobTask:
     """Return the task of a claimed job. Raises NotFound."""
     submission = submissions.get(session, job.submission)
     phase = phases.get(session, submission.phase)
@@ -81,6 +84,7 @@ def load_task(session: Session, job: JobRow, settings: ServerSettings) -> JobTas
         data=settings.data.absolute(),
         sandbox=settings.sandbox,
         limits=settings.limits,
+        checksum=suites.find_checksum(phase, job.scenario),
     )
 
 
