@@ -6,6 +6,7 @@ from pathlib import Path
 from sqlalchemy.orm import Session
 
 from server.enums import ChallengeTrack
+from server.phase_suites import PhaseSuites
 from server.settings import ArchiveSettings, SandboxSettings, ServerSettings
 from server.store import phases, submissions
 from server.store.jobs import JobOutcome
@@ -33,6 +34,8 @@ class JobTask:
     sensor_track_only: bool = field(default=False, kw_only=True)
     """Whether an agent that is given lists of objects is rejected."""
     limits: ArchiveSettings
+    checksum: str = ""
+    """Of the scenario's file when this worker read the suite; see `EpisodeJob.checksum`."""
 
     @property
     def archive(self) -> Path:
@@ -65,7 +68,7 @@ class AgentRejection:
 JobResult = JobOutcome | AgentRejection
 
 
-def load_task(session: Session, job: JobRow, settings: ServerSettings) -> JobTask:
+def load_task(session: Session, job: JobRow, settings: ServerSettings, suites: PhaseSuites) -> JobTask:
     """Return the task of a claimed job. Raises NotFound."""
     submission = submissions.get(session, job.submission)
     phase = phases.get(session, submission.phase)
@@ -84,6 +87,7 @@ def load_task(session: Session, job: JobRow, settings: ServerSettings) -> JobTas
         data=settings.data.absolute(),
         sandbox=settings.sandbox,
         limits=settings.limits,
+        checksum=suites.find_checksum(phase, job.scenario),
     )
 
 

@@ -123,6 +123,7 @@ def _make_job(task: JobTask, agent: SubmittedAgent) -> EpisodeJob:
         options=EpisodeOptions(comm=COMM_BY_TRACK[task.track]),
         recording=task.stage / f"{task.scenario}.npz" if task.public else None,
         logs=task.stage,
+        checksum=task.checksum,
     )
 
 

@@ -37,6 +37,9 @@ class FakeSuites:
     def evaluator(self, phase: Any, environment: str) -> dict[str, Any]:
         return {"version": "1"}
 
+    def find_checksum(self, phase: Any, scenario: str) -> str:
+        return ""
+
 
 class Here:
     """Does it at once, in this process."""

@@ -10,13 +10,15 @@ from testing.archive_samples import GOOD, packed, written
 from testing.local_executor import LocalExecutor
 from testing.participant_fakes import Run, command_line
 from testing.sandbox_runs import needs_bubblewrap
+from testing.suite_fakes import make_suite
 
 from mdrive_sumo.agent_process.remote_driver import AgentLimits
 from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agent_process.sandbox import BoxLimits, SandboxLayer
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, FailureReason
-from mdrive_sumo.runs.episode_job import EpisodeJob
+from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
+from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult, make_void_result
 from mdrive_sumo.v2x.comm_settings import CommSettings
@@ -242,3 +244,20 @@ def test_messages_reach_the_receivers_that_the_track_allows(tmp_path: Path, monk
     for track in ChallengeTrack:
         assert list(dry_run.run_jobs(SubmittedAgent(manifest, tmp_path, HERE), track, course)) == []
     assert asked == [COMM_BY_TRACK[track] for track in ChallengeTrack]
+
+
+@pytest.mark.usefixtures("in_process")
+def test_a_scenario_that_changes_during_a_dry_run_is_noticed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """No agent is started: the suite is compared before."""
+    path = make_suite(tmp_path / "suite", "nap").find_scenario_file("s0")
+
+    def change_and_run(job: EpisodeJob) -> ScenarioResult:
+        path.write_bytes(path.read_bytes() + b"\n")
+        return run_job(job)
+
+    monkeypatch.setattr(dry_run, "run_dry_job", change_and_run)
+    manifest = check_archive(written(tmp_path, packed(GOOD)), ArchiveLimits())
+    course = dry_run.DryRunOptions(str(tmp_path / "suite"), "*", 0, 1, tmp_path / "out")
+    jobs = dry_run.run_jobs(SubmittedAgent(manifest, tmp_path, HERE), ChallengeTrack.SINGLE, course)
+    said = f"{path}: expected the scenario with which the run began, found a changed one"
+    assert [outcome for _, outcome in jobs] == [WorkerFailure(FailureKind.INPUT, said)]
