@@ -5,6 +5,7 @@ gets an application that an ended one has left, with services of its own: `take_
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from fastapi import FastAPI
@@ -15,42 +16,59 @@ from server.settings import ServerSettings
 from server.store import Store
 from server.web.mount_pages import connect_pages, mount_pages
 
-_taken: list[FastAPI] = []
-_free: dict[int, list[FastAPI]] = {}
-"""By the number of routes: those of the API, and those with pages. A test may add routes, which nobody asks for."""
-_sizes: dict[bool, int] = {}
+
+@dataclass
+class SharedApp:
+    """An application, and what its routes are."""
+
+    app: FastAPI
+    has_pages: bool
+    routes: int
+
+    def is_unchanged(self) -> bool:
+        """Whether no test has added a route or replaced a dependency."""
+        return len(self.app.router.routes) == self.routes and not self.app.dependency_overrides
+
+
+_taken: list[SharedApp] = []
+_free: list[SharedApp] = []
 
 
 def take_app(settings: ServerSettings, store: Store, suites: Any, runner: Any, now: Callable[[], int]) -> FastAPI:
     """Return an application without pages, as `create_app` does."""
-    app = _pop_free(pages=False)
-    if app is None:
+    shared = _pop_free(has_pages=False)
+    if shared is None:
         app = create_app(settings, store, suites, runner, now)
-        _sizes[False] = len(app.router.routes)
+        shared = SharedApp(app, False, len(app.router.routes))
     else:
-        app.state = State()
-        install_services(app, _make_services(settings, store, suites, runner), now)
-    _taken.append(app)
-    return app
+        shared.app.state = State()
+        install_services(shared.app, _make_services(settings, store, suites, runner), now)
+    _taken.append(shared)
+    return shared.app
 
 
 def take_app_with_pages(app: FastAPI) -> FastAPI:
     """Return an application with the services of another one, and pages."""
-    found = _pop_free(pages=True)
-    if found is None:
-        mount_pages(app)
-        _sizes[True] = len(app.router.routes)
-        return app
-    found.state = State()
-    install_services(found, app.state.services, app.state.now)
-    connect_pages(found)
-    _taken.append(found)
+    shared = _pop_free(has_pages=True)
+    if shared is None:
+        new = create_app(app.state.services.settings, app.state.services.store)
+        shared = SharedApp(new, True, 0)
+        install_services(new, app.state.services, app.state.now)
+        mount_pages(new)
+        shared.routes = len(new.router.routes)
+    else:
+        shared.app.state = State()
+        install_services(shared.app, app.state.services, app.state.now)
+        connect_pages(shared.app)
+    _taken.append(shared)
+    return shared.app
+
+
+def _pop_free(has_pages: bool) -> SharedApp | None:
+    found = next((shared for shared in _free if shared.has_pages == has_pages), None)
+    if found is not None:
+        _free.remove(found)
     return found
-
-
-def _pop_free(pages: bool) -> FastAPI | None:
-    free = _free.get(_sizes.get(pages, 0), [])
-    return free.pop() if free else None
 
 
 def count_taken() -> int:
@@ -60,7 +78,5 @@ def count_taken() -> int:
 
 def release_apps(before: int) -> None:
     """Take back the applications that were taken since `count_taken` was `before`."""
-    for app in _taken[before:]:
-        if len(app.router.routes) in _sizes.values() and not app.dependency_overrides:
-            _free.setdefault(len(app.router.routes), []).append(app)
+    _free.extend(shared for shared in _taken[before:] if shared.is_unchanged())
     del _taken[before:]
