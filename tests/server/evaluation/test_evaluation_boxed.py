@@ -207,6 +207,7 @@ def test_a_cluster_drives_boxes_as_this_machine_does(tmp_path: Path) -> None:
     assert recorded[0] == recorded[1]
 
 
+@pytest.mark.full  # in `make test`: test_sandbox_channels and test_sandbox_layers make such boxes
 def test_an_agent_with_files_of_its_own_drives_as_one_without(
     tmp_path: Path, plain: tuple[JobTask, JobOutcome]
 ) -> None:

@@ -78,6 +78,7 @@ def test_a_cancelled_submission_s_process_is_gone_within_a_heartbeat(tmp_path: P
     assert {job.failures for job in rows(store, submission)} == {0}
 
 
+@pytest.mark.full  # in `make test`: test_fault_injection, whose workers are killed, and leases that end
 def test_everything_killed_at_once_loses_nothing(tmp_path: Path) -> None:
     store = databases.emptied("sqlite")
     settings = with_database(challenge(tmp_path, store, *["nap"] * 2, "hang once", lease_s=LEASE_S), store)
