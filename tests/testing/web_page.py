@@ -12,7 +12,6 @@ from server.api.leaderboard_cache import STALE_US
 from server.enums import ScenarioVerdict
 from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
-from server.web.mount_pages import mount_pages
 from server.web.templating import POLICY
 from server.web.visitor import COOKIE
 from testing.api_app import Server, another_zip
@@ -138,8 +137,7 @@ class Visit:
     client: Any = field(init=False)
 
     def __post_init__(self) -> None:
-        if not hasattr(self.server.app.state, "error_page"):
-            mount_pages(self.server.app)
+        self.server.mount_pages()
         self.client = Client(self.server.app, follow_redirects=False)
         if self.who:
             self.client.cookies.set(COOKIE, self.server.tokens[self.who])

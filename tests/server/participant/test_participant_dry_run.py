@@ -129,7 +129,35 @@ def wheel(folder: Path, name: str) -> None:
         made.writestr(f"{about}/RECORD", "")
 
 
-@pytest.mark.slow
+def test_what_a_build_runs_and_keeps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recipe = EnvironmentRecipe("mine", "3.11", ("tiny==1.0",), 1)
+    monkeypatch.setattr(environments, "RECIPES", {"mine": recipe})
+    commands: list[tuple[str, ...]] = []
+
+    def run(command: tuple[str, ...], _: str) -> str:
+        commands.append(command)
+        Path(tmp_path / "mine").mkdir(exist_ok=True)
+        return "pip==1\ntiny==1.0\n" if "freeze" in command else ""
+
+    monkeypatch.setattr(environments, "_run", run)
+    built = build_environment("mine", tmp_path, ("--no-index",))
+    assert load_environment("mine", tmp_path) == built
+    assert (built.python, built.packages) == (tmp_path / "mine" / "bin" / "python", ("pip==1", "tiny==1.0"))
+    venv, install, freeze = commands
+    assert venv == ("python3.11", "-m", "venv", "--clear", "--without-pip", str(tmp_path / "mine"))
+    assert install[:5] == ("python3.11", "-m", "pip", "--python", str(built.python)) == freeze[:5]
+    assert install[-2:] == ("--no-index", "tiny==1.0")
+    with pytest.raises(InputError, match="already built"):
+        build_environment("mine", tmp_path)
+    assert len(commands) == 3
+
+
+def test_a_build_that_fails_says_what_failed() -> None:
+    with pytest.raises(InputError, match=r"environment none: -c .* failed: no such package: absent"):
+        environments._run((sys.executable, "-c", "raise SystemExit('no such package: absent')"), "none")
+
+
+@pytest.mark.full  # in `make test`: the commands that it runs, above
 def test_an_environment_is_built_once_and_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wheel(tmp_path, "tiny")
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
