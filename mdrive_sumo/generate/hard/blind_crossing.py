@@ -1,5 +1,6 @@
 """Crossing traffic behind buildings: four-way crossings and T-junctions, from the left and from the right."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
@@ -11,16 +12,24 @@ from mdrive_sumo.generate.hard.family_encounter import (
     place_encounter,
 )
 from mdrive_sumo.generate.hard.family_parts import (
+    BODY_SIZES,
     FamilyTraffic,
     build_platoon,
     build_scenario,
+    build_vehicle_actor,
     compute_chain_length,
+    compute_pose,
+    find_conflict,
     load_network,
     read_values,
 )
 from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scripted_actor import Actor
+
+HALF_PATH_M = 2.6
+"""[m] From the place where centres come together to the side of CAV 0: its half width, and what is left to be near."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,23 +42,25 @@ class CrossingSite:
     opposite: tuple[str, str]
     mean_speed: float
     """[m/s] Of CAV 0 until the conflict."""
+    corner_m: float
+    """[m] Lateral distance from the hidden vehicle's lane to a van parked at its kerb; 0: no place for it."""
 
 
 SITES = (
     CrossingSite("hard_blind_crossing", ("south_1_in_1", "north_1_out_1"), ("west_1_1", "west_0_1"),
-                 ("north_1_in_1", "south_1_out_1"), 12.5),
+                 ("north_1_in_1", "south_1_out_1"), 12.5, 2.9),
     CrossingSite("hard_blind_crossing", ("east_0_1", "east_1_1"), ("north_1_in_1", "south_1_out_1"),
-                 ("west_1_1", "west_0_1"), 12.5),
+                 ("west_1_1", "west_0_1"), 12.5, 2.9),
     CrossingSite("hard_blind_tee", ("south_1_in_0", "west_0_0"), ("east_0_0", "east_1_0"),
-                 ("west_1_0", "west_0_0"), 10.0),
+                 ("west_1_0", "west_0_0"), 10.0, 3.1),
     CrossingSite("hard_blind_tee", ("south_1_in_0", "west_0_0"), ("west_1_0", "west_0_0"),
-                 ("east_0_0", "east_1_0"), 9.5),
+                 ("east_0_0", "east_1_0"), 9.5, 0.0),
     CrossingSite("hard_corridor_narrow", ("south_1_in_1", "north_1_out_1"), ("west_4_2", "west_0_2"),
-                 ("east_0_2", "east_2_2"), 11.0),
+                 ("east_0_2", "east_2_2"), 11.0, 0.0),
     CrossingSite("hard_corridor_narrow", ("north_3_in_1", "south_3_out_1"), ("east_0_2", "east_4_2"),
-                 ("south_3_in_1", "north_3_out_1"), 11.0),
+                 ("south_3_in_1", "north_3_out_1"), 11.0, 2.8),
     CrossingSite("hard_corridor_market", ("south_2_in_1", "west_0_3"), ("east_0_3", "east_5_3"),
-                 ("west_3_3", "west_0_3"), 9.0),
+                 ("west_3_3", "west_0_3"), 9.0, 2.8),
 )  # fmt: skip
 STREAMS_BY_NETWORK = {
     "hard_blind_crossing": (
@@ -90,12 +101,29 @@ def build_blind_crossing(candidate: FamilyCandidate) -> Scenario:
         roads, encounter, placed, more - more // 3, (values["own_speed"], values["hidden_speed"])
     )
     egos = (*placed.egos, *followers, *_build_opposite(roads, site, more // 3))
+    actors = (*placed.actors, *_build_corner_vans(roads, encounter, site, values))
     rsus = (build_mast(roads, encounter),) if values["mast"] >= 0.5 else ()
-    keep_clear = (*egos, *placed.actors)
+    keep_clear = (*egos, *actors)
     streams = STREAMS_BY_NETWORK[site.network]
     vehicles = build_traffic(roads, streams, round(values["vehicles"]), candidate.seed, keep_clear)
     signals = site.network.startswith("hard_corridor")
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, placed.actors, rsus, signals))
+    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors, rsus, signals))
+
+
+def _build_corner_vans(
+    roads: RoadMap, encounter: Encounter, site: CrossingSite, values: Mapping[str, float]
+) -> list[Actor]:
+    """Return vans parked at the kerb of the hidden vehicle's road, the first `corner_m` from the path of CAV 0."""
+    if not site.corner_m:
+        return []
+    _, at = find_conflict(roads, encounter.own, encounter.hidden)
+    length, made = BODY_SIZES["van"][0], list[Actor]()
+    front = at - HALF_PATH_M - values["corner_gap_m"]
+    for i in range(round(values["vans"])):
+        pose = compute_pose(roads, encounter.hidden, front - length / 2, -site.corner_m)
+        made.append(build_vehicle_actor(f"van{i}", "van", pose, mirrored=False))
+        front -= length + 1.0
+    return made
 
 
 def _build_opposite(roads: RoadMap, site: CrossingSite, count: int) -> list[Ego]:
@@ -110,6 +138,8 @@ FAMILY = ScenarioFamily(
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "junction and directions"),
         *build_encounter_parameters((60.0, 150.0), (6.0, 13.8), (9.0, 20.0)),
+        FamilyParameter("vans", 0.0, 3.0, "", "number of vans parked at the corner, where there is a kerb for them"),
+        FamilyParameter("corner_gap_m", 1.5, 9.0, "m", "distance of the first van from the side of CAV 0"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit hangs above the junction (from 0.5 on)"),
         FamilyParameter("cavs", 2.0, 10.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 60.0, "", "number of reactive vehicles"),

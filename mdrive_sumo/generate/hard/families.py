@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from mdrive_sumo.generate.hard import (
     blind_crossing,
+    blocked_junction,
     emergency_vehicle,
     hidden_stop,
     mixed_crossing,
@@ -14,6 +15,7 @@ from mdrive_sumo.generate.hard import (
     platoon_crossing,
     right_turn_cyclist,
     roundabout_entry,
+    side_street_cyclist,
     unprotected_left,
     works_zone,
 )
@@ -25,6 +27,8 @@ _ALL: tuple[ScenarioFamily, ...] = (
     occluded_pedestrian.FAMILY,
     right_turn_cyclist.FAMILY,
     roundabout_entry.FAMILY,
+    blocked_junction.FAMILY,
+    side_street_cyclist.FAMILY,
     motorway_merge.FAMILY,
     motorway_weave.FAMILY,
     platoon_crossing.FAMILY,

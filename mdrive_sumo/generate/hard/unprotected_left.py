@@ -15,13 +15,13 @@ from mdrive_sumo.generate.hard.family_parts import (
     build_platoon,
     build_scenario,
     build_vehicle_actor,
-    compute_pose,
     load_network,
     read_values,
 )
 from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
 
 NETWORK = "hard_arterial"
@@ -59,11 +59,16 @@ def build_unprotected_left(candidate: FamilyCandidate) -> Scenario:
 
 
 def _build_trucks(roads: RoadMap, count: int, ahead_m: float) -> list[Actor]:
-    """Return trucks in the opposite left-turn lane, the first of them with its front `ahead_m` past the stop line."""
-    lanes, length = find_lane_path(roads, "west_1_3", "south_1_out_2"), BODY_SIZES["truck"][0]
-    front, made = roads.lanes["west_1_3"].centre.length + ahead_m, list[Actor]()
+    """Return trucks in the opposite left-turn lane, the first of them with its front `ahead_m` past the stop line.
+
+    It waits with straight wheels, as drivers are taught.
+    """
+    centre, length = roads.lanes["west_1_3"].centre, BODY_SIZES["truck"][0]
+    front, made = centre.length + ahead_m, list[Actor]()
     for i in range(count):
-        made.append(build_vehicle_actor(f"truck{i}", "truck", compute_pose(roads, lanes, front - length / 2)))
+        (x, y), yaw = centre.at(front - length / 2), centre.yaw_at(centre.length)
+        pose = Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4))
+        made.append(build_vehicle_actor(f"truck{i}", "truck", pose))
         front -= length + TRUCK_GAP_M
     return made
 
@@ -79,7 +84,7 @@ FAMILY = ScenarioFamily(
     description="Left turn across fast oncoming traffic that trucks in the opposite left-turn lane hide.",
     parameters=(
         *build_encounter_parameters((50.0, 120.0), (5.0, 14.0), (11.0, 16.6)),
-        FamilyParameter("truck_ahead_m", 0.0, 7.0, "m", "how far the first truck has driven into the junction"),
+        FamilyParameter("truck_ahead_m", 4.0, 15.0, "m", "how far the first truck has driven into the junction"),
         FamilyParameter("trucks", 1.0, 3.0, "", "number of trucks in the opposite left-turn lane"),
         FamilyParameter("cavs", 3.0, 9.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 90.0, "", "number of reactive vehicles"),
