@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 from testing.local_executor import run_in_process
-from testing.toy_family import TOY, TOY_FAMILY, evaluate_by_formula
+from testing.toy_family import TOY, TOY_FAMILY, evaluate_by_formula, make_check
 
 from mdrive_sumo.cli import generate_hard, main
 from mdrive_sumo.generate.generated_suite import load_recipes
@@ -60,7 +60,7 @@ def formula(monkeypatch: pytest.MonkeyPatch) -> None:
     """Candidates and elites are not driven, and no pictures drawn."""
 
     def check(task: EliteTask) -> EliteCheck:
-        return EliteCheck(id=task.scenario.id, seeds=task.seeds, scores=(100.0,) * task.seeds)
+        return make_check(task.scenario.id, *[100.0] * task.seeds)
 
     monkeypatch.setattr(adversarial_search, "evaluate_candidate", evaluate_by_formula)
     monkeypatch.setattr(hard_selection, "check_elite", check)
