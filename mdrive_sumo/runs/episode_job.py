@@ -35,7 +35,8 @@ class EpisodeJob:
     scenario: str
     agent: AgentSpec
     seed: int = 0
-    score_mode: ScoreMode = ScoreMode.MDRIVE
+    score_mode: ScoreMode | None = None
+    """None: that of the suite."""
     options: EpisodeOptions = field(default_factory=EpisodeOptions)
     recording: Path | None = None
     """The episode file to write; None: none."""
@@ -70,8 +71,10 @@ def run_job(job: EpisodeJob) -> ScenarioResult:
 def score_job_episode(job: EpisodeJob, episode: EpisodeRecord) -> ScenarioResult:
     """Return the score of an episode of a job's scenario, with the suite's reference times. Raises InputError."""
     scenario, roads = load_job_scenario(job)
-    reference = find_reference_times(scenario, _load_suite_of_job(job).find_folder(scenario.id))
-    result = score_episode(episode, scenario, roads, job.score_mode, job.seed, reference)
+    suite = _load_suite_of_job(job)
+    reference = find_reference_times(scenario, suite.find_folder(scenario.id))
+    mode = job.score_mode or ScoreMode(suite.score_mode)
+    result = score_episode(episode, scenario, roads, mode, job.seed, reference)
     if job.others is None:
         return result
     return mark_tested(result, job.others.choose_tested(scenario, job.seed))

@@ -16,7 +16,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, overload
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
@@ -37,6 +37,12 @@ RECIPE_FILE = "recipe.json"
 """Beside a generated scenario: what it was made from, see `generate.recipe`."""
 
 
+HARD_BUCKET = "Hard"
+"""Bucket of the scenarios in which the time counts."""
+ScoreModeName = Literal["mdrive", "interdrive_fixed", "interdrive_asis", "hard"]
+"""The values of `scoring.ScoreMode`."""
+
+
 class SuiteFile(BaseModel):
     """`suite.json`."""
 
@@ -50,6 +56,8 @@ class SuiteFile(BaseModel):
     """Names of packaged suites, or of folders beside this one, whose scenarios it has instead of any of its own."""
     checksum: str = ""
     """Of the sealed suite, see `Suite.checksum`; "": it may be changed."""
+    score_mode: ScoreModeName | None = Field(default=None, exclude_if=lambda mode: mode is None)
+    """Score mode of runs that name none; without it see `Suite.score_mode`."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -99,6 +107,12 @@ class Suite:
     def name(self) -> str:
         """Short name, as users type it."""
         return self.about.name
+
+    @property
+    def score_mode(self) -> ScoreModeName:
+        """Score mode of runs that name none: that of `suite.json`, else `hard` if all scenarios have bucket `Hard`."""
+        is_hard = all(scenario.bucket == HARD_BUCKET for scenario in self.scenarios)
+        return self.about.score_mode or ("hard" if is_hard else "mdrive")
 
     def find_folder(self, scenario: str) -> Path:
         """Folder of the suite in which a scenario lies, and beside which its network may lie."""

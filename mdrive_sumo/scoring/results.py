@@ -65,6 +65,8 @@ class EgoResult(_Part):
     """Ticks from the start to its end; null in files of version 2."""
     time_ratio: Number | None = None
     """Its ticks divided by those of `omniscient`; null unless both arrived."""
+    time_factor: Number | None = Field(default=None, exclude_if=lambda factor: factor is None)
+    """What score mode `hard` multiplies its DS by; absent in other modes."""
     infractions: tuple[Infraction, ...]
     is_other: bool = Field(default=False, exclude_if=lambda is_other: not is_other)
     """Whether the second agent of a run with two (`--others`) drove it; absent where the agent under test did."""

@@ -24,6 +24,7 @@ PERCENT, FACTOR, POSITIVE = (0.0, 100.0), (0.0, 1.0), (0.0, math.inf)
 RANGES = {
     **dict.fromkeys(("ds", "sr", "rc", "efficient_sr"), PERCENT),
     "ip": FACTOR,
+    "time_factor": FACTOR,
     "factor": FACTOR,
     **dict.fromkeys(("time_ratio", "min_ttc", "ticks", "tick", "impact_speed"), POSITIVE),
 }
@@ -35,6 +36,7 @@ class _EgoFactors:
 
     rc: float
     infractions: tuple[Infraction, ...]
+    time_factor: float | None = None
 
     @property
     def ip(self) -> float:
@@ -141,7 +143,11 @@ def _find_mean_faults(place: str, result: ScenarioResult, mode: ScoreMode) -> It
     if not result.egos:
         yield f"{place}.egos: expected at least one, found none"
         return
-    exact = compute_scenario_means([_EgoFactors(ego.rc, ego.infractions) for ego in result.egos], mode)
+    for ego in result.egos:
+        if (ego.time_factor is None) == (mode is ScoreMode.HARD):
+            expected = "a factor in score mode hard" if mode is ScoreMode.HARD else f"none in score mode {mode}"
+            yield f"{place}.egos[{ego.id}].time_factor: expected {expected}, found {ego.time_factor}"
+    exact = compute_scenario_means([_EgoFactors(ego.rc, ego.infractions, ego.time_factor) for ego in result.egos], mode)
     is_close = any(abs(value - SUCCESS_DS) <= SCORE_TOLERANCE for value in (exact.ds, *(ego.ds for ego in result.egos)))
     names = {"ds", "rc", "ip"} | (set() if is_close else {"sr"})
     expected, found = exact.model_dump(include=names), result.model_dump(include=names)
