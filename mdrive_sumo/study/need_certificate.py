@@ -1,6 +1,7 @@
 """Certificates of need."""
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -9,7 +10,6 @@ from typing import Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import wrap_angles
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
@@ -22,9 +22,9 @@ from mdrive_sumo.sensing.visibility import BuildingEdges
 from mdrive_sumo.study.need.conflict_zone import ConflictZone, ZoneFinder
 from mdrive_sumo.study.need.crossing_search import CrossingSearch, SafeCrossing
 from mdrive_sumo.study.need.doom import DoomTest
+from mdrive_sumo.study.need.message_lead import ReferenceDrive
 from mdrive_sumo.study.need.motion import MotionLimits, RouteMotion, build_route_motion
 from mdrive_sumo.study.need.sight_tables import SightTables
-from mdrive_sumo.study.need.message_lead import ReferenceDrive
 from mdrive_sumo.study.need.witnesses import Witnesses
 
 NEED_FILE = "need.json"
@@ -33,7 +33,9 @@ COMFORT = 2.0
 REACHED_SHARE = 0.8
 """The required speed is at most this share of the greatest speed that the CAV can have at the zone."""
 CURVE_M = 10.0
-"""Length of route over which a curve's radius is measured, before and in the zone."""
+"""Length of route before the zone on which a curve counts."""
+CURVE_STEPS = 5
+"""Metres over which a curvature is the mean."""
 
 
 class _FilePart(BaseModel):
@@ -52,8 +54,8 @@ class NeedConflict(_FilePart):
     required_speed: float
     """Mean speed [m/s] that the time limit requires of the CAV, less in a curve."""
     is_blind: bool
-    """Whether every drive that is no slower than the required speed in the approach is doomed for some start of the road
-    user."""
+    """Whether every drive that is no slower than the required speed in the approach is doomed for some start of the
+    road user."""
     cautious_s: float | None
     """Least arrival time [s] of a driver without messages that is not doomed, however slow; a lower bound. None if
     there is none within 10 s of the limit."""
@@ -67,7 +69,7 @@ class NeedConflict(_FilePart):
     """Last tick of the reference drive at which the CAV could stop before the zone. This and what follows is given if
     the conflict is blind."""
     own_sight_s: float | None = None
-    """First tick of the reference drive at which a sensor of the CAV sees the road user; None: never before the zone."""
+    """First tick of the reference drive at which a sensor of the CAV sees the road user; None: not before the zone."""
     told_s: float | None = None
     """First tick of the reference drive at which a station could tell of the road user."""
     stations: tuple[str, ...] = ()
@@ -187,18 +189,23 @@ class _ConflictAnalysis:
         motion, zone = self.motion, self.zone
         stations = np.arange(max(zone.enter_m - CURVE_M, 0.0), min(zone.leave_m, motion.line.length), 1.0)
         turn = np.abs(wrap_angles(np.diff(motion.line.yaws_at(stations))))
-        widest = np.convolve(turn, np.ones(min(5, max(len(turn), 1))), mode="valid").max(initial=0.0) / 5.0
-        in_curve = portable.hypot(np.sqrt(COMFORT / max(float(widest), 1e-6)), 0.0)
+        turned = np.concatenate(((0.0,), np.cumsum(turn)))
+        curvature = float((turned[CURVE_STEPS:] - turned[:-CURVE_STEPS]).max(initial=0.0)) / CURVE_STEPS
+        in_curve = math.sqrt(COMFORT / max(curvature, 1e-6))
         fastest = float(np.interp(zone.enter_m, motion.stations, motion.fastest))
-        return min(motion.goal_m / self._limit_s, float(in_curve), REACHED_SHARE * fastest)
+        return min(motion.goal_m / self._limit_s, in_curve, REACHED_SHARE * fastest)
 
     def certify(self) -> NeedConflict:
         """Return what is found about the conflict."""
-        is_in_time = self.motion.compute_time_from(0.0, self.motion.start_speed) <= self._limit_s
-        least = self.required_speed
-        steady = CrossingSearch(self._doom, self._limit_s, least).find_crossing() if is_in_time else None
-        blind = is_in_time and not self._is_in_time(steady)
-        cautious = CrossingSearch(self._doom, self._limit_s).find_crossing() if blind else steady
+        least, motion = self.required_speed, self.motion
+        free_s = motion.compute_time_from(0.0, motion.start_speed)
+        if self._doom.is_hopeless or free_s > self._limit_s:
+            steady = cautious = SafeCrossing(free_s, self.zone.enter_m, motion.top_speed)
+            blind = False
+        else:
+            steady = CrossingSearch(self._doom, self._limit_s, least).find_crossing()
+            blind = not self._is_in_time(steady)
+            cautious = CrossingSearch(self._doom, self._limit_s).find_crossing() if blind else steady
         about = NeedConflict(
             ego=self._ego.id,
             road_user=self.reference.ids[self.zone.road_user],

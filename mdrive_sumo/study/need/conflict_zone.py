@@ -13,7 +13,7 @@ from mdrive_sumo.study.need.motion import RouteMotion
 SPACING_M = 0.2
 """Between stations at which boxes are compared."""
 LATERAL_M = 0.25
-"""A CAV's centre stays within this distance of its route: the width that a lane of 3.2 m leaves a car, and some of it."""
+"""A CAV's centre stays within this distance of its route; a lane of 3.2 m leaves 0.6 m to either side."""
 TURN_M = 0.05
 """Displacement of a box's corner by the turn of a route between two stations."""
 MAX_LENGTH_M = 12.0
@@ -105,7 +105,7 @@ class ZoneFinder:
         rows = np.flatnonzero(near.any(axis=1))
         if not len(rows):
             return np.zeros(0), ticks[:0]
-        first = coarse[rows[0]]
+        first = float(coarse[rows[0]])
         last = min(first + MAX_LENGTH_M + 2.0 * self._room(column), line.length)
         here = near[(coarse >= first) & (coarse <= last)].any(axis=0)
         begin = int(np.argmax(here))
@@ -114,7 +114,10 @@ class ZoneFinder:
         return np.arange(first, last, SPACING_M), ticks[begin:end]
 
     def _compute_overlaps(self, column: int, stations: Float, ticks: Int) -> Bool:
-        """Return (S, K) whether boxes overlap wherever the CAV is within half a spacing and `LATERAL_M` of a station."""
+        """Return (S, K) whether boxes overlap for all places of the CAV around a station.
+
+        Those are within half a spacing along the route, and within `LATERAL_M` across.
+        """
         e, line = self.record, self.motion.line
         shrink = 2.0 * (portable.hypot(SPACING_M / 2, LATERAL_M) + TURN_M)
         points = np.array([line.at(s) for s in stations.tolist()])
@@ -136,7 +139,7 @@ class ZoneFinder:
 
 
 def find_largest_rectangle(mask: Bool) -> tuple[int, int, int, int]:
-    """Return (top, bottom, left, right), all inclusive, of a rectangle of True with the most cells; the first of equals.
+    """Return (top, bottom, left, right), all inclusive, of the first rectangle of True with the most cells.
 
     Raises ValueError for a mask without True.
     """

@@ -72,7 +72,10 @@ class CrossingSearch:
         return bounds
 
     def find_crossing(self) -> SafeCrossing | None:
-        """Return the crossing with the least bound of its arrival time; None if all are `LOOK_AHEAD_S` late or doomed."""
+        """Return the crossing with the least bound of its arrival time.
+
+        None if all others are `LOOK_AHEAD_S` late or doomed.
+        """
         heap: list[tuple[float, int, int, SafeCrossing]] = []
         for i, j, across in self._list_entries():
             self._push(heap, SafeCrossing(0.0, 0.0, 0.0), (i, j), (i, j, across))

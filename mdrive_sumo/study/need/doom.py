@@ -1,20 +1,22 @@
 """Which states of a CAV on its way to a conflict zone end in a collision that only a message prevents."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Bool, Int
+from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.study.need.approach import ApproachState
 from mdrive_sumo.study.need.occluders import BIN_TICKS
 from mdrive_sumo.study.need.reaction import UserReaction
 from mdrive_sumo.study.need.sight_tables import SightTables
 from mdrive_sumo.study.need.witnesses import Witnesses
+
+PROBES = 10
+"""Stretches from which the CAV is first asked whether it sees the road user."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +74,8 @@ class DoomTest:
         return seen
 
     def _find_past_stretches(self, state: ApproachState, lags: Int, latest: int) -> tuple[Int, Int]:
-        back_m, front_m = state.compute_past(lags * DT)
-        reach = self.tables.motion.compute_reach((latest - lags + 1) * DT)
+        back_m, front_m = state.compute_past(_to_seconds(lags))
+        reach = self.tables.motion.compute_reach(_to_seconds(latest - lags + 1))
         return self.tables.find_stretches(back_m, np.minimum(front_m, reach))
 
     def _list_sets(self, number: int, lags: Int) -> Int:
@@ -92,7 +94,7 @@ class DoomTest:
         """Return (L,) whether the road user may see the CAV so many ticks before the state (after it, if negative)."""
         before, after = lags[lags >= 0], lags[lags < 0]
         past = self._find_past_stretches(state, before, (number + 1) * BIN_TICKS - 1)
-        future = self.tables.find_stretches(*state.compute_future(-after * DT))
+        future = self.tables.find_stretches(*state.compute_future(_to_seconds(-after)))
         begin, end = (np.concatenate(pair) for pair in zip(future, past, strict=True))
         rows = np.clip(tick - lags, self.tables.first_tick, self.tables.zone.leave) - self.tables.first_tick
         found = np.zeros(len(lags), dtype=np.bool_)
@@ -102,16 +104,17 @@ class DoomTest:
             found |= (sets == one).any(axis=0) & (views[rows, end] > views[rows, begin])
         return found
 
-    def is_ever_hidden(self, states: Sequence[ApproachState]) -> bool:
-        """Return whether the CAV cannot see the road user at least at the begin of one of these states.
+    @cached_property
+    def is_hopeless(self) -> bool:
+        """Whether no state is doomed, because the CAV sees the road user on the way; a cheap test, not sharp."""
+        tables, zone = self.tables, self.tables.zone
+        room = tables.motion.top_speed * tables.motion.top_speed / (2.0 * tables.motion.deceleration)
+        rows = range(*(int(i) for i in tables.find_stretches(np.array(zone.enter_m - room), np.array(zone.leave_m))))
+        slowest = ApproachState(tables.motion, zone, zone.enter_m, zone.enter_m - room, 0.0, 0.0)
+        cells = tables.find_cells(np.arange(zone.enter - math.ceil(slowest.clear_s / DT), zone.leave + 1))
+        looks = product(range(len(tables.sets)), rows[:: len(rows) // PROBES + 1])
+        return all(tables.look_from_route(row, number)[cells].all() for number, row in looks)
 
-        A cheap test, without which no state is doomed.
-        """
-        for state in states:
-            ticks = self._list_candidates(state)
-            begin, end = self.tables.find_stretches(np.array(state.back_m), np.array(state.front_m))
-            cells = self.tables.find_cells(ticks)
-            for number, row in product(range(len(self.tables.sets)), range(int(begin), int(end))):
-                if not self.tables.look_from_route(row, number)[cells].all():
-                    return True
-        return False
+
+def _to_seconds(ticks: Int) -> Float:
+    return ticks.astype(np.float64) * DT

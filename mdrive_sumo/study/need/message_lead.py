@@ -80,4 +80,5 @@ class ReferenceDrive:
 
     def _box(self, tick: int, i: int) -> Box:
         e = self.tables.record
-        return Box(*(float(values[tick, i]) for values in (e.x, e.y, e.yaw)), float(e.length[i]), float(e.width[i]))
+        x, y, yaw = (float(values[tick, i]) for values in (e.x, e.y, e.yaw))
+        return Box(x, y, yaw, float(e.length[i]), float(e.width[i]))

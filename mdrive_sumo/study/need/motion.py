@@ -1,7 +1,7 @@
 """Bounds on how a CAV can drive along its route: speeds, least times and stopping distances.
 
-Every bound is one that a real drive cannot beat: actuators answer at once, curves cost no speed, a lane's whole limit is
-used, and the greatest braking includes rolling and air resistance.
+Every bound is one that a real drive cannot beat: actuators answer at once, curves cost no speed, a lane's whole limit
+is used, and the greatest braking includes rolling and air resistance.
 """
 
 import math
@@ -58,7 +58,7 @@ class RouteMotion:
     @cached_property
     def stations(self) -> Float:
         """(M,) stations [m], the first at the start."""
-        return np.arange(len(self.caps)) * STEP_M
+        return np.arange(len(self.caps), dtype=np.float64) * STEP_M
 
     @cached_property
     def goal_m(self) -> float:

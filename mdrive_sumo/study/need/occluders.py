@@ -1,8 +1,8 @@
 """What stands between two road users: buildings, and vehicles higher than a LiDAR on a roof while they stand still.
 
 An eye that may be anywhere within a distance e of a point sees past an occluder at most what an eye at that point sees
-past the occluder eroded by e: move the line of sight by e, and it still misses what was eroded. So what is hidden behind
-eroded occluders is hidden from everywhere within e.
+past the occluder eroded by e: move the line of sight by e, and it still misses what was eroded. So what is hidden
+behind eroded occluders is hidden from everywhere within e.
 """
 
 from dataclasses import dataclass, replace
@@ -106,8 +106,8 @@ class StandingOccluders:
         poses = np.stack([values[:ticks, columns].reshape(shape) for values in (e.x, e.y, e.yaw)])
         still = (np.ptp(poses, axis=2) < STANDING_M).all(axis=0)
         x, y, yaw = np.round(poses[0, :, 0], 2), np.round(poses[1, :, 0], 2), np.round(poses[2, :, 0], 3)
-        reach = np.broadcast_to(portable.hypot(e.length[columns], e.width[columns]) / 2, x.shape)
-        near = np.asarray(shapely.dwithin(shapely.points(x, y), self.region, reach))
+        gaps = np.asarray(shapely.distance(shapely.points(x, y), self.region))
+        near = gaps <= portable.hypot(e.length[columns], e.width[columns]) / 2
         return valid & still & near, x, y, yaw
 
     @cached_property

@@ -1,12 +1,13 @@
 """What is hidden between the stretches of a CAV's route and the ticks of another road user's drive.
 
-Sensors measure at ticks, and the other road user starts whole ticks earlier or later, so its poses at ticks are those of
-the recording. The CAV may be anywhere in a stretch. An entry of a table is True if anything of the one can be seen from
-the other at any place of the stretch, so a pair with False is hidden.
+Sensors measure at ticks, and the other road user starts whole ticks earlier or later, so its poses at ticks are those
+of the recording. The CAV may be anywhere in a stretch. An entry of a table is True if anything of the one can be seen
+from the other at any place of the stretch, so a pair with False is hidden.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -76,7 +77,7 @@ class SightTables:
         """(K,) box around the road user in every cell."""
         e, i, ticks = self.record, self.zone.road_user, self._begins.tolist()
         size = float(e.length[i]), float(e.width[i])
-        spans = [slice(begin, end) for begin, end in zip(ticks, ticks[1:], strict=False)]
+        spans = [slice(begin, end) for begin, end in pairwise(ticks)]
         return tuple(enclose_boxes(e.x[t, i], e.y[t, i], e.yaw[t, i], *size) for t in spans)
 
     @cached_property
@@ -119,16 +120,23 @@ class SightTables:
         return np.array([number[one] for one in self._set_of_bin])
 
     @cached_property
-    def _views(self) -> dict[object, Bool | Int]:
+    def _views(self) -> dict[tuple[int, int], Bool]:
+        return {}
+
+    @cached_property
+    def _sums_from_route(self) -> dict[int, Int]:
+        return {}
+
+    @cached_property
+    def _sums_from_drive(self) -> dict[int, Int]:
         return {}
 
     def sum_views_from_route(self, number: int) -> Int:
         """Return (S + 1, K): from how many stretches before each a cell can be seen, past the occluders of that set."""
-        key = number, "route"
-        if key not in self._views:
-            rows = [self.look_from_route(row, number) for row in range(len(self.edges) - 1)]
-            self._views[key] = np.cumsum([np.zeros(len(self.cells), dtype=np.int64), *rows], axis=0)
-        return self._views[key]
+        if number not in self._sums_from_route:
+            rows = np.array([self.look_from_route(row, number) for row in range(len(self.edges) - 1)])
+            self._sums_from_route[number] = np.cumsum(np.pad(rows.astype(np.int64), ((1, 0), (0, 0))), axis=0)
+        return self._sums_from_route[number]
 
     def look_from_route(self, row: int, number: int) -> Bool:
         """Return (K,) the cells that can be seen from a stretch, past the occluders of that set."""
@@ -145,8 +153,7 @@ class SightTables:
 
         Rows are ticks from `first_tick` to the end of the zone.
         """
-        key = number, "drive"
-        if key not in self._views:
+        if number not in self._sums_from_drive:
             e, i = self.record, self.zone.road_user
             ticks = range(self.first_tick, self.zone.leave + 1)
             eyes = [(float(e.x[tick, i]), float(e.y[tick, i])) for tick in ticks]
@@ -156,5 +163,5 @@ class SightTables:
                 for eye in dict.fromkeys(eyes)
             }
             rows = np.array([seen[eye] for eye in eyes])
-            self._views[key] = np.cumsum(np.pad(rows.astype(np.int64), ((0, 0), (1, 0))), axis=1)
-        return self._views[key]
+            self._sums_from_drive[number] = np.cumsum(np.pad(rows.astype(np.int64), ((0, 0), (1, 0))), axis=1)
+        return self._sums_from_drive[number]
