@@ -21,7 +21,7 @@ from mdrive_sumo.roads import find_lane_path
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 
 NETWORK = "hard_dual_crossing"
-GOAL_M = 60.0
+GOAL_M = 40.0
 """[m] Distance of the goals behind the crossing."""
 RSU = RoadsideUnit(id="rsu", x=11.0, y=11.0)
 """At the north-east corner: it sees the last 50 m of both roads."""

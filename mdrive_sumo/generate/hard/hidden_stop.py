@@ -34,7 +34,7 @@ LANE_M = 3.5
 SWERVE_M = 60.0
 """[m] Length of the truck's lane change: 2.4 s at 25 m/s."""
 QUEUE_GAP_M = 3.0
-GOAL_M = 180.0
+GOAL_M = 120.0
 """[m] Distance of the goals behind the place where the queue stood."""
 PARAMETERS = (
     FamilyParameter("behind", 1.0, 4.0, "", "number of CAVs that follow the truck, rounded"),

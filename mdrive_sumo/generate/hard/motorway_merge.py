@@ -16,18 +16,18 @@ from mdrive_sumo.scenario.scenario import Scenario
 NETWORK = "hard_motorway_merge"
 CHANGE_M = 80.0
 """[m] Length of a lane change: 3.5 m sideways at 30 m/s with a lateral acceleration of 3 m/s2."""
-GOAL_M = 150.0
+GOAL_M = 60.0
 """[m] Distance of the goals behind the end of the acceleration lane."""
 PARAMETERS = (
     FamilyParameter("ramp_cavs", 1.0, 4.0, "", "number of CAVs on the ramp, rounded"),
     FamilyParameter("main_cavs", 1.0, 6.0, "", "number of CAVs on the motorway, rounded; every third one on the left"),
-    FamilyParameter("ramp_distance", 90.0, 160.0, "m", "distance of the first ramp CAV from the nose"),
+    FamilyParameter("ramp_distance", 80.0, 140.0, "m", "distance of the first ramp CAV from the nose"),
     FamilyParameter("ramp_speed", 17.0, 24.0, "m/s", "start speed on the ramp"),
     FamilyParameter("main_speed", 22.0, 33.0, "m/s", "start speed on the motorway"),
     FamilyParameter("offset", -1.5, 1.5, "s", "how much later the first motorway CAV is due at the nose"),
     FamilyParameter("ramp_headway", 0.8, 2.0, "s", "time headway of CAVs on the ramp"),
     FamilyParameter("main_headway", 0.6, 1.2, "s", "time headway of CAVs on the motorway"),
-    FamilyParameter("change_at", 10.0, 120.0, "m", "where ramp CAVs leave the acceleration lane, from the nose"),
+    FamilyParameter("change_at", 10.0, 100.0, "m", "where ramp CAVs leave the acceleration lane, from the nose"),
     FamilyParameter("right_flow", 0.0, 1200.0, "veh/h", "traffic on the right lane"),
     FamilyParameter("left_flow", 0.0, 1500.0, "veh/h", "traffic on the left lane"),
     FamilyParameter("ramp_flow", 0.0, 500.0, "veh/h", "traffic on the ramp"),

@@ -16,7 +16,7 @@ from mdrive_sumo.scenario.scenario import Scenario
 NETWORK = "hard_weave"
 CHANGE_M = 60.0
 """[m] Length of a lane change: 3.5 m sideways at 22 m/s with a lateral acceleration of 3 m/s2."""
-GOAL_M = 90.0
+GOAL_M = 50.0
 """[m] Distance of the goals behind the weaving section."""
 PARAMETERS = (
     FamilyParameter("entering", 1.0, 4.0, "", "number of CAVs that enter, rounded"),

@@ -7,7 +7,6 @@ from mdrive_sumo.generate.hard.family_parts import (
     FamilyTraffic,
     Lanes,
     build_scenario,
-    find_station,
     load_network,
     read_values,
 )
@@ -22,8 +21,8 @@ NARROW_M = (186.0, 237.0)
 """[m] Stations of the first narrow place, the same from either end; the lane there belongs to the oncoming side."""
 PARKED_OFFSET_M = 3.75
 """[m] From the centre of the lane that is narrowed to the middle of the parked vehicles: partly on the pavement."""
-GOAL_GAP_M = 12.0
-"""[m] Distance of the goals from the end of the street."""
+GOAL_M = 400.0
+"""[m] Station of the goals: 45 m behind the second narrow place."""
 PARAMETERS = (
     FamilyParameter("eastward", 1.0, 4.0, "", "number of CAVs that drive east, rounded"),
     FamilyParameter("westward", 1.0, 4.0, "", "number of CAVs that drive west, rounded"),
@@ -53,15 +52,14 @@ def _build(candidate: FamilyCandidate) -> Scenario:
     values, roads = read_values(FAMILY, candidate), load_network(NETWORK)
     east = find_lane_path(roads, "west_eastward_0", "east_eastward_0")
     west = find_lane_path(roads, "east_westward_0", "west_westward_0")
-    goals = [find_station(roads, chain, *roads.lanes[chain[-1]].centre.xy[-1]) - GOAL_GAP_M for chain in (east, west)]
     narrow_m, speed = NARROW_M[0], values["speed"]
     leads = [narrow_m - speed * values["arrival"], narrow_m - speed * (values["arrival"] + values["offset"])]
     lead_east, lead_west = (max(lead, 10.0) for lead in leads)
     egos = build_platoons(
         roads,
         (
-            Platoon(east, round(values["eastward"]), lead_east, goals[0], speed, values["east_headway"]),
-            Platoon(west, round(values["westward"]), lead_west, goals[1], speed, values["west_headway"]),
+            Platoon(east, round(values["eastward"]), lead_east, GOAL_M, speed, values["east_headway"]),
+            Platoon(west, round(values["westward"]), lead_west, GOAL_M, speed, values["west_headway"]),
         ),
     )
     actors = _build_parked_vehicles(roads, (east, west), values["vans"], values["occupied"], candidate.seed)

@@ -13,7 +13,7 @@ from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Scenario
 
 NETWORK = "hard_dual_crossing"
-GOAL_M = 60.0
+GOAL_M = 40.0
 """[m] Distance of the goals behind the crossing."""
 PARAMETERS = (
     FamilyParameter("eastward", 1.0, 5.0, "", "number of CAVs in the eastward platoon, rounded"),

@@ -26,7 +26,7 @@ TRUCK_Y_M, BARRIER_Y_M = -2.5, -0.85
 """[m] y of trucks on the closed lane, and of the barriers along the open one."""
 BARRIER_PITCH_M = 8.0
 """[m] Distance between two barriers."""
-GOAL_M = 70.0
+GOAL_M = 40.0
 """[m] Distance of the goals behind the works zone."""
 PARAMETERS = (
     FamilyParameter("eastward", 1.0, 5.0, "", "number of CAVs that drive east, rounded"),
