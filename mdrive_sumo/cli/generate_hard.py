@@ -135,7 +135,7 @@ def _describe_suite(out: Path, options: Mapping[str, Any]) -> SuiteFile:
     title = "Hard tier: `omniscient` arrives in time, rules that see and talk do not"
     about = f"{options['split']} split, adversarial search, seed {options['seed']}"
     try:
-        return SuiteFile(name=out.name, title=title, description=about)
+        return SuiteFile(name=out.name, title=title, description=about, score_mode="hard")
     except ValidationError:
         raise InputError(
             f"--out {out}: expected a folder name of letters, digits and _.+- (at most 80), found {out.name!r}"

@@ -41,7 +41,7 @@ PROBED_AGENT = "sharing+negotiation"
 """The best rules that see and talk."""
 PROBE_OPTIONS = EpisodeOptions(comm=PRESETS["realistic"])
 """Of the probed agent: realistic sensing, realistic channel."""
-PROBE_MODE = ScoreMode.MDRIVE
+PROBE_MODE = ScoreMode.HARD
 LEAST_GAP = 10.0
 """Points that the probed agent must lose against `omniscient`; the rest is not worth a certificate."""
 MOST_CAV_S = 160.0

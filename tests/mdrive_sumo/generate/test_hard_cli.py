@@ -70,7 +70,7 @@ def formula(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_suite_is_written_with_limits_recipes_and_times(made: tuple[Path, str]) -> None:
     folder, said = made
     suite = load_suite(str(folder))
-    assert len(suite) == 2 and suite.about.checksum == suite.checksum()
+    assert len(suite) == 2 and suite.about.checksum == suite.checksum() and suite.about.score_mode == "hard"
     for scenario in suite:
         ticks = find_reference_times(scenario, folder)
         assert {ego.id: ego.time_limit_s for ego in scenario.egos} == compute_time_limits(ticks) != {}
