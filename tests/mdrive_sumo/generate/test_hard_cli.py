@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 from testing.local_executor import run_in_process
-from testing.toy_family import TOY, TOY_FAMILY, evaluate_by_formula
+from testing.toy_family import TOY, TOY_FAMILY, evaluate_by_formula, make_check
 
 from mdrive_sumo.cli import generate_hard, main
 from mdrive_sumo.generate.generated_suite import load_recipes
@@ -60,7 +60,7 @@ def formula(monkeypatch: pytest.MonkeyPatch) -> None:
     """Candidates and elites are not driven, and no pictures drawn."""
 
     def check(task: EliteTask) -> EliteCheck:
-        return EliteCheck(id=task.scenario.id, seeds=task.seeds, scores=(100.0,) * task.seeds)
+        return make_check(task.scenario.id, *[100.0] * task.seeds)
 
     monkeypatch.setattr(adversarial_search, "evaluate_candidate", evaluate_by_formula)
     monkeypatch.setattr(hard_selection, "check_elite", check)
@@ -70,7 +70,7 @@ def formula(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_suite_is_written_with_limits_recipes_and_times(made: tuple[Path, str]) -> None:
     folder, said = made
     suite = load_suite(str(folder))
-    assert len(suite) == 2 and suite.about.checksum == suite.checksum()
+    assert len(suite) == 2 and suite.about.checksum == suite.checksum() and suite.about.score_mode == "hard"
     for scenario in suite:
         ticks = find_reference_times(scenario, folder)
         assert {ego.id: ego.time_limit_s for ego in scenario.egos} == compute_time_limits(ticks) != {}
