@@ -31,7 +31,7 @@ def evaluate(
     others: str | None = None,
     penetration: int | None = None,
     seeds: int | Iterable[int] = 1,
-    score_mode: str = "mdrive",
+    score_mode: str | None = None,
     workers: int | None = None,
     scheduler: str = "",
     record: bool = True,
@@ -48,6 +48,7 @@ def evaluate(
     categories. agent: a built-in name, a class, `module:Class`, `path.py:Class`, `carla:path.py`.
     others: the agent of the CAVs that are not under test; `agent` then drives one CAV of each scenario, drawn by the
     seed, or the percentage of them that `penetration` says (without `others`, the rest drives as `single`).
+    score_mode: by default that of the suite, `mdrive` or `hard` (docs/scoring.md).
     seeds: a number of seeds (3 means 0, 1 and 2) or the seeds themselves. workers: processes, by
     default one per core. scheduler: address of a Dask scheduler whose workers drive instead.
     out: the run folder, which holds all seeds; by default a folder below `runs/` that the arguments determine. A folder
@@ -70,7 +71,7 @@ def evaluate(
         others=parse_other_agents(others, penetration),
         seed=chosen[0],
         more_seeds=chosen[1:],
-        score_mode=parse_score_mode(score_mode),
+        chosen_mode=parse_score_mode(score_mode) if score_mode else None,
         options=EpisodeOptions.parse(**options),
         workers=workers or count_available_cores(),
         scheduler=scheduler,

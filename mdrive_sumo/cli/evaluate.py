@@ -88,7 +88,7 @@ EXECUTORS = ("local", "dask")
 )
 @click.option("--scheduler", default="", metavar="tcp://HOST:PORT", help="Address of the Dask scheduler.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder [default: runs/...].")
-@click.option("--score-mode", type=click.Choice(MODES), default=MODES[0], show_default=True)
+@click.option("--score-mode", type=click.Choice(MODES), help="[default: that of the suite]")
 @click.option("--no-record", is_flag=True, help="Keep no recordings: no view, rescore, or verify of every tick.")
 @click.option(
     "--sandbox",
@@ -104,7 +104,7 @@ def command(
     agent_config: Path | None,
     transcript: Path | None,
     no_record: bool,
-    score_mode: str,
+    score_mode: str | None,
     captured: bool,
     **options: Any,
 ) -> None:
@@ -130,7 +130,7 @@ def command(
         seed=first,
         more_seeds=tuple(range(first + 1, first + count)),
         record=not no_record,
-        score_mode=ScoreMode(score_mode),
+        chosen_mode=ScoreMode(score_mode) if score_mode else None,
         command=("mdrive-sumo", *sys.argv[1:]),
         **options,
     )

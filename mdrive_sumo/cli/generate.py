@@ -10,6 +10,7 @@ from typing import Any
 import click
 from pydantic import ValidationError
 
+from mdrive_sumo.cli.generate_hard import HARD_COUNT, check_hard_options, generate_hard, hard_options
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate import llm_proposer
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
@@ -18,8 +19,8 @@ from mdrive_sumo.generate.generated_suite import (
     find_rebuild_differences,
     load_packaged_generated,
     load_recipes,
-    rebuild_scenario,
     write_generated_suite,
+    write_rebuilt_suite,
 )
 from mdrive_sumo.generate.generation_search import (
     GenerationAttempt,
@@ -33,6 +34,7 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import SuiteFile, load_suite
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
+COUNT = 10
 LEAST_SECRET = 16
 """Least length of a private seed [characters], so that it cannot be guessed."""
 
@@ -56,7 +58,9 @@ def _model_options(function: Callable[..., None]) -> Callable[..., None]:
 
 @click.command("generate")
 @click.option("--category", type=click.Choice([c.value for c in Category]), help="Kind of interaction.")
-@click.option("--count", type=click.IntRange(1, 1000), default=10, show_default=True, help="How many scenarios.")
+@click.option(
+    "--count", type=click.IntRange(1, 1000), help=f"How many scenarios.  [default: {COUNT}; --hard: {HARD_COUNT}]"
+)
 @click.option("--proposer", type=click.Choice(("template", "llm")), default="template", show_default=True)
 @click.option("--seed", default=0, show_default=True)
 @click.option("--split", type=click.Choice(("public", "hidden")), default="public", show_default=True)
@@ -64,19 +68,28 @@ def _model_options(function: Callable[..., None]) -> Callable[..., None]:
 @click.option("--out", type=FOLDER, help="New suite folder.")
 @click.option("--explain", is_flag=True, help="Print every proposal that was refused, at which stage and why.")
 @click.option("--rebuild", metavar="SUITE", help="Make SUITE again from its recipes and compare, or write it to --out.")
+@hard_options
 @_model_options
 @click.pass_context
 def command(ctx: click.Context, rebuild: str | None, category: str | None, out: Path | None, **options: Any) -> None:
     """Generate scenarios: proposed, placed on a network, checked, driven blindly and by `omniscient`.
 
+    --hard searches the hard tier instead: for scenarios that `omniscient` solves and the best rules that see and talk
+    do not (docs/hard.md). Ctrl-C stops the search, the same command continues it.
+
     Exit codes: 0 done, 1 fewer scenarios than asked for (or a rebuilt one differs), 2 unusable input.
     """
     if rebuild is not None:
         ctx.exit(_rebuild_suite(rebuild, out))
+    check_hard_options(options, category)
+    if options["hard"]:
+        if out is None:
+            raise click.UsageError("--hard: expected --out, found none")
+        ctx.exit(generate_hard(ctx, options, _read_secret(options), out))
     if category is None or out is None:
         raise click.UsageError("expected --category and --out (or --rebuild), found none")
     order = GenerationRequest(
-        Category(category), options["count"], options["seed"], options["split"], _read_secret(options)
+        Category(category), options["count"] or COUNT, options["seed"], options["split"], _read_secret(options)
     )
     ctx.exit(_generate(order, _choose_proposer(options), out, options["explain"]))
 
@@ -172,9 +185,7 @@ def _format_attempt(attempt: GenerationAttempt) -> str:
 def _rebuild_suite(name: str, out: Path | None) -> int:
     recipes = load_recipes(name)
     if out is not None:
-        write_generated_suite(
-            load_suite(name).about, [(recipe, rebuild_scenario(recipe)) for recipe in recipes.values()], out
-        )
+        write_rebuilt_suite(load_suite(name), recipes, out)
         click.echo(f"{len(recipes)} scenarios: {out}")
         return 0
     changed = 0

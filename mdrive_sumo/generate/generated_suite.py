@@ -1,13 +1,16 @@
 """Suites of generated scenarios: written with a recipe beside each scenario, and rebuilt from the recipes."""
 
+import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.generate.hard.hard_recipe import HardRecipe, build_hard_scenario, is_hard_recipe, load_hard_recipe
 from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario
 from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
 from mdrive_sumo.runs.evaluate import report_write_errors
+from mdrive_sumo.scenario.reference_times import REFERENCE_TIMES_FILE
 from mdrive_sumo.scenario.scenario import Scenario, save_scenario
 from mdrive_sumo.scenario.suite import (
     RECIPE_FILE,
@@ -20,6 +23,11 @@ from mdrive_sumo.scenario.suite import (
     save_suite,
     seal_suite,
 )
+from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE
+
+AnyRecipe = Recipe | HardRecipe
+MEASURED_FILES = (CERTIFICATE_FILE, REFERENCE_TIMES_FILE)
+"""Files beside a suite that hold what drives showed."""
 
 
 def check_output_folder(folder: Path) -> None:
@@ -32,8 +40,16 @@ def check_output_folder(folder: Path) -> None:
             return
 
 
-def write_generated_suite(about: SuiteFile, made: Iterable[tuple[Recipe, Scenario]], folder: Path) -> Suite:
-    """Write a sealed suite and its recipes; the folder appears when everything is written. Raises InputError."""
+def write_generated_suite(
+    about: SuiteFile,
+    made: Iterable[tuple[AnyRecipe, Scenario]],
+    folder: Path,
+    add_files: Callable[[Suite], object] | None = None,
+) -> Suite:
+    """Write a sealed suite and its recipes; the folder appears when everything is written. Raises InputError.
+
+    add_files: writes further files beside the sealed suite.
+    """
     check_output_folder(folder)
     pairs = list(made)
     with (
@@ -42,16 +58,19 @@ def write_generated_suite(about: SuiteFile, made: Iterable[tuple[Recipe, Scenari
     ):
         draft = Path(scratch) / "suite"
         save_suite(Suite(about.model_copy(update={"checksum": ""}), draft, tuple(one for _, one in pairs)))
-        save_suite(seal_suite(load_suite(str(draft))))  # of what is read again: files hold rounded numbers
+        sealed = seal_suite(load_suite(str(draft)))  # of what is read again: files hold rounded numbers
+        save_suite(sealed)
         for recipe, scenario in pairs:
             save_recipe(recipe, draft / scenario.id / RECIPE_FILE)
+        if add_files is not None:
+            add_files(sealed)
         if folder.exists():
             folder.rmdir()
         draft.rename(folder)
     return load_suite(str(folder))
 
 
-def load_recipes(name_or_folder: str) -> dict[Path, Recipe]:
+def load_recipes(name_or_folder: str) -> dict[Path, AnyRecipe]:
     """Return, by scenario folder, the recipes of a packaged suite or one on disk; raises InputError where one is
     missing.
 
@@ -62,19 +81,40 @@ def load_recipes(name_or_folder: str) -> dict[Path, Recipe]:
     if not homes:
         raise InputError(f"suite {name_or_folder!r}: expected scenarios with recipes in <id>/{RECIPE_FILE}, found none")
     return {
-        home: load_recipe(home / RECIPE_FILE) for home in sorted(homes, key=lambda home: natural_sort_key(home.name))
+        home: _load_any_recipe(home / RECIPE_FILE)
+        for home in sorted(homes, key=lambda home: natural_sort_key(home.name))
     }
 
 
-def rebuild_scenario(recipe: Recipe) -> Scenario:
+def _load_any_recipe(path: Path) -> AnyRecipe:
+    return load_hard_recipe(path) if is_hard_recipe(path) else load_recipe(path)
+
+
+def rebuild_scenario(recipe: AnyRecipe) -> Scenario:
     """Return the scenario of a recipe; raises InputError where this generator rejects it."""
     try:
-        return build_scenario(recipe)
+        return build_hard_scenario(recipe) if isinstance(recipe, HardRecipe) else build_scenario(recipe)
     except ProposalRejected as refused:
         raise InputError(f"recipe {recipe.id}: refused at stage {refused.stage}: {refused.reason}") from None
 
 
-def find_rebuild_differences(recipes: Mapping[Path, Recipe]) -> Iterator[str]:
+def write_rebuilt_suite(suite: Suite, recipes: Mapping[Path, AnyRecipe], folder: Path) -> Suite:
+    """Write the scenarios that the recipes of a suite make as a new suite. Raises InputError.
+
+    What was measured, which no recipe makes again, is copied if the scenarios are the same.
+    """
+
+    def copy_measured(sealed: Suite) -> None:
+        if sealed.checksum() == suite.checksum():
+            for path in (suite.folder / name for name in MEASURED_FILES):
+                if path.is_file():
+                    shutil.copyfile(path, sealed.folder / path.name)
+
+    made = [(recipe, rebuild_scenario(recipe)) for recipe in recipes.values()]
+    return write_generated_suite(suite.about, made, folder, copy_measured)
+
+
+def find_rebuild_differences(recipes: Mapping[Path, AnyRecipe]) -> Iterator[str]:
     """Return the names of scenario folders whose file is missing or differs from the rebuilt one, byte for byte."""
     with tempfile.TemporaryDirectory() as scratch:
         again = Path(scratch) / SCENARIO_FILE

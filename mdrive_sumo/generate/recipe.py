@@ -44,7 +44,7 @@ def load_recipe(path: Path) -> Recipe:
     return recipe
 
 
-def save_recipe(recipe: Recipe, path: Path) -> None:
+def save_recipe(recipe: BaseModel, path: Path) -> None:
     """Write a recipe."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(recipe.model_dump_json(exclude_defaults=False) + "\n")

@@ -35,6 +35,7 @@ PACKAGES = (
     ("sqlalchemy", "serve, admin", "server"),
     ("pyseccomp", "serve, submit --dry-run", "server"),
     ("distributed", "--executor dask", "dask"),
+    ("ribs", "generate --hard", "search"),
 )
 """Distribution, the commands that need it, the extra that brings it ("" = the core install)."""
 

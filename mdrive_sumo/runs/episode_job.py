@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
-from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
@@ -21,7 +20,7 @@ from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.runs.transcript import save_transcript, transcript_path
 from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, load_suite_of_one
+from mdrive_sumo.scenario.suite import Suite, load_suite_of_one
 from mdrive_sumo.scenario.variation import load_varied_scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.scoring.roles import mark_tested
@@ -35,7 +34,8 @@ class EpisodeJob:
     scenario: str
     agent: AgentSpec
     seed: int = 0
-    score_mode: ScoreMode = ScoreMode.MDRIVE
+    score_mode: ScoreMode | None = None
+    """None: that of the suite."""
     options: EpisodeOptions = field(default_factory=EpisodeOptions)
     recording: Path | None = None
     """The episode file to write; None: none."""
@@ -70,8 +70,10 @@ def run_job(job: EpisodeJob) -> ScenarioResult:
 def score_job_episode(job: EpisodeJob, episode: EpisodeRecord) -> ScenarioResult:
     """Return the score of an episode of a job's scenario, with the suite's reference times. Raises InputError."""
     scenario, roads = load_job_scenario(job)
-    reference = find_reference_times(scenario, _load_suite_of_job(job).find_folder(scenario.id))
-    result = score_episode(episode, scenario, roads, job.score_mode, job.seed, reference)
+    suite = _load_suite_of_job(job)
+    reference = find_reference_times(scenario, suite.find_folder(scenario.id))
+    mode = job.score_mode or ScoreMode(suite.score_mode)
+    result = score_episode(episode, scenario, roads, mode, job.seed, reference)
     if job.others is None:
         return result
     return mark_tested(result, job.others.choose_tested(scenario, job.seed))
@@ -135,8 +137,8 @@ def load_job_scenario(job: EpisodeJob) -> tuple[Scenario, RoadMap]:
 def _load_suite_of_job(job: EpisodeJob) -> Suite:
     """Return the suite with the scenario of the job only. Raises InputError, also for a file that was changed."""
     suite = _load_suite_once(job.suite_folder, job.scenario)
-    path = suite.find_folder(job.scenario) / job.scenario / SCENARIO_FILE
-    if job.checksum and job.checksum != compute_file_checksum(path):
+    if job.checksum and job.checksum != suite.compute_file_checksum(job.scenario):
+        path = suite.find_scenario_file(job.scenario)
         raise InputError(f"{path}: expected the scenario with which the run began, found a changed one")
     return suite
 

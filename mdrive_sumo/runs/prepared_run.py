@@ -7,7 +7,6 @@ from pathlib import Path
 from mdrive_sumo.agent_process.agent_file import describe_missing_class
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file
 from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.loop.agent_driver import AgentFailure
@@ -23,8 +22,9 @@ from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig, check_seeds
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, load_suite
-from mdrive_sumo.scoring import EpisodeKey, RunInfo, ScenarioResult, apply_reference_times
+from mdrive_sumo.scenario.suite import Suite, load_suite
+from mdrive_sumo.scoring import EpisodeKey, RunInfo, ScenarioResult, ScoreMode, apply_reference_times, check_reference
+from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from mdrive_sumo.scoring.labels import JOINT, PRIVILEGED, UNSANDBOXED
 from mdrive_sumo.v2x.comm_settings import describe_comm
 from mdrive_sumo.v2x.messages import TYPES
@@ -100,13 +100,13 @@ class PreparedRun:
             recording=self.find_recording((scenario.id, seed)) if config.record else None,
             transcripts=self.find_transcripts(seed),
             logs=None if config.is_builtin else logs,
-            checksum=compute_file_checksum(self.suite.find_folder(scenario.id) / scenario.id / SCENARIO_FILE),
+            checksum=self.suite.compute_file_checksum(scenario.id),
         )
 
     def apply_reference_times(self, scenario: Scenario, result: ScenarioResult) -> ScenarioResult:
         """Return a result compared with the suite's present reference times, as a journal may hold an older state."""
         reference = find_reference_times(scenario, self.suite.find_folder(scenario.id))
-        return apply_reference_times(result, reference, self.config.score_mode)
+        return apply_reference_times(result, reference, self.config.score_mode, compute_time_limit_ticks(scenario))
 
     def make_folders(self) -> None:
         """Create the folders that the jobs write into. Raises OSError."""
@@ -140,7 +140,11 @@ def prepare(config: RunConfig) -> PreparedRun:
 
 def prepare_with_suite(config: RunConfig, suite: Suite) -> PreparedRun:
     """As `prepare`, with the suite of the configuration, whose scenarios are checked already."""
+    config = replace(config, chosen_mode=config.chosen_mode or ScoreMode(suite.score_mode))
     scenarios = suite.select(config.scenario)
+    if config.score_mode is ScoreMode.HARD:
+        for scenario in scenarios:
+            check_reference(scenario.id, find_reference_times(scenario, suite.find_folder(scenario.id)))
     folder = config.out or config.default_folder(suite.name)
     if config.sandbox and config.scheduler:
         raise InputError("--sandbox: expected --executor local, found dask: a box needs the main thread of its process")

@@ -41,7 +41,8 @@ class RunConfig:
     """The first seed."""
     more_seeds: tuple[int, ...] = ()
     """The other seeds of a run of several."""
-    score_mode: ScoreMode = ScoreMode.MDRIVE
+    chosen_mode: ScoreMode | None = None
+    """The score mode; None: that of the suite, which `prepare` fills in."""
     options: EpisodeOptions = field(default_factory=EpisodeOptions)
     record: bool = True
     sandbox: bool = False
@@ -57,6 +58,11 @@ class RunConfig:
     """Stop at the first failure of an agent."""
     command: tuple[str, ...] = ()
     """The command as the user typed it, for the report."""
+
+    @property
+    def score_mode(self) -> ScoreMode:
+        """The score mode; `mdrive` if none is chosen or filled in."""
+        return self.chosen_mode or ScoreMode.MDRIVE
 
     @property
     def agents(self) -> tuple[AgentSpec, ...]:
@@ -106,7 +112,7 @@ class RunConfig:
             others=_read_others(values),
             seed=values["seed"],
             more_seeds=_parse_more_seeds(values["seed"], values.get("seeds", "")),
-            score_mode=ScoreMode(values["score_mode"]),
+            chosen_mode=ScoreMode(values["score_mode"]),
             options=EpisodeOptions.from_dict(values),
             record=values["record"],
             sandbox=values.get("sandbox", False),

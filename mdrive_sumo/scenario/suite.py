@@ -16,8 +16,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, overload
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
@@ -37,6 +38,12 @@ RECIPE_FILE = "recipe.json"
 """Beside a generated scenario: what it was made from, see `generate.recipe`."""
 
 
+HARD_BUCKET = "Hard"
+"""Bucket of the scenarios in which the time counts."""
+ScoreModeName = Literal["mdrive", "interdrive_fixed", "interdrive_asis", "hard"]
+"""The values of `scoring.ScoreMode`."""
+
+
 class SuiteFile(BaseModel):
     """`suite.json`."""
 
@@ -50,6 +57,8 @@ class SuiteFile(BaseModel):
     """Names of packaged suites, or of folders beside this one, whose scenarios it has instead of any of its own."""
     checksum: str = ""
     """Of the sealed suite, see `Suite.checksum`; "": it may be changed."""
+    score_mode: ScoreModeName | None = Field(default=None, exclude_if=lambda mode: mode is None)
+    """Score mode of runs that name none; without it see `Suite.score_mode`."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -100,9 +109,23 @@ class Suite:
         """Short name, as users type it."""
         return self.about.name
 
+    @property
+    def score_mode(self) -> ScoreModeName:
+        """Score mode of runs that name none: that of `suite.json`, else `hard` if all scenarios have bucket `Hard`."""
+        is_hard = all(scenario.bucket == HARD_BUCKET for scenario in self.scenarios)
+        return self.about.score_mode or ("hard" if is_hard else "mdrive")
+
     def find_folder(self, scenario: str) -> Path:
         """Folder of the suite in which a scenario lies, and beside which its network may lie."""
         return next((part.folder for part in self.parts if any(s.id == scenario for s in part.scenarios)), self.folder)
+
+    def find_scenario_file(self, scenario: str) -> Path:
+        """File of a scenario."""
+        return self.find_folder(scenario) / scenario / SCENARIO_FILE
+
+    def compute_file_checksum(self, scenario: str) -> str:
+        """SHA-256 of a scenario's file as it is now, by which a process that reads it later notices a change."""
+        return compute_file_checksum(self.find_scenario_file(scenario))
 
     def checksum(self) -> str:
         """SHA-256 over the scenarios, order and formatting of the files aside, and over networks of the suite's own."""

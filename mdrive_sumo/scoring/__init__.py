@@ -5,7 +5,7 @@ from mdrive_sumo.scoring.category_groups import (
     compute_interdrive_means,
     compute_level_means,
 )
-from mdrive_sumo.scoring.efficiency import EFFICIENT_RATIO, apply_reference_times, find_arrival_ticks
+from mdrive_sumo.scoring.efficiency import EFFICIENT_RATIO, apply_reference_times, check_reference, find_arrival_ticks
 from mdrive_sumo.scoring.intervals import MeanIntervals, compute_mean_intervals
 from mdrive_sumo.scoring.results import (
     BucketResult,
@@ -41,6 +41,7 @@ __all__ = [
     "score_episode",
     "make_void_result",
     "apply_reference_times",
+    "check_reference",
     "EFFICIENT_RATIO",
     "find_arrival_ticks",
     "compute_scenario_means",

@@ -41,5 +41,5 @@ def compute_interdrive_means(scenarios: Sequence[ScenarioResult], mode: ScoreMod
 
     The original's order of name comparisons assigns crosschange to LM; so do the InterDrive modes.
     """
-    groups = GROUPS if mode is ScoreMode.MDRIVE else {**GROUPS, "ins_crosschange": "LM"}
+    groups = GROUPS if mode in (ScoreMode.MDRIVE, ScoreMode.HARD) else {**GROUPS, "ins_crosschange": "LM"}
     return compute_group_means([s for s in scenarios if s.category in groups], lambda s: groups[s.category])

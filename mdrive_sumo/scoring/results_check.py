@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+from mdrive_sumo.contract import join_sensing_tracks
 from mdrive_sumo.core.state import End
 from mdrive_sumo.core.tree_difference import find_tree_differences, format_leaf
 from mdrive_sumo.scoring.efficiency import compute_efficient_sr
@@ -24,6 +25,7 @@ PERCENT, FACTOR, POSITIVE = (0.0, 100.0), (0.0, 1.0), (0.0, math.inf)
 RANGES = {
     **dict.fromkeys(("ds", "sr", "rc", "efficient_sr"), PERCENT),
     "ip": FACTOR,
+    "time_factor": FACTOR,
     "factor": FACTOR,
     **dict.fromkeys(("time_ratio", "min_ttc", "ticks", "tick", "impact_speed"), POSITIVE),
 }
@@ -35,6 +37,7 @@ class _EgoFactors:
 
     rc: float
     infractions: tuple[Infraction, ...]
+    time_factor: float | None = None
 
     @property
     def ip(self) -> float:
@@ -55,6 +58,7 @@ def find_result_faults(results: Results) -> Iterator[str]:
     for scenario in results.scenarios:
         yield from find_scenario_faults(scenario, ScoreMode(results.run.score_mode), results.run.all_seeds)
     yield from _find_summary_faults(results)
+    yield from _find_track_faults(results)
 
 
 def find_scenario_faults(result: ScenarioResult, mode: ScoreMode, seeds: Sequence[int]) -> Iterator[str]:
@@ -141,7 +145,11 @@ def _find_mean_faults(place: str, result: ScenarioResult, mode: ScoreMode) -> It
     if not result.egos:
         yield f"{place}.egos: expected at least one, found none"
         return
-    exact = compute_scenario_means([_EgoFactors(ego.rc, ego.infractions) for ego in result.egos], mode)
+    for ego in result.egos:
+        if (ego.time_factor is None) == (mode is ScoreMode.HARD):
+            expected = "a factor in score mode hard" if mode is ScoreMode.HARD else f"none in score mode {mode}"
+            yield f"{place}.egos[{ego.id}].time_factor: expected {expected}, found {ego.time_factor}"
+    exact = compute_scenario_means([_EgoFactors(ego.rc, ego.infractions, ego.time_factor) for ego in result.egos], mode)
     is_close = any(abs(value - SUCCESS_DS) <= SCORE_TOLERANCE for value in (exact.ds, *(ego.ds for ego in result.egos)))
     names = {"ds", "rc", "ip"} | (set() if is_close else {"sr"})
     expected, found = exact.model_dump(include=names), result.model_dump(include=names)
@@ -158,6 +166,13 @@ def _find_time_faults(place: str, result: ScenarioResult, mode: ScoreMode) -> It
         expected["efficient_sr"] = compute_efficient_sr(result.sr, result.egos, mode)
     found = result.model_dump(include=set(expected))
     yield from map(str, find_tree_differences(expected, found, place, SUM_TOLERANCE))
+
+
+def _find_track_faults(results: Results) -> Iterator[str]:
+    expected = join_sensing_tracks(one.sensing_track for one in results.scenarios if one.status != "void")
+    if results.run.sensing_track != expected:
+        found = format_leaf(results.run.sensing_track)
+        yield f"run.sensing_track: expected {expected!r} as the scenarios say, found {found}"
 
 
 def _find_summary_faults(results: Results) -> Iterator[str]:

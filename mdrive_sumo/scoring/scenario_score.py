@@ -7,6 +7,7 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.reference_times import NO_REFERENCE, ReferenceTicks
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from mdrive_sumo.scoring.efficiency import apply_reference_times
 from mdrive_sumo.scoring.metrics import EgoRecord, ScoredEpisode, build_ego_records, list_scalar_metrics
 from mdrive_sumo.scoring.results import EgoResult, Infraction, ScenarioResult
@@ -27,7 +28,8 @@ def score_episode(
     """Return the score of an episode; the same numbers for a finished and a loaded one.
 
     reference: the times of `omniscient` in this scenario; without them time ratio and efficient SR are undefined.
-    Raises InputError for an episode of another scenario, EpisodeMismatch for one that contradicts itself.
+    Raises InputError for an episode of another scenario, and in mode `hard` without reference; EpisodeMismatch for an
+    episode that contradicts itself.
     """
     records = build_ego_records(episode, scenario, roads)
     scalars = {metric.name: metric.compute(ScoredEpisode(episode, scenario, roads)) for metric in list_scalar_metrics()}
@@ -46,9 +48,10 @@ def score_episode(
         egos=tuple(_ego_result(record) for record in records),
         comm=count_deliveries(episode.messages),
         exchanged=count_exchanged(episode.messages, episode.ego_ids),
+        sensing_track=episode.sensing_track,
         notes=_count_notes(episode),
     )
-    return apply_reference_times(result, reference, mode)
+    return apply_reference_times(result, reference, mode, compute_time_limit_ticks(scenario))
 
 
 def make_void_result(scenario: Scenario, seed: int, reason: str) -> ScenarioResult:

@@ -17,9 +17,10 @@ FORGIVEN = ("red-light", "stop-sign")
 
 
 class ScoreMode(StrEnum):
-    """`mdrive` is the mode of the paper; the others are for comparison with InterDrive's aggregator."""
+    """`mdrive` is the mode of the paper, `hard` that in which the time counts; the others are InterDrive's."""
 
     MDRIVE = "mdrive"
+    HARD = "hard"
     INTERDRIVE_FIXED = "interdrive_fixed"
     INTERDRIVE_ASIS = "interdrive_asis"
 
@@ -56,6 +57,11 @@ class ScoredEgo(Protocol):
         """Its infractions."""
         ...
 
+    @property
+    def time_factor(self) -> float | None:
+        """Factor of mode `hard` in [0, 1], see `efficiency.compute_time_factor`; None before it is known."""
+        ...
+
 
 def compute_driving_score(record: ScoredEgo) -> float:
     """Return DS [%] of one CAV: max(RC * IP, 0)."""
@@ -84,6 +90,15 @@ def _aggregate_mdrive(records: Sequence[ScoredEgo]) -> Means:
     )
 
 
+def _aggregate_hard(records: Sequence[ScoredEgo]) -> Means:
+    """Return means over the CAVs as in `mdrive`, but DS is multiplied by each CAV's time factor."""
+    timed = [
+        compute_driving_score(record) * (1.0 if record.time_factor is None else record.time_factor)
+        for record in records
+    ]
+    return _aggregate_mdrive(records).model_copy(update={"ds": compute_mean(timed)})
+
+
 def _aggregate_interdrive_fixed(records: Sequence[ScoredEgo]) -> Means:
     """Return mean RC times the product of all IP, with all red-light and stop-sign factors divided out."""
     return _aggregate_interdrive(records, penalised=records, forgiven=records)
@@ -107,6 +122,7 @@ def _aggregate_interdrive(
 _AGGREGATE_BY_MODE: Mapping[ScoreMode, Callable[[Sequence[ScoredEgo]], Means]] = MappingProxyType(
     {
         ScoreMode.MDRIVE: _aggregate_mdrive,
+        ScoreMode.HARD: _aggregate_hard,
         ScoreMode.INTERDRIVE_FIXED: _aggregate_interdrive_fixed,
         ScoreMode.INTERDRIVE_ASIS: _aggregate_interdrive_asis,
     }

@@ -56,13 +56,19 @@ def run_in_workers(patch: pytest.MonkeyPatch) -> None:
 
 
 def run_in_process(patch: pytest.MonkeyPatch) -> None:
-    """Make `evaluate`, `evaluate_open`, `verify`, `ablate` and `validate` drive in this process.
+    """Make `evaluate`, `evaluate_open`, `verify`, `ablate`, `validate` and `generate --hard` drive in this process.
 
     `Talker` becomes a built-in agent.
     """
     patch.setattr("mdrive_sumo.runs.evaluate.make_executor", LocalExecutor)
     patch.setattr(import_module("mdrive_sumo.open_loop.evaluate_open"), "make_executor", LocalExecutor)
-    for module in ("runs.verify", "study.ablation", "generate.validation.scenario_validation"):
+    for module in (
+        "runs.verify",
+        "study.ablation",
+        "generate.validation.scenario_validation",
+        "generate.hard.adversarial_search",
+        "generate.hard.hard_selection",
+    ):
         patch.setattr(f"mdrive_sumo.{module}.ProcessPool", LocalExecutor)
     agents: Mapping[str, Any] = {**AGENTS, TALKER: Talker}
     for module in ("runs.open_agents", "runs.agent_spec"):

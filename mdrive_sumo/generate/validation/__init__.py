@@ -4,6 +4,7 @@ suite's name."""
 from mdrive_sumo.generate.validation.requirements import FULL_SCORE, NEAR_MISS_TTC_S
 from mdrive_sumo.generate.validation.rule_coverage import describe_rules
 from mdrive_sumo.generate.validation.scenario_validation import (
+    HARD_SEEDS,
     ScenarioValidation,
     ValidationTask,
     sample_scenarios,
@@ -14,6 +15,7 @@ from mdrive_sumo.generate.validation.suite_validation import describe_suite, fin
 
 __all__ = [
     "FULL_SCORE",
+    "HARD_SEEDS",
     "NEAR_MISS_TTC_S",
     "ScenarioValidation",
     "ValidationTask",

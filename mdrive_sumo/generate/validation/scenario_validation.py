@@ -7,6 +7,7 @@ from pathlib import Path
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.generate.validation.hard_validation import HARD_BUCKET, HardValidation, validate_hard_scenario
 from mdrive_sumo.generate.validation.requirements import find_unmet_requirements, has_near_miss
 from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import RoadMap
@@ -28,6 +29,8 @@ from mdrive_sumo.study.occlusion_certificate import (
 
 LIMIT_S = 300.0
 """Wall clock for one scenario."""
+HARD_SEEDS = 5
+"""Number of seeds, from 0 on, with which `omniscient` must solve a scenario of the hard tier (issue K)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +39,8 @@ class ValidationTask:
 
     suite_folder: Path
     scenario: str
+    seeds: int = HARD_SEEDS
+    """With how many seeds `omniscient` drives a scenario of the hard tier."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +56,8 @@ class ScenarioValidation:
     """Road users hidden from a CAV before a conflict; None if the scenario was not driven."""
     reference: ReferenceTicks | None = None
     """Ticks after which the CAVs of `omniscient` arrived; None if the scenario was not driven."""
+    hard: HardValidation | None = None
+    """What a scenario of the hard tier needs besides; None of other tiers, or if it was not driven."""
 
     @property
     def is_difficult(self) -> bool:
@@ -78,9 +85,11 @@ def _sample_keys(part: Suite) -> Iterator[tuple[float, int, str]]:
         yield (rank + 0.5) / len(keys), seed, name
 
 
-def validate_scenarios(suite: Suite, scenarios: Sequence[Scenario], workers: int) -> Iterator[ScenarioValidation]:
+def validate_scenarios(
+    suite: Suite, scenarios: Sequence[Scenario], workers: int, seeds: int = HARD_SEEDS
+) -> Iterator[ScenarioValidation]:
     """Validate scenarios of a suite in worker processes, in the order in which they finish."""
-    questions = [ValidationTask(suite.folder.resolve(), scenario.id) for scenario in scenarios]
+    questions = [ValidationTask(suite.folder.resolve(), scenario.id, seeds) for scenario in scenarios]
     with ProcessPool[ValidationTask, ScenarioValidation](
         validate_scenario, min(workers, len(questions)), LIMIT_S
     ) as pool:
@@ -90,10 +99,16 @@ def validate_scenarios(suite: Suite, scenarios: Sequence[Scenario], workers: int
 
 
 def validate_scenario(question: ValidationTask) -> ScenarioValidation:
-    """Drive a scenario blindly and with `omniscient` and report its problems. Raises WorldError."""
+    """Drive a scenario blindly and with `omniscient`, or as the hard tier needs it, and report its problems.
+
+    Raises WorldError.
+    """
     scenario, roads = load_job_scenario(_job(question, "omniscient"))
     if unsound := tuple(_find_soundness_problems(scenario, roads)):
         return ScenarioValidation(scenario.id, unsound)
+    if scenario.bucket == HARD_BUCKET:
+        hard = validate_hard_scenario(scenario, roads, question.seeds)
+        return ScenarioValidation(scenario.id, hard.problems, None, hard.omniscient_ds, None, hard.reference, hard)
     drives: dict[ReferenceDrive, EpisodeRecord] = {drive: reexecute(_job(question, drive)) for drive in DRIVES}
     blind, solved = (score_episode(drives[drive], scenario, roads, ScoreMode.MDRIVE, 0) for drive in DRIVES)
     problems = find_unmet_requirements(scenario.bucket, blind, solved)

@@ -7,6 +7,12 @@ Checksum, recipes and certificates in a suite's folder must belong to its scenar
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 
+from mdrive_sumo.generate.validation.hard_suite_validation import (
+    describe_hard_suite,
+    find_hard_problems,
+    is_hard_suite,
+)
+from mdrive_sumo.generate.validation.hard_validation import HARD_BUCKET
 from mdrive_sumo.generate.validation.rule_coverage import find_missing_rules
 from mdrive_sumo.generate.validation.scenario_validation import ScenarioValidation
 from mdrive_sumo.scenario.categories import FIGURES, FLOOR, MEANS, WEATHER_OF_TEN, Category, compute_deviations
@@ -27,8 +33,8 @@ MIN_OCCLUDED: Mapping[str, Mapping[str, int]] = {
 """Suite -> category -> least number of conflicts that are hidden until late: 15 of 46; 80 % of 12, and all of ten."""
 CATEGORY_SUITE = "interaction"
 """The suite for which the paper has a table of categories."""
-GENERATED_BUCKET = "Interaction"
-"""Bucket of generated scenarios."""
+GENERATED_BUCKETS = ("Interaction", HARD_BUCKET)
+"""Buckets of generated scenarios."""
 
 
 def find_suite_problems(suite: Suite, examinations: Sequence[ScenarioValidation]) -> tuple[str, ...]:
@@ -59,7 +65,10 @@ def _find_part_problems(suite: Suite, examinations: Sequence[ScenarioValidation]
     yield from _compare_with_paper(suite)
     if suite.name == CATEGORY_SUITE:
         yield from _compare_categories(suite.scenarios)
-    yield from _check_certificates(suite, examined)
+    if is_hard_suite(suite):
+        yield from find_hard_problems(suite, examined, _describe_remedy(suite), must_be_complete=is_packaged(suite))
+    else:
+        yield from _check_certificates(suite, examined)
     yield from _check_reference_times(suite, examined)
     if is_packaged(suite) and not suite.about.checksum:
         yield "suite.json: checksum: expected one, as in every suite that comes with mdrive-sumo, found none"
@@ -171,12 +180,14 @@ def _find_missing_recipes(suite: Suite) -> tuple[str, ...]:
     """Return the scenarios of a generated suite without a recipe; checked for packaged suites, and where other
     scenarios have one."""
     missing = tuple(s.id for s in suite.scenarios if not (suite.folder / s.id / RECIPE_FILE).is_file())
-    ours = is_packaged(suite) and any(scenario.bucket == GENERATED_BUCKET for scenario in suite.scenarios)
+    ours = is_packaged(suite) and any(scenario.bucket in GENERATED_BUCKETS for scenario in suite.scenarios)
     return missing if ours or len(missing) < len(suite.scenarios) else ()
 
 
 def _describe_part(suite: Suite) -> Iterator[str]:
-    if not any(scenario.bucket == GENERATED_BUCKET for scenario in suite.scenarios):
+    if is_hard_suite(suite):
+        yield describe_hard_suite(suite)
+    if not any(scenario.bucket in GENERATED_BUCKETS for scenario in suite.scenarios):
         return
     found = sum((suite.folder / scenario.id / RECIPE_FILE).is_file() for scenario in suite.scenarios)
     yield f"{found} of {len(suite.scenarios)} scenarios have a {RECIPE_FILE}" + (

@@ -56,16 +56,28 @@ def explain_losses(result: ScenarioResult, route_lengths: Mapping[str, float]) -
     route_lengths: of each CAV by its id [m]; of a CAV without one no metres are named.
     """
     cavs = {ego.id for ego in result.egos}
-    lost = [ego for ego in result.egos if ego.ds <= SUCCESS_DS]
+    score = {ego.id: ego.ds * (1.0 if ego.time_factor is None else ego.time_factor) for ego in result.egos}
+    lost = [ego for ego in result.egos if score[ego.id] <= SUCCESS_DS]
     return tuple(
-        CavLosses(ego.id, ego.outcome, ego.ds, _list_losses(ego, cavs, route_lengths.get(ego.id)))
-        for ego in sorted(lost, key=lambda ego: ego.ds)
+        CavLosses(ego.id, ego.outcome, score[ego.id], _list_losses(ego, cavs, route_lengths.get(ego.id)))
+        for ego in sorted(lost, key=lambda ego: score[ego.id])
     )
 
 
 def _list_losses(ego: EgoResult, cavs: set[str], route_m: float | None) -> tuple[Loss, ...]:
     events = sorted(ego.infractions, key=lambda event: event.tick)
-    return tuple(Loss(event.kind, _describe(event, ego, cavs, route_m), event.tick, event.factor) for event in events)
+    losses = [Loss(event.kind, _describe(event, ego, cavs, route_m), event.tick, event.factor) for event in events]
+    if ego.time_factor is not None and ego.time_factor < 1.0:
+        losses.append(Loss("time", _describe_time(ego), ego.ticks or 0, ego.time_factor))
+    return tuple(losses)
+
+
+def _describe_time(ego: EgoResult) -> str:
+    """Describe what mode `hard` takes off for time."""
+    if ego.outcome is End.ARRIVED and ego.ip >= 1.0 and ego.time_ratio is not None:
+        return f"needed {ego.time_ratio:.2f} x omniscient's time"
+    reason = "with an infraction" if ego.outcome is End.ARRIVED else "without arrival"
+    return f"counts with its whole time limit, {reason}"
 
 
 def _describe(event: Infraction, ego: EgoResult, cavs: set[str], route_m: float | None) -> str:

@@ -27,6 +27,11 @@ class EgoRecord:
         """Infraction penalty IP in [0, 1]: the product of the factors (protocol 7.1)."""
         return math.prod(infraction.factor for infraction in self.infractions)
 
+    @property
+    def time_factor(self) -> float | None:
+        """None: a recording alone does not tell it, see `efficiency.apply_reference_times`."""
+        return None
+
 
 def build_ego_records(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap) -> tuple[EgoRecord, ...]:
     """Return the record of every CAV, in the order of the scenario file.

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from testing.score_golden import scenario
 from testing.scored_pair import PAIR, ROADS, RUN, pair_episode
 
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
 from mdrive_sumo.scoring import (
     EgoResult,
@@ -19,6 +20,8 @@ from mdrive_sumo.scoring import (
     score_episode,
     summarize_run,
 )
+from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
+from mdrive_sumo.scoring.results_check import find_scenario_faults
 
 
 def cav(name: str, ticks: int | None, ds: float = 100.0, outcome: End = End.ARRIVED) -> EgoResult:
@@ -32,7 +35,65 @@ def driven(*cavs: EgoResult, sr: float = 100.0, name: str = "a", bucket: str = "
 
 
 def timed(result: ScenarioResult, reference: Mapping[str, int], mode: ScoreMode = ScoreMode.MDRIVE) -> ScenarioResult:
-    return apply_reference_times(result, reference, mode)
+    limits = {ego.id: 400 for ego in result.egos}
+    return apply_reference_times(result, reference, mode, limits)
+
+
+LIMITS = {"0": 200, "1": 100}
+
+
+def test_in_mode_hard_each_cav_pays_for_its_time() -> None:
+    """The first needs 1.25 x 80 ticks, the second is faster than the reference: (80 + 100) / 2."""
+    cavs = (cav("0", 100), cav("1", 40))
+    found = apply_reference_times(driven(*cavs), {"0": 80, "1": 50}, ScoreMode.HARD, LIMITS)
+    assert [ego.time_factor for ego in found.egos] == [0.8, 1.0]
+    assert (found.ds, found.sr, found.time_ratio) == (90.0, 100.0, 1.025)
+    assert [ego.ds for ego in found.egos] == [100.0, 100.0]  # RC x IP, as in the other modes
+
+
+@given(
+    reference=st.integers(1, 400),
+    slack=st.integers(0, 400),
+    ticks=st.integers(1, 800),
+    factor=st.sampled_from([0.5, 0.6, 0.7, 0.8, 0.999]),
+    rc=st.floats(0.0, 99.0),
+)
+def test_haste_never_buys_back_an_infraction_or_a_route_not_completed(
+    reference: int, slack: int, ticks: int, factor: float, rc: float
+) -> None:
+    """The slowest clean arrival beats the fastest drive with an infraction, and every drive that does not arrive."""
+    limit = reference + slack
+    clean = cav("0", limit)
+    hasty = cav("0", ticks).model_copy(update={"ip": factor, "ds": 100.0 * factor})
+    lost = cav("0", ticks, ds=rc, outcome=End.DEVIATED).model_copy(update={"rc": rc})
+    scores = [
+        apply_reference_times(driven(one), {"0": reference}, ScoreMode.HARD, {"0": limit}).ds
+        for one in (clean, hasty, lost)
+    ]
+    assert scores[0] == pytest.approx(100.0 * reference / limit, abs=1e-4)
+    assert scores[0] > max(scores[1:])
+    assert scores[1:] == pytest.approx([factor * scores[0], rc / 100.0 * scores[0]], abs=1e-3)
+
+
+def test_mode_hard_refuses_a_scenario_without_reference_times() -> None:
+    with pytest.raises(InputError, match=r"scenario a: score mode hard: expected times of omniscient in reference_t"):
+        apply_reference_times(driven(cav("0", 50)), {}, ScoreMode.HARD, LIMITS)
+    with pytest.raises(InputError, match="score mode hard"):
+        score_episode(pair_episode(), PAIR, ROADS, ScoreMode.HARD, 1)
+
+
+def test_results_of_mode_hard_are_checked_against_their_time_factors() -> None:
+    reference = {"0": 60, "1": 60}
+    scored = score_episode(pair_episode(), PAIR, ROADS, ScoreMode.HARD, 1, reference)
+    limit = compute_time_limit_ticks(PAIR)["0"]
+    assert [ego.time_factor for ego in scored.egos] == pytest.approx([60 / limit] * 2, abs=1e-6)
+    assert list(find_scenario_faults(scored, ScoreMode.HARD, (1,))) == []
+    assert any("time_factor: expected none" in fault for fault in find_scenario_faults(scored, ScoreMode.MDRIVE, (1,)))
+    forged = scored.model_copy(update={"ds": scored.ds + 1.0})
+    assert any(".ds: expected" in fault for fault in find_scenario_faults(forged, ScoreMode.HARD, (1,)))
+    plain = score_episode(pair_episode(), PAIR, ROADS, ScoreMode.MDRIVE, 1, reference)
+    assert any("expected a factor" in fault for fault in find_scenario_faults(plain, ScoreMode.HARD, (1,)))
+    assert "time_factor" not in plain.model_dump_json()
 
 
 def test_the_time_ratio_is_the_mean_over_the_cavs() -> None:
@@ -117,7 +178,7 @@ def test_the_oracle_agrees(rows: list[tuple[tuple[int, float, End], int]], mode:
     """The definitions of docs/scoring.md, in fractions; efficient SR never exceeds SR."""
     good = [ds > 99.95 and end is End.ARRIVED for (_, ds, end), _ in rows]
     early = [end is End.ARRIVED and ticks <= 2 * base for (ticks, _, end), base in rows]
-    whole = mode is not ScoreMode.MDRIVE
+    whole = mode not in (ScoreMode.MDRIVE, ScoreMode.HARD)
     sr = 100.0 * all(good) if whole else 100.0 * sum(good) / len(rows)
     result = driven(*(cav(str(i), ticks, ds, end) for i, ((ticks, ds, end), _) in enumerate(rows)), sr=sr)
     found = timed(result, {str(i): base for i, (_, base) in enumerate(rows)}, mode)

@@ -1,0 +1,223 @@
+"""Evaluate a candidate of the adversarial search: built, new, solved by `omniscient`, and how much the rules lose.
+
+The cheapest test comes first: build -> duplicates -> feasibility (`omniscient`) -> gap (the best rules that see and
+talk) -> certificate of need.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from mdrive_sumo.core.errors import InputError, WorldError
+from mdrive_sumo.core.state import DT
+from mdrive_sumo.generate.duplicates import find_duplicate
+from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
+from mdrive_sumo.generate.hard.hard_recipe import (
+    HARD_GENERATOR,
+    HardRecipe,
+    build_candidate,
+)
+from mdrive_sumo.generate.hard.reference_drive import REFERENCE_AGENT, drive_with
+from mdrive_sumo.generate.hard.time_limits import compute_time_limits, set_time_limits
+from mdrive_sumo.generate.pipeline import ProposalRejected
+from mdrive_sumo.generate.validation import FULL_SCORE
+from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.scenario.reference_times import ReferenceTicks
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.scenario_part import Identifier
+from mdrive_sumo.scenario.statistics import compute_route_length
+from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.scoring import ScoreMode, find_arrival_ticks, score_episode
+from mdrive_sumo.v2x.comm_settings import PRESETS
+
+PROBED_AGENT = "sharing+negotiation"
+"""The best rules that see and talk."""
+PROBE_OPTIONS = EpisodeOptions(comm=PRESETS["realistic"])
+"""Of the probed agent: realistic sensing, realistic channel."""
+PROBE_MODE = ScoreMode.MDRIVE
+LEAST_GAP = 10.0
+"""Points that the probed agent must lose against `omniscient`; the rest is not worth a certificate."""
+REFERENCE_LIMIT_S = 75.0
+"""[s] Time in which `omniscient` must arrive: a candidate in which traffic jams costs no more processor time."""
+KNOWN_SUITES = ("mdrive",)
+"""Suites whose scenarios must not be repeated."""
+
+
+class RejectionStage(StrEnum):
+    """Where a candidate was rejected, in order."""
+
+    BUILD = "build"
+    DUPLICATES = "duplicates"
+    FEASIBILITY = "feasibility"
+    GAP = "gap"
+    FAILURE = "failure"
+    """The worker process died or took too long."""
+
+
+@dataclass(frozen=True, slots=True)
+class CandidateTask:
+    """A candidate to evaluate; it can be sent to a worker process."""
+
+    family: ScenarioFamily
+    candidate: FamilyCandidate
+    known_suites: tuple[str, ...] = KNOWN_SUITES
+
+
+class CandidateFigures(BaseModel):
+    """What was measured of a candidate that passed every stage."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    reference_ticks: Mapping[str, Annotated[int, Field(ge=1)]]
+    """Of `omniscient`, by CAV id."""
+    score: float
+    """Of the probed agent, seed 0."""
+    network: str
+    road_users: int = Field(ge=1)
+    """CAVs, background vehicles and scripted road users; no props."""
+    mean_speed: float
+    """Of the CAVs with `omniscient` [m/s]: lengths of the routes by times."""
+    message_gain_s: float
+    """How much earlier a message tells of the conflict, see the certificate of need; 0 without one."""
+    is_certified: bool
+    """Whether the certificate of need holds."""
+
+    @property
+    def gap(self) -> float:
+        """Points that the probed agent loses against `omniscient`: the objective of the search."""
+        return FULL_SCORE - self.score
+
+
+class CandidateEvaluation(BaseModel):
+    """A candidate with its figures, or the stage and the reason of its rejection."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    id: Identifier
+    family: Identifier
+    values: tuple[float, ...]
+    seed: str
+    figures: CandidateFigures | None = None
+    stage: RejectionStage | None = None
+    reason: str = ""
+
+    @property
+    def measured(self) -> CandidateFigures:
+        """The figures of a candidate that was not rejected."""
+        assert self.figures is not None, f"{self.id} was rejected"
+        return self.figures
+
+    @property
+    def recipe(self) -> HardRecipe:
+        """The recipe of the scenario of a candidate that was not rejected, with time limits."""
+        limits = compute_time_limits(self.measured.reference_ticks)
+        return HardRecipe(
+            generator=HARD_GENERATOR,
+            id=self.id,
+            family=self.family,
+            values=self.values,
+            seed=self.seed,
+            time_limits_s=limits,
+        )
+
+
+class _Rejection(Exception):
+    """`args` are the stage and the reason."""
+
+
+def evaluate_candidate(task: CandidateTask) -> CandidateEvaluation:
+    """Return the figures of a candidate, or why it was rejected."""
+    candidate = task.candidate
+    blank = CandidateEvaluation(
+        id=candidate.scenario_id, family=task.family.category, values=candidate.values, seed=candidate.seed
+    )
+    try:
+        return blank.model_copy(update={"figures": _measure_candidate(task)})
+    except _Rejection as rejection:
+        stage, reason = rejection.args
+        return blank.model_copy(update={"stage": stage, "reason": reason})
+
+
+def make_failed_evaluation(task: CandidateTask, reason: str) -> CandidateEvaluation:
+    """Return the evaluation of a candidate whose worker process gave no result."""
+    candidate = task.candidate
+    return CandidateEvaluation(
+        id=candidate.scenario_id,
+        family=task.family.category,
+        values=candidate.values,
+        seed=candidate.seed,
+        stage=RejectionStage.FAILURE,
+        reason=reason,
+    )
+
+
+def _measure_candidate(task: CandidateTask) -> CandidateFigures:
+    try:
+        scenario = build_candidate(task.family, task.candidate)
+    except ProposalRejected as refused:
+        raise _Rejection(RejectionStage.BUILD, f"{refused.stage}: {refused.reason}") from None
+    except InputError as error:
+        raise _Rejection(RejectionStage.BUILD, str(error)) from None
+    if (twin := find_duplicate(scenario, _list_known(task.known_suites, scenario.network))) is not None:
+        raise _Rejection(RejectionStage.DUPLICATES, f"expected something new, found a duplicate of {twin.id}")
+    roads = load_road_map(find_network_folder(scenario.network))
+    try:
+        return _drive_candidate(scenario, roads)
+    except WorldError as error:
+        raise _Rejection(RejectionStage.FEASIBILITY, f"expected an episode, found none: {error}") from None
+
+
+def _drive_candidate(scenario: Scenario, roads: RoadMap) -> CandidateFigures:
+    limited = set_time_limits(scenario, {ego.id: REFERENCE_LIMIT_S for ego in scenario.egos})
+    solved = drive_with(REFERENCE_AGENT, limited, roads)
+    result = score_episode(solved, limited, roads, ScoreMode.MDRIVE, 0)
+    ticks = find_arrival_ticks(result.egos)
+    if result.ds < FULL_SCORE or len(ticks) < len(scenario.egos):
+        raise _Rejection(RejectionStage.FEASIBILITY, f"expected {REFERENCE_AGENT} to reach 100, found {result.ds:.2f}")
+    final = set_time_limits(scenario, compute_time_limits(ticks))
+    score = _probe(final, roads, ticks)
+    if FULL_SCORE - score < LEAST_GAP:
+        raise _Rejection(
+            RejectionStage.GAP, f"expected {PROBED_AGENT} below {FULL_SCORE - LEAST_GAP:g}, found {score:.2f}"
+        )
+    return CandidateFigures(
+        reference_ticks=ticks,
+        score=score,
+        network=scenario.network,
+        road_users=_count_road_users(scenario),
+        mean_speed=_compute_mean_speed(scenario, ticks),
+        message_gain_s=0.0,
+        is_certified=False,
+    )
+
+
+def _probe(scenario: Scenario, roads: RoadMap, reference: ReferenceTicks) -> float:
+    episode = drive_with(PROBED_AGENT, scenario, roads, options=PROBE_OPTIONS)
+    return score_episode(episode, scenario, roads, PROBE_MODE, 0, reference).ds
+
+
+def _count_road_users(scenario: Scenario) -> int:
+    moving = sum(actor.kind != "static" for actor in scenario.actors)
+    return len(scenario.egos) + len(scenario.background.vehicles) + moving
+
+
+def _compute_mean_speed(scenario: Scenario, ticks: ReferenceTicks) -> float:
+    length = math.fsum(compute_route_length(ego) for ego in scenario.egos)
+    return round(length / (sum(ticks.values()) * DT), 3)
+
+
+@cache
+def _list_known(suites: tuple[str, ...], network: str) -> tuple[Scenario, ...]:
+    """Return the known scenarios that can be duplicates: those on the same network."""
+    return tuple(scenario for suite in suites for scenario in _load_known(suite) if scenario.network == network)
+
+
+@cache
+def _load_known(suite: str) -> tuple[Scenario, ...]:
+    return load_suite(suite).scenarios

@@ -1,0 +1,120 @@
+"""Which states of a CAV on its way to a conflict zone end in a collision that only a message prevents."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+
+from mdrive_sumo.core.geometry import Bool, Float, Int
+from mdrive_sumo.core.state import DT
+from mdrive_sumo.study.need.approach import ApproachState
+from mdrive_sumo.study.need.occluders import BIN_TICKS
+from mdrive_sumo.study.need.reaction import UserReaction
+from mdrive_sumo.study.need.sight_tables import SightTables
+from mdrive_sumo.study.need.witnesses import Witnesses
+
+PROBES = 10
+"""Stretches from which the CAV is first asked whether it sees the road user."""
+
+
+@dataclass(frozen=True)
+class DoomTest:
+    """Whether a state of the CAV lets some start of the other road user end in a collision that a message prevents."""
+
+    tables: SightTables
+    witnesses: Witnesses
+
+    @cached_property
+    def reaction(self) -> UserReaction:
+        """What the other road user can do."""
+        return UserReaction(self.tables)
+
+    @cached_property
+    def _is_there_at_start(self) -> bool:
+        """Whether the road user exists from the beginning, so that it waits at its start if it leaves later."""
+        return self.tables.first_tick == 0
+
+    def is_doomed(self, state: ApproachState, number: int) -> bool:
+        """Return whether for every such state in a bin of time there is a start of the road user with these properties.
+
+        The CAV could not see it in any tick before, wherever it may have been. After the state neither can avoid the
+        other. And a station has seen it early enough.
+        """
+        ticks = self._list_candidates(state)
+        ticks = ticks[~self._find_seen(state, number, ticks)] if len(ticks) else ticks
+        return any(
+            self.witnesses.see(number, tick) and not self._can_react(state, number, tick) for tick in ticks.tolist()
+        )
+
+    def _list_candidates(self, state: ApproachState) -> Int:
+        """Return the ticks of the road user's drive, at the last tick before the state, that lead to a collision."""
+        zone = self.tables.zone
+        first = zone.enter - math.ceil(state.clear_s / DT - 1e-9) + 1
+        last = zone.leave - math.floor(state.enter_s / DT + 1e-9) - 2
+        least = 0 if self._is_there_at_start else self.tables.first_tick + 1
+        return np.arange(max(first, least), min(last, zone.leave) + 1)
+
+    def _find_seen(self, state: ApproachState, number: int, ticks: Int) -> Bool:
+        """Return (X,) whether the CAV may have seen the road user before."""
+        latest = (number + 1) * BIN_TICKS - 1
+        lags = np.arange(latest + 1)
+        begin, end = self._find_past_stretches(state, lags, latest)
+        times = ticks[:, None] - lags
+        cells = self.tables.find_cells(times)
+        exists = np.ones_like(times, dtype=np.bool_) if self._is_there_at_start else times >= self.tables.first_tick
+        seen = np.zeros(len(ticks), dtype=np.bool_)
+        sets = self._list_sets(number, lags)
+        for one in np.unique(sets).tolist():
+            at = (sets == one).any(axis=0)
+            views = self.tables.sum_views_from_route(one)
+            there = views[end[at], cells[:, at]] > views[begin[at], cells[:, at]]
+            seen |= (there & exists[:, at]).any(axis=1)
+        return seen
+
+    def _find_past_stretches(self, state: ApproachState, lags: Int, latest: int) -> tuple[Int, Int]:
+        back_m, front_m = state.compute_past(_to_seconds(lags))
+        reach = self.tables.motion.compute_reach(_to_seconds(latest - lags + 1))
+        return self.tables.find_stretches(back_m, np.minimum(front_m, reach))
+
+    def _list_sets(self, number: int, lags: Int) -> Int:
+        """Return (2, L) the sets of occluders at all times of a bin, so many ticks before."""
+        ticks = np.stack((number * BIN_TICKS - lags, (number + 1) * BIN_TICKS - lags))
+        return self.tables.set_of_bin[np.clip(ticks // BIN_TICKS, 0, len(self.tables.set_of_bin) - 1)]
+
+    def _can_react(self, state: ApproachState, number: int, tick: int) -> bool:
+        oldest = (number + 1) * BIN_TICKS - 1 if self._is_there_at_start else tick - self.tables.first_tick
+        if not self.reaction.reacts:
+            return False
+        lags = np.arange(tick - self.tables.zone.leave, min(oldest, (number + 1) * BIN_TICKS - 1) + 1)
+        return self.reaction.can_avoid(state, tick, lags, self._find_sight_of_ego(state, number, tick, lags))
+
+    def _find_sight_of_ego(self, state: ApproachState, number: int, tick: int, lags: Int) -> Bool:
+        """Return (L,) whether the road user may see the CAV so many ticks before the state (after it, if negative)."""
+        before, after = lags[lags >= 0], lags[lags < 0]
+        past = self._find_past_stretches(state, before, (number + 1) * BIN_TICKS - 1)
+        future = self.tables.find_stretches(*state.compute_future(_to_seconds(-after)))
+        begin, end = (np.concatenate(pair) for pair in zip(future, past, strict=True))
+        rows = np.clip(tick - lags, self.tables.first_tick, self.tables.zone.leave) - self.tables.first_tick
+        found = np.zeros(len(lags), dtype=np.bool_)
+        sets = self._list_sets(number, lags)
+        for one in np.unique(sets).tolist():
+            views = self.tables.sum_views_from_drive(one)
+            found |= (sets == one).any(axis=0) & (views[rows, end] > views[rows, begin])
+        return found
+
+    @cached_property
+    def is_hopeless(self) -> bool:
+        """Whether no state is doomed, because the CAV sees the road user on the way; a cheap test, not sharp."""
+        tables, zone = self.tables, self.tables.zone
+        room = tables.motion.top_speed * tables.motion.top_speed / (2.0 * tables.motion.deceleration)
+        rows = range(*(int(i) for i in tables.find_stretches(np.array(zone.enter_m - room), np.array(zone.leave_m))))
+        slowest = ApproachState(tables.motion, zone, zone.enter_m, zone.enter_m - room, 0.0, 0.0)
+        cells = tables.find_cells(np.arange(zone.enter - math.ceil(slowest.clear_s / DT), zone.leave + 1))
+        looks = product(range(len(tables.sets)), rows[:: len(rows) // PROBES + 1])
+        return all(tables.look_from_route(row, number)[cells].all() for number, row in looks)
+
+
+def _to_seconds(ticks: Int) -> Float:
+    return ticks.astype(np.float64) * DT

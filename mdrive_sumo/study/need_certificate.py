@@ -1,0 +1,235 @@
+"""Certificates of need."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import wrap_angles
+from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.scenario import Ego, Scenario, describe_first_error
+from mdrive_sumo.scenario.suite import Suite
+from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
+from mdrive_sumo.sensing.visibility import BuildingEdges
+from mdrive_sumo.study.need.conflict_zone import ConflictZone, ZoneFinder
+from mdrive_sumo.study.need.crossing_search import CrossingSearch, SafeCrossing
+from mdrive_sumo.study.need.doom import DoomTest
+from mdrive_sumo.study.need.message_lead import ReferenceDrive
+from mdrive_sumo.study.need.motion import MotionLimits, RouteMotion, build_route_motion
+from mdrive_sumo.study.need.sight_tables import SightTables
+from mdrive_sumo.study.need.witnesses import Witnesses
+
+NEED_FILE = "need.json"
+COMFORT = 2.0
+"""Lateral acceleration [m/s2] up to which a curve does not lower the required speed."""
+REACHED_SHARE = 0.8
+"""The required speed is at most this share of the greatest speed that the CAV can have at the zone."""
+CURVE_M = 10.0
+"""Length of route before the zone on which a curve counts."""
+CURVE_STEPS = 5
+"""Metres over which a curvature is the mean."""
+
+
+class _FilePart(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+
+class NeedConflict(_FilePart):
+    """A CAV and another road user whose drives cross, and what the CAV can do there without messages."""
+
+    ego: str
+    road_user: str
+    x: float
+    """Of the CAV's centre where the conflict zone begins [m]."""
+    y: float
+    time_limit_s: float
+    required_speed: float
+    """Mean speed [m/s] that the time limit requires of the CAV, less in a curve."""
+    is_blind: bool
+    """Whether every drive that is no slower than the required speed in the approach is doomed for some start of the
+    road user."""
+    cautious_s: float | None
+    """Least arrival time [s] of a driver without messages that is not doomed, however slow; a lower bound. None if
+    there is none within 10 s of the limit."""
+    cautious_speed: float | None
+    """The speed [m/s] at most, where this driver is slowest because of the conflict."""
+    excludes_all: bool
+    """Whether no driver without messages, however slow here and fast elsewhere, is safe for all starts and in time."""
+    conflict_s: float
+    """When the road user enters the zone in the reference drive."""
+    stopping_s: float | None = None
+    """Last tick of the reference drive at which the CAV could stop before the zone. This and what follows is given if
+    the conflict is blind."""
+    own_sight_s: float | None = None
+    """First tick of the reference drive at which a sensor of the CAV sees the road user; None: not before the zone."""
+    told_s: float | None = None
+    """First tick of the reference drive at which a station could tell of the road user."""
+    stations: tuple[str, ...] = ()
+    """Those that could before `stopping_s`: the road user itself if it is a CAV, other CAVs and road-side units."""
+    lead_s: float = 0.0
+    """How many seconds earlier than its own sensors a message tells the CAV of the road user in the reference drive."""
+
+
+class NeedCertificate(_FilePart):
+    """All conflicts of a scenario."""
+
+    scenario: str
+    conflicts: tuple[NeedConflict, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether a conflict is blind at the speed that the time limit requires."""
+        return any(conflict.is_blind for conflict in self.conflicts)
+
+    @property
+    def excludes_all(self) -> bool:
+        """Whether a conflict excludes drivers without messages of any speed."""
+        return any(conflict.excludes_all for conflict in self.conflicts)
+
+    @property
+    def lead_s(self) -> float:
+        """The most seconds that a message gains in a blind conflict; 0 without one."""
+        return max((conflict.lead_s for conflict in self.conflicts if conflict.is_blind), default=0.0)
+
+
+class NeedCertificateFile(_FilePart):
+    """`need.json` of a suite."""
+
+    format: Literal["mdrive-sumo/need/1"] = "mdrive-sumo/need/1"
+    suite_checksum: str
+    certificates: tuple[NeedCertificate, ...]
+
+    def of(self, suite: Suite) -> Mapping[str, NeedCertificate]:
+        """Return the certificates by scenario id; none if they belong to another version of the suite."""
+        return {one.scenario: one for one in self.certificates} if self.suite_checksum == suite.checksum() else {}
+
+
+def load_need(suite: Suite) -> Mapping[str, NeedCertificate]:
+    """Return the certificates beside a suite or its parts by scenario id; none of a suite that has changed since.
+
+    Raises InputError for an unreadable file.
+    """
+    files = ((part, read_need(part.folder)) for part in suite.parts or (suite,))
+    return {name: one for part, file in files if file is not None for name, one in file.of(part).items()}
+
+
+def read_need(folder: Path) -> NeedCertificateFile | None:
+    """Return the certificates in a suite's folder, also of another version of the suite. Raises InputError."""
+    path = folder / NEED_FILE
+    if not path.is_file():
+        return None
+    try:
+        return NeedCertificateFile.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    except ValidationError as error:
+        raise InputError(f"{path}: {describe_first_error(error)}") from None
+
+
+def save_need(folder: Path, content: NeedCertificateFile) -> None:
+    """Write `need.json`, one certificate a line."""
+    lines = ",\n".join(certificate.model_dump_json() for certificate in content.certificates)
+    head = content.model_dump_json(include={"format", "suite_checksum"})
+    (folder / NEED_FILE).write_text(f'{head[:-1]},"certificates":[\n{lines}\n]}}\n', encoding="utf-8")
+
+
+def certify_need(
+    scenario: Scenario, roads: RoadMap, reference: EpisodeRecord, limits: MotionLimits | None = None
+) -> NeedCertificate:
+    """Return the certificate of a scenario.
+
+    reference: the drive of `omniscient`, with the CAVs of the scenario in its first columns. limits: of the CAVs.
+    """
+    buildings = BuildingEdges(roads)
+    found = [
+        _ConflictAnalysis(scenario, roads, reference, buildings, column, motion, zone).certify()
+        for column, ego in enumerate(scenario.egos)
+        for motion in (build_route_motion(ego, roads, limits or MotionLimits()),)
+        for zone in ZoneFinder(reference, column, motion).find_zones()
+    ]
+    return NeedCertificate(scenario=scenario.id, conflicts=tuple(found))
+
+
+@dataclass(frozen=True)
+class _ConflictAnalysis:
+    """One CAV and one conflict zone."""
+
+    scenario: Scenario
+    roads: RoadMap
+    reference: EpisodeRecord
+    buildings: BuildingEdges
+    column: int
+    motion: RouteMotion
+    zone: ConflictZone
+
+    @property
+    def _ego(self) -> Ego:
+        return self.scenario.egos[self.column]
+
+    @cached_property
+    def _limit_s(self) -> float:
+        return self._ego.time_limit_s or compute_time_limit_ticks(self.scenario) / TICKS_PER_SECOND
+
+    @cached_property
+    def _doom(self) -> DoomTest:
+        tables = SightTables(self.reference, self.roads, self.column, self.motion, self.zone)
+        return DoomTest(tables, Witnesses(tables, self.scenario, self.buildings))
+
+    @cached_property
+    def required_speed(self) -> float:
+        """Mean speed [m/s] that the time limit requires, less where the route bends or begins before the zone."""
+        motion, zone = self.motion, self.zone
+        stations = np.arange(max(zone.enter_m - CURVE_M, 0.0), min(zone.leave_m, motion.line.length), 1.0)
+        turn = np.abs(wrap_angles(np.diff(motion.line.yaws_at(stations))))
+        turned = np.concatenate(((0.0,), np.cumsum(turn)))
+        curvature = float((turned[CURVE_STEPS:] - turned[:-CURVE_STEPS]).max(initial=0.0)) / CURVE_STEPS
+        in_curve = math.sqrt(COMFORT / max(curvature, 1e-6))
+        fastest = float(np.interp(zone.enter_m, motion.stations, motion.fastest))
+        return min(motion.goal_m / self._limit_s, in_curve, REACHED_SHARE * fastest)
+
+    def certify(self) -> NeedConflict:
+        """Return what is found about the conflict."""
+        least, motion = self.required_speed, self.motion
+        free_s = motion.compute_time_from(0.0, motion.start_speed)
+        if self._doom.is_hopeless or free_s > self._limit_s:
+            steady = cautious = SafeCrossing(free_s, self.zone.enter_m, motion.top_speed)
+            blind = False
+        else:
+            steady = CrossingSearch(self._doom, self._limit_s, least).find_crossing()
+            blind = not self._is_in_time(steady)
+            cautious = CrossingSearch(self._doom, self._limit_s).find_crossing() if blind else steady
+        about = NeedConflict(
+            ego=self._ego.id,
+            road_user=self.reference.ids[self.zone.road_user],
+            x=self.zone.point[0],
+            y=self.zone.point[1],
+            time_limit_s=self._limit_s,
+            required_speed=round(least, 2),
+            is_blind=blind,
+            cautious_s=round(cautious.arrival_s, 2) if cautious else None,
+            cautious_speed=round(cautious.speed, 2) if cautious else None,
+            excludes_all=blind and not self._is_in_time(cautious),
+            conflict_s=round(self.zone.enter * DT, 2),
+        )
+        return about.model_copy(update=self._describe_warning()) if blind else about
+
+    def _is_in_time(self, crossing: SafeCrossing | None) -> bool:
+        return crossing is not None and crossing.arrival_s <= self._limit_s
+
+    def _describe_warning(self) -> dict[str, object]:
+        warning = ReferenceDrive(self._doom.tables, self._doom.witnesses).find_warning()
+        return {
+            "stopping_s": warning.stopping_s,
+            "own_sight_s": warning.own_sight_s,
+            "told_s": warning.told_s,
+            "stations": warning.stations,
+            "lead_s": warning.lead_s,
+        }
