@@ -82,7 +82,8 @@ def build_occluded_pedestrian(candidate: FamilyCandidate) -> Scenario:
     own = build_cav(roads, "0", street.own, start, places[-1] + GOAL_M, values["own_speed"])
     egos = (own, *_build_oncoming(street, values, places[0] - start), *_build_behind(street, values, start))
     walkers = [_build_pedestrian(street, own, (k, place - start), values) for k, place in enumerate(places)]
-    free = [FreePlace(place, place + values["free_m"]) for place in places]
+    model = "bus" if values["bus"] >= 0.5 else "van"
+    free = [FreePlace(place, place + values["free_m"], model) for place in places]
     parked = build_kerbside(roads, street.own, free, (start - 20.0, places[-1] + 60.0), candidate.seed)
     left = street.corridor.find_chain(roads, "west", street.corridor.lanes[0])
     ends = sorted(_locate(street, left, station) for station in (start, places[-1] + 40.0))
@@ -146,6 +147,9 @@ FAMILY = ScenarioFamily(
         FamilyParameter("lead_m", 14.0, 55.0, "m", "distance of CAV 0 at which a pedestrian starts"),
         FamilyParameter("walking_speed", 1.1, 2.8, "m/s", "speed of the pedestrians"),
         FamilyParameter("free_m", 4.0, 16.0, "m", "length of the free place before which the pedestrians wait"),
+        FamilyParameter(
+            "bus", 0.0, 1.0, "", "whether a bus at its stop hides the pedestrians, not a van (from 0.5 on)"
+        ),
         FamilyParameter("witness_m", 10.0, 60.0, "m", "distance of the oncoming CAV when CAV 0 is close"),
         FamilyParameter("pedestrians", 1.0, 3.0, "", "number of pedestrians"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether roadside units stand beside the pedestrians (from 0.5 on)"),
