@@ -23,11 +23,11 @@ from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 NETWORK = "hard_dual_crossing"
 GOAL_M = 40.0
 """[m] Distance of the goals behind the crossing."""
-RSU = RoadsideUnit(id="rsu", x=11.0, y=11.0)
+RSU = RoadsideUnit(id="rsu", x=11.2, y=11.2)
 """At the north-east corner: it sees the last 50 m of both roads."""
 PARAMETERS = (
-    FamilyParameter("eastward", 1.0, 4.0, "", "number of CAVs that drive east, rounded"),
-    FamilyParameter("westward", 0.0, 4.0, "", "number of CAVs that drive west, rounded"),
+    FamilyParameter("eastward", 1.0, 3.0, "", "number of CAVs that drive east, rounded"),
+    FamilyParameter("westward", 0.0, 3.0, "", "number of CAVs that drive west, rounded"),
     FamilyParameter("witnesses", 1.0, 2.0, "", "number of CAVs that come north, toward the ambulance, rounded"),
     FamilyParameter("rsu", 0.0, 1.0, "", "whether there is a road-side unit, rounded"),
     FamilyParameter("arrival", 5.0, 8.0, "s", "time after which the ambulance is due at the crossing"),

@@ -37,8 +37,8 @@ QUEUE_GAP_M = 3.0
 GOAL_M = 120.0
 """[m] Distance of the goals behind the place where the queue stood."""
 PARAMETERS = (
-    FamilyParameter("behind", 1.0, 4.0, "", "number of CAVs that follow the truck, rounded"),
-    FamilyParameter("ahead", 1.0, 3.0, "", "number of CAVs on the next lane that pass the queue first, rounded"),
+    FamilyParameter("behind", 1.0, 3.0, "", "number of CAVs that follow the truck, rounded"),
+    FamilyParameter("ahead", 1.0, 2.0, "", "number of CAVs on the next lane that pass the queue first, rounded"),
     FamilyParameter("queue", 1.0, 4.0, "", "number of standing vehicles, rounded"),
     FamilyParameter("queue_at", 290.0, 390.0, "m", "place of the last standing vehicle along the road"),
     FamilyParameter("speed", 20.0, 27.0, "m/s", "start speed of CAVs and truck"),

@@ -16,13 +16,13 @@ from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 NETWORK = "hard_dual_crossing"
 GOAL_M = 40.0
 """[m] Distance of the goals behind the crossing."""
-RSU = RoadsideUnit(id="rsu", x=-11.0, y=-11.0)
+RSU = RoadsideUnit(id="rsu", x=-11.2, y=-11.2)
 """At the south-west corner: it sees the last 50 m of both roads."""
 PARAMETERS = (
     FamilyParameter("northward", 1.0, 3.0, "", "number of CAVs that cross northward, rounded"),
     FamilyParameter("southward", 0.0, 3.0, "", "number of CAVs that cross southward, rounded"),
-    FamilyParameter("eastward", 1.0, 3.0, "", "number of CAVs in the eastward traffic, rounded"),
-    FamilyParameter("westward", 0.0, 3.0, "", "number of CAVs in the westward traffic, rounded"),
+    FamilyParameter("eastward", 1.0, 2.0, "", "number of CAVs in the eastward traffic, rounded"),
+    FamilyParameter("westward", 0.0, 2.0, "", "number of CAVs in the westward traffic, rounded"),
     FamilyParameter("rsu", 0.0, 1.0, "", "whether there is a road-side unit, rounded"),
     FamilyParameter("arrival", 4.0, 7.0, "s", "time after which the first northward CAV is due at the crossing"),
     FamilyParameter("south_offset", -1.5, 1.5, "s", "how much later the first southward CAV is due"),

@@ -19,8 +19,8 @@ CHANGE_M = 80.0
 GOAL_M = 60.0
 """[m] Distance of the goals behind the end of the acceleration lane."""
 PARAMETERS = (
-    FamilyParameter("ramp_cavs", 1.0, 4.0, "", "number of CAVs on the ramp, rounded"),
-    FamilyParameter("main_cavs", 1.0, 6.0, "", "number of CAVs on the motorway, rounded; every third one on the left"),
+    FamilyParameter("ramp_cavs", 1.0, 3.0, "", "number of CAVs on the ramp, rounded"),
+    FamilyParameter("main_cavs", 1.0, 5.0, "", "number of CAVs on the motorway, rounded; every third one on the left"),
     FamilyParameter("ramp_distance", 80.0, 140.0, "m", "distance of the first ramp CAV from the nose"),
     FamilyParameter("ramp_speed", 17.0, 24.0, "m/s", "start speed on the ramp"),
     FamilyParameter("main_speed", 22.0, 33.0, "m/s", "start speed on the motorway"),

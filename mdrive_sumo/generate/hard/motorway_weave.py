@@ -19,9 +19,9 @@ CHANGE_M = 60.0
 GOAL_M = 50.0
 """[m] Distance of the goals behind the weaving section."""
 PARAMETERS = (
-    FamilyParameter("entering", 1.0, 4.0, "", "number of CAVs that enter, rounded"),
-    FamilyParameter("leaving", 1.0, 4.0, "", "number of CAVs that leave, rounded"),
-    FamilyParameter("passing", 0.0, 3.0, "", "number of CAVs that stay on the left lane, rounded"),
+    FamilyParameter("entering", 1.0, 3.0, "", "number of CAVs that enter, rounded"),
+    FamilyParameter("leaving", 1.0, 3.0, "", "number of CAVs that leave, rounded"),
+    FamilyParameter("passing", 0.0, 2.0, "", "number of CAVs that stay on the left lane, rounded"),
     FamilyParameter("ramp_distance", 60.0, 140.0, "m", "distance of the first entering CAV from the nose"),
     FamilyParameter("ramp_speed", 14.0, 19.0, "m/s", "start speed on the ramp"),
     FamilyParameter("main_speed", 18.0, 27.0, "m/s", "start speed on the motorway"),

@@ -16,9 +16,9 @@ NETWORK = "hard_dual_crossing"
 GOAL_M = 40.0
 """[m] Distance of the goals behind the crossing."""
 PARAMETERS = (
-    FamilyParameter("eastward", 1.0, 5.0, "", "number of CAVs in the eastward platoon, rounded"),
+    FamilyParameter("eastward", 1.0, 4.0, "", "number of CAVs in the eastward platoon, rounded"),
     FamilyParameter("northward", 1.0, 4.0, "", "number of CAVs in the northward platoon, rounded"),
-    FamilyParameter("westward", 0.0, 3.0, "", "number of CAVs in the westward platoon, rounded"),
+    FamilyParameter("westward", 0.0, 2.0, "", "number of CAVs in the westward platoon, rounded"),
     FamilyParameter("arrival", 4.0, 6.0, "s", "time after which the eastward platoon is due at the crossing"),
     FamilyParameter("north_offset", -2.0, 2.0, "s", "how much later the northward platoon is due"),
     FamilyParameter("west_offset", -3.0, 3.0, "s", "how much later the westward platoon is due"),
