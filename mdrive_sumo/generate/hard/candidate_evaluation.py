@@ -33,7 +33,7 @@ from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.statistics import compute_route_length
 from mdrive_sumo.scenario.suite import load_suite
-from mdrive_sumo.scoring import ScoreMode, find_arrival_ticks, score_episode
+from mdrive_sumo.scoring import ScenarioResult, ScoreMode, find_arrival_ticks, score_episode
 from mdrive_sumo.study.need_certificate import certify_need
 from mdrive_sumo.v2x.comm_settings import PRESETS
 
@@ -189,7 +189,10 @@ def _drive_candidate(scenario: Scenario, roads: RoadMap) -> CandidateFigures:
     result = score_episode(solved, limited, roads, ScoreMode.MDRIVE, 0)
     ticks = find_arrival_ticks(result.egos)
     if result.ds < FULL_SCORE or len(ticks) < len(scenario.egos):
-        raise _Rejection(RejectionStage.FEASIBILITY, f"expected {REFERENCE_AGENT} to reach 100, found {result.ds:.2f}")
+        raise _Rejection(
+            RejectionStage.FEASIBILITY,
+            f"expected {REFERENCE_AGENT} to reach 100, found {result.ds:.2f}: {_describe_losses(result)}",
+        )
     _check_length(sum(ticks.values()) * DT)
     final = set_time_limits(scenario, compute_time_limits(ticks))
     score = _probe(final, roads, ticks)
@@ -207,6 +210,12 @@ def _drive_candidate(scenario: Scenario, roads: RoadMap) -> CandidateFigures:
         message_gain_s=need.lead_s,
         is_certified=need.holds,
     )
+
+
+def _describe_losses(result: ScenarioResult) -> str:
+    """Return what each CAV that lost score did."""
+    losses = [(ego.id, str(ego.outcome), *(one.kind for one in ego.infractions)) for ego in result.egos if ego.ds < 100]
+    return "; ".join(f"CAV {name} {', '.join(what)}" for name, *what in losses)
 
 
 def _probe(scenario: Scenario, roads: RoadMap, reference: ReferenceTicks) -> float:

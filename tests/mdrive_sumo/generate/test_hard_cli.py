@@ -1,10 +1,12 @@
 """`mdrive-sumo generate --hard` as a user calls it, on a toy family: a suite that is rebuilt, checked and listed."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,9 +19,11 @@ from mdrive_sumo.generate.generated_suite import load_recipes
 from mdrive_sumo.generate.hard import adversarial_search, candidate_evaluation, families, hard_selection
 from mdrive_sumo.generate.hard.behaviour_archive import BATCH
 from mdrive_sumo.generate.hard.elite_check import EliteCheck, EliteTask
-from mdrive_sumo.generate.hard.time_limits import compute_time_limits
+from mdrive_sumo.generate.hard.time_limits import compute_time_limits, set_time_limits
+from mdrive_sumo.generate.validation.hard_suite_validation import find_hard_problems
 from mdrive_sumo.scenario.reference_times import find_reference_times
-from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.scenario.suite import load_suite, save_suite, seal_suite
+from mdrive_sumo.study.need_certificate import NEED_FILE, NeedConflict, read_need, save_need
 
 pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 
@@ -243,3 +247,99 @@ def test_worker_processes_and_ctrl_c(tmp_path: Path) -> None:
             assert process.returncode == (130 if interrupted else 2)  # the rules lose nothing here: no elites
         archives.append((tmp_path / str(workers) / "suite.search" / "archive.json").read_bytes())
     assert archives[0] == archives[1]
+
+
+@pytest.fixture
+def copy(made: tuple[Path, str], tmp_path: Path) -> Path:
+    """A copy of the suite, to be spoiled."""
+    return Path(shutil.copytree(made[0], tmp_path / "suite"))
+
+
+def validated(folder: Path) -> tuple[int, str]:
+    found = command("validate", folder, "--seeds", 1, "--workers", 1)
+    return found.exit_code, found.output
+
+
+def test_the_suite_is_valid_and_listed_with_its_certificates(copy: Path) -> None:
+    names = [scenario.id for scenario in load_suite(str(copy))]
+    code, said = validated(copy)
+    assert code == 0 and f"{names[0]}: ok, omniscient 100 with 1 of 1 seeds; no need certified" in said
+    assert "suite: 2 scenarios in 1 categories, 0 on dense corridors, 0 with a certificate of need that holds" in said
+    listed = command("list", "scenarios", "--suite", copy).output
+    assert listed.splitlines()[0].split()[-3:] == ["needed", "gain", "[s]"] and "0 of 2 hold" in listed
+    (copy / NEED_FILE).unlink()
+    assert validated(copy)[0] == 0 and "hidden: unknown" in command("list", "scenarios", "--suite", copy).output
+    assert "expected a suite with occlusion.json" in command("list", "scenarios", "--suite", copy, "--occluded").output
+
+
+def test_other_limits_than_those_of_the_reference_are_found(copy: Path) -> None:
+    suite = load_suite(str(copy))
+    first = suite.scenarios[0]
+    limits = {ego.id: ego.time_limit_s or 0.0 for ego in first.egos}
+    changed = set_time_limits(first, {name: limit + 1.0 for name, limit in limits.items()})
+    save_suite(seal_suite(replace(suite, scenarios=(changed, *suite.scenarios[1:]))))
+    code, said = validated(copy)
+    ((name, limit),) = limits.items()
+    rule = "1.5 x the time of omniscient + 2 s"
+    assert code == 1
+    assert f"{first.id}: time limit of CAV {name}: expected {limit:g} s, {rule}, found {limit + 1:g} s" in said
+    assert "need.json: expected certificates of sha256:" in said and "reference_times.json: expected" in said
+    assert command("generate", "--rebuild", copy).output.startswith(f"{first.id}: the recipe makes another file")
+
+
+def _claim_need(path: Path) -> None:
+    certificates = read_need(path.parent)
+    assert certificates is not None
+    first, *rest = certificates.certificates
+    conflict = NeedConflict(
+        ego="a",
+        road_user="b",
+        x=0.0,
+        y=0.0,
+        time_limit_s=1.0,
+        required_speed=1.0,
+        is_blind=True,
+        cautious_s=None,
+        cautious_speed=None,
+        excludes_all=False,
+        conflict_s=1.0,
+    )
+    forged = first.model_copy(update={"conflicts": (conflict,)})
+    save_need(path.parent, certificates.model_copy(update={"certificates": (forged, *rest)}))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "problem"),
+    [
+        (_claim_need, "need.json: expected what was just found, found otherwise for toy_"),
+        (
+            lambda path: path.write_text(path.read_text().replace("sha256:", "sha256:0")),
+            "need.json: expected certificates of sha256:",
+        ),
+    ],
+)
+def test_certificates_that_are_not_true_are_found_and_written_anew(
+    copy: Path, spoil: Callable[[Path], object], problem: str
+) -> None:
+    before = (copy / NEED_FILE).read_bytes()
+    spoil(copy / NEED_FILE)
+    code, said = validated(copy)
+    assert code == 1 and problem in said
+    assert command("validate", copy, "--seeds", 1, "--workers", 1, "--write").exit_code == 0
+    assert (copy / NEED_FILE).read_bytes() == before
+
+
+def test_the_packaged_suite_needs_its_numbers(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    suite = load_suite(str(copy))
+    named = replace(suite, about=suite.about.model_copy(update={"name": "hard"}))
+    problems = list(find_hard_problems(named, (), "", must_be_complete=True))
+    assert [problem.partition(", found")[0] for problem in problems] == [
+        "need.json: expected certificates of " + named.checksum()[:19] + "...",
+        "expected 120 scenarios or more",
+        "expected 10 categories or more",
+        "expected 80 certificates of need that hold",
+        "expected a third of 2 scenarios on dense corridors",
+    ]
+    (copy / NEED_FILE).unlink()
+    assert "expected need.json" in next(find_hard_problems(named, (), "", must_be_complete=True))
+    assert not list(find_hard_problems(named, (), "", must_be_complete=False))
