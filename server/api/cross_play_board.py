@@ -21,7 +21,7 @@ _Results = Sequence[dict[str, Any]]
 
 
 def read_cross_play(session: Session, caller: Caller | None, phase_id: str) -> CrossPlayOut:
-    """Return the board of a phase, the best with strangers first.
+    """Return the board of a phase: agents of the object track first, in each track the best with strangers.
 
     Raises NotFound for an unknown phase, InputError for one without this board, and HiddenScenariosError for a hidden
     one unless for admins: every cell is a figure that two agents can choose by driving (docs/api.md).
@@ -34,7 +34,7 @@ def read_cross_play(session: Session, caller: Caller | None, phase_id: str) -> C
     agents = cross_play.list_agents(session, phase_id)
     jobs = cross_play.list_jobs(session, phase_id, agents)
     rows = [_make_agent(entry, agents, jobs) for entry in agents]
-    rows.sort(key=lambda row: (row.ds is None, -(row.ds or 0.0)))
+    rows.sort(key=lambda row: (row.sensing_track != SensingTrack.OBJECT, row.ds is None, -(row.ds or 0.0)))
     order = {row.submission: place for place, row in enumerate(rows)}
     for row in rows:
         row.cells.sort(key=lambda cell: order[cell.others])

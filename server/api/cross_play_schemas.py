@@ -43,7 +43,7 @@ class CrossPlayAgentOut(ResponseModel):
 
 
 class CrossPlayOut(ResponseModel):
-    """The board of a phase, the best with strangers first."""
+    """The board of a phase: agents of the object track first, in each track the best with strangers."""
 
     phase: str
     scenarios: int
