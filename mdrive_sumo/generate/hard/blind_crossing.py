@@ -28,8 +28,8 @@ from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
 
-HALF_PATH_M = 2.6
-"""[m] From the place where centres come together to the side of CAV 0: its half width, and what is left to be near."""
+HALF_PATH_M = 1.1
+"""[m] From the path of CAV 0 to its side, with some room."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,9 +137,9 @@ FAMILY = ScenarioFamily(
     description="Fast traffic crosses from behind buildings at a crossing or a T-junction.",
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "junction and directions"),
-        *build_encounter_parameters((60.0, 150.0), (6.0, 13.8), (9.0, 20.0)),
-        FamilyParameter("vans", 0.0, 3.0, "", "number of vans parked at the corner, where there is a kerb for them"),
-        FamilyParameter("corner_gap_m", 1.5, 9.0, "m", "distance of the first van from the side of CAV 0"),
+        *build_encounter_parameters((35.0, 150.0), (6.0, 13.8), (9.0, 22.2)),
+        FamilyParameter("vans", 0.0, 8.0, "", "number of vans parked at the corner, where there is a kerb for them"),
+        FamilyParameter("corner_gap_m", 0.8, 8.0, "m", "distance of the first van from the side of CAV 0"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit hangs above the junction (from 0.5 on)"),
         FamilyParameter("cavs", 2.0, 10.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 60.0, "", "number of reactive vehicles"),

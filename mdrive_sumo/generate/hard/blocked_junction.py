@@ -118,7 +118,7 @@ FAMILY = ScenarioFamily(
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "side street"),
         *build_encounter_parameters((30.0, 85.0), (3.0, 11.0), (8.0, 13.8)),
-        FamilyParameter("gap_m", 2.5, 7.0, "m", "distance of the first blocking vehicle from the side of CAV 0"),
+        FamilyParameter("gap_m", 1.0, 6.0, "m", "distance of the first blocking vehicle from the side of CAV 0"),
         FamilyParameter("blocking", 1.0, 3.0, "", "number of blocking vehicles"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit hangs above the junction (from 0.5 on)"),
         FamilyParameter("cavs", 2.0, 8.0, "", "number of CAVs"),

@@ -30,6 +30,8 @@ SPACING_M = 48.0
 """[m] Between pedestrians."""
 JUNCTION_M = (24.0, 22.0)
 """[m] No pedestrian crosses closer to the begin or the end of a segment."""
+DOOR_M = 8.6
+"""[m] From the centre of the lane to where a pedestrian begins: inside the house, out of sight until it starts."""
 MEAN_SPEED = 12.0
 """[m/s] Of CAV 0, by which the oncoming CAV is timed."""
 GOAL_M = 55.0
@@ -108,10 +110,10 @@ def _build_pedestrian(street: _Street, own: Ego, place: tuple[int, float], value
     station = street.places[k]
     corridor = street.corridor
     width = 2 * len(corridor.lanes) * 3.3 + (6.6 if corridor.network.endswith("arterial") else 0.0)
-    kerb = compute_pose(street.roads, street.own, station, -PAVEMENT_M)
+    door = compute_pose(street.roads, street.own, station, -DOOR_M)
     beyond = compute_pose(street.roads, street.own, station, width - 1.65 + 3.0)
     trigger = build_arrival_trigger(own, along - values["lead_m"])
-    points = ((kerb.x, kerb.y), (beyond.x, beyond.y))
+    points = ((door.x, door.y), (beyond.x, beyond.y))
     return build_crossing_actor(f"walker{k}", "pedestrian", points, values["walking_speed"], trigger)
 
 
@@ -142,10 +144,10 @@ FAMILY = ScenarioFamily(
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "corridor and segment"),
         FamilyParameter("place", 0.0, 1.0, "", "place of the first pedestrian in the segment"),
-        FamilyParameter("own_m", 45.0, 120.0, "m", "distance of CAV 0 from the first pedestrian"),
+        FamilyParameter("own_m", 40.0, 120.0, "m", "distance of CAV 0 from the first pedestrian"),
         FamilyParameter("own_speed", 6.0, 13.8, "m/s", "start speed of CAV 0"),
-        FamilyParameter("lead_m", 14.0, 55.0, "m", "distance of CAV 0 at which a pedestrian starts"),
-        FamilyParameter("walking_speed", 1.1, 2.8, "m/s", "speed of the pedestrians"),
+        FamilyParameter("lead_m", 20.0, 80.0, "m", "distance of CAV 0 at which a pedestrian starts"),
+        FamilyParameter("walking_speed", 1.2, 3.3, "m/s", "speed of the pedestrians"),
         FamilyParameter("free_m", 4.0, 16.0, "m", "length of the free place before which the pedestrians wait"),
         FamilyParameter(
             "bus", 0.0, 1.0, "", "whether a bus at its stop hides the pedestrians, not a van (from 0.5 on)"
