@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import shapely
+
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_parts import (
     FamilyTraffic,
@@ -32,6 +34,9 @@ JUNCTION_M = (24.0, 22.0)
 """[m] No pedestrian crosses closer to the begin or the end of a segment."""
 DOOR_M = 8.6
 """[m] From the centre of the lane to where a pedestrian begins: inside the house, out of sight until it starts."""
+DOOR_WALL_M = 1.2
+"""[m] Least distance of that place from the walls."""
+DOOR_SHIFTS_M = (0.0, 1.5, -1.5, 3.0, -3.0, 4.5, -4.5, 6.0, -6.0)
 MEAN_SPEED = 12.0
 """[m/s] Of CAV 0, by which the oncoming CAV is timed."""
 GOAL_M = 55.0
@@ -69,10 +74,20 @@ def _find_street(values: Mapping[str, float]) -> _Street:
     places: list[float] = []
     for begin, length in segments:
         while (place := max(wanted, begin + JUNCTION_M[0])) <= begin + length - JUNCTION_M[1]:
-            places.append(place)
-            wanted = place + SPACING_M
+            places.append(_find_door(roads, own, place))
+            wanted = places[-1] + SPACING_M
     places = places[: round(values["pedestrians"])]
     return _Street(corridor, roads, own, corridor.find_chain(roads, "west", corridor.lanes[-1]), tuple(places))
+
+
+def _find_door(roads: RoadMap, own: Lanes, wanted: float) -> float:
+    """Return the station [m] nearest to the wanted one whose door lies in a house; the wanted one if none is near."""
+    for shift in DOOR_SHIFTS_M:
+        door = compute_pose(roads, own, wanted + shift, -DOOR_M)
+        place = shapely.Point(door.x, door.y).buffer(DOOR_WALL_M)
+        if any(building.contains(place) for building in roads.building_shapes):
+            return wanted + shift
+    return wanted
 
 
 def build_occluded_pedestrian(candidate: FamilyCandidate) -> Scenario:

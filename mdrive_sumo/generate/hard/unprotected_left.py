@@ -1,4 +1,4 @@
-"""Left turn across oncoming traffic of 60 km/h that trucks in the opposite left-turn lane hide."""
+"""Left turn across oncoming traffic of 70 km/h that trucks in the opposite left-turn lane hide."""
 
 import random
 from collections.abc import Mapping
@@ -87,7 +87,7 @@ FAMILY = ScenarioFamily(
     category="Unprotected_Left_Turn",
     description="Left turn across fast oncoming traffic that trucks in the opposite left-turn lane hide.",
     parameters=(
-        *build_encounter_parameters((30.0, 120.0), (5.0, 14.0), (11.0, 16.6)),
+        *build_encounter_parameters((30.0, 120.0), (5.0, 14.0), (11.0, 19.4)),
         FamilyParameter("truck_ahead_m", 4.0, 16.3, "m", "how far the first truck has driven into the junction"),
         FamilyParameter("truck_aside_m", 0.0, 0.4, "m", "how far right of its lane's centre the first truck stands"),
         FamilyParameter("trucks", 1.0, 4.0, "", "number of trucks in the opposite left-turn lane"),
