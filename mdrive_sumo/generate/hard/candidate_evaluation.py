@@ -215,7 +215,7 @@ def _drive_candidate(scenario: Scenario, roads: RoadMap) -> CandidateFigures:
 def _describe_losses(result: ScenarioResult) -> str:
     """Return what each CAV that lost score did."""
     losses = [(ego.id, str(ego.outcome), *(one.kind for one in ego.infractions)) for ego in result.egos if ego.ds < 100]
-    return "; ".join(f"CAV {name} {', '.join(what)}" for name, *what in losses)
+    return "; ".join(f"CAV {name} {', '.join(dict.fromkeys(what))}" for name, *what in losses)
 
 
 def _probe(scenario: Scenario, roads: RoadMap, reference: ReferenceTicks) -> float:
