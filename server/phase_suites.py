@@ -1,5 +1,7 @@
 """Suites of the phases: the jobs of a submission and the description of its evaluator."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from threading import Lock
@@ -29,6 +31,18 @@ class PhaseSuites(Protocol):
         """Return `SubmissionRow.evaluator` for an agent of this environment."""
         ...
 
+    def find_checksum(self, phase: PhaseRow, scenario: str) -> str:
+        """Return the checksum that the file of a scenario had when the suite was read; "": not known."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class _LoadedSuite:
+    suite: Suite
+    checksum: str
+    scenario_checksums: Mapping[str, str]
+    """By scenario id."""
+
 
 class LoadedPhaseSuites:
     """Suites on this machine, each read once: a changed suite needs a restart."""
@@ -36,12 +50,12 @@ class LoadedPhaseSuites:
     def __init__(self, settings: ServerSettings) -> None:
         self._settings = settings
         self._lock = Lock()
-        self._suites: dict[str, tuple[Suite, str]] = {}
+        self._suites: dict[str, _LoadedSuite] = {}
         self._code = read_versions() | {"code": compute_code_checksum()}
 
     def jobs(self, phase: PhaseRow) -> list[tuple[str, int]]:
         """See `PhaseSuites`; by scenario, then seed."""
-        suite, _ = self._load(phase.suite)
+        suite = self._load(phase.suite).suite
         if not phase.public:
             self._check_hidden(phase, suite)
         return [(scenario.id, seed) for scenario in suite.scenarios for seed in range(phase.seeds)]
@@ -51,14 +65,18 @@ class LoadedPhaseSuites:
 
         The digest is read every time: an environment can be imported again while the server runs.
         """
-        _, checksum = self._load(phase.suite)
+        checksum = self._load(phase.suite).checksum
         sandbox = self._settings.sandbox.model_dump(mode="json", exclude={"log_bytes"})
         digest = environments.compute_digest(environment, self._settings.environments)
         return {**self._code, "suite": checksum, "seeds": phase.seeds, "sandbox": sandbox, ENVIRONMENT: digest}
 
     def suite(self, phase: PhaseRow) -> Suite:
         """Return the suite of a phase."""
-        return self._load(phase.suite)[0]
+        return self._load(phase.suite).suite
+
+    def find_checksum(self, phase: PhaseRow, scenario: str) -> str:
+        """See `PhaseSuites`."""
+        return self._load(phase.suite).scenario_checksums.get(scenario, "")
 
     def _check_hidden(self, phase: PhaseRow, suite: Suite) -> None:
         if (found := len(suite.scenarios)) < MIN_HIDDEN_SCENARIOS:
@@ -77,9 +95,10 @@ class LoadedPhaseSuites:
                     " folder of your own as its suite, or set packaged_suite = true in its section for a trial"
                 )
 
-    def _load(self, name: str) -> tuple[Suite, str]:
+    def _load(self, name: str) -> _LoadedSuite:
         with self._lock:
             if name not in self._suites:
                 suite = load_suite(name)
-                self._suites[name] = suite, suite.checksum()
+                checksums = {one.id: suite.compute_file_checksum(one.id) for one in suite.scenarios}
+                self._suites[name] = _LoadedSuite(suite, suite.checksum(), checksums)
             return self._suites[name]

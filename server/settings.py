@@ -7,18 +7,17 @@ import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import fields
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits as ConnectionLimits
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.agent_process.sandbox.private_files import MEMORY
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import describe_first_error
-from server.store.phases import NewPhase
+from server.phase_settings import Count, PhaseSettings, SettingsModel
 from server.store.retention import RetentionPolicy
 
 PREFIX = "MDRIVE_"
@@ -29,14 +28,9 @@ MIB = 1024 * 1024
 _BOX = BoxLimits()
 _LINE = ConnectionLimits()
 _POLICY = RetentionPolicy()
-Count = Annotated[int, Field(ge=1)]
 
 
-class _SettingsModel(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class ArchiveSettings(_SettingsModel):
+class ArchiveSettings(SettingsModel):
     """Limits of an archive."""
 
     archive_bytes: Count = 64 * MIB
@@ -58,7 +52,7 @@ class ArchiveSettings(_SettingsModel):
         return self.model_dump(exclude={"check_s", "refused_per_day", "start_agents"})
 
 
-class SandboxSettings(_SettingsModel):
+class SandboxSettings(SettingsModel):
     """Sandboxes of the agents. The limits are those of `mdrive_sumo.agent_process.sandbox.BoxLimits`."""
 
     backend: Literal["bubblewrap", "gvisor"] = "bubblewrap"
@@ -96,7 +90,7 @@ class SandboxSettings(_SettingsModel):
         return ConnectionLimits(tick_s=self.tick_s, episode_s=self.episode_s, reply_bytes=self.reply_bytes)
 
 
-class WorkerSettings(_SettingsModel):
+class WorkerSettings(SettingsModel):
     """Workers that run the jobs."""
 
     processes: Annotated[int, Field(ge=0)] = 2
@@ -129,7 +123,7 @@ class WorkerSettings(_SettingsModel):
         return self
 
 
-class RetentionSettings(_SettingsModel):
+class RetentionSettings(SettingsModel):
     """Retention in days; see `store.retention.RetentionPolicy`."""
 
     archive_days: Count = _POLICY.archive_days
@@ -142,7 +136,7 @@ class RetentionSettings(_SettingsModel):
         return RetentionPolicy(**self.model_dump())
 
 
-class RegistrationSettings(_SettingsModel):
+class RegistrationSettings(SettingsModel):
     """Self-registration of teams."""
 
     open: bool = False
@@ -150,7 +144,7 @@ class RegistrationSettings(_SettingsModel):
     """Registrations of all teams per UTC day."""
 
 
-class WebhookSettings(_SettingsModel):
+class WebhookSettings(SettingsModel):
     """Notifications of teams over HTTP; see `server.api.webhook_address` for where they may go."""
 
     enabled: bool = False
@@ -160,49 +154,7 @@ class WebhookSettings(_SettingsModel):
     """Time limit of one attempt, from the look-up of the name to the status of the answer."""
 
 
-class PhaseSettings(_SettingsModel):
-    """One `[[phases]]` section."""
-
-    id: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
-    title: Annotated[str, Field(min_length=1, max_length=120)]
-    suite: Annotated[str, Field(min_length=1)]
-    """A packaged suite's name or a folder on this machine."""
-    public: bool
-    """False: the scenarios are hidden; only aggregates are shown."""
-    packaged_suite: bool = False
-    """Whether a hidden phase may have scenarios of a packaged suite, which everyone can read: for trials."""
-    opens: AwareDatetime
-    closes: AwareDatetime
-    per_day: Count = 10
-    in_parallel: Count = 1
-    in_total: Count = 1000
-    seeds: Count = 1
-
-    @model_validator(mode="after")
-    def _has_a_length(self) -> Self:
-        if self.closes <= self.opens:
-            raise ValueError(f"closes: expected a time after opens {self.opens}, found {self.closes}")
-        return self
-
-    def as_new(self) -> NewPhase:
-        """Return the phase for the store."""
-        copied = self.model_dump(exclude={"opens", "closes", "packaged_suite"})
-        return NewPhase(opens_us=_to_us(self.opens), closes_us=_to_us(self.closes), **copied)
-
-
-WARM_UP = PhaseSettings(
-    id="warm-up",
-    title="Warm-up",
-    suite="interdrive",
-    public=True,
-    opens=datetime(2026, 1, 1, tzinfo=UTC),
-    closes=datetime(2100, 1, 1, tzinfo=UTC),
-    per_day=100,
-)
-"""Default phase of `mdrive-sumo serve` without settings."""
-
-
-class ServerSettings(_SettingsModel):
+class ServerSettings(SettingsModel):
     """The whole file. Without phases nothing can be submitted; everything else has a default."""
 
     data: Path = Path("mdrive-data")
@@ -294,7 +246,3 @@ def _apply_variable(content: dict[str, Any], name: str, text: str) -> None:
     if not isinstance(table, dict):
         raise InputError(f"settings: {section}: expected a table, found {table!r}")
     table[field] = text.split(",") if field in _LISTS else text
-
-
-def _to_us(moment: datetime) -> int:
-    return int(moment.timestamp()) * 1_000_000

@@ -6,9 +6,11 @@ negotiation          everything arrives
 joint                one program for all CAVs, which needs no messages; they arrive nevertheless
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
+from mdrive_sumo.contract import SensingTrack, SensorSpec, find_object_source
+from mdrive_sumo.contract.sensing_track import CARRIED, HIT_IDS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings
 from mdrive_sumo.v2x.content import CAM, CPM
@@ -38,6 +40,25 @@ TRACK_LABELS: Mapping[ChallengeTrack, tuple[str, str]] = {
     ),
 }
 """Display name of each track, and what it allows."""
+
+
+SENSING_LABELS: Mapping[SensingTrack, tuple[str, str]] = {
+    SensingTrack.OBJECT: ("Object track", "the evaluator gives the agent lists of objects (objects, bev)"),
+    SensingTrack.SENSOR: (
+        "Sensor track",
+        "only what a car carries: LiDAR, GNSS, IMU, speedometer, map and messages, no lists of objects",
+    ),
+}
+"""Display name of each sensing track, and what it means. It follows from what the agent declares in its episodes."""
+
+
+def check_sensing(sensors: Sequence[SensorSpec], *, sensor_track_only: bool) -> None:
+    """Raises InputError, for the participant, for a sensor that gives objects in a phase of the sensor track."""
+    if sensor_track_only and (source := find_object_source(sensors)):
+        raise InputError(
+            f"sensor {source:.60}: expected sensors of the sensor track, which this phase is for ({', '.join(CARRIED)}"
+            f" without {HIT_IDS}), found one that lists objects"
+        )
 
 
 def check_style(style: str, track: ChallengeTrack) -> None:

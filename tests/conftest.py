@@ -2,6 +2,7 @@
 
 import gc
 import os
+import re
 import signal
 from collections.abc import Generator
 from pathlib import Path
@@ -74,6 +75,18 @@ class Guard:
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         for problem in self.problems:
             terminalreporter.write_line(problem, red=True)
+
+
+MARKS_OF_MODULE = re.compile(r"^pytestmark = (\[\n(?:    .*\n)*\]|.*$)", re.MULTILINE)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out modules whose tests would all be deselected: importing them is a good part of `make check`."""
+    if collection_path.suffix != ".py" or not collection_path.name.startswith("test_"):
+        return None
+    marks = "".join(MARKS_OF_MODULE.findall(collection_path.read_text("utf-8")))
+    unwanted = [part.removeprefix("not ") for part in config.option.markexpr.split(" and ") if part.startswith("not ")]
+    return True if any(re.search(rf"\bpytest\.mark\.{mark}\b", marks) for mark in unwanted) else None
 
 
 @pytest.hookimpl(wrapper=True)

@@ -94,36 +94,43 @@ class OmniscientAgent:
         self._profile: SpeedProfile | None = None
         self._profile_tick = 0
         self._s = 0.0
+        self._begin_tick: int | None = None
+        self._review_tick: int | None = None
 
     def act(self, seen: Observation) -> Reply:
         """Return the plan, made or reviewed when it is this CAV's turn."""
         assert seen.privileged is not None, "the privileged sensor is declared"
-        known = self._predict_pedestrians(seen.tick, seen.privileged)
+        if self._begin_tick is None:
+            self._begin_tick = self._choose_begin_tick(seen.tick, seen.privileged)
+        objects = predict_walking_on(seen.privileged.objects, self._first_positions)
+        known = replace(seen.privileged, objects=objects)
         if seen.tick < self._begin_tick:
             return Reply(plan=self._build_plan(seen))
-        if seen.tick == self._begin_tick:
+        if self._review_tick is None:
             self._plan_jointly(known)
+            self._review_tick = self._begin_tick + self._rank
         self._s = self._path.project(seen.own.x, seen.own.y, self._s)
         self._signs = [line for line in self._signs if not self._is_sign_obeyed(line, seen.own.speed)]
-        since = seen.tick - self._begin_tick - self._rank
-        is_turn = since >= 0 and since % self._parameters.review_ticks == 0
-        if is_turn and not self._is_plan_valid(seen, known):
-            self._profile, self._profile_tick = self._find_profile(seen, known), seen.tick
+        if seen.tick >= self._review_tick:
+            self._review_tick = self._find_next_review(self._review_tick, seen.tick)
+            if not self._is_plan_valid(seen, known):
+                self._profile, self._profile_tick = self._find_profile(seen, known), seen.tick
         return Reply(plan=self._build_plan(seen))
 
-    def _predict_pedestrians(self, tick: int, known: Privileged) -> Privileged:
-        """Return the knowledge with pedestrians that will walk on; at the first tick, set the tick to begin at."""
+    def _choose_begin_tick(self, tick: int, known: Privileged) -> int:
+        """Return the tick from which to plan, at the first observation; remember scale and first positions."""
         objects = known.objects
-        if tick == 0:
-            positions = zip(objects.x.tolist(), objects.y.tolist(), strict=True)
-            self._first_positions = dict(zip(objects.ids, positions, strict=True))
-            default = OPTIONS["speed"].default
-            self._scale = find_common_scale(self._briefing, self._chosen_speed, default, known)
-            if not self._scale.is_protocol:
-                self._road = build_road_direction(self._briefing)
-            undecided = has_undecided_vehicle(known, self._briefing)
-            self._begin_tick = self._parameters.decision_ticks if undecided else 0
-        return replace(known, objects=predict_walking_on(objects, self._first_positions))
+        positions = zip(objects.x.tolist(), objects.y.tolist(), strict=True)
+        self._first_positions = dict(zip(objects.ids, positions, strict=True))
+        self._scale = find_common_scale(self._briefing, self._chosen_speed, OPTIONS["speed"].default, known)
+        if not self._scale.is_protocol:
+            self._road = build_road_direction(self._briefing)
+        return tick + (self._parameters.decision_ticks if has_undecided_vehicle(known, self._briefing) else 0)
+
+    def _find_next_review(self, due: int, tick: int) -> int:
+        """Return the tick of the next review after the one that was due: observations may come every few ticks only."""
+        period = self._parameters.review_ticks
+        return due + period * ((tick - due) // period + 1)
 
     def _plan_jointly(self, known: Privileged) -> None:
         """Find the paths of all CAVs and the order of planning."""

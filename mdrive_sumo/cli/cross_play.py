@@ -4,8 +4,10 @@ from typing import Any
 
 import click
 
-from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
+from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names, study_options
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.study.cross_play import CrossPlayStudy, summarise_cross_play
 from mdrive_sumo.study.two_agent_files import (
@@ -20,11 +22,16 @@ from mdrive_sumo.study.two_agent_plots import draw_cross_play
 
 DEFAULT_AGENTS = "idm,single,sharing,colmdriver-rule,sharing+negotiation"
 """Built-in agents that react to other vehicles: constant-speed, stationary and take-turns do not."""
+ALL_AGENTS = "all"
 
 
 @click.command("cross-play")
 @click.option(
-    "--agents", default=DEFAULT_AGENTS, show_default=True, metavar="A,B,...", help="Agents, each as --agent of `eval`."
+    "--agents",
+    default=DEFAULT_AGENTS,
+    show_default=True,
+    metavar="A,B,...|all",
+    help="Agents, each as --agent of `eval`; all: every built-in agent that drives without options.",
 )
 @study_options(suite="interdrive", seed=0, seeds=1)
 @click.pass_context
@@ -38,7 +45,7 @@ def command(ctx: click.Context, agents: str, **options: Any) -> None:
     Exit codes: 0 every scenario has a score, 1 some are void or an agent failed, 2 unusable input, 130 interrupted.
     """
     given = StudyOptions(**options)
-    names = parse_agent_names(agents, fewest=2)
+    names = parse_agent_names(list_all_agents() if agents == ALL_AGENTS else agents, fewest=2)
     study = CrossPlayStudy({name: given.prepare_agent(name) for name in names}, given.all_seeds, given.out)
     rows = drive_with_display(ctx, study)
     summary = summarise_cross_play(rows)
@@ -49,8 +56,21 @@ def command(ctx: click.Context, agents: str, **options: Any) -> None:
         "cross-play.md": cross_play_markdown(about, rows, summary),
     }
     paths = [*given.write_pages(pages), *draw_cross_play(summary, about.suite, given.out / "cross-play")]
-    click.echo(format_text_table(STRANGERS_HEADER, make_strangers_table(summary)))
-    click.echo("\n" + format_text_table(*make_matrix(summary)))
-    click.echo("\n" + "\n".join(map(str, paths)))
-    failed = warn_about_failures((one for row in rows for one in row.results), given.out)
-    ctx.exit(1 if failed or summary.void else 0)
+    tables = (
+        format_text_table(STRANGERS_HEADER, make_strangers_table(summary)),
+        format_text_table(*make_matrix(summary)),
+    )
+    given.end_study(ctx, tables, paths, (one for row in rows for one in row.results), summary.void)
+
+
+def list_all_agents() -> str:
+    """Return the names of all built-in agents that drive without options, with commas between them."""
+    names: list[str] = []
+    for name, factory in AGENTS.items():
+        try:
+            factory({})
+        except InputError as error:
+            click.echo(f"left out: {name}: {error}", err=True)
+        else:
+            names.append(name)
+    return ",".join(names)

@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
+from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.study_options import StudyOptions, study_options
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.study.gain import AGENTS, GainStudy, summarise_gain
@@ -33,7 +33,5 @@ def command(ctx: click.Context, **options: Any) -> None:
         "gain.md": gain_markdown(about, rows, summary),
     }
     paths = given.write_pages(pages)
-    click.echo(format_text_table(GAIN_HEADER, make_gain_table(summary)))
-    click.echo("\n" + "\n".join(map(str, paths)))
-    failed = warn_about_failures((one for row in rows for one in row.results), given.out)
-    ctx.exit(1 if failed or summary.void else 0)
+    table = format_text_table(GAIN_HEADER, make_gain_table(summary))
+    given.end_study(ctx, [table], paths, (one for row in rows for one in row.results), summary.void)

@@ -1,11 +1,14 @@
 """`mdrive-sumo list`."""
 
+import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import click
 
 from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.contract import derive_sensing_track
+from mdrive_sumo.contract.agent_options import AgentFactory
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import TableRow, format_text_table
 from mdrive_sumo.generate.validation import is_hard_suite
@@ -121,6 +124,10 @@ OCCLUSION_LEGEND = (
     "hidden: longest time before a conflict in which the other vehicle is hidden from a CAV but known to other CAVs\n"
     "or RSUs, or only to itself (it can send a CAM); in the constant-speed and the omniscient episode"
 )
+TRACK_LEGEND = (
+    "track: sensor: only what a car carries (LiDAR, GNSS, IMU, speedometer, map, messages) or less; object: given lists"
+    " of objects"
+)
 NEED_LEGEND = (
     "needed: a driver without messages cannot be safe and in time (certificate of need, docs/hard.md);\n"
     "gain: how much earlier than its own sensors a message tells a CAV of the road user"
@@ -129,8 +136,20 @@ NO_CERTIFICATES = "hidden: unknown; `mdrive-sumo validate SUITE --write` examine
 
 
 def _list_agents(_: str) -> str:
-    rows = [(name, (factory.__doc__ or "").strip().split("\n")[0]) for name, factory in AGENTS.items()]
-    return format_text_table(("agent", "what it does"), rows)
+    rows = [
+        (name, _find_builtin_track(factory), (factory.__doc__ or "").strip().split("\n")[0])
+        for name, factory in AGENTS.items()
+    ]
+    return format_text_table(("agent", "track", "what it does"), rows) + f"\n\n{TRACK_LEGEND}"
+
+
+def _find_builtin_track(factory: AgentFactory) -> str:
+    """Return the sensing track of a built-in agent with its default options."""
+    try:
+        agent = factory({})
+    except InputError:  # it needs a language model; one without answers does to ask for its sensors
+        agent = factory({"transcript": os.devnull})
+    return derive_sensing_track([agent.sensors()]).value
 
 
 def _list_networks(_: str) -> str:

@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
+from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names, study_options
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
@@ -67,10 +67,8 @@ def command(ctx: click.Context, agents: str, others: str, levels: str, **options
         "penetration.md": penetration_markdown(about, rows, summary),
     }
     paths = [*given.write_pages(pages), *draw_penetration(summary, about.suite, given.out / "penetration")]
-    click.echo(format_text_table(PENETRATION_HEADER, make_penetration_table(summary)))
-    click.echo("\n" + "\n".join(map(str, paths)))
-    failed = warn_about_failures((one for row in rows for one in row.results), given.out)
-    ctx.exit(1 if failed or summary.void else 0)
+    table = format_text_table(PENETRATION_HEADER, make_penetration_table(summary))
+    given.end_study(ctx, [table], paths, (one for row in rows for one in row.results), summary.void)
 
 
 def _parse_levels(text: str) -> tuple[int, ...]:

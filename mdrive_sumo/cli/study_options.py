@@ -1,15 +1,16 @@
 """Options that studies of agents share: suite, channel, seeds, folder."""
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
 from mdrive_sumo.cli.comm import parse_comm_options
 from mdrive_sumo.cli.scenario_option import scenario_option
+from mdrive_sumo.cli.study_display import warn_about_failures
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop import EpisodeOptions
@@ -17,6 +18,7 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.study_files import StudyDescription
 from mdrive_sumo.v2x.comm_settings import PRESETS
 
@@ -92,6 +94,14 @@ class StudyOptions:
             with report_write_errors(self.out / name):
                 (self.out / name).write_text(text, encoding="utf-8")
         return [self.out / name for name in pages]
+
+    def end_study(
+        self, ctx: click.Context, tables: Sequence[str], paths: Sequence[Path], results: Iterable[Results], void: int
+    ) -> NoReturn:
+        """Print tables, paths and a line for each failed agent; exit with 1 if one failed or scenarios are void."""
+        click.echo("\n\n".join((*tables, "\n".join(map(str, paths)))))
+        failed = warn_about_failures(results, self.out)
+        ctx.exit(1 if failed or void else 0)
 
 
 def parse_agent_names(text: str, fewest: int = 1) -> Sequence[str]:

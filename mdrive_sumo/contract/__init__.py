@@ -33,6 +33,12 @@ from mdrive_sumo.contract.reply_check import (
     check_reply,
 )
 from mdrive_sumo.contract.schema import CONTRACT, schema
+from mdrive_sumo.contract.sensing_track import (
+    SensingTrack,
+    derive_sensing_track,
+    find_object_source,
+    join_sensing_tracks,
+)
 from mdrive_sumo.contract.sensors import Detections, Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
 
 __all__ = [
@@ -43,6 +49,10 @@ __all__ = [
     "PointCloud",
     "Raster",
     "SensorSpec",
+    "SensingTrack",
+    "derive_sensing_track",
+    "find_object_source",
+    "join_sensing_tracks",
     "Briefing",
     "StopSign",
     "TrafficLight",

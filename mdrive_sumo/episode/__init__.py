@@ -1,6 +1,7 @@
 """The recorded episode, at the resolution in which it is scored, stored and compared."""
 
 from mdrive_sumo.episode.episode import (
+    SENSING_TRACK,
     Ending,
     EpisodeRecord,
     NoteRecord,
@@ -16,6 +17,7 @@ from mdrive_sumo.episode.recorded_frame import rebuild_frame
 from mdrive_sumo.episode.recorder import Recorder
 
 __all__ = [
+    "SENSING_TRACK",
     "Ending",
     "EpisodeRecord",
     "ReceivedMessages",

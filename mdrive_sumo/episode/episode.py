@@ -9,12 +9,14 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.contract import CONTROL_STEP, Message, Note
+from mdrive_sumo.contract import CONTROL_STEP, Message, Note, SensingTrack
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import Contact, End, FailureReason
 from mdrive_sumo.episode.quantization import Quanta, from_quanta
 from mdrive_sumo.v2x.channel import SentMessage
 
+SENSING_TRACK = "sensing_track"
+"""Key of `EpisodeRecord.about`: a `contract.SensingTrack`, absent in recordings from before tracks existed."""
 ReceivedMessages: TypeAlias = Mapping[str, tuple[Message, ...]]
 """The messages that each CAV receives in a tick."""
 
@@ -118,6 +120,12 @@ class EpisodeRecord:
     """Id in the scenario of every CAV and road-side unit by the id that agents knew it by; empty if they knew it by
     the same. Payloads of messages and texts of notes contain the ids of agents, everything else those of the scenario.
     """
+
+    @property
+    def sensing_track(self) -> str:
+        """Whether any CAV was given objects: a value of `SensingTrack`; "" in recordings without one."""
+        found = self.about.get(SENSING_TRACK)
+        return found if found in tuple(SensingTrack) else ""
 
     @property
     def ticks(self) -> int:

@@ -3,11 +3,29 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-from mdrive_sumo.contract import STANDSTILL, Briefing, Control, Message, Observation, Plan, Reply, SensorSpec
+from mdrive_sumo.contract import (
+    STANDSTILL,
+    Briefing,
+    Control,
+    Message,
+    Observation,
+    Plan,
+    Reply,
+    SensorSpec,
+    derive_sensing_track,
+)
 from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End, Frame
-from mdrive_sumo.episode import Ending, EpisodeRecord, ReceivedMessages, Recorder, ThinkTime, quantize_frame
+from mdrive_sumo.episode import (
+    SENSING_TRACK,
+    Ending,
+    EpisodeRecord,
+    ReceivedMessages,
+    Recorder,
+    ThinkTime,
+    quantize_frame,
+)
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig
 from mdrive_sumo.loop.frame_source import FrameSource
@@ -46,7 +64,10 @@ class EpisodeSimulation:
         self._scene: SensingFrame | None = None
         self._frame: Frame | None = None
         self._dimensions = frames.dimensions
-        self._recorder = Recorder(scenario.id, config.about, self._dimensions, config.pseudonyms)
+        self.sensing_track = derive_sensing_track(sensors.values())
+        """Whether any CAV is given lists of objects."""
+        about = {**config.about, SENSING_TRACK: self.sensing_track.value}
+        self._recorder = Recorder(scenario.id, about, self._dimensions, config.pseudonyms)
         self._channel = Channel(config.options.comm, derive_seed(config.seed, scenario.id, "channel"))
         self.briefings: Mapping[str, Briefing] = self._build_briefings()
         """What the agent of each CAV learns before the first tick."""

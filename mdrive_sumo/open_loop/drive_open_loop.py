@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mdrive_sumo.contract import Reply
+from mdrive_sumo.contract import Reply, SensingTrack
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.episode import EpisodeRecord
@@ -32,6 +32,7 @@ class OpenLoopSamples:
     """Number of replies that could not be scored, by reason."""
     failures: dict[str, str] = field(default_factory=lambda: {})
     """Why the agent of a CAV failed, by CAV."""
+    sensing_track: SensingTrack = SensingTrack.OBJECT
 
 
 def drive_open_loop(
@@ -52,7 +53,7 @@ def drive_open_loop(
         for ego, reply in replies.items():
             _score_reply(samples, episode, tick, columns[ego], reply)
         observations = simulation.step(replies, busy=scheduler.find_busy(tick + 1))
-    samples.failures = simulation.failed_agents
+    samples.failures, samples.sensing_track = simulation.failed_agents, simulation.sensing_track
     return samples
 
 

@@ -50,6 +50,7 @@ def build_result(scenario: Scenario, seed: int, samples: OpenLoopSamples, digest
         seed=seed,
         skipped=dict(samples.skipped),
         failures=samples.failures,
+        sensing_track=samples.sensing_track.value,
         digest=digest,
         precision_counts=rows,
     )

@@ -50,6 +50,7 @@ class OpenLoopRun:
             seed=seed,
             options=self.options,
             logs=None if self.agent.is_builtin else self.find_logs(key),
+            checksum=self.reference.suite.compute_file_checksum(name),
         )
         return OpenLoopJob(job, self.reference.recordings[key].resolve())
 

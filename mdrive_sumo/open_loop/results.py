@@ -4,11 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from mdrive_sumo.contract import join_sensing_tracks
 from mdrive_sumo.open_loop.detection_precision import DetectionCounts, compute_average_precision
 from mdrive_sumo.open_loop.drive_open_loop import OpenLoopSamples
-from mdrive_sumo.scoring.results import EpisodeKey
+from mdrive_sumo.scoring.results import EpisodeKey, TrackName
 from mdrive_sumo.scoring.summary import compute_mean_of_known
 
 FORMAT = "mdrive-sumo/open-loop/1"
@@ -53,6 +54,8 @@ class OpenLoopScenario(OpenLoopMetrics):
     """Number of replies without a score, by reason."""
     failures: dict[str, str]
     """Why agents failed, by CAV."""
+    sensing_track: TrackName = Field(default="", exclude_if=lambda track: not track)
+    """As in `results.json`."""
     digest: str
     """Of the recording."""
     precision_counts: tuple[tuple[float, int, int], ...] | None
@@ -75,6 +78,8 @@ class OpenLoopRunInfo(_Part):
     agent: str
     labels: tuple[str, ...] = ()
     """Such as "privileged" or "unsandboxed", as in `results.json`."""
+    sensing_track: TrackName = Field(default="", exclude_if=lambda track: not track)
+    """sensor or object, as in `results.json`; follows from the scenarios."""
     agent_config: str
     suite: str
     suite_checksum: str
@@ -116,8 +121,9 @@ def compute_metrics(samples: OpenLoopSamples) -> OpenLoopMetrics:
 def summarize_open_loop(run: OpenLoopRunInfo, scenarios: Sequence[OpenLoopScenario]) -> OpenLoopResults:
     """Return the results of all recordings; means over frames, the collision rate CR over scenarios."""
     buckets = dict.fromkeys(sorted(scenario.bucket for scenario in scenarios))
+    track = join_sensing_tracks(scenario.sensing_track for scenario in scenarios)
     return OpenLoopResults(
-        run=run,
+        run=run.model_copy(update={"sensing_track": track}),
         overall=combine_metrics(scenarios),
         buckets={name: combine_metrics([one for one in scenarios if one.bucket == name]) for name in buckets},
         scenarios=tuple(scenarios),

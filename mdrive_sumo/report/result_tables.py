@@ -73,11 +73,17 @@ def _format_interval(interval: ConfidenceInterval) -> TableRow:
 
 
 def describe_agent(results: Results) -> str:
-    """Return the agent with its labels, e.g. "omniscient [privileged]"; with the other agent in a run of two."""
-    labels, run = ", ".join(results.run.labels), results.run
+    """Return the agent with its labels, e.g. "omniscient [privileged, object track]"; with the other agent of two."""
+    run = results.run
+    labels = ", ".join((*run.labels, *((describe_sensing_track(run),) if run.sensing_track else ())))
     share = "one CAV" if run.penetration is None else f"{run.penetration} % of the CAVs"
     name = f"{run.agent} ({share}) among {run.others}" if run.others else run.agent
     return f"{name} [{labels}]" if labels else name
+
+
+def describe_sensing_track(run: RunInfo) -> str:
+    """Return "sensor track" or "object track"; "-" for results from before tracks existed."""
+    return f"{run.sensing_track} track" if run.sensing_track else "-"
 
 
 def build_role_rows(results: Results) -> list[TableRow]:

@@ -152,7 +152,11 @@ def _find_warnings(a: Results, b: Results) -> list[str]:
         "seeds": (_list_seeds(a), _list_seeds(b)),
         "versions": (a.run.versions, b.run.versions),
     }
-    return [f"A and B differ in {what}: {x} and {y}" for what, (x, y) in compared.items() if x != y]
+    found = [f"A and B differ in {what}: {x} and {y}" for what, (x, y) in compared.items() if x != y]
+    tracks = (a.run.sensing_track, b.run.sensing_track)
+    if all(tracks) and len(set(tracks)) > 1:
+        found.append(f"A is in the {tracks[0]} track and B in the {tracks[1]} track, which are ranked apart")
+    return found
 
 
 def average_seeds(results: Iterable[ScenarioResult]) -> dict[str, ScenarioResult]:

@@ -107,6 +107,9 @@ def find_content_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> Ep
         same = np.array_equal(then, now) if isinstance(now, np.ndarray) else then == now
         if not same:
             return EpisodeDifference(0, f"{name} of the recording are not those of the episode, its digests are")
+    if recorded.sensing_track not in ("", again.sensing_track):
+        text = f"sensing track {recorded.sensing_track} in the recording, {again.sensing_track} in the episode"
+        return EpisodeDifference(0, text)
     marks = [[(note.tick, note.ego, note.note.kind) for note in episode.notes] for episode in (recorded, again)]
     if marks[0] != marks[1]:  # their texts may hold times
         return EpisodeDifference(0, "notes of the recording are not those of the episode, its digests are")

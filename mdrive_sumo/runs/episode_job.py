@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
-from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
@@ -21,7 +20,7 @@ from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.runs.transcript import save_transcript, transcript_path
 from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, load_suite_of_one
+from mdrive_sumo.scenario.suite import Suite, load_suite_of_one
 from mdrive_sumo.scenario.variation import load_varied_scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.scoring.roles import mark_tested
@@ -138,8 +137,8 @@ def load_job_scenario(job: EpisodeJob) -> tuple[Scenario, RoadMap]:
 def _load_suite_of_job(job: EpisodeJob) -> Suite:
     """Return the suite with the scenario of the job only. Raises InputError, also for a file that was changed."""
     suite = _load_suite_once(job.suite_folder, job.scenario)
-    path = suite.find_folder(job.scenario) / job.scenario / SCENARIO_FILE
-    if job.checksum and job.checksum != compute_file_checksum(path):
+    if job.checksum and job.checksum != suite.compute_file_checksum(job.scenario):
+        path = suite.find_scenario_file(job.scenario)
         raise InputError(f"{path}: expected the scenario with which the run began, found a changed one")
     return suite
 

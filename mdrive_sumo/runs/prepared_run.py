@@ -7,7 +7,6 @@ from pathlib import Path
 from mdrive_sumo.agent_process.agent_file import describe_missing_class
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file
 from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.loop.agent_driver import AgentFailure
@@ -23,7 +22,7 @@ from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig, check_seeds
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, load_suite
+from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring import EpisodeKey, RunInfo, ScenarioResult, ScoreMode, apply_reference_times, check_reference
 from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from mdrive_sumo.scoring.labels import JOINT, PRIVILEGED, UNSANDBOXED
@@ -101,7 +100,7 @@ class PreparedRun:
             recording=self.find_recording((scenario.id, seed)) if config.record else None,
             transcripts=self.find_transcripts(seed),
             logs=None if config.is_builtin else logs,
-            checksum=compute_file_checksum(self.suite.find_folder(scenario.id) / scenario.id / SCENARIO_FILE),
+            checksum=self.suite.compute_file_checksum(scenario.id),
         )
 
     def apply_reference_times(self, scenario: Scenario, result: ScenarioResult) -> ScenarioResult:

@@ -43,14 +43,16 @@ def compare_settings(first: Mapping[str, Any], second: Mapping[str, Any]) -> tup
     return tuple(
         SettingDifference(name, format_setting(first.get(name)), format_setting(second.get(name)))
         for name in names
-        if first.get(name) != second.get(name) and not (name in _JOURNAL_ONLY and (name in first) != (name in second))
+        if first.get(name) != second.get(name)
+        and not (name in _NOT_ALWAYS_KNOWN and (name in first) != (name in second))
     )
 
 
 LIBRARY_CODE = "library code"
 """Name of the checksum of the library's own code, as reports list it among the settings."""
-_JOURNAL_ONLY = ("agent code", "sandbox", LIBRARY_CODE)
-"""Settings that only a journal has: unknown is no difference."""
+SENSING_TRACK = "sensing track"
+_NOT_ALWAYS_KNOWN = ("agent code", "sandbox", LIBRARY_CODE, SENSING_TRACK)
+"""Settings that only a journal or newer results have: unknown is no difference."""
 
 
 def list_settings(info: RunInfo, folder: Path | None = None) -> dict[str, Any]:
@@ -62,6 +64,8 @@ def list_settings(info: RunInfo, folder: Path | None = None) -> dict[str, Any]:
         found |= {"others": info.others, "penetration": "one CAV" if info.penetration is None else info.penetration}
     found |= {f"comm {name}": value for name, value in info.comm.items() if name != "preset"}
     found["agent clock"] = info.agent_clock
+    if info.sensing_track:
+        found[SENSING_TRACK] = info.sensing_track
     found |= {name: getattr(info, name) for name in EpisodeOptions.list_choices()}
     if fingerprint:
         found["sandbox"] = bool(fingerprint.get("sandbox", False))

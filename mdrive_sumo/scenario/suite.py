@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Literal, overload
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
@@ -117,6 +118,14 @@ class Suite:
     def find_folder(self, scenario: str) -> Path:
         """Folder of the suite in which a scenario lies, and beside which its network may lie."""
         return next((part.folder for part in self.parts if any(s.id == scenario for s in part.scenarios)), self.folder)
+
+    def find_scenario_file(self, scenario: str) -> Path:
+        """File of a scenario."""
+        return self.find_folder(scenario) / scenario / SCENARIO_FILE
+
+    def compute_file_checksum(self, scenario: str) -> str:
+        """SHA-256 of a scenario's file as it is now, by which a process that reads it later notices a change."""
+        return compute_file_checksum(self.find_scenario_file(scenario))
 
     def checksum(self) -> str:
         """SHA-256 over the scenarios, order and formatting of the files aside, and over networks of the suite's own."""

@@ -33,6 +33,10 @@ Scalars = Annotated[dict[str, Number | None], Field(exclude_if=_is_empty)]
 """Values of the scalar metrics other than `min_ttc`, null where undefined; absent if there are none."""
 
 
+TrackName = Literal["", "sensor", "object"]
+"""A `contract.SensingTrack`; "": unknown."""
+
+
 class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -107,6 +111,8 @@ class ScenarioResult(Means):
     exchanged: dict[str, int] = Field(default_factory=lambda: {})
     """Messages of CAVs that reached another CAV, by type, beyond 32 types as (other). The labels of the run follow
     from them."""
+    sensing_track: TrackName = Field(default="", exclude_if=lambda track: not track)
+    """Whether any CAV was given objects; absent in void scenarios and in files from before tracks existed."""
     notes: dict[str, int] = Field(default_factory=lambda: {})
     """How many notes of each kind the agents left, e.g. fallbacks of a language model; (dropped): notes beyond the
     limits of an episode (32 kinds, 20 000 notes, 8 Mi characters)."""
@@ -174,6 +180,9 @@ class RunInfo(_Part):
     labels: tuple[str, ...] = ()
     """What the agent did and declared: single, sharing or negotiation by the messages that its CAVs exchanged; joint,
     privileged; unsandboxed for a third-party agent without a box."""
+    sensing_track: TrackName = Field(default="", exclude_if=lambda track: not track)
+    """sensor: CAVs had only what a car carries; object: some had lists of objects. Follows from the scenarios; absent
+    in files from before tracks existed, and if all scenarios are void."""
     declared_label: str = ""
     """What the agent says of itself; nothing depends on it."""
     agent_config: str = ""

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+from mdrive_sumo.contract import join_sensing_tracks
 from mdrive_sumo.core.state import End
 from mdrive_sumo.core.tree_difference import find_tree_differences, format_leaf
 from mdrive_sumo.scoring.efficiency import compute_efficient_sr
@@ -57,6 +58,7 @@ def find_result_faults(results: Results) -> Iterator[str]:
     for scenario in results.scenarios:
         yield from find_scenario_faults(scenario, ScoreMode(results.run.score_mode), results.run.all_seeds)
     yield from _find_summary_faults(results)
+    yield from _find_track_faults(results)
 
 
 def find_scenario_faults(result: ScenarioResult, mode: ScoreMode, seeds: Sequence[int]) -> Iterator[str]:
@@ -164,6 +166,13 @@ def _find_time_faults(place: str, result: ScenarioResult, mode: ScoreMode) -> It
         expected["efficient_sr"] = compute_efficient_sr(result.sr, result.egos, mode)
     found = result.model_dump(include=set(expected))
     yield from map(str, find_tree_differences(expected, found, place, SUM_TOLERANCE))
+
+
+def _find_track_faults(results: Results) -> Iterator[str]:
+    expected = join_sensing_tracks(one.sensing_track for one in results.scenarios if one.status != "void")
+    if results.run.sensing_track != expected:
+        found = format_leaf(results.run.sensing_track)
+        yield f"run.sensing_track: expected {expected!r} as the scenarios say, found {found}"
 
 
 def _find_summary_faults(results: Results) -> Iterator[str]:

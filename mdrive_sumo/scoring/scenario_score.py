@@ -48,6 +48,7 @@ def score_episode(
         egos=tuple(_ego_result(record) for record in records),
         comm=count_deliveries(episode.messages),
         exchanged=count_exchanged(episode.messages, episode.ego_ids),
+        sensing_track=episode.sensing_track,
         notes=_count_notes(episode),
     )
     return apply_reference_times(result, reference, mode, compute_time_limit_ticks(scenario))

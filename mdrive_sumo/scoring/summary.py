@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 
+from mdrive_sumo.contract import join_sensing_tracks
 from mdrive_sumo.scoring.labels import derive_labels
 from mdrive_sumo.scoring.results import BucketResult, Means, Overall, Results, RunInfo, ScenarioResult
 from mdrive_sumo.scoring.roles import compute_roles
@@ -9,14 +10,20 @@ from mdrive_sumo.scoring.score_mode import compute_mean
 
 
 def summarize_run(run: RunInfo, scenarios: Sequence[ScenarioResult]) -> Results:
-    """Return the results of a run, with labels that are derived from its scenarios. Raises ValueError without any."""
+    """Return the results of a run, with labels and track as its scenarios show. Raises ValueError without any."""
     return Results(
-        run=run.model_copy(update={"labels": derive_labels(run.labels, scenarios)}),
+        run=run.model_copy(update=_derive_facts(run, scenarios)),
         overall=compute_overall(scenarios),
         buckets=compute_bucket_means(scenarios),
         void=sum(scenario.status == "void" for scenario in scenarios),
         scenarios=tuple(scenarios),
     )
+
+
+def _derive_facts(run: RunInfo, scenarios: Sequence[ScenarioResult]) -> dict[str, object]:
+    """Return what a run's description says of its scenarios: labels and sensing track."""
+    tracks = (scenario.sensing_track for scenario in scenarios if scenario.status != "void")
+    return {"labels": derive_labels(run.labels, scenarios), "sensing_track": join_sensing_tracks(tracks)}
 
 
 def compute_overall(scenarios: Sequence[ScenarioResult]) -> Overall:

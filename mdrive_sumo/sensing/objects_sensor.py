@@ -17,7 +17,7 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.detection_noise import add_errors, draw_detected, draw_false_positives
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
 from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
-from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
+from mdrive_sumo.sensing.visibility import BuildingEdges, SightView, announce_eye
 
 OPTIONS = ("profile", "fov_deg", "yaw_deg", "free_space", "min_visible", "road_range_m")
 SECTORS = 72
@@ -51,7 +51,7 @@ class ObjectsSensor:
         self._carrier, self._seed, self._roads = fitting.carrier, fitting.seed, fitting.roads
         self._track_salt = fitting.track_salt
         self._names: dict[str, str] = {}
-        self._history: deque[tuple[SensingFrame, SensorPose]] = deque(maxlen=self._profile.latency_ticks + 1)
+        self._history: deque[SightView] = deque(maxlen=self._profile.latency_ticks + 1)
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> Objects:
         """Return the newest detections that are at least `latency_ticks` old; empty before there are any."""
@@ -59,16 +59,17 @@ class ObjectsSensor:
 
     def defer(self, scene: SensingFrame, eye: SensorPose) -> Callable[[], Objects]:
         """Return what computes the result of `sense` in this tick; it may be called later, or never."""
-        self._history.append((scene, eye))
+        number = announce_eye(scene, eye, self._range_m)
+        self._history.append(SightView(eye, scene, load_building_edges(self._roads), self._range_m, number))
         due_tick = scene.tick - self._profile.latency_ticks
-        ready = [measured for measured in self._history if measured[0].tick <= due_tick]
-        return partial(self._detect, *ready[-1]) if ready else self._detect_nothing
+        ready = [view for view in self._history if view.scene.tick <= due_tick]
+        return partial(self._detect, ready[-1]) if ready else self._detect_nothing
 
     def _detect_nothing(self) -> Objects:
         return replace(Objects.empty(), free_m=np.zeros(self._sectors))
 
-    def _detect(self, scene: SensingFrame, eye: SensorPose) -> Objects:
-        view = SightView(eye, scene, load_building_edges(self._roads), self._range_m)
+    def _detect(self, view: SightView) -> Objects:
+        eye, scene = view.eye, view.scene
         truth = scene.boxes.take(self._find_detected_rows(view))
         seen = truth if self._exact else self._add_flaws(view, truth)
         near = seen.take(np.argsort(portable.hypot(seen.x - eye.x, seen.y - eye.y), kind="stable"))

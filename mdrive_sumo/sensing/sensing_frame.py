@@ -1,9 +1,10 @@
 """SensingFrame: the world of one tick as input of all sensors, built once per tick."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from hashlib import blake2b
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.weather import Weather
 from mdrive_sumo.v2x.messages import format_track_name
 
+if TYPE_CHECKING:
+    from mdrive_sumo.sensing.sight_batch import SightBatch
+
 LOW_M = 2.5
 """Static objects with a longer side up to this count as low: sensors look over cones, crates and barrier pieces."""
 
@@ -27,6 +31,10 @@ class SensingFrame:
     tick: int
     boxes: Objects
     egos: Mapping[str, EgoState]
+    announced_eyes: list[tuple["SensorPose", float]] = field(default_factory=list, compare=False, repr=False)
+    """Poses and ranges [m] of the sensors that may look at the scene, see `visibility.announce_eye`."""
+    sight_batches: list["SightBatch"] = field(default_factory=list, compare=False, repr=False)
+    """What these eyes see, as far as it was asked for. A pure cache."""
 
     @cached_property
     def directions(self) -> tuple[Float, Float]:

@@ -71,6 +71,7 @@ def _line_to_dict(line: StudyLine) -> dict[str, Any]:
     return {
         "agent": row.agent,
         "labels": row.results[0].run.labels,
+        "sensing_track": row.results[0].run.sensing_track,
         "condition": row.condition.name,
         "levels": dict(row.condition.levels),
         "comm": describe_comm(row.condition.comm),

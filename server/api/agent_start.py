@@ -15,8 +15,10 @@ def starts_agents(settings: ServerSettings) -> bool:
     return settings.limits.start_agents and work.processes > 0 and not work.scheduler and work.phase_kinds != "hidden"
 
 
-def check_uploaded_agent(archive: Path, manifest: Manifest, settings: ServerSettings) -> bool:
+def check_uploaded_agent(
+    archive: Path, manifest: Manifest, settings: ServerSettings, sensor_track_only: bool = False
+) -> bool:
     """Call `declaration_check.check_declaration`. Raises ArchiveRefused."""
     from server.evaluation.declaration_check import check_declaration
 
-    return check_declaration(archive, manifest, settings)
+    return check_declaration(archive, manifest, settings, sensor_track_only=sensor_track_only)

@@ -64,8 +64,28 @@ def create_app(
     Services that are not given are created from the settings. `app.state.services` holds them, `app.state.now` the
     clock [us since 1970]. Raises InputError.
     """
+    app = FastAPI(
+        title="mdrive-sumo challenge",
+        version=__version__,
+        description=_ABOUT,
+        lifespan=_lifespan,
+        openapi_url=f"{API}/openapi.json",
+        docs_url=None,  # FastAPI's documentation pages load scripts from other hosts
+        redoc_url=None,
+    )
+    install_services(app, _make_services(settings, store, suites, runner), now)
+    problems.install_handlers(app)
+    app.include_router(_make_router(), prefix=API)
+    app.openapi = make_openapi(app)
+    return app
+
+
+def _make_services(
+    settings: ServerSettings, store: Store | None, suites: PhaseSuites | None, runner: CallRunner | None
+) -> Services:
+    """Return what was given, and the rest as the settings want it. Raises InputError."""
     reader = DirectDatabaseReader(store) if store is not None else SubprocessDatabaseReader(settings.database_url)
-    services = Services(
+    return Services(
         settings,
         store if store is not None else Store(settings.database_url),
         suites if suites is not None else LoadedPhaseSuites(settings),
@@ -75,38 +95,30 @@ def create_app(
         ConcurrencyLimit("upload", MAX_UPLOADS),
     )
 
-    @asynccontextmanager
-    async def lifespan(app: FastAPI) -> AsyncGenerator[None]:  # noqa: ARG001 (FastAPI's signature)
-        await run_in_threadpool(prepare_storage, services, now())
-        await services.leaderboards.refresh_all(now)
-        if isinstance(services.check_runner, SubprocessPool):  # before the first upload needs it
-            await run_in_threadpool(services.check_runner.start)
-        refresher = create_task(services.leaderboards.refresh_forever(now))
-        yield
-        refresher.cancel()
-        await run_in_threadpool(services.leaderboards.close)
-        await run_in_threadpool(services.check_runner.close)
-        await run_in_threadpool(services.replay_runner.close)
 
-    app = FastAPI(
-        title="mdrive-sumo challenge",
-        version=__version__,
-        description=_ABOUT,
-        lifespan=lifespan,
-        openapi_url=f"{API}/openapi.json",
-        docs_url=None,  # FastAPI's documentation pages load scripts from other hosts
-        redoc_url=None,
-    )
+@asynccontextmanager
+async def _lifespan(app: FastAPI) -> AsyncGenerator[None]:
+    services, now = app.state.services, app.state.now
+    await run_in_threadpool(prepare_storage, services, now())
+    await services.leaderboards.refresh_all(now)
+    if isinstance(services.check_runner, SubprocessPool):  # before the first upload needs it
+        await run_in_threadpool(services.check_runner.start)
+    refresher = create_task(services.leaderboards.refresh_forever(now))
+    yield
+    refresher.cancel()
+    await run_in_threadpool(services.leaderboards.close)
+    await run_in_threadpool(services.check_runner.close)
+    await run_in_threadpool(services.replay_runner.close)
+
+
+def install_services(app: FastAPI, services: Services, now: Callable[[], int]) -> None:
+    """Give the application its services, its clock and the layers around the routes, the innermost first.
+
+    An application that had others forgets them; its routes stay.
+    """
     app.state.services, app.state.now = services, now
-    problems.install_handlers(app)
-    _add_middleware(app, services, now)
-    app.include_router(_make_router(), prefix=API)
-    app.openapi = make_openapi(app)
-    return app
-
-
-def _add_middleware(app: FastAPI, services: Services, now: Callable[[], int]) -> None:
-    """Add the layers around the routes, the innermost first."""
+    app.user_middleware.clear()
+    app.middleware_stack = None
     max_upload, boards = services.settings.limits.archive_bytes, services.leaderboards
     app.add_middleware(RequestBodyMiddleware, uploads=UPLOADS, max_upload=max_upload)
     app.add_middleware(ResponseHeadersMiddleware)

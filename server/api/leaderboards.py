@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from mdrive_sumo.contract import SensingTrack
 from server.api import schemas, submission_views
 from server.api.schemas import to_datetime
 from server.enums import ChallengeTrack
@@ -20,6 +21,8 @@ class BoardKey:
     """None: all tracks in which every CAV decides for itself."""
     bucket: str | None
     category: str | None
+    sensing_track: SensingTrack | None = None
+    """None: both, ranked apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +36,7 @@ class PhaseParts:
 def read_leaderboard(session: Session, key: BoardKey) -> schemas.LeaderboardOut:
     """Return a leaderboard. Raises NotFound for an unknown phase."""
     phase = phases.get(session, key.phase)
-    entries = queries.find_leaderboard(session, phase.id, key.track, key.bucket, key.category)
+    entries = queries.find_leaderboard(session, phase.id, key.track, key.bucket, key.category, key.sensing_track)
     is_overall = key.bucket is None and key.category is None
     published = published_results.list_published(key.track, key.bucket, key.category)
     return schemas.LeaderboardOut(
@@ -41,6 +44,7 @@ def read_leaderboard(session: Session, key: BoardKey) -> schemas.LeaderboardOut:
         track=key.track,
         bucket=key.bucket,
         category=key.category,
+        sensing_track=key.sensing_track,
         rows=[
             _to_row(entry, submission_views.visible_figures(phase, entry.figures))
             for entry in entries
@@ -68,6 +72,7 @@ def list_boards(session: Session) -> list[tuple[int, int, BoardKey]]:
     for phase in phases.list_phases(session):
         parts = list_parts(session, phase.id)
         overall = [BoardKey(phase.id, track, None, None) for track in (None, *ChallengeTrack)]
+        overall += [BoardKey(phase.id, None, None, None, sensing) for sensing in SensingTrack]
         buckets = [BoardKey(phase.id, None, bucket, None) for bucket in parts.buckets]
         categories = [BoardKey(phase.id, None, None, category) for category in parts.categories]
         found += [(phase.opens_us, phase.closes_us, key) for key in (*overall, *buckets, *categories)]
@@ -80,6 +85,7 @@ def _to_row(entry: queries.LeaderboardEntry, figures: schemas.FiguresOut) -> sch
         team=entry.team,
         method=entry.method,
         track=ChallengeTrack(entry.track),
+        sensing_track=SensingTrack(entry.sensing_track) if entry.sensing_track else None,
         submission=entry.submission,
         figures=figures,
         created=to_datetime(entry.created_us) if entry.created_us is not None else None,

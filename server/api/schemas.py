@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from mdrive_sumo.contract import SensingTrack
 from server.enums import ChallengeTrack, DeliveryState, JobState, SubmissionState, TokenScope
 
 
@@ -179,6 +180,8 @@ class PhaseOut(ResponseModel):
     in_parallel: int
     in_total: int
     seeds: int
+    sensor_track_only: bool
+    """Whether agents that are given lists of objects are rejected."""
 
 
 class PhasesOut(ResponseModel):
@@ -254,6 +257,8 @@ class SubmissionOut(ResponseModel):
     created: datetime
     finished: datetime | None
     """In a hidden phase the beginning of the hour, except for admins."""
+    sensing_track: SensingTrack | None
+    """Whether its agent was given lists of objects; null until it is done, and in older results."""
     counts: bool
     shown: bool
     summary: SummaryOut | None
@@ -438,6 +443,8 @@ class RowOut(ResponseModel):
     team: str
     method: str
     track: ChallengeTrack
+    sensing_track: SensingTrack | None
+    """sensor: its agent had only what a car carries; object: it was given lists of objects. Ranked apart."""
     submission: str | None
     figures: FiguresOut
     created: datetime | None
@@ -452,6 +459,8 @@ class LeaderboardOut(ResponseModel):
     track: ChallengeTrack | None
     bucket: str | None
     category: str | None
+    sensing_track: SensingTrack | None
+    """Null: both; the rows of each have ranks of their own, those of `object` come first."""
     rows: list[RowOut]
     published: list[RowOut]
 

@@ -101,8 +101,12 @@ class SubmissionService:
         """Refuse sensors that the agent declares; one that cannot be started in time is accepted, unchecked."""
         settings, checker = self._services.settings, self._services.check_runner
         if starts_agents(settings):
+            with self._services.store.read() as session:
+                sensor_track_only = phases.get(session, self._field("phase")).sensor_track_only
             with suppress(CallEndedError):
-                checker.call(AGENT_START_S, check_uploaded_agent, self._upload.file, manifest, settings)
+                checker.call(
+                    AGENT_START_S, check_uploaded_agent, self._upload.file, manifest, settings, sensor_track_only
+                )
 
     def accept(self, manifest: Manifest) -> schemas.SubmissionOut:
         """Move the checked archive to its place and insert the submission. Raises InputError."""

@@ -6,6 +6,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, and_, or_, select, true
 from sqlalchemy.orm import Session
 
+from mdrive_sumo.contract import SensingTrack
 from server.api import schemas
 from server.api.caller import Caller
 from server.api.hidden_paths import hide_paths
@@ -85,11 +86,17 @@ def to_submission(session: Session, caller: Caller | None, submission: tables.Su
         why=visible_reason(phase, SubmissionState(submission.state), submission.why),
         created=to_datetime(submission.created_us),
         finished=to_datetime(finished if exact else finished - finished % HOUR_US) if finished is not None else None,
+        sensing_track=_find_sensing_track(submission),
         counts=submission.counts,
         shown=submission.shown,
         summary=visible_summary(phase, submission.summary, exact),
         **more,
     )
+
+
+def _find_sensing_track(submission: tables.SubmissionRow) -> SensingTrack | None:
+    found = submission.summary.get("sensing_track") if submission.summary is not None else None
+    return SensingTrack(found) if found else None
 
 
 def visible_reason(phase: tables.PhaseRow, state: SubmissionState, said: str) -> str:

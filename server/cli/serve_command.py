@@ -24,7 +24,8 @@ from server.cli.data_folder import lock_data_folder
 from server.cli.options import data_option, load_settings_with, report_store_errors, settings_option
 from server.clock import now_us
 from server.evaluation.supervisor import Supervisor
-from server.settings import WARM_UP, ServerSettings
+from server.phase_settings import WARM_UP
+from server.settings import ServerSettings
 from server.store import Store, phases
 from server.web.mount_pages import mount_pages
 

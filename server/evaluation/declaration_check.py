@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
+from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agent_process.sandbox import check_layers
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.loop.agent_driver import AgentFailure
@@ -15,20 +16,24 @@ from server.environments import load_environment
 from server.evaluation.phase_separation import PhaseSeparation
 from server.settings import ServerSettings
 from server.submitted_agent import SubmittedAgent, read_declaration
+from server.tracks import check_sensing
 
 LOG = logging.getLogger("mdrive.upload")
 START_S = 20.0
 """Time limit of the start [s], shorter than in an episode: a checker is occupied meanwhile."""
 
 
-def check_declaration(archive: Path, manifest: Manifest, settings: ServerSettings) -> bool:
+def check_declaration(
+    archive: Path, manifest: Manifest, settings: ServerSettings, *, sensor_track_only: bool = False
+) -> bool:
     """Start the agent of a checked archive and check its sensors; return whether that could be done now.
 
     It cannot while jobs of a hidden phase run on this host: the sentence of a refusal quotes the agent, so its sandbox
     must find none of theirs beside it (`phase_separation`). An agent that cannot be created is not refused: that is a
     result. Whatever is not found here is found when the first job starts. Needs the main thread.
 
-    Raises ArchiveRefused for a sensor that does not exist or is not allowed, and for sensors over the budget.
+    Raises ArchiveRefused for a sensor that does not exist or is not allowed, also in a phase of the sensor track only,
+    and for sensors over the budget.
     """
     separation = PhaseSeparation("public", settings.data, drop_caches=False)
     try:
@@ -44,7 +49,7 @@ def check_declaration(archive: Path, manifest: Manifest, settings: ServerSetting
             extract_archive(archive, manifest, folder / "agent")
             sandbox = settings.sandbox
             line = sandbox.line_limits()
-            read_declaration(
+            declared = read_declaration(
                 SubmittedAgent(
                     manifest,
                     folder / "agent",
@@ -55,6 +60,7 @@ def check_declaration(archive: Path, manifest: Manifest, settings: ServerSetting
                     sandbox.copies_folder(),
                 )
             )
+        refuse_sensing(declared, sensor_track_only=sensor_track_only)
     except AgentFailure:
         return False
     except ArchiveRefused:
@@ -65,6 +71,14 @@ def check_declaration(archive: Path, manifest: Manifest, settings: ServerSetting
     finally:
         separation.close()
     return True
+
+
+def refuse_sensing(declared: AgentDeclaration, *, sensor_track_only: bool) -> None:
+    """Raise ArchiveRefused for a sensor that lists objects in a phase of the sensor track."""
+    try:
+        check_sensing(declared.sensors, sensor_track_only=sensor_track_only)
+    except InputError as error:
+        raise ArchiveRefused(str(error)) from None
 
 
 @lru_cache(maxsize=1)

@@ -166,7 +166,8 @@ class Dispatcher:
                 )
                 if job is None:
                     return False
-                task = load_task(session, job, self._settings) if self._has_our_evaluator(session, job) else None
+                ours = self._has_our_evaluator(session, job)
+                task = load_task(session, job, self._settings, self._suites) if ours else None
                 if task is None:
                     jobs.release(session, job.id, self._owner, job.attempt)
         except Exception:
@@ -271,7 +272,7 @@ class Dispatcher:
 
     def _start_spot_check(self) -> bool:
         """Start the first; return False while the other kind of phases has this host."""
-        task = spot_checks.make_check_task(self._store, self._spot_checks[0], self._settings)
+        task = spot_checks.make_check_task(self._store, self._spot_checks[0], self._settings, self._suites)
         key = f"{SPOT_CHECK_PREFIX}{task.job}"
         if not self._separation.try_begin(key, task.public, self._clock()):
             return False

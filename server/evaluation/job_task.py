@@ -1,11 +1,12 @@
 """The job that a worker process receives, and what it returns."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from sqlalchemy.orm import Session
 
 from server.enums import ChallengeTrack
+from server.phase_suites import PhaseSuites
 from server.settings import ArchiveSettings, SandboxSettings, ServerSettings
 from server.store import phases, submissions
 from server.store.jobs import JobOutcome
@@ -30,7 +31,11 @@ class JobTask:
     data: Path
     """The server's data folder; shared by the machines of a cluster."""
     sandbox: SandboxSettings
+    sensor_track_only: bool = field(default=False, kw_only=True)
+    """Whether an agent that is given lists of objects is rejected."""
     limits: ArchiveSettings
+    checksum: str = ""
+    """Of the scenario's file when this worker read the suite; see `EpisodeJob.checksum`."""
 
     @property
     def archive(self) -> Path:
@@ -63,7 +68,7 @@ class AgentRejection:
 JobResult = JobOutcome | AgentRejection
 
 
-def load_task(session: Session, job: JobRow, settings: ServerSettings) -> JobTask:
+def load_task(session: Session, job: JobRow, settings: ServerSettings, suites: PhaseSuites) -> JobTask:
     """Return the task of a claimed job. Raises NotFound."""
     submission = submissions.get(session, job.submission)
     phase = phases.get(session, submission.phase)
@@ -78,9 +83,11 @@ def load_task(session: Session, job: JobRow, settings: ServerSettings) -> JobTas
         scenario=job.scenario,
         seed=job.seed,
         public=phase.public,
+        sensor_track_only=phase.sensor_track_only,
         data=settings.data.absolute(),
         sandbox=settings.sandbox,
         limits=settings.limits,
+        checksum=suites.find_checksum(phase, job.scenario),
     )
 
 

@@ -63,11 +63,11 @@ def sample_jobs(session: Session, submission: str, draw: str, size: int = SAMPLE
     return sorted(session.scalars(finished), key=place)[:size]
 
 
-def make_check_task(store: Store, job_id: int, settings: ServerSettings) -> JobTask:
+def make_check_task(store: Store, job_id: int, settings: ServerSettings, suites: PhaseSuites) -> JobTask:
     """Return the task that runs a job again without storing files. Raises NotFound."""
     with store.read() as session:
         job = jobs.get(session, job_id)
-        again = load_task(session, job, settings)
+        again = load_task(session, job, settings, suites)
     return replace(again, public=False, attempt=-os.getpid())  # a stage folder of its own
 
 
@@ -103,7 +103,7 @@ def run_spot_checks(
         ids = [
             job.id for one in chosen if _is_comparable(session, one, suites) for job in sample_jobs(session, one, draw)
         ]
-    tasks = [make_check_task(store, job_id, settings) for job_id in ids]
+    tasks = [make_check_task(store, job_id, settings, suites) for job_id in ids]
     with ProcessPool[JobTask, JobResult](function, max(1, min(settings.work.processes, len(tasks))), LIMIT_S) as pool:
         for done, outcome in pool.run(tasks):
             found = record_outcome(store, done.job, outcome, clock())

@@ -12,6 +12,7 @@ from typing import Any
 from mdrive_sumo.agent_process.agent_connection import HISTOGRAM_MS
 from mdrive_sumo.agent_process.sandbox import check_layers
 from mdrive_sumo.agent_process.sandbox.episode_group import join_episode_group
+from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
@@ -78,6 +79,10 @@ def _run_agent(task: JobTask, agent: SubmittedAgent) -> JobResult:
         result = run_job(_make_job(task, agent))
     except RejectedError as error:
         return AgentRejection(str(error))
+    if task.sensor_track_only and result.sensing_track == SensingTrack.OBJECT:
+        return AgentRejection(
+            "agent: expected sensors of the sensor track, which this phase is for, found one that lists objects"
+        )
     _drop_large(task.stage / f"{task.scenario}.npz")
     content = result.model_dump(mode="json")
     if (size := count_bytes(content)) > MAX_RESULT_BYTES:
@@ -118,6 +123,7 @@ def _make_job(task: JobTask, agent: SubmittedAgent) -> EpisodeJob:
         options=EpisodeOptions(comm=COMM_BY_TRACK[task.track]),
         recording=task.stage / f"{task.scenario}.npz" if task.public else None,
         logs=task.stage,
+        checksum=task.checksum,
     )
 
 

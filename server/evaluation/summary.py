@@ -6,6 +6,7 @@ from statistics import fmean
 
 import numpy as np
 
+from mdrive_sumo.contract import join_sensing_tracks
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.statistics import bootstrap_stratified_mean
 from mdrive_sumo.scoring import Means, ScenarioResult, compute_bucket_means, compute_category_means, compute_overall
@@ -32,6 +33,7 @@ def summarise(jobs: Sequence[JobRow]) -> SummaryData:
             name: _compute_figures(means, [of_category[name]])
             for name, means in compute_category_means(results).items()
         },
+        "sensing_track": join_sensing_tracks(one.sensing_track for one in results),
         "results_sha256": compute_results_checksum(jobs),
     }
 

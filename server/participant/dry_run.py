@@ -125,6 +125,7 @@ def run_jobs(
             options=EpisodeOptions(comm=COMM_BY_TRACK[track]),
             recording=recordings / f"{one.id}.npz",
             logs=logs,
+            checksum=suite.compute_file_checksum(one.id),
         )
         for one in scenarios
     ]

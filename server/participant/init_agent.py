@@ -8,7 +8,7 @@ import click
 
 from mdrive_sumo.core.errors import InputError
 
-STYLES = ("agent", "joint")
+STYLES = ("agent", "joint", "lidar")
 
 
 @click.command("init-agent")
@@ -18,7 +18,10 @@ STYLES = ("agent", "joint")
     type=click.Choice(STYLES),
     default=STYLES[0],
     show_default=True,
-    help="agent: one object per CAV; joint: one program for all CAVs, as in the CARLA leaderboard.",
+    help=(
+        "agent: one object per CAV; joint: one program for all CAVs, as in the CARLA leaderboard; lidar: one object per"
+        " CAV in the sensor track, without lists of objects."
+    ),
 )
 def init_agent(folder: Path, style: str) -> None:
     """Write a working sample agent as a starting point.

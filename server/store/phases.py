@@ -27,6 +27,7 @@ class NewPhase:
     in_parallel: int
     in_total: int
     seeds: int = 1
+    sensor_track_only: bool = False
 
 
 def set_phases(session: Session, wanted: Iterable[NewPhase], now_us: int) -> None:

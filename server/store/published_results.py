@@ -30,5 +30,5 @@ def _to_entry(method: PublishedMethod, bucket: str | None) -> LeaderboardEntry:
     figures = {"ds": ds, "sr": sr}
     name = method.method.replace("*", " (rule-based)")
     return LeaderboardEntry(
-        None, "MDrive paper", name, _find_track(method).value, None, ds, figures, None, published=True
+        None, "MDrive paper", name, _find_track(method).value, None, None, ds, figures, None, published=True
     )

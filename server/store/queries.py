@@ -3,9 +3,10 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import func, select
+from sqlalchemy import func, select, true
 from sqlalchemy.orm import Session
 
+from mdrive_sumo.contract import SensingTrack
 from server.enums import ChallengeTrack, JobState, SubmissionState
 from server.store.errors import NotFound
 from server.store.quota import UNFINISHED
@@ -25,6 +26,8 @@ class LeaderboardEntry:
     team: str
     method: str
     track: str
+    sensing_track: str | None
+    """None for published results."""
     submission: str | None
     ds: float
     figures: FiguresData
@@ -45,11 +48,17 @@ class QueuePosition:
 
 
 def find_leaderboard(
-    session: Session, phase: str, track: ChallengeTrack | None, bucket: str | None = None, category: str | None = None
+    session: Session,
+    phase: str,
+    track: ChallengeTrack | None,
+    bucket: str | None = None,
+    category: str | None = None,
+    sensing_track: SensingTrack | None = None,
 ) -> list[LeaderboardEntry]:
     """Return the best entry of each team by DS, ties to the earlier; without a track, of all tracks but joint.
 
-    Results of the evaluator that finished one last are ranked; a team without one follows below, unranked.
+    The sensing tracks are ranked apart; without one, the entries of the object track come first. Results of the
+    evaluator that finished one last are ranked; a team without one follows below, unranked.
     """
     tracks = DECENTRALISED if track is None else (track,)
     columns = (
@@ -59,6 +68,7 @@ def find_leaderboard(
         TeamRow.name,
         StandingRow.method,
         StandingRow.track,
+        StandingRow.sensing_track,
         StandingRow.submission,
         StandingRow.ds,
         StandingRow.figures,
@@ -70,18 +80,23 @@ def find_leaderboard(
             StandingRow.phase == phase,
             StandingRow.slice == slice_key(bucket, category),
             StandingRow.track.in_([track.value for track in tracks]),
+            true() if sensing_track is None else StandingRow.sensing_track == sensing_track.value,
             ~TeamRow.hidden,
         )
         .order_by(StandingRow.ds.desc(), StandingRow.created_us, StandingRow.submission)
     ).all()
     current = _find_current_evaluator(session, {row.submission: row.evaluator for row in found})
-    rows: dict[str, LeaderboardEntry] = {}
+    places: dict[tuple[str, str], LeaderboardEntry] = {}
+    ranks = {sensing.value: 0 for sensing in SensingTrack}
     for is_current in (True, False):
-        for id_, evaluator, created_us, team, method, in_track, submission, ds, figures in found:
-            if id_ not in rows and (evaluator == current) is is_current:
-                rank = len(rows) + 1 if is_current else None
-                rows[id_] = LeaderboardEntry(rank, team, method, in_track, submission, ds, figures, created_us)
-    return list(rows.values())
+        for id_, evaluator, created_us, team, method, in_track, sensing, submission, ds, figures in found:
+            if (id_, sensing) in places or (evaluator == current) is not is_current:
+                continue
+            ranks[sensing] += 1
+            rank = ranks[sensing] if is_current else None
+            entry = LeaderboardEntry(rank, team, method, in_track, sensing, submission, ds, figures, created_us)
+            places[id_, sensing] = entry
+    return sorted(places.values(), key=lambda entry: entry.sensing_track != SensingTrack.OBJECT)
 
 
 def _find_current_evaluator(session: Session, evaluators: dict[str, str]) -> str:

@@ -110,7 +110,7 @@ def _compare_standings(session: Session) -> Iterator[RowDifference]:
     expected = _compute_best(session, public)
     rows = {_key(row): row for row in session.scalars(select(StandingRow))}
     for key in expected.keys() | rows.keys():
-        place = " ".join(key[:4])
+        place = " ".join(key[:5])
         if key not in rows:
             yield RowDifference("standings", place, f"expected submission {expected[key][0].submission}, found no row")
         elif (row := rows[key]).submission not in {best.submission for best in expected.get(key, ())}:
@@ -149,4 +149,4 @@ def _compute_best(session: Session, public: Mapping[str, bool]) -> dict[tuple[st
 
 
 def _key(row: StandingRow) -> tuple[str, ...]:
-    return row.phase, row.slice, row.track, row.team, row.evaluator
+    return row.phase, row.slice, row.track, row.sensing_track, row.team, row.evaluator

@@ -3,12 +3,13 @@
 import hashlib
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, NotRequired, TypedDict
 
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
+from mdrive_sumo.contract import SensingTrack
 from server.enums import SubmissionState
 from server.store.tables import PhaseRow, StandingRow, SubmissionRow
 
@@ -28,6 +29,8 @@ class SummaryData(TypedDict):
     overall: FiguresData
     buckets: dict[str, FiguresData]
     categories: dict[str, FiguresData]
+    sensing_track: NotRequired[str]
+    """sensor or object; absent in summaries of older versions."""
     results_sha256: NotRequired[str]
     """Checksum of the results of its scenarios; absent in summaries of older versions."""
 
@@ -60,15 +63,21 @@ def update_standings(session: Session, submission: SubmissionRow) -> None:
     )
     phase = session.get(PhaseRow, submission.phase)
     is_public = phase is not None and phase.public
-    best: dict[str, StandingRow] = {}
+    best: dict[tuple[str, str], StandingRow] = {}
     for candidate in session.scalars(done.order_by(SubmissionRow.created_us, SubmissionRow.id)):
         if evaluator_digest(candidate.evaluator) != evaluator:
             continue
         for standing in make_standings(candidate, evaluator, is_public):
-            if standing.slice not in best or standing.ds > best[standing.slice].ds:
-                best[standing.slice] = standing
+            line = standing.slice, standing.sensing_track
+            if line not in best or standing.ds > best[line].ds:
+                best[line] = standing
     session.add_all(best.values())
     session.flush()
+
+
+def find_sensing_track(summary: Mapping[str, Any]) -> str:
+    """Return the sensing track in which a submission is ranked: `object` unless all its episodes are `sensor`."""
+    return summary.get("sensing_track") or SensingTrack.OBJECT.value
 
 
 def round_ds(figures: FiguresData) -> float:
@@ -119,6 +128,7 @@ def make_standings(submission: SubmissionRow, evaluator: str, is_public: bool) -
             phase=submission.phase,
             slice=slice_,
             track=submission.track,
+            sensing_track=find_sensing_track(summary),
             team=submission.team,
             evaluator=evaluator,
             submission=submission.id,

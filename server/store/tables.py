@@ -5,7 +5,7 @@ Times are integers, microseconds since 1970 in UTC: they compare the same way in
 
 from typing import Any
 
-from sqlalchemy import JSON, BigInteger, ForeignKey, Index, Integer, String, Text, UniqueConstraint
+from sqlalchemy import JSON, BigInteger, ForeignKey, Index, Integer, String, Text, UniqueConstraint, false
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 Id = String(32)
@@ -61,6 +61,8 @@ class PhaseRow(TableBase):
     in_total: Mapped[int]
     seeds: Mapped[int] = mapped_column(default=1)
     """Seeds 0 .. n-1 of every scenario."""
+    sensor_track_only: Mapped[bool] = mapped_column(default=False, server_default=false())
+    """Whether agents that are given lists of objects are rejected."""
 
 
 class SubmissionRow(TableBase):
@@ -190,6 +192,8 @@ class StandingRow(TableBase):
     slice: Mapped[str] = mapped_column(String(80), primary_key=True)
     """overall, bucket:NAME or category:NAME."""
     track: Mapped[str] = mapped_column(String(24), primary_key=True)
+    sensing_track: Mapped[str] = mapped_column(String(8), primary_key=True)
+    """sensor or object, as the results say: a team's best of each has a line of its own."""
     team: Mapped[str] = mapped_column(ForeignKey("teams.id"), primary_key=True)
     evaluator: Mapped[str] = mapped_column(String(16), primary_key=True)
     """Digest of `SubmissionRow.evaluator`."""

@@ -1,49 +1,33 @@
 """The leaderboard page, rendered once for all visitors who are not logged in and cached until a board changes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
-from urllib.parse import urlencode
 
 from fastapi import APIRouter, Request, Response
 from markupsafe import Markup
 from sqlalchemy.orm import Session
 
+from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
 from server.api import schemas, submission_views
-from server.api.csv_format import csv_headers, to_csv
+from server.api.csv_format import csv_headers
 from server.api.dependencies import Services, get_now
 from server.api.leaderboard_cache import FRESH_US, STALE_US
 from server.api.leaderboards import BoardKey, PhaseParts, list_parts, read_leaderboard
 from server.enums import ChallengeTrack
 from server.store import NotFound, phases, queries, teams
-from server.tracks import TRACK_LABELS
+from server.tracks import SENSING_LABELS, TRACK_LABELS
 from server.web import charts
+from server.web.board_view import COLUMNS_BESIDE, SCALAR_BY_NAME, SORTS, BoardView, format_csv
 from server.web.scalar_columns import SCALAR_COLUMNS
 from server.web.templating import page_headers, render
 from server.web.visitor import get_visitor
 
 router = APIRouter()
-SORTS: Mapping[str, bool] = {
-    "rank": False,
-    "team": False,
-    "method": False,
-    "ds": True,
-    "sr": True,
-    "efficient_sr": True,
-    "time_ratio": False,
-    "rc": True,
-    "ip": True,
-    "date": True,
-    **{column.name: column.is_falling for column in SCALAR_COLUMNS},
-}
-"""Columns by which a board can be sorted, and whether the largest value comes first."""
-COLUMNS_BESIDE = "beside"
-"""Value of `columns` that shows the scalar metrics."""
 ROWS_PER_PAGE = 50
 """Rows per page."""
-_SCALAR_BY_NAME = {column.name: column for column in SCALAR_COLUMNS}
 _VISITOR_MARK = "<!--visitor-->"
 """Marks where the visitor's part is inserted into a cached page."""
 
@@ -57,33 +41,6 @@ class PhaseTab:
     public: bool
     opens_us: int
     closes_us: int
-
-
-@dataclass(frozen=True, slots=True)
-class BoardView:
-    """A board with sort order and page number."""
-
-    key: BoardKey
-    sort: str = "rank"
-    is_reversed: bool = False
-    """Whether the usual order is reversed."""
-    page: int = 1
-    columns: str = ""
-    """"": the scores; `COLUMNS_BESIDE`: the scalar metrics beside DS and SR."""
-
-    def query(self, **changed: Any) -> str:
-        """Return the query string of this view, with some fields changed."""
-        view = replace(self, **changed)
-        of_page = {"sort": view.sort if view.sort != "rank" else "", "turned": "1" if view.is_reversed else ""}
-        of_page["page"] = str(view.page) if view.page > 1 else ""
-        of_page["columns"] = view.columns
-        return urlencode(dict(self.filters()) | {name: value for name, value in of_page.items() if value})
-
-    def filters(self) -> list[tuple[str, str]]:
-        """Return the query parameters that select the board, as in the API."""
-        key = self.key
-        given = {"phase": key.phase, "track": key.track, "bucket": key.bucket, "category": key.category}
-        return [(name, str(value)) for name, value in given.items() if value]
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +96,7 @@ async def show_csv(request: Request) -> Response:
     view, _ = await _parse_view(request.query_params, services, tabs, at_us)
     board = schemas.LeaderboardOut.model_validate_json(await services.leaderboards.get_json(view.key, at_us))
     headers = csv_headers(f"leaderboard-{board.phase}") | {"Cache-Control": "no-cache"}
-    return Response(_format_csv(board), media_type="text/csv", headers=headers)
+    return Response(format_csv(board), media_type="text/csv", headers=headers)
 
 
 async def _get_page(
@@ -178,7 +135,14 @@ async def _parse_view(
     number = query.get("page") or "1"
     if not (number.isascii() and number.isdecimal() and len(number) <= 5 and 1 <= int(number) <= 10_000):
         raise InputError(f"page: expected a number from 1 to 10000, found {number!r:.60}")
-    which = BoardKey(phase, ChallengeTrack(track) if track else None, bucket, category)
+    sensing = _parse_choice(query, "sensing_track", tuple(SensingTrack))
+    which = BoardKey(
+        phase,
+        ChallengeTrack(track) if track else None,
+        bucket,
+        category,
+        SensingTrack(sensing) if sensing else None,
+    )
     sort, turned = (
         _parse_choice(query, "sort", tuple(SORTS)) or "rank",
         _parse_choice(query, "turned", ("1",)) is not None,
@@ -225,6 +189,8 @@ def _render_page(
         board.rows, key=lambda row: _sort_key(row, view.sort), reverse=SORTS[view.sort] is not view.is_reversed
     )
     rows.sort(key=lambda row: _sort_value(row, view.sort) is None)  # unknown values come last
+    if view.sort == "rank":  # of the two tracks, which have ranks of their own
+        rows.sort(key=lambda row: row.sensing_track != SensingTrack.OBJECT)
     pages = max(1, -(-len(rows) // ROWS_PER_PAGE))
     page = min(view.page, pages)
     context: dict[str, Any] = {
@@ -232,10 +198,12 @@ def _render_page(
         "tab": next(tab for tab in tabs if tab.id == board.phase),
         "parts": parts,
         "tracks": TRACK_LABELS,
+        "sensing": SENSING_LABELS,
+        "is_mixed": len({row.sensing_track for row in rows}) > 1,
         "scalars": SCALAR_COLUMNS if view.columns == COLUMNS_BESIDE else (),
         "falling": {name for name, is_falling in SORTS.items() if is_falling},
         "lines": _make_lines(session, view.key, rows[(page - 1) * ROWS_PER_PAGE : page * ROWS_PER_PAGE]),
-        "teams": len(rows),
+        "teams": len({row.team for row in rows}),
         "pages": pages,
         "page": page,
         "unranked": any(row.rank is None for row in rows),
@@ -267,7 +235,7 @@ def _make_lines(session: Session, key: BoardKey, rows: Sequence[schemas.RowOut])
 def _sort_value(row: schemas.RowOut, sort: str) -> Any:
     if sort in schemas.FiguresOut.model_fields:
         return getattr(row.figures, sort)
-    if (column := _SCALAR_BY_NAME.get(sort)) is not None:
+    if (column := SCALAR_BY_NAME.get(sort)) is not None:
         return column.find_value(row.figures)
     return row.created if sort == "date" else getattr(row, sort)
 
@@ -276,22 +244,3 @@ def _sort_key(row: schemas.RowOut, sort: str) -> tuple[bool, Any]:
     """Return a sort key that compares no unknown values."""
     value = _sort_value(row, sort)
     return value is not None, value.casefold() if isinstance(value, str) else value
-
-
-def _format_csv(board: schemas.LeaderboardOut) -> str:
-    figures = (
-        *("ds", "ds_low", "ds_high", "sr", "sr_low", "sr_high"),
-        *("efficient_sr", "time_ratio", "timed", "rc", "ip", "scenarios"),
-    )
-    return to_csv(
-        ("rank", "team", "method", "track", *figures, *_SCALAR_BY_NAME, "created", "submission", "published"),
-        (
-            (
-                *(row.rank, row.team, row.method, row.track.value),
-                *(getattr(row.figures, name) for name in figures),
-                *(column.find_value(row.figures) for column in SCALAR_COLUMNS),
-                *(row.created.isoformat() if row.created else None, row.submission, row.published),
-            )
-            for row in (*board.rows, *board.published)
-        ),
-    )

@@ -24,8 +24,7 @@ from server.web.visitor import check_same_site
 
 def mount_pages(app: FastAPI) -> None:
     """Add the pages to an application of `server.api.create_app`; outside /api its errors become pages, too."""
-    app.state.error_page = error_page.render_error
-    app.state.services.leaderboards.add_builder(partial(leaderboard_page.build_page, app.state.services))
+    connect_pages(app)
     pages = APIRouter(include_in_schema=False, dependencies=[Depends(check_same_site)])
     for part in (
         static_files,
@@ -45,4 +44,10 @@ def mount_pages(app: FastAPI) -> None:
     app.include_router(pages)
 
 
-__all__ = ["mount_pages"]
+def connect_pages(app: FastAPI) -> None:
+    """Let the services of an application with pages build the leaderboard, and its errors become pages."""
+    app.state.error_page = error_page.render_error
+    app.state.services.leaderboards.add_builder(partial(leaderboard_page.build_page, app.state.services))
+
+
+__all__ = ["connect_pages", "mount_pages"]

@@ -10,7 +10,6 @@ import click
 import pytest
 import yaml
 from click.testing import CliRunner
-from distributed.cli import dask_scheduler, dask_worker
 from testing.paths import ROOT
 
 from mdrive_sumo.agent_process.sandbox import BoxLimits
@@ -104,8 +103,11 @@ def test_the_server_is_asked_whether_it_is_well() -> None:
     assert path in create_app(ServerSettings(data=Path("/nowhere"))).openapi()["paths"]
 
 
+@pytest.mark.slow  # dask is imported
 @pytest.mark.parametrize("name", OURS)
 def test_services_run_what_there_is(name: str) -> None:
+    from distributed.cli import dask_scheduler, dask_worker
+
     service = OURS[name]
     build = service["build"]
     assert (DOCKER / build["context"]).resolve() == ROOT and (ROOT / build["dockerfile"]).is_file()

@@ -4,11 +4,11 @@ import ast
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from functools import cache
 from pathlib import Path
 
 import pytest
 from testing.paths import ROOT, TESTS
+from testing.source_trees import parse_source
 
 PACKAGES = ("mdrive_sumo", "networks", "real2sim", "server", "tools")
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py") if "samples" not in path.parts)
@@ -20,11 +20,6 @@ PRONOUNS = re.compile(r"\b(nobody|somebody|everybody|whom|whoever)\b", re.IGNORE
 LONG_FILES = {"server/api/schemas.py": "everything that crosses the HTTP border, in one table"}
 MAX_FILE_LINES, MAX_BODY_LINES = 300, 40
 """Lines of a file, and of the body of a function without its docstring."""
-
-
-@cache
-def parse(path: Path) -> ast.Module:
-    return ast.parse(path.read_text("utf-8"))
 
 
 def statements(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
@@ -39,10 +34,11 @@ def functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionD
     return (node for node in statements(tree.body) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
 
 
+@pytest.mark.slow
 def test_a_public_class_name_has_one_meaning() -> None:
     files_by_class: dict[str, list[str]] = defaultdict(list)
     for path in SOURCES:
-        for node in statements(parse(path).body):
+        for node in statements(parse_source(path).body):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 files_by_class[node.name].append(str(path.relative_to(ROOT)))
     assert {name: files for name, files in files_by_class.items() if len(files) > 1} == {}
@@ -60,13 +56,14 @@ def test_vehicles_and_data_are_not_called_people(package: str) -> None:
     assert found == []
 
 
+@pytest.mark.slow
 def test_files_and_functions_are_small() -> None:
     long: list[str] = []
     for path in SOURCES:
         text = path.read_text("utf-8")
         if text.count("\n") > MAX_FILE_LINES and str(path.relative_to(ROOT)) not in LONG_FILES:
             long.append(f"{path.relative_to(ROOT)}: {text.count(chr(10))} lines")
-        for function in functions(parse(path)):
+        for function in functions(parse_source(path)):
             body = function.body[1:] if ast.get_docstring(function) else function.body
             lines = (body[-1].end_lineno or 0) - body[0].lineno + 1 if body else 0
             if lines > MAX_BODY_LINES:
@@ -86,7 +83,7 @@ def test_packages_only_export() -> None:
         f"{path.relative_to(ROOT)}:{node.lineno}"
         for path in SOURCES
         if path.name == "__init__.py" and path != ROOT / "mdrive_sumo" / "__init__.py"
-        for node in ast.parse(path.read_text("utf-8")).body
+        for node in parse_source(path).body
         if not isinstance(node, allowed)
     ]
     assert found == []

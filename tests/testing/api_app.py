@@ -11,7 +11,6 @@ from typing import Any
 import uvicorn
 from httpx import Response
 
-from server.api.app import create_app
 from server.clock import DAY_US
 from server.enums import TokenScope
 from server.environments import ABOUT_FILE
@@ -20,6 +19,7 @@ from server.store import Store, phases, teams, tokens
 from server.store.phases import NewPhase
 from testing import archive_samples, databases
 from testing.api_client import Client
+from testing.shared_apps import take_app, take_app_with_pages
 from testing.store_samples import JOBS, NOON, PHASE
 
 API = "/api/v1"
@@ -36,6 +36,9 @@ class FakeSuites:
 
     def evaluator(self, phase: Any, environment: str) -> dict[str, Any]:
         return {"version": "1"}
+
+    def find_checksum(self, phase: Any, scenario: str) -> str:
+        return ""
 
 
 class Here:
@@ -71,10 +74,16 @@ class Server:
                 "admin": tokens.issue(session, None, TokenScope.ADMIN, NOON),
                 "worker": tokens.issue(session, None, TokenScope.WORKER, NOON),
             }
-        self.app = create_app(self.settings, self.store, FakeSuites(), Here(), lambda: self.now_us)
+        self.app = take_app(self.settings, self.store, FakeSuites(), Here(), lambda: self.now_us)
         self.settings.archives.mkdir(parents=True, exist_ok=True)
         with_environment(self.settings)
         self.client = Client(self.app)
+
+    def mount_pages(self) -> None:
+        """Serve pages, too."""
+        if not hasattr(self.app.state, "error_page"):
+            self.app = take_app_with_pages(self.app)
+            self.client = Client(self.app)
 
     def ask(self, method: str, path: str, who: str = "", **more: Any) -> Response:
         """One request, by the holder of a token."""

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import WorldError
-from mdrive_sumo.runs.executor import Waitable
+from mdrive_sumo.runs.executor import Executor, Waitable
 from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure
 from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.job_task import JobResult, JobTask
@@ -72,10 +72,10 @@ class Bench:
         self.dispatcher = self.another("one")
         return submitted(self.store, self.settings, self.now_us, **changed)
 
-    def another(self, owner: str) -> Dispatcher:
-        return Dispatcher(
-            self.store, self.settings, LoadedPhaseSuites(self.settings), self.executor, owner, lambda: self.now_us
-        )
+    def another(self, owner: str, executor: Executor[JobTask, JobResult] | None = None) -> Dispatcher:
+        executor = executor or self.executor
+        suites = LoadedPhaseSuites(self.settings)
+        return Dispatcher(self.store, self.settings, suites, executor, owner, lambda: self.now_us)
 
     def steps(self, count: int, pause_us: int = 0) -> None:
         for _ in range(count):

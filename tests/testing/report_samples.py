@@ -76,9 +76,10 @@ def make_agent_run(
     seeds: Sequence[int] = (0,),
     exchanged: Iterable[str] = (),
     channel: str = "ideal",
+    track: str = "",
     **facts: object,
 ) -> Results:
-    """Return a run with the same scores for each seed."""
+    """Return a run with the same scores for each seed. track: its sensing track; "": as of results without one."""
     about = {
         "agent": agent,
         "suite": "made-up",
@@ -92,6 +93,7 @@ def make_agent_run(
     }
     kinds = tuple(exchanged)
     drives = [make_drive(name, found, seed, kinds) for seed in seeds for name, found in scores.items()]
+    drives = [drive.model_copy(update={"sensing_track": track}) for drive in drives]
     return summarize_run(RunInfo.model_validate(about | facts), drives)
 
 

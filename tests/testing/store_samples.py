@@ -42,12 +42,15 @@ def sent(session: Session, team: str, now_us: int = NOON, **changed: Any) -> Sub
     )
 
 
-def driven(session: Session, submission: SubmissionRow, now_us: int, ds: float = 80.0) -> None:
-    """Runs a submission to its end; nothing else may be queued."""
+def driven(session: Session, submission: SubmissionRow, now_us: int, ds: float = 80.0, sensing: str = "") -> None:
+    """Runs a submission to its end; nothing else may be queued. sensing: its sensing track, "" as of older versions."""
     while (job := jobs.claim(session, "worker", LEASE, now_us)) is not None:
         assert job.submission == submission.id
         assert jobs.finish(session, job.id, "worker", job.attempt, GOOD, now_us + S)
-    assert submissions.finish_if_complete(session, submission.id, summary(ds), now_us + S)
+    found = summary(ds)
+    if sensing:
+        found["sensing_track"] = sensing
+    assert submissions.finish_if_complete(session, submission.id, found, now_us + S)
 
 
 def summary(ds: float) -> SummaryData:

@@ -12,7 +12,6 @@ from server.api.leaderboard_cache import STALE_US
 from server.enums import ScenarioVerdict
 from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
-from server.web.mount_pages import mount_pages
 from server.web.templating import POLICY
 from server.web.visitor import COOKIE
 from testing.api_app import Server, another_zip
@@ -138,8 +137,7 @@ class Visit:
     client: Any = field(init=False)
 
     def __post_init__(self) -> None:
-        if not hasattr(self.server.app.state, "error_page"):
-            mount_pages(self.server.app)
+        self.server.mount_pages()
         self.client = Client(self.server.app, follow_redirects=False)
         if self.who:
             self.client.cookies.set(COOKIE, self.server.tokens[self.who])
@@ -167,7 +165,7 @@ PAPER = ("CoDriving", "CoLMDriver", "TCP", "CoLMDriver (rule-based)", "LMDrive",
 """Methods of the paper."""
 
 
-def driven(server: Server, who: str, ds: float, **fields: str) -> str:
+def driven(server: Server, who: str, ds: float, sensing: str = "", **fields: str) -> str:
     """A finished submission, on the boards now."""
     server.now_us += S
     answer = server.send(who, another_zip(server.now_us // S), **fields)
@@ -179,6 +177,8 @@ def driven(server: Server, who: str, ds: float, **fields: str) -> str:
         "scalars": {"mean_speed": ds / 10, "comfort": 99.0, "min_ttc": None, "min_pet": 1.2, "message_rate": ds}
     }
     parts = {"overall": figures, "buckets": {"InterDrive": figures | {"ds": 99 - ds}}, "categories": {"merge": figures}}
+    if sensing:
+        parts["sensing_track"] = sensing
     with server.store.write() as session:
         while (job := jobs.claim(session, "worker", LEASE, server.now_us)) is not None:
             outcome = JobOutcome(ScenarioVerdict.OK, {"ds": ds, "sr": 0.0})

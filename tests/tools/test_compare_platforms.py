@@ -27,8 +27,8 @@ def compare_elsewhere(file: Path, variant: dict[str, str]) -> str:
     return (ended.stdout or ended.stderr).splitlines()[-1]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("agent", ["sharing", pytest.param("sharing+negotiation", marks=pytest.mark.full)])
+@pytest.mark.full  # in `make test`: test_portable holds every function against its definition
+@pytest.mark.parametrize("agent", ["sharing", "sharing+negotiation"])
 def test_another_processor_gives_the_same_digest(agent: str, tmp_path: Path) -> None:
     file = tmp_path / "digests.json"
     file.write_text(json.dumps({"platform": "here", "digests": drive([(SHORT, agent)])}))

@@ -83,6 +83,7 @@ def _build_group_table(
             (agent.name, *(compute(group) for group in found.values() for _, compute in SCORES.values())),
             agent.section,
             is_ranked=agent.is_ranked,
+            track=agent.track,
         )
         for agent, found in zip(agents, means, strict=True)
     ]
@@ -96,13 +97,17 @@ def build_category_table(agents: Sequence[ComparedAgent], score: str = "h", name
     score: a key of `SCORES`.
     """
     label, compute = SCORES[score]
-    ranked = [agent.is_ranked for agent in agents]
     columns = (
         ReportColumn("category", "Category"),
         ReportColumn("scenarios", "scenarios", decimals=0),
         *(
-            ReportColumn(agent.name, agent.name, best=BestValue.HIGHEST if is_ranked else BestValue.NONE)
-            for agent, is_ranked in zip(agents, ranked, strict=True)
+            ReportColumn(
+                agent.name,
+                agent.name,
+                best=BestValue.HIGHEST if agent.is_ranked else BestValue.NONE,
+                track=agent.track,
+            )
+            for agent in agents
         ),
     )
     rows: list[ReportRow] = []

@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.comparison_report.report_runs import ReportRun, check_report_runs
 from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, compare_settings, format_setting
@@ -14,9 +15,10 @@ from mdrive_sumo.scoring.labels import JOINT, NEGOTIATION, PRIVILEGED, SHARING, 
 from mdrive_sumo.v2x.comm_settings import PRESETS, describe_comm
 
 SINGLE_AGENT, MULTI_AGENT = "Single-agent", "Multi-agent"
+SENSOR_SINGLE, SENSOR_MULTI = "Sensor track: single-agent", "Sensor track: multi-agent"
 UPPER_BOUND = "Privileged: an upper bound, not ranked"
-SECTIONS = (SINGLE_AGENT, MULTI_AGENT, UPPER_BOUND)
-"""Headings of a table's rows, the first two as in the paper's main table."""
+SECTIONS = (SINGLE_AGENT, MULTI_AGENT, SENSOR_SINGLE, SENSOR_MULTI, UPPER_BOUND)
+"""Headings of a table's rows, the first two as in the paper's main table: these agents are given lists of objects."""
 _COMM = "comm "
 
 
@@ -41,7 +43,16 @@ class ComparedAgent:
         labels = self.results.run.labels
         if PRIVILEGED in labels:
             return UPPER_BOUND
-        return MULTI_AGENT if {SHARING, NEGOTIATION, JOINT} & {*labels} else SINGLE_AGENT
+        is_multi = not {SHARING, NEGOTIATION, JOINT}.isdisjoint(labels)
+        if self.track:
+            return SENSOR_MULTI if is_multi else SENSOR_SINGLE
+        return MULTI_AGENT if is_multi else SINGLE_AGENT
+
+    @property
+    def track(self) -> str:
+        """The track in which it is ranked: "sensor", or "" for the object track and for results without a track."""
+        sensor = SensingTrack.SENSOR.value
+        return sensor if self.results.run.sensing_track == sensor else ""
 
     @property
     def is_ranked(self) -> bool:

@@ -41,6 +41,8 @@ class ReportColumn:
     has_sign: bool = False
     """Whether positive numbers have a plus sign: differences."""
     intervals: IntervalStyle = IntervalStyle.HALF_WIDTH
+    track: str = ""
+    """Where columns are agents: those of different tracks are ranked apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +61,15 @@ class ReportCell:
 
 @dataclass(frozen=True, slots=True)
 class ReportRow:
-    """A row; `section` is the heading of the rows that it stands with. Rows that are not ranked have no marks."""
+    """A row; `section` is the heading of the rows that it stands with. Rows that are not ranked have no marks.
+
+    track: where rows are agents, those of different tracks are ranked apart.
+    """
 
     cells: tuple[ReportCell, ...]
     section: str = ""
     is_ranked: bool = True
+    track: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +121,8 @@ class ReportTable:
 
     def _mark_columns(self, rows: Sequence[ReportRow]) -> tuple[ReportRow, ...]:
         columns = [
-            _rank([(row.cells[i], row.is_ranked) for row in rows], column) for i, column in enumerate(self.columns)
+            _rank([(row.cells[i], row.track if row.is_ranked else None) for row in rows], column)
+            for i, column in enumerate(self.columns)
         ]
         return tuple(
             replace(row, cells=tuple(cells)) for row, cells in zip(rows, zip(*columns, strict=True), strict=True)
@@ -129,23 +136,35 @@ class ReportTable:
         ranked = [i for i, column in enumerate(self.columns) if column.best is not BestValue.NONE]
         if not ranked or not row.is_ranked:
             return row
-        cells = _rank([(row.cells[i], True) for i in ranked], self.columns[ranked[0]])
+        cells = _rank([(row.cells[i], self.columns[i].track) for i in ranked], self.columns[ranked[0]])
         by_place = dict(zip(ranked, cells, strict=True))
         return replace(row, cells=tuple(by_place.get(i, cell) for i, cell in enumerate(row.cells)))
 
 
-def _rank(cells: Sequence[tuple[ReportCell, bool]], column: ReportColumn) -> list[ReportCell]:
-    """Return cells with their ranks: 1, 2, 2, 4, ... by the value as the table shows it."""
+def _rank(cells: Sequence[tuple[ReportCell, str | None]], column: ReportColumn) -> list[ReportCell]:
+    """Return cells, each given with its track (None: not ranked), with their ranks within the track: 1, 2, 2, 4, ...
+
+    Ranks follow the values as the table shows them.
+    """
     if column.best is BestValue.NONE:
         return [cell for cell, _ in cells]
-    shown = [_sort_key(cell, column) if is_ranked else None for cell, is_ranked in cells]
-    known = [key for key in shown if key is not None]
-    ranks = [0 if key is None else 1 + sum(other < key for other in known) for key in shown]
-    is_telling = len(set(known)) > 1  # what all share is no place
+    shown = [None if track is None else _sort_key(cell, column) for cell, track in cells]
+    tracks = [track for _, track in cells]
+    by_track: dict[str | None, list[float]] = defaultdict(list)
+    for track, key in zip(tracks, shown, strict=True):
+        if key is not None:
+            by_track[track].append(key)
     return [
-        replace(cell, rank=rank if is_telling and rank <= MARKED_RANKS else 0)
-        for (cell, _), rank in zip(cells, ranks, strict=True)
+        replace(cell, rank=_find_rank(key, by_track[track])) for (cell, track), key in zip(cells, shown, strict=True)
     ]
+
+
+def _find_rank(key: float | None, known: Sequence[float]) -> int:
+    """Return the rank from 1 to 3 among the keys; 0 for none, and where all share one: that is no place."""
+    if key is None or len(set(known)) < 2:
+        return 0
+    rank = 1 + sum(other < key for other in known)
+    return rank if rank <= MARKED_RANKS else 0
 
 
 def _sort_key(cell: ReportCell, column: ReportColumn) -> float | None:
@@ -181,10 +200,12 @@ def _format_number(value: float, column: ReportColumn) -> str:
     return f"{round(value, column.decimals) + 0.0:{'+' if column.has_sign else ''}.{column.decimals}f}"
 
 
-def make_row(values: Iterable[CellValue | ReportCell], section: str = "", *, is_ranked: bool = True) -> ReportRow:
+def make_row(
+    values: Iterable[CellValue | ReportCell], section: str = "", *, is_ranked: bool = True, track: str = ""
+) -> ReportRow:
     """Return a row of values or cells."""
     cells = (value if isinstance(value, ReportCell) else ReportCell(value) for value in values)
-    return ReportRow(tuple(cells), section, is_ranked)
+    return ReportRow(tuple(cells), section, is_ranked, track)
 
 
 def make_text_columns(labels: Mapping[str, str]) -> tuple[ReportColumn, ...]:

@@ -32,6 +32,10 @@ SEEDS_NOTE = (
     "±: half of the 95 % bootstrap interval of a mean over several seeds; scenarios are drawn anew, then seeds."
 )
 INTERVAL_NOTE = "95 % bootstrap intervals: scenarios are drawn anew, then the seeds of each."
+TRACK_NOTE = (
+    "Agents of the sensor track have no lists of objects, only what a car carries; they are ranked apart from the"
+    " object track, to which all other agents belong."
+)
 PUBLISHED_NOTE = (
     f"CARLA rows as published (mdrive.tex, {MAIN_TABLE_LABEL}): another simulator, other scenario files, methods"
     " with learned perception; they are not ranked."
@@ -74,6 +78,7 @@ def build_main_table(
         MAIN_NOTE,
         "" if is_one else OVERALL_NOTE,
         SEEDS_NOTE if any(len(agent.seeds) > 1 for agent in agents) else "",
+        TRACK_NOTE if any(agent.track for agent in agents) else "",
         PUBLISHED_NOTE if published else "",
     )
     return ReportTable(
@@ -96,7 +101,7 @@ def _make_main_row(agent: ComparedAgent, buckets: Sequence[str]) -> ReportRow:
         cells += make_score_cells(agent.results.buckets[bucket], intervals.get(bucket), with_times=is_one)
     if not is_one:
         cells += make_score_cells(agent.results.overall.bucket_mean, intervals.get(BUCKET_MEAN), with_times=True)
-    return make_row(cells, agent.section, is_ranked=agent.is_ranked)
+    return make_row(cells, agent.section, is_ranked=agent.is_ranked, track=agent.track)
 
 
 def _make_published_row(method: PublishedMethod, buckets: Sequence[str]) -> ReportRow:
@@ -161,4 +166,4 @@ def _make_bucket_row(agent: ComparedAgent, group: str, intervals: MeanIntervals)
         means.rc,
         means.ip,
     )
-    return make_row(cells, group, is_ranked=agent.is_ranked)
+    return make_row(cells, group, is_ranked=agent.is_ranked, track=agent.track)

@@ -50,6 +50,7 @@ def build_paper_json(numbers: PaperNumbers, request: PaperRequest, about: Mappin
 def _describe_run(results: Results) -> dict[str, Any]:
     return {
         "labels": results.run.labels,
+        "sensing_track": results.run.sensing_track,
         "role": find_role(results),
         "buckets": {name: bucket.model_dump() for name, bucket in results.buckets.items()},
         "overall": results.overall.model_dump(),

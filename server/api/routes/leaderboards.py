@@ -1,7 +1,11 @@
 """Leaderboards, and the history of a team."""
 
-from fastapi import APIRouter, Response
+from dataclasses import dataclass
+from typing import Annotated
 
+from fastapi import APIRouter, Depends, Response
+
+from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
 from server.api import schemas, submission_views
 from server.api.dependencies import Now, ServicesDep
@@ -11,6 +15,15 @@ from server.api.schemas import to_datetime
 from server.enums import ChallengeTrack, SubmissionState
 from server.store import NotFound, phases, queries, teams
 
+
+@dataclass(frozen=True, slots=True)
+class TrackFilter:
+    """The tracks of a board."""
+
+    track: ChallengeTrack | None = None
+    sensing_track: SensingTrack | None = None
+
+
 router = APIRouter(tags=["leaderboards"])
 
 
@@ -19,18 +32,21 @@ async def show_leaderboard(
     phase: schemas.PhaseId,
     services: ServicesDep,
     at_us: Now,
-    track: ChallengeTrack | None = None,
+    tracks: Annotated[TrackFilter, Depends()],
     bucket: schemas.PartName | None = None,
     category: schemas.PartName | None = None,
 ) -> Response:
     """Return the overall leaderboard, or that of a bucket or a category; without a track, of all tracks but joint.
 
+    The sensing tracks are ranked apart; without one, the rows of `object` come first, then those of `sensor`.
     Of a hidden phase it shows the overall DS to 0.1 and SR to 1 %, and no bucket or category. The result can be seconds
     old.
     """
     if bucket is not None and category is not None:
         raise InputError(f"leaderboard: expected a bucket or a category, found both: {bucket!r} and {category!r}")
-    content = await services.leaderboards.get_json(BoardKey(phase, track, bucket, category), at_us)
+    content = await services.leaderboards.get_json(
+        BoardKey(phase, tracks.track, bucket, category, tracks.sensing_track), at_us
+    )
     return Response(content, media_type="application/json")
 
 

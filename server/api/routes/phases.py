@@ -55,4 +55,5 @@ def _to_phase(phase: tables.PhaseRow, at_us: int) -> schemas.PhaseOut:
         in_parallel=phase.in_parallel,
         in_total=phase.in_total,
         seeds=phase.seeds,
+        sensor_track_only=phase.sensor_track_only,
     )

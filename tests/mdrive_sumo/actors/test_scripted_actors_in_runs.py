@@ -69,7 +69,7 @@ def evaluated(folder: Path, out: Path, *more: object, agent: str = "constant-spe
 @pytest.fixture(scope="module")
 def crashes(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Results]:
     folder = tmp_path_factory.mktemp("actors")
-    things = suite(folder / "suite", *(scenario(name, thing) for name, (thing, _) in THINGS.items()))
+    things = suite(folder / "suite", *(scenario(name, thing, metres=45) for name, (thing, _) in THINGS.items()))
     return things, folder / "run", evaluated(things, folder / "run", "--workers", 1)
 
 

@@ -61,7 +61,7 @@ def two() -> Iterator[Scenario]:
     yield straight_scenario(straight_ego("b", x=10.0, length=25), straight_ego("a", x=10.0, length=15, y=40.0))
 
 
-@pytest.mark.parametrize("clock", ["ideal", "fixed:100"])
+@pytest.mark.parametrize("clock", [pytest.param("ideal", marks=pytest.mark.full), "fixed:100"])
 def test_an_agent_of_the_leaderboard_follows_its_routes_unchanged(tmp_path: Path, clock: str) -> None:
     """Left is left, north is north: nothing of this works if one sign is wrong."""
     scenario = straight_scenario(bends("left", (0.0, 0.0), (1, -1, -1)), bends("right", (5.0, -300.0), (-1, 1)))
@@ -84,9 +84,14 @@ def test_all_cavs_are_driven_by_one_program_until_they_end(tmp_path: Path, two: 
     ("mode", "failure", "text"),
     [
         ("setup", FailureReason.CRASHED, "OSError: no weights in config/my.yaml"),
-        ("plan", FailureReason.CRASHED, "RuntimeError: too far"),
+        pytest.param("plan", FailureReason.CRASHED, "RuntimeError: too far", marks=pytest.mark.full),
         ("short", FailureReason.CRASHED, "TypeError: run_step(): expected a list of 2 controls, found list"),
-        ("one", FailureReason.CRASHED, "TypeError: run_step(): expected a list of 2 controls, found VehicleControl"),
+        pytest.param(
+            "one",
+            FailureReason.CRASHED,
+            "TypeError: run_step(): expected a list of 2 controls, found VehicleControl",
+            marks=pytest.mark.full,
+        ),
         ("raise", FailureReason.CRASHED, "RuntimeError: lost"),
     ],
 )

@@ -8,13 +8,14 @@ from functools import cache
 import numpy as np
 import pytest
 from testing.agents_driving import Box, all_arrived, crossing_route, drive, field
+from testing.sampling import sampled
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.agents.take_turns import find_slot
 from mdrive_sumo.contract import LABELS, MAX_PLAN_POINTS, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline
-from mdrive_sumo.core.state import End
+from mdrive_sumo.core.state import TICKS_PER_SECOND, End
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.planning.parameters import AVOIDANCE
 from mdrive_sumo.roads.network_file import StopSignBox
@@ -109,8 +110,9 @@ def test_moving_agents_stay_on_the_route(agent: str, turn: str) -> None:
     assert max(offset) < 0.75  # half of what is free beside a 2 m car on a 3.5 m lane
 
 
-def test_idm_stops_behind_a_standing_car_with_room_to_turn_out() -> None:
-    """This road has no room for a detour."""
+def test_idm_stops_behind_a_standing_car_with_room_to_turn_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """This road has no room for a detour. CAVs that stand count as blocked after 3 s already."""
+    monkeypatch.setattr("mdrive_sumo.scoring.criteria.BLOCKED_TICKS", 3 * TICKS_PER_SECOND)
     episode = drive("idm", {"0": STRAIGHT}, [Box(0.0, -1.75, 0.0)])
     gap = (0.0 - 4.5 / 2) - (episode.x[-2, 0] + 4.9 / 2)
     assert not episode.contacts
@@ -125,7 +127,7 @@ def test_idm_follows_a_slow_car() -> None:
     assert np.all(np.abs(episode.speed[late, 0] - 3.0) < 0.3)
 
 
-@pytest.mark.parametrize("name", ["straight across", "left across oncoming", "right merges", "queue"])
+@pytest.mark.parametrize("name", sampled([*CASES][:4], ("left across oncoming", "queue")))
 def test_idm_yields_where_the_blind_collide(name: str) -> None:
     assert driven("constant-speed", name).contacts
     episode = driven("idm", name)
@@ -150,7 +152,7 @@ def test_idm_waits_at_a_red_light() -> None:
     assert all_arrived(episode)
 
 
-@pytest.mark.parametrize("name", sorted(CASES))
+@pytest.mark.parametrize("name", sampled(CASES, ("left across oncoming", "queue", "four lefts")))
 def test_omniscient_has_no_contacts_and_all_arrive(name: str) -> None:
     episode = driven("omniscient", name)
     assert not episode.contacts

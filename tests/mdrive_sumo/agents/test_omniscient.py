@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from testing.agents_driving import Box, all_arrived, drive
 
-from mdrive_sumo.contract import Briefing, Objects, OwnState, Privileged
+from mdrive_sumo.agents.omniscient import OmniscientAgent
+from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, Privileged
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.joint_detours import has_undecided_vehicle, plan_joint_detours
@@ -68,6 +69,20 @@ def test_omniscient_passes_a_parked_car_with_oncoming_cavs() -> None:
     episode = drive("omniscient", {"0": EAST, "1": WEST}, [Box(45.0, -0.9, 0.0)], two_lanes())
     assert all_arrived(episode)
     assert not episode.contacts
+
+
+@pytest.mark.parametrize(("first_tick", "stride"), [(0, 1), (0, 4), (7, 3)])
+@pytest.mark.parametrize("parked", [False, True])
+def test_it_plans_also_if_observed_every_few_ticks_only(first_tick: int, stride: int, parked: bool) -> None:
+    """As in open loop. A parked car delays the first plan by `decision_ticks`; the second CAV's by one tick more."""
+    seen = known(things((40.0, -0.5 if parked else -4.0, 0.0, 0.0), kind=Kind.VEHICLE))
+    for ego, own in zip(("0", "1"), seen.states, strict=True):
+        agent = OmniscientAgent({})
+        agent.start(told(ego))
+        for tick in range(first_tick, first_tick + 30, stride):
+            reply = agent.act(Observation(tick, own, privileged=seen))
+        assert reply.plan is not None
+        assert len(reply.plan.points) > 1, "it drives"
 
 
 def test_all_cavs_find_the_same_detours() -> None:

@@ -52,7 +52,7 @@ def drive(agent: str, seed: int = 0) -> EpisodeRecord:
         return run_episode(EpisodeConfig(made, ROADS, seed), world, {"0": LocalDriver(AGENTS[agent]({}))})
 
 
-@pytest.mark.parametrize("agent", ["idm", "constant-speed", "omniscient"])
+@pytest.mark.parametrize("agent", ["idm", pytest.param("constant-speed", marks=pytest.mark.full), "omniscient"])
 def test_a_cav_arrives_in_flowing_traffic_without_a_scratch(agent: str) -> None:
     episode = driven(agent)
     assert episode.find_ending("0").end is End.ARRIVED

@@ -244,7 +244,7 @@ def test_a_reader_that_leaves_early_is_no_error() -> None:
 def test_a_terminal_gets_one_live_line(fakes: ModuleType, tmp_path: Path) -> None:
     fakes.make_suite(tmp_path / "suite", "answer", "answer")
     ours, theirs = pty.openpty()
-    command = arguments(tmp_path)
+    command = arguments(tmp_path, "--workers", "1")
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=theirs, env=environment()) as process:
         os.close(theirs)
         seen = b""

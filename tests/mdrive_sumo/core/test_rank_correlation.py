@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
-from scipy import stats
 
 from mdrive_sumo.core.rank_correlation import compute_kendall, compute_spearman
 from mdrive_sumo.core.statistics import RESAMPLES, bootstrap_mean, draw_resample_counts, make_interval, sum_resamples
@@ -18,8 +17,11 @@ SAMPLES = st.integers(3, 9).flatmap(
 """Two rows of few different values, so that ties are frequent."""
 
 
+@pytest.mark.slow  # scipy.stats is imported
 @given(SAMPLES)
 def test_they_are_those_of_scipy(pair: tuple[np.ndarray, np.ndarray]) -> None:
+    from scipy import stats
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # all values tied: NaN there and here
         expected = stats.spearmanr(*pair)[0], stats.kendalltau(*pair)[0]

@@ -22,6 +22,8 @@ from real2sim.readers.commonroad import read_commonroad
 
 from .conftest import Export
 
+pytestmark = pytest.mark.slow  # of an episode that is driven
+
 MAX_ERROR_M = 0.01
 """Of the round trip."""
 

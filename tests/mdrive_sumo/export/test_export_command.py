@@ -15,6 +15,8 @@ from mdrive_sumo.export.export_formats import EXPORT_FORMATS, ExportFormat
 from mdrive_sumo.export.export_run import export_runs, load_recordings, select_recorded
 from mdrive_sumo.runs.stored_run import StoredRun
 
+pytestmark = pytest.mark.slow  # of an episode that is driven
+
 BASE_INSTALL = {"csv", "fcd", "scenarionet"}
 """Formats that need no extra."""
 

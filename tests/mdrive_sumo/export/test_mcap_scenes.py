@@ -15,6 +15,8 @@ from mdrive_sumo.episode import EpisodeRecord
 
 from .conftest import Export
 
+pytestmark = pytest.mark.slow  # of an episode that is driven
+
 TICK_NS = 10**9 // TICKS_PER_SECOND
 Log = dict[str, list[tuple[int, Any]]]
 """Topic -> its messages with their ticks."""

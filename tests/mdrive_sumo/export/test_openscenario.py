@@ -21,6 +21,8 @@ from mdrive_sumo.roads.netconvert import find_netconvert
 
 from .conftest import Export
 
+pytestmark = pytest.mark.slow  # of an episode that is driven
+
 Element = Any
 """An element of which the test knows that its parts are there."""
 

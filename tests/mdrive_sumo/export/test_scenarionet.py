@@ -15,6 +15,8 @@ from real2sim.readers.scenarionet import read_scenarionet
 
 from .conftest import Export
 
+pytestmark = pytest.mark.slow  # of an episode that is driven
+
 NAME = f"sd_mdrive-sumo_v1_{SCENARIO}.pkl"
 OBJECT_TYPES = {"VEHICLE", "PEDESTRIAN", "CYCLIST", "TRAFFIC_OBJECT"}
 FEATURE_TYPES = {"LANE_SURFACE_STREET", "LANE_SURFACE_UNSTRUCTURE", "ROAD_EDGE_BOUNDARY", "CROSSWALK", "STOP_SIGN"}

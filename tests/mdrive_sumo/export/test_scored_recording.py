@@ -3,6 +3,7 @@
 from itertools import pairwise
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,6 +20,7 @@ def test_presences_cover_the_valid_ticks_in_maximal_runs(valid: list[bool]) -> N
     assert all(after.start > before.stop for before, after in pairwise(presences))
 
 
+@pytest.mark.slow
 def test_categories_follow_the_scenario_then_kind_and_size(recording: ScoredRecording) -> None:
     categories = dict(zip(recording.record.ids, recording.categories, strict=True))
     assert categories == {
@@ -27,6 +29,7 @@ def test_categories_follow_the_scenario_then_kind_and_size(recording: ScoredReco
     }
 
 
+@pytest.mark.slow
 def test_cavs_are_on_lanes_of_their_routes_and_walkers_on_none(recording: ScoredRecording) -> None:
     record, roads = recording.record, recording.roads
     lanes, positions = assign_lanes(recording, record.x, record.y)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 import sumolib
 from testing.mixed_run import CAVS, SCENARIO
 
@@ -15,6 +16,8 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads.netconvert import find_netconvert
 
 from .conftest import Export
+
+pytestmark = pytest.mark.slow  # of an episode that is driven
 
 Point = tuple[int, str, Any]
 """Tick, id, and the attributes that sumolib has read."""

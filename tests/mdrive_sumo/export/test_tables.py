@@ -15,6 +15,8 @@ from mdrive_sumo.runs.stored_run import StoredRun
 
 from .conftest import Export
 
+pytestmark = pytest.mark.slow  # of an episode that is driven
+
 TABLES = [table.name for table in EXPORT_TABLES]
 
 

@@ -8,6 +8,8 @@ from scipy.optimize import linear_sum_assignment
 
 from mdrive_sumo.perception.assignment import assign, solve_assignment
 
+pytestmark = pytest.mark.slow  # scipy.optimize is imported
+
 
 @given(st.integers(1, 9), st.integers(1, 9), st.integers(0, 10_000))
 def test_the_total_cost_is_the_least(rows: int, columns: int, seed: int) -> None:

@@ -222,7 +222,7 @@ def test_a_job_s_files_come_back_with_its_result(tmp_path: Path) -> None:
     assert found == {"e.npz": "episode", "logs/s0.log": "printed", "t/s0.jsonl": "said"}
 
 
-@pytest.mark.slow
+@pytest.mark.full  # in `make test`: the outcomes of the pool, with jobs that do not drive
 @pytest.mark.timeout(900)
 def test_eval_on_a_cluster_gives_the_same_bytes(
     two_workers: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -11,6 +11,7 @@ from testing.short_suite import make_short_suite
 
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import Message
+from mdrive_sumo.episode import load_episode
 from mdrive_sumo.scoring import ScenarioResult, load_results, make_void_result
 from mdrive_sumo.scoring.labels import COMMUNICATION_LABELS, derive_communication_label, derive_labels
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage, count_exchanged
@@ -81,11 +82,16 @@ def test_only_what_a_cav_sent_and_another_received_counts(sent: list[tuple[str, 
 
 
 LIAR = """
-from mdrive_sumo.contract import Control, Message, Reply
+from pathlib import Path
+from mdrive_sumo.contract import Control, Message, Reply, SensorSpec
 class Liar:
     label = "single"
     def __init__(self, config): ...
-    def sensors(self): return ()
+    def sensors(self):
+        first = Path(__file__).with_name("asked")
+        if first.exists(): return (SensorSpec(KIND),)
+        first.touch()
+        return ()
     def start(self, briefing): ...
     def act(self, seen):
         return Reply(control=Control(0.5, 0.0, 0.0), messages=(Message("my-own", b"you go first"),))
@@ -94,9 +100,15 @@ class Liar:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("in_process")
-@pytest.mark.parametrize(("comm", "label"), [("ideal", "negotiation"), ("off", "single")])
-def test_an_agent_that_talks_is_not_single_whatever_it_says(comm: str, label: str, tmp_path: Path) -> None:
-    (tmp_path / "liar.py").write_text(LIAR)
+@pytest.mark.parametrize(
+    ("comm", "label", "kind", "track"),
+    [("ideal", "negotiation", "objects", "object"), ("off", "single", "gnss", "sensor")],
+)
+def test_labels_and_track_follow_from_what_is_done_in_the_episodes(
+    comm: str, label: str, kind: str, track: str, tmp_path: Path
+) -> None:
+    """The agent calls itself single, and declares its sensor only where it drives."""
+    (tmp_path / "liar.py").write_text(LIAR.replace("KIND", repr(kind)))
     words = [
         "--suite",
         str(make_short_suite(tmp_path / "suite", "i01_*")),
@@ -106,7 +118,6 @@ def test_an_agent_that_talks_is_not_single_whatever_it_says(comm: str, label: st
         comm,
         "--workers",
         "1",
-        "--no-record",
     ]
     ended = CliRunner().invoke(main, ["eval", *words, "--out", str(tmp_path / "run")])
     assert ended.exit_code == 0, ended.output
@@ -114,7 +125,10 @@ def test_an_agent_that_talks_is_not_single_whatever_it_says(comm: str, label: st
     assert results.run.labels == (label, "unsandboxed")
     assert results.run.declared_label == "single"
     assert set(results.scenarios[0].exchanged) == ({"my-own"} if comm == "ideal" else set())
-    assert f"[{label}, unsandboxed]" in ended.output
+    assert f"[{label}, unsandboxed, {track} track]" in ended.output
+    assert (results.run.sensing_track, results.scenarios[0].sensing_track) == (track, track)
+    (recording,) = (tmp_path / "run" / "episodes").glob("*.npz")
+    assert load_episode(recording).sensing_track == track
 
 
 @pytest.mark.parametrize(

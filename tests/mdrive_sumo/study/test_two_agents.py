@@ -10,6 +10,8 @@ from testing.local_executor import TALKER
 from testing.short_suite import make_short_suite
 from testing.study_samples import invoke, make_run, make_scenario
 
+from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.cli.cross_play import list_all_agents
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
 from mdrive_sumo.study.cross_play import summarise_cross_play
@@ -103,6 +105,11 @@ def test_cross_play_from_the_command_line(folder: Path) -> None:
         assert len(list(csv.DictReader(lines))) == 8
     assert f"| {TALKER} |" in (folder / "cross-play" / "cross-play.md").read_text()
     assert (folder / "cross-play" / "cross-play.svg").read_text().startswith("<?xml")
+
+
+def test_all_agents_are_those_that_drive_without_options(capsys: pytest.CaptureFixture[str]) -> None:
+    assert {*AGENTS} - {*list_all_agents().split(",")} == {"colmdriver"}
+    assert capsys.readouterr().err.startswith("left out: colmdriver: language model: option endpoint")
 
 
 @pytest.mark.slow

@@ -244,6 +244,7 @@ def real(tmp_path_factory: pytest.TempPathFactory) -> Suite:
 
 
 @needs_data
+@pytest.mark.full  # in `make test`: made-up directories with the same parts, above
 def test_the_real_directories_lie_on_their_towns(real: Suite) -> None:
     report = json.loads((real.folder / "conversion.json").read_text())
     assert (report["left_out"], report["shifts"]) == ([], [])
@@ -265,6 +266,7 @@ def test_the_real_directories_lie_on_their_towns(real: Suite) -> None:
 
 
 @needs_data
+@pytest.mark.full  # in `make test`: made-up directories with the same parts, above
 def test_two_of_the_real_pedestrians_wait_for_ever(real: Suite) -> None:
     """CAVs 0 and 2 pass them at 15 m in the files already, 8 m would set them off."""
     notes = {scenario.id: scenario.notes for scenario in real.scenarios}
@@ -272,6 +274,7 @@ def test_two_of_the_real_pedestrians_wait_for_ever(real: Suite) -> None:
 
 
 @needs_data
+@pytest.mark.full  # in `make test`: made-up directories with the same parts, above
 def test_the_roundabout_needs_a_one_sided_link(real: Suite) -> None:
     towns = json.loads((real.folder / "conversion.json").read_text())["towns"]
     assert {town["name"]: len(town["repairs"]) for town in towns} == {"Town02": 0, "Town03": 1, "Town05": 0}

@@ -26,8 +26,13 @@ def suite(small: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) ->
 
 
 @pytest.fixture
-def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Logs are read and converted in the process of the test: a worker process takes two seconds of imports."""
+def without_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Logs are converted in the process of the test, and read in a process of their own, which may crash."""
     monkeypatch.setattr(batch, "ProcessPool", LocalExecutor)
     monkeypatch.setattr(batch, "_redirect_stdout", lambda: None)
+
+
+@pytest.fixture
+def in_process(without_workers: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Logs are read and converted in the process of the test: a worker process takes two seconds of imports."""
     monkeypatch.setattr(log_conversion, "read_log_limited", log_source.read_log, raising=False)

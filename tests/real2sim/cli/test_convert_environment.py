@@ -106,6 +106,7 @@ def test_a_disk_that_is_full_half_way_leaves_nothing(most_bytes: int, small: tup
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.full  # in `make test`: a full disk leaves nothing either; Ctrl-C during eval (test_cli_eval)
 def test_ctrl_c_leaves_nothing(small: tuple[Path, Path], tmp_path: Path) -> None:
     logs = tmp_path / "logs"
     for k in range(30):  # many more than are converted

@@ -10,7 +10,7 @@ from testing.commonroad_samples import CAR, LANE, format_scenario
 from testing.convert_command import refused
 from testing.interaction_samples import build_street, write_table
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_workers")]
 
 
 def objects_at_addresses(folder: Path) -> tuple[str, Path]:

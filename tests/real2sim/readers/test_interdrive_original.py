@@ -19,7 +19,7 @@ from mdrive_sumo.scenario.suite import Suite, load_suite
 from real2sim.cli import convert
 from real2sim.readers.interdrive import read_interdrive
 
-pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
+pytestmark = [pytest.mark.full, pytest.mark.costly_fixture]  # in `make test`: test_interdrive, on made-up routes
 
 ROUTES = SHARED_DATA / "mdrive" / "interdrive"
 

@@ -75,6 +75,7 @@ def test_its_cavs_stations_and_people_are_those_of_the_drive(suite: Path) -> Non
         assert ego.start_speed == pytest.approx(5.0, abs=1.5)
 
 
+@pytest.mark.full  # in `make test`: a smaller converted log is driven (test_convert_command)
 def test_it_runs(suite: Path) -> None:
     episode = reexecute(EpisodeJob(suite, "busy", AgentSpec("idm")))
     assert [ending.end for ending in episode.endings] == [End.ARRIVED] * 2

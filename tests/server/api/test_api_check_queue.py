@@ -212,7 +212,7 @@ def post(client: httpx.Client, address: str, token: str, data: bytes) -> int:
     return client.post(f"{address}{API}/submissions", data=form, files=files, headers=headers).status_code
 
 
-@pytest.mark.slow
+@pytest.mark.full  # in `make test`: the turns of the queue, step by step, and the quota of refused uploads
 def test_honest_uploads_are_accepted_under_attack(tmp_path: Path) -> None:
     """One team sends what takes long and is refused in eight connections; another sends good archives meanwhile."""
     server, pool = Server(tmp_path), SubprocessPool(2)

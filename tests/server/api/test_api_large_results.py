@@ -18,7 +18,6 @@ from server.enums import JobState, ScenarioVerdict
 from server.store import jobs, overviews, retention, submissions, tables
 from server.store.jobs import JobOutcome
 from server.store.retention import RetentionPolicy
-from server.web.mount_pages import mount_pages
 
 DAY_US = 86_400_000_000
 
@@ -65,7 +64,7 @@ def statements(server: Server) -> Iterator[list[str]]:
 
 @pytest.mark.slow
 def test_no_list_reads_results(server: Server) -> None:
-    mount_pages(server.app)
+    server.mount_pages()
     mine = finish_all(server, JobOutcome(ScenarioVerdict.OK, result(2, 1), usage={"cpu_s": 1.0}))
     for who in ("", "red", "admin"):
         headers = {"Authorization": f"Bearer {server.tokens[who]}"} if who else {}

@@ -19,7 +19,6 @@ from server.api.leaderboards import BoardKey
 from server.api.problems import ProblemError
 from server.settings import ServerSettings
 from server.store import NotFound, Store, StoreUnavailable, audit, phases, teams
-from server.web.mount_pages import mount_pages
 
 pytestmark = pytest.mark.slow
 
@@ -58,7 +57,7 @@ def test_one_look_serves_all_boards(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_boards_are_ready_before_anybody_asks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """At the start, and again after a change; those of phases that are over are not."""
     server = Server(tmp_path)
-    mount_pages(server.app)
+    server.mount_pages()
     driven(server, "red", 50.0)
     monkeypatch.setattr(leaderboard_cache, "REFRESH_S", 0.01)
     made: list[str] = []

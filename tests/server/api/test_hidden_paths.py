@@ -9,7 +9,6 @@ from testing.api_app import API, Server
 from mdrive_sumo.core.errors import InputError
 from server.api.hidden_paths import HIDDEN_PATH, hide_paths
 from server.store import submissions
-from server.web.mount_pages import mount_pages
 
 
 @pytest.mark.parametrize(
@@ -44,5 +43,5 @@ def test_errors_and_reasons_name_no_paths(server: Server, tmp_path: Path, monkey
     monkeypatch.setattr(server.app.state.services.suites, "jobs", fail)
     answer = server.send("blue")
     assert answer.status_code == 422 and str(tmp_path) not in answer.text and HIDDEN_PATH in answer.text
-    mount_pages(server.app)
+    server.mount_pages()
     assert str(tmp_path) not in server.client.get(f"{API}/submissions/x").text

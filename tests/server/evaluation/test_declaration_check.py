@@ -38,7 +38,7 @@ def check(tmp_path: Path) -> Iterator[Check]:
     """Upload an agent with these sensors to a server that may start boxes; afterwards nothing of it is left."""
     settings = ServerSettings(data=tmp_path, sandbox=SandboxSettings(required=()))
 
-    def run(sensors: str = "", made: str = "pass", environment: bool = True) -> bool:
+    def run(sensors: str = "", made: str = "pass", environment: bool = True, sensor_track_only: bool = False) -> bool:
         about = settings.environments / "python3.11-numpy"
         if environment and not about.exists():
             about.mkdir(parents=True)
@@ -48,7 +48,8 @@ def check(tmp_path: Path) -> Iterator[Check]:
         archive.write_bytes(
             packed({"agents.py": source.encode(), "model_env.yaml": b"environment: python3.11-numpy\n"})
         )
-        return check_declaration(archive, inspect_archive(archive, ArchiveLimits()), settings)
+        manifest = inspect_archive(archive, ArchiveLimits())
+        return check_declaration(archive, manifest, settings, sensor_track_only=sensor_track_only)
 
     yield run
     stage = tmp_path / "stage"
@@ -62,6 +63,9 @@ def test_sensors_are_refused_and_good_agents_are_not(check: Check) -> None:
     assert check("SensorSpec('objects'),")
     with pytest.raises(ArchiveRefused, match="found a camera"):
         check("SensorSpec('rgb'),")
+    lists = "SensorSpec('lidar', options={'hit_ids': True}),"
+    with pytest.raises(ArchiveRefused, match="sensor 'lidar' with hit_ids: expected sensors of the sensor track"):
+        check(lists, sensor_track_only=True)
 
 
 def test_nothing_is_started_beside_jobs_of_a_hidden_phase(check: Check, tmp_path: Path) -> None:

@@ -5,19 +5,23 @@ import os
 import shutil
 from collections.abc import Generator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from testing import databases, evaluation_fakes
 from testing.evaluation_bench import Bench, S
 from testing.evaluation_fakes import fake, read, scored, submitted
+from testing.local_executor import LocalExecutor
 from testing.paths import TESTS
 from testing.suite_fakes import make_suite
 
 from mdrive_sumo.core.state import FailureReason
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.scenario.suite import SCENARIO_FILE
 from server import environments
 from server.enums import JobState, ScenarioVerdict, SubmissionState
-from server.evaluation import spot_checks
+from server.evaluation import spot_checks, submission_job
 from server.evaluation.dispatcher import EvaluatorMismatchError
 from server.evaluation.job_task import JobResult, JobTask
 from server.evaluation.requeue import requeue_outdated
@@ -73,6 +77,29 @@ def test_what_is_renewed_has_the_jobs_of_the_suite_as_it_is_now(bench: Bench, de
     bench.steps(4)
     done = read(bench.store, submission)
     assert (done.state, done.summary and done.summary["overall"]["scenarios"]) == (SubmissionState.DONE, len(deeds))
+
+
+def test_a_scenario_that_changes_under_the_workers_is_our_failure(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No agent is started: the suite is compared before."""
+    submission = bench.begin("nap", "nap")
+    path = bench.folder / "suite" / "s0" / SCENARIO_FILE
+    agent = SimpleNamespace(manifest=SimpleNamespace(style="agent"), agent_spec=lambda: AgentSpec("idm"))
+
+    def load_agent(_: JobTask) -> SimpleNamespace:
+        path.write_bytes(path.read_bytes() + b"\n")
+        return agent
+
+    monkeypatch.setattr(submission_job, "_load_agent", load_agent)
+    bench.dispatcher = bench.another("two", LocalExecutor(submission_job.run_submission_job))
+    bench.steps(10, pause_us=S)
+    failed = read(bench.store, submission)
+    assert (failed.state, failed.counts) == (SubmissionState.FAILED_OURS, False)
+    job, _ = bench.rows()
+    said = f"input: {path}: expected the scenario with which the run began, found a changed one"
+    assert (job.attempt, job.verdict, job.failure) == (3, ScenarioVerdict.FAILED_OURS, said)
+    assert str(bench.folder) not in failed.why
 
 
 def test_another_content_of_an_environment_is_another_evaluator(bench: Bench) -> None:

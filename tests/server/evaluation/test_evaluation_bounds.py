@@ -55,7 +55,7 @@ def test_a_summary_that_a_dead_worker_left_is_written_by_another(bench: Bench, m
 def test_a_submission_that_takes_too_long_ends_within_a_heartbeat(bench: Bench) -> None:
     submission = bench.begin("nap", "nap")
     bench.executor.stuck = {"s0"}
-    bench.steps(370, pause_us=10 * S)  # an hour and a little more
+    bench.steps(185, pause_us=20 * S)  # an hour and a little more
     found = read(bench.store, submission)
     assert found.state == SubmissionState.OVER_BUDGET and "make the agent faster" in found.why
     assert bench.executor.ended == ["1.1"] and bench.executor.waiting == {}

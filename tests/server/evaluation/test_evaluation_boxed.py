@@ -98,9 +98,15 @@ def driven(wanted: JobTask) -> JobOutcome:
     return found
 
 
-def test_the_result_is_that_of_eval_and_the_boxes_are_accounted_for(tmp_path: Path) -> None:
-    wanted = task(tmp_path, team())
-    outcome = driven(wanted)
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> tuple[JobTask, JobOutcome]:
+    """The drive of the plain agent, in boxes that share files."""
+    wanted = task(tmp_path_factory.mktemp("plain"), team())
+    return wanted, driven(wanted)
+
+
+def test_the_result_is_that_of_eval_and_the_boxes_are_accounted_for(plain: tuple[JobTask, JobOutcome]) -> None:
+    wanted, outcome = plain
     assert outcome.verdict is ScenarioVerdict.OK
     again = EpisodeJob(
         suite_folder=Path(environments.__file__).parents[1] / "mdrive_sumo" / "scenarios" / "interdrive",
@@ -142,6 +148,11 @@ def test_what_an_agent_may_not_have_rejects_it(tmp_path: Path) -> None:
     assert found == AgentRejection(
         "track joint: expected one agent for all CAVs (get_entry_point) in agents.py, found an agent for each CAV"
     )
+    lists = replace(task(tmp_path, team(dies=5)), sensor_track_only=True)
+    found = run_submission_job(lists)
+    assert isinstance(found, AgentRejection) and found.why.startswith("agent: expected sensors of the sensor track")
+    carried = driven(replace(task(tmp_path, team(sensor="gnss", dies=5)), sensor_track_only=True)).result
+    assert carried is not None and carried["sensing_track"] == "sensor"
     found = run_submission_job(task(tmp_path, b"no zip"))
     assert isinstance(found, AgentRejection)
     assert found.why.startswith("archive: ")
@@ -201,13 +212,16 @@ def test_a_cluster_drives_boxes_as_this_machine_does(tmp_path: Path) -> None:
     assert recorded[0] == recorded[1]
 
 
-def test_an_agent_with_files_of_its_own_drives_as_one_without(tmp_path: Path) -> None:
+@pytest.mark.full  # in `make test`: test_sandbox_channels and test_sandbox_layers make such boxes
+def test_an_agent_with_files_of_its_own_drives_as_one_without(
+    tmp_path: Path, plain: tuple[JobTask, JobOutcome]
+) -> None:
     """The server's default; the digest is that of boxes that share files."""
     place = tmp_path / "copies"
     place.mkdir()
     wanted = task(tmp_path, team(), sandbox=SandboxSettings(required=("private-files", "proc"), copies=place))
     describe_small_environment(tmp_path / "environments" / "python3.11-numpy")
-    private, shared = driven(wanted), driven(task(tmp_path, team(), job=2))
+    private, shared = driven(wanted), plain[1]
     assert private.usage is not None and private.result is not None and shared.result is not None
     assert "private-files" in private.usage["layers"]
     assert private.result["digest"] == shared.result["digest"]

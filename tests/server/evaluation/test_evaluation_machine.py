@@ -15,7 +15,8 @@ from mdrive_sumo.core.errors import InputError
 from server.environments import ABOUT_FILE
 from server.evaluation.machine_check import check_machine
 from server.evaluation.supervisor import Supervisor
-from server.settings import WARM_UP, PhaseSettings, SandboxSettings, ServerSettings, WorkerSettings, load_settings
+from server.phase_settings import WARM_UP, PhaseSettings
+from server.settings import SandboxSettings, ServerSettings, WorkerSettings, load_settings
 
 
 @pytest.mark.parametrize("backend", ["none", "gvsior"])

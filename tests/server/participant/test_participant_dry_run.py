@@ -10,13 +10,15 @@ from testing.archive_samples import GOOD, packed, written
 from testing.local_executor import LocalExecutor
 from testing.participant_fakes import Run, command_line
 from testing.sandbox_runs import needs_bubblewrap
+from testing.suite_fakes import make_suite
 
 from mdrive_sumo.agent_process.remote_driver import AgentLimits
 from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agent_process.sandbox import BoxLimits, SandboxLayer
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, FailureReason
-from mdrive_sumo.runs.episode_job import EpisodeJob
+from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
+from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult, make_void_result
 from mdrive_sumo.v2x.comm_settings import CommSettings
@@ -127,7 +129,35 @@ def wheel(folder: Path, name: str) -> None:
         made.writestr(f"{about}/RECORD", "")
 
 
-@pytest.mark.slow
+def test_what_a_build_runs_and_keeps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recipe = EnvironmentRecipe("mine", "3.11", ("tiny==1.0",), 1)
+    monkeypatch.setattr(environments, "RECIPES", {"mine": recipe})
+    commands: list[tuple[str, ...]] = []
+
+    def run(command: tuple[str, ...], _: str) -> str:
+        commands.append(command)
+        Path(tmp_path / "mine").mkdir(exist_ok=True)
+        return "pip==1\ntiny==1.0\n" if "freeze" in command else ""
+
+    monkeypatch.setattr(environments, "_run", run)
+    built = build_environment("mine", tmp_path, ("--no-index",))
+    assert load_environment("mine", tmp_path) == built
+    assert (built.python, built.packages) == (tmp_path / "mine" / "bin" / "python", ("pip==1", "tiny==1.0"))
+    venv, install, freeze = commands
+    assert venv == ("python3.11", "-m", "venv", "--clear", "--without-pip", str(tmp_path / "mine"))
+    assert install[:5] == ("python3.11", "-m", "pip", "--python", str(built.python)) == freeze[:5]
+    assert install[-2:] == ("--no-index", "tiny==1.0")
+    with pytest.raises(InputError, match="already built"):
+        build_environment("mine", tmp_path)
+    assert len(commands) == 3
+
+
+def test_a_build_that_fails_says_what_failed() -> None:
+    with pytest.raises(InputError, match=r"environment none: -c .* failed: no such package: absent"):
+        environments._run((sys.executable, "-c", "raise SystemExit('no such package: absent')"), "none")
+
+
+@pytest.mark.full  # in `make test`: the commands that it runs, above
 def test_an_environment_is_built_once_and_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     wheel(tmp_path, "tiny")
     python = f"{sys.version_info.major}.{sys.version_info.minor}"
@@ -242,3 +272,20 @@ def test_messages_reach_the_receivers_that_the_track_allows(tmp_path: Path, monk
     for track in ChallengeTrack:
         assert list(dry_run.run_jobs(SubmittedAgent(manifest, tmp_path, HERE), track, course)) == []
     assert asked == [COMM_BY_TRACK[track] for track in ChallengeTrack]
+
+
+@pytest.mark.usefixtures("in_process")
+def test_a_scenario_that_changes_during_a_dry_run_is_noticed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """No agent is started: the suite is compared before."""
+    path = make_suite(tmp_path / "suite", "nap").find_scenario_file("s0")
+
+    def change_and_run(job: EpisodeJob) -> ScenarioResult:
+        path.write_bytes(path.read_bytes() + b"\n")
+        return run_job(job)
+
+    monkeypatch.setattr(dry_run, "run_dry_job", change_and_run)
+    manifest = check_archive(written(tmp_path, packed(GOOD)), ArchiveLimits())
+    course = dry_run.DryRunOptions(str(tmp_path / "suite"), "*", 0, 1, tmp_path / "out")
+    jobs = dry_run.run_jobs(SubmittedAgent(manifest, tmp_path, HERE), ChallengeTrack.SINGLE, course)
+    said = f"{path}: expected the scenario with which the run began, found a changed one"
+    assert [outcome for _, outcome in jobs] == [WorkerFailure(FailureKind.INPUT, said)]

@@ -22,7 +22,7 @@ from testing.paths import ROOT
 from mdrive_sumo.core.errors import InputError
 from server.store import Store, StoreUnavailable, audit, engine, teams
 from server.store.overviews import make_overview
-from server.store.tables import JobOverviewRow, SubmissionRow, TableBase
+from server.store.tables import JobOverviewRow, StandingRow, SubmissionRow, TableBase
 
 
 @pytest.fixture(params=databases.BACKENDS)
@@ -55,7 +55,7 @@ def test_several_processes_may_migrate_at_once(backend: str, tmp_path: Path) -> 
     assert stores[0].version() is None
     with ThreadPoolExecutor(3) as pool:
         list(pool.map(Store.migrate, stores))
-    assert [store.version() for store in stores] == ["0003"] * 3
+    assert [store.version() for store in stores] == ["0004"] * 3
     for store in stores:
         store.close()
 
@@ -216,7 +216,7 @@ def test_a_writer_killed_half_way_leaves_nothing_and_blocks_no_other(store: Stor
         assert audit.verify_chain(session).entries == 1
 
 
-def test_a_database_of_the_first_version_gets_overviews_of_its_results(backend: str, tmp_path: Path) -> None:
+def test_a_database_of_the_first_version_gets_overviews_and_sensing_tracks(backend: str, tmp_path: Path) -> None:
     store = Store(databases.url(backend, tmp_path))
     with store.engine.execution_options(writes=True).begin() as connection:
         config = Config()
@@ -233,6 +233,8 @@ def test_a_database_of_the_first_version_gets_overviews_of_its_results(backend: 
              | {"shown": True, "evaluator": "{}"}),
             ("jobs", {"submission": "s", "scenario": "a", "seed": 0, "state": "done", "attempt": 1, "failures": 0}
              | {"failure": "", "result": json.dumps(result), "usage": '{"cpu_s": 1.0}'}),
+            ("standings", {"phase": "p", "slice": "overall", "track": "joint", "team": "t", "evaluator": "e"}
+             | {"submission": "s", "method": "n", "created_us": 1, "ds": 7.0, "figures": "{}"}),
         ):  # fmt: skip
             names = ", ".join(values)
             holes = ", ".join(f":{name}" for name in values)
@@ -241,6 +243,8 @@ def test_a_database_of_the_first_version_gets_overviews_of_its_results(backend: 
     with store.read() as session:
         (overview,) = session.scalars(select(JobOverviewRow)).all()
         (submission,) = session.scalars(select(SubmissionRow)).all()
+        (standing,) = session.scalars(select(StandingRow)).all()
+    assert (standing.team, standing.sensing_track, standing.ds, standing.figures) == ("t", "object", 7.0, {})
     assert (overview.submission, submission.spent_us) == ("s", 0)
     assert overview.data.keys() == make_overview({}, None).keys()
     assert (overview.data["ds"], overview.data["usage"]) == (7.0, {"cpu_s": 1.0})

@@ -1,14 +1,17 @@
 """Leaderboards, histories and the queue, on both databases."""
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 from testing import databases
 from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, all_of, driven, sent, with_teams
 
+from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.scenario.suite import load_suite
 from server.enums import ChallengeTrack, JobState, SubmissionState
 from server.store import NotFound, Store, jobs, phases, published_results, queries, submissions, teams
+from server.store.row_check import find_row_differences
 from server.store.tables import StandingRow
 
 WIDE = replace(PHASE, per_day=1000, in_parallel=1000, in_total=1000)
@@ -24,16 +27,16 @@ def ids(store: Store) -> list[str]:
     return with_teams(store, "red", "blue", "green", phase=WIDE)
 
 
-def place(store: Store, team: str, ds: float, now_us: int, **changed: object) -> str:
+def place(store: Store, team: str, ds: float, now_us: int, sensing: str = "", **changed: object) -> str:
     """A finished submission."""
     with store.write() as session:
         submission = sent(session, team, now_us, **changed)
-        driven(session, submission, now_us, ds)
+        driven(session, submission, now_us, ds, sensing)
         return submission.id
 
 
 def board(
-    store: Store, track: ChallengeTrack | None = ChallengeTrack.SINGLE, **which: str
+    store: Store, track: ChallengeTrack | None = ChallengeTrack.SINGLE, **which: Any
 ) -> list[tuple[int | None, str, float]]:
     with store.read() as session:
         return [(row.rank, row.team, row.ds) for row in queries.find_leaderboard(session, PHASE.id, track, **which)]
@@ -74,6 +77,24 @@ def test_by_bucket_and_category(store: Store, ids: list[str]) -> None:
     assert board(store, bucket="nowhere") == []
     with pytest.raises(ValueError, match="a bucket or a category"):
         board(store, bucket="interaction", category="merge")
+
+
+@pytest.mark.slow
+def test_sensing_tracks_are_ranked_apart_and_a_team_has_its_best_of_each(store: Store, ids: list[str]) -> None:
+    red, blue, green = ids
+    place(store, red, 90, NOON + 1, "object")
+    place(store, red, 60, NOON + 2, "sensor")
+    place(store, red, 50, NOON + 3, "sensor")
+    place(store, blue, 70, NOON + 4, "sensor")
+    place(store, green, 95, NOON + 5)  # of a version without tracks
+    lidar = [(1, "blue", 70.0), (2, "red", 60.0)]
+    listed = [(1, "green", 95.0), (2, "red", 90.0)]
+    assert board(store) == listed + lidar
+    assert board(store, sensing_track=SensingTrack.SENSOR) == lidar
+    assert board(store, sensing_track=SensingTrack.OBJECT) == listed
+    assert board(store, category="merge", sensing_track=SensingTrack.SENSOR) == lidar
+    with store.read() as session:
+        assert list(find_row_differences(session)) == []
 
 
 @pytest.mark.slow

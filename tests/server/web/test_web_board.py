@@ -54,6 +54,23 @@ def test_the_board_that_is_shown_without_a_wish(server: Server) -> None:
     assert [each.text for each in visit.get("/").all("a", aria_current="page")][1:] == ["Soon open"]
 
 
+def test_sensing_tracks_have_ranks_of_their_own(server: Server) -> None:
+    driven(server, "red", 70.0, "object")
+    assert "Perception: agents" not in Visit(server).get("/?phase=dev").words
+    by_lidar = driven(server, "red", 40.0, "sensor", name="by lidar")
+    driven(server, "blue", 90.0, "sensor")
+    page = Visit(server).get("/?phase=dev")
+    assert first_table(page) == ["red", "blue", "red"] and "The two are ranked apart" in page.words
+    assert first_table(Visit(server).get("/?phase=dev&sensing_track=sensor")) == ["blue", "red"]
+    assert "sensor track" in Visit(server).get(f"/submissions/{by_lidar}").words
+    assert Visit(server).client.get("/?phase=dev&sensing_track=radar").status_code == 404
+    rows = list(csv.DictReader(io.StringIO(Visit(server).client.get("/leaderboard.csv?phase=dev").text)))
+    found = [(row["rank"], row["team"], row["sensing_track"]) for row in rows if row["published"] == "False"]
+    assert found == [("1", "red", "object"), ("1", "blue", "sensor"), ("2", "red", "sensor")]
+    board = Visit(server).client.get("/api/v1/leaderboards/dev?sensing_track=sensor").json()
+    assert [row["team"] for row in board["rows"]] == ["blue", "red"] and board["sensing_track"] == "sensor"
+
+
 def test_ranks_figures_intervals_and_links(server: Server) -> None:
     low, high = driven(server, "red", 41.25), driven(server, "blue", 80.0, name="planner")
     page = Visit(server).get("/?phase=dev")

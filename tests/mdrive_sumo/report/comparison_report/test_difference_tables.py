@@ -5,7 +5,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from scipy import stats
 from testing.report_samples import BEST, CRASH, SHARING, SINGLE, make_agent_run, make_sample_runs
 
 from mdrive_sumo.core.errors import InputError
@@ -38,8 +37,11 @@ def test_one_seed_is_what_compare_finds() -> None:
     assert found.time_ratio is not None and found.time_ratio.mean == 0
 
 
+@pytest.mark.slow  # scipy.stats is imported
 def test_the_interval_is_near_scipys() -> None:
     """scipy.stats.bootstrap draws with a generator of its own."""
+    from scipy import stats
+
     ours = make_agent_run("a", {name: (value,) for name, value in CASES.items()})
     found = subtract(ours, make_agent_run("b", dict.fromkeys(CASES, (45.0,))))
     differences = (np.array([*CASES.values()]) - 45.0,)

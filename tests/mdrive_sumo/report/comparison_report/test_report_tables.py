@@ -211,3 +211,28 @@ def test_provenance_facts_and_warnings() -> None:
     (missing,) = list_warnings(make_agents_of_results([summarize_run(run.run, timeless)]))
     assert missing.startswith("c: reference times: none for 6 scenarios: `mdrive-sumo validate")
     assert set(agents[0].intervals) >= {BUCKET_MEAN}
+
+
+def test_agents_of_the_sensor_track_are_ranked_apart() -> None:
+    found = make_agents_of_results(
+        make_agent_run(name, scores, track=track, exchanged=kinds)
+        for name, scores, track, kinds in (
+            ("by-lidar", SINGLE, "sensor", ()),
+            ("by-lidar-and-words", BEST, "sensor", ("text",)),
+            ("worse", SINGLE, "object", ()),
+            ("better", BEST, "object", ()),
+        )
+    )
+    table = build_main_table(found)
+    assert [(row.section, row.cells[0].value) for row in table.rows] == [
+        ("Single-agent", "worse"),
+        ("Single-agent", "better"),
+        ("Sensor track: single-agent", "by-lidar"),
+        ("Sensor track: multi-agent", "by-lidar-and-words"),
+    ]
+    assert [cell.rank for cell in table.find_column("overall_ds")] == [2, 1, 2, 1]
+    assert "ranked apart" in table.note
+    row = next(row for row in build_category_table(found, "ds").rows if row.cells[0].value == "crosswalk")
+    assert [cell.rank for cell in row.cells[2:]] == [2, 1, 2, 1]
+    tracks = build_provenance_table(found).find_column("track")
+    assert [cell.value for cell in tracks] == ["object", "object", "sensor", "sensor"]
