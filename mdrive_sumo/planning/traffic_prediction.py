@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.contract import Objects
+from mdrive_sumo.contract import Objects, OwnState
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.parameters import JOINT_PLANNING, MARGINS, SafetyMargin
 from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps
 from mdrive_sumo.planning.reference_path import ReferencePath
-from mdrive_sumo.planning.road_direction import RoadDirection, RoadPosition, find_lane_keeping
+from mdrive_sumo.planning.road_direction import SHARP_TURN_RAD, RoadDirection, RoadPosition, find_lane_keeping
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +29,8 @@ class TrafficParameters:
     lane change ends."""
     headway_s: float = 0.9
     """Time gap kept behind a vehicle in the own lane: the plan is reviewed twice a second."""
+    cav_gaps_s: tuple[float, ...] = (0.0, 0.35, 0.7)
+    """Time gaps at which a place behind a CAV in the own lane is blocked: its plan is known, but it may change."""
     own_lane_m: float = 1.6
     """A vehicle with a smaller lateral offset is in the own lane."""
     stride: int = 2
@@ -69,6 +71,16 @@ class TrafficView:
             if len(boxes):
                 blocked[row : row + TRAFFIC.stride] |= compute_overlaps(mine, boxes).any(axis=1)
         return blocked
+
+    def find_lead(self, state: OwnState) -> int:
+        """Return 1 for a CAV ahead in the own lane, -1 for one behind in it, 0 for all others."""
+        one = np.array((0.0,))
+        at = Objects(("",), np.zeros(1, np.uint8), one + state.x, one + state.y, one + state.yaw, one, one, one)
+        position = self.road.locate(self.path, at)
+        in_lane = abs(float(position.lateral[0])) < TRAFFIC.own_lane_m
+        if not in_lane or abs(float(position.turned[0])) > SHARP_TURN_RAD:
+            return 0
+        return 1 if float(position.station[0]) > self.s else -1
 
     def _inflate_footprints(self, cells: Int, margin: SafetyMargin) -> Float:
         """Return the corners (J, 4, 2) [m] of the own car with the whole margin around it."""
@@ -119,6 +131,7 @@ class _MovingTraffic:
         way = self.road.get_points(there) - self.road.get_points(here)
         before, after = self.road.get_yaw(here), self.road.get_yaw(there)
         (cos, sin), (next_cos, next_sin) = portable.cos_sin(before), portable.cos_sin(after)
+        keeps &= np.abs(after - before) < SHARP_TURN_RAD
         lateral = self.position.lateral[rows]
         x = np.where(keeps, objects.x + way[:, 0] - lateral * (next_sin - sin), x)
         y = np.where(keeps, objects.y + way[:, 1] + lateral * (next_cos - cos), y)
