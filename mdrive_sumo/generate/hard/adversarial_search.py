@@ -29,8 +29,8 @@ from mdrive_sumo.runs.journal import Fingerprint, Journal
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.scenario import describe_first_error
 
-CANDIDATE_LIMIT_S = 300.0
-"""Wall clock for one candidate."""
+CANDIDATE_LIMIT_S = 1800.0
+"""Wall clock for one candidate: it ends what hangs, and must not end what only waits for a busy machine."""
 
 
 @dataclass(frozen=True, slots=True)
