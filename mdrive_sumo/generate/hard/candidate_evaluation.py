@@ -49,7 +49,7 @@ MOST_CAV_S = 160.0
 driven in eight minutes on two cores (issue K)."""
 DELAY_FACTOR, DELAY_S = 2.0, 10.0
 """`omniscient` must arrive within so many times the time at the speed limit, and so many seconds for a start from a
-standstill. Where it waits longer the time limit would allow everybody to wait, and the drive costs more processor
+standstill. Where it waits longer the time limit would allow every agent to wait, and the drive costs more processor
 time."""
 KNOWN_SUITES = ("mdrive",)
 """Suites whose scenarios must not be repeated."""
