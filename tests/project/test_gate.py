@@ -64,7 +64,9 @@ def test_a_last_test_that_breaks_its_worker_fails_the_session(tmp_path: Path) ->
 def test_every_name_in_the_sample_of_full_tests_is_a_test() -> None:
     """A renamed test would otherwise leave the gate without a word."""
     script = (ROOT / ".ci" / "run").read_text()
-    names = set(re.findall(r"\btest_\w+", "".join(re.findall(r"^FULL_SAMPLE.*$", script, re.MULTILINE))))
+    names = set(
+        re.findall(r"\btest_\w+", "".join(re.findall(r"^(?:FULL_SAMPLE|DOCKER_TEST).*$", script, re.MULTILINE)))
+    )
     assert names
     files = [path for path in TESTS.rglob("test_*.py") if path != Path(__file__)]
     known = {path.stem for path in files} | {

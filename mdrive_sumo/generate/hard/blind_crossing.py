@@ -133,7 +133,7 @@ def _build_opposite(roads: RoadMap, site: CrossingSite, count: int) -> list[Ego]
 
 
 FAMILY = ScenarioFamily(
-    category="Blind_Crossing_Traffic",
+    category="blind-crossing",
     description="Fast traffic crosses from behind buildings at a crossing or a T-junction.",
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "junction and directions"),

@@ -113,7 +113,7 @@ def _build_blocking(roads: RoadMap, encounter: Encounter, queue: Lanes, row: tup
 
 
 FAMILY = ScenarioFamily(
-    category="Blocked_Junction",
+    category="blocked-junction",
     description="Turn through the gap of a queue that blocks a junction, across a lane that still moves.",
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "side street"),

@@ -137,7 +137,7 @@ def _build_masts(street: _Street) -> tuple[RoadsideUnit, ...]:
 
 
 FAMILY = ScenarioFamily(
-    category="Occluded_Pedestrian",
+    category="occluded-pedestrian",
     description="Pedestrians step out from between parked vehicles of a dense corridor.",
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "corridor and segment"),

@@ -130,7 +130,7 @@ def _build_on_main(found: _Exit, names: list[str], witness_m: float) -> list[Ego
 
 
 FAMILY = ScenarioFamily(
-    category="Side_Street_Cyclist",
+    category="side-street-cyclist",
     description="Exit of a side street across a pavement with a fast cyclist behind the corner house.",
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "side street"),

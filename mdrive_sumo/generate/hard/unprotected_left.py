@@ -80,7 +80,7 @@ def _build_through(roads: RoadMap, count: int) -> list[Ego]:
 
 
 FAMILY = ScenarioFamily(
-    category="Unprotected_Left_Turn",
+    category="unprotected-left-turn",
     description="Left turn across fast oncoming traffic that trucks in the opposite left-turn lane hide.",
     parameters=(
         *build_encounter_parameters((50.0, 120.0), (5.0, 14.0), (11.0, 16.6)),
