@@ -129,7 +129,7 @@ def test_the_whole_grid(suite: Path, tmp_path: Path) -> None:
     assert (tmp_path / "out" / "pose-error.png").is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.full  # in `make test`: finished runs are not driven again, above; Ctrl-C during eval (test_cli_eval)
 def test_an_interrupted_study_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = fake_suite(monkeypatch, tmp_path, "answer", "hang once")
     with in_a_process(tmp_path) as process:
