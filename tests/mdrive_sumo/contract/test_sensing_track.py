@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from testing.report_samples import BEST, make_agent_run
 
 from mdrive_sumo.contract import SensingTrack, SensorSpec, derive_sensing_track, find_object_source, join_sensing_tracks
+from mdrive_sumo.runs.compare import compare
 from mdrive_sumo.scoring import find_result_faults
 from mdrive_sumo.sensing.observation_builder import KINDS
 
@@ -61,3 +62,11 @@ def test_a_results_file_that_names_another_track_than_its_scenarios_is_refused()
         assert fault == f"run.sensing_track: expected 'object' as the scenarios say, found {claim!r}"
     old = make_agent_run("mine", BEST)
     assert old.run.sensing_track == "" and "sensing_track" not in old.model_dump_json()
+
+
+def test_compare_warns_of_runs_of_different_tracks_and_says_nothing_of_unknown_ones() -> None:
+    by_lidar, by_list, old = (make_agent_run("mine", BEST, track=track) for track in ("sensor", "object", ""))
+    told = compare(by_lidar, by_list)
+    assert "A is in the sensor track and B in the object track, which are ranked apart" in told.warnings
+    assert [str(one) for one in told.settings] == ["sensing track: sensor and object"]
+    assert compare(by_lidar, old).settings == () and compare(by_lidar, old).warnings == ()

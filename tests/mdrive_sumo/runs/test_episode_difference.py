@@ -36,6 +36,7 @@ def episode(frames: list[Frame], pedals: dict[int, Control] | None = None, end: 
 
 FRAMES = [frame(tick) for tick in range(TICKS)]
 RECORDED = episode(FRAMES)
+TRACK, OBJECT = {"sensing_track": "sensor"}, {"sensing_track": "object"}
 
 
 def changed(tick: int, **changes: object) -> EpisodeRecord:
@@ -78,6 +79,14 @@ def test_a_recording_changed_beside_its_digests_is_found(forged: EpisodeRecord, 
     assert find_first_difference(forged, episode(FRAMES)) is None
     difference = find_content_difference(forged, episode(FRAMES))
     assert difference is not None and text in difference.text
+
+
+def test_a_recording_that_claims_another_sensing_track_is_found() -> None:
+    lists, carried, old = (replace(RECORDED, about=about) for about in (TRACK | OBJECT, TRACK, {}))
+    difference = find_content_difference(carried, lists)
+    assert difference is not None
+    assert difference.text == "sensing track sensor in the recording, object in the episode"
+    assert find_content_difference(old, lists) is None  # recorded before tracks existed
 
 
 @pytest.mark.parametrize(
