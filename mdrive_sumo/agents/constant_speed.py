@@ -9,7 +9,7 @@ from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
 from mdrive_sumo.planning.driving_options import MAX_SPEED
 from mdrive_sumo.planning.path_follower import PathFollower
-from mdrive_sumo.planning.planning_scale import find_cruise_speed
+from mdrive_sumo.planning.planning_scale import find_cruise_speed, find_planning_scale
 from mdrive_sumo.planning.reference_path import build_path, compute_curve_speeds, compute_legal_speeds
 
 OPTIONS = {"speed": Option(PROTOCOL_SPEED, 1.0, MAX_SPEED)}
@@ -46,10 +46,12 @@ class ConstantSpeedAgent:
 
     def start(self, briefing: Briefing) -> None:
         """Build the path and its speed limits."""
-        path = build_path(briefing.route_xy, briefing.vehicle.rear_to_centre)
+        cruise_speed = find_cruise_speed(briefing, self._speed, PROTOCOL_SPEED)
+        scale = find_planning_scale(briefing, cruise_speed)
+        path = build_path(briefing.route_xy, briefing.vehicle.rear_to_centre, parameters=scale.path)
         lateral, braking = CONSTANT_SPEED.lateral_acceleration, CONSTANT_SPEED.braking
         self._follower = PathFollower(path)
-        cruise_speed = find_cruise_speed(briefing, self._speed, PROTOCOL_SPEED)
+        self._starts_at_speed = briefing.desired_speed is None
         self._limits = compute_curve_speeds(path, cruise_speed, lateral, braking)
         if self._speed is None and briefing.desired_speed is None:
             self._limits = np.minimum(self._limits, compute_legal_speeds(path, briefing))
@@ -57,6 +59,8 @@ class ConstantSpeedAgent:
 
     def act(self, seen: Observation) -> Reply:
         """Return a plan that accelerates until the speed is reached."""
+        if self._tick < 0 and self._starts_at_speed:
+            self._follower.start_at(seen.own.speed)
         self._follower.update(seen.own.x, seen.own.y, seen.own.speed)
         elapsed_s = (seen.tick - self._tick) * self._tick_s  # of several ticks in open loop, or if replies are late
         self._tick = seen.tick

@@ -75,7 +75,9 @@ class IdmAgent:
         self._briefing = briefing
         self._cruise_speed = find_cruise_speed(briefing, self._chosen_speed, PROTOCOL_SPEED)
         self._scale = find_planning_scale(briefing, self._cruise_speed)
-        self._follower = PathFollower(build_path(briefing.route_xy, briefing.vehicle.rear_to_centre))
+        self._follower = PathFollower(
+            build_path(briefing.route_xy, briefing.vehicle.rear_to_centre, parameters=self._scale.path)
+        )
         self._limits = self._compute_speed_limits()
         self._stop_lines = StopLines([sign.s for sign in briefing.stop_signs], briefing.traffic_lights)
         self._avoidance = ObstacleAvoidance(briefing, self._scale)
@@ -93,6 +95,8 @@ class IdmAgent:
 
     def act(self, seen: Observation) -> Reply:
         """Return the plan that follows from the last decision."""
+        if self._tick < 0 and self._briefing.desired_speed is None:
+            self._follower.start_at(seen.own.speed)
         self._follower.update(seen.own.x, seen.own.y, seen.own.speed)
         undecided_ticks = seen.tick - self._decision_tick
         if undecided_ticks >= self._parameters.decision_ticks:

@@ -129,7 +129,8 @@ class OmniscientAgent:
         self._scale = find_common_scale(self._briefing, self._chosen_speed, OPTIONS["speed"].default, known)
         if not self._scale.is_protocol:
             self._road = build_road_direction(self._briefing)
-        return tick + (self._parameters.decision_ticks if has_undecided_vehicle(known, self._briefing) else 0)
+        is_undecided = has_undecided_vehicle(known, self._briefing, self._scale)
+        return tick + (self._parameters.decision_ticks if is_undecided else 0)
 
     def _find_next_review(self, due: int, tick: int) -> int:
         """Return the tick of the next review after the one that was due: observations may come every few ticks only."""
@@ -280,7 +281,8 @@ class OmniscientAgent:
         age_s = (seen.tick - self._profile_tick) * self._briefing.tick_s
         after = np.arange(1, MAX_PLAN_POINTS + 1, dtype=np.float64) * interval_s
         stations = self._profile.get_stations(age_s + after)
-        count = int(np.searchsorted(stations, self._path.goal_s + self._parameters.beyond_goal_m)) + 1
+        beyond_m = max(self._parameters.beyond_goal_m, self._scale.path.run_out_m - 4.0)
+        count = int(np.searchsorted(stations, self._path.goal_s + beyond_m)) + 1
         return Plan(self._path.get_points(stations[:count]), interval_s)
 
     def _build_first_plan(self, own: OwnState) -> Plan:
@@ -289,5 +291,5 @@ class OmniscientAgent:
         if self._road is None or own.speed < self._parameters.stopped_speed:
             return Plan(here, interval_s)
         after = np.arange(1, FIRST_PLAN_POINTS + 1, dtype=np.float64) * interval_s
-        path = build_path(self._briefing.route_xy, self._briefing.vehicle.rear_to_centre, own.yaw)
+        path = build_path(self._briefing.route_xy, self._briefing.vehicle.rear_to_centre, own.yaw, self._scale.path)
         return Plan(path.get_points(path.project(own.x, own.y, self._s, path.length) + own.speed * after), interval_s)

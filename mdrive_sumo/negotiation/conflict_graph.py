@@ -34,6 +34,8 @@ class ConflictParameters:
 
 
 CONFLICT = ConflictParameters()
+MAX_STEP_M = 2.05
+"""Largest distance between points of trajectories that are compared point by point: 10 m/s for 0.2 s."""
 
 
 def find_next_planning_tick(tick: int) -> int:
@@ -106,7 +108,7 @@ def build_trajectory_graph(ids: tuple[str, ...], trajectory_by_id: Mapping[str, 
     count = len(ids)
     points = np.array([trajectory_by_id[name] for name in ids]).reshape(count, POINTS, 2)
     at_any_time = np.sqrt(portable.square(points[:, None, :, None] - points[None, :, None]).sum(-1))
-    gaps = np.diagonal(at_any_time, axis1=2, axis2=3)
+    gaps = _close_between_points(points, np.diagonal(at_any_time, axis1=2, axis2=3))
     step = gaps.argmin(-1)
     distance = np.take_along_axis(gaps, step[..., None], -1)[..., 0]
     np.fill_diagonal(distance, np.inf)
@@ -119,8 +121,8 @@ def compute_free_distance(member: NegotiationMember, others: Iterable[Negotiatio
 
     The times do not matter. Infinite if the trajectories stay apart.
     """
-    points = np.vstack(((member.x, member.y), member.desired))
-    theirs = [np.vstack(((other.x, other.y), other.desired)) for other in others]
+    points = densify(np.vstack(((member.x, member.y), member.desired)))
+    theirs = [densify(np.vstack(((other.x, other.y), other.desired))) for other in others]
     min_distance_m = CONFLICT.min_distance_m
     near = [portable.hypot(*(points[:, None] - line[None]).T).min(axis=0) < min_distance_m for line in theirs]
     met = np.flatnonzero(np.logical_or.reduce(near)) if near else np.zeros(0, dtype=np.int64)
@@ -134,6 +136,33 @@ def _compute_distances_to_conflict(points: Float, step: Int) -> Float:
     distances = portable.hypot(*np.moveaxis(meeting - points[:, :1], -1, 0))
     np.fill_diagonal(distances, free_m)
     return np.minimum(distances.min(axis=1, initial=free_m), free_m)
+
+
+def _close_between_points(points: Float, gaps: Float) -> Float:
+    """Return the distances (N, N, K) [m] of each pair at its points, with the least since the point before.
+
+    Up to `MAX_STEP_M` from point to point the points are enough: `gaps` is returned as it is.
+    """
+    steps = np.diff(points, axis=1)
+    if not len(points) or float(portable.square(steps).sum(-1).max()) <= MAX_STEP_M * MAX_STEP_M:
+        return gaps
+    before = points[:, None, :-1] - points[None, :, :-1]
+    change = steps[:, None] - steps[None]
+    square = portable.square(change).sum(-1)
+    share = np.clip(-(before * change).sum(-1) / np.maximum(square, 1e-9), 0.0, 1.0)
+    least = np.sqrt(portable.square(before + share[..., None] * change).sum(-1))
+    return np.concatenate((gaps[..., :1], np.minimum(gaps[..., 1:], least)), axis=-1)
+
+
+def densify(line: Float, max_step_m: float = MAX_STEP_M) -> Float:
+    """Return a line (N, 2) [m] with as many points in between as it needs; itself at the speeds of the protocol."""
+    lengths = portable.hypot(*np.diff(line, axis=0).T)
+    if not len(lengths) or float(lengths.max()) <= max_step_m:
+        return line
+    parts = int(np.ceil(float(lengths.max()) / max_step_m))
+    shares = np.arange(parts) / parts
+    between = line[:-1, None] + shares[None, :, None] * (line[1:] - line[:-1])[:, None]
+    return np.vstack((between.reshape(-1, 2), line[-1:]))
 
 
 def _compute_entry_times(at_any_time: Float) -> Float:

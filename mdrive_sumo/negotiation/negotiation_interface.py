@@ -94,7 +94,7 @@ class NegotiationInterface:
     def _is_leader(self, poses: Float, planner: SpaceTimePlanner) -> bool:
         """Return whether a CAV drives ahead on the own path: it may have to brake, whatever it announced."""
         x, y, yaw = poses[0].tolist()
-        path, ahead_m = planner.path, self._parameters.leader_ahead_m
+        path, ahead_m = planner.path, self._parameters.leader_ahead_m * planner.scale.factor
         s = path.project(x, y, planner.s + ahead_m, ahead_m)
         row = int(s / SPACING_M)
         cos, sin = portable.cos_sin(path.yaw[row])

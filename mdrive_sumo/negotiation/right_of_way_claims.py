@@ -6,12 +6,19 @@ A CAV that joins late or lost a message reads in the next ones what has been set
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from mdrive_sumo.contract import Message
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.negotiation.negotiator import NegotiationMember
-from mdrive_sumo.v2x.messages import MAX_NAMES, Intention, Mcm, ReferencePose, encode
+from mdrive_sumo.v2x.messages import MAX_NAMES, REACH_M, Intention, Mcm, ReferencePose, encode
 
 RightOfWayClaims = frozenset[tuple[str, str]]
 """(first, second) pairs of stations: the first claims to go before the second."""
+
+MCM_REACH_M = REACH_M - 1.0
+"""Points of trajectories are announced as far as a message can carry them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +62,8 @@ def build_mcm_message(member: NegotiationMember, tick: int, terms: NegotiationTe
             intention=member.intention,
             direction=member.direction,
             interval_s=member.interval_s,
-            planned=member.planned,
-            desired=member.desired,
+            planned=_crop_to_reach(member, member.planned),
+            desired=_crop_to_reach(member, member.desired),
             requests=terms.requests,
             answers=terms.answers,
             group=terms.group,
@@ -64,3 +71,10 @@ def build_mcm_message(member: NegotiationMember, tick: int, terms: NegotiationTe
         )
     )
     return Message(message.type, message.payload, member.id, tick)
+
+
+def _crop_to_reach(member: NegotiationMember, points: Float) -> Float:
+    """Return the points (N, 2) [m] before the first that a message cannot carry: at 33 m/s a plan is too long."""
+    distance = portable.hypot(points[:, 0] - member.x, points[:, 1] - member.y)
+    beyond = np.flatnonzero(distance > MCM_REACH_M)
+    return points if not len(beyond) else points[: beyond[0]]

@@ -11,6 +11,7 @@ from mdrive_sumo.negotiation.conflict_graph import (
     CONFLICT,
     ConflictGraph,
     build_conflict_graph,
+    densify,
     find_next_planning_tick,
 )
 from mdrive_sumo.negotiation.intention import replace_slow_keep
@@ -174,7 +175,7 @@ def find_leader_pairs(members: Sequence[NegotiationMember], parameters: LeaderPa
     """Return (leader, follower) pairs: a member on the path of another one in the same direction must go first."""
     found: set[tuple[str, str]] = set()
     for follower in members:
-        line = np.vstack(((follower.x, follower.y), follower.desired))
+        line = densify(np.vstack(((follower.x, follower.y), follower.desired)))
         for leader in members:
             if leader.id == follower.id or portable.cos(leader.yaw - follower.yaw) < parameters.same_direction_cos:
                 continue

@@ -69,7 +69,9 @@ def _plan_once(problem: _JointProblem) -> tuple[FleetPaths, tuple[str, ...]]:
     """Return the plan; computed once for all CAVs of a process that ask in the same tick."""
     known, briefing, scale = problem.known, problem.briefing, problem.scale
     size = briefing.vehicle.length, briefing.vehicle.width
-    fleet = FleetPaths(plan_joint_detours(known, briefing), size, stride=OVERLAP_STRIDE, margin=scale.plan_margin)
+    fleet = FleetPaths(
+        plan_joint_detours(known, briefing, scale), size, stride=OVERLAP_STRIDE, margin=scale.plan_margin
+    )
     free = {ego: _build_problem(problem, ego, path) for ego, path in fleet.path_by_ego.items()}
     return fleet, find_planning_order(fleet, free)
 

@@ -44,6 +44,10 @@ class PathFollower:
         actual_s = path.project(x, y, self.actual_s)
         self.path, self.s, self.actual_s = path, actual_s + (self.s - self.actual_s), actual_s
 
+    def start_at(self, speed: float) -> None:
+        """Begin at the measured speed [m/s] instead of a standstill."""
+        self.speed = max(speed, 0.0)
+
     def update(self, x: float, y: float, speed: float) -> None:
         """Keep the reference near the measured box centre [m] and speed [m/s]."""
         lead_m, lead_speed = self._parameters.lead_m, self._parameters.lead_speed

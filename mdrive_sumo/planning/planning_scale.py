@@ -16,8 +16,11 @@ from mdrive_sumo.planning.parameters import (
     RightOfWayParameters,
     SafetyMargin,
 )
+from mdrive_sumo.planning.reference_path import PATH, PathParameters
 from mdrive_sumo.planning.speed_lattice import FINE, SpeedLattice, choose_lattice
 
+RUN_OUT_S = 3.0
+"""[s] Paths continue beyond the goal for this time: trackers look at so much of a plan."""
 REFERENCE_SPEED = 8.0
 """[m/s] The distances in `planning.parameters` are for this speed."""
 TRACKING_ERROR_S = 0.05
@@ -74,6 +77,11 @@ class PlanningScale:
     def others_top_speed(self) -> float:
         """Speed [m/s] up to which other vehicles are expected to accelerate: the own limits hold for them too."""
         return MOTION.top_speed if self.is_protocol else self.top_speed
+
+    @property
+    def path(self) -> PathParameters:
+        """Parameters of paths: a plan must not end before the goal is passed."""
+        return PATH if self.is_protocol else replace(PATH, run_out_m=max(PATH.run_out_m, RUN_OUT_S * self.top_speed))
 
     @property
     def replan_ticks(self) -> int:

@@ -49,7 +49,8 @@ class SpaceTimePlanner:
         self._briefing, self._cruise_speed, self._parameters = briefing, cruise_speed, parameters
         self.scale: PlanningScale = find_planning_scale(briefing, cruise_speed)
         """What follows from the speeds of this route."""
-        self.path: ReferencePath = build_path(briefing.route_xy, briefing.vehicle.rear_to_centre, start_yaw)
+        rear_to_centre = briefing.vehicle.rear_to_centre
+        self.path: ReferencePath = build_path(briefing.route_xy, rear_to_centre, start_yaw, self.scale.path)
         self._speeds = self._compute_speed_limits()
         self._profile: SpeedProfile | None = None
         self._profile_tick = self._moved_tick = 0

@@ -24,6 +24,8 @@ from mdrive_sumo.planning.speed_lattice import (
 
 PLANNED_BRAKING_MOVE = -2
 """Change of speed [speed steps] in a step with which a car can always be expected to stop: 4 m/s2."""
+SETTLING_LAYERS = 2
+"""Layers after the last change before a search may be over."""
 
 
 @dataclass(frozen=True)
@@ -184,15 +186,19 @@ def find_fastest_profile(problem: SpeedProfileProblem) -> SpeedProfile | None:
     cost[lattice.find_index(problem.speed), 0] = 0.0
     wait_cost = problem.wait_penalty * (lattice.cell_m / FINE.cell_m) * np.arange(cells)[::-1]
     choices: list[Int] = []
+    settled_layer = _find_settled_layer(problem)
     for layer in range(len(problem.must_move)):
         if np.isfinite(cost[goals]).any():
             return _trace_back(problem, transitions, choices, _find_cheapest(cost, goals), reaches_goal=True)
+        before = cost
         cost, choice = _advance_layer(cost, transitions, problem.blocked[layer * samples : (layer + 1) * samples])
         cost += wait_cost
         _forbid_states(cost, problem, layer)
         choices.append(choice)
         if not np.isfinite(cost).any():
             return None
+        if layer > settled_layer and _is_stuck(before, cost):
+            break
     reaches_goal = bool(np.isfinite(cost[goals]).any())
     if not reaches_goal and len(problem.blocked_after):
         cost[_find_unstoppable(problem)] = np.inf
@@ -201,6 +207,24 @@ def find_fastest_profile(problem: SpeedProfileProblem) -> SpeedProfile | None:
     furthest = np.arange(cells) == np.flatnonzero(np.isfinite(cost).any(axis=0))[-1]
     final = _find_cheapest(cost, goals if reaches_goal else furthest)
     return _trace_back(problem, transitions, choices, final, reaches_goal)
+
+
+def _find_settled_layer(problem: SpeedProfileProblem) -> int:
+    """Return the layer after which nothing that blocks cells changes any more; the last one on the fine lattice.
+
+    A search that has got stuck is then over: long horizons are searched only as far as something happens.
+    """
+    last = len(problem.must_move)
+    if not problem.lattice.has_exact_start or problem.ends_standing or not len(problem.blocked):
+        return last
+    changes = np.flatnonzero((problem.blocked != problem.blocked[-1]).any(axis=1))
+    return (int(changes[-1]) // problem.lattice.samples + 1 if len(changes) else 0) + SETTLING_LAYERS
+
+
+def _is_stuck(before: Float, after: Float) -> bool:
+    """Return whether the furthest cell is the same in two layers, and a car can stand there."""
+    first, second = (int(np.flatnonzero(np.isfinite(cost).any(axis=0))[-1]) for cost in (before, after))
+    return first == second and math.isfinite(before[0, first])
 
 
 def _advance_layer(cost: Float, transitions: Transitions, blocked: Bool) -> tuple[Float, Int]:

@@ -5,6 +5,7 @@ in time for one ahead.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -69,7 +70,7 @@ class TrafficView:
         blocked[:] = compute_overlaps(self._inflate_footprints(cells, near), boxes).any(axis=1)
         traffic = self._build_traffic(objects.take(~standing), margin.longitudinal >= MARGINS.plan.longitudinal)
         mine = self._inflate_footprints(cells, margin)
-        for row in range(0, len(times), TRAFFIC.stride):
+        for row in range(0, int((times <= traffic.horizon_s).sum()), TRAFFIC.stride):
             boxes = traffic.predict_boxes(float(times[row]))
             if len(boxes):
                 blocked[row : row + TRAFFIC.stride] |= compute_overlaps(mine, boxes).any(axis=1)
@@ -116,7 +117,12 @@ class _MovingTraffic:
     """[m] Distance to keep behind."""
 
     @property
-    def _horizon_s(self) -> Float:
+    def horizon_s(self) -> float:
+        """Time [s] after which nothing is predicted."""
+        return float(self._horizons_s.max(initial=0.0))
+
+    @cached_property
+    def _horizons_s(self) -> Float:
         """(N,) time [s] for which each is predicted."""
         walking_s, straight_s = JOINT_PLANNING.pedestrian_prediction_s, JOINT_PLANNING.vehicle_prediction_s
         horizon_s = np.where(self.objects.kind == Kind.PEDESTRIAN, walking_s, straight_s)
@@ -125,7 +131,7 @@ class _MovingTraffic:
 
     def predict_boxes(self, t: float) -> Float:
         """Return the corners (K, 4, 2) [m] of the road users whose prediction reaches t [s]."""
-        rows = np.flatnonzero(self._horizon_s >= t)
+        rows = np.flatnonzero(self._horizons_s >= t)
         objects, growth, gap = self.objects.take(rows), 2 * JOINT_PLANNING.growth * t, self.gap[rows]
         travelled = objects.speed * t
         cos, sin = portable.cos_sin(objects.yaw)
