@@ -14,6 +14,7 @@ from mdrive_sumo.generate.hard.family_parts import (
     build_crossing_actor,
     build_platoon,
     build_scenario,
+    compute_chain_length,
     compute_pose,
     find_lane_start,
     find_station,
@@ -32,15 +33,17 @@ SPACING_M = 48.0
 """[m] Between pedestrians."""
 JUNCTION_M = (24.0, 22.0)
 """[m] No pedestrian crosses closer to the begin or the end of a segment."""
-DOOR_M = 8.6
+KERB_M = 4.45
+"""[m] From the centre of the lane to where a pedestrian waits directly behind the vehicle that hides it."""
+DOOR_M = 10.5
 """[m] From the centre of the lane to where a pedestrian begins: inside the house, out of sight until it starts."""
 DOOR_WALL_M = 1.2
 """[m] Least distance of that place from the walls."""
 DOOR_SHIFTS_M = (0.0, 1.5, -1.5, 3.0, -3.0, 4.5, -4.5, 6.0, -6.0)
 MEAN_SPEED = 12.0
 """[m/s] Of CAV 0, by which the oncoming CAV is timed."""
-GOAL_M = 55.0
-"""[m] From the last pedestrian to the goal of CAV 0."""
+RIM_M = 3.0
+"""[m] Least distance of a goal from the end of its lanes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +55,8 @@ class _Street:
     own: Lanes
     oncoming: Lanes
     places: tuple[float, ...]
+    goal_m: float
+    """Station [m] of the goal of CAV 0."""
 
     def locate_oncoming(self, station: float) -> float:
         """Return the station [m] on the oncoming chain beside a station of the own one."""
@@ -77,7 +82,9 @@ def _find_street(values: Mapping[str, float]) -> _Street:
             places.append(_find_door(roads, own, place))
             wanted = places[-1] + SPACING_M
     places = places[: round(values["pedestrians"])]
-    return _Street(corridor, roads, own, corridor.find_chain(roads, "west", corridor.lanes[-1]), tuple(places))
+    goal = min(places[-1] + values["beyond_m"], compute_chain_length(roads, own) - RIM_M)
+    oncoming = corridor.find_chain(roads, "west", corridor.lanes[-1])
+    return _Street(corridor, roads, own, oncoming, tuple(places), goal)
 
 
 def _find_door(roads: RoadMap, own: Lanes, wanted: float) -> float:
@@ -96,7 +103,7 @@ def build_occluded_pedestrian(candidate: FamilyCandidate) -> Scenario:
     street = _find_street(values)
     roads, places = street.roads, street.places
     start = max(places[0] - values["own_m"], 3.0)
-    own = build_cav(roads, "0", street.own, start, places[-1] + GOAL_M, values["own_speed"])
+    own = build_cav(roads, "0", street.own, start, street.goal_m, values["own_speed"])
     egos = (own, *_build_oncoming(street, values, places[0] - start), *_build_behind(street, values, start))
     walkers = [_build_pedestrian(street, own, (k, place - start), values) for k, place in enumerate(places)]
     model = "bus" if values["bus"] >= 0.5 else "van"
@@ -125,10 +132,10 @@ def _build_pedestrian(street: _Street, own: Ego, place: tuple[int, float], value
     station = street.places[k]
     corridor = street.corridor
     width = 2 * len(corridor.lanes) * 3.3 + (6.6 if corridor.network.endswith("arterial") else 0.0)
-    door = compute_pose(street.roads, street.own, station, -DOOR_M)
+    begin = compute_pose(street.roads, street.own, station, -(DOOR_M if values["door"] >= 0.5 else KERB_M))
     beyond = compute_pose(street.roads, street.own, station, width - 1.65 + 3.0)
     trigger = build_arrival_trigger(own, along - values["lead_m"])
-    points = ((door.x, door.y), (beyond.x, beyond.y))
+    points = ((begin.x, begin.y), (beyond.x, beyond.y))
     return build_crossing_actor(f"walker{k}", "pedestrian", points, values["walking_speed"], trigger)
 
 
@@ -144,7 +151,7 @@ def _build_oncoming(street: _Street, values: Mapping[str, float], own_m: float) 
 def _build_behind(street: _Street, values: Mapping[str, float], start: float) -> list[Ego]:
     count = round(values["cavs"]) - 1 - max(1, (round(values["cavs"]) - 1) // 2)
     names = [str(2 * k + 2) for k in range(count)]
-    goal = street.places[-1] + GOAL_M
+    goal = street.goal_m
     return build_platoon(street.roads, names, street.own, (start - 22.0, 22.0), (goal, values["own_speed"]))
 
 
@@ -159,10 +166,14 @@ FAMILY = ScenarioFamily(
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "corridor and segment"),
         FamilyParameter("place", 0.0, 1.0, "", "place of the first pedestrian in the segment"),
-        FamilyParameter("own_m", 40.0, 120.0, "m", "distance of CAV 0 from the first pedestrian"),
+        FamilyParameter("own_m", 32.0, 120.0, "m", "distance of CAV 0 from the first pedestrian"),
         FamilyParameter("own_speed", 6.0, 13.8, "m/s", "start speed of CAV 0"),
-        FamilyParameter("lead_m", 20.0, 80.0, "m", "distance of CAV 0 at which a pedestrian starts"),
+        FamilyParameter("lead_m", 12.0, 100.0, "m", "distance of CAV 0 at which a pedestrian starts"),
         FamilyParameter("walking_speed", 1.2, 3.3, "m/s", "speed of the pedestrians"),
+        FamilyParameter(
+            "door", 0.0, 1.0, "", "whether pedestrians come out of a house (from 0.5 on) or wait at the kerb"
+        ),
+        FamilyParameter("beyond_m", 40.0, 150.0, "m", "distance from the last pedestrian to the goal of CAV 0"),
         FamilyParameter("free_m", 4.0, 16.0, "m", "length of the free place before which the pedestrians wait"),
         FamilyParameter(
             "bus", 0.0, 1.0, "", "whether a bus at its stop hides the pedestrians, not a van (from 0.5 on)"

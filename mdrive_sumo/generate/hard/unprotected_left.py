@@ -88,7 +88,7 @@ FAMILY = ScenarioFamily(
     description="Left turn across fast oncoming traffic that trucks in the opposite left-turn lane hide.",
     parameters=(
         *build_encounter_parameters((30.0, 120.0), (5.0, 14.0), (11.0, 19.4)),
-        FamilyParameter("truck_ahead_m", 4.0, 16.3, "m", "how far the first truck has driven into the junction"),
+        FamilyParameter("truck_ahead_m", 4.0, 16.2, "m", "how far the first truck has driven into the junction"),
         FamilyParameter("truck_aside_m", 0.0, 0.4, "m", "how far right of its lane's centre the first truck stands"),
         FamilyParameter("trucks", 1.0, 4.0, "", "number of trucks in the opposite left-turn lane"),
         FamilyParameter("cavs", 3.0, 9.0, "", "number of CAVs"),
