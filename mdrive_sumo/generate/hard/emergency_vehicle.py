@@ -8,7 +8,7 @@ from mdrive_sumo.generate.hard.family_parts import (
     load_network,
     read_values,
 )
-from mdrive_sumo.generate.hard.platoon_crossing import compute_lead
+from mdrive_sumo.generate.hard.platoon_crossing import build_corner_truck, compute_lead
 from mdrive_sumo.generate.hard.road_traffic import (
     CARS,
     Platoon,
@@ -34,10 +34,11 @@ PARAMETERS = (
     FamilyParameter("ambulance_speed", 15.0, 22.0, "m/s", "speed of the ambulance"),
     FamilyParameter("east_offset", -1.5, 1.5, "s", "how much later the first eastward CAV is due"),
     FamilyParameter("west_offset", -1.5, 1.5, "s", "how much later the first westward CAV is due"),
-    FamilyParameter("witness_offset", 2.0, 4.0, "s", "how much later the first northward CAV is due"),
+    FamilyParameter("witness_offset", 1.5, 3.5, "s", "how much later the first northward CAV is due"),
     FamilyParameter("speed", 16.0, 22.0, "m/s", "start speed of the CAVs on the priority road"),
     FamilyParameter("headway", 0.7, 1.5, "s", "time headway of CAVs"),
-    FamilyParameter("flow", 0.0, 800.0, "veh/h", "other traffic that follows on each lane of the priority road"),
+    FamilyParameter("truck_gap", 0.0, 10.0, "m", "distance of a standing truck behind the crossing"),
+    FamilyParameter("flow", 0.0, 800.0, "veh/h", "other traffic that follows on three lanes of the priority road"),
 )
 WITNESS_SPEED = 11.0
 """[m/s] Start speed of the northward CAVs."""
@@ -64,12 +65,12 @@ def _build(candidate: FamilyCandidate) -> Scenario:
     ambulance = build_moving_actor("ambulance", "ambulance", roads, way, (start_m, speed), avoid_collision=False)
     flows = [
         TrafficFlow(find_lane_path(roads, f"{entry}_{k}", f"{leave}_{k}"), values["flow"], CARS, is_entering=True)
-        for entry, leave in (("west_in", "east_out"), ("east_in", "west_out"))
-        for k in (0, 1)
+        for entry, leave, k in (("west_in", "east_out", 0), ("west_in", "east_out", 1), ("east_in", "west_out", 1))
     ]
     vehicles = build_flows(roads, flows, candidate.seed, egos)
+    actors = (ambulance, build_corner_truck("west", values["truck_gap"]))
     rsus = (RSU,) if round(values["rsu"]) else ()
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, (ambulance,), rsus))
+    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors, rsus))
 
 
 FAMILY = ScenarioFamily(
