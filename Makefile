@@ -7,6 +7,9 @@ STAMP := $(VENV)/installed
 LIBRARIES := libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1
 # Byte code is kept: tests start hundreds of processes, and without it each compiles all that it imports.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest
+# What `make test` runs, and more options of pytest; .ci/run makes two parts of it.
+MARKS ?= not full
+OPTIONS ?=
 # The suite that has all others as its parts.
 WHOLE := mdrive
 # What pyright checks (pyproject.toml).
@@ -37,7 +40,7 @@ eval: install ## drive the built-in InterDrive suite with the idm baseline
 	$(BIN)/mdrive-sumo eval --suite interdrive --agent idm
 
 test: install ## the tests
-	$(PYTEST) -n 3 --dist worksteal -m "not full"
+	$(PYTEST) -n 3 --dist worksteal -m "$(MARKS)" $(OPTIONS)
 
 test-all: install ## every test: each scenario, each log, long soaks
 	TESTS_PROFILE=all $(PYTEST) -n 2
@@ -88,7 +91,7 @@ scenarios: install ## write the built-in scenarios anew from their table
 
 schemas: install ## write docs/schemas/ anew from the code
 	mkdir -p docs/schemas
-	for what in results contract scenario network suite reference-times proposal episode open-loop; do \
+	for what in results contract scenario network suite reference-times need proposal episode open-loop; do \
 	  $(BIN)/mdrive-sumo schema $$what > docs/schemas/$$what.json || exit 1; done
 
 validate: install ## check every built-in scenario: starts, difficulty, feasibility, statistics, certificates, checksums

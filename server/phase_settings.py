@@ -35,6 +35,8 @@ class PhaseSettings(SettingsModel):
     seeds: Count = 1
     sensor_track_only: bool = False
     """Whether agents that are given lists of objects (docs/sensors.md, sensor track) are rejected."""
+    cross_play_scenarios: Annotated[int, Field(ge=0, le=50)] = 0
+    """Scenarios that each pair of ranked agents drives together for the board of cross-play; 0: no such board."""
 
     @model_validator(mode="after")
     def _has_a_length(self) -> Self:

@@ -27,6 +27,11 @@ DTYPES = ("<f8", "<f4", "|u1", "<i8", "<i4")
 """Element types of arrays."""
 
 Array = npt.NDArray[Any]
+_DTYPES = {name: np.dtype(name) for name in DTYPES}
+_ATOMS = frozenset({type(None), bool, int, float, str, bytes})
+"""Types that msgpack takes as they are: tested first, as most values of an observation are of these."""
+_NESTED = (tuple, dict)
+"""Types of what msgpack has read that hold others."""
 _CLASSES = {
     cls.__name__: cls
     for cls in (
@@ -72,40 +77,48 @@ def to_plain(value: object, store: Callable[[Array], int] | None = None) -> Any:
     store: stores a large array elsewhere and returns its offset; None keeps all arrays in the message.
     Raises TypeError for any other value.
     """
-    if value is None or isinstance(value, bool | int | float | str | bytes):
-        return value.item() if isinstance(value, np.generic) else value
+    if type(value) in _ATOMS:
+        return value
     if isinstance(value, list | tuple):
-        return [to_plain(item, store) for item in value]
+        return [item if type(item) in _ATOMS else to_plain(item, store) for item in value]
     if isinstance(value, np.ndarray):
         return _array_to_plain(value, store)
+    if names := _field_names(type(value)):
+        content: dict[str, Any] = {"": type(value).__name__}
+        for name in names:
+            item = getattr(value, name)
+            content[name] = item if type(item) in _ATOMS else to_plain(item, store)
+        return content
     if isinstance(value, Mapping):
         return {"": "map", "items": [(key, to_plain(item, store)) for key, item in value.items()]}
-    if is_dataclass(value) and not isinstance(value, type):
-        content = {name: to_plain(getattr(value, name), store) for name in _field_names(type(value))}
-        return {"": type(value).__name__, **content}
     if isinstance(value, np.generic):
         return value.item()
+    if isinstance(value, bool | int | float | str | bytes):  # of a class of its own, as enumerations
+        return value
     raise TypeError(f"expected a value of the contract, found {type(value).__name__}")
 
 
 @lru_cache(maxsize=64)
 def _field_names(cls: Any) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(cls))
+    """Return the names of the fields of a dataclass; none for other classes."""
+    return tuple(field.name for field in fields(cls)) if is_dataclass(cls) else ()
 
 
 def _array_to_plain(value: Array, store: Callable[[Array], int] | None) -> Any:
     if value.ndim == 0:
         return value.item()
     array = np.ascontiguousarray(value)
-    about = {"": "array", "dtype": array.dtype.str, "shape": array.shape}
+    about: dict[str, Any] = {"": "array", "dtype": array.dtype.str, "shape": array.shape}
     if store is not None and array.nbytes > LARGE_BYTES:
-        return about | {"offset": store(array)}
-    return about | {"data": array.tobytes()}
+        about["offset"] = store(array)
+    else:
+        about["data"] = array.tobytes()
+    return about
 
 
 def _from_plain(found: Any, load: Callable[[Array, int], None] | None) -> Any:
     if isinstance(found, tuple):
-        return tuple(_from_plain(item, load) for item in found)
+        return tuple([_from_plain(item, load) if type(item) in _NESTED else item for item in found])
     if not isinstance(found, dict):
         return found
     kind = found.pop("", None)
@@ -115,16 +128,19 @@ def _from_plain(found: Any, load: Callable[[Array, int], None] | None) -> Any:
         return _array_from_plain(found, load)
     if kind == "map":
         return {key: _from_plain(item, load) for key, item in found["items"]}
-    return _CLASSES[kind](**{name: _from_plain(item, load) for name, item in found.items()})
+    for name, item in found.items():
+        if type(item) in _NESTED:
+            found[name] = _from_plain(item, load)
+    return _CLASSES[kind](**found)
 
 
 def _array_from_plain(found: dict[str, Any], load: Callable[[Array, int], None] | None) -> Array:
     if found["dtype"] not in DTYPES:
         raise WireError(f"expected an array of one of {DTYPES}, found {found['dtype']!r}")
     if "data" in found:
-        return np.frombuffer(found["data"], dtype=np.dtype(found["dtype"])).reshape(found["shape"]).copy()
+        return np.frombuffer(found["data"], dtype=_DTYPES[found["dtype"]]).reshape(found["shape"]).copy()
     if load is None:
         raise WireError("expected no array outside the message, found one")
-    array = np.empty(found["shape"], dtype=np.dtype(found["dtype"]))
+    array = np.empty(found["shape"], dtype=_DTYPES[found["dtype"]])
     load(array, found["offset"])
     return array

@@ -1,5 +1,6 @@
 """`omniscient`: the upper bound."""
 
+import math
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -12,11 +13,12 @@ from mdrive_sumo.planning.driving_options import MAX_SPEED
 from mdrive_sumo.planning.fleet_paths import FleetPaths, find_cells_blocked_by_objects, predict_stations
 from mdrive_sumo.planning.joint_detours import has_undecided_vehicle, plan_joint_detours
 from mdrive_sumo.planning.joint_plan import find_common_scale, find_road_horizon, plan_on_roads
-from mdrive_sumo.planning.parameters import MARGINS, SafetyMargin
+from mdrive_sumo.planning.parameters import MARGINS, PLANNER, STOP_LINE, SafetyMargin
 from mdrive_sumo.planning.path_overlap import find_cells
 from mdrive_sumo.planning.pedestrian_caution import limit_speeds_near_pedestrians, predict_walking_on
 from mdrive_sumo.planning.planning_order import find_planning_order
 from mdrive_sumo.planning.reference_path import (
+    SPACING_M,
     ReferencePath,
     build_path,
     compute_curve_speeds,
@@ -30,7 +32,8 @@ from mdrive_sumo.planning.speed_profile import (
     build_free_road_problem,
     find_fastest_profile,
 )
-from mdrive_sumo.planning.traffic_prediction import TrafficView
+from mdrive_sumo.planning.stop_lines import build_stop_lines
+from mdrive_sumo.planning.traffic_prediction import TRAFFIC, TrafficView
 
 OPTIONS = {"speed": Option(9.0, 2.0, MAX_SPEED)}
 FIRST_PLAN_POINTS = 20
@@ -110,6 +113,7 @@ class OmniscientAgent:
             self._plan_jointly(known)
             self._review_tick = self._begin_tick + self._rank
         self._s = self._path.project(seen.own.x, seen.own.y, self._s)
+        self._red_s = self._find_red_light(seen) if self._road is not None else math.inf
         self._signs = [line for line in self._signs if not self._is_sign_obeyed(line, seen.own.speed)]
         if seen.tick >= self._review_tick:
             self._review_tick = self._find_next_review(self._review_tick, seen.tick)
@@ -141,6 +145,7 @@ class OmniscientAgent:
             self._fleet, order = self._plan_for_protocol(known)
         self._path: ReferencePath = self._fleet.path_by_ego[briefing.ego_id]
         self._speeds = np.minimum(self._compute_curve_speeds(self._path), compute_legal_speeds(self._path, briefing))
+        self._lights = build_stop_lines(self._path, briefing, include_signs=False)
         self._rank = order.index(briefing.ego_id)
         self._earlier = order[: self._rank]
         self._signs = [convert_route_station(self._path, briefing, sign.s) for sign in briefing.stop_signs]
@@ -155,6 +160,18 @@ class OmniscientAgent:
             for ego, path in fleet.path_by_ego.items()
         }
         return fleet, find_planning_order(fleet, problems)
+
+    def _find_red_light(self, seen: Observation) -> float:
+        """Return the station [m] that the box centre must not pass now because of a light; infinity if there is none.
+
+        On the roads of the protocol's scenarios all lights are green.
+        """
+        here, speed = self._s, seen.own.speed
+
+        def can_stop(line: float) -> bool:
+            return line > here and (speed * speed) / (2 * max(line - here, 0.5)) < STOP_LINE.yellow_braking
+
+        return min(self._lights.find_stop_stations(here, speed, seen.signals, can_stop), default=math.inf)
 
     def _compute_curve_speeds(self, path: ReferencePath) -> Float:
         """Return the comfortable speed (M,) [m/s] at the points of a path."""
@@ -193,13 +210,32 @@ class OmniscientAgent:
         respects_all = self._profile is not None and margin != MARGINS.check
         size = briefing.vehicle.length, briefing.vehicle.width
         if self._road is not None:
-            view = TrafficView(self._path, self._road, self._s, size)
-            blocked = view.find_blocked_cells(cells, known.objects, times, margin)
-        else:
-            blocked = find_cells_blocked_by_objects(self._path, cells, known.objects, times, size, margin)
+            return self._find_blocked_on_roads(known, cells, times, margin)
+        blocked = find_cells_blocked_by_objects(self._path, cells, known.objects, times, size, margin)
         for other, state, plan in zip(known.ego_ids, known.states, known.plans, strict=True):
             if other in self._earlier or (other != briefing.ego_id and respects_all):
                 stations = predict_stations(self._fleet.path_by_ego[other], state, plan, times, briefing.tick_s)
+                blocked |= self._fleet.find_blocked_cells(briefing.ego_id, cells, other, stations, margin)
+        return blocked
+
+    def _find_blocked_on_roads(self, known: Privileged, cells: Int, times: Float, margin: SafetyMargin) -> Bool:
+        """Return the mask of `_find_blocked` where limits of roads count.
+
+        A time gap is kept behind CAVs in the own lane too: they may brake. Those behind in it are never respected.
+        """
+        assert self._road is not None
+        briefing, plans_gap = self._briefing, margin.longitudinal >= MARGINS.plan.longitudinal
+        respects_all = self._profile is not None and plans_gap
+        view = TrafficView(self._path, self._road, self._s, (briefing.vehicle.length, briefing.vehicle.width))
+        blocked = view.find_blocked_cells(cells, known.objects, times, margin)
+        blocked[:, cells * SPACING_M > self._red_s] = True
+        for other, state, plan in zip(known.ego_ids, known.states, known.plans, strict=True):
+            lead = view.find_lead(state)
+            if other == briefing.ego_id or lead < 0 or (other not in self._earlier and not respects_all):
+                continue
+            for gap_s in TRAFFIC.cav_gaps_s if plans_gap and lead > 0 else (0.0,):
+                since = np.maximum(times - gap_s, 0.0)
+                stations = predict_stations(self._fleet.path_by_ego[other], state, plan, since, briefing.tick_s)
                 blocked |= self._fleet.find_blocked_cells(briefing.ego_id, cells, other, stations, margin)
         return blocked
 
@@ -210,7 +246,10 @@ class OmniscientAgent:
         speeds = limit_speeds_near_pedestrians(self._path, self._speeds, known.objects, briefing.vehicle)
         start, lattice = (self._s, seen.own.speed), self._scale.lattice
         problem = build_free_road_problem(self._path, speeds, start, now_s, self._find_horizon(now_s), lattice)
+        if self._road is not None:  # it closes up: others may leave a gap earlier than they are predicted to
+            problem = replace(problem, wait_penalty=PLANNER.wait_penalty)
         block = partial(self._find_blocked, known, problem.cells, problem.times)
+        free = problem
         problem = problem.add_traffic(block, plan_margin=self._scale.plan_margin)
         done: SpeedProfile | None = None
         most_m, least_m = parameters.stop_before_m
@@ -220,7 +259,10 @@ class OmniscientAgent:
                 break
             part = part.extend_standstill(parameters.stop_layers)
             problem, done = problem.build_remainder(part), part if done is None else done.append(part)
-        last = find_fastest_profile(problem) or build_braking_profile(problem)
+        last = find_fastest_profile(problem)
+        if last is None and self._road is not None and done is None:  # without gaps and later CAVs there may be one
+            last = find_fastest_profile(free.add_traffic(block, plan_margin=MARGINS.check))
+        last = last or build_braking_profile(problem)
         return last if done is None else done.append(last)
 
     def _find_horizon(self, now_s: float) -> float:

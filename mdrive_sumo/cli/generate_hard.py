@@ -124,7 +124,8 @@ def generate_hard(ctx: click.Context, options: Mapping[str, Any], secret: str, o
         raise InputError(
             f"{folder}: expected a scenario among {len(elites)} elites, found none; a larger --budget helps"
         )
-    write_hard_suite(about, chosen, out)
+    need = {name: check.need for name, check in journal.checks.items() if check.need is not None}
+    write_hard_suite(about, chosen, need, out)
     click.echo(f"{folder}  archive.json, pictures and the journal of the search")
     click.echo(_format_chosen(chosen, selection.count, out))
     return 0 if len(chosen) == selection.count else 1
@@ -134,7 +135,7 @@ def _describe_suite(out: Path, options: Mapping[str, Any]) -> SuiteFile:
     title = "Hard tier: `omniscient` arrives in time, rules that see and talk do not"
     about = f"{options['split']} split, adversarial search, seed {options['seed']}"
     try:
-        return SuiteFile(name=out.name, title=title, description=about)
+        return SuiteFile(name=out.name, title=title, description=about, score_mode="hard")
     except ValidationError:
         raise InputError(
             f"--out {out}: expected a folder name of letters, digits and _.+- (at most 80), found {out.name!r}"

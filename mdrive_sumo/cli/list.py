@@ -11,6 +11,7 @@ from mdrive_sumo.contract import derive_sensing_track
 from mdrive_sumo.contract.agent_options import AgentFactory
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import TableRow, format_text_table
+from mdrive_sumo.generate.validation import is_hard_suite
 from mdrive_sumo.report.agent_failures import list_agent_failures
 from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
@@ -20,6 +21,7 @@ from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
+from mdrive_sumo.study.need_certificate import NeedCertificate, load_need
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificate, load_certificates
 
 STATISTICS_HEADER: TableRow = ("scenarios", "CAVs", "mean CAVs", "route [m]", "heading change [deg]", "background")
@@ -58,6 +60,8 @@ def _format_statistics(found: SuiteStatistics) -> TableRow:
 
 def _list_scenarios(suite: str, occluded: bool | None = None) -> str:
     loaded = load_suite(suite)
+    if is_hard_suite(loaded):
+        return _list_hard_scenarios(loaded, occluded)
     certificates = load_certificates(loaded)
     unknown = [part.name for part in loaded.parts or (loaded,) if part.scenarios[0].id not in certificates]
     if occluded is not None and unknown:
@@ -83,6 +87,26 @@ def _list_scenarios(suite: str, occluded: bool | None = None) -> str:
     return format_text_table(header, rows) + f"\n\n{OCCLUSION_LEGEND if certificates else NO_CERTIFICATES}"
 
 
+def _list_hard_scenarios(suite: Suite, occluded: bool | None) -> str:
+    """Return the table of a suite of the hard tier, with its certificates of need."""
+    if occluded is not None:
+        raise InputError(
+            f"suite {suite.name}: --occluded: expected a suite with {CERTIFICATE_FILE}, found the hard tier"
+        )
+    need = load_need(suite)
+    header = ("scenario", "category", "network", *STATISTICS_HEADER[1:2], *STATISTICS_HEADER[3:], "needed", "gain [s]")
+    rows = [(*_make_scenario_row(scenario), *_format_need(need.get(scenario.id))) for scenario in suite.scenarios]
+    holding = sum(one.holds for one in need.values())
+    legend = f"{NEED_LEGEND}\n{holding} of {len(suite)} hold" if need else NO_CERTIFICATES
+    return format_text_table(header, rows) + f"\n\n{legend}"
+
+
+def _format_need(certificate: NeedCertificate | None) -> TableRow:
+    if certificate is None:
+        return ("?", "?")
+    return ("yes", f"{certificate.lead_s:.1f}") if certificate.holds else ("-", "-")
+
+
 def _make_scenario_row(scenario: Scenario) -> TableRow:
     _, cavs, _, *rest = _format_statistics(compute_suite_statistics((scenario,)))
     return (scenario.id, scenario.category, scenario.network, cavs, *rest)
@@ -103,6 +127,10 @@ OCCLUSION_LEGEND = (
 TRACK_LEGEND = (
     "track: sensor: only what a car carries (LiDAR, GNSS, IMU, speedometer, map, messages) or less; object: given lists"
     " of objects"
+)
+NEED_LEGEND = (
+    "needed: a driver without messages cannot be safe and in time (certificate of need, docs/hard.md);\n"
+    "gain: how much earlier than its own sensors a message tells a CAV of the road user"
 )
 NO_CERTIFICATES = "hidden: unknown; `mdrive-sumo validate SUITE --write` examines it"
 

@@ -15,6 +15,7 @@ from mdrive_sumo.scenario.reference_times import ReferenceTimesFile
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import SuiteFile
 from mdrive_sumo.scoring import build_results_schema
+from mdrive_sumo.study.need_certificate import NeedCertificateFile
 
 SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
     "results": build_results_schema,
@@ -24,6 +25,7 @@ SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
     "proposal": Proposal.model_json_schema,
     "suite": SuiteFile.model_json_schema,
     "reference-times": ReferenceTimesFile.model_json_schema,
+    "need": NeedCertificateFile.model_json_schema,
     "episode": build_episode_schema,
     "open-loop": OpenLoopResults.model_json_schema,
 }

@@ -14,6 +14,7 @@ from mdrive_sumo.generate.validation import (
     describe_rules,
     describe_suite,
     find_suite_problems,
+    is_hard_suite,
     sample_scenarios,
     validate_scenarios,
 )
@@ -25,6 +26,7 @@ from mdrive_sumo.scenario.reference_times import (
 )
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite
+from mdrive_sumo.study.need_certificate import NEED_FILE, NeedCertificateFile, read_need, save_need
 from mdrive_sumo.study.occlusion_certificate import (
     CERTIFICATE_FILE,
     OcclusionCertificateFile,
@@ -92,7 +94,7 @@ def command(ctx: click.Context, suite: str, sample: int | None, scenario: str, w
         found.append(one)
         click.echo(_format_validation(one))
     for part in written:
-        _write_certificates(part, found)
+        (_write_need if is_hard_suite(part) else _write_certificates)(part, found)
         _write_reference_times(part, found)
     whole = find_suite_problems(loaded, found)
     for sentence in (*whole, *describe_suite(loaded), *describe_rules(loaded)):
@@ -106,7 +108,8 @@ def command(ctx: click.Context, suite: str, sample: int | None, scenario: str, w
 def _format_validation(one: ScenarioValidation) -> str:
     if one.hard is not None:
         solved = f"ok, omniscient 100 with {one.hard.seeds} of {one.hard.seeds} seeds"
-        return f"{one.scenario}: {'; '.join(one.problems) or solved}"
+        need = f"needed: a message gains {one.hard.need.lead_s:.1f} s" if one.hard.need.holds else "no need certified"
+        return f"{one.scenario}: {'; '.join(one.problems) or solved}; {need}"
     said = "; ".join(one.problems) or ("ok" if one.is_difficult else "ok, blind driving has no near miss")
     return f"{one.scenario}: {said}{', hidden until late' if one.is_occluded else ''}"
 
@@ -120,6 +123,17 @@ def _write_certificates(suite: Suite, found: Sequence[ScenarioValidation]) -> No
     with report_write_errors(suite.folder / CERTIFICATE_FILE):
         save_certificates(suite.folder, OcclusionCertificateFile(suite_checksum=suite.checksum(), certificates=kept))
     click.echo(f"{suite.folder / CERTIFICATE_FILE}  {len(kept)} certificates")
+
+
+def _write_need(suite: Suite, found: Sequence[ScenarioValidation]) -> None:
+    """Write certificates of need in the order of the suite, of all its scenarios that could be driven now or before."""
+    before = read_need(suite.folder)
+    by_name = {one.scenario: one for one in before.certificates} if before else {}
+    by_name |= {one.scenario: one.hard.need for one in found if one.hard is not None}
+    kept = tuple(by_name[scenario.id] for scenario in suite.scenarios if scenario.id in by_name)
+    with report_write_errors(suite.folder / NEED_FILE):
+        save_need(suite.folder, NeedCertificateFile(suite_checksum=suite.checksum(), certificates=kept))
+    click.echo(f"{suite.folder / NEED_FILE}  {len(kept)} certificates")
 
 
 def _write_reference_times(suite: Suite, found: Sequence[ScenarioValidation]) -> None:

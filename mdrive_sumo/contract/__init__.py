@@ -35,6 +35,7 @@ from mdrive_sumo.contract.reply_check import (
 from mdrive_sumo.contract.schema import CONTRACT, schema
 from mdrive_sumo.contract.sensing_track import (
     SensingTrack,
+    TrackName,
     derive_sensing_track,
     find_object_source,
     join_sensing_tracks,
@@ -50,6 +51,7 @@ __all__ = [
     "Raster",
     "SensorSpec",
     "SensingTrack",
+    "TrackName",
     "derive_sensing_track",
     "find_object_source",
     "join_sensing_tracks",

@@ -6,6 +6,7 @@ never from what an agent says (docs/decisions/057-sensor-track-and-object-track.
 
 from collections.abc import Iterable, Sequence
 from enum import StrEnum
+from typing import Literal
 
 from mdrive_sumo.contract.sensors import SensorSpec
 
@@ -25,8 +26,8 @@ class SensingTrack(StrEnum):
     """At least one CAV is given objects: by the sensors `objects`, `bev` or `privileged`, or by named LiDAR points."""
 
 
-UNKNOWN = ""
-"""Track of results from before tracks existed."""
+TrackName = Literal["", "sensor", "object"]
+"""A `SensingTrack` as text; "": unknown, of results from before tracks existed."""
 
 
 def find_object_source(sensors: Iterable[SensorSpec]) -> str:
@@ -50,9 +51,9 @@ def derive_sensing_track(sensors: Iterable[Sequence[SensorSpec]]) -> SensingTrac
     return SensingTrack.OBJECT if any(find_object_source(specs) for specs in sensors) else SensingTrack.SENSOR
 
 
-def join_sensing_tracks(tracks: Iterable[str]) -> str:
+def join_sensing_tracks(tracks: Iterable[str]) -> TrackName:
     """Return the track of several episodes: `object` if any is; unknown ("") if any is or there are none; `sensor`."""
     found = set(tracks)
     if SensingTrack.OBJECT in found:
-        return SensingTrack.OBJECT.value
-    return SensingTrack.SENSOR.value if found == {SensingTrack.SENSOR} else UNKNOWN
+        return "object"
+    return "sensor" if found == {SensingTrack.SENSOR} else ""

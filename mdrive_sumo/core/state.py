@@ -1,11 +1,11 @@
 """State of the world at one tick. Time is an integer; a Frame is immutable."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from enum import IntEnum, StrEnum, auto
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import chain
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -110,8 +110,12 @@ class RoadUsers:
 
     def take(self, rows: npt.NDArray[np.intp] | npt.NDArray[np.bool_] | slice) -> Self:
         """Return the given rows only: indices (M,), a mask (N,) or a slice."""
-        columns = {name: getattr(self, name)[rows] for name in ("kind", *MOTION_AND_SIZE)}
-        return replace(self, ids=tuple(np.array(self.ids, dtype=object)[rows]), **columns)
+        columns = [getattr(self, name)[rows] for name in ("kind", *MOTION_AND_SIZE)]
+        return type(self)(tuple(np.array(self.ids, dtype=object)[rows]), *columns, *self._get_rest())
+
+    def _get_rest(self) -> list[Any]:
+        """Return the values of the fields that are not per row: `dataclasses.replace` is slow, and this runs often."""
+        return [getattr(self, name) for name in _list_rest(type(self))]
 
     def advance(self, seconds: Float | float, turn: Float | float = 0.0) -> Self:
         """Return the boxes after `seconds` at constant speed, on arcs over which the yaw changes by `turn` [rad].
@@ -123,6 +127,12 @@ class RoadUsers:
         cos, sin = portable.cos_sin(direction)
         x, y = self.x + chord * cos, self.y + chord * sin
         return replace(self, x=x, y=y, yaw=self.yaw + turn)
+
+
+@cache
+def _list_rest(cls: type[RoadUsers]) -> tuple[str, ...]:
+    """Return the fields that a class adds, in the order of its constructor."""
+    return tuple(field.name for field in fields(cls))[2 + len(MOTION_AND_SIZE) :]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.contract import CONTROL_STEP, Message, Note, SensingTrack
+from mdrive_sumo.contract import CONTROL_STEP, Message, Note, TrackName, join_sensing_tracks
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import Contact, End, FailureReason
 from mdrive_sumo.episode.quantization import Quanta, from_quanta
@@ -122,10 +122,10 @@ class EpisodeRecord:
     """
 
     @property
-    def sensing_track(self) -> str:
+    def sensing_track(self) -> TrackName:
         """Whether any CAV was given objects: a value of `SensingTrack`; "" in recordings without one."""
         found = self.about.get(SENSING_TRACK)
-        return found if found in tuple(SensingTrack) else ""
+        return join_sensing_tracks([found]) if isinstance(found, str) else ""
 
     @property
     def ticks(self) -> int:

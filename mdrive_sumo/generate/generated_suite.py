@@ -23,10 +23,11 @@ from mdrive_sumo.scenario.suite import (
     save_suite,
     seal_suite,
 )
+from mdrive_sumo.study.need_certificate import NEED_FILE
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE
 
 AnyRecipe = Recipe | HardRecipe
-MEASURED_FILES = (CERTIFICATE_FILE, REFERENCE_TIMES_FILE)
+MEASURED_FILES = (CERTIFICATE_FILE, NEED_FILE, REFERENCE_TIMES_FILE)
 """Files beside a suite that hold what drives showed."""
 
 

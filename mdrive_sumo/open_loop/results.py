@@ -6,10 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from mdrive_sumo.contract import join_sensing_tracks
+from mdrive_sumo.contract import TrackName, join_sensing_tracks
 from mdrive_sumo.open_loop.detection_precision import DetectionCounts, compute_average_precision
 from mdrive_sumo.open_loop.drive_open_loop import OpenLoopSamples
-from mdrive_sumo.scoring.results import EpisodeKey, TrackName
+from mdrive_sumo.scoring.results import EpisodeKey
 from mdrive_sumo.scoring.summary import compute_mean_of_known
 
 FORMAT = "mdrive-sumo/open-loop/1"

@@ -18,6 +18,8 @@ MIN_SPEED = 5.0
 """[m/s] A slower vehicle may turn anywhere."""
 MAX_LATERAL_M = 20.0
 """Traffic further aside has a road of its own."""
+SHARP_TURN_RAD = 0.6
+"""Where the route turns by more within a prediction, at a junction, other vehicles go straight on: most do."""
 PREVIEW_S = 4.0
 """Bends of the road are averaged over this time ahead."""
 
@@ -97,7 +99,8 @@ def align_with_road(
     forward = np.where(np.abs(position.turned) < np.pi / 2, 1.0, -1.0)
     here = road.get_yaw(position.station)
     ahead_m = PREVIEW_S * np.maximum(np.abs(objects.speed), MIN_SPEED)
-    bend = (road.get_yaw(position.station + forward * ahead_m) - here) / ahead_m
+    turn = road.get_yaw(position.station + forward * ahead_m) - here
+    bend = np.where(np.abs(turn) < SHARP_TURN_RAD, turn, 0.0) / ahead_m
     yaw = np.where(forward > 0, here, here + np.pi)
     aligned = replace(objects, yaw=np.where(keeps, yaw, objects.yaw))
     return aligned, np.where(keeps, bend, curvature)

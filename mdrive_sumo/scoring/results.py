@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from mdrive_sumo.contract import TrackName
 from mdrive_sumo.core.state import End
 
 FORMAT = "mdrive-sumo/results/4"
@@ -31,10 +32,6 @@ def _is_empty(scalars: dict[str, float | None]) -> bool:
 
 Scalars = Annotated[dict[str, Number | None], Field(exclude_if=_is_empty)]
 """Values of the scalar metrics other than `min_ttc`, null where undefined; absent if there are none."""
-
-
-TrackName = Literal["", "sensor", "object"]
-"""A `contract.SensingTrack`; "": unknown."""
 
 
 class _Part(BaseModel):

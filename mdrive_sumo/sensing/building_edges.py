@@ -32,7 +32,8 @@ class BuildingEdges:
             return np.zeros(0, np.intp), np.zeros(0, np.intp)
         gap = portable.hypot(self._middles[:, 0] - x[:, None], self._middles[:, 1] - y[:, None]) - self._radii
         near = gap <= reach_m[:, None]
-        return near[:, self._building].nonzero()
+        eye, wall = near[:, self._building].nonzero()
+        return eye, wall
 
 
 def _counter_clockwise(ring: Float) -> Float:

@@ -5,7 +5,7 @@ those of satellite positioning are strongly correlated in time; errors of speed 
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from mdrive_sumo.contract import OwnState
 from mdrive_sumo.core import portable
@@ -49,13 +49,14 @@ class OwnStateEstimator:
         """Return the estimate of a state in that tick; acceleration and steering angle are exact."""
         x, y, yaw, speed, yaw_rate = self._find_errors(tick)
         parameters = self._parameters
-        return replace(
-            truth,
-            x=truth.x + parameters.position_sigma * x,
-            y=truth.y + parameters.position_sigma * y,
-            yaw=truth.yaw + parameters.yaw_sigma * yaw,
-            speed=truth.speed * (1 + parameters.speed_share * speed),
-            yaw_rate=truth.yaw_rate + parameters.yaw_rate_sigma * yaw_rate,
+        return EgoState(
+            truth.x + parameters.position_sigma * x,
+            truth.y + parameters.position_sigma * y,
+            truth.yaw + parameters.yaw_sigma * yaw,
+            truth.speed * (1 + parameters.speed_share * speed),
+            truth.acceleration,
+            truth.yaw_rate + parameters.yaw_rate_sigma * yaw_rate,
+            truth.steer_angle,
         )
 
     def _find_errors(self, tick: int) -> tuple[float, float, float, float, float]:
@@ -74,8 +75,14 @@ class OwnStateEstimator:
     def describe(self, estimate: EgoState) -> OwnState:
         """Return an estimate with its standard deviations, as the agent gets it."""
         parameters = self._parameters
-        return replace(
-            to_own_state(estimate),
+        return OwnState(
+            estimate.x,
+            estimate.y,
+            estimate.yaw,
+            estimate.speed,
+            estimate.acceleration,
+            estimate.yaw_rate,
+            estimate.steer_angle,
             position_sigma=parameters.position_sigma,
             yaw_sigma=parameters.yaw_sigma,
             speed_sigma=parameters.speed_share * abs(estimate.speed),

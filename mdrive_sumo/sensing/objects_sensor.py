@@ -74,8 +74,9 @@ class ObjectsSensor:
         seen = truth if self._exact else self._add_flaws(view, truth)
         near = seen.take(np.argsort(portable.hypot(seen.x - eye.x, seen.y - eye.y), kind="stable"))
         names = tuple(self._name(true_id) for true_id in near.ids)
-        near = eye.place_by_estimate(near)
-        return replace(near, ids=names, free_m=view.free_sight(self._sectors) if self._sectors else np.zeros(0))
+        o = eye.place_by_estimate(near)
+        free_m = view.free_sight(self._sectors) if self._sectors else np.zeros(0)
+        return Objects(names, o.kind, o.x, o.y, o.yaw, o.speed, o.length, o.width, free_m)
 
     def _find_detected_rows(self, view: SightView) -> npt.NDArray[np.intp]:
         """Return the rows of detected objects, without false positives."""

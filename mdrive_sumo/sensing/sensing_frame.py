@@ -1,7 +1,7 @@
 """SensingFrame: the world of one tick as input of all sensors, built once per tick."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import blake2b
 from typing import TYPE_CHECKING
@@ -88,7 +88,8 @@ class SensorPose:
         cos, sin = portable.cos_sin(turn)
         dx, dy = objects.x - self.x, objects.y - self.y
         x, y = own.x + cos * dx - sin * dy, own.y + sin * dx + cos * dy
-        return replace(objects, x=x, y=y, yaw=objects.yaw + turn)
+        rest = objects.speed, objects.length, objects.width, objects.free_m
+        return Objects(objects.ids, objects.kind, x, y, objects.yaw + turn, *rest)
 
 
 @dataclass(frozen=True, slots=True)

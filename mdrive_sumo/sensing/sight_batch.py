@@ -57,7 +57,7 @@ class _Cuts(NamedTuple):
     """(E,) interval before which it ends."""
     base: Rows
     """(E,) first interval of the edge's eye."""
-    count: Rows
+    around: Rows
     """(E,) number of intervals of the edge's eye."""
 
 
@@ -91,11 +91,11 @@ class _Pieces(NamedTuple):
 
 def _cut_edges(cuts: _Cuts) -> _Pieces:
     """Each edge is in the intervals first ... after - 1, counted around the circle of its eye."""
-    counts = np.where(cuts.after < cuts.first, cuts.after + cuts.count, cuts.after) - cuts.first
+    counts = np.where(cuts.after < cuts.first, cuts.after + cuts.around, cuts.after) - cuts.first
     edge = np.repeat(np.arange(len(counts)), counts)
     begins = np.cumsum(counts) - counts
     interval = np.arange(len(edge)) + (cuts.first - begins)[edge]
-    around = cuts.count[edge]
+    around = cuts.around[edge]
     interval = np.where(interval >= cuts.base[edge] + around, interval - around, interval)
     return _Pieces(edge, interval, len(cuts.angle))
 
@@ -166,10 +166,10 @@ class SightBatch:
 
     def select_edges(self, row: int) -> SightEdges:
         """Return the edges of one eye."""
-        edges, boxes = self.edges, len(self.edges.owner)
-        mine = np.flatnonzero(edges.eye == row)
-        owner = edges.owner[mine[: mine.searchsorted(boxes)]]
-        return SightEdges(*(getattr(edges, name)[mine] if name != "owner" else owner for name in SightEdges._fields))
+        right, left, cos, sin, eye, owner, hides, extent = self.edges
+        mine = np.flatnonzero(eye == row)
+        owner = owner[mine[: mine.searchsorted(len(owner))]]
+        return SightEdges(right[mine], left[mine], cos[mine], sin[mine], eye[mine], owner, hides[mine], extent[mine])
 
     @cached_property
     def visible_fractions(self) -> Float:

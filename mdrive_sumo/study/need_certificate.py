@@ -1,4 +1,33 @@
-"""Certificates of need."""
+"""Certificates of need: what no CAV without messages can do, whatever its planner.
+
+Take a CAV, another road user whose drive crosses its route, and the worlds in which the road user makes its drive of the
+reference earlier or later by whole ticks, or never comes. All else is as in the reference. Theorem, of a conflict with
+`excludes_all`: a driver of the CAV without messages that is in time where the road user never comes collides with it in
+one of the worlds. Of a conflict with `is_blind` the same holds of all drivers that are no slower than `required_speed`
+from where a CAV of that speed can last stop until the zone is left. In both cases another station has seen the road user
+0.2 s before that moment or earlier: a message can prevent the collision.
+
+Proof. In the world without the road user the driver passes the zone, so its drive leads through the grid of stations and
+speeds in `need.crossing_search`. Sides of the grid are closed if their states are doomed (`need.doom`): for some start
+of the road user, no place where the CAV can have been at an earlier tick sees it, so the driver has done the same as
+without it; and after the state neither full braking nor full acceleration, of the CAV or of a vehicle that reacts as soon
+as it can see the CAV, keeps both apart. If no way through open sides is in time, every drive in time leads through a
+doomed state.
+
+Assumptions: the CAV stays within 0.25 m of its route and the speed limits, looks from its box centre, and sees whatever
+is not hidden, to 1000 m and at any share. Only buildings and what stands still for whole half seconds hide anything: in
+the plane, as for the objects sensor, cars and high props do; `is_blind_over_roofs` asks the same of the LiDAR on the
+roof. Vehicles brake with 9 m/s2 once they can see the CAV; pedestrians and cyclists keep their course. A road user that
+exists in the first tick waits at its start if it leaves later.
+
+What it does not say: that a driver fails in the scenario as written, whose start it may meet by luck; anything about
+drivers that leave their route, mount a LiDAR elsewhere, or, for `is_blind`, spend their spare time before this zone.
+All bounds err on the side of not certifying.
+
+For `validate` and `generate --hard`: `certify_need` takes the scenario with its time limits and the reference drive;
+`holds` is what issue K counts; `save_need`, `read_need` and `load_need` handle `need.json` as those of
+`study.occlusion_certificate` handle `occlusion.json`. Other time limits make other certificates.
+"""
 
 import math
 from collections.abc import Mapping
@@ -24,6 +53,7 @@ from mdrive_sumo.study.need.crossing_search import CrossingSearch, SafeCrossing
 from mdrive_sumo.study.need.doom import DoomTest
 from mdrive_sumo.study.need.message_lead import ReferenceDrive
 from mdrive_sumo.study.need.motion import MotionLimits, RouteMotion, build_route_motion
+from mdrive_sumo.study.need.occluders import StandingVehicles
 from mdrive_sumo.study.need.sight_tables import SightTables
 from mdrive_sumo.study.need.witnesses import Witnesses
 
@@ -56,6 +86,8 @@ class NeedConflict(_FilePart):
     is_blind: bool
     """Whether every drive that is no slower than the required speed in the approach is doomed for some start of the
     road user."""
+    is_blind_over_roofs: bool
+    """Whether this is also true of a LiDAR on the roof, from which only buildings, lorries and buses hide anything."""
     cautious_s: float | None
     """Least arrival time [s] of a driver without messages that is not doomed, however slow; a lower bound. None if
     there is none within 10 s of the limit."""
@@ -148,9 +180,9 @@ def certify_need(
 
     reference: the drive of `omniscient`, with the CAVs of the scenario in its first columns. limits: of the CAVs.
     """
-    buildings = BuildingEdges(roads)
+    common = (BuildingEdges(roads), StandingVehicles(reference, False), StandingVehicles(reference, True))
     found = [
-        _ConflictAnalysis(scenario, roads, reference, buildings, column, motion, zone).certify()
+        _ConflictAnalysis(scenario, roads, reference, *common, column, motion, zone).certify()
         for column, ego in enumerate(scenario.egos)
         for motion in (build_route_motion(ego, roads, limits or MotionLimits()),)
         for zone in ZoneFinder(reference, column, motion).find_zones()
@@ -166,6 +198,8 @@ class _ConflictAnalysis:
     roads: RoadMap
     reference: EpisodeRecord
     buildings: BuildingEdges
+    opaque: StandingVehicles
+    high: StandingVehicles
     column: int
     motion: RouteMotion
     zone: ConflictZone
@@ -180,7 +214,11 @@ class _ConflictAnalysis:
 
     @cached_property
     def _doom(self) -> DoomTest:
-        tables = SightTables(self.reference, self.roads, self.column, self.motion, self.zone)
+        return self._build_doom_test(over_roofs=False)
+
+    def _build_doom_test(self, over_roofs: bool) -> DoomTest:
+        vehicles = self.high if over_roofs else self.opaque
+        tables = SightTables(vehicles, self.roads, self.column, self.motion, self.zone)
         return DoomTest(tables, Witnesses(tables, self.scenario, self.buildings))
 
     @cached_property
@@ -199,13 +237,13 @@ class _ConflictAnalysis:
         """Return what is found about the conflict."""
         least, motion = self.required_speed, self.motion
         free_s = motion.compute_time_from(0.0, motion.start_speed)
-        if self._doom.is_hopeless or free_s > self._limit_s:
-            steady = cautious = SafeCrossing(free_s, self.zone.enter_m, motion.top_speed)
-            blind = False
+        if free_s > self._limit_s:  # nothing is proven of a CAV that cannot be in time
+            cautious, blind = SafeCrossing(free_s, self.zone.enter_m, motion.top_speed), False
         else:
-            steady = CrossingSearch(self._doom, self._limit_s, least).find_crossing()
-            blind = not self._is_in_time(steady)
-            cautious = CrossingSearch(self._doom, self._limit_s).find_crossing() if blind else steady
+            search = CrossingSearch(self._doom, self._limit_s, least)
+            cautious = search.find_steady_crossing() or search.find_crossing()
+            blind = not self._is_in_time(cautious)
+            cautious = CrossingSearch(self._doom, self._limit_s).find_crossing() if blind else cautious
         about = NeedConflict(
             ego=self._ego.id,
             road_user=self.reference.ids[self.zone.road_user],
@@ -214,12 +252,17 @@ class _ConflictAnalysis:
             time_limit_s=self._limit_s,
             required_speed=round(least, 2),
             is_blind=blind,
+            is_blind_over_roofs=blind and self._is_blind_over_roofs(),
             cautious_s=round(cautious.arrival_s, 2) if cautious else None,
             cautious_speed=round(cautious.speed, 2) if cautious else None,
             excludes_all=blind and not self._is_in_time(cautious),
             conflict_s=round(self.zone.enter * DT, 2),
         )
         return about.model_copy(update=self._describe_warning()) if blind else about
+
+    def _is_blind_over_roofs(self) -> bool:
+        search = CrossingSearch(self._build_doom_test(over_roofs=True), self._limit_s, self.required_speed)
+        return not self._is_in_time(search.find_crossing())
 
     def _is_in_time(self, crossing: SafeCrossing | None) -> bool:
         return crossing is not None and crossing.arrival_s <= self._limit_s

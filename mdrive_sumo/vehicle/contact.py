@@ -191,13 +191,14 @@ def _build_body(key: BodyKey, scene: _TickState) -> RigidBody:
 
 def _build_ego_body(before: VehicleState, after: VehicleState, vehicle: VehicleParameters) -> RigidBody:
     cos, sin = portable.cos_sin(after.yaw)
-    return replace(
-        build_box_body((before.x, before.y, before.yaw), (after.x, after.y, after.yaw), vehicle.length, vehicle.width),
-        velocity=(cos * after.vx - sin * after.vy, sin * after.vx + cos * after.vy),
-        yaw_rate=after.yaw_rate,
-        inverse_mass=1 / vehicle.mass,
-        inverse_inertia=1 / vehicle.yaw_inertia,
+    motion = (
+        (cos * after.vx - sin * after.vy, sin * after.vx + cos * after.vy),
+        after.yaw_rate,
+        1 / vehicle.mass,
+        1 / vehicle.yaw_inertia,
     )
+    start, end = (before.x, before.y, before.yaw), (after.x, after.y, after.yaw)
+    return build_box_body(start, end, vehicle.length, vehicle.width, motion)
 
 
 def _build_actor_body(actors: ObstacleMotion, row: int) -> RigidBody:
@@ -206,11 +207,9 @@ def _build_actor_body(actors: ObstacleMotion, row: int) -> RigidBody:
     x0, y0, yaw0 = _pose_of_row(actors.before, row)
     if max(abs(x1 - x0), abs(y1 - y0)) > MAX_SWEEP_M:
         x0, y0, yaw0 = x1, y1, yaw1
-    return replace(
-        build_box_body((x0, y0, yaw0), (x1, y1, yaw1), float(end.length[row]), float(end.width[row])),
-        velocity=((x1 - x0) / DT, (y1 - y0) / DT),
-        yaw_rate=wrap_angle(yaw1 - yaw0) / DT,
-    )
+    motion = ((x1 - x0) / DT, (y1 - y0) / DT), wrap_angle(yaw1 - yaw0) / DT, 0.0, 0.0
+    size = float(end.length[row]), float(end.width[row])
+    return build_box_body((x0, y0, yaw0), (x1, y1, yaw1), *size, motion)
 
 
 def _pose_of_row(actors: Actors, row: int) -> Pose:

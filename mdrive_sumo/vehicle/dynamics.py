@@ -9,6 +9,7 @@ It integrates by leapfrog (Störmer-Verlet; Hairer, Lubich and Wanner 2003) with
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 from mdrive_sumo.contract import Control, VehicleFacts
 from mdrive_sumo.core import portable
@@ -141,8 +142,7 @@ def step(
     x, y, yaw, steer_angle, drive, brake = body.x, body.y, body.yaw, body.steer_angle, body.drive, body.brake
     target, most_turn = control.steer * vehicle.max_steer_angle, vehicle.max_steer_rate * h
     pedal = control.brake if control.brake < vehicle.grip else vehicle.grip  # anti-lock brakes
-    lags = vehicle.steer_lag, vehicle.drive_lag, vehicle.brake_lag
-    turned, pressed, clamped = [-portable.expm1(-h / lag) for lag in lags]  # shares of the way that a sub-step goes
+    turned, pressed, clamped = _compute_shares(vehicle.steer_lag, vehicle.drive_lag, vehicle.brake_lag, h)
     cos, sin = portable.cos_sin(yaw)
     # Velocity in the world frame, so that a turning car needs no Coriolis terms.
     u, v, yaw_rate = cos * body.vx - sin * body.vy, sin * body.vx + cos * body.vy, body.yaw_rate
@@ -164,6 +164,12 @@ def step(
     if abs(vx) + abs(vy) + abs(yaw_rate) < 1e-3:  # static friction of standing tyres
         vx = vy = yaw_rate = 0.0
     return VehicleState(x, y, wrap_angle(yaw), vx, vy, yaw_rate, steer_angle, drive, brake, (vx - body.vx) / dt)
+
+
+@lru_cache(maxsize=16)
+def _compute_shares(steer_lag: float, drive_lag: float, brake_lag: float, h: float) -> Triple:
+    """Return the shares of their ways that steering, drive and brake go in a sub-step of h [s]."""
+    return -portable.expm1(-h / steer_lag), -portable.expm1(-h / drive_lag), -portable.expm1(-h / brake_lag)
 
 
 def _clamp(limit: float, value: float) -> float:

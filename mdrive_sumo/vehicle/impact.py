@@ -13,6 +13,9 @@ from mdrive_sumo.core import portable
 Pair = tuple[float, float]
 Pose = tuple[float, float, float]
 Points = tuple[Pair, ...]
+Motion = tuple[Pair, float, float, float]
+"""The last four fields of `RigidBody`."""
+STANDING: Motion = (0.0, 0.0), 0.0, 0.0, 0.0
 
 PENETRATION_TOLERANCE_M = 1e-3
 """Bodies may overlap by this much [m] before they are pushed apart, so that one sliding along another never snags."""
@@ -48,8 +51,8 @@ def build_static_body(piece: Points) -> RigidBody:
     return RigidBody(piece, piece, tuple((dy / d, -dx / d) for (dx, dy), d in zip(sides, lengths, strict=True)))
 
 
-def build_box_body(before: Pose, after: Pose, length: float, width: float) -> RigidBody:
-    """A build_box_body at its poses (x, y, yaw) at the start and the end of the tick, without velocity or mass."""
+def build_box_body(before: Pose, after: Pose, length: float, width: float, motion: Motion = STANDING) -> RigidBody:
+    """Return a box at its poses (x, y, yaw) at the start and the end of the tick."""
     yaws = (after[2],) if after[2] == before[2] else (after[2], before[2])
     normals = [portable.cos_sin(yaw) for yaw in yaws]
     normals += [(-y, x) for x, y in normals]
@@ -57,7 +60,8 @@ def build_box_body(before: Pose, after: Pose, length: float, width: float) -> Ri
         _corners(*before, length / 2, width / 2),
         _corners(*after, length / 2, width / 2),
         tuple(normals),
-        centre=after[:2],
+        after[:2],
+        *motion,
     )
 
 
@@ -85,6 +89,8 @@ class ContactManifold:
 
 def find_contact(first: RigidBody, second: RigidBody) -> ContactManifold | None:
     """Return the contact of two bodies in this tick, or None; gaps change linearly between start and end."""
+    if _is_clear(first, second):
+        return None
     entered, left, gap, apart = 0.0, 1.0, -math.inf, False
     best = (
         -1,
@@ -108,6 +114,19 @@ def find_contact(first: RigidBody, second: RigidBody) -> ContactManifold | None:
     if apart or entered > left or (best[0] == 0 and gap > -PENETRATION_TOLERANCE_M):
         return ContactManifold(meeting.normal, 0.0) if gap <= CONTACT_DISTANCE_M else None
     return meeting
+
+
+def _is_clear(first: RigidBody, second: RigidBody) -> bool:
+    """Return whether a direction towards the second body keeps them apart: `find_contact` would come to it late."""
+    (x0, y0), (x1, y1) = first.end[0], second.end[0]
+    for nx, ny in first.normals + second.normals:
+        normal = (nx, ny) if (x1 - x0) * nx + (y1 - y0) * ny > 0.0 else (-nx, -ny)
+        if (
+            _compute_gap(first.end, second.end, normal) > CONTACT_DISTANCE_M
+            and _compute_gap(first.start, second.start, normal) > -PENETRATION_TOLERANCE_M
+        ):
+            return True
+    return False
 
 
 def _separating_axes(first: RigidBody, second: RigidBody) -> Iterator[Pair]:

@@ -182,6 +182,8 @@ class PhaseOut(ResponseModel):
     seeds: int
     sensor_track_only: bool
     """Whether agents that are given lists of objects are rejected."""
+    cross_play_scenarios: int
+    """Scenarios of each pair on the board of cross-play; 0: there is none."""
 
 
 class PhasesOut(ResponseModel):

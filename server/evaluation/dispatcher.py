@@ -12,13 +12,14 @@ from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.executor import Executor
 from mdrive_sumo.runs.worker_process import WorkerFailure, describe_write_error
 from server.clock import now_us
 from server.enums import ScenarioVerdict
 from server.evaluation import spot_checks
-from server.evaluation.job_task import AgentRejection, JobResult, JobTask, load_task, move_files
+from server.evaluation.cross_play_work import CROSS_PLAY_PREFIX, CrossPlayWork
+from server.evaluation.disk_space import has_disk_space
+from server.evaluation.job_task import AgentRejection, EvaluatorMismatchError, JobResult, JobTask, load_task, move_files
 from server.evaluation.phase_separation import CLAIMED, PhaseSeparation
 from server.evaluation.stop_request import StopRequest
 from server.evaluation.write_summaries import write_left_over_summaries, write_summary
@@ -33,14 +34,8 @@ SECOND_US = 1_000_000
 IDLE_S = 1.0
 """Pause between queries of an idle worker [s]."""
 MAX_PAUSE_S = 60.0
-MIN_FREE_BYTES = 64 * 2**20
-"""Free disk space without which no job is claimed [bytes]: results that cannot be written count as our failures."""
 DISK_FULL_PAUSE_S = 10.0
 SPOT_CHECK_PREFIX = "spot-"
-
-
-class EvaluatorMismatchError(InputError):
-    """A job in the queue needs another version of the code or suite than this process has."""
 
 
 @dataclass(slots=True)
@@ -69,6 +64,7 @@ class Dispatcher:
         self._unwritten: deque[tuple[str, JobResult | WorkerFailure]] = deque()
         self._spot_checks: deque[int] = deque()
         self._separation = PhaseSeparation(settings.work.phase_kinds, settings.data, settings.work.drop_caches)
+        self._cross_play = CrossPlayWork(store, settings, suites, owner, clock)
         self._failed_in_a_row, self._resume_us = 0, 0
         self._seen_us: int | None = None
 
@@ -129,6 +125,7 @@ class Dispatcher:
             with self._store.write() as session:
                 workers.record_heartbeat(session, self._owner, self._settings.work.scheduler, now)
             write_left_over_summaries(self._store, self._clock, self._draw_spot_checks)
+            self._cross_play.plan()
             self._seen_us = now
 
     def _claim(self) -> None:
@@ -136,21 +133,16 @@ class Dispatcher:
             if self._spot_checks:  # before new jobs: a queue that is never empty must not delay them for ever
                 if not self._start_spot_check():
                     return
-            elif not (self._has_queued_job() and self._has_disk_space() and self._claim_one()):
+            elif self._has_queued_job():
+                if not (self._has_disk_space() and self._claim_one()):
+                    return
+            elif not self._cross_play.start_one(self._separation, self._executor):  # only while nothing else waits
                 return
 
     def _has_disk_space(self) -> bool:
-        data = self._settings.data
-        try:
-            free = shutil.disk_usage(data).free
-        except OSError as error:
-            raise InputError(f"data: expected a folder {data}, found none ({error.strerror})") from None
-        if free >= MIN_FREE_BYTES:
+        if has_disk_space(self._settings.data):
             return True
         self._resume_us = self._clock() + int(DISK_FULL_PAUSE_S * SECOND_US)
-        LOG.error(
-            "%s: expected %d MiB free, found %d: nothing new is begun", data, MIN_FREE_BYTES // 2**20, free // 2**20
-        )
         return False
 
     def _has_queued_job(self) -> bool:
@@ -192,6 +184,7 @@ class Dispatcher:
 
     def _prolong_leases(self) -> None:
         now = self._clock()
+        self._cross_play.prolong(self._executor, self._separation)
         due = [key for key, held in self._held.items() if now - held.beat_us >= self._beat_us]
         if not due:
             return
@@ -202,10 +195,9 @@ class Dispatcher:
             lost = [key for key in due if not self._prolong(session, self._held[key].task, now)]
         for key in due:
             self._held[key].beat_us = now
-        for key in lost:
-            if key not in waiting:
-                self._executor.cancel(key)
-                self._drop(key)
+        for key in {*lost} - waiting:
+            self._executor.cancel(key)
+            self._drop(key)
 
     def _prolong(self, session: Session, task: JobTask, now: int) -> bool:
         return jobs.heartbeat(session, task.job, self._owner, task.attempt, self._lease_us, now)
@@ -214,6 +206,10 @@ class Dispatcher:
         if key.startswith(SPOT_CHECK_PREFIX):
             self._separation.end(key)
             spot_checks.record_outcome(self._store, int(key.removeprefix(SPOT_CHECK_PREFIX)), outcome, self._clock())
+            return
+        if key.startswith(CROSS_PLAY_PREFIX):
+            if self._cross_play.finish(key, outcome, self._separation):
+                self._pause()
             return
         if key not in self._held:
             return
@@ -261,11 +257,14 @@ class Dispatcher:
                 submissions.reject(session, task.submission, rejection.why, now)
 
     def _pause_after(self, task: JobTask, outcome: JobResult) -> None:
-        """Pause after a failure on our side: a broken machine must not fail all submissions at full speed."""
-        if isinstance(outcome, AgentRejection) or outcome.verdict is not ScenarioVerdict.FAILED_OURS:
+        if isinstance(outcome, JobOutcome) and outcome.verdict is ScenarioVerdict.FAILED_OURS:
+            LOG.error("job %d, attempt %d: %s", task.job, task.attempt, outcome.failure)
+            self._pause()
+        else:
             self._failed_in_a_row = 0
-            return
-        LOG.error("job %d, attempt %d: %s", task.job, task.attempt, outcome.failure)
+
+    def _pause(self) -> None:
+        """Pause after a failure on our side: a broken machine must not fail all submissions at full speed."""
         pause_s = min(2.0 ** min(self._failed_in_a_row, 10), MAX_PAUSE_S)  # bounds the exponent
         self._failed_in_a_row += 1
         self._resume_us = self._clock() + int(pause_s * SECOND_US)
@@ -296,5 +295,6 @@ class Dispatcher:
         for key in self._held:
             self._executor.cancel(key)
         self._try(release)
+        self._try(lambda: self._cross_play.release(self._executor, self._separation))
         for key in tuple(self._held):
             self._drop(key)

@@ -5,12 +5,21 @@ from pathlib import Path
 
 from sqlalchemy.orm import Session
 
+from mdrive_sumo.core.errors import InputError
 from server.enums import ChallengeTrack
 from server.phase_suites import PhaseSuites
 from server.settings import ArchiveSettings, SandboxSettings, ServerSettings
 from server.store import phases, submissions
 from server.store.jobs import JobOutcome
 from server.store.tables import JobRow
+
+
+@dataclass(frozen=True, slots=True)
+class OtherArchive:
+    """The agent that drives the CAVs that are not under test, in a job of cross-play."""
+
+    archive_sha256: str
+    environment: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +42,8 @@ class JobTask:
     sandbox: SandboxSettings
     sensor_track_only: bool = field(default=False, kw_only=True)
     """Whether an agent that is given lists of objects is rejected."""
+    other: OtherArchive | None = field(default=None, kw_only=True)
+    """In cross-play, where neither recording nor logs are stored; None: the agent drives all CAVs."""
     limits: ArchiveSettings
     checksum: str = ""
     """Of the scenario's file when this worker read the suite; see `EpisodeJob.checksum`."""
@@ -63,6 +74,10 @@ class AgentRejection:
     """The agent requires what is not allowed; the whole submission is rejected with this reason."""
 
     why: str
+
+
+class EvaluatorMismatchError(InputError):
+    """A job in the queue needs another version of the code or suite than this process has."""
 
 
 JobResult = JobOutcome | AgentRejection

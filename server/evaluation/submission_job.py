@@ -4,6 +4,7 @@ import json
 import shutil
 import time
 from collections.abc import Mapping
+from dataclasses import asdict, replace
 from functools import lru_cache
 from multiprocessing import parent_process
 from pathlib import Path
@@ -17,6 +18,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.open_agents import RejectedError
+from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.scenario.suite import list_packaged_suites
 from server.archive import ArchiveRefused
 from server.environments import load_environment
@@ -39,19 +41,21 @@ def run_submission_job(task: JobTask) -> JobResult:
     """
     _join_group(task.sandbox.episode_memory_bytes)
     _find_task_layers(task)
-    try:
-        agent = _load_agent(task)
-    except ArchiveRefused as error:
-        return AgentRejection(str(error))
-    try:
-        check_style(agent.manifest.style, task.track)
-    except InputError as error:
-        return AgentRejection(str(error))
+    agents: list[SubmittedAgent] = []
+    for one in (task, *_find_other_tasks(task)):
+        try:
+            agents.append(_load_agent(one))
+        except ArchiveRefused as error:
+            return AgentRejection(str(error))
+        try:
+            check_style(agents[-1].manifest.style, task.track)
+        except InputError as error:
+            return AgentRejection(str(error))
     task.stage.mkdir(parents=True, exist_ok=True)
     try:
-        return _run_agent(task, agent)
+        return _run_agents(task, *agents)
     finally:
-        if not task.public:
+        if not task.public or task.other is not None:
             shutil.rmtree(task.stage, ignore_errors=True)
 
 
@@ -73,10 +77,15 @@ def _find_task_layers(task: JobTask) -> tuple[str, ...]:
     return tuple(name for name in found if name != "private-files" or task.sandbox.copies_folder() is not None)
 
 
-def _run_agent(task: JobTask, agent: SubmittedAgent) -> JobResult:
+def _find_other_tasks(task: JobTask) -> list[JobTask]:
+    """Return the task with the archive of the other agent, if there is one."""
+    return [replace(task, **asdict(task.other))] if task.other is not None else []
+
+
+def _run_agents(task: JobTask, agent: SubmittedAgent, other: SubmittedAgent | None = None) -> JobResult:
     start_s = time.monotonic()
     try:
-        result = run_job(_make_job(task, agent))
+        result = run_job(_make_job(task, agent, other))
     except RejectedError as error:
         return AgentRejection(str(error))
     if task.sensor_track_only and result.sensing_track == SensingTrack.OBJECT:
@@ -113,15 +122,16 @@ def _load_agent(task: JobTask) -> SubmittedAgent:
     )
 
 
-def _make_job(task: JobTask, agent: SubmittedAgent) -> EpisodeJob:
+def _make_job(task: JobTask, agent: SubmittedAgent, other: SubmittedAgent | None) -> EpisodeJob:
     suite = list_packaged_suites().get(task.suite, Path(task.suite))
     return EpisodeJob(
         suite_folder=suite.absolute(),
         scenario=task.scenario,
         agent=agent.agent_spec(),
+        others=OtherAgents(other.agent_spec()) if other is not None else None,
         seed=task.seed,
         options=EpisodeOptions(comm=COMM_BY_TRACK[task.track]),
-        recording=task.stage / f"{task.scenario}.npz" if task.public else None,
+        recording=task.stage / f"{task.scenario}.npz" if task.public and other is None else None,
         logs=task.stage,
         checksum=task.checksum,
     )

@@ -28,6 +28,7 @@ class NewPhase:
     in_total: int
     seeds: int = 1
     sensor_track_only: bool = False
+    cross_play_scenarios: int = 0
 
 
 def set_phases(session: Session, wanted: Iterable[NewPhase], now_us: int) -> None:

@@ -63,6 +63,8 @@ class PhaseRow(TableBase):
     """Seeds 0 .. n-1 of every scenario."""
     sensor_track_only: Mapped[bool] = mapped_column(default=False, server_default=false())
     """Whether agents that are given lists of objects are rejected."""
+    cross_play_scenarios: Mapped[int] = mapped_column(default=0, server_default="0")
+    """Scenarios of each pair of agents on the board of cross-play; 0: there is none."""
 
 
 class SubmissionRow(TableBase):
@@ -134,6 +136,31 @@ class JobRow(TableBase):
     """Usage of the sandboxes: CPU time, memory, latency histogram, exit, layers."""
     failure: Mapped[str] = mapped_column(Text, default="")
     """Failure on our side in the last attempt; for admins only."""
+
+
+class CrossPlayJobRow(TableBase):
+    """One scenario in which a CAV of one submission drives among CAVs of another; see `store.cross_play`."""
+
+    __tablename__ = "cross_play_jobs"
+    __table_args__ = (
+        UniqueConstraint("phase", "evaluator", "tested", "others", "scenario"),
+        Index("cross_play_jobs_to_claim", "state", "lease_us"),
+    )
+    id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
+    phase: Mapped[str] = mapped_column(ForeignKey("phases.id"))
+    evaluator: Mapped[str] = mapped_column(String(16))
+    tested: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
+    others: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
+    scenario: Mapped[str] = mapped_column(String(120))
+    state: Mapped[str] = mapped_column(String(16))
+    attempt: Mapped[int] = mapped_column(default=0)
+    failures: Mapped[int] = mapped_column(default=0)
+    owner: Mapped[str | None] = mapped_column(String(80))
+    lease_us: Mapped[int | None]
+    finished_us: Mapped[int | None]
+    result: Mapped[dict[str, Any] | None]
+    """A `store.cross_play.CrossPlayScore`."""
+    failure: Mapped[str] = mapped_column(Text, default="")
 
 
 class JobOverviewRow(TableBase):

@@ -184,7 +184,7 @@ class BoardLine:
 def _render_page(
     session: Session, view: BoardView, tabs: Sequence[PhaseTab], parts: PhaseParts, now_open: frozenset[str]
 ) -> _RenderedBoard:
-    board = read_leaderboard(session, view.key)
+    board, phase = read_leaderboard(session, view.key), phases.get(session, view.key.phase)
     rows = sorted(
         board.rows, key=lambda row: _sort_key(row, view.sort), reverse=SORTS[view.sort] is not view.is_reversed
     )
@@ -209,6 +209,7 @@ def _render_page(
         "unranked": any(row.rank is None for row in rows),
         "published": board.published,
         "open": board.phase in now_open,
+        "has_cross_play": phase.public and phase.cross_play_scenarios > 0,
     }
     fragment = render("board_table.html", **context)
     around = {"cut": Markup(_VISITOR_MARK), "board": Markup(fragment), "tab": context["tab"]}

@@ -6,6 +6,7 @@ from fastapi import APIRouter, Depends, FastAPI
 
 from server.web import (
     admin_pages,
+    cross_play_page,
     error_page,
     guide_page,
     leaderboard_page,
@@ -35,6 +36,7 @@ def mount_pages(app: FastAPI) -> None:
         submission_page,
         scenario_page,
         overview_pages,
+        cross_play_page,
         team_page,
         team_actions,
         admin_pages,

@@ -94,6 +94,7 @@ def test_what_is_copied_exists_and_is_not_ignored() -> None:
     assert ignored[0] == "*"
 
 
+@pytest.mark.slow
 def test_the_server_is_asked_whether_it_is_well() -> None:
     ((*_, url),) = of("server", "HEALTHCHECK")
     port, path = re.search(r"127\.0\.0\.1:(\d+)(/\S+)'", url).groups()  # type: ignore[union-attr]

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from testing.paths import ROOT, TESTS
@@ -64,10 +65,35 @@ def test_a_last_test_that_breaks_its_worker_fails_the_session(tmp_path: Path) ->
 def test_every_name_in_the_sample_of_full_tests_is_a_test() -> None:
     """A renamed test would otherwise leave the gate without a word."""
     script = (ROOT / ".ci" / "run").read_text()
-    names = set(re.findall(r"\btest_\w+", "".join(re.findall(r"^FULL_SAMPLE.*$", script, re.MULTILINE))))
+    names = set(
+        re.findall(r"\btest_\w+", "".join(re.findall(r"^(?:FULL_SAMPLE|DOCKER_TEST).*$", script, re.MULTILINE)))
+    )
     assert names
     files = [path for path in TESTS.rglob("test_*.py") if path != Path(__file__)]
     known = {path.stem for path in files} | {
         name for path in files for name in re.findall(r"^\s*(?:async )?def (test_\w+)", path.read_text(), re.MULTILINE)
     }
     assert {name for name in names if not any(name in one for one in known)} == set()
+
+
+@pytest.mark.parametrize(
+    ("marks", "expression", "left_out"),
+    [
+        ("pytest.mark.slow", "not slow and not full", True),
+        ("pytest.mark.slow", "not full", False),
+        ("pytest.mark.slow", "slow and not full", False),
+        ("pytest.mark.slow", "", False),
+        ("[pytest.mark.full, pytest.mark.costly_fixture]  # in `make test`: others", "not full", True),
+        ("[\n    needs_it,\n    pytest.mark.slow,\n]", "not slow and not full", True),
+        ('pytest.mark.usefixtures("in_process")', "not slow and not full", False),
+        ("pytest.mark.slowly", "not slow", False),
+    ],
+)
+def test_modules_that_would_be_deselected_are_not_imported(
+    pytestconfig: pytest.Config, tmp_path: Path, marks: str, expression: str, left_out: bool
+) -> None:
+    (ours,) = [found for found in pytestconfig.pluginmanager.get_plugins() if hasattr(found, "MARKS_OF_MODULE")]
+    module = tmp_path / "test_it.py"
+    module.write_text(f"import pytest\n\npytestmark = {marks}\n\n\n@pytest.mark.slow\ndef test_it() -> None: ...\n")
+    config = SimpleNamespace(option=SimpleNamespace(markexpr=expression))
+    assert bool(ours.pytest_ignore_collect(module, config)) is left_out

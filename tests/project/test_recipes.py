@@ -122,6 +122,9 @@ def test_the_code_of_the_recipes_passes_the_linter(scratch: Path) -> None:
 
 def drive_baseline(folder: Path) -> tuple[dict[str, Any], str]:
     """Return results and report of a run."""
+    from testing.local_executor import run_in_process
+
+    run_in_process(pytest.MonkeyPatch())  # for this process, which ends with the module
     run_command("eval", "--scenario", "i02*", "--agent", "full-throttle", "--out", folder / "run", "--no-record")
     return json.loads((folder / "run" / "results.json").read_text("utf-8")), (folder / "run" / "report.md").read_text()
 

@@ -6,12 +6,14 @@ from mdrive_sumo.generate.hard.candidate_evaluation import (
     CandidateTask,
     RejectionStage,
 )
+from mdrive_sumo.generate.hard.elite_check import EliteCheck
 from mdrive_sumo.generate.hard.family import BUCKET, FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.study.need_certificate import NeedCertificate
 
 ROUTE_M = 12
 """As few metres as `omniscient` drives in three seconds."""
@@ -84,3 +86,10 @@ def evaluate_by_formula(task: CandidateTask) -> CandidateEvaluation:
         is_certified=b > 10.0,
     )
     return blank.model_copy(update={"figures": figures})
+
+
+def make_check(name: str, *scores: float) -> EliteCheck:
+    """Return the check of an elite with these scores, and a certificate without conflicts."""
+    return EliteCheck(
+        id=name, seeds=max(len(scores), 2), scores=scores, need=NeedCertificate(scenario=name, conflicts=())
+    )

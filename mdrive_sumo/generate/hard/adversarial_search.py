@@ -29,8 +29,8 @@ from mdrive_sumo.runs.journal import Fingerprint, Journal
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.scenario import describe_first_error
 
-CANDIDATE_LIMIT_S = 300.0
-"""Wall clock for one candidate."""
+CANDIDATE_LIMIT_S = 1800.0
+"""Wall clock for one candidate: it ends what hangs, and must not end what only waits for a busy machine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ def run_search(
 ) -> tuple[FamilySearch, ...]:
     """Search all families and return them with their archives. Raises InputError, KeyboardInterrupt.
 
-    only_kept: evaluate nothing; a family ends before the first batch that the journal does not hold completely.
+    only_kept: evaluate nothing; a family ends with the first batch that the journal does not hold completely.
     """
     searches = tuple(FamilySearch(family, settings.seed) for family in settings.families)
     active = list(searches)
@@ -134,14 +134,13 @@ def run_search(
                 for search in active
             ]
             missing = [_find_missing(batch, journal) for batch in batches]
-            if only_kept:
-                keeps = [not tasks for tasks in missing]
-                active = [search for search, keep in zip(active, keeps, strict=True) if keep]
-                batches = [batch for batch, keep in zip(batches, keeps, strict=True) if keep]
-            else:
+            if not only_kept:
                 _evaluate(pool, _interleave(missing), journal, progress)
             for search, batch in zip(active, batches, strict=True):
-                search.record_batch([journal.evaluations[task.candidate.scenario_id] for task in batch])
+                names = [task.candidate.scenario_id for task in batch]
+                search.record_batch([journal.evaluations[name] for name in names if name in journal.evaluations])
+            if only_kept:
+                active = [search for search, tasks in zip(active, missing, strict=True) if not tasks]
     return searches
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 BATCH = 8
 """Candidates proposed at once: a smaller batch learns earlier, a larger one keeps more workers busy."""
-FIRST_CANDIDATES = 24
+FIRST_CANDIDATES = 16
 """Of the Latin hypercube."""
 ISO_SIGMA, LINE_SIGMA = 0.05, 0.2
 """Standard deviations of the iso+line operator in units of a parameter's range: 0.01 and 0.2 in Vassiliades and Mouret

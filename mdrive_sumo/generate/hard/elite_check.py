@@ -5,11 +5,13 @@ from dataclasses import dataclass
 from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.core.errors import WorldError
-from mdrive_sumo.generate.hard.reference_drive import compute_reference_score
+from mdrive_sumo.generate.hard.reference_drive import drive_with, score_reference
 from mdrive_sumo.generate.validation import FULL_SCORE, HARD_SEEDS
 from mdrive_sumo.roads import find_network_folder, load_road_map
+from mdrive_sumo.scenario.reference_times import REFERENCE_AGENT
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
+from mdrive_sumo.study.need_certificate import NeedCertificate, certify_need
 
 CHECK_SEEDS = HARD_SEEDS
 
@@ -31,13 +33,15 @@ class EliteCheck(BaseModel):
     seeds: int
     """How many were asked for."""
     scores: tuple[float, ...] = ()
+    need: NeedCertificate | None = None
+    """The certificate of need, from the drive with seed 0; None if that failed."""
     reason: str = ""
     """Why there is no score with the next seed; "": all were driven, or the last score is not 100."""
 
     @property
     def is_solved(self) -> bool:
         """Whether `omniscient` scores 100 with every seed."""
-        return len(self.scores) == self.seeds and min(self.scores) >= FULL_SCORE
+        return len(self.scores) == self.seeds and min(self.scores) >= FULL_SCORE and self.need is not None
 
 
 def check_elite(task: EliteTask) -> EliteCheck:
@@ -45,14 +49,18 @@ def check_elite(task: EliteTask) -> EliteCheck:
     scenario = task.scenario
     roads = load_road_map(find_network_folder(scenario.network))
     scores: list[float] = []
-    for seed in range(task.seeds):
-        try:
-            scores.append(compute_reference_score(scenario, roads, seed))
-        except WorldError as error:
-            return EliteCheck(id=scenario.id, seeds=task.seeds, scores=tuple(scores), reason=str(error))
-        if scores[-1] < FULL_SCORE:
-            break
-    return EliteCheck(id=scenario.id, seeds=task.seeds, scores=tuple(scores))
+    need: NeedCertificate | None = None
+    reason = ""
+    try:
+        for seed in range(task.seeds):
+            episode = drive_with(REFERENCE_AGENT, scenario, roads, seed)
+            scores.append(score_reference(episode, scenario, roads, seed))
+            if scores[-1] < FULL_SCORE:
+                break
+            need = need or certify_need(scenario, roads, episode)
+    except WorldError as error:
+        reason = str(error)
+    return EliteCheck(id=scenario.id, seeds=task.seeds, scores=tuple(scores), need=need, reason=reason)
 
 
 def describe_check(check: EliteCheck) -> str:

@@ -11,8 +11,6 @@ from mdrive_sumo.scenario.variation import vary_scenario
 from mdrive_sumo.scoring import ScoreMode, score_episode
 from mdrive_sumo.study.occlusion_certificate import REFERENCE_OPTIONS
 
-REFERENCE_AGENT = "omniscient"
-
 
 def drive_with(
     agent: str, scenario: Scenario, roads: RoadMap, seed: int = 0, options: EpisodeOptions = REFERENCE_OPTIONS
@@ -24,7 +22,6 @@ def drive_with(
         return run_episode(config, world, drivers)
 
 
-def compute_reference_score(scenario: Scenario, roads: RoadMap, seed: int) -> float:
-    """Return the driving score of `omniscient` with a seed. Raises WorldError."""
-    episode = drive_with(REFERENCE_AGENT, scenario, roads, seed)
+def score_reference(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap, seed: int) -> float:
+    """Return the driving score of an episode of a scenario as the seed draws it."""
     return score_episode(episode, vary_scenario(scenario, roads, seed), roads, ScoreMode.MDRIVE, seed).ds

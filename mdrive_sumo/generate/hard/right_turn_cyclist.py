@@ -132,7 +132,7 @@ def _build_oncoming(corner: _Corner, names: list[str]) -> list[Ego]:
 
 
 FAMILY = ScenarioFamily(
-    category="Right_Turn_Cyclist",
+    category="right-turn-cyclist",
     description="Right turn across a cyclist who rides on the pavement behind a row of parked vans.",
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "corridor and junction"),

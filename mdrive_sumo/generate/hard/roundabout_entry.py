@@ -63,7 +63,7 @@ def _build_opposite(roads: RoadMap, arm: int, count: int) -> list[Ego]:
 
 
 FAMILY = ScenarioFamily(
-    category="Hidden_Roundabout_Entry",
+    category="roundabout-entry",
     description="Entry into a roundabout whose island and corner houses hide the traffic in the ring.",
     parameters=(
         *build_encounter_parameters((50.0, 140.0), (6.0, 13.8), (7.0, 11.0)),

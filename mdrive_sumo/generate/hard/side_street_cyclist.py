@@ -130,15 +130,15 @@ def _build_on_main(found: _Exit, names: list[str], witness_m: float) -> list[Ego
 
 
 FAMILY = ScenarioFamily(
-    category="Side_Street_Cyclist",
+    category="side-street-cyclist",
     description="Exit of a side street across a pavement with a fast cyclist behind the corner house.",
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "side street"),
         FamilyParameter("own_m", 25.0, 75.0, "m", "distance of CAV 0 from the cyclist's path"),
         FamilyParameter("own_speed", 3.0, 12.0, "m/s", "start speed of CAV 0"),
         FamilyParameter("gap_s", -3.0, 4.0, "s", "how much later than CAV 0 the cyclist reaches the crossing"),
-        FamilyParameter("cycling_speed", 4.0, 8.5, "m/s", "speed of the cyclist"),
-        FamilyParameter("ride_m", 4.6, 6.0, "m", "distance of the cyclist's path from the lane: 6 m is at the house"),
+        FamilyParameter("cycling_speed", 4.0, 9.0, "m/s", "speed of the cyclist"),
+        FamilyParameter("ride_m", 4.8, 6.2, "m", "distance of the cyclist's path from the lane; houses stand at 7 m"),
         FamilyParameter("from_right", 0.0, 1.0, "", "whether the cyclist comes from the right (from 0.5 on)"),
         FamilyParameter("witness_m", 20.0, 110.0, "m", "distance of the first CAV on the main street"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit stands across the street (from 0.5 on)"),

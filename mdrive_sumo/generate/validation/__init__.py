@@ -1,6 +1,7 @@
 """Validation of suites as reported by `mdrive-sumo validate`: sound, difficult and solvable scenarios that match the
 suite's name."""
 
+from mdrive_sumo.generate.validation.hard_suite_validation import is_hard_suite
 from mdrive_sumo.generate.validation.requirements import FULL_SCORE, NEAR_MISS_TTC_S
 from mdrive_sumo.generate.validation.rule_coverage import describe_rules
 from mdrive_sumo.generate.validation.scenario_validation import (
@@ -25,4 +26,5 @@ __all__ = [
     "describe_rules",
     "describe_suite",
     "find_suite_problems",
+    "is_hard_suite",
 ]

@@ -1,11 +1,13 @@
 """Validation of a suite of the hard tier as a whole: how many scenarios, categories, certificates and corridors."""
 
 from collections.abc import Iterator, Sequence
+from statistics import fmean
 
 from mdrive_sumo.generate.hard.corridors import is_corridor_network
 from mdrive_sumo.generate.validation.hard_validation import HARD_BUCKET
 from mdrive_sumo.generate.validation.scenario_validation import ScenarioValidation
 from mdrive_sumo.scenario.suite import Suite
+from mdrive_sumo.study.need_certificate import NEED_FILE, load_need, read_need
 
 HARD_SUITE = "hard"
 """The packaged suite."""
@@ -26,6 +28,7 @@ def find_hard_problems(
 
     must_be_complete: it comes with mdrive-sumo, so it needs certificates and, named `hard`, all that issue K asks for.
     """
+    yield from _check_need(suite, examined, remedy, must_be_complete)
     if must_be_complete and suite.name == HARD_SUITE:
         yield from _count_scenarios(suite)
 
@@ -33,7 +36,36 @@ def find_hard_problems(
 def describe_hard_suite(suite: Suite) -> str:
     """Return a remark about a suite of the hard tier."""
     categories = len({scenario.category for scenario in suite.scenarios})
-    return f"{len(suite)} scenarios in {categories} categories, {_count_corridors(suite)} on dense corridors"
+    certificates = load_need(suite)
+    holding = [one for one in certificates.values() if one.holds]
+    return (
+        f"{len(suite)} scenarios in {categories} categories, {_count_corridors(suite)} on dense corridors,"
+        f" {len(holding)} with a certificate of need that holds"
+        + (f" (a message gains {fmean(one.lead_s for one in holding):.1f} s on average)" if holding else "")
+    )
+
+
+def _check_need(
+    suite: Suite, examined: Sequence[ScenarioValidation], remedy: str, must_be_complete: bool
+) -> Iterator[str]:
+    """Check whether the stored certificates belong to the suite and are still true."""
+    file = read_need(suite.folder)
+    if file is None:
+        if must_be_complete:
+            yield f"expected {NEED_FILE}, as in every packaged suite of the hard tier, found none; {remedy}"
+        return
+    if file.suite_checksum != suite.checksum():
+        yield (
+            f"{NEED_FILE}: expected certificates of {suite.checksum()[:19]}..., found those of"
+            f" {file.suite_checksum[:19]}...; {remedy}"
+        )
+        return
+    kept, ours = file.of(suite), {scenario.id for scenario in suite.scenarios}
+    if missing := sorted(ours - set(kept)):
+        yield f"{NEED_FILE}: expected a certificate of each scenario, found none of {missing[0]}; {remedy}"
+    found = (one for one in examined if one.hard is not None and one.scenario in kept)
+    if changed := [one.scenario for one in found if one.hard and one.hard.need != kept[one.scenario]]:
+        yield f"{NEED_FILE}: expected what was just found, found otherwise for {changed[0]}; {remedy}"
 
 
 def _count_scenarios(suite: Suite) -> Iterator[str]:
@@ -41,6 +73,8 @@ def _count_scenarios(suite: Suite) -> Iterator[str]:
         yield f"expected {LEAST_SCENARIOS} scenarios or more, found {len(suite)}"
     if (categories := len({scenario.category for scenario in suite.scenarios})) < LEAST_CATEGORIES:
         yield f"expected {LEAST_CATEGORIES} categories or more, found {categories}"
+    if (holding := sum(one.holds for one in load_need(suite).values())) < LEAST_CERTIFIED:
+        yield f"expected {LEAST_CERTIFIED} certificates of need that hold, found {holding}"
     if (corridors := _count_corridors(suite)) < LEAST_CORRIDORS * len(suite):
         yield f"expected a third of {len(suite)} scenarios on dense corridors, found {corridors}"
 

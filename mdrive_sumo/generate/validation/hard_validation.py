@@ -8,13 +8,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from mdrive_sumo.generate.hard.family import BUCKET as HARD_BUCKET
-from mdrive_sumo.generate.hard.reference_drive import compute_reference_score, drive_with
+from mdrive_sumo.generate.hard.reference_drive import drive_with, score_reference
 from mdrive_sumo.generate.hard.time_limits import compute_time_limits
 from mdrive_sumo.generate.validation.requirements import FULL_SCORE
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.reference_times import REFERENCE_AGENT, ReferenceTicks
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScoreMode, find_arrival_ticks, score_episode
+from mdrive_sumo.study.need_certificate import NeedCertificate, certify_need
 
 __all__ = ["HARD_BUCKET", "HardValidation", "validate_hard_scenario"]
 
@@ -27,6 +28,7 @@ class HardValidation:
     omniscient_ds: float
     """Seed 0."""
     reference: ReferenceTicks
+    need: NeedCertificate
     seeds: int
     """With how many seeds `omniscient` was driven."""
 
@@ -40,14 +42,18 @@ def validate_hard_scenario(scenario: Scenario, roads: RoadMap, seeds: int) -> Ha
         *_find_unsolved(scenario, roads, result.ds, seeds),
         *_find_wrong_limits(scenario, ticks),
     )
-    return HardValidation(problems, result.ds, ticks, seeds)
+    return HardValidation(problems, result.ds, ticks, certify_need(scenario, roads, solved), seeds)
 
 
 def _find_unsolved(scenario: Scenario, roads: RoadMap, first_ds: float, seeds: int) -> Iterator[str]:
     for seed in range(seeds):
-        ds = compute_reference_score(scenario, roads, seed) if seed else first_ds
+        ds = _score_seed(scenario, roads, seed) if seed else first_ds
         if ds < FULL_SCORE:
             yield f"not solvable: seed {seed}: expected {REFERENCE_AGENT} to reach DS {FULL_SCORE:g}, found {ds:.2f}"
+
+
+def _score_seed(scenario: Scenario, roads: RoadMap, seed: int) -> float:
+    return score_reference(drive_with(REFERENCE_AGENT, scenario, roads, seed), scenario, roads, seed)
 
 
 def _find_wrong_limits(scenario: Scenario, ticks: ReferenceTicks) -> Iterator[str]:

@@ -71,6 +71,21 @@ class CrossingSearch:
             bounds.append(float(math.floor(bounds[-1]) + 1.0))
         return bounds
 
+    def find_steady_crossing(self) -> SafeCrossing | None:
+        """Return a crossing in one range of speeds in which the CAV always sees the road user in time, or None.
+
+        A cheap test that spares the search where nothing is hidden.
+        """
+        for j in range(len(self.speeds) - 2, -1, -1):
+            states = [self._build_state(i, j, True) for i in range(len(self.stations))]
+            if not all(state.is_reachable for state in states):
+                continue
+            worst = max(states, key=lambda state: state.earliest_s + state.remaining_s)
+            arrival_s = worst.earliest_s + worst.remaining_s
+            if arrival_s <= self.limit_s and all(not s.is_committed or self.doom.sees_at_once(s) for s in states):
+                return SafeCrossing(arrival_s, worst.back_m, worst.fast)
+        return None
+
     def find_crossing(self) -> SafeCrossing | None:
         """Return the crossing with the least bound of its arrival time.
 

@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 
 import numpy as np
 
@@ -14,9 +13,6 @@ from mdrive_sumo.study.need.occluders import BIN_TICKS
 from mdrive_sumo.study.need.reaction import UserReaction
 from mdrive_sumo.study.need.sight_tables import SightTables
 from mdrive_sumo.study.need.witnesses import Witnesses
-
-PROBES = 10
-"""Stretches from which the CAV is first asked whether it sees the road user."""
 
 
 @dataclass(frozen=True)
@@ -104,16 +100,12 @@ class DoomTest:
             found |= (sets == one).any(axis=0) & (views[rows, end] > views[rows, begin])
         return found
 
-    @cached_property
-    def is_hopeless(self) -> bool:
-        """Whether no state is doomed, because the CAV sees the road user on the way; a cheap test, not sharp."""
-        tables, zone = self.tables, self.tables.zone
-        room = tables.motion.top_speed * tables.motion.top_speed / (2.0 * tables.motion.deceleration)
-        rows = range(*(int(i) for i in tables.find_stretches(np.array(zone.enter_m - room), np.array(zone.leave_m))))
-        slowest = ApproachState(tables.motion, zone, zone.enter_m, zone.enter_m - room, 0.0, 0.0)
-        cells = tables.find_cells(np.arange(zone.enter - math.ceil(slowest.clear_s / DT), zone.leave + 1))
-        looks = product(range(len(tables.sets)), rows[:: len(rows) // PROBES + 1])
-        return all(tables.look_from_route(row, number)[cells].all() for number, row in looks)
+    def sees_at_once(self, state: ApproachState) -> bool:
+        """Return whether the CAV sees the road user at the state, so that it is not doomed; a cheap test, not sharp."""
+        ticks = self._list_candidates(state)
+        begin, end = self.tables.find_stretches(np.array(state.back_m), np.array(state.front_m))
+        cells = self.tables.find_cells(ticks)
+        return all(bool(self.tables.look_past_all(row)[cells].all()) for row in range(int(begin), int(end)))
 
 
 def _to_seconds(ticks: Int) -> Float:

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Int
-from mdrive_sumo.core.state import DT, Kind
-from mdrive_sumo.sensing.lidar_world import assume_heights
+from mdrive_sumo.core.state import DT
 from mdrive_sumo.study.need.approach import OVERRUN_M
-from mdrive_sumo.study.need.occluders import EYE_M, Box
+from mdrive_sumo.study.need.occluders import Box, find_opaque
 from mdrive_sumo.study.need.sight_tables import SightTables
 from mdrive_sumo.study.need.witnesses import Witnesses
 
@@ -69,14 +68,14 @@ class ReferenceDrive:
     def _sees(self, tick: int) -> bool:
         e, ego, user = self.tables.record, self.tables.ego, self.tables.zone.road_user
         eye = float(e.x[tick, ego]), float(e.y[tick, ego])
-        others = tuple(self._box(tick, i) for i in self._list_high(tick).tolist())
+        others = tuple(self._box(tick, i) for i in self._list_opaque(tick).tolist())
         return bool(self.tables.occluders.find_visible(eye, 0.0, others, (self._box(tick, user),))[0])
 
-    def _list_high(self, tick: int) -> Int:
+    def _list_opaque(self, tick: int) -> Int:
         e = self.tables.record
-        high = e.valid[tick] & (e.kind == Kind.VEHICLE) & (assume_heights(e.kind, e.length) > EYE_M)
-        high[[self.tables.ego, self.tables.zone.road_user]] = False
-        return np.flatnonzero(high)
+        opaque = e.valid[tick] & find_opaque(e, self.tables.vehicles.over_roofs)
+        opaque[[self.tables.ego, self.tables.zone.road_user]] = False
+        return np.flatnonzero(opaque)
 
     def _box(self, tick: int, i: int) -> Box:
         e = self.tables.record

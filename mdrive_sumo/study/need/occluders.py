@@ -1,4 +1,4 @@
-"""What stands between two road users: buildings, and vehicles higher than a LiDAR on a roof while they stand still.
+"""What stands between two road users: buildings, and vehicles and high props while they stand still.
 
 An eye that may be anywhere within a distance e of a point sees past an occluder at most what an eye at that point sees
 past the occluder eroded by e: move the line of sight by e, and it still misses what was eroded. So what is hidden
@@ -20,7 +20,7 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.lidar_sensor import ABOVE_ROOF_M
 from mdrive_sumo.sensing.lidar_world import CAR_M, assume_heights
-from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
+from mdrive_sumo.sensing.sensing_frame import LOW_M, SensingFrame, SensorPose
 from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 
 RANGE_M = 1000.0
@@ -33,6 +33,10 @@ STANDING_M = 0.005
 """A vehicle whose pose changes by less stands still (recordings are rounded to 1 mm)."""
 EROSION_STEP_M = 0.1
 """Erosions are rounded up to multiples of this, so that buildings are eroded few times."""
+
+
+MAX_SETS = 4
+"""Different sets of standing vehicles that are told apart: each costs a table."""
 
 
 class Box(NamedTuple):
@@ -59,56 +63,92 @@ def enclose_boxes(x: Float, y: Float, yaw: Float, length: float, width: float) -
     return Box(cos * middle - sin * centre, sin * middle + cos * centre, direction, front - back, left - right)
 
 
+def find_opaque(record: EpisodeRecord, over_roofs: bool) -> Bool:
+    """Return (N,) which road users and props hide what lies behind them, in the plane or for a LiDAR on a roof."""
+    e = record
+    if over_roofs:
+        return (e.kind == Kind.VEHICLE) & (assume_heights(e.kind, e.length) > EYE_M)
+    is_long = np.maximum(e.length, e.width) > LOW_M
+    return (e.kind == Kind.VEHICLE) | ((e.kind == Kind.STATIC) & is_long)
+
+
 @dataclass(frozen=True)
-class StandingOccluders:
-    """The occluders between a pair of road users."""
+class StandingVehicles:
+    """All that stands still in a recording, by bin of time."""
 
     record: EpisodeRecord
-    roads: RoadMap
-    pair: tuple[int, int]
-    """Columns of the two, which do not hide each other."""
-    region: shapely.Geometry
-    """Contains every line of sight between the two."""
+    over_roofs: bool
+    """Whether only vehicles higher than a LiDAR on the roof count, not all that hide something in the plane."""
 
     @cached_property
     def bins(self) -> int:
         """Number of whole bins of the recording, at least one."""
         return max(self.record.ticks // BIN_TICKS, 1)
 
-    def list_at(self, number: int) -> tuple[Box, ...]:
-        """Return the vehicles that stand during a bin; after the recording those that stood during all of it."""
-        standing, x, y, yaw = self._standing
-        at = min(number, self.bins - 1)
-        chosen = standing[at] if number < self.bins else standing.all(axis=0)
-        return tuple(
-            Box(float(x[at, i]), float(y[at, i]), float(yaw[at, i]), float(length), float(width))
-            for i, length, width in (
-                (i, self.record.length[self._columns[i]], self.record.width[self._columns[i]])
-                for i in np.flatnonzero(chosen).tolist()
-            )
-        )
+    @cached_property
+    def columns(self) -> Int:
+        """(C,) columns of road users and props that can hide something."""
+        return np.flatnonzero(find_opaque(self.record, self.over_roofs))
 
     @cached_property
-    def _columns(self) -> Int:
-        """Columns of vehicles that are high enough to hide something."""
-        e = self.record
-        high = (e.kind == Kind.VEHICLE) & (assume_heights(e.kind, e.length) > EYE_M)
-        high[list(self.pair)] = False
-        return np.flatnonzero(high)
+    def standing(self) -> Bool:
+        """(bins, C) whether each stands during the whole bin."""
+        ticks = min(self.bins * BIN_TICKS, self.record.ticks)
+        shape = self.bins, ticks // self.bins, len(self.columns)
+        still = self.record.valid[:ticks, self.columns].reshape(shape).all(axis=1)
+        for values in (self.record.x, self.record.y, self.record.yaw):
+            still &= np.ptp(values[:ticks, self.columns].reshape(shape), axis=1) < STANDING_M
+        return still
 
     @cached_property
-    def _standing(self) -> tuple[Bool, Float, Float, Float]:
-        """(bins, C) whether each of `_columns` stands in the region during the whole bin, and its pose, rounded."""
-        e, columns = self.record, self._columns
-        ticks = min(self.bins * BIN_TICKS, e.ticks)
-        shape = (self.bins, ticks // self.bins, len(columns))
-        valid = e.valid[:ticks, columns].reshape(shape).all(axis=1)
-        poses = np.stack([values[:ticks, columns].reshape(shape) for values in (e.x, e.y, e.yaw)])
-        still = (np.ptp(poses, axis=2) < STANDING_M).all(axis=0)
-        x, y, yaw = np.round(poses[0, :, 0], 2), np.round(poses[1, :, 0], 2), np.round(poses[2, :, 0], 3)
-        gaps = np.asarray(shapely.distance(shapely.points(x, y), self.region))
-        near = gaps <= portable.hypot(e.length[columns], e.width[columns]) / 2
-        return valid & still & near, x, y, yaw
+    def poses(self) -> Float:
+        """(3, bins, C) x, y and yaw at the begin of every bin, rounded so that what stands has one pose."""
+        ticks = np.arange(self.bins) * BIN_TICKS
+        values = (self.record.x, self.record.y, self.record.yaw)
+        return np.stack([np.round(v[ticks][:, self.columns], d) for v, d in zip(values, (2, 2, 3), strict=True)])
+
+
+@dataclass(frozen=True)
+class StandingOccluders:
+    """The occluders between a pair of road users."""
+
+    vehicles: StandingVehicles
+    roads: RoadMap
+    pair: tuple[int, int]
+    """Columns of the two, which do not hide each other."""
+    region: shapely.Geometry
+    """Contains every line of sight between the two."""
+
+    def list_by_bin(self) -> list[tuple[Box, ...]]:
+        """Return the boxes that stand during each bin, and as the last entry those of all times after the recording.
+
+        Neighbouring bins are joined until there are at most `MAX_SETS` different sets: what stands in all of them.
+        After the recording stands what stood during all of it.
+        """
+        between = self._find_between()
+        standing, joined, bins = between, 1, self.vehicles.bins
+        while joined < bins and len(np.unique(standing, axis=0)) > MAX_SETS:
+            joined *= 2
+            groups = np.arange(bins) // joined
+            standing = np.array([between[groups == group].all(axis=0) for group in groups.tolist()])
+        rows = [*standing, between.all(axis=0)]
+        return [self._build_boxes(min(at, bins - 1), np.asarray(row)) for at, row in enumerate(rows)]
+
+    def _build_boxes(self, at: int, chosen: Bool) -> tuple[Box, ...]:
+        e, rows = self.vehicles.record, np.flatnonzero(chosen)
+        columns = self.vehicles.columns[rows]
+        table = np.stack((*self.vehicles.poses[:, at, rows], e.length[columns], e.width[columns]), axis=-1)
+        return tuple(Box(*row) for row in table.tolist())
+
+    def _find_between(self) -> Bool:
+        """Return (bins, C) whether each stands in the region during the whole bin."""
+        e, vehicles = self.vehicles.record, self.vehicles
+        found = vehicles.standing & ~np.isin(vehicles.columns, self.pair)
+        bins, rows = np.nonzero(found)
+        points = shapely.points(vehicles.poses[0, bins, rows], vehicles.poses[1, bins, rows])
+        reach = portable.hypot(e.length, e.width)[vehicles.columns] / 2
+        found[bins, rows] = np.asarray(shapely.distance(points, self.region)) <= reach[rows]
+        return found
 
     @cached_property
     def _eroded(self) -> dict[float, BuildingEdges]:

@@ -19,7 +19,7 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.study.need.conflict_zone import LATERAL_M, ConflictZone
 from mdrive_sumo.study.need.motion import RouteMotion
-from mdrive_sumo.study.need.occluders import Box, StandingOccluders, enclose_boxes
+from mdrive_sumo.study.need.occluders import Box, StandingOccluders, StandingVehicles, enclose_boxes
 
 STRETCHES = ((15.0, 0.5), (45.0, 1.0), (1e9, 2.5))
 """(distance to the zone, length of a stretch) [m]: short ones where the decision falls."""
@@ -34,11 +34,16 @@ Occluders = tuple[Box, ...]
 class SightTables:
     """Tables of one CAV and one road user: S stretches, K cells of ticks."""
 
-    record: EpisodeRecord
+    vehicles: StandingVehicles
     roads: RoadMap
     ego: int
     motion: RouteMotion
     zone: ConflictZone
+
+    @property
+    def record(self) -> EpisodeRecord:
+        """The reference drive."""
+        return self.vehicles.record
 
     @cached_property
     def edges(self) -> Float:
@@ -102,7 +107,8 @@ class SightTables:
         points = np.concatenate((route, np.stack((e.x[ticks, i], e.y[ticks, i]), axis=-1)))
         pair = np.array((self.ego, i))
         reach = float(portable.hypot(e.length[pair], e.width[pair]).max()) / 2 + 1.0
-        return StandingOccluders(e, self.roads, (self.ego, i), shapely.MultiPoint(points).convex_hull.buffer(reach))
+        region = shapely.MultiPoint(points).convex_hull.buffer(reach)
+        return StandingOccluders(self.vehicles, self.roads, (self.ego, i), region)
 
     @cached_property
     def sets(self) -> tuple[Occluders, ...]:
@@ -111,7 +117,7 @@ class SightTables:
 
     @cached_property
     def _set_of_bin(self) -> tuple[Occluders, ...]:
-        return tuple(self.occluders.list_at(number) for number in range(self.occluders.bins + 1))
+        return tuple(self.occluders.list_by_bin())
 
     @cached_property
     def set_of_bin(self) -> Int:
@@ -142,11 +148,22 @@ class SightTables:
         """Return (K,) the cells that can be seen from a stretch, past the occluders of that set."""
         key = number, row
         if key not in self._views:
-            begin, end = self.edges[row], self.edges[row + 1]
-            eye = self.motion.line.at(float(begin + end) / 2)
-            erosion = float(portable.hypot(float(end - begin) / 2, LATERAL_M))
-            self._views[key] = self.occluders.find_visible(eye, erosion, self.sets[number], self.cells)
+            self._views[key] = self._look_from_route(row, self.sets[number])
         return self._views[key]
+
+    def look_past_all(self, row: int) -> Bool:
+        """Return (K,) the cells that can be seen from a stretch even past all that ever stands."""
+        key = -1, row
+        if key not in self._views:
+            boxes = tuple(dict.fromkeys(box for one in self.sets for box in one))
+            self._views[key] = self._look_from_route(row, boxes)
+        return self._views[key]
+
+    def _look_from_route(self, row: int, occluders: Occluders) -> Bool:
+        begin, end = self.edges[row], self.edges[row + 1]
+        eye = self.motion.line.at(float(begin + end) / 2)
+        erosion = float(portable.hypot(float(end - begin) / 2, LATERAL_M))
+        return self.occluders.find_visible(eye, erosion, occluders, self.cells)
 
     def sum_views_from_drive(self, number: int) -> Int:
         """Return (T, S + 1): how many stretches before each the road user sees at a tick of its drive.

@@ -7,6 +7,8 @@ from fastapi import APIRouter, Query
 from server.api import schemas
 from server.api.caller import Caller
 from server.api.comparison import compare_submissions
+from server.api.cross_play_board import read_cross_play
+from server.api.cross_play_schemas import CrossPlayOut
 from server.api.dependencies import AdminCaller, OptionalCaller, Services, ServicesDep
 from server.api.matrix import read_matrix
 from server.api.problems import document_problems
@@ -45,6 +47,18 @@ async def show_matrix(
 ) -> schemas.MatrixOut:
     """Return DS by team and scenario, for admins; 20 teams per page; without a track, of all tracks but joint."""
     return await services.run_large_read(lambda: find_matrix(phase, track, page, caller, services))
+
+
+@router.get("/phases/{phase}/cross-play", responses=document_problems(401, 403, 404, 422))
+async def show_cross_play(phase: schemas.PhaseId, caller: OptionalCaller, services: ServicesDep) -> CrossPlayOut:
+    """Return how each agent drives among CAVs of each other; of a hidden phase for admins only."""
+    return await services.run_large_read(lambda: find_cross_play(phase, caller, services))
+
+
+def find_cross_play(phase: str, caller: Caller | None, services: Services) -> CrossPlayOut:
+    """Read the board of cross-play in a transaction of its own."""
+    with services.store.read() as session:
+        return read_cross_play(session, caller, phase)
 
 
 def find_names(text: str, caller: Caller | None, services: Services) -> schemas.SearchOut:

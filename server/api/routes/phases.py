@@ -56,4 +56,5 @@ def _to_phase(phase: tables.PhaseRow, at_us: int) -> schemas.PhaseOut:
         in_total=phase.in_total,
         seeds=phase.seeds,
         sensor_track_only=phase.sensor_track_only,
+        cross_play_scenarios=phase.cross_play_scenarios,
     )

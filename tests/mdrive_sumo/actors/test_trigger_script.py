@@ -78,6 +78,7 @@ def test_a_cav_that_has_ended_triggers_nothing() -> None:
     assert not ghost[:, 3].any()
 
 
+@pytest.mark.slow
 def test_hard_brake_stops_with_all_it_has_holds_and_resumes() -> None:
     car = actor(
         "v", "vehicle", points=[(0, 0), (300, 0)], speed=8, start_speed=8,
@@ -131,6 +132,7 @@ def test_without_a_direction_it_goes_toward_the_target_vehicle_else_left(cav_y: 
     assert film.of("v")[-1, 1] == pytest.approx(y, abs=0.01)
 
 
+@pytest.mark.slow
 def test_where_there_is_no_lane_it_stays_on_its_own_but_a_path_goes_over_by_a_lane() -> None:
     action = LaneChange(direction="right", least_driven_s=1.0)
     assert not Film(lane_follower(action), roads=two_lanes(), seconds=12).of("v")[:, 1].any()

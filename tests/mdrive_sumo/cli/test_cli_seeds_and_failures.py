@@ -62,6 +62,7 @@ def test_a_run_of_one_seed_has_the_files_that_it_had(invoke: Invoke) -> None:
     assert "seeds" not in load("run")["run"] and Path("run/episodes/s0.npz").is_file()
 
 
+@pytest.mark.slow
 def test_a_run_of_several_seeds_continues(invoke: Invoke) -> None:
     words = ("eval", "--seeds", "2", "--out", "run")
     whole = invoke(*words)

@@ -154,6 +154,7 @@ def test_two_replays_of_a_scenario(run: Path, other: Path, replays: list[str], i
     assert in_step == [("s1", "run", "other")] and replays == ["s1", "s1"]
 
 
+@pytest.mark.slow
 def test_three_runs_share_the_first_replay(
     run: Path, other: Path, replays: list[str], in_step: list[tuple[str, ...]]
 ) -> None:

@@ -35,6 +35,7 @@ CONTROLLERS = frozenset(("tracker",))
 good_plan = Plan(np.array([(1.0, 2.0), (2.0, 2.0)]), 0.2)
 
 
+@pytest.mark.slow
 @given(st.floats(0, 1), st.floats(0, 1), st.floats(-1, 1))
 def test_controls_are_rounded_to_the_step_that_is_recorded(throttle: float, brake: float, steer: float) -> None:
     control = check_reply(Reply(control=Control(throttle, brake, steer)), CONTROLLERS).control

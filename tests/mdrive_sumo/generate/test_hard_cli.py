@@ -1,48 +1,30 @@
 """`mdrive-sumo generate --hard` as a user calls it, on a toy family: a suite that is rebuilt, checked and listed."""
 
 import json
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
-from testing.local_executor import run_in_process
-from testing.toy_family import TOY, TOY_FAMILY, evaluate_by_formula
+from testing.hard_command import read_contents, run_command, use_toy_family
+from testing.toy_family import TOY
 
-from mdrive_sumo.cli import generate_hard, main
-from mdrive_sumo.generate.generated_suite import load_recipes
-from mdrive_sumo.generate.hard import adversarial_search, candidate_evaluation, families, hard_selection
+from mdrive_sumo.generate.hard import candidate_evaluation
 from mdrive_sumo.generate.hard.behaviour_archive import BATCH
-from mdrive_sumo.generate.hard.elite_check import EliteCheck, EliteTask
-from mdrive_sumo.generate.hard.time_limits import compute_time_limits
+from mdrive_sumo.generate.hard.time_limits import compute_time_limits, set_time_limits
+from mdrive_sumo.generate.validation.hard_suite_validation import find_hard_problems
 from mdrive_sumo.scenario.reference_times import find_reference_times
-from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.scenario.suite import load_suite, save_suite, seal_suite
+from mdrive_sumo.study.need_certificate import NEED_FILE, NeedConflict, read_need, save_need
 
 pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
-
-SECRET = "battery horse staple correct"
-
-
-def command(*arguments: object) -> Result:
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 @pytest.fixture(scope="module", autouse=True)
 def toy() -> Iterator[None]:
-    """The toy is the only family; a car that stands stands in for the probed agent, because it is cheap."""
     with pytest.MonkeyPatch.context() as patch:
-        run_in_process(patch)
-        patch.setattr(families, "FAMILIES", {TOY: TOY_FAMILY})
-        patch.setattr(candidate_evaluation, "PROBED_AGENT", "stationary")
-        patch.setattr(generate_hard, "KNOWN_SUITES", ("interdrive",))
-        patch.setattr(hard_selection, "CHECK_SEEDS", 2)
+        use_toy_family(patch)
         yield
 
 
@@ -50,27 +32,15 @@ def toy() -> Iterator[None]:
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A suite of two scenarios, and what was printed."""
     out = tmp_path_factory.mktemp("hard") / "suite"
-    found = command("generate", "--hard", "--budget", BATCH, "--count", 2, "--out", out)
+    found = run_command("generate", "--hard", "--budget", BATCH, "--count", 2, "--out", out)
     assert found.exit_code == 0, found.output
     return out, found.output
-
-
-@pytest.fixture
-def formula(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Candidates and elites are not driven, and no pictures drawn."""
-
-    def check(task: EliteTask) -> EliteCheck:
-        return EliteCheck(id=task.scenario.id, seeds=task.seeds, scores=(100.0,) * task.seeds)
-
-    monkeypatch.setattr(adversarial_search, "evaluate_candidate", evaluate_by_formula)
-    monkeypatch.setattr(hard_selection, "check_elite", check)
-    monkeypatch.setattr(generate_hard, "draw_archives", lambda *_: ())
 
 
 def test_a_suite_is_written_with_limits_recipes_and_times(made: tuple[Path, str]) -> None:
     folder, said = made
     suite = load_suite(str(folder))
-    assert len(suite) == 2 and suite.about.checksum == suite.checksum()
+    assert len(suite) == 2 and suite.about.checksum == suite.checksum() and suite.about.score_mode == "hard"
     for scenario in suite:
         ticks = find_reference_times(scenario, folder)
         assert {ego.id: ego.time_limit_s for ego in scenario.egos} == compute_time_limits(ticks) != {}
@@ -93,10 +63,10 @@ def test_a_suite_is_rebuilt_byte_for_byte_without_any_drive(
     made: tuple[Path, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delattr(candidate_evaluation, "drive_with")
-    found = command("generate", "--rebuild", made[0])
+    found = run_command("generate", "--rebuild", made[0])
     assert (found.exit_code, found.output) == (0, "2 of 2 scenarios are as their recipes make them\n")
-    assert command("generate", "--rebuild", made[0], "--out", tmp_path / "new").exit_code == 0
-    assert contents(tmp_path / "new") == contents(made[0])
+    assert run_command("generate", "--rebuild", made[0], "--out", tmp_path / "new").exit_code == 0
+    assert read_contents(tmp_path / "new") == read_contents(made[0])
 
 
 @pytest.mark.parametrize(
@@ -114,132 +84,119 @@ def test_bad_recipes(made: tuple[Path, str], tmp_path: Path, old: str, new: str,
     recipe = next(made[0].glob("*/recipe.json")).read_text()
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "recipe.json").write_text(recipe.replace(old, new))
-    found = command("generate", "--rebuild", tmp_path)
+    found = run_command("generate", "--rebuild", tmp_path)
     assert found.exit_code == 2 and problem in found.output and recipe != recipe.replace(old, new)
 
 
-def test_an_interrupted_command_continues_to_the_same_suite(
-    formula: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    order = ("generate", "--hard", "--budget", 3 * BATCH, "--count", 2, "--out")
-    assert command(*order, tmp_path / "one" / "suite").exit_code == 0
-    monkeypatch.setattr("signal.signal", lambda *_: None)
-    calls: list[str] = []
-
-    def interrupt(task: candidate_evaluation.CandidateTask) -> candidate_evaluation.CandidateEvaluation:
-        calls.append(task.candidate.scenario_id)
-        if len(calls) == 11:
-            raise KeyboardInterrupt
-        return evaluate_by_formula(task)
-
-    monkeypatch.setattr(adversarial_search, "evaluate_candidate", interrupt)
-    two = tmp_path / "two" / "suite"
-    stopped = command(*order, two)
-    assert stopped.exit_code == 130 and "interrupted; the same command continues" in stopped.output
-    with (two.parent / "suite.search" / "journal.jsonl").open("a") as journal:
-        journal.write('{"result": {"id"')  # torn by a power cut
-    again = command(*order, two)
-    assert again.exit_code == 0 and "continuing: the journal holds 8 candidates" in again.output
-    assert "the last line of the journal was incomplete" in again.output
-    assert len(calls) == 11 + 3 * BATCH - 8 and contents(two) == contents(tmp_path / "one" / "suite")
-    archives = [(tmp_path / name / "suite.search" / "archive.json").read_bytes() for name in ("one", "two")]
-    assert archives[0] == archives[1]
-
-
-def test_hidden_scenarios_are_others_and_files_do_not_hold_the_secret(formula: None, tmp_path: Path) -> None:
-    (tmp_path / "secret").write_text(SECRET)
-    order = ("generate", "--hard", "--budget", BATCH, "--count", 2, "--out")
-    hidden = ("--split", "hidden", "--seed-file", tmp_path / "secret")
-    assert (
-        command(*order, tmp_path / "public").exit_code == command(*order, tmp_path / "hidden", *hidden).exit_code == 0
-    )
-    public, secret = (load_recipes(str(tmp_path / name)).values() for name in ("public", "hidden"))
-    assert all(recipe.id.startswith("toy_h") for recipe in secret)
-    assert not {recipe.seed for recipe in public} & {recipe.seed for recipe in secret}
-    assert not any(SECRET.encode() in data for data in contents(tmp_path / "hidden").values())
-    assert SECRET not in (tmp_path / "hidden.search" / "journal.jsonl").read_text()
-
-
-def test_fewer_scenarios_than_asked_for(formula: None, tmp_path: Path) -> None:
-    found = command("generate", "--hard", "--budget", 1, "--count", 100, "--out", tmp_path / "suite")
-    assert found.exit_code == 1 and " of 100 scenarios" in found.output
-    again = command("generate", "--hard", "--count", 1, "--no-search", "--out", tmp_path / "suite.search" / "less")
-    assert again.exit_code == 2 and "expected a scenario among 0 elites, found none" in again.output
-
-
-BAD_INPUT: list[tuple[tuple[object, ...], str]] = [
-    (("--family", "tox"), "family: expected one of toy, found 'tox'; did you mean 'toy'?"),
-    (("--category", "crosswalk"), "--hard chooses families, so --category does not go with it"),
-    (("--proposer", "template"), "--proposer goes not with --hard"),
-    (("--split", "hidden"), "expected --seed-file together with --split hidden"),
-    (("--budget", 0), "0 is not in the range"),
-    (("--mean-score", 101), "101.0 is not in the range"),
-]
-
-
-@pytest.mark.parametrize(("more", "problem"), BAD_INPUT)
-def test_bad_input(more: tuple[object, ...], problem: str, tmp_path: Path) -> None:
-    found = command("generate", "--hard", "--out", tmp_path / "suite", *more)
-    assert found.exit_code == 2 and problem in found.output, found.output
-    assert not list(tmp_path.iterdir())
-
-
 def test_hard_options_need_hard_and_a_new_folder(made: tuple[Path, str], tmp_path: Path) -> None:
-    plain = command("generate", "--category", "crosswalk", "--budget", 8, "--out", tmp_path / "suite")
+    plain = run_command("generate", "--category", "crosswalk", "--budget", 8, "--out", tmp_path / "suite")
     assert plain.exit_code == 2 and "--budget goes only with --hard" in plain.output
-    assert "--hard: expected --out, found none" in command("generate", "--hard").output
-    there = command("generate", "--hard", "--out", made[0])
+    assert "--hard: expected --out, found none" in run_command("generate", "--hard").output
+    there = run_command("generate", "--hard", "--out", made[0])
     assert there.exit_code == 2 and "expected a new or empty folder to write to, found something there" in there.output
-    name = command("generate", "--hard", "--out", tmp_path / "a b")
+    name = run_command("generate", "--hard", "--out", tmp_path / "a b")
     assert name.exit_code == 2 and "expected a folder name of letters, digits and _.+-" in name.output
 
 
 def test_a_journal_of_another_search_is_refused(made: tuple[Path, str], tmp_path: Path) -> None:
     folder = made[0].with_name("suite.search")
-    found = command("generate", "--hard", "--seed", 3, "--search-folder", folder, "--out", tmp_path / "suite")
+    found = run_command("generate", "--hard", "--seed", 3, "--search-folder", folder, "--out", tmp_path / "suite")
     assert found.exit_code == 2 and "found one with another seed 0 (now 3); --fresh starts anew" in found.output
 
 
-def test_without_pyribs_there_is_one_sentence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    found = command("generate", "--hard", "--out", tmp_path / "suite")
-    assert found.exit_code == 2 and "pip install 'mdrive-sumo[search]'" in found.output
+@pytest.fixture
+def copy(made: tuple[Path, str], tmp_path: Path) -> Path:
+    """A copy of the suite, to be spoiled."""
+    return Path(shutil.copytree(made[0], tmp_path / "suite"))
 
 
-@pytest.mark.full  # the cheap siblings shuffle and interrupt in one process
-def test_worker_processes_and_ctrl_c(tmp_path: Path) -> None:
-    program = (
-        "import sys\n"
-        "from testing.toy_family import TOY, TOY_FAMILY\n"
-        "from mdrive_sumo.generate.hard import families\n"
-        "families.FAMILIES = {TOY: TOY_FAMILY}\n"
-        "from mdrive_sumo.cli import main\n"
-        "main(sys.argv[1:])\n"
+def validated(folder: Path) -> tuple[int, str]:
+    found = run_command("validate", folder, "--seeds", 1, "--workers", 1)
+    return found.exit_code, found.output
+
+
+def test_the_suite_is_valid_and_listed_with_its_certificates(copy: Path) -> None:
+    names = [scenario.id for scenario in load_suite(str(copy))]
+    code, said = validated(copy)
+    assert code == 0 and f"{names[0]}: ok, omniscient 100 with 1 of 1 seeds; no need certified" in said
+    assert "suite: 2 scenarios in 1 categories, 0 on dense corridors, 0 with a certificate of need that holds" in said
+    listed = run_command("list", "scenarios", "--suite", copy).output
+    assert listed.splitlines()[0].split()[-3:] == ["needed", "gain", "[s]"] and "0 of 2 hold" in listed
+    (copy / NEED_FILE).unlink()
+    assert validated(copy)[0] == 0 and "hidden: unknown" in run_command("list", "scenarios", "--suite", copy).output
+    assert (
+        "expected a suite with occlusion.json" in run_command("list", "scenarios", "--suite", copy, "--occluded").output
     )
-    archives: list[bytes] = []
-    for workers, stop in ((1, False), (3, True)):
-        out = tmp_path / str(workers) / "suite"
-        order = (
-            "generate",
-            "--hard",
-            "--budget",
-            "16",
-            "--count",
-            "1",
-            "--workers",
-            str(workers),
-            "--out",
-            str(out),
-        )
-        for interrupted in (stop, False):
-            process = subprocess.Popen(
-                [sys.executable, "-c", program, *order], cwd="tests", stderr=subprocess.PIPE, text=True
-            )
-            assert process.stderr is not None
-            if interrupted:
-                process.stderr.readline()
-                process.send_signal(signal.SIGINT)
-            process.communicate(timeout=600)
-            assert process.returncode == (130 if interrupted else 2)  # the rules lose nothing here: no elites
-        archives.append((tmp_path / str(workers) / "suite.search" / "archive.json").read_bytes())
-    assert archives[0] == archives[1]
+
+
+def test_other_limits_than_those_of_the_reference_are_found(copy: Path) -> None:
+    suite = load_suite(str(copy))
+    first = suite.scenarios[0]
+    limits = {ego.id: ego.time_limit_s or 0.0 for ego in first.egos}
+    changed = set_time_limits(first, {name: limit + 1.0 for name, limit in limits.items()})
+    save_suite(seal_suite(replace(suite, scenarios=(changed, *suite.scenarios[1:]))))
+    code, said = validated(copy)
+    ((name, limit),) = limits.items()
+    rule = "1.5 x the time of omniscient + 2 s"
+    assert code == 1
+    assert f"{first.id}: time limit of CAV {name}: expected {limit:g} s, {rule}, found {limit + 1:g} s" in said
+    assert "need.json: expected certificates of sha256:" in said and "reference_times.json: expected" in said
+    assert run_command("generate", "--rebuild", copy).output.startswith(f"{first.id}: the recipe makes another file")
+
+
+def _claim_need(path: Path) -> None:
+    certificates = read_need(path.parent)
+    assert certificates is not None
+    first, *rest = certificates.certificates
+    conflict = NeedConflict(
+        ego="a",
+        road_user="b",
+        x=0.0,
+        y=0.0,
+        time_limit_s=1.0,
+        required_speed=1.0,
+        is_blind=True,
+        cautious_s=None,
+        cautious_speed=None,
+        excludes_all=False,
+        conflict_s=1.0,
+    )
+    forged = first.model_copy(update={"conflicts": (conflict,)})
+    save_need(path.parent, certificates.model_copy(update={"certificates": (forged, *rest)}))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "problem"),
+    [
+        (_claim_need, "need.json: expected what was just found, found otherwise for toy_"),
+        (
+            lambda path: path.write_text(path.read_text().replace("sha256:", "sha256:0")),
+            "need.json: expected certificates of sha256:",
+        ),
+    ],
+)
+def test_certificates_that_are_not_true_are_found_and_written_anew(
+    copy: Path, spoil: Callable[[Path], object], problem: str
+) -> None:
+    before = (copy / NEED_FILE).read_bytes()
+    spoil(copy / NEED_FILE)
+    code, said = validated(copy)
+    assert code == 1 and problem in said
+    assert run_command("validate", copy, "--seeds", 1, "--workers", 1, "--write").exit_code == 0
+    assert (copy / NEED_FILE).read_bytes() == before
+
+
+def test_the_packaged_suite_needs_its_numbers(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    suite = load_suite(str(copy))
+    named = replace(suite, about=suite.about.model_copy(update={"name": "hard"}))
+    problems = list(find_hard_problems(named, (), "", must_be_complete=True))
+    assert [problem.partition(", found")[0] for problem in problems] == [
+        "need.json: expected certificates of " + named.checksum()[:19] + "...",
+        "expected 120 scenarios or more",
+        "expected 10 categories or more",
+        "expected 80 certificates of need that hold",
+        "expected a third of 2 scenarios on dense corridors",
+    ]
+    (copy / NEED_FILE).unlink()
+    assert "expected need.json" in next(find_hard_problems(named, (), "", must_be_complete=True))
+    assert not list(find_hard_problems(named, (), "", must_be_complete=False))

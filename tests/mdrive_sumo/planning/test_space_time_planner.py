@@ -120,6 +120,7 @@ def test_a_standing_car_in_a_queue_does_not_follow_the_drift_of_its_estimated_po
         assert stations(planner, tick)[0] <= planner.s + 0.05
 
 
+@pytest.mark.slow
 @settings(max_examples=examples(6, 100))
 @given(
     sigma=st.floats(0.0, 0.25),

@@ -50,6 +50,7 @@ def packaged(name: str) -> tuple[RoadMap, MapGeometry]:
     return roads, build_map_geometry(roads, EVERYWHERE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["town_crossing", "v2xpnp_crossing"])
 def test_asphalt_is_valid_and_covers_the_lanes(name: str) -> None:
     roads, geometry = packaged(name)
@@ -186,6 +187,7 @@ def test_a_stop_sign_stands_only_beside_the_outermost_lane() -> None:
     assert all(np.ptp(mark.line[:, 0]) < 1e-9 for mark in marks)
 
 
+@pytest.mark.slow
 def test_what_is_for_pictures_changes_no_sensor() -> None:
     roads, _ = packaged("v2xpnp_crossing")
     park = DrivableArea(outline=((-90, -90), (90, -90), (90, 90), (-90, 90)))

@@ -198,6 +198,7 @@ with open_journal(Path(sys.argv[1]), {print!r}, fresh=False) as journal:
 """
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_leaves_a_usable_journal(tmp_path: Path) -> None:
     """The limit on a file's size stands in for the disk: it takes a part of a line, then refuses."""
     ended = subprocess.run(
@@ -219,6 +220,7 @@ with open_journal(Path(sys.argv[1]), {print!r}, fresh=False) as journal:
 """
 
 
+@pytest.mark.slow
 def test_a_killed_process_keeps_its_results_and_gives_up_the_lock(tmp_path: Path) -> None:
     ended = subprocess.run([sys.executable, "-c", KILLED.format(print=PRINT), str(tmp_path)])
     assert ended.returncode == -signal.SIGKILL

@@ -20,6 +20,7 @@ from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
 from mdrive_sumo.sensing.visibility import (
     BuildingEdges,
     SightView,
+    announce_eye,
 )
 
 Box = tuple[Kind, float, float, float, float, float]
@@ -263,3 +264,21 @@ class TestProperties:
     def test_mirror_image(self, boxes: list[Box]) -> None:
         mirrored = [(kind, x, -y, -yaw, length, width) for kind, x, y, yaw, length, width in boxes]
         assert shares(*mirrored) == pytest.approx(shares(*boxes), abs=1e-6)
+
+    @settings(max_examples=examples(12, 40), deadline=None)
+    @given(boxes=boxes_around(8), houses=HOUSES, reach=st.sampled_from([20.0, 60.0]))
+    def test_eyes_see_together_what_each_sees_alone(
+        self, boxes: list[Box], houses: list[list[tuple[float, float]]], reach: float
+    ) -> None:
+        """To the last bit, one of them far from everything; and they are computed once."""
+        view, walls = scene(*boxes), BuildingEdges(town(*houses))
+        poses = [SensorPose(x, y, 0.3, row) for row, (_, x, y, *_) in enumerate(boxes)]
+        eyes = [(HERE, 30.0), (SensorPose(900.0, 0.0, 0.0, None), 30.0), *((pose, reach) for pose in poses)]
+        together = [SightView(eye, view, walls, far, announce_eye(view, eye, far)) for eye, far in eyes]
+        for one in reversed(together):
+            alone = SightView(one.eye, view, walls, one.range_m)
+            assert one.visible_fractions().tobytes() == alone.visible_fractions().tobytes()
+            assert one.free_sight(24).tobytes() == alone.free_sight(24).tobytes()
+        late = SightView(HERE, view, walls, reach, announce_eye(view, HERE, reach))
+        assert late.visible_fractions().tolist() == SightView(HERE, view, walls, reach).visible_fractions().tolist()
+        assert len(view.sight_batches) == 2

@@ -26,6 +26,7 @@ from real2sim.pipeline.suite_summary import format_summary, summarize_suite
 SCENE = "scenarionet_nuscenes/sd_nuscenes_scene-0757.pkl"
 
 
+@pytest.mark.slow
 def test_summary_of_a_suite(suite: Path) -> None:
     table = run("--summary", suite)
     assert table.exit_code == 0

@@ -16,6 +16,8 @@ from server.enums import ScenarioVerdict
 from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
 
+pytestmark = pytest.mark.slow
+
 WHO = ("", "blue", "red", "worker", "admin")
 SCENARIOS = [(name, seed) for name in ("a", "b", "c") for seed in (0, 1)]
 

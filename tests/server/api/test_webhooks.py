@@ -80,6 +80,7 @@ def is_signed(request: httpx.Request, secret: str) -> bool:
     return request.headers["webhook-signature"] == "v1," + base64.b64encode(mac.digest()).decode()
 
 
+@pytest.mark.slow
 def test_the_end_of_a_submission_is_told_once_and_signed(server: Server) -> None:
     secret, receiver = hooked(server), Receiver()
     mine = server.send("red").json()["id"]
@@ -113,6 +114,7 @@ def test_a_hidden_phase_tells_what_the_api_tells(server: Server) -> None:
     assert said["data"]["summary"]["overall"]["ds"] == 55.5 and said["data"]["summary"]["buckets"] == {}
 
 
+@pytest.mark.slow
 def test_a_receiver_that_refuses_is_asked_five_times(server: Server) -> None:
     """A redirect is a refusal: it is not followed."""
     hooked(server)
@@ -181,6 +183,7 @@ def test_an_address_that_was_allowed_once_is_checked_again(server: Server) -> No
     assert [request.url.host for request in receiver.got] == ["10.0.0.1"]
 
 
+@pytest.mark.slow
 def test_a_slow_receiver_delays_its_own_team_only(server: Server) -> None:
     for who in ("red", "blue"):
         hooked(server, who)

@@ -22,6 +22,7 @@ def bench(tmp_path: Path) -> Generator[Bench]:
     found.stop.close()
 
 
+@pytest.mark.slow
 def test_the_summary_is_computed_outside_of_the_write_transaction(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -24,10 +24,12 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.executor import run_jobs
 from mdrive_sumo.runs.make_executor import make_executor
+from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.v2x.channel import DeliveryStatus
 from server import environments
 from server.enums import ChallengeTrack, ScenarioVerdict
-from server.evaluation.job_task import AgentRejection, JobTask
+from server.evaluation.cross_play_work import compute_score
+from server.evaluation.job_task import AgentRejection, JobTask, OtherArchive
 from server.evaluation.submission_job import run_submission_job
 from server.settings import ArchiveSettings, SandboxSettings
 from server.store.jobs import JobOutcome
@@ -156,6 +158,22 @@ def test_what_an_agent_may_not_have_rejects_it(tmp_path: Path) -> None:
     found = run_submission_job(task(tmp_path, b"no zip"))
     assert isinstance(found, AgentRejection)
     assert found.why.startswith("archive: ")
+
+
+def test_two_agents_drive_in_boxes_of_their_own_and_each_answers_for_its_cavs(tmp_path: Path) -> None:
+    """Archives that each crash after a number of answers of their own: both are told apart, in either role."""
+    twelve, five = task(tmp_path, team(dies=12)), task(tmp_path, team(dies=5))
+    for first, second, answered in ((twelve, five, (12, 5)), (five, twelve, (5, 12))):
+        other = OtherArchive(second.archive_sha256, second.environment)
+        outcome = driven(replace(first, track=ChallengeTrack.NEGOTIATION, other=other))
+        result = ScenarioResult.model_validate(outcome.result)
+        assert compute_score(result).tested_failed and compute_score(result).others_failed
+        assert outcome.usage is not None
+        boxes = outcome.usage["boxes"]
+        assert [sum(ego.is_other for ego in result.egos), len(boxes)] == [len(boxes) - 1, len(result.egos)]
+        assert {boxes[ego.id]["answers"] for ego in result.egos if not ego.is_other} == {answered[0]}
+        assert {boxes[ego.id]["answers"] for ego in result.egos if ego.is_other} == {answered[1]}
+        assert list((tmp_path / "stage").iterdir()) == [] and not (tmp_path / "recordings").exists()
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,7 @@ def done(team: Team, number: int = 0, **fields: str) -> str:
     return mine
 
 
+@pytest.mark.slow
 def test_results_are_listed_shown_and_written(team: Team, tmp_path: Path) -> None:
     assert team.says("results") == "No submissions yet. Next: mdrive-sumo submit DIR\n"
     mine = done(team)
@@ -77,6 +78,7 @@ def test_results_are_listed_shown_and_written(team: Team, tmp_path: Path) -> Non
     assert team.says("results", f"{team.url}/submissions/{mine}", "--follow").startswith("queued\n")
 
 
+@pytest.mark.slow
 def test_results_of_a_hidden_phase_are_two_rounded_scores(team: Team) -> None:
     mine = done(team, phase=HIDDEN.id)
     said = team.says("results", mine)
@@ -84,6 +86,7 @@ def test_results_of_a_hidden_phase_are_two_rounded_scores(team: Team) -> None:
     assert "(403)" in team.says("results", mine, "--csv", "out.csv", code=2)
 
 
+@pytest.mark.slow
 def test_a_submission_is_cancelled_after_a_question(team: Team) -> None:
     mine = team.server.send("red").json()["id"]
     assert "Cancel method in dev (queued)? [y/N]" in team.says("cancel", mine, code=1)
@@ -94,6 +97,7 @@ def test_a_submission_is_cancelled_after_a_question(team: Team) -> None:
     assert "cancelled" in team.says("results", mine, code=1)
 
 
+@pytest.mark.slow
 def test_bad_input_is_refused_in_one_sentence(team: Team) -> None:
     for text in ("abc", "0" * 31, "g" * 32, "../" + "0" * 33):
         for command in ("results", "cancel"):

@@ -55,7 +55,7 @@ def test_several_processes_may_migrate_at_once(backend: str, tmp_path: Path) -> 
     assert stores[0].version() is None
     with ThreadPoolExecutor(3) as pool:
         list(pool.map(Store.migrate, stores))
-    assert [store.version() for store in stores] == ["0004"] * 3
+    assert [store.version() for store in stores] == ["0005"] * 3
     for store in stores:
         store.close()
 

@@ -13,6 +13,8 @@ from server.enums import TokenScope
 from server.settings import WebhookSettings
 from server.store import teams, tokens
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def server(tmp_path: Path) -> Server:

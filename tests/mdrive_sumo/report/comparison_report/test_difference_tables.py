@@ -94,6 +94,7 @@ def test_void_scenarios_are_left_out() -> None:
     assert build_difference_table([nothing]).find_column("ds")[0].value is None
 
 
+@pytest.mark.slow
 def test_every_pair_once_upper_bounds_first_or_a_baseline() -> None:
     agents = make_agents_of_results(make_sample_runs().values())
     pairs = [(one.agent, one.other) for one in compute_differences(agents)]

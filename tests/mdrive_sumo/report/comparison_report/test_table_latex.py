@@ -54,6 +54,7 @@ def count_cells(line: str) -> int:
     return len(re.findall(r"(?<!\\)&", line)) + 1 + sum(spans) - len(spans)
 
 
+@pytest.mark.slow
 def test_each_line_of_every_table_fills_its_columns() -> None:
     agents = make_agents_of_results(make_sample_runs().values())
     tables = [*build_comparison_report(agents).tables, build_main_table(agents, PUBLISHED_METHODS)]
@@ -81,6 +82,7 @@ def test_places_are_bold_underlined_and_waved() -> None:
     assert all(package in text.splitlines()[0] for package in PACKAGES)
 
 
+@pytest.mark.slow
 def test_latex_accepts_the_tables(tmp_path: Path) -> None:
     """Where LaTeX is missing, the structure alone is checked: that the document includes each table once."""
     agents = make_agents_of_results(make_sample_runs().values())

@@ -164,6 +164,7 @@ def test_any_text_can_be_written() -> None:
     assert choose_text_size(160, 160) == 10.0 < choose_text_size(1280, 720) < choose_text_size(4096, 4096) == 22.0
 
 
+@pytest.mark.slow
 def test_messages_that_arrive_are_lines_for_a_moment(episode: RenderedEpisode) -> None:
     """Only CPMs and MCMs that were delivered, from and to stations of the scenario."""
 

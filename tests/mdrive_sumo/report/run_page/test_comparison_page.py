@@ -45,6 +45,7 @@ def html(runs: tuple[ComparedRun, ...], tmp_path_factory: pytest.TempPathFactory
     return render_comparison_page(build_comparison_data(runs, links, tmp_path_factory.mktemp("page") / "x.html"))
 
 
+@pytest.mark.slow
 def test_the_worst_difference_is_first(runs: tuple[ComparedRun, ...], tmp_path: Path) -> None:
     data = build_comparison_data(runs, {}, tmp_path)
     found = [(row.id, round(row.worst, 6), row.cells[1].outcome) for row in data.rows]

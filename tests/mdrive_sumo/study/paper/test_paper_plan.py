@@ -23,6 +23,7 @@ def mdrive() -> Suite:
     return load_suite("mdrive")
 
 
+@pytest.mark.slow
 def test_the_whole_study_drives_every_scenario_and_21_logs_over_worse_channels(mdrive: Suite) -> None:
     plan = make_plan(mdrive, PaperScale.WHOLE)
     assert len(plan.closed) == 225 and len(plan.logs) == 67

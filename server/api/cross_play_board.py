@@ -1,0 +1,80 @@
+"""The board of cross-play: how each agent drives among CAVs of each other team's agent."""
+
+from collections.abc import Sequence
+from statistics import fmean
+from typing import Any
+
+from sqlalchemy.orm import Session
+
+from mdrive_sumo.contract import SensingTrack
+from mdrive_sumo.core.errors import InputError
+from server.api import submission_views
+from server.api.caller import Caller
+from server.api.cross_play_schemas import CrossPlayAgentOut, CrossPlayCellOut, CrossPlayOut
+from server.api.problems import HiddenScenariosError
+from server.enums import ChallengeTrack, JobState
+from server.store import cross_play, phases
+from server.store.queries import LeaderboardEntry
+from server.store.tables import CrossPlayJobRow
+
+_Results = Sequence[dict[str, Any]]
+
+
+def read_cross_play(session: Session, caller: Caller | None, phase_id: str) -> CrossPlayOut:
+    """Return the board of a phase: agents of the object track first, in each track the best with strangers.
+
+    Raises NotFound for an unknown phase, InputError for one without this board, and HiddenScenariosError for a hidden
+    one unless for admins: every cell is a figure that two agents can choose by driving (docs/api.md).
+    """
+    phase = phases.get(session, phase_id)
+    if not phase.cross_play_scenarios:
+        raise InputError(f"phase {phase_id}: expected one with cross-play, found one without it")
+    if not submission_views.may_see_scenarios(caller, phase):
+        raise HiddenScenariosError
+    agents = cross_play.list_agents(session, phase_id)
+    jobs = cross_play.list_jobs(session, phase_id, agents)
+    rows = [_make_agent(entry, agents, jobs) for entry in agents]
+    rows.sort(key=lambda row: (row.sensing_track != SensingTrack.OBJECT, row.ds is None, -(row.ds or 0.0)))
+    order = {row.submission: place for place, row in enumerate(rows)}
+    for row in rows:
+        row.cells.sort(key=lambda cell: order[cell.others])
+    undone = sum(job.state in (JobState.QUEUED, JobState.RUNNING) for job in jobs)
+    return CrossPlayOut(
+        phase=phase_id, scenarios=phase.cross_play_scenarios, jobs=len(jobs), unfinished=undone, agents=rows
+    )
+
+
+def _make_agent(
+    entry: LeaderboardEntry, agents: Sequence[LeaderboardEntry], jobs: Sequence[CrossPlayJobRow]
+) -> CrossPlayAgentOut:
+    mine = [job for job in jobs if job.tested == entry.submission]
+    cells = [_make_cell(entry, other, mine) for other in agents]
+    known = [cell for cell in cells if cell.ds is not None and cell.sr is not None]
+    return CrossPlayAgentOut(
+        team=entry.team,
+        submission=entry.submission or "",
+        method=entry.method,
+        track=ChallengeTrack(entry.track),
+        sensing_track=SensingTrack(entry.sensing_track or SensingTrack.OBJECT),
+        alone_ds=entry.ds,
+        ds=fmean(cell.ds or 0.0 for cell in known) if known else None,
+        sr=fmean(cell.sr or 0.0 for cell in known) if known else None,
+        partners=len(known),
+        failed=sum(cell.failed for cell in cells),
+        cells=cells,
+    )
+
+
+def _make_cell(entry: LeaderboardEntry, other: LeaderboardEntry, jobs: Sequence[CrossPlayJobRow]) -> CrossPlayCellOut:
+    """Return one cell: an episode in which an agent of the others failed says nothing about the agent under test."""
+    results: _Results = [job.result for job in jobs if job.others == other.submission and job.result is not None]
+    counted = [result for result in results if not result["others_failed"]]
+    return CrossPlayCellOut(
+        others=other.submission or "",
+        ds=fmean(result["ds"] for result in counted) if counted else None,
+        sr=fmean(result["sr"] for result in counted) if counted else None,
+        episodes=len(counted),
+        failed=sum(bool(result["tested_failed"]) for result in counted),
+        left_out=len(results) - len(counted),
+        is_own_team=entry.team == other.team,
+    )

@@ -1,0 +1,30 @@
+"""`mdrive-sumo generate --hard` in the process of a test, with the toy as its only family. No tests in here."""
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from mdrive_sumo.cli import generate_hard, main
+from mdrive_sumo.generate.hard import candidate_evaluation, families, hard_selection
+from testing.local_executor import run_in_process
+from testing.toy_family import TOY, TOY_FAMILY
+
+
+def use_toy_family(patch: pytest.MonkeyPatch) -> None:
+    """Search the toy in this process; a car that stands stands in for the probed agent, because it is cheap."""
+    run_in_process(patch)
+    patch.setattr(families, "FAMILIES", {TOY: TOY_FAMILY})
+    patch.setattr(candidate_evaluation, "PROBED_AGENT", "stationary")
+    patch.setattr(generate_hard, "KNOWN_SUITES", ("interdrive",))
+    patch.setattr(hard_selection, "CHECK_SEEDS", 2)
+
+
+def run_command(*arguments: object) -> Result:
+    """Run `mdrive-sumo` with these arguments."""
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def read_contents(folder: Path) -> dict[str, bytes]:
+    """Return the files of a folder by relative path."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
