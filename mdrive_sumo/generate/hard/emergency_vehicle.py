@@ -1,4 +1,4 @@
-"""Family `Emergency_Vehicle`: an ambulance crosses a priority road without stopping; halls at the corners hide it."""
+"""Family `emergency-vehicle`: an ambulance crosses a priority road without stopping; halls at the corners hide it."""
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_parts import (
@@ -31,7 +31,7 @@ PARAMETERS = (
     FamilyParameter("witnesses", 1.0, 2.0, "", "number of CAVs that come north, toward the ambulance, rounded"),
     FamilyParameter("rsu", 0.0, 1.0, "", "whether there is a road-side unit, rounded"),
     FamilyParameter("arrival", 5.0, 8.0, "s", "time after which the ambulance is due at the crossing"),
-    FamilyParameter("ambulance_speed", 15.0, 22.0, "m/s", "speed of the ambulance"),
+    FamilyParameter("ambulance_speed", 17.0, 25.0, "m/s", "speed of the ambulance"),
     FamilyParameter("east_offset", -1.5, 1.5, "s", "how much later the first eastward CAV is due"),
     FamilyParameter("west_offset", -1.5, 1.5, "s", "how much later the first westward CAV is due"),
     FamilyParameter("witness_offset", 1.5, 3.5, "s", "how much later the first northward CAV is due"),
@@ -74,8 +74,8 @@ def _build(candidate: FamilyCandidate) -> Scenario:
 
 
 FAMILY = ScenarioFamily(
-    category="Emergency_Vehicle",
-    description="An ambulance on call crosses a priority road at 15 to 22 m/s and comes into view at the last moment.",
+    category="emergency-vehicle",
+    description="An ambulance on call crosses a priority road at 17 to 25 m/s and comes into view at the last moment.",
     parameters=PARAMETERS,
     build=_build,
 )

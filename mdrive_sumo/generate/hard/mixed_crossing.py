@@ -1,4 +1,4 @@
-"""Family `Mixed_Crossing`: CAVs cross a priority road whose fast traffic is not connected, apart from single CAVs."""
+"""Family `mixed-crossing`: CAVs cross a priority road whose fast traffic is not connected, apart from single CAVs."""
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_parts import (
@@ -63,7 +63,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
 
 
 FAMILY = ScenarioFamily(
-    category="Mixed_Crossing",
+    category="mixed-crossing",
     description="CAVs cross a priority road with traffic at 20 m/s that sends nothing, but for single CAVs in it.",
     parameters=PARAMETERS,
     build=_build,

@@ -1,4 +1,4 @@
-"""Family `Platoon_Crossing`: platoons of CAVs reach the crossing of two dual carriageways at the same time."""
+"""Family `platoon-crossing`: platoons of CAVs reach the crossing of two dual carriageways at the same time."""
 
 import math
 
@@ -79,7 +79,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
 
 
 FAMILY = ScenarioFamily(
-    category="Platoon_Crossing",
+    category="platoon-crossing",
     description="Platoons of CAVs cross each other's way at 14 to 22 m/s; halls at the corners hide them.",
     parameters=PARAMETERS,
     build=_build,
