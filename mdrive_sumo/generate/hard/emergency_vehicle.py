@@ -1,4 +1,4 @@
-"""Family `Emergency_Vehicle`: an ambulance crosses a priority road without stopping; halls at the corners hide it."""
+"""Family `emergency-vehicle`: an ambulance crosses a priority road without stopping; halls at the corners hide it."""
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_parts import (
@@ -8,7 +8,7 @@ from mdrive_sumo.generate.hard.family_parts import (
     load_network,
     read_values,
 )
-from mdrive_sumo.generate.hard.platoon_crossing import compute_lead
+from mdrive_sumo.generate.hard.platoon_crossing import build_corner_truck, compute_lead
 from mdrive_sumo.generate.hard.road_traffic import (
     CARS,
     Platoon,
@@ -31,13 +31,14 @@ PARAMETERS = (
     FamilyParameter("witnesses", 1.0, 2.0, "", "number of CAVs that come north, toward the ambulance, rounded"),
     FamilyParameter("rsu", 0.0, 1.0, "", "whether there is a road-side unit, rounded"),
     FamilyParameter("arrival", 5.0, 8.0, "s", "time after which the ambulance is due at the crossing"),
-    FamilyParameter("ambulance_speed", 15.0, 22.0, "m/s", "speed of the ambulance"),
+    FamilyParameter("ambulance_speed", 17.0, 25.0, "m/s", "speed of the ambulance"),
     FamilyParameter("east_offset", -1.5, 1.5, "s", "how much later the first eastward CAV is due"),
     FamilyParameter("west_offset", -1.5, 1.5, "s", "how much later the first westward CAV is due"),
-    FamilyParameter("witness_offset", 2.0, 4.0, "s", "how much later the first northward CAV is due"),
+    FamilyParameter("witness_offset", 1.5, 3.5, "s", "how much later the first northward CAV is due"),
     FamilyParameter("speed", 16.0, 22.0, "m/s", "start speed of the CAVs on the priority road"),
     FamilyParameter("headway", 0.7, 1.5, "s", "time headway of CAVs"),
-    FamilyParameter("flow", 0.0, 800.0, "veh/h", "other traffic that follows on each lane of the priority road"),
+    FamilyParameter("truck_gap", 0.0, 10.0, "m", "distance of a standing truck behind the crossing"),
+    FamilyParameter("flow", 0.0, 800.0, "veh/h", "other traffic that follows on three lanes of the priority road"),
 )
 WITNESS_SPEED = 11.0
 """[m/s] Start speed of the northward CAVs."""
@@ -64,17 +65,17 @@ def _build(candidate: FamilyCandidate) -> Scenario:
     ambulance = build_moving_actor("ambulance", "ambulance", roads, way, (start_m, speed), avoid_collision=False)
     flows = [
         TrafficFlow(find_lane_path(roads, f"{entry}_{k}", f"{leave}_{k}"), values["flow"], CARS, is_entering=True)
-        for entry, leave in (("west_in", "east_out"), ("east_in", "west_out"))
-        for k in (0, 1)
+        for entry, leave, k in (("west_in", "east_out", 0), ("west_in", "east_out", 1), ("east_in", "west_out", 1))
     ]
     vehicles = build_flows(roads, flows, candidate.seed, egos)
+    actors = (ambulance, build_corner_truck("west", values["truck_gap"]))
     rsus = (RSU,) if round(values["rsu"]) else ()
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, (ambulance,), rsus))
+    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors, rsus))
 
 
 FAMILY = ScenarioFamily(
-    category="Emergency_Vehicle",
-    description="An ambulance on call crosses a priority road at 15 to 22 m/s and comes into view at the last moment.",
+    category="emergency-vehicle",
+    description="An ambulance on call crosses a priority road at 17 to 25 m/s and comes into view at the last moment.",
     parameters=PARAMETERS,
     build=_build,
 )

@@ -1,4 +1,4 @@
-"""Family `Mixed_Crossing`: CAVs cross a priority road whose fast traffic is not connected, apart from single CAVs."""
+"""Family `mixed-crossing`: CAVs cross a priority road whose fast traffic is not connected, apart from single CAVs."""
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_parts import (
@@ -8,7 +8,7 @@ from mdrive_sumo.generate.hard.family_parts import (
     load_network,
     read_values,
 )
-from mdrive_sumo.generate.hard.platoon_crossing import compute_lead
+from mdrive_sumo.generate.hard.platoon_crossing import build_corner_truck, compute_lead
 from mdrive_sumo.generate.hard.road_traffic import CARS, MIXED, Platoon, TrafficFlow, build_flows, build_platoons
 from mdrive_sumo.roads import find_lane_path
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
@@ -30,6 +30,7 @@ PARAMETERS = (
     FamilyParameter("speed", 13.0, 19.0, "m/s", "start speed of the CAVs that cross"),
     FamilyParameter("main_speed", 16.0, 21.0, "m/s", "start speed of the CAVs on the priority road"),
     FamilyParameter("headway", 0.8, 2.0, "s", "time headway of CAVs"),
+    FamilyParameter("truck_gap", 0.0, 10.0, "m", "distance of a standing truck behind the crossing"),
     FamilyParameter("near_flow", 50.0, 600.0, "veh/h", "eastward traffic on each lane that is not connected"),
     FamilyParameter("far_flow", 50.0, 600.0, "veh/h", "westward traffic on each lane that is not connected"),
 )
@@ -56,12 +57,13 @@ def _build(candidate: FamilyCandidate) -> Scenario:
         for k in (0, 1)
     ]
     vehicles = build_flows(roads, flows, candidate.seed, egos)
+    truck = build_corner_truck("south", values["truck_gap"])
     rsus = (RSU,) if round(values["rsu"]) else ()
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, rsus=rsus))
+    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, (truck,), rsus))
 
 
 FAMILY = ScenarioFamily(
-    category="Mixed_Crossing",
+    category="mixed-crossing",
     description="CAVs cross a priority road with traffic at 20 m/s that sends nothing, but for single CAVs in it.",
     parameters=PARAMETERS,
     build=_build,
