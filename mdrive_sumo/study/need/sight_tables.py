@@ -21,8 +21,9 @@ from mdrive_sumo.study.need.conflict_zone import LATERAL_M, ConflictZone
 from mdrive_sumo.study.need.motion import RouteMotion
 from mdrive_sumo.study.need.occluders import Box, StandingOccluders, StandingVehicles, enclose_boxes
 
-STRETCHES = ((15.0, 0.5), (45.0, 1.0), (1e9, 2.5))
-"""(distance to the zone, length of a stretch) [m]: short ones where the decision falls."""
+STRETCHES = ((15.0, 0.5), (45.0, 1.0), (1e9, 1.5))
+"""(distance to the zone, length of a stretch) [m]: short ones where the decision falls, and none so
+long that what is eroded by half of it is less than a car."""
 FINE_TICKS = 5 * TICKS_PER_SECOND
 """Ticks before the road user has left the zone that are cells of their own; before them a cell has `COARSE_TICKS`."""
 COARSE_TICKS = 10
