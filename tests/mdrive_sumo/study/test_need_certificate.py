@@ -19,7 +19,7 @@ from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.study.need.approach import OVERRUN_M, ApproachState
 from mdrive_sumo.study.need.conflict_zone import ZoneFinder, find_largest_rectangle
 from mdrive_sumo.study.need.motion import MotionLimits, build_route_motion
-from mdrive_sumo.study.need.occluders import Box, StandingOccluders, StandingVehicles
+from mdrive_sumo.study.need.occluders import SightBox, StandingOccluders, StandingVehicles
 from mdrive_sumo.study.need.sight_tables import SightTables
 from mdrive_sumo.study.need_certificate import (
     NEED_FILE,
@@ -133,7 +133,7 @@ def test_the_table_of_sight_hides_no_more_than_the_wall_does() -> None:
     for row in range(len(tables.edges) - 1):
         visible = tables.look_from_route(row, 0)[tables.find_cells(ticks)]
         for eye_x in tables.edges[row : row + 2]:
-            targets = shapely.box(59.0, noses - 4.9, 61.0, noses)
+            targets = shapely.box(np.full(len(noses), 59.0), noses - 4.9, np.full(len(noses), 61.0), noses)
             clear = [_has_clear_line(float(eye_x), target, wall) for target in targets.tolist()]
             assert not (np.array(clear) & ~visible).any()
 
@@ -156,8 +156,8 @@ def test_what_is_hidden_behind_eroded_occluders_is_hidden_from_all_around(
     between = StandingOccluders(
         StandingVehicles(BASE.record, False), replace(BASE.roads, buildings=()), (0, 1), shapely.box(-99, -99, 99, 99)
     )
-    targets = tuple(Box(x, y, 0.4, 4.9, 2.0) for x in np.linspace(-40, 40, 15).tolist())
-    box = (Box(*occluder),)
+    targets = tuple(SightBox(x, y, 0.4, 4.9, 2.0) for x in np.linspace(-40, 40, 15).tolist())
+    box = (SightBox(*occluder),)
     visible = between.find_visible((0.0, 0.0), erosion, box, targets)
     moved = between.find_visible((erosion * math.cos(angle), erosion * math.sin(angle)), 0.0, box, targets)
     assert not (moved & ~visible).any()
