@@ -1,24 +1,24 @@
 """Certificates of need: what no CAV without messages can do, whatever its planner.
 
-Take a CAV, another road user whose drive crosses its route, and the worlds in which the road user makes its drive of the
-reference earlier or later by whole ticks, or never comes. All else is as in the reference. Theorem, of a conflict with
-`excludes_all`: a driver of the CAV without messages that is in time where the road user never comes collides with it in
-one of the worlds. Of a conflict with `is_blind` the same holds of all drivers that are no slower than `required_speed`
-from where a CAV of that speed can last stop until the zone is left. In both cases another station has seen the road user
-0.2 s before that moment or earlier: a message can prevent the collision.
+Take a CAV, another road user whose drive crosses its route, and the worlds in which the road user makes its drive of
+the reference earlier or later by whole ticks, or never comes. All else is as in the reference. Theorem, of a conflict
+with `excludes_all`: a driver of the CAV without messages that is in time where the road user never comes collides with
+it in one of the worlds. Of a conflict with `is_blind` the same holds of all drivers that are no slower than
+`required_speed` from where a CAV of that speed can last stop until the zone is left. In both cases another station has
+seen the road user 0.2 s before that moment or earlier: a message can prevent the collision.
 
-Proof. In the world without the road user the driver passes the zone, so its drive leads through the grid of stations and
-speeds in `need.crossing_search`. Sides of the grid are closed if their states are doomed (`need.doom`): for some start
-of the road user, no place where the CAV can have been at an earlier tick sees it, so the driver has done the same as
-without it; and after the state neither full braking nor full acceleration, of the CAV or of a vehicle that reacts as soon
-as it can see the CAV, keeps both apart. If no way through open sides is in time, every drive in time leads through a
-doomed state.
+Proof. In the world without the road user the driver passes the zone, so its drive leads through the grid of stations
+and speeds in `need.crossing_search`. Sides of the grid are closed if their states are doomed (`need.doom`): for some
+start of the road user, no place where the CAV can have been at an earlier tick sees it, so the driver has done the
+same as without it; and after the state neither full braking nor full acceleration, of the CAV or of a vehicle that
+reacts as soon as it can see the CAV, keeps both apart. If no way through open sides is in time, every drive in time
+leads through a doomed state.
 
-Assumptions: the CAV stays within 0.25 m of its route and the speed limits, looks from its box centre, and sees whatever
-is not hidden, to 1000 m and at any share. Only buildings and what stands still for whole half seconds hide anything: in
-the plane, as for the objects sensor, cars and high props do; `is_blind_over_roofs` asks the same of the LiDAR on the
-roof. Vehicles brake with 9 m/s2 once they can see the CAV; pedestrians and cyclists keep their course. A road user that
-exists in the first tick waits at its start if it leaves later.
+Assumptions: the CAV stays within 0.25 m of its route and the speed limits, looks from its box centre, and sees
+whatever is not hidden, to 1000 m and at any share. Only buildings and what stands still for whole half seconds hide
+anything: in the plane, as for the objects sensor, cars and high props do; `is_blind_over_roofs` asks the same of the
+LiDAR on the roof. Vehicles brake with 9 m/s2 once they can see the CAV; pedestrians and cyclists keep their course. A
+road user that exists in the first tick waits at its start if it leaves later.
 
 What it does not say: that a driver fails in the scenario as written, whose start it may meet by luck; anything about
 drivers that leave their route, mount a LiDAR elsewhere, or, for `is_blind`, spend their spare time before this zone.

@@ -179,8 +179,13 @@ class CrossingSearch:
         if not self.doom.is_doomed(state, first):
             return first
         if len(self._tables.sets) > 1 or not self.doom.witnesses.tells_of_itself:
-            return next((b for b in range(first + 1, last + 1) if not self.doom.is_doomed(state, b)), None)
-        if self.doom.is_doomed(state, last):  # with nothing that moves, a later state can have seen only more
+            end = min(last, self.doom.steady_from)
+            for number in range(first + 1, end + 1):
+                if not self.doom.is_doomed(state, number):
+                    return number
+            first = max(first, end)
+        # With nothing that moves, a later state can have seen only more.
+        if first == last or self.doom.is_doomed(state, last):
             return None
         while last - first > 1:
             middle = (first + last) // 2

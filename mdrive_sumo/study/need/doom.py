@@ -32,6 +32,11 @@ class DoomTest:
         """Whether the road user exists from the beginning, so that it waits at its start if it leaves later."""
         return self.tables.first_tick == 0
 
+    @cached_property
+    def steady_from(self) -> int:
+        """The bin of time from which on all that a drive can have seen on its way stood after the recording."""
+        return len(self.tables.set_of_bin) + self.tables.zone.leave // BIN_TICKS + 1
+
     def is_doomed(self, state: ApproachState, number: int) -> bool:
         """Return whether for every such state in a bin of time there is a start of the road user with these properties.
 

@@ -7,7 +7,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Int
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.study.need.approach import OVERRUN_M
-from mdrive_sumo.study.need.occluders import Box, find_opaque
+from mdrive_sumo.study.need.occluders import SightBox, find_opaque
 from mdrive_sumo.study.need.sight_tables import SightTables
 from mdrive_sumo.study.need.witnesses import Witnesses
 
@@ -77,7 +77,7 @@ class ReferenceDrive:
         opaque[[self.tables.ego, self.tables.zone.road_user]] = False
         return np.flatnonzero(opaque)
 
-    def _box(self, tick: int, i: int) -> Box:
+    def _box(self, tick: int, i: int) -> SightBox:
         e = self.tables.record
         x, y, yaw = (float(values[tick, i]) for values in (e.x, e.y, e.yaw))
-        return Box(x, y, yaw, float(e.length[i]), float(e.width[i]))
+        return SightBox(x, y, yaw, float(e.length[i]), float(e.width[i]))

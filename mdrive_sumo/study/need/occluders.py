@@ -39,7 +39,7 @@ MAX_SETS = 4
 """Different sets of standing vehicles that are told apart: each costs a table."""
 
 
-class Box(NamedTuple):
+class SightBox(NamedTuple):
     """An oriented box [m, rad]."""
 
     x: float
@@ -49,7 +49,7 @@ class Box(NamedTuple):
     width: float
 
 
-def enclose_boxes(x: Float, y: Float, yaw: Float, length: float, width: float) -> Box:
+def enclose_boxes(x: Float, y: Float, yaw: Float, length: float, width: float) -> SightBox:
     """Return a box with the middle pose's yaw around boxes of one size at M poses (M,)."""
     direction = float(yaw[len(yaw) // 2])
     cos, sin = portable.cos_sin(direction)
@@ -60,7 +60,7 @@ def enclose_boxes(x: Float, y: Float, yaw: Float, length: float, width: float) -
     front, back = float((ahead + half_length).max()), float((ahead - half_length).min())
     left, right = float((aside + half_width).max()), float((aside - half_width).min())
     middle, centre = (front + back) / 2, (left + right) / 2
-    return Box(cos * middle - sin * centre, sin * middle + cos * centre, direction, front - back, left - right)
+    return SightBox(cos * middle - sin * centre, sin * middle + cos * centre, direction, front - back, left - right)
 
 
 def find_opaque(record: EpisodeRecord, over_roofs: bool) -> Bool:
@@ -119,7 +119,7 @@ class StandingOccluders:
     region: shapely.Geometry
     """Contains every line of sight between the two."""
 
-    def list_by_bin(self) -> list[tuple[Box, ...]]:
+    def list_by_bin(self) -> list[tuple[SightBox, ...]]:
         """Return the boxes that stand during each bin, and as the last entry those of all times after the recording.
 
         Neighbouring bins are joined until there are at most `MAX_SETS` different sets: what stands in all of them.
@@ -134,11 +134,11 @@ class StandingOccluders:
         rows = [*standing, between.all(axis=0)]
         return [self._build_boxes(min(at, bins - 1), np.asarray(row)) for at, row in enumerate(rows)]
 
-    def _build_boxes(self, at: int, chosen: Bool) -> tuple[Box, ...]:
+    def _build_boxes(self, at: int, chosen: Bool) -> tuple[SightBox, ...]:
         e, rows = self.vehicles.record, np.flatnonzero(chosen)
         columns = self.vehicles.columns[rows]
         table = np.stack((*self.vehicles.poses[:, at, rows], e.length[columns], e.width[columns]), axis=-1)
-        return tuple(Box(*row) for row in table.tolist())
+        return tuple(SightBox(*row) for row in table.tolist())
 
     def _find_between(self) -> Bool:
         """Return (bins, C) whether each stands in the region during the whole bin."""
@@ -167,7 +167,7 @@ class StandingOccluders:
         return self._eroded[erosion]
 
     def find_visible(
-        self, eye: tuple[float, float], erosion: float, occluders: tuple[Box, ...], targets: tuple[Box, ...]
+        self, eye: tuple[float, float], erosion: float, occluders: tuple[SightBox, ...], targets: tuple[SightBox, ...]
     ) -> Bool:
         """Return (K,) whether anything of each target can be seen from anywhere within `erosion` [m] of a point."""
         erosion = float(np.ceil(erosion / EROSION_STEP_M)) * EROSION_STEP_M

@@ -19,15 +19,16 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.study.need.conflict_zone import LATERAL_M, ConflictZone
 from mdrive_sumo.study.need.motion import RouteMotion
-from mdrive_sumo.study.need.occluders import Box, StandingOccluders, StandingVehicles, enclose_boxes
+from mdrive_sumo.study.need.occluders import SightBox, StandingOccluders, StandingVehicles, enclose_boxes
 
-STRETCHES = ((15.0, 0.5), (45.0, 1.0), (1e9, 2.5))
-"""(distance to the zone, length of a stretch) [m]: short ones where the decision falls."""
+STRETCHES = ((15.0, 0.5), (45.0, 1.0), (1e9, 1.5))
+"""(distance to the zone, length of a stretch) [m]: short ones where the decision falls, and none so
+long that what is eroded by half of it is less than a car."""
 FINE_TICKS = 5 * TICKS_PER_SECOND
 """Ticks before the road user has left the zone that are cells of their own; before them a cell has `COARSE_TICKS`."""
 COARSE_TICKS = 10
 
-Occluders = tuple[Box, ...]
+Occluders = tuple[SightBox, ...]
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class SightTables:
         return np.maximum(np.searchsorted(self._begins, ticks, side="right") - 1, 0)
 
     @cached_property
-    def cells(self) -> tuple[Box, ...]:
+    def cells(self) -> tuple[SightBox, ...]:
         """(K,) box around the road user in every cell."""
         e, i, ticks = self.record, self.zone.road_user, self._begins.tolist()
         size = float(e.length[i]), float(e.width[i])
@@ -86,11 +87,11 @@ class SightTables:
         return tuple(enclose_boxes(e.x[t, i], e.y[t, i], e.yaw[t, i], *size) for t in spans)
 
     @cached_property
-    def stretches(self) -> tuple[Box, ...]:
+    def stretches(self) -> tuple[SightBox, ...]:
         """(S,) box around the CAV in every stretch."""
         e, line = self.record, self.motion.line
         size = float(e.length[self.ego]), float(e.width[self.ego]) + 2.0 * LATERAL_M
-        found: list[Box] = []
+        found: list[SightBox] = []
         for begin, end in zip(self.edges[:-1].tolist(), self.edges[1:].tolist(), strict=True):
             stations = np.linspace(begin, end, 3)
             x, y = np.array([line.at(s) for s in stations.tolist()]).T
