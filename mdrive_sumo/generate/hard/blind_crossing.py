@@ -28,8 +28,8 @@ from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
 
-HALF_PATH_M = 2.6
-"""[m] From the place where centres come together to the side of CAV 0: its half width, and what is left to be near."""
+MOUTH_M = 4.4
+"""[m] From the path of CAV 0 over its own half width and the side road's other lane to where a van may stand."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class CrossingSite:
 
 SITES = (
     CrossingSite("hard_blind_crossing", ("south_1_in_1", "north_1_out_1"), ("west_1_1", "west_0_1"),
-                 ("north_1_in_1", "south_1_out_1"), 12.5, 2.9),
+                 ("north_1_in_1", "south_1_out_1"), 12.5, 0.0),
     CrossingSite("hard_blind_crossing", ("east_0_1", "east_1_1"), ("north_1_in_1", "south_1_out_1"),
                  ("west_1_1", "west_0_1"), 12.5, 2.9),
     CrossingSite("hard_blind_tee", ("south_1_in_0", "west_0_0"), ("east_0_0", "east_1_0"),
@@ -113,12 +113,12 @@ def build_blind_crossing(candidate: FamilyCandidate) -> Scenario:
 def _build_corner_vans(
     roads: RoadMap, encounter: Encounter, site: CrossingSite, values: Mapping[str, float]
 ) -> list[Actor]:
-    """Return vans parked at the kerb of the hidden vehicle's road, the first `corner_m` from the path of CAV 0."""
+    """Return vans parked at the hidden vehicle's kerb, the first `corner_gap_m` from the mouth of the side road."""
     if not site.corner_m:
         return []
     _, at = find_conflict(roads, encounter.own, encounter.hidden)
     length, made = BODY_SIZES["van"][0], list[Actor]()
-    front = at - HALF_PATH_M - values["corner_gap_m"]
+    front = at - MOUTH_M - values["corner_gap_m"]
     for i in range(round(values["vans"])):
         pose = compute_pose(roads, encounter.hidden, front - length / 2, -site.corner_m)
         made.append(build_vehicle_actor(f"van{i}", "van", pose, mirrored=False))
@@ -137,9 +137,9 @@ FAMILY = ScenarioFamily(
     description="Fast traffic crosses from behind buildings at a crossing or a T-junction.",
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "junction and directions"),
-        *build_encounter_parameters((60.0, 150.0), (6.0, 13.8), (9.0, 20.0)),
-        FamilyParameter("vans", 0.0, 3.0, "", "number of vans parked at the corner, where there is a kerb for them"),
-        FamilyParameter("corner_gap_m", 1.5, 9.0, "m", "distance of the first van from the side of CAV 0"),
+        *build_encounter_parameters((35.0, 150.0), (6.0, 13.8), (9.0, 22.2)),
+        FamilyParameter("vans", 0.0, 8.0, "", "number of vans parked at the corner, where there is a kerb for them"),
+        FamilyParameter("corner_gap_m", 0.0, 8.0, "m", "distance of the first van from the mouth of the side road"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit hangs above the junction (from 0.5 on)"),
         FamilyParameter("cavs", 2.0, 10.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 60.0, "", "number of reactive vehicles"),

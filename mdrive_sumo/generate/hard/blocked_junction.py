@@ -38,6 +38,8 @@ SET_OFF_S = 3.0
 """[s] Between the departures of vehicles in the queue."""
 QUEUE = ("car", "van", "car", "truck", "car", "car", "van", "car")
 """From the light back."""
+BLOCKING_GAP_M = 0.7
+"""[m] Between blocking vehicles."""
 BLOCKING_SPEED = 9.0
 """[m/s] Of the vehicles that block the junction, once they can drive on."""
 
@@ -108,7 +110,7 @@ def _build_blocking(roads: RoadMap, encounter: Encounter, queue: Lanes, row: tup
         motion = actor.motion.model_copy(update={"start_speed": 0.0})
         trigger = TimeTrigger(at_s=GREEN_S + SET_OFF_S * (len(QUEUE) + i))
         made.append(actor.model_copy(update={"motion": motion, "trigger": trigger, "action": StartMotion()}))
-        front -= length + 2.0
+        front -= length + BLOCKING_GAP_M
     return made
 
 
@@ -118,8 +120,8 @@ FAMILY = ScenarioFamily(
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "side street"),
         *build_encounter_parameters((30.0, 85.0), (3.0, 11.0), (8.0, 13.8)),
-        FamilyParameter("gap_m", 2.5, 7.0, "m", "distance of the first blocking vehicle from the side of CAV 0"),
-        FamilyParameter("blocking", 1.0, 3.0, "", "number of blocking vehicles"),
+        FamilyParameter("gap_m", 1.0, 6.0, "m", "distance of the first blocking vehicle from the side of CAV 0"),
+        FamilyParameter("blocking", 1.0, 5.0, "", "number of blocking vehicles"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit hangs above the junction (from 0.5 on)"),
         FamilyParameter("cavs", 2.0, 8.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 120.0, "", "number of reactive vehicles beside the queue"),

@@ -1,15 +1,16 @@
 """Parts that families of the hard tier share: CAVs and poses on chains of lanes, crossing road users, the scenario."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
+import shapely
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Float, Polyline
+from mdrive_sumo.core.geometry import Float, Polyline, box_corners
 from mdrive_sumo.generate.hard.family import BUCKET, FamilyCandidate, ScenarioFamily, check_candidate
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.spawn_points import RouteLine, find_conflict_stations
@@ -25,6 +26,7 @@ from mdrive_sumo.scenario.scripted_actor import (
     LaneMotion,
     PathMotion,
     PositionTrigger,
+    StandingMotion,
     StartMotion,
     Trigger,
 )
@@ -256,6 +258,18 @@ def build_scenario(
         check_scenario(scenario, roads)
     except InputError as error:
         raise ProposalRejected(PipelineStage.SOUNDNESS, str(error)) from None
+    if inside := next(_find_parked_in_buildings(scenario, roads), None):
+        raise ProposalRejected(PipelineStage.SOUNDNESS, f"scenario {scenario.id}: {inside} stands inside a building")
     if overlap := next(find_spawn_overlaps(scenario, roads), None):
         raise ProposalRejected(PipelineStage.SOUNDNESS, f"scenario {scenario.id}: {overlap}")
     return scenario
+
+
+def _find_parked_in_buildings(scenario: Scenario, roads: RoadMap) -> Iterator[str]:
+    """Return the ids of standing vehicles that overlap a building."""
+    for actor in scenario.actors:
+        if isinstance(actor.motion, StandingMotion):
+            pose = actor.start
+            box = shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, actor.length, actor.width))
+            if any(box.intersects(building) for building in roads.building_shapes):
+                yield actor.id

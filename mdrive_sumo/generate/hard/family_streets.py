@@ -20,7 +20,7 @@ PAVEMENT_M = 4.75
 """[m] From the centre of the rightmost lane to the pavement beyond the parking lane."""
 JUNCTION_GAP_M = 14.0
 """[m] No vehicle parks closer to the end of a lane."""
-WALK_GAP_M = 0.7
+WALK_GAP_M = 0.4
 """[m] From the side of a crossing pedestrian's path to the parked vehicle that hides it."""
 SHORT_ROW_M = 8.0
 

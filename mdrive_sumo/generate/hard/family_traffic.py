@@ -206,16 +206,16 @@ class ParkedRow:
 
 
 def build_parked_row(roads: RoadMap, row: ParkedRow, seed: str, prefix: str) -> tuple[Actor, ...]:
-    """Return the vehicles of a row, drawn by the seed; their ids begin with the prefix."""
+    """Return the vehicles of a row, drawn by the seed, from its end back; their ids begin with the prefix."""
     rng = random.Random(f"{seed}/{prefix}")
     made: list[Actor] = []
-    station = row.between[0]
+    end = row.between[1]
     while True:
         model = "van" if rng.random() < row.van_share else "car"
         length, gap = BODY_SIZES[model][0], rng.uniform(0.8, 1.6)
-        if station + length > row.between[1]:
+        if end - length < row.between[0]:
             return tuple(made)
         if rng.random() < row.occupied:
-            pose = compute_pose(roads, row.lanes, station + length / 2, row.offset)
+            pose = compute_pose(roads, row.lanes, end - length / 2, row.offset)
             made.append(build_vehicle_actor(f"{prefix}{len(made)}", model, pose, mirrored=False))
-        station += length + gap
+        end -= length + gap

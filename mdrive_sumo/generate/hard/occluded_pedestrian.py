@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import shapely
+
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_parts import (
     FamilyTraffic,
@@ -30,6 +32,11 @@ SPACING_M = 48.0
 """[m] Between pedestrians."""
 JUNCTION_M = (24.0, 22.0)
 """[m] No pedestrian crosses closer to the begin or the end of a segment."""
+DOOR_M = 8.6
+"""[m] From the centre of the lane to where a pedestrian begins: inside the house, out of sight until it starts."""
+DOOR_WALL_M = 1.2
+"""[m] Least distance of that place from the walls."""
+DOOR_SHIFTS_M = (0.0, 1.5, -1.5, 3.0, -3.0, 4.5, -4.5, 6.0, -6.0)
 MEAN_SPEED = 12.0
 """[m/s] Of CAV 0, by which the oncoming CAV is timed."""
 GOAL_M = 55.0
@@ -67,10 +74,20 @@ def _find_street(values: Mapping[str, float]) -> _Street:
     places: list[float] = []
     for begin, length in segments:
         while (place := max(wanted, begin + JUNCTION_M[0])) <= begin + length - JUNCTION_M[1]:
-            places.append(place)
-            wanted = place + SPACING_M
+            places.append(_find_door(roads, own, place))
+            wanted = places[-1] + SPACING_M
     places = places[: round(values["pedestrians"])]
     return _Street(corridor, roads, own, corridor.find_chain(roads, "west", corridor.lanes[-1]), tuple(places))
+
+
+def _find_door(roads: RoadMap, own: Lanes, wanted: float) -> float:
+    """Return the station [m] nearest to the wanted one whose door lies in a house; the wanted one if none is near."""
+    for shift in DOOR_SHIFTS_M:
+        door = compute_pose(roads, own, wanted + shift, -DOOR_M)
+        place = shapely.Point(door.x, door.y).buffer(DOOR_WALL_M)
+        if any(building.contains(place) for building in roads.building_shapes):
+            return wanted + shift
+    return wanted
 
 
 def build_occluded_pedestrian(candidate: FamilyCandidate) -> Scenario:
@@ -108,10 +125,10 @@ def _build_pedestrian(street: _Street, own: Ego, place: tuple[int, float], value
     station = street.places[k]
     corridor = street.corridor
     width = 2 * len(corridor.lanes) * 3.3 + (6.6 if corridor.network.endswith("arterial") else 0.0)
-    kerb = compute_pose(street.roads, street.own, station, -PAVEMENT_M)
+    door = compute_pose(street.roads, street.own, station, -DOOR_M)
     beyond = compute_pose(street.roads, street.own, station, width - 1.65 + 3.0)
     trigger = build_arrival_trigger(own, along - values["lead_m"])
-    points = ((kerb.x, kerb.y), (beyond.x, beyond.y))
+    points = ((door.x, door.y), (beyond.x, beyond.y))
     return build_crossing_actor(f"walker{k}", "pedestrian", points, values["walking_speed"], trigger)
 
 
@@ -142,10 +159,10 @@ FAMILY = ScenarioFamily(
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "corridor and segment"),
         FamilyParameter("place", 0.0, 1.0, "", "place of the first pedestrian in the segment"),
-        FamilyParameter("own_m", 45.0, 120.0, "m", "distance of CAV 0 from the first pedestrian"),
+        FamilyParameter("own_m", 40.0, 120.0, "m", "distance of CAV 0 from the first pedestrian"),
         FamilyParameter("own_speed", 6.0, 13.8, "m/s", "start speed of CAV 0"),
-        FamilyParameter("lead_m", 14.0, 55.0, "m", "distance of CAV 0 at which a pedestrian starts"),
-        FamilyParameter("walking_speed", 1.1, 2.8, "m/s", "speed of the pedestrians"),
+        FamilyParameter("lead_m", 20.0, 80.0, "m", "distance of CAV 0 at which a pedestrian starts"),
+        FamilyParameter("walking_speed", 1.2, 3.3, "m/s", "speed of the pedestrians"),
         FamilyParameter("free_m", 4.0, 16.0, "m", "length of the free place before which the pedestrians wait"),
         FamilyParameter(
             "bus", 0.0, 1.0, "", "whether a bus at its stop hides the pedestrians, not a van (from 0.5 on)"

@@ -1,7 +1,9 @@
-"""Left turn across oncoming traffic of 60 km/h that trucks in the opposite left-turn lane hide."""
+"""Left turn across oncoming traffic of 70 km/h that trucks in the opposite left-turn lane hide."""
 
 import random
+from collections.abc import Mapping
 
+from mdrive_sumo.core import portable
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_encounter import (
     Encounter,
@@ -53,20 +55,22 @@ def build_unprotected_left(candidate: FamilyCandidate) -> Scenario:
     more = round(values["cavs"]) - len(placed.egos)
     followers = build_followers(roads, encounter, placed, more - more // 2, (values["own_speed"], 13.0))
     egos = (*placed.egos, *followers, *_build_through(roads, more // 2))
-    actors = (*placed.actors, *_build_trucks(roads, round(values["trucks"]), values["truck_ahead_m"]))
+    actors = (*placed.actors, *_build_trucks(roads, round(values["trucks"]), values))
     vehicles = build_traffic(roads, STREAMS, round(values["vehicles"]), candidate.seed, (*egos, *actors))
     return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors, signals=True))
 
 
-def _build_trucks(roads: RoadMap, count: int, ahead_m: float) -> list[Actor]:
-    """Return trucks in the opposite left-turn lane, the first of them with its front `ahead_m` past the stop line.
+def _build_trucks(roads: RoadMap, count: int, values: Mapping[str, float]) -> list[Actor]:
+    """Return trucks in the opposite left-turn lane, the first of them with its front `truck_ahead_m` past the line.
 
-    It waits with straight wheels, as drivers are taught.
+    It waits with straight wheels, as drivers are taught, `truck_aside_m` to the right of its lane's centre.
     """
     centre, length = roads.lanes["west_1_3"].centre, BODY_SIZES["truck"][0]
-    front, made = centre.length + ahead_m, list[Actor]()
+    front, made = centre.length + values["truck_ahead_m"], list[Actor]()
+    aside = values["truck_aside_m"]
     for i in range(count):
         (x, y), yaw = centre.at(front - length / 2), centre.yaw_at(centre.length)
+        x, y = x + aside * portable.sin(yaw), y - aside * portable.cos(yaw)
         pose = Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4))
         made.append(build_vehicle_actor(f"truck{i}", "truck", pose))
         front -= length + TRUCK_GAP_M
@@ -83,9 +87,10 @@ FAMILY = ScenarioFamily(
     category="unprotected-left-turn",
     description="Left turn across fast oncoming traffic that trucks in the opposite left-turn lane hide.",
     parameters=(
-        *build_encounter_parameters((50.0, 120.0), (5.0, 14.0), (11.0, 16.6)),
-        FamilyParameter("truck_ahead_m", 4.0, 15.0, "m", "how far the first truck has driven into the junction"),
-        FamilyParameter("trucks", 1.0, 3.0, "", "number of trucks in the opposite left-turn lane"),
+        *build_encounter_parameters((30.0, 120.0), (5.0, 14.0), (11.0, 19.4)),
+        FamilyParameter("truck_ahead_m", 4.0, 16.3, "m", "how far the first truck has driven into the junction"),
+        FamilyParameter("truck_aside_m", 0.0, 0.4, "m", "how far right of its lane's centre the first truck stands"),
+        FamilyParameter("trucks", 1.0, 4.0, "", "number of trucks in the opposite left-turn lane"),
         FamilyParameter("cavs", 3.0, 9.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 90.0, "", "number of reactive vehicles"),
     ),
