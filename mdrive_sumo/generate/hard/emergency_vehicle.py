@@ -1,4 +1,4 @@
-"""Family `emergency-vehicle`: an ambulance crosses a priority road without stopping; halls at the corners hide it."""
+"""Family `Emergency_Vehicle`: an ambulance crosses a priority road without stopping; halls at the corners hide it."""
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_parts import (
@@ -23,7 +23,7 @@ from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 NETWORK = "hard_dual_crossing"
 GOAL_M = 40.0
 """[m] Distance of the goals behind the crossing."""
-RSU = RoadsideUnit(id="rsu", x=11.2, y=11.2)
+RSU = RoadsideUnit(id="rsu", x=9.0, y=9.0)
 """At the north-east corner: it sees the last 50 m of both roads."""
 PARAMETERS = (
     FamilyParameter("eastward", 1.0, 3.0, "", "number of CAVs that drive east, rounded"),
@@ -31,12 +31,11 @@ PARAMETERS = (
     FamilyParameter("witnesses", 1.0, 2.0, "", "number of CAVs that come north, toward the ambulance, rounded"),
     FamilyParameter("rsu", 0.0, 1.0, "", "whether there is a road-side unit, rounded"),
     FamilyParameter("arrival", 5.0, 8.0, "s", "time after which the ambulance is due at the crossing"),
-    FamilyParameter("ambulance_speed", 14.0, 20.0, "m/s", "speed of the ambulance"),
-    FamilyParameter("ambulance_lane", 0.0, 1.0, "", "lane of the ambulance, rounded; 1 is the left one"),
+    FamilyParameter("ambulance_speed", 15.0, 22.0, "m/s", "speed of the ambulance"),
     FamilyParameter("east_offset", -1.5, 1.5, "s", "how much later the first eastward CAV is due"),
     FamilyParameter("west_offset", -1.5, 1.5, "s", "how much later the first westward CAV is due"),
     FamilyParameter("witness_offset", 2.0, 4.0, "s", "how much later the first northward CAV is due"),
-    FamilyParameter("speed", 14.0, 21.0, "m/s", "start speed of the CAVs on the priority road"),
+    FamilyParameter("speed", 16.0, 22.0, "m/s", "start speed of the CAVs on the priority road"),
     FamilyParameter("headway", 0.7, 1.5, "s", "time headway of CAVs"),
     FamilyParameter("flow", 0.0, 800.0, "veh/h", "other traffic that follows on each lane of the priority road"),
 )
@@ -48,7 +47,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
     values, roads = read_values(FAMILY, candidate), load_network(NETWORK)
     arrival_s = values["arrival"]
     ways = (
-        ("west_in", "east_out", 0, "eastward", values["speed"], values["east_offset"]),
+        ("west_in", "east_out", 1, "eastward", values["speed"], values["east_offset"]),
         ("east_in", "west_out", 1, "westward", values["speed"], values["west_offset"]),
         ("south_in", "north_out", 1, "witnesses", WITNESS_SPEED, values["witness_offset"]),
     )
@@ -59,8 +58,8 @@ def _build(candidate: FamilyCandidate) -> Scenario:
         goal_m = find_lane_start(roads, chain, chain[-1]) + GOAL_M
         platoons.append(Platoon(chain, round(values[name]), lead_m, goal_m, speed, values["headway"]))
     egos = build_platoons(roads, platoons)
-    lane, speed = round(values["ambulance_lane"]), values["ambulance_speed"]
-    way = find_lane_path(roads, f"north_in_{lane}", f"south_out_{lane}")
+    speed = values["ambulance_speed"]
+    way = find_lane_path(roads, "north_in_0", "south_out_0")  # nearest to the corner: hidden longest
     start_m = compute_lead(roads, way, speed, arrival_s)
     ambulance = build_moving_actor("ambulance", "ambulance", roads, way, (start_m, speed), avoid_collision=False)
     flows = [
@@ -74,8 +73,8 @@ def _build(candidate: FamilyCandidate) -> Scenario:
 
 
 FAMILY = ScenarioFamily(
-    category="emergency-vehicle",
-    description="An ambulance on call crosses a priority road at 14 to 20 m/s and comes into view at the last moment.",
+    category="Emergency_Vehicle",
+    description="An ambulance on call crosses a priority road at 15 to 22 m/s and comes into view at the last moment.",
     parameters=PARAMETERS,
     build=_build,
 )

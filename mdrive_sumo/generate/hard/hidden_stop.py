@@ -1,4 +1,4 @@
-"""Family `hidden-stop`: a truck leaves the lane just before vehicles that stand in it, in a bend of a motorway."""
+"""Family `Hidden_Stop`: a truck leaves the lane just before vehicles that stand in it, in a bend of a motorway."""
 
 from collections.abc import Iterator
 
@@ -117,7 +117,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
 
 
 FAMILY = ScenarioFamily(
-    category="hidden-stop",
+    category="Hidden_Stop",
     description="Behind a truck that leaves the lane at the last moment, vehicles stand in the bend of a motorway.",
     parameters=PARAMETERS,
     build=_build,

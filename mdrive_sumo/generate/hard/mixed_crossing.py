@@ -1,4 +1,4 @@
-"""Family `mixed-crossing`: CAVs cross a priority road whose fast traffic is not connected, apart from single CAVs."""
+"""Family `Mixed_Crossing`: CAVs cross a priority road whose fast traffic is not connected, apart from single CAVs."""
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_parts import (
@@ -16,7 +16,7 @@ from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 NETWORK = "hard_dual_crossing"
 GOAL_M = 40.0
 """[m] Distance of the goals behind the crossing."""
-RSU = RoadsideUnit(id="rsu", x=-11.2, y=-11.2)
+RSU = RoadsideUnit(id="rsu", x=-9.0, y=-9.0)
 """At the south-west corner: it sees the last 50 m of both roads."""
 PARAMETERS = (
     FamilyParameter("northward", 1.0, 3.0, "", "number of CAVs that cross northward, rounded"),
@@ -27,7 +27,7 @@ PARAMETERS = (
     FamilyParameter("arrival", 4.0, 7.0, "s", "time after which the first northward CAV is due at the crossing"),
     FamilyParameter("south_offset", -1.5, 1.5, "s", "how much later the first southward CAV is due"),
     FamilyParameter("main_offset", -1.5, 3.0, "s", "how much later the CAVs on the priority road are due"),
-    FamilyParameter("speed", 11.0, 18.0, "m/s", "start speed of the CAVs that cross"),
+    FamilyParameter("speed", 13.0, 19.0, "m/s", "start speed of the CAVs that cross"),
     FamilyParameter("main_speed", 16.0, 21.0, "m/s", "start speed of the CAVs on the priority road"),
     FamilyParameter("headway", 0.8, 2.0, "s", "time headway of CAVs"),
     FamilyParameter("near_flow", 50.0, 600.0, "veh/h", "eastward traffic on each lane that is not connected"),
@@ -45,7 +45,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
     )
     platoons: list[Platoon] = []
     for entry, leave, name, speed, offset in ways:
-        chain = find_lane_path(roads, f"{entry}_0", f"{leave}_0")
+        chain = find_lane_path(roads, f"{entry}_1", f"{leave}_1")
         lead_m = compute_lead(roads, chain, speed, values["arrival"] + offset)
         goal_m = find_lane_start(roads, chain, chain[-1]) + GOAL_M
         platoons.append(Platoon(chain, round(values[name]), lead_m, goal_m, speed, values["headway"]))
@@ -61,7 +61,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
 
 
 FAMILY = ScenarioFamily(
-    category="mixed-crossing",
+    category="Mixed_Crossing",
     description="CAVs cross a priority road with traffic at 20 m/s that sends nothing, but for single CAVs in it.",
     parameters=PARAMETERS,
     build=_build,

@@ -1,4 +1,4 @@
-"""Family `motorway-merge`: CAVs come up a ramp behind a noise wall and merge into a motorway at speed."""
+"""Family `Motorway_Merge`: CAVs come up a ramp behind a noise wall and merge into a motorway at speed."""
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_parts import (
@@ -72,7 +72,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
 
 
 FAMILY = ScenarioFamily(
-    category="motorway-merge",
+    category="Motorway_Merge",
     description="CAVs merge from a ramp behind a noise wall into motorway traffic at 22 to 33 m/s.",
     parameters=PARAMETERS,
     build=_build,

@@ -1,4 +1,4 @@
-"""Family `motorway-weave`: CAVs that enter and CAVs that leave a motorway exchange lanes on a short auxiliary lane."""
+"""Family `Motorway_Weave`: CAVs that enter and CAVs that leave a motorway exchange lanes on a short auxiliary lane."""
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_parts import (
@@ -69,7 +69,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
 
 
 FAMILY = ScenarioFamily(
-    category="motorway-weave",
+    category="Motorway_Weave",
     description="CAVs that enter and CAVs that leave a motorway exchange lanes within 190 m.",
     parameters=PARAMETERS,
     build=_build,

@@ -1,4 +1,4 @@
-"""Family `narrow-street`: CAVs meet in a village street where parked vehicles leave one lane at two places."""
+"""Family `Narrow_Street`: CAVs meet in a village street where parked vehicles leave one lane at two places."""
 
 from collections.abc import Sequence
 
@@ -69,7 +69,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
 
 
 FAMILY = ScenarioFamily(
-    category="narrow-street",
+    category="Narrow_Street",
     description="CAVs meet in a village street with two single-lane places and room to wait between them.",
     parameters=PARAMETERS,
     build=_build,

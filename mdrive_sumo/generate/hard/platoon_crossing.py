@@ -1,4 +1,4 @@
-"""Family `platoon-crossing`: platoons of CAVs reach the crossing of two dual carriageways at the same time."""
+"""Family `Platoon_Crossing`: platoons of CAVs reach the crossing of two dual carriageways at the same time."""
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_parts import (
@@ -22,11 +22,10 @@ PARAMETERS = (
     FamilyParameter("arrival", 4.0, 6.0, "s", "time after which the eastward platoon is due at the crossing"),
     FamilyParameter("north_offset", -2.0, 2.0, "s", "how much later the northward platoon is due"),
     FamilyParameter("west_offset", -3.0, 3.0, "s", "how much later the westward platoon is due"),
-    FamilyParameter("east_speed", 14.0, 22.0, "m/s", "speed of the eastward and westward platoons"),
-    FamilyParameter("north_speed", 12.0, 19.0, "m/s", "speed of the northward platoon"),
+    FamilyParameter("east_speed", 16.0, 22.0, "m/s", "speed of the eastward and westward platoons"),
+    FamilyParameter("north_speed", 14.0, 19.0, "m/s", "speed of the northward platoon"),
     FamilyParameter("headway", 0.5, 1.6, "s", "time headway in platoons"),
-    FamilyParameter("lanes", 0.0, 3.0, "", "which lanes: 1 is added for the left one eastward, 2 northward, rounded"),
-    FamilyParameter("flow", 0.0, 900.0, "veh/h", "other traffic on each lane of the priority road without a platoon"),
+    FamilyParameter("flow", 0.0, 900.0, "veh/h", "other traffic on each left lane of the priority road"),
 )
 
 
@@ -38,12 +37,10 @@ def compute_lead(roads: RoadMap, lanes: tuple[str, ...], speed: float, due_s: fl
 
 def _build(candidate: FamilyCandidate) -> Scenario:
     values, roads = read_values(FAMILY, candidate), load_network(NETWORK)
-    lanes = round(values["lanes"])
-    east_lane, north_lane = lanes % 2, lanes // 2
     ways = (
-        ("west_in", "east_out", east_lane, "eastward", values["east_speed"], 0.0),
-        ("south_in", "north_out", north_lane, "northward", values["north_speed"], values["north_offset"]),
-        ("east_in", "west_out", east_lane, "westward", values["east_speed"], values["west_offset"]),
+        ("west_in", "east_out", 0, "eastward", values["east_speed"], 0.0),
+        ("south_in", "north_out", 1, "northward", values["north_speed"], values["north_offset"]),
+        ("east_in", "west_out", 0, "westward", values["east_speed"], values["west_offset"]),
     )
     platoons: list[Platoon] = []
     for entry, leave, lane, name, speed, offset in ways:
@@ -52,9 +49,8 @@ def _build(candidate: FamilyCandidate) -> Scenario:
         goal_m = find_lane_start(roads, chain, chain[-1]) + GOAL_M
         platoons.append(Platoon(chain, round(values[name]), lead_m, goal_m, speed, values["headway"]))
     egos = build_platoons(roads, platoons)
-    other = 1 - east_lane
     flows = [
-        TrafficFlow(find_lane_path(roads, f"{entry}_{other}", f"{leave}_{other}"), values["flow"], CARS)
+        TrafficFlow(find_lane_path(roads, f"{entry}_1", f"{leave}_1"), values["flow"], CARS)
         for entry, leave in (("west_in", "east_out"), ("east_in", "west_out"))
     ]
     vehicles = build_flows(roads, flows, candidate.seed, egos)
@@ -62,8 +58,8 @@ def _build(candidate: FamilyCandidate) -> Scenario:
 
 
 FAMILY = ScenarioFamily(
-    category="platoon-crossing",
-    description="Platoons of CAVs cross each other's way at 12 to 22 m/s; halls at the corners hide them.",
+    category="Platoon_Crossing",
+    description="Platoons of CAVs cross each other's way at 14 to 22 m/s; halls at the corners hide them.",
     parameters=PARAMETERS,
     build=_build,
 )

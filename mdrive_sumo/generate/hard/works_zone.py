@@ -1,4 +1,4 @@
-"""Family `works-zone`: both directions of a country road share one lane beside road works, between two bends."""
+"""Family `Works_Zone`: both directions of a country road share one lane beside road works, between two bends."""
 
 from collections.abc import Iterator
 
@@ -91,7 +91,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
 
 
 FAMILY = ScenarioFamily(
-    category="works-zone",
+    category="Works_Zone",
     description="CAVs of both directions share one lane beside road works; bends between hedges hide who comes.",
     parameters=PARAMETERS,
     build=_build,
