@@ -13,7 +13,7 @@ from mdrive_sumo.planning.driving_options import MAX_SPEED
 from mdrive_sumo.planning.fleet_paths import FleetPaths, find_cells_blocked_by_objects, predict_stations
 from mdrive_sumo.planning.joint_detours import has_undecided_vehicle, plan_joint_detours
 from mdrive_sumo.planning.joint_plan import find_common_scale, find_road_horizon, plan_on_roads
-from mdrive_sumo.planning.parameters import MARGINS, STOP_LINE, SafetyMargin
+from mdrive_sumo.planning.parameters import MARGINS, PLANNER, STOP_LINE, SafetyMargin
 from mdrive_sumo.planning.path_overlap import find_cells
 from mdrive_sumo.planning.pedestrian_caution import limit_speeds_near_pedestrians, predict_walking_on
 from mdrive_sumo.planning.planning_order import find_planning_order
@@ -246,6 +246,8 @@ class OmniscientAgent:
         speeds = limit_speeds_near_pedestrians(self._path, self._speeds, known.objects, briefing.vehicle)
         start, lattice = (self._s, seen.own.speed), self._scale.lattice
         problem = build_free_road_problem(self._path, speeds, start, now_s, self._find_horizon(now_s), lattice)
+        if self._road is not None:  # it closes up: others may leave a gap earlier than they are predicted to
+            problem = replace(problem, wait_penalty=PLANNER.wait_penalty)
         block = partial(self._find_blocked, known, problem.cells, problem.times)
         free = problem
         problem = problem.add_traffic(block, plan_margin=self._scale.plan_margin)
