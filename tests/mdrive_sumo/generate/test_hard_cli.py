@@ -156,6 +156,7 @@ def _claim_need(path: Path) -> None:
         time_limit_s=1.0,
         required_speed=1.0,
         is_blind=True,
+        is_blind_over_roofs=False,
         cautious_s=None,
         cautious_speed=None,
         excludes_all=False,
