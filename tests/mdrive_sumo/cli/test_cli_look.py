@@ -43,9 +43,14 @@ def test_list_scenarios_has_a_row_for_each() -> None:
 
 
 def test_list_agents_says_what_each_does() -> None:
-    rows = [line.split(maxsplit=1) for line in call("list", "agents").output.splitlines()[2:]]
-    assert {"stationary", "constant-speed", "idm", "omniscient"} <= {name for name, _ in rows}
-    assert all(len(text) > 10 for _, text in rows)
+    table, _, legend = call("list", "agents").output.partition("\n\n")
+    rows = [line.split(maxsplit=2) for line in table.splitlines()[2:]]
+    assert all(len(text) > 10 for _, _, text in rows) and legend.startswith("track: sensor: ")
+    tracks = {name: track for name, track, _ in rows}
+    assert (
+        tracks.items()
+        >= {"stationary": "sensor", "idm": "object", "colmdriver": "object", "omniscient": "object"}.items()
+    )
 
 
 def test_list_networks_says_whether_signs_are_known() -> None:

@@ -161,7 +161,7 @@ def test_a_box_hides_suite_and_recordings(reference: Path, tmp_path: Path) -> No
     assert boxed.exit_code == 0, boxed.output
     found = json.loads((tmp_path / "boxed" / "open_loop.json").read_text())
     assert found["overall"]["frames"] > 20 and found["run"]["labels"] == []
-    assert found["run"]["sensing_track"] in ("sensor", "object")
+    assert found["run"]["sensing_track"] == "object"
 
 
 def test_an_agent_without_a_box_is_labelled(reference: Path, tmp_path: Path) -> None:

@@ -53,7 +53,10 @@ def agent_in(folder: Path, agents: str) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("style", "sensors"), [("agent", "objects"), ("joint", "lidar:lidar, gnss, imu, speedometer")])
+@pytest.mark.parametrize(
+    ("style", "sensors"),
+    [("agent", "objects"), ("joint", "lidar:lidar, gnss, imu, speedometer"), ("lidar", "lidar:top")],
+)
 def test_samples_are_accepted(run: Run, tmp_path: Path, style: str, sensors: str) -> None:
     made = run("init-agent", tmp_path / "mine", "--style", style)
     assert made.exit_code == 0, made.output

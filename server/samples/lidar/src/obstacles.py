@@ -12,7 +12,7 @@ LONGEST_M = 12.0
 """Longer groups are walls: they stand, although their visible part moves."""
 STEP_M, SLOWEST = 4.0, 1.0
 """Largest way of a group between two scans [m]; what is slower stands [m/s]."""
-LOOK_S = np.arange(0.0, 3.1, 0.5)
+LOOK_S = np.arange(0.0, 3.1, 0.25)
 """Times for which obstacles are moved ahead [s]."""
 
 
