@@ -22,7 +22,8 @@ road user that exists in the first tick waits at its start if it leaves later.
 
 What it does not say: that a driver fails in the scenario as written, whose start it may meet by luck; anything about
 drivers that leave their route, mount a LiDAR elsewhere, or, for `is_blind`, spend their spare time before this zone.
-All bounds err on the side of not certifying.
+Bounds err on the side of not certifying, except where time is sampled: boxes are compared at recorded ticks, and a
+witness's line of sight at both ends of half a second. Other traffic moves as in the reference in all worlds.
 
 For `validate` and `generate --hard`: `certify_need` takes the scenario with its time limits and the reference drive;
 `holds` is what issue K counts; `save_need`, `read_need` and `load_need` handle `need.json` as those of
@@ -210,7 +211,7 @@ class _ConflictAnalysis:
 
     @cached_property
     def _limit_s(self) -> float:
-        return self._ego.time_limit_s or compute_time_limit_ticks(self.scenario) / TICKS_PER_SECOND
+        return compute_time_limit_ticks(self.scenario)[self._ego.id] / TICKS_PER_SECOND
 
     @cached_property
     def _doom(self) -> DoomTest:
