@@ -71,7 +71,7 @@ def test_agents_drive_a_packaged_network_at_its_speed(agent: str, suite: Path, t
 @pytest.mark.full
 @pytest.mark.parametrize(
     ("network", "lane", "speed"),
-    [("motorway", "weave_3", 25.0), ("freeway", "before_1", 20.0), ("wide_crossing", "west_in_1", 12.0)],
+    [("motorway", "weave_3", 17.0), ("freeway", "before_1", 20.0), ("wide_crossing", "west_in_1", 12.0)],
 )
 @pytest.mark.parametrize("agent", ["omniscient", "sharing+negotiation"])
 def test_other_networks_are_driven_at_their_speeds(
