@@ -165,7 +165,7 @@ class OmniscientAgent:
     def _find_red_light(self, seen: Observation) -> float:
         """Return the station [m] that the box centre must not pass now because of a light; infinity if there is none.
 
-        On the roads of the protocol's scenarios all lights are green.
+        Only asked where limits of roads count: in the scenarios of the protocol it drives as it always did.
         """
         here, speed = self._s, seen.own.speed
 

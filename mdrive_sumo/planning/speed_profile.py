@@ -198,6 +198,7 @@ def find_fastest_profile(problem: SpeedProfileProblem) -> SpeedProfile | None:
         if not np.isfinite(cost).any():
             return None
         if layer > settled_layer and _is_stuck(before, cost):
+            cost[1:] = np.inf
             break
     reaches_goal = bool(np.isfinite(cost[goals]).any())
     if not reaches_goal and len(problem.blocked_after):
@@ -222,9 +223,12 @@ def _find_settled_layer(problem: SpeedProfileProblem) -> int:
 
 
 def _is_stuck(before: Float, after: Float) -> bool:
-    """Return whether the furthest cell is the same in two layers, and a car can stand there."""
+    """Return whether the furthest cell is the same in two layers, and a car can stand there.
+
+    Or in the cell before: sums of cell and speed are all even or all odd.
+    """
     first, second = (int(np.flatnonzero(np.isfinite(cost).any(axis=0))[-1]) for cost in (before, after))
-    return first == second and math.isfinite(before[0, first])
+    return first == second and bool(np.isfinite(after[0, max(first - 1, 0) : first + 1]).any())
 
 
 def _advance_layer(cost: Float, transitions: Transitions, blocked: Bool) -> tuple[Float, Int]:

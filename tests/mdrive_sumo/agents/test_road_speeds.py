@@ -29,7 +29,7 @@ def test_agents_start_at_speed_and_drive_the_limit(agent: str) -> None:
 def test_agents_stop_behind_a_standing_car_on_a_road_without_room_to_pass(agent: str) -> None:
     """From 30 m/s in 180 m: 2.5 m/s2 at least."""
     walls = [Box(330.0, y, 0.0) for y in (-2.2, 0.0, 2.2, 4.4)]
-    episode = drive_fast(agent, [fast_ego("0", ROAD[150:601], 30.0, limit_s=14.0)], walls)
+    episode = drive_fast(agent, [fast_ego("0", ROAD[150:401], 30.0, limit_s=12.0)], walls)
     assert not episode.contacts
     assert episode.find_ending("0").end is End.TIMED_OUT
     assert find_speeds(episode)[-1] < 0.5

@@ -1,6 +1,9 @@
 """Time ratio and efficient SR, from hand-made cases and against an oracle that follows docs/scoring.md."""
 
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import get_args
 
 import pytest
 from hypothesis import given
@@ -10,6 +13,7 @@ from testing.scored_pair import PAIR, ROADS, RUN, pair_episode
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
+from mdrive_sumo.scenario.suite import ScoreModeName, Suite, SuiteFile
 from mdrive_sumo.scoring import (
     EgoResult,
     ScenarioResult,
@@ -190,3 +194,12 @@ def test_the_oracle_agrees(rows: list[tuple[tuple[int, float, End], int]], mode:
     assert found.efficient_sr == pytest.approx(wanted, abs=1e-5)
     assert found.efficient_sr is not None and found.efficient_sr <= result.sr + 1e-5
     assert timed(found, {str(i): base for i, (_, base) in enumerate(rows)}, mode) == found
+
+
+def test_a_suite_of_bucket_hard_is_scored_in_mode_hard(tmp_path: Path) -> None:
+    assert set(get_args(ScoreModeName)) == {mode.value for mode in ScoreMode}
+    hard = Suite(SuiteFile(name="h", title="h"), tmp_path, (scenario(id="a", bucket="Hard"),))
+    mixed = replace(hard, scenarios=(*hard.scenarios, scenario(id="b", bucket="Other")))
+    stated = replace(mixed, about=SuiteFile(name="h", title="h", score_mode="hard"))
+    assert [suite.score_mode for suite in (hard, mixed, stated)] == ["hard", "mdrive", "hard"]
+    assert "score_mode" not in mixed.about.model_dump_json()

@@ -72,3 +72,15 @@ def test_who_lost_is_named_once_and_in_order(cavs: list[tuple[float, list[int]]]
     assert [cav.ds for cav in found] == sorted(cav.ds for cav in found)
     for cav in found:
         assert [loss.tick for loss in cav.losses] == sorted(cavs[int(cav.ego)][1])
+
+
+def test_in_mode_hard_lost_time_is_a_loss() -> None:
+    late = ego(
+        name="0", rc=100.0, ds=100.0, ip=1.0, outcome=End.ARRIVED, ticks=300, time_ratio=1.5, time_factor=0.666667
+    )
+    hit_late = ego(hit(), name="1", rc=100.0, outcome=End.ARRIVED, ticks=300, time_ratio=1.5, time_factor=0.6)
+    in_time = ego(name="2", rc=100.0, ds=100.0, ip=1.0, ticks=200, time_ratio=1.0, time_factor=1.0)
+    found = {cav.ego: cav.losses for cav in explain_losses(episode(late, hit_late, in_time), {})}
+    assert [loss.text for loss in found["0"]] == ["needed 1.50 x omniscient's time"]
+    assert found["1"][-1].text == "counts with its whole time limit, with an infraction"
+    assert "2" not in found
