@@ -176,7 +176,7 @@ def test_a_time_out_is_replayed(tmp_path: Path) -> None:
     (tmp_path / "sleeper.py").write_text(AGENT)
     agent = f"{tmp_path}/sleeper.py:Sleeper"
     ended = invoke("eval", "--scenario", "i01_*", "--agent", agent, "--out", tmp_path / "run")
-    assert ended.exit_code == 0, ended.output
+    assert ended.exit_code == 1, ended.output  # its agent failed
     first = load_results(tmp_path / "run" / "results.json").scenarios[0].egos[0]
     assert (first.outcome, first.reason.split(":")[0]) == (End.AGENT_FAILED, FailureReason.TIMEOUT)
     ended = invoke("verify", tmp_path / "run", "--trust-agent")
