@@ -162,6 +162,7 @@ class CrossPlayWork:
             sandbox=self._settings.sandbox,
             limits=self._settings.limits,
             other=OtherArchive(others.archive_sha256, others.environment),
+            checksum=self._suites.find_checksum(phase, job.scenario),
         )
 
 
