@@ -17,7 +17,8 @@ from mdrive_sumo.scoring.results import Results
 
 
 def results(mode: ScoreMode = ScoreMode.MDRIVE) -> Results:
-    found = score_episode(pair_episode(), PAIR, ROADS, mode, 1)
+    reference = {ego.id: 100 for ego in PAIR.egos}
+    found = score_episode(pair_episode(), PAIR, ROADS, mode, 1, reference)
     void = make_void_result(scenario(id="v"), 1, "SUMO stopped")
     return summarize_run(RUN.model_copy(update={"score_mode": str(mode)}), [found, void])
 
@@ -67,7 +68,7 @@ BAD = {
     "same id": (("scenarios", 1, "id"), ONE, f"scenarios: expected every id once, found '{ONE}' 2 times"),
     "no scenario": (("scenarios",), [], "scenarios: expected at least one, found none"),
     "another seed": (("scenarios", 0, "seed"), 7, f"scenarios[{ONE}].seed: expected the run's 1, found 7"),
-    "score mode": (("run", "score_mode"), "best", "run.score_mode: expected one of mdrive, interdrive_fixed"),
+    "score mode": (("run", "score_mode"), "best", "run.score_mode: expected one of mdrive, hard, interdrive_fixed"),
     "no CAVs": (("scenarios", 0, "egos"), [], f"scenarios[{ONE}].egos: expected at least one, found none"),
     "penalty": (("scenarios", 0, "egos", 0, "ip"), 2.0, ".ip: expected 0 to 1, found 2.0"),
     "forgiven": (("scenarios", 0, "egos", 0, "infractions"), [], ".ip: expected the product of its infractions'"),

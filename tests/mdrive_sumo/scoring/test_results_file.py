@@ -57,7 +57,10 @@ def test_the_schema_describes_every_key_of_the_file() -> None:
     schema = build_results_schema()
     data = full_results().model_dump(mode="json")
     assert set(schema["properties"]) == set(data)
-    assert set(schema["$defs"]["ScenarioResult"]["properties"]) == set(data["scenarios"][0]) | {"scalars"}
+    assert set(schema["$defs"]["ScenarioResult"]["properties"]) == set(data["scenarios"][0]) | {
+        "scalars",
+        "sensing_track",
+    }
     assert schema["$defs"]["ScenarioResult"]["additionalProperties"] is False
     assert schema["properties"]["format"]["const"] == "mdrive-sumo/results/4"
 

@@ -122,7 +122,7 @@ def test_what_an_agent_declares_is_refused_at_upload_and_costs_no_quota(
 ) -> None:
     """The first start in a box, by `declaration_check`, is in its own tests; here it says no."""
 
-    def refuse(archive: Path, manifest: Manifest, settings: ServerSettings) -> bool:
+    def refuse(archive: Path, manifest: Manifest, settings: ServerSettings, sensor_track_only: bool) -> bool:
         assert archive.is_file() and manifest.style == "agent" and settings.limits.start_agents
         raise ArchiveRefused("sensor 'rgb': expected another")
 
