@@ -96,6 +96,7 @@ def measured(data: Path, every: int, processes: int) -> str:
         wall_s = time.monotonic() - since
     finally:
         supervisor.stop()
+    # Without the boxes: they end by a signal to bubblewrap, so no process of this tree waits for their own.
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     with store.read() as session:
         usages = [job.usage or {} for job in session.query(JobRow)]
@@ -104,7 +105,8 @@ def measured(data: Path, every: int, processes: int) -> str:
     cpu_s = used.ru_utime + used.ru_stime
     return (
         f"{state(store, submission)}: {len(usages)} scenarios by {processes} workers: wall {wall_s:.0f} s, CPU"
-        f" {cpu_s:.0f} s ({cpu_s / len(usages):.2f} s a scenario), of it {boxed_s:.0f} s in {boxes} boxes;"
+        f" {cpu_s:.0f} s in evaluators and {boxed_s:.0f} s in {boxes} boxes"
+        f" ({(cpu_s + boxed_s) / len(usages):.2f} s a scenario);"
         f" load average {os.getloadavg()[0]:.1f}"
     )
 

@@ -13,6 +13,7 @@ from mdrive_sumo.study.paper.paper_plan import (
     MIN_STRATUM,
     PaperScale,
     choose_evenly,
+    choose_shortest,
     make_plan,
     name_stratum,
 )
@@ -43,6 +44,13 @@ def test_a_quick_study_has_every_stratum_once_and_is_always_the_same(mdrive: Sui
     levels = {"static-avoidance", "dynamic-avoidance", "dynamic-coordination"}
     assert {*found} == strata == {"IC", "LM", "LC", "synthetic"} | levels
     assert found.count("synthetic") == 2
+
+
+def test_the_shortest_routes_are_those_with_the_least_to_drive_together(mdrive: Suite) -> None:
+    lengths = [sum(len(ego.route) for ego in scenario.egos) for scenario in mdrive]
+    found = choose_shortest(mdrive, 5)
+    assert sorted(sum(len(ego.route) for ego in one.egos) for one in found) == sorted(lengths)[:5]
+    assert found == [scenario for scenario in mdrive if scenario in found], "in the order of the suite"
 
 
 def test_a_standard_study_has_a_quarter_of_each_category_and_the_same_worse_channels(mdrive: Suite) -> None:
