@@ -15,6 +15,7 @@ Columns = dict[str, Any]
 _PREFIX = "submission-"
 _COPIED = ("archive_sha256", "phase", "evaluator", "track", "name")
 """Columns of a submission that its entries repeat; the last two in entries of newer versions only."""
+_PAIR = ("phase", "tested", "others", "scenario")
 _UNFINISHED: Columns = {"state": None, "ds": None, "summary_sha256": None}
 
 
@@ -27,6 +28,8 @@ class AuditedRows:
     phases: dict[str, Columns] = field(default_factory=lambda: {})
     submissions: dict[str, Columns] = field(default_factory=lambda: {})
     """`state` is None while a submission is unfinished; `summary_sha256` is absent in entries of older versions."""
+    cross_play: dict[str, list[Columns]] = field(default_factory=lambda: {})
+    """Results by `name_pair`, in the order of the log: one for each evaluator under which the pair was driven."""
 
     def apply(self, entry: AuditEntryRow) -> None:
         """Take over what an entry says; actions without a row say nothing."""
@@ -82,6 +85,16 @@ def _revoke_token(rows: AuditedRows, entry: AuditEntryRow) -> None:
     rows.tokens.setdefault(entry.data["token"], {})["revoked_us"] = entry.at_us
 
 
+def name_pair(phase: str, tested: str, others: str, scenario: str) -> str:
+    """Return the name of a cross-play job in messages."""
+    return f"{phase} {tested} among {others} in {scenario}"
+
+
+def _add_cross_play(rows: AuditedRows, entry: AuditEntryRow) -> None:
+    found = {name: value for name, value in entry.data.items() if name not in _PAIR}
+    rows.cross_play.setdefault(name_pair(*(entry.data[name] for name in _PAIR)), []).append(found)
+
+
 def _set_phase(rows: AuditedRows, entry: AuditEntryRow) -> None:
     rows.phases[entry.data["id"]] = dict(entry.data)
 
@@ -93,4 +106,5 @@ _HANDLERS: Mapping[str, Callable[[AuditedRows, AuditEntryRow], None]] = {
     "token-issued": _issue_token,
     "token-revoked": _revoke_token,
     "phase-set": _set_phase,
+    "cross-play-done": _add_cross_play,
 }

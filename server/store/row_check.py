@@ -1,6 +1,7 @@
 """Compare rows with the audit log: a score changed in the database is found, because the hash chain holds the true one.
 
-Compared are teams, tokens, phases, submissions with their summaries, the results of their scenarios, and leaderboards.
+Compared are teams, tokens, phases, submissions with their summaries, the results of their scenarios, leaderboards, and
+the results of cross-play.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,11 +12,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.tree_difference import format_leaf
-from server.enums import SubmissionState
+from server.enums import JobState, SubmissionState
 from server.store import checksums, standings
-from server.store.audited_rows import Columns, load_audited_rows
+from server.store.audited_rows import Columns, load_audited_rows, name_pair
 from server.store.quota import UNFINISHED
-from server.store.tables import JobRow, PhaseRow, StandingRow, SubmissionRow, TeamRow, TokenRow
+from server.store.tables import CrossPlayJobRow, JobRow, PhaseRow, StandingRow, SubmissionRow, TeamRow, TokenRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,7 @@ def find_row_differences(session: Session, with_results: bool = True) -> Iterato
                 yield from _compare_results(session, row)
             session.expunge(row)
     yield from _compare_standings(session)
+    yield from _compare_cross_play(session, audited.cross_play)
 
 
 def _compare_ids(table: str, expected: Mapping[str, Any], rows: Mapping[str, Any]) -> Iterator[RowDifference]:
@@ -102,6 +104,19 @@ def _compare_results(session: Session, row: SubmissionRow) -> Iterator[RowDiffer
             yield RowDifference("jobs of submission", row.id, text)
     for job in found:
         session.expunge(job)
+
+
+def _compare_cross_play(session: Session, expected: Mapping[str, Sequence[Columns]]) -> Iterator[RowDifference]:
+    """Compare the results of finished pairs with the log's, which tells no evaluators apart: in the order of ending."""
+    done = select(CrossPlayJobRow).where(CrossPlayJobRow.state == JobState.DONE)
+    found: dict[str, list[Columns | None]] = {}
+    for row in session.scalars(done.order_by(CrossPlayJobRow.finished_us, CrossPlayJobRow.id)):
+        found.setdefault(name_pair(row.phase, row.tested, row.others, row.scenario), []).append(row.result)
+    yield from _compare_ids("cross_play_jobs", expected, found)
+    for name in expected.keys() & found.keys():
+        if list(expected[name]) != found[name]:
+            text = f"result: expected {format_leaf(list(expected[name]))}, found {format_leaf(found[name])}"
+            yield RowDifference("cross_play_jobs", name, text)
 
 
 def _compare_standings(session: Session) -> Iterator[RowDifference]:

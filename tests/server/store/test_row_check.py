@@ -14,12 +14,13 @@ from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, sent, summary, wi
 
 from mdrive_sumo.core.errors import InputError
 from server.cli import admin
-from server.enums import TokenScope
-from server.store import Store, audit, jobs, phases, submissions, teams, tokens
+from server.enums import JobState, TokenScope
+from server.store import Store, audit, cross_play, jobs, phases, submissions, teams, tokens
 from server.store.backup import restore_backup, write_backup
 from server.store.checksums import compute_results_checksum
+from server.store.cross_play import CrossPlayScore
 from server.store.row_check import find_row_differences
-from server.store.tables import SubmissionRow
+from server.store.tables import CrossPlayJobRow, SubmissionRow
 
 pytestmark = pytest.mark.slow
 
@@ -30,6 +31,16 @@ def drive(session: Any, submission: SubmissionRow, ds: float) -> None:
     checksum = compute_results_checksum(submissions.list_finished_jobs(session, submission.id))
     results = {**summary(ds), "results_sha256": checksum}
     assert submissions.finish_if_complete(session, submission.id, results, NOON + S)
+
+
+def drive_pair(session: Any, tested: str, others: str) -> None:
+    """One scenario under two evaluators, as after an update of the benchmark."""
+    for evaluator, ds in (("a", 40.0), ("b", 50.0)):
+        pair = {"phase": PHASE.id, "tested": tested, "others": others, "scenario": "i01"}
+        job = CrossPlayJobRow(**pair, evaluator=evaluator, state=JobState.RUNNING.value, owner="worker")
+        session.add(job)
+        session.flush()
+        assert cross_play.finish(session, job.id, "worker", job.attempt, CrossPlayScore(ds, 0.0, "", ""), NOON + S)
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +54,9 @@ def backup(tmp_path_factory: pytest.TempPathFactory) -> Path:
         tokens.issue(session, teams.get(session, "red"), TokenScope.SUBMIT, NOON)
         tokens.issue(session, None, TokenScope.ADMIN, NOON)
         tokens.revoke(session, tokens.list_tokens(session, None)[0].id, NOON)
-        drive(session, sent(session, red, NOON), 80.0)
-        drive(session, sent(session, blue, NOON + 1), 70.0)
+        shown = sent(session, red, NOON), sent(session, blue, NOON + 1)
+        drive(session, shown[0], 80.0)
+        drive(session, shown[1], 70.0)
         drive(session, sent(session, blue, NOON + 2, phase="hidden"), 70.0456)
         submissions.cancel(session, sent(session, blue, NOON + 3).id, NOON + 4)
         disqualified = sent(session, red, NOON + 5)
@@ -55,6 +67,7 @@ def backup(tmp_path_factory: pytest.TempPathFactory) -> Path:
         submissions.set_shown(session, hidden.id, False, NOON + 8)
         teams.set_hidden(session, blue, True, NOON + 9)
         teams.set_hidden(session, blue, False, NOON + 10)
+        drive_pair(session, shown[0].id, shown[1].id)
         assert not list(find_row_differences(session))
     write_backup(store, folder / "b.sqlite")
     store.close()
@@ -122,6 +135,11 @@ ATTACKS = {
         "tokens x: expected an entry of the audit log, found none",
     ),
     "public phase": ("UPDATE phases SET public = 1", "phases hidden: public: expected False, found True"),
+    "cross-play": (
+        "UPDATE cross_play_jobs SET result = replace(result, '50.0', '99.5')",
+        "result: expected [{'ds': 40.0",
+    ),
+    "no cross-play": ("DELETE FROM cross_play_jobs", "expected a row, as the audit log names it, found none"),
     "quota": ("UPDATE phases SET per_day = 99", "phases dev: per_day: expected 3, found 99"),
 }
 
