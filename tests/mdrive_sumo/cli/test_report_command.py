@@ -134,6 +134,7 @@ def test_bad_input_is_one_sentence(
     assert not Path("new").exists()
 
 
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_the_page_fits_screens(out: Path) -> None:
     messages: list[str] = []
     with sync_playwright() as playwright:
