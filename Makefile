@@ -40,7 +40,7 @@ eval: install ## drive the built-in InterDrive suite with the idm baseline
 	$(BIN)/mdrive-sumo eval --suite interdrive --agent idm
 
 test: install ## the tests
-	$(PYTEST) -n 3 --dist worksteal -m "$(MARKS)" $(OPTIONS)
+	$(PYTEST) -n 4 --dist worksteal -m "$(MARKS)" $(OPTIONS)
 
 test-all: install ## every test: each scenario, each log, long soaks
 	TESTS_PROFILE=all $(PYTEST) -n 2
