@@ -3,11 +3,13 @@
 Then every page: nothing fetched elsewhere, nothing wider than a phone, legible in light and dark, every control named.
 """
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from playwright.sync_api import expect
 from testing import web_story
 from testing.archive_samples import packed
 from testing.chromium import CHROMIUM, COVERED
@@ -210,15 +212,15 @@ def test_a_token_is_made_and_revoked_after_a_question(world: World) -> None:
     page = f"{world.seen.home}/teams/{world.team}"
     tab.goto(page)
     tab.click("text=New token")
-    assert tab.input_value("#issued").startswith("mdrive_")
+    expect(tab.locator("#issued")).to_have_value(re.compile("^mdrive_"))
     tab.click("main >> text=Back")
     tab.click("#tokens ~ div tbody tr:last-child >> text=Revoke")
-    assert tab.inner_text("h1") == "Revoke this token?"
+    expect(tab.locator("h1")).to_have_text("Revoke this token?")
     tab.click("text=Keep it")
-    assert tab.locator("#tokens ~ div tbody .good").count() == 2
+    expect(tab.locator("#tokens ~ div tbody .good")).to_have_count(2)
     tab.click("#tokens ~ div tbody tr:last-child >> text=Revoke")
     tab.click("main form button")
-    assert tab.locator("#tokens ~ div tbody .good").count() == 1
+    expect(tab.locator("#tokens ~ div tbody .good")).to_have_count(1)
     tab.context.close()
     assert world.seen.trouble == []
 
