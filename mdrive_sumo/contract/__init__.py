@@ -33,6 +33,7 @@ from mdrive_sumo.contract.reply_check import (
     check_reply,
 )
 from mdrive_sumo.contract.schema import CONTRACT, schema
+from mdrive_sumo.contract.semantic_classes import SemanticClass
 from mdrive_sumo.contract.sensing_track import (
     SensingTrack,
     TrackName,
@@ -40,7 +41,7 @@ from mdrive_sumo.contract.sensing_track import (
     find_object_source,
     join_sensing_tracks,
 )
-from mdrive_sumo.contract.sensors import Detections, Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
+from mdrive_sumo.contract.sensors import CameraImage, Detections, Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
 
 __all__ = [
     "Detections",
@@ -48,6 +49,8 @@ __all__ = [
     "Imu",
     "Objects",
     "PointCloud",
+    "CameraImage",
+    "SemanticClass",
     "Raster",
     "SensorSpec",
     "SensingTrack",

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Protocol
 
 from mdrive_sumo.contract.briefing import Briefing
-from mdrive_sumo.contract.sensors import Detections, Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
+from mdrive_sumo.contract.sensors import CameraImage, Detections, Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 
@@ -146,6 +146,8 @@ class Observation(_DeferredObjects):
     imu: Imu | None = None
     speedometer: float | None = None
     """[m/s]"""
+    cameras: Mapping[str, CameraImage] = field(default_factory=lambda: MappingProxyType({}))
+    """Images by sensor id; a slower camera is missing in ticks without an image."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from typing import Literal
 
 from mdrive_sumo.contract.sensors import SensorSpec
 
-CARRIED = ("lidar", "gnss", "imu", "speedometer")
+CARRIED = ("lidar", "camera", "gnss", "imu", "speedometer")
 """Kinds of sensors that a car carries and that report no objects. Own state, route, lane widths, speed limits, states
 of traffic lights and V2X messages come with every observation."""
 HIT_IDS = "hit_ids"
@@ -21,11 +21,13 @@ class SensingTrack(StrEnum):
     """What the CAVs of a run perceive with."""
 
     SENSOR = "sensor"
-    """Only what a car carries: LiDAR, GNSS, IMU, speedometer, map and V2X messages."""
+    """Only what a car carries: LiDAR, cameras, GNSS, IMU, speedometer, map and V2X messages."""
     OBJECT = "object"
-    """At least one CAV is given objects: by the sensors `objects`, `bev` or `privileged`, or by named LiDAR points."""
+    """At least one CAV is given objects: by the sensors `objects`, `bev` or `privileged`, by named LiDAR points or labelled images."""
 
 
+LABELLED_IMAGES = ("semantic", "instance")
+"""Kinds of camera images that say what each pixel shows."""
 TrackName = Literal["", "sensor", "object"]
 """A `SensingTrack` as text; "": unknown, of results from before tracks existed."""
 
@@ -40,6 +42,8 @@ def find_object_source(sensors: Iterable[SensorSpec]) -> str:
             return repr(spec.kind)
         if spec.kind == "lidar" and spec.options.get(HIT_IDS, False):
             return f"{spec.kind!r} with {HIT_IDS}"
+        if spec.kind == "camera" and spec.options.get("kind") in LABELLED_IMAGES:
+            return f"{spec.kind!r} of kind {spec.options['kind']!r}"
     return ""
 
 

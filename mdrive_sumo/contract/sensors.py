@@ -17,13 +17,13 @@ NO_OPTIONS: Mapping[str, float | str | bool] = MappingProxyType({})
 class SensorSpec:
     """A sensor that an agent asks for. Only what is declared is computed; docs/sensors.md lists kinds and options.
 
-    "objects" (detections of what is in sight), "lidar", "bev" (bird's-eye raster), "gnss", "imu", "speedometer", and
+    "objects" (detections of what is in sight), "lidar", "camera", "bev" (bird's-eye raster), "gnss", "imu", "speedometer", and
     "privileged" (every state, every route and every CAV's latest plan), which labels the run `privileged`.
     """
 
     kind: str
     id: str = ""
-    """Name of its output; several sensors of kind lidar or bev need different ones."""
+    """Name of its output; several sensors of kind lidar, camera or bev need different ones."""
     range_m: float = 100.0
     """How far an "objects" sensor reaches [m]; the others have fixed or optional ranges."""
     options: Mapping[str, float | str | bool] = field(default_factory=lambda: NO_OPTIONS)
@@ -77,6 +77,21 @@ class Raster:
     pixels: npt.NDArray[np.uint8]
     """(layers, H, W), 0 or 255."""
     metres_per_pixel: float
+
+
+@dataclass(frozen=True, slots=True)
+class CameraImage:
+    """An image of a pinhole camera; row 0 is the top."""
+
+    kind: str
+    """"rgb", "semantic", "depth" or "instance"."""
+    pixels: npt.NDArray[np.uint8] | npt.NDArray[np.float32] | npt.NDArray[np.int32]
+    """rgb: (H, W, 3) uint8; semantic: (H, W) uint8 of `SemanticClass`; depth: (H, W) float32 [m] along the optical axis,
+    1000 for the sky; instance: (H, W) int32 indices into `names`, -1 for what is no road user."""
+    focal_px: float
+    """Focal length [pixels]; the principal point is the middle of the image."""
+    names: tuple[str, ...] = ()
+    """Of an instance image: track names as in `Objects.ids`."""
 
 
 @dataclass(frozen=True, slots=True)

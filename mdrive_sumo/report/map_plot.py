@@ -12,9 +12,9 @@ from matplotlib.path import Path
 from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.report.map_geometry import MapGeometry, build_map_geometry
 from mdrive_sumo.report.palette import LIGHT
 from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.roads.drawing.map_geometry import MapGeometry, build_map_geometry
 
 GROUND, PAVEMENT, APRON, ASPHALT, PAINT = (LIGHT[name] for name in ("ground", "footway", "apron", "road", "line"))
 BUILDING, BUILDING_EDGE = LIGHT["building"], LIGHT["building-edge"]

@@ -17,12 +17,12 @@ from shapely.geometry.polygon import orient
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord
-from mdrive_sumo.report.map_geometry import SignalHead, StopMark, build_map_geometry, list_signal_heads
 from mdrive_sumo.report.replay_marks import ReplayMark
 from mdrive_sumo.report.replay_messages import build_message_tables
 from mdrive_sumo.report.replay_notes import list_notes
 from mdrive_sumo.report.replay_visibility import SIGHT_EVERY_TICKS, SIGHT_RANGE_M, compute_visibility
 from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.roads.drawing.map_geometry import SignalHead, StopMark, build_map_geometry, list_signal_heads
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScenarioResult
 

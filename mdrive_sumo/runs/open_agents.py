@@ -25,7 +25,7 @@ from mdrive_sumo.sensing.sensor_cost import check_sensor_budget
 _TRACEBACK_PLACE = re.compile(r'^  File "(.+)", line (\d+)', re.MULTILINE)
 MAX_LOG_BYTES = 2**16
 PRIVILEGED = "privileged"
-ARRAY_SENSORS, MAX_ARRAY_SENSORS = ("lidar", "bev"), 8
+ARRAY_SENSORS, MAX_ARRAY_SENSORS = ("lidar", "camera", "bev"), 8
 """Sensors with large arrays, and how many of them a boxed agent may have: 64 of the largest would take 1 GB of the
 evaluator's memory for each CAV."""
 DECLARING_CAV = "cav"

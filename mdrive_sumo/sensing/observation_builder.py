@@ -12,6 +12,7 @@ from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import EgoState, Frame
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.weather import Weather
+from mdrive_sumo.sensing.camera.camera_sensor import CameraSensor
 from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.lidar_sensor import LidarSensor
 from mdrive_sumo.sensing.localization import OwnStateEstimator, to_own_state
@@ -30,7 +31,7 @@ SINGLE: Mapping[str, Callable[[SensorSpec, SensorSetup], Any]] = MappingProxyTyp
     }
 )
 """Sensor kinds with at most one instance per CAV; each fills the observation field of that name."""
-KINDS = (*SINGLE, "lidar", "bev", "privileged")
+KINDS = (*SINGLE, "lidar", "camera", "bev", "privileged")
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +125,7 @@ class _Carrier:
         self.objects_sensor: ObjectsSensor | None = None
         """Computes only what an agent reads."""
         self._lidar: dict[str, LidarSensor] = {}
+        self._cameras: dict[str, CameraSensor] = {}
         self._bev: dict[str, RasterSensor] = {}
         self.privileged = any(spec.kind == "privileged" for spec in specs)
         self.has_sensors = bool(specs)
@@ -143,6 +145,8 @@ class _Carrier:
             _check_unique(self._single, spec.kind, spec)[spec.kind] = SINGLE[spec.kind](spec, fitting)
         elif spec.kind == "lidar":
             _check_unique(self._lidar, spec.id, spec)[spec.id] = LidarSensor(spec, fitting)
+        elif spec.kind == "camera":
+            _check_unique(self._cameras, spec.id, spec)[spec.id] = CameraSensor(spec, fitting)
         elif spec.kind == "bev":
             _check_unique(self._bev, spec.id, spec)[spec.id] = RasterSensor(spec, fitting)
         elif spec.kind != "privileged":
@@ -154,6 +158,9 @@ class _Carrier:
         scans = {name: sensor.sense(scene, eye) for name, sensor in self._lidar.items()}
         if scans:
             fields["lidar"] = MappingProxyType({name: scan for name, scan in scans.items() if scan is not None})
+        images = {name: sensor.sense(scene, eye) for name, sensor in self._cameras.items()}
+        if images:
+            fields["cameras"] = MappingProxyType({name: image for name, image in images.items() if image is not None})
         if self._sight is not None:
             visible = self._sight.sense(scene, eye)
             fields["bev"] = MappingProxyType(
@@ -183,7 +190,7 @@ def _sense_or_void(sense: Callable[[], Objects]) -> Objects:
 def build_sensing_frame(frame: Frame, sizes: Mapping[str, tuple[float, float]]) -> SensingFrame:
     """Return all road users of the frame, CAVs first; sizes: (length, width) [m] by CAV id."""
     boxes = Objects.from_egos(frame.egos, sizes).concat(frame.actors)
-    return SensingFrame(frame.tick, boxes, frame.egos)
+    return SensingFrame(frame.tick, boxes, frame.egos, frame.signals)
 
 
 def _read_signal(signals: Mapping[str, str], light: str) -> str:

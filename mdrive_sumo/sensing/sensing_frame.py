@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import blake2b
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,8 @@ class SensingFrame:
     tick: int
     boxes: Objects
     egos: Mapping[str, EgoState]
+    signals: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    """States of traffic lights (SUMO letters) by id; only cameras see them here."""
     announced_eyes: list[tuple["SensorPose", float]] = field(default_factory=list, compare=False, repr=False)
     """Poses and ranges [m] of the sensors that may look at the scene, see `visibility.announce_eye`."""
     sight_batches: list["SightBatch"] = field(default_factory=list, compare=False, repr=False)

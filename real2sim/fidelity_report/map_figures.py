@@ -9,8 +9,8 @@ from shapely.geometry.polygon import orient
 
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.report.label_placement import LabelBox, LabelRequest, place_labels
-from mdrive_sumo.report.map_geometry import build_map_geometry
 from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.roads.drawing.map_geometry import build_map_geometry
 from real2sim.fidelity_report.html import Markup, MarkupValue, join_markup, tag
 from real2sim.fidelity_report.report_entry import ReportEntry
 from real2sim.fidelity_report.svg import (

@@ -8,7 +8,6 @@ import shapely
 
 from mdrive_sumo.core.geometry import Float, boxes_corners
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.report.map_geometry import build_map_geometry, list_signal_heads
 from mdrive_sumo.report.palette import LIGHT, SKY
 from mdrive_sumo.report.render.cameras import ChaseCamera
 from mdrive_sumo.report.render.frame_painter import FramePainter, list_route_points
@@ -23,6 +22,7 @@ from mdrive_sumo.report.render.solids import (
     build_stop_sign,
     sort_back_to_front,
 )
+from mdrive_sumo.roads.drawing.map_geometry import build_map_geometry, list_signal_heads
 
 BEHIND_M, ABOVE_M = 15.0, 5.5
 """[m] Place of the camera relative to the middle of the followed CAV."""

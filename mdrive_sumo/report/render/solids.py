@@ -11,10 +11,10 @@ import shapely
 
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.report.map_geometry import SignalHead, StopMark
 from mdrive_sumo.report.palette import LIGHT
 from mdrive_sumo.report.render.canvas import blend
 from mdrive_sumo.report.render.rings import lift
+from mdrive_sumo.roads.drawing.map_geometry import SignalHead, StopMark
 from mdrive_sumo.sensing.lidar_world import BUILDING_M, VAN_LENGTH_M
 
 Triple: TypeAlias = tuple[float, float, float]

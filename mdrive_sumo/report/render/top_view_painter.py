@@ -9,7 +9,6 @@ from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.report.actor_plot import MIN_SIZE_M
 from mdrive_sumo.report.label_placement import LabelBox
-from mdrive_sumo.report.map_geometry import build_map_geometry, list_signal_heads
 from mdrive_sumo.report.map_plot import fit_view
 from mdrive_sumo.report.palette import LIGHT
 from mdrive_sumo.report.render.cameras import Camera, TopCamera
@@ -17,6 +16,7 @@ from mdrive_sumo.report.render.frame_painter import FramePainter, list_route_poi
 from mdrive_sumo.report.render.ground_layers import build_ground_layers, build_route_layers
 from mdrive_sumo.report.render.rendered_episode import RenderedEpisode
 from mdrive_sumo.report.render.rings import Rings, build_rings, lift
+from mdrive_sumo.roads.drawing.map_geometry import build_map_geometry, list_signal_heads
 
 FOLLOWED_M = 70.0
 """[m] Shorter side of the scene around a followed CAV."""

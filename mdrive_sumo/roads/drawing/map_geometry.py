@@ -8,9 +8,9 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.report.crosswalk_stripes import build_crossing_stripes, clip_stripes, find_walking_line
-from mdrive_sumo.report.lane_markings import LaneMarkings, compute_lane_markings
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
+from mdrive_sumo.roads.drawing.crosswalk_stripes import build_crossing_stripes, clip_stripes, find_walking_line
+from mdrive_sumo.roads.drawing.lane_markings import LaneMarkings, compute_lane_markings
 
 SEAM_M = 0.05
 """[m] Surfaces are drawn larger by this much, so that no seam shows between them."""

@@ -16,8 +16,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
-from mdrive_sumo.report.line_joining import join_lines, smooth_line
 from mdrive_sumo.roads import Lane
+from mdrive_sumo.roads.drawing.line_joining import join_lines, smooth_line
 
 SPACING_M = 1.0
 """[m] Distance between the samples of a border."""

@@ -1,0 +1,1 @@
+"""Cameras: images of the world rendered with OpenGL (extra `camera`)."""

@@ -1,0 +1,238 @@
+"""CameraRenderer: draws a static scene and the road users of a tick with OpenGL, without a display."""
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.contract.semantic_classes import SemanticClass
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.sensing.camera.camera_model import FAR_M, CameraModel, CameraView, ImageKind
+from mdrive_sumo.sensing.camera.instances import INSTANCE_FORMAT, Instances
+from mdrive_sumo.sensing.camera.lighting import Lighting
+from mdrive_sumo.sensing.camera.meshes import VERTEX_FORMAT, Material, Mesh, build_mesh, build_quads
+from mdrive_sumo.sensing.camera.shaders import SKY_FRAGMENT, SKY_VERTEX, write_fragment_shader, write_vertex_shader
+from mdrive_sumo.sensing.camera.static_scene import Chunks, StaticScene
+
+if TYPE_CHECKING:
+    import moderngl
+
+LAYER_OFFSET = 4.0
+"""Depth units by which each layer of the ground lies behind the one above it: all are at height 0."""
+GROUND_M = 1200.0
+"""[m] Half side of the terrain around the camera."""
+TERRAIN = (96, 118, 74)
+_TEXTURES = {
+    ImageKind.RGB: (3, "f1"),
+    ImageKind.SEMANTIC: (1, "u1"),
+    ImageKind.DEPTH: (1, "f4"),
+    ImageKind.INSTANCE: (1, "u4"),
+}
+_ELEMENTS = {"f1": np.uint8, "u1": np.uint8, "f4": np.float32, "u4": np.uint32}
+_VERTEX_NAMES = ("position", "normal", "colour", "kind")
+_INSTANCE_NAMES = ("place", "turn", "size", "paint", "tag")
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """What is drawn: a camera in a scene, with road users and light."""
+
+    model: CameraModel
+    view: CameraView
+    scene: StaticScene
+    instances: Sequence[tuple[Mesh, Instances]]
+    light: Lighting
+    heading: Float
+    """(2,) direction of the head lamps."""
+    exposure: float = 1.0
+
+
+class CameraRenderer:
+    """OpenGL objects of this process: programs, targets, and the meshes of scenes and models."""
+
+    def __init__(self) -> None:
+        """Raises InputError without moderngl or a driver."""
+        self._context = _create_context()
+        self._context.front_face = "cw"  # row 0 is the top: the image is drawn upside down
+        self._programs: dict[tuple[ImageKind, bool], moderngl.Program] = {}
+        self._targets: dict[tuple[ImageKind, int, int], moderngl.Framebuffer] = {}
+        self._meshes: dict[int, tuple[Mesh, moderngl.Buffer]] = {}
+        self._sky = self._context.program(vertex_shader=SKY_VERTEX.strip(), fragment_shader=SKY_FRAGMENT.strip())
+        corners = np.array(((-1, -1), (3, -1), (-1, 3)), dtype=np.float32)
+        self._sky_corners = self._context.simple_vertex_array(
+            self._sky, self._context.buffer(corners.tobytes()), "corner"
+        )
+
+    @property
+    def driver(self) -> str:
+        """Name of what draws, e.g. that of a graphics card or "llvmpipe"."""
+        return str(self._context.info["GL_RENDERER"])
+
+    def draw(self, picture: Picture) -> npt.NDArray[Any]:
+        """Return an image: (H, W, 3) uint8 for rgb, else (H, W): uint8 classes, float32 [m], uint32 1 + row."""
+        model = picture.model
+        components, dtype = _TEXTURES[model.kind]
+        target = self._get_target(model)
+        target.use()
+        self._prepare_target(target, model.kind)
+        self._draw_instances(picture)
+        self._draw_static(picture)
+        if model.kind is ImageKind.RGB:
+            self._draw_sky(picture)
+        shape = (model.height, model.width, components)[: 3 if components > 1 else 2]
+        image = np.empty(shape, dtype=_ELEMENTS[dtype])
+        target.read_into(image, components=components, alignment=1, dtype=dtype)
+        return image
+
+    def _get_target(self, model: CameraModel) -> "moderngl.Framebuffer":
+        key = model.kind, model.width, model.height
+        if key not in self._targets:
+            size, (components, dtype) = (model.width, model.height), _TEXTURES[model.kind]
+            colour = self._context.texture(size, 4 if components == 3 else components, dtype=dtype)
+            self._targets[key] = self._context.framebuffer([colour], self._context.depth_renderbuffer(size))
+        return self._targets[key]
+
+    def _prepare_target(self, target: "moderngl.Framebuffer", kind: ImageKind) -> None:
+        background = {ImageKind.SEMANTIC: float(SemanticClass.SKY), ImageKind.DEPTH: FAR_M}.get(kind, 0.0)
+        _clear(target, kind, background)
+        self._context.enable(self._context.DEPTH_TEST | self._context.CULL_FACE)
+        self._context.polygon_offset = 0.0, 0.0
+
+    def _draw_static(self, picture: Picture) -> None:
+        """Draw solids, then the ground from top to bottom: a pixel is shaded once."""
+        scene, context = picture.scene, self._context
+        program = self._prepare_program(picture, instanced=False)
+        vertices = self._build_array(program, self._load_mesh(scene.vertices))
+        for first, count in _list_runs(scene.solids, picture):
+            vertices.render(vertices=count, first=first)
+        for depth, layer in enumerate(reversed(scene.ground)):
+            context.polygon_offset = 0.0, LAYER_OFFSET * depth
+            for first, count in _list_runs(layer, picture):
+                vertices.render(vertices=count, first=first)
+        context.polygon_offset = 0.0, LAYER_OFFSET * len(scene.ground)
+        terrain = context.buffer(_build_terrain(picture).tobytes())
+        self._build_array(program, terrain).render()
+        context.polygon_offset = 0.0, 0.0
+
+    def _draw_sky(self, picture: Picture) -> None:
+        """Fill what nothing has covered."""
+        model, light = picture.model, picture.light
+        self._context.disable(self._context.CULL_FACE)
+        self._context.depth_func = "<="
+        spread = np.diag((1.0, -model.width / 2 / model.focal_px, -model.height / 2 / model.focal_px))
+        _set(self._sky, "rays", picture.view.axes @ spread)
+        for name, value in (("zenith", light.zenith), ("horizon", light.horizon), ("exposure", picture.exposure)):
+            self._sky[name].value = value
+        self._sky_corners.render()
+        self._context.depth_func = "<"
+
+    def _draw_instances(self, picture: Picture) -> None:
+        program = self._prepare_program(picture, instanced=True)
+        for mesh, places in picture.instances:
+            rows = self._context.buffer(places.tobytes())
+            self._build_array(program, self._load_mesh(mesh), rows).render(instances=len(places))
+
+    def _build_array(self, program: Any, mesh: Any, rows: Any = None) -> Any:
+        content = [(mesh, VERTEX_FORMAT, *_VERTEX_NAMES)]
+        if rows is not None:
+            content.append((rows, INSTANCE_FORMAT, *_INSTANCE_NAMES))
+        return self._context.vertex_array(program, content, skip_errors=True)
+
+    def _load_mesh(self, mesh: Mesh) -> Any:
+        """Return the buffer of a mesh; the mesh is kept, so that its id stays its own."""
+        if id(mesh) not in self._meshes:
+            self._meshes[id(mesh)] = mesh, self._context.buffer(mesh.tobytes())
+        return self._meshes[id(mesh)][1]
+
+    def _prepare_program(self, picture: Picture, instanced: bool) -> Any:
+        kind = picture.model.kind
+        if (kind, instanced) not in self._programs:
+            self._programs[kind, instanced] = self._context.program(
+                vertex_shader=write_vertex_shader(instanced), fragment_shader=write_fragment_shader(kind)
+            )
+        program = self._programs[kind, instanced]
+        _set(program, "clip", picture.model.build_clip_matrix(picture.view, picture.scene.origin))
+        _set(program, "eye", picture.view.place - picture.scene.origin)
+        _set(program, "ahead", picture.view.axes[:, 0])
+        if kind is ImageKind.RGB:
+            _set_light(program, picture)
+        return program
+
+
+@lru_cache(maxsize=1)
+def load_renderer() -> CameraRenderer:
+    """Return the renderer of this process: a context takes half a second. Raises InputError."""
+    return CameraRenderer()
+
+
+def _create_context() -> Any:
+    try:
+        import moderngl
+    except ImportError:
+        raise InputError(
+            'camera: expected the package moderngl, which renders images, found none; pip install "mdrive-sumo[camera]"'
+        ) from None
+    os.environ.setdefault("LP_NUM_THREADS", "0")  # Mesa's software renderer: a worker process has one core
+    try:
+        return moderngl.create_context(standalone=True, require=330, backend="egl")
+    except Exception as error:
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(
+            "camera: expected an OpenGL driver that renders without a display (EGL; on Debian the packages libegl1 and "
+            f"libgl1-mesa-dri), found none: {reason}"
+        ) from None
+
+
+def _clear(target: Any, kind: ImageKind, value: float) -> None:
+    """Fill a target; moderngl clears with floats, which integer textures do not take."""
+    if kind in (ImageKind.RGB, ImageKind.DEPTH):
+        target.clear(value, value, value, 1.0, depth=1.0)
+        return
+    texture = target.color_attachments[0]
+    target.clear(depth=1.0)
+    dtype = _ELEMENTS[_TEXTURES[kind][1]]
+    texture.write(np.full(texture.width * texture.height, value, dtype=dtype).tobytes(), alignment=1)
+
+
+def _set(program: Any, name: str, value: Float) -> None:
+    """Set a vector or matrix; names that a kind of image does not use are left out. GLSL wants columns first."""
+    if name in program:
+        program[name].write(np.ascontiguousarray(value.T, dtype=np.float32).tobytes())
+
+
+def _set_light(program: Any, picture: Picture) -> None:
+    light = picture.light
+    level = math.sqrt(1.0 - light.elevation * light.elevation)
+    _set(program, "ground", picture.scene.origin)
+    _set(program, "heading", picture.heading)
+    _set(program, "to_sun", np.array((0.6 * level, -0.8 * level, light.elevation)))
+    for name in ("sun", "ambient", "horizon", "fog_per_m", "wet"):
+        program[name].value = getattr(light, name)
+    program["lamps"].value = float(light.lamps)
+    program["exposure"].value = picture.exposure
+
+
+def _build_terrain(picture: Picture) -> Mesh:
+    """Return a square of grass around the camera."""
+    (x, y, _), side = picture.view.place - picture.scene.origin, GROUND_M
+    corners = ((x - side, y - side), (x + side, y - side), (x + side, y + side), (x - side, y + side))
+    quad = np.array([[(*corner, 0.0) for corner in corners]])
+    return build_mesh(build_quads(quad), TERRAIN, SemanticClass.TERRAIN, Material.ROUGH)
+
+
+def _list_runs(chunks: Chunks, picture: Picture) -> list[tuple[int, int]]:
+    """Return first and number of vertices of the visible chunks; neighbours are drawn together."""
+    runs: list[tuple[int, int]] = []
+    visible = np.flatnonzero(chunks.find_visible(picture.model, picture.view, picture.scene.origin))
+    for first, count in zip(chunks.first[visible].tolist(), chunks.count[visible].tolist(), strict=True):
+        if runs and sum(runs[-1]) == first:
+            runs[-1] = runs[-1][0], runs[-1][1] + count
+        else:
+            runs.append((first, count))
+    return runs

@@ -1,0 +1,117 @@
+"""CameraSensor: images of what lies before a camera on the car, rendered in the ticks that the agent declares."""
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.contract import CameraImage, SensorSpec
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.sensing.camera.camera_model import CameraModel, CameraMount, CameraView, ImageKind
+from mdrive_sumo.sensing.camera.camera_renderer import Picture, load_renderer
+from mdrive_sumo.sensing.camera.instances import build_instances
+from mdrive_sumo.sensing.camera.lighting import LIGHT_OF_WEATHER, LIGHTS
+from mdrive_sumo.sensing.camera.static_scene import load_static_scene
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
+from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
+
+OPTIONS = (
+    *("kind", "width", "height", "fov_deg", "x", "y", "z", "roll_deg", "pitch_deg", "yaw_deg", "every_ticks"),
+    *("light", "exposure", "noise", "motion_blur_s"),
+)
+MAX_SIDE_PX = 3000
+"""The widest image of the paper's rigs."""
+SCENARIO_LIGHT = "scenario"
+"""The light of the scenario's weather."""
+BLUR_STEPS = 4
+"""Pictures of which a blurred one is the mean."""
+
+
+class CameraSensor:
+    """A pinhole camera with the pose and size that the agent declares; see docs/sensors.md for its options."""
+
+    def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
+        """Raises InputError, also where nothing can render."""
+        check_option_names(spec, OPTIONS)
+        self._model = read_camera_model(spec)
+        self._every_ticks = _read_whole(spec, "every_ticks", 1, 1, 200)
+        light = read_choice(spec, "light", SCENARIO_LIGHT, (SCENARIO_LIGHT, *LIGHTS))
+        self._light = LIGHTS[LIGHT_OF_WEATHER[fitting.weather.name] if light == SCENARIO_LIGHT else light]
+        self._exposure = read_number(spec, "exposure", 1.0, 0.1, 10.0)
+        self._noise = read_number(spec, "noise", 0.0, 0.0, 0.5)
+        self._blur_s = read_number(spec, "motion_blur_s", 0.0, 0.0, 0.05)
+        self._fitting = fitting
+        self._renderer = load_renderer()
+
+    def sense(self, scene: SensingFrame, eye: SensorPose) -> CameraImage | None:
+        """Return the image of this tick, None in ticks without one."""
+        if scene.tick % self._every_ticks:
+            return None
+        static = load_static_scene(self._fitting.roads)
+        instances = build_instances(scene, static.lamps, eye.carrier_row, static.origin)
+        heading = np.array(portable.cos_sin(eye.yaw))
+        pictures = [
+            self._renderer.draw(Picture(self._model, view, static, instances, self._light, heading, self._exposure))
+            for view in self._list_views(scene, eye)
+        ]
+        return self._finish(scene, self._spoil(scene.tick, pictures))
+
+    def _list_views(self, scene: SensingFrame, eye: SensorPose) -> list[CameraView]:
+        """Return the pose of the camera, and those during the exposure if motion blurs the image."""
+        if not self._blur_s or self._model.kind is not ImageKind.RGB or eye.carrier_row is None:
+            return [self._model.find_view(eye.x, eye.y, eye.yaw)]
+        (ego,) = [state for row, state in enumerate(scene.egos.values()) if row == eye.carrier_row]
+        ages = [self._blur_s * i / BLUR_STEPS for i in range(BLUR_STEPS)]
+        cos, sin = portable.cos_sin(eye.yaw)
+        return [
+            self._model.find_view(
+                eye.x - cos * ego.speed * age, eye.y - sin * ego.speed * age, eye.yaw - ego.yaw_rate * age
+            )
+            for age in ages
+        ]
+
+    def _spoil(self, tick: int, pictures: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+        """Return the mean of the pictures, with noise if it is declared; both in colours only."""
+        if self._model.kind is not ImageKind.RGB or (len(pictures) == 1 and not self._noise):
+            return pictures[0]
+        mean = np.mean(pictures, axis=0, dtype=np.float32)
+        if self._noise:
+            random = np.random.Generator(np.random.Philox(key=self._fitting.seed, counter=(0, 0, 0, tick)))
+            mean += np.float32(255 * self._noise) * random.standard_normal(mean.shape, dtype=np.float32)
+        return np.clip(mean + np.float32(0.5), 0, 255).astype(np.uint8)
+
+    def _finish(self, scene: SensingFrame, pixels: npt.NDArray[Any]) -> CameraImage:
+        model = self._model
+        if model.kind is not ImageKind.INSTANCE:
+            return CameraImage(model.kind.value, pixels, model.focal_px)
+        carrier, salt = self._fitting.carrier, self._fitting.track_salt
+        shown = [tag for tag in np.unique(pixels).tolist() if tag]
+        tag_by_name = {derive_track_name(carrier, scene.boxes.ids[tag - 1], salt): tag for tag in shown}
+        names = tuple(sorted(tag_by_name))
+        index = np.full(len(scene.boxes) + 1, -1, dtype=np.int32)
+        index[[tag_by_name[name] for name in names]] = np.arange(len(names))
+        return CameraImage(model.kind.value, index[pixels], model.focal_px, names)
+
+
+def read_camera_model(spec: SensorSpec) -> CameraModel:
+    """Return size, field of view and pose that a specification declares. Raises InputError."""
+    kind = ImageKind(read_choice(spec, "kind", ImageKind.RGB, [kind.value for kind in ImageKind]))
+    width, height = (
+        _read_whole(spec, name, default, 16, MAX_SIDE_PX) for name, default in (("width", 400), ("height", 224))
+    )
+    x, y = (read_number(spec, name, default, -10.0, 10.0) for name, default in (("x", 1.3), ("y", 0.0)))
+    z = read_number(spec, "z", 2.3, 0.1, 100.0)
+    roll, pitch, yaw = (
+        math.radians(read_number(spec, f"{name}_deg", 0.0, -180.0, 180.0)) for name in ("roll", "pitch", "yaw")
+    )
+    fov = read_number(spec, "fov_deg", 100.0, 5.0, 160.0)
+    return CameraModel(kind, width, height, fov, CameraMount(x, y, z, roll, pitch, yaw))
+
+
+def _read_whole(spec: SensorSpec, name: str, default: int, low: int, high: int) -> int:
+    value = read_number(spec, name, default, low, high)
+    if not value.is_integer():
+        raise InputError(f"sensor {spec.kind!r}: option {name!r}: expected a whole number, found {value}")
+    return int(value)

@@ -1,0 +1,82 @@
+"""Instances: which models are drawn where in one tick, for road users and the lamps of traffic lights."""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from hashlib import blake2b
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.contract.semantic_classes import SemanticClass
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.sensing.camera.meshes import Colour, Material, Mesh, build_block, build_mesh
+from mdrive_sumo.sensing.camera.road_user_models import MODELS, choose_models
+from mdrive_sumo.sensing.camera.static_scene import SignalLamps
+from mdrive_sumo.sensing.lidar_world import assume_heights
+from mdrive_sumo.sensing.sensing_frame import SensingFrame
+
+INSTANCE = np.dtype([("place", "<f4", 3), ("turn", "<f4", 2), ("size", "<f4", 3), ("paint", "u1", 4), ("tag", "<u4")])
+"""A model in the world: its lowest middle point [m] relative to the scene's origin, cosine and sine of its yaw, length,
+width and height [m], colour, and 1 + row of the road user, 0 for others."""
+INSTANCE_FORMAT = "3f4 2f4 3f4 4f1 1u4 /i"
+Instances = npt.NDArray[np.void]
+PAINTS: tuple[Colour, ...] = (
+    *((225, 226, 228), (42, 44, 48), (128, 132, 136), (168, 172, 176), (150, 28, 32), (36, 72, 132)),
+    *((62, 88, 66), (196, 178, 140), (88, 60, 46), (214, 150, 40), (70, 116, 160), (104, 40, 66)),
+)
+"""Colours of vehicles and clothes; the own colour of an object follows from its id and never changes."""
+LAMP = build_mesh(
+    build_block((0.0, -0.5, 0.0), (1.0, 0.5, 1.0)), (255,) * 3, SemanticClass.TRAFFIC_LIGHT, Material.SIGNAL
+)
+LAMP_M = (0.05, 0.24, 0.24)
+LIGHT_OF_LETTER: Mapping[str, tuple[float, Colour]] = {
+    **dict.fromkeys("ru", (0.69, (255, 40, 32))),
+    **dict.fromkeys("ys", (0.38, (255, 190, 30))),
+    **dict.fromkeys("gG", (0.07, (40, 230, 110))),
+}
+"""Height of the lamp in the housing [m] and its colour by SUMO's letters; others are dark."""
+
+
+def build_instances(
+    scene: SensingFrame, lamps: SignalLamps, without: int | None, origin: Float
+) -> list[tuple[Mesh, Instances]]:
+    """Return the meshes to draw and where. without: row of the car that carries the camera."""
+    found = _build_road_users(scene, without, origin)
+    lit = _build_lamps(lamps, scene.signals)
+    return [*found, (LAMP, lit)] if len(lit) else found
+
+
+def _build_road_users(scene: SensingFrame, without: int | None, origin: Float) -> list[tuple[Mesh, Instances]]:
+    boxes = scene.boxes
+    rows = np.array([row for row in range(len(boxes)) if row != without], dtype=np.int64)
+    every = np.zeros(len(boxes), dtype=INSTANCE)
+    every["place"] = np.stack((boxes.x, boxes.y, np.zeros(len(boxes))), axis=-1) - origin
+    every["turn"] = np.stack(scene.directions, axis=-1)
+    every["size"] = np.stack((boxes.length, boxes.width, assume_heights(boxes.kind, boxes.length)), axis=-1)
+    every["paint"][:, :3] = [_choose_paint(name) for name in boxes.ids]
+    every["tag"] = 1 + np.arange(len(boxes))
+    models = choose_models(boxes)[rows]
+    found = ((model, rows[models == model]) for model in MODELS)
+    return [(MODELS[model], every[chosen]) for model, chosen in found if len(chosen)]
+
+
+@lru_cache(maxsize=4096)
+def _choose_paint(name: str) -> Colour:
+    return PAINTS[blake2b(name.encode(), digest_size=1).digest()[0] % len(PAINTS)]
+
+
+def _build_lamps(lamps: SignalLamps, signals: Mapping[str, str]) -> Instances:
+    """Return the lamps that shine."""
+    found = np.zeros(len(lamps.names), dtype=INSTANCE)
+    lit = np.zeros(len(lamps.names), dtype=np.bool_)
+    for i, name in enumerate(lamps.names):
+        light, _, index = name.rpartition(":")
+        letter = signals.get(light, "")[int(index) : int(index) + 1]
+        if letter in LIGHT_OF_LETTER and letter:
+            height, colour = LIGHT_OF_LETTER[letter]
+            lit[i] = True
+            found["place"][i] = lamps.place[i] + (0.0, 0.0, height)
+            found["paint"][i, :3] = colour
+    found["turn"] = lamps.turn
+    found["size"] = LAMP_M
+    return found[lit]

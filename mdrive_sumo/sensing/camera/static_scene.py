@@ -1,0 +1,245 @@
+"""StaticScene: what stands still in a network (ground, markings, buildings, signs, poles) as meshes in chunks."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.contract.semantic_classes import SemanticClass
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Bool, Float, Int
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.roads.drawing.map_geometry import (
+    MapGeometry,
+    SignalHead,
+    StopMark,
+    build_map_geometry,
+    list_signal_heads,
+)
+from mdrive_sumo.roads.drawing.road_paint import build_road_paint
+from mdrive_sumo.sensing.camera.camera_model import CameraModel, CameraView
+from mdrive_sumo.sensing.camera.meshes import (
+    Colour,
+    Material,
+    Mesh,
+    build_block,
+    build_mesh,
+    extrude_outline,
+    join_meshes,
+    triangulate_polygons,
+)
+from mdrive_sumo.sensing.lidar_world import BUILDING_M
+
+LINE_M, STOP_LINE_M = 0.15, 0.4
+"""[m] Widths of lane markings and stop lines."""
+KERB_M = 0.16
+CHUNK_M = 64.0
+"""[m] Side of the squares by which triangles are drawn or left out."""
+VIEW_M = 400.0
+"""[m] Chunks farther away are left out."""
+POLE_M = 0.12
+SIGN_HEIGHT_M, SIGN_RADIUS_M = 2.3, 0.42
+HOUSING_M = (0.3, 0.36, 1.0)
+"""[m] Depth, width and height of a traffic light."""
+HOUSING_LOW_M, HOUSING_GAP_M = 2.7, 0.5
+OUTSIDE_M = 0.9
+"""[m] Distance of a traffic light's pole from the edge of its lane."""
+GREY: Colour = (120, 122, 124)
+RED: Colour = (190, 30, 38)
+
+
+@dataclass(frozen=True, slots=True)
+class Chunks:
+    """Parts of a static scene that are drawn together; arrays (K,)."""
+
+    first: Int
+    """Index of the first vertex."""
+    count: Int
+    """Number of vertices."""
+    centre: Float
+    """(K, 2) [m], relative to the origin."""
+    radius: Float
+    """[m]"""
+
+    def find_visible(self, model: CameraModel, view: CameraView, origin: Float) -> Bool:
+        """Return which chunks (K,) may be in the picture."""
+        eye, ahead = view.place[:2] - origin[:2], view.axes[:2, 0]
+        level = max(float(portable.hypot(ahead[0], ahead[1])), 1e-6)
+        step = self.centre - eye
+        along = (step @ ahead) / level
+        aside = np.abs(step[:, 0] * ahead[1] - step[:, 1] * ahead[0]) / level
+        half = math.radians(model.fov_deg) / 2
+        wide = level < portable.cos(half) or model.fov_deg > 170  # looks down or nearly all around
+        cosine, sine = portable.cos_sin(half)
+        in_cone = (along * sine - aside * cosine > -self.radius) & (along > -self.radius)
+        near = portable.hypot(step[:, 0], step[:, 1]) < VIEW_M + self.radius
+        return near & (np.ones_like(near) if wide else in_cone)
+
+
+@dataclass(frozen=True, slots=True)
+class SignalLamps:
+    """Traffic lights with their housings, whose state changes; arrays of L lamps."""
+
+    names: tuple[str, ...]
+    """"tls:index"."""
+    place: Float
+    """(L, 3) lowest point of the housing's front [m], relative to the origin."""
+    turn: Float
+    """(L, 2) cosine and sine of the direction that the front faces."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class StaticScene:
+    """Meshes of a network."""
+
+    origin: Float
+    """(3,) [m] of the vertices in the world: single precision is too coarse for large coordinates."""
+    vertices: Mesh
+    ground: tuple[Chunks, ...]
+    """Layers at height 0, from bottom to top."""
+    solids: Chunks
+    lamps: SignalLamps
+
+
+@lru_cache(maxsize=4)
+def load_static_scene(roads: RoadMap) -> StaticScene:
+    """Return the scene of a network."""
+    whole = shapely.MultiPoint(np.concatenate([lane.centre.xy for lane in roads.driving])).buffer(1000.0).envelope
+    geometry, heads = build_map_geometry(roads, whole), list_signal_heads(roads, whole)
+    middle = shapely.get_coordinates(whole.centroid)[0].round()
+    origin = np.array((*middle, 0.0))
+    layers = [_move(mesh, origin) for mesh in _build_ground(geometry)]
+    solids = _move(join_meshes(list(_build_solids(geometry, heads))), origin)
+    parts = [_cut_into_chunks(mesh) for mesh in (*layers, solids)]
+    first = np.cumsum([0, *(len(mesh) for mesh, _ in parts[:-1])])
+    chunks = [replace(found, first=found.first + start) for (_, found), start in zip(parts, first, strict=True)]
+    return StaticScene(
+        origin,
+        join_meshes([mesh for mesh, _ in parts]),
+        tuple(chunks[:-1]),
+        chunks[-1],
+        _build_lamps(heads, origin),
+    )
+
+
+def _move(mesh: Mesh, origin: Float) -> Mesh:
+    mesh["position"] -= origin.astype(np.float32)
+    return mesh
+
+
+def _build_ground(geometry: MapGeometry) -> Iterator[Mesh]:
+    """Yield the layers of the ground from bottom to top."""
+    road, walk, line = SemanticClass.ROAD, SemanticClass.SIDEWALK, SemanticClass.ROAD_LINE
+    kerbs = _build_kerbs(geometry)
+    paint = build_road_paint(geometry, LINE_M, STOP_LINE_M)
+    yield build_mesh(triangulate_polygons(geometry.pavements, 0.0), (158, 156, 150), walk, Material.ROUGH)
+    yield build_mesh(triangulate_polygons(geometry.aprons, 0.0), (104, 104, 106), road, Material.ROUGH)
+    yield build_mesh(triangulate_polygons(geometry.asphalt, 0.0), (84, 85, 88), road, Material.ROUGH)
+    yield build_mesh(triangulate_polygons(kerbs, 0.0), (196, 194, 188), walk)
+    yield build_mesh(triangulate_polygons(paint, 0.0), (226, 226, 222), line)
+
+
+def _build_kerbs(geometry: MapGeometry) -> list[shapely.Polygon]:
+    """Return strips along the edge of the asphalt where there is a pavement."""
+    walks = shapely.union_all(list(geometry.pavements)).buffer(0.4)
+    edges = shapely.union_all([shape.boundary for shape in geometry.asphalt])
+    strips = shapely.intersection(edges, walks).buffer(KERB_M / 2, cap_style="flat", quad_segs=1)
+    return [part for part in shapely.get_parts(strips).tolist() if isinstance(part, shapely.Polygon)]
+
+
+def _build_solids(geometry: MapGeometry, heads: Sequence[SignalHead]) -> Iterator[Mesh]:
+    for shape in geometry.buildings:
+        ring = shapely.get_coordinates(shapely.orient_polygons(shape).exterior)[:-1]
+        walls, roof = extrude_outline(ring, 0.0, BUILDING_M)
+        tone = int(abs(ring[0].sum())) % 3
+        colour = ((186, 170, 150), (168, 164, 160), (190, 150, 128))[tone]
+        yield build_mesh(walls, colour, SemanticClass.BUILDING, Material.FACADE)
+        yield build_mesh(roof, (120, 110, 104), SemanticClass.BUILDING)
+    for mark in geometry.stop_signs:
+        if mark.sign is not None:
+            yield from _build_stop_sign(mark)
+    for head in heads:
+        yield from _build_signal(head)
+
+
+def _build_pole(x: float, y: float, height: float) -> Mesh:
+    half = POLE_M / 2
+    return build_mesh(build_block((x - half, y - half, 0.0), (x + half, y + half, height)), GREY, SemanticClass.POLE)
+
+
+def _build_stop_sign(mark: StopMark) -> Iterator[Mesh]:
+    """Yield the pole and both sides of an octagon that faces the lane."""
+    assert mark.sign is not None
+    across = (mark.line[1] - mark.line[0]) / portable.hypot(*(mark.line[1] - mark.line[0]))
+    x, y = mark.sign.tolist()
+    yield _build_pole(x, y, SIGN_HEIGHT_M)
+    cos, sin = portable.cos_sin((np.arange(8) + 0.5) * math.pi / 4)
+    ring = np.column_stack(
+        (
+            mark.sign + across * (SIGN_RADIUS_M * cos)[:, None],
+            SIGN_HEIGHT_M + SIGN_RADIUS_M * sin,
+        )
+    )
+    ahead = np.array((-across[1], across[0], 0.0)) * (POLE_M / 2 + 0.01)
+    for side, colour, order in ((-ahead, RED, 1), (ahead, GREY, -1)):
+        corners = (ring + side)[::order]
+        fan = np.stack((np.broadcast_to(corners[:1], (6, 3)), corners[1:-1], corners[2:]), axis=1)
+        yield build_mesh(fan, colour, SemanticClass.TRAFFIC_SIGN)
+
+
+def _place_housings(head: SignalHead) -> Iterator[tuple[float, float]]:
+    """Yield the middle of every housing of a signal head [m]."""
+    across = _find_right(head.yaw)
+    for i in range(len(head.lights)):
+        x, y = (head.place + across * (head.width / 2 + OUTSIDE_M + HOUSING_GAP_M * i)).tolist()
+        yield x, y
+
+
+def _find_right(yaw: float) -> Float:
+    cos, sin = portable.cos_sin(yaw)
+    return np.array((sin, -cos))
+
+
+def _build_signal(head: SignalHead) -> Iterator[Mesh]:
+    depth, width, height = HOUSING_M
+    cos, sin = portable.cos_sin(head.yaw)
+    turn = np.array(((cos, sin, 0.0), (-sin, cos, 0.0), (0.0, 0.0, 1.0)))
+    low = (-depth / 2, -width / 2, HOUSING_LOW_M)
+    block = build_block(low, (depth / 2, width / 2, HOUSING_LOW_M + height))
+    for x, y in _place_housings(head):
+        yield _build_pole(x, y, HOUSING_LOW_M)
+        yield build_mesh(block @ turn + (x, y, 0.0), (34, 36, 36), SemanticClass.TRAFFIC_LIGHT)
+
+
+def _build_lamps(heads: Sequence[SignalHead], origin: Float) -> SignalLamps:
+    rows = [
+        (name, x, y, head.yaw + math.pi)
+        for head in heads
+        for name, (x, y) in zip(head.lights, _place_housings(head), strict=True)
+    ]
+    yaw = np.array([row[3] for row in rows])
+    turn = np.stack(portable.cos_sin(yaw), axis=-1).reshape(-1, 2)
+    place = np.array([(x, y, HOUSING_LOW_M) for _, x, y, _ in rows]).reshape(-1, 3) - origin
+    place[:, :2] += turn * (HOUSING_M[0] / 2)
+    return SignalLamps(tuple(row[0] for row in rows), place, turn)
+
+
+def _cut_into_chunks(mesh: Mesh) -> tuple[Mesh, Chunks]:
+    """Return the triangles ordered by the square of their middle, and the squares."""
+    corners = mesh["position"].reshape(-1, 3, 3).astype(np.float64)
+    if not len(corners):
+        none = np.zeros(0, dtype=np.int64)
+        return mesh, Chunks(none, none, np.zeros((0, 2)), np.zeros(0))
+    cell = np.floor(corners[:, :, :2].mean(axis=1) / CHUNK_M).astype(np.int64)
+    _, number, sizes = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+    order = np.argsort(number.reshape(-1), kind="stable")
+    ends = np.cumsum(sizes)
+    ordered = corners[order][:, :, :2]
+    groups = [ordered[end - size : end].reshape(-1, 2) for end, size in zip(ends.tolist(), sizes.tolist(), strict=True)]
+    centre = np.array([(group.min(axis=0) + group.max(axis=0)) / 2 for group in groups])
+    radius = np.array([portable.hypot(*(group - middle).T).max() for group, middle in zip(groups, centre, strict=True)])
+    rows = (3 * order[:, None] + np.arange(3)).reshape(-1)
+    return mesh[rows], Chunks(3 * (ends - sizes), 3 * sizes, centre, radius)
