@@ -50,7 +50,7 @@ def compute_safety(distance: float) -> float:
 
 @dataclass(frozen=True)
 class ConflictGraph:
-    """All pairs of members by their closest approach; matrices are (N, N) in the order of ids, symmetric."""
+    """All pairs of members by their closest approach; matrices are (N, N) in the order of ids, symmetric, read-only."""
 
     ids: tuple[str, ...]
     distance: Float
@@ -113,7 +113,10 @@ def build_trajectory_graph(ids: tuple[str, ...], trajectory_by_id: Mapping[str, 
     distance = np.take_along_axis(gaps, step[..., None], -1)[..., 0]
     np.fill_diagonal(distance, np.inf)
     to_conflict, entry_time = _compute_distances_to_conflict(points, step), _compute_entry_times(at_any_time)
-    return ConflictGraph(ids, distance, step, distance < CONFLICT.min_distance_m, to_conflict, entry_time)
+    columns = (distance, step, distance < CONFLICT.min_distance_m, to_conflict, entry_time)
+    for column in columns:
+        column.setflags(write=False)
+    return ConflictGraph(ids, *columns)
 
 
 def compute_free_distance(member: NegotiationMember, others: Iterable[NegotiationMember]) -> float:

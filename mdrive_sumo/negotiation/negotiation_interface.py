@@ -126,6 +126,9 @@ class NegotiationInterface:
 
     def negotiate(self, seen: Observation, planner: SpaceTimePlanner, planned: Float) -> NegotiationStep:
         """Run the negotiator; its decision counts from the next plan on. planned: (K, 2) own positions [m]."""
+        if not self._negotiator.is_due(seen.tick):
+            self._decision = self._negotiator.get_valid_decision(seen.tick)
+            return NegotiationStep(self._decision)
         step = self._negotiator.step(seen.tick, self._build_member(seen, planner, planned), seen.messages)
         self._decision = step.decision
         return step

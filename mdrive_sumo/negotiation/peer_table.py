@@ -1,5 +1,7 @@
 """A CAV's knowledge of all members from their MCMs: one common view, compensated for the age of the messages."""
 
+from typing import TypeAlias
+
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.negotiation.announcement import predict_announced_member
@@ -9,6 +11,10 @@ from mdrive_sumo.v2x.shared_reading import decode_shared
 
 MEMORY_TICKS = TICKS_PER_SECOND
 """A station that has been silent for longer is dropped."""
+
+PeerView: TypeAlias = tuple[tuple[str, bytes, int], ...]
+"""All that predictions of members depend on: by station its name, the payload of its MCM and the age of that [ticks].
+CAVs with equal views predict the same."""
 
 
 class PeerTable:
@@ -48,12 +54,21 @@ class PeerTable:
         """Return the payloads of `get_latest_mcms`."""
         return {name: payload for name, (_, _, payload) in self._get_latest(tick).items()}
 
-    def predict_members(self, tick: int) -> tuple[NegotiationMember, ...]:
-        """Return all members as they should be at that tick, sorted by station."""
+    def get_view(self, tick: int) -> PeerView:
+        """Return what is known at that tick, sorted by station."""
         return tuple(
-            predict_announced_member(name, payload, _compute_age(sent, mcm, tick))
+            (name, payload, _compute_age(sent, mcm, tick))
             for name, (sent, mcm, payload) in self._get_latest(tick).items()
         )
+
+    def predict_members(self, tick: int) -> tuple[NegotiationMember, ...]:
+        """Return all members as they should be at that tick, sorted by station."""
+        return predict_view(self.get_view(tick))
+
+
+def predict_view(view: PeerView) -> tuple[NegotiationMember, ...]:
+    """Return the members of a view."""
+    return tuple(predict_announced_member(*announced) for announced in view)
 
 
 def _compute_age(sent: int, mcm: Mcm, tick: int) -> int:
