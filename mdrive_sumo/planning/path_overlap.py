@@ -8,8 +8,10 @@ from mdrive_sumo.planning.parameters import SafetyMargin
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 
 
-def compute_footprints(path: ReferencePath, length: float, width: float, cells: Int | slice = slice(None)) -> Float:
-    """Return the corners (K, 4, 2) [m] of a box of that size [m] at the given points of a path."""
+def compute_footprints(
+    path: ReferencePath, length: Float | float, width: float, cells: Int | slice = slice(None)
+) -> Float:
+    """Return the corners (K, 4, 2) [m] of a box at the given points of a path; length: one, or (K,) [m]."""
     xy = path.xy[cells]
     return boxes_corners(xy[:, 0], xy[:, 1], path.body_yaw[cells], np.asarray(length), np.asarray(width))
 
