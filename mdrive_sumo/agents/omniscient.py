@@ -17,6 +17,7 @@ from mdrive_sumo.planning.parameters import MARGINS, PLANNER, STOP_LINE, SafetyM
 from mdrive_sumo.planning.path_overlap import find_cells
 from mdrive_sumo.planning.pedestrian_caution import limit_speeds_near_pedestrians, predict_walking_on
 from mdrive_sumo.planning.planning_order import find_planning_order
+from mdrive_sumo.planning.profile_search import find_fastest_profile
 from mdrive_sumo.planning.reference_path import (
     SPACING_M,
     ReferencePath,
@@ -30,7 +31,6 @@ from mdrive_sumo.planning.speed_profile import (
     SpeedProfile,
     build_braking_profile,
     build_free_road_problem,
-    find_fastest_profile,
 )
 from mdrive_sumo.planning.stop_lines import build_stop_lines
 from mdrive_sumo.planning.traffic_prediction import TRAFFIC, TrafficView
