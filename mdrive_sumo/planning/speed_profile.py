@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -27,12 +28,16 @@ class SpeedProfile:
     """A profile that does not reach its goal is the best that could be found."""
     step_s: float = FINE.step_s
 
+    @cached_property
+    def _acceleration(self) -> Float:
+        """(K,) [m/s2] after each point, 0 after the last one."""
+        return np.append(np.diff(self.speed), 0.0) / self.step_s
+
     def get_stations(self, t: Float) -> Float:
         """Return the arc length (N,) [m] at times t >= 0 [s]; beyond the end at the last speed."""
         k = np.minimum((t / self.step_s).astype(np.int64), len(self.s) - 1)
         rest = t - k * self.step_s
-        acceleration = np.append(np.diff(self.speed), 0.0)[k] / self.step_s
-        return self.s[k] + self.speed[k] * rest + acceleration * (rest * rest) / 2
+        return self.s[k] + self.speed[k] * rest + self._acceleration[k] * (rest * rest) / 2
 
     def append(self, other: "SpeedProfile") -> "SpeedProfile":
         """Return this profile followed by another one that begins where this one ends."""
