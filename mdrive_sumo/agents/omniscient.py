@@ -18,6 +18,7 @@ from mdrive_sumo.planning.parameters import MARGINS, PLANNER, SafetyMargin
 from mdrive_sumo.planning.path_overlap import find_cells
 from mdrive_sumo.planning.pedestrian_caution import limit_speeds_near_pedestrians, predict_walking_on
 from mdrive_sumo.planning.planning_order import find_planning_order
+from mdrive_sumo.planning.profile_search import find_fastest_profile
 from mdrive_sumo.planning.reference_path import (
     ReferencePath,
     build_path,
@@ -33,7 +34,6 @@ from mdrive_sumo.planning.speed_profile import (
     SpeedProfileProblem,
     build_braking_profile,
     build_free_road_problem,
-    find_fastest_profile,
 )
 from mdrive_sumo.planning.stop_lines import build_stop_lines
 

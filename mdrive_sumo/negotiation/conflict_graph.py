@@ -107,7 +107,9 @@ def build_trajectory_graph(ids: tuple[str, ...], trajectory_by_id: Mapping[str, 
     """Return the graph of simultaneous trajectories (`POINTS`, 2) [m]."""
     count = len(ids)
     points = np.array([trajectory_by_id[name] for name in ids]).reshape(count, POINTS, 2)
-    at_any_time = np.sqrt(portable.square(points[:, None, :, None] - points[None, :, None]).sum(-1))
+    x, y = points[..., 0], points[..., 1]
+    dx, dy = x[:, None, :, None] - x[None, :, None], y[:, None, :, None] - y[None, :, None]
+    at_any_time = portable.hypot(dx, dy)
     gaps = _close_between_points(points, np.diagonal(at_any_time, axis1=2, axis2=3))
     step = gaps.argmin(-1)
     distance = np.take_along_axis(gaps, step[..., None], -1)[..., 0]

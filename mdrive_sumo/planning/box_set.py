@@ -55,13 +55,16 @@ class BoxSet:
         The order of the pairs is not specified. Pairs that are far apart are excluded by circles before.
         """
         if len(self) <= 2 * CHUNK:
-            mine, theirs = (side.ravel() for side in np.indices((len(self), len(others))))
+            dx = self.centre[:, 0, None] - others.centre[:, 0]
+            dy = self.centre[:, 1, None] - others.centre[:, 1]
+            reach = self.radius[:, None] + others.radius
+            mine, theirs = np.nonzero(dx * dx + dy * dy <= reach * reach * SLACK)
         else:
             chunks, theirs = self._find_near_chunks(others)
             mine, theirs = (chunks[:, None] * CHUNK + np.arange(CHUNK)).ravel(), theirs.repeat(CHUNK)
             exists = mine < len(self)
-            mine, theirs = mine[exists], theirs[exists]
-        met = self.overlap_rows(mine, others, theirs)
+            mine, theirs = self._exclude_far(mine[exists], others, theirs[exists])
+        met = self._overlap(mine, others, theirs)
         return mine[met], theirs[met]
 
     def _find_near_chunks(self, others: "BoxSet") -> tuple[Int, Int]:
@@ -75,21 +78,26 @@ class BoxSet:
         chunks, rows = np.nonzero(dx * dx + dy * dy <= reach * reach * SLACK)
         return chunks, rows
 
-    def overlap_rows(self, rows: Int, others: "BoxSet", other_rows: Int) -> Bool:
-        """Return a mask (P,): which own boxes `rows` (P,) overlap the other ones `other_rows` (P,).
+    def find_overlapping(self, rows: Int, others: "BoxSet", other_rows: Int) -> Int:
+        """Return those of the own `rows` (P,) whose box overlaps the one in the same place of `other_rows` (P,)."""
+        rows, other_rows = self._exclude_far(rows, others, other_rows)
+        return rows[self._overlap(rows, others, other_rows)]
 
-        The separating-axis test of `geometry.boxes_overlap`, with the same operations in the same order.
-        """
+    def _exclude_far(self, rows: Int, others: "BoxSet", other_rows: Int) -> tuple[Int, Int]:
+        """Return the pairs whose circles touch."""
         dx = self.centre[rows, 0] - others.centre[other_rows, 0]
         dy = self.centre[rows, 1] - others.centre[other_rows, 1]
         reach = self.radius[rows] + others.radius[other_rows]
-        met = dx * dx + dy * dy <= reach * reach * SLACK
-        near = np.flatnonzero(met)
-        for one, mine, two, theirs in ((self, rows, others, other_rows), (others, other_rows, self, rows)):
-            apart = ~one._overlap_on_sides(mine[near], two, theirs[near])
-            met[near[apart]] = False
-            near = near[~apart]
-        return met
+        near = dx * dx + dy * dy <= reach * reach * SLACK
+        return rows[near], other_rows[near]
+
+    def _overlap(self, rows: Int, others: "BoxSet", other_rows: Int) -> Int:
+        """Return the places (P,) of the pairs that overlap.
+
+        The separating-axis test of `geometry.boxes_overlap`, with the same operations in the same order.
+        """
+        met = np.flatnonzero(self._overlap_on_sides(rows, others, other_rows))
+        return met[others._overlap_on_sides(other_rows[met], self, rows[met])]
 
     def _overlap_on_sides(self, rows: Int, others: "BoxSet", other_rows: Int) -> Bool:
         """Return whether pairs overlap when projected on both sides of the own boxes."""

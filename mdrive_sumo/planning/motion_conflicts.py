@@ -70,7 +70,7 @@ class MotionConflicts:
         rows = np.arange(len(boxes)) - np.repeat(np.cumsum(counts) - counts - self._begin, counts)
         length, width = self._vehicle.length + 2 * margin.longitudinal, self._vehicle.width + 2 * margin.lateral
         mine = BoxSet.build(compute_footprints(self._path, length, width, cells))
-        met[rows[mine.overlap_rows(rows, self._boxes, boxes)]] = True
+        met[mine.find_overlapping(rows, self._boxes, boxes)] = True
         return met
 
 

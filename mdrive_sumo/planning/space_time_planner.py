@@ -17,6 +17,7 @@ from mdrive_sumo.planning.motion_prediction import HORIZON_S, STRIDE, TIMES, Pre
 from mdrive_sumo.planning.parameters import MARGINS, MOTION, PLANNER, PlannerParameters, SafetyMargin
 from mdrive_sumo.planning.path_overlap import find_cells
 from mdrive_sumo.planning.planning_scale import PlanningScale, find_planning_scale
+from mdrive_sumo.planning.profile_search import find_fastest_profile
 from mdrive_sumo.planning.reference_path import (
     SPACING_M,
     ReferencePath,
@@ -29,7 +30,6 @@ from mdrive_sumo.planning.speed_profile import (
     SpeedProfileProblem,
     build_braking_profile,
     build_free_road_problem,
-    find_fastest_profile,
 )
 
 
