@@ -10,30 +10,32 @@ from mdrive_sumo.contract import MAX_PLAN_POINTS, Briefing, Observation, OwnStat
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.planning.driving_options import MAX_SPEED
+from mdrive_sumo.planning.evasive_profile import find_evasive_profile
 from mdrive_sumo.planning.fleet_paths import FleetPaths, find_cells_blocked_by_objects, predict_stations
 from mdrive_sumo.planning.joint_detours import has_undecided_vehicle, plan_joint_detours
 from mdrive_sumo.planning.joint_plan import find_common_scale, find_road_horizon, plan_on_roads
-from mdrive_sumo.planning.parameters import MARGINS, PLANNER, STOP_LINE, SafetyMargin
+from mdrive_sumo.planning.parameters import MARGINS, PLANNER, SafetyMargin
 from mdrive_sumo.planning.path_overlap import find_cells
 from mdrive_sumo.planning.pedestrian_caution import limit_speeds_near_pedestrians, predict_walking_on
 from mdrive_sumo.planning.planning_order import find_planning_order
+from mdrive_sumo.planning.profile_search import find_fastest_profile
 from mdrive_sumo.planning.reference_path import (
-    SPACING_M,
     ReferencePath,
     build_path,
     compute_curve_speeds,
     compute_legal_speeds,
     convert_route_station,
 )
-from mdrive_sumo.planning.road_direction import RoadDirection, build_road_direction
+from mdrive_sumo.planning.road_conflicts import RoadConflicts, RoadSituation, find_red_light
+from mdrive_sumo.planning.road_direction import build_road_direction
+from mdrive_sumo.planning.speed_lattice import SAMPLE_S
 from mdrive_sumo.planning.speed_profile import (
     SpeedProfile,
+    SpeedProfileProblem,
     build_braking_profile,
     build_free_road_problem,
-    find_fastest_profile,
 )
 from mdrive_sumo.planning.stop_lines import build_stop_lines
-from mdrive_sumo.planning.traffic_prediction import TRAFFIC, TrafficView
 
 OPTIONS = {"speed": Option(9.0, 2.0, MAX_SPEED)}
 FIRST_PLAN_POINTS = 20
@@ -92,8 +94,8 @@ class OmniscientAgent:
     def start(self, briefing: Briefing) -> None:
         """Store the briefing; everything else needs the first observation."""
         self._briefing = briefing
-        self._road: RoadDirection | None = None
-        """The direction of the own road where its limits count."""
+        self._road: RoadConflicts | None = None
+        """What else is on the road, where its limits count."""
         self._profile: SpeedProfile | None = None
         self._profile_tick = 0
         self._s = 0.0
@@ -107,13 +109,15 @@ class OmniscientAgent:
             self._begin_tick = self._choose_begin_tick(seen.tick, seen.privileged)
         objects = predict_walking_on(seen.privileged.objects, self._first_positions)
         known = replace(seen.privileged, objects=objects)
+        if self._road is not None:
+            self._road.trends.update(objects, seen.tick * self._briefing.tick_s)
         if seen.tick < self._begin_tick:
             return Reply(plan=self._build_plan(seen))
         if self._review_tick is None:
             self._plan_jointly(known)
             self._review_tick = self._begin_tick + self._rank
         self._s = self._path.project(seen.own.x, seen.own.y, self._s)
-        self._red_s = self._find_red_light(seen) if self._road is not None else math.inf
+        self._red_s = math.inf if self._road is None else find_red_light(self._lights, self._s, seen)
         self._signs = [line for line in self._signs if not self._is_sign_obeyed(line, seen.own.speed)]
         if seen.tick >= self._review_tick:
             self._review_tick = self._find_next_review(self._review_tick, seen.tick)
@@ -128,7 +132,8 @@ class OmniscientAgent:
         self._first_positions = dict(zip(objects.ids, positions, strict=True))
         self._scale = find_common_scale(self._briefing, self._chosen_speed, OPTIONS["speed"].default, known)
         if not self._scale.is_protocol:
-            self._road = build_road_direction(self._briefing)
+            road = build_road_direction(self._briefing)
+            self._road = RoadConflicts(self._briefing, road, self._scale.top_speed)
         is_undecided = has_undecided_vehicle(known, self._briefing, self._scale)
         return tick + (self._parameters.decision_ticks if is_undecided else 0)
 
@@ -162,18 +167,6 @@ class OmniscientAgent:
         }
         return fleet, find_planning_order(fleet, problems)
 
-    def _find_red_light(self, seen: Observation) -> float:
-        """Return the station [m] that the box centre must not pass now because of a light; infinity if there is none.
-
-        Only asked where limits of roads count: in the scenarios of the protocol it drives as it always did.
-        """
-        here, speed = self._s, seen.own.speed
-
-        def can_stop(line: float) -> bool:
-            return line > here and (speed * speed) / (2 * max(line - here, 0.5)) < STOP_LINE.yellow_braking
-
-        return min(self._lights.find_stop_stations(here, speed, seen.signals, can_stop), default=math.inf)
-
     def _compute_curve_speeds(self, path: ReferencePath) -> Float:
         """Return the comfortable speed (M,) [m/s] at the points of a path."""
         parameters = self._parameters
@@ -195,6 +188,11 @@ class OmniscientAgent:
         tolerance_m = self._scale.max_tracking_error_m(seen.own.speed)
         if abs(float(profile.get_stations(np.full(1, age_s))[0]) - self._s) > tolerance_m:
             return False
+        if self._road is not None:
+            times = np.arange(1, int(parameters.review_s / SAMPLE_S) + 1, dtype=np.float64) * SAMPLE_S
+            now = self._describe_situation(seen, known, respects_all=False)
+            met = self._road.find_met(now, self._fleet, profile.get_stations(age_s + times), times, MARGINS.check)
+            return not (met & ~np.logical_and.accumulate(met)).any()
         count = int(parameters.review_s / parameters.interval_s)
         times = np.arange(1, count + 1, dtype=np.float64) * parameters.interval_s
         cells = find_cells(self._path, profile.get_stations(age_s + times))
@@ -210,8 +208,6 @@ class OmniscientAgent:
         briefing = self._briefing
         respects_all = self._profile is not None and margin != MARGINS.check
         size = briefing.vehicle.length, briefing.vehicle.width
-        if self._road is not None:
-            return self._find_blocked_on_roads(known, cells, times, margin)
         blocked = find_cells_blocked_by_objects(self._path, cells, known.objects, times, size, margin)
         for other, state, plan in zip(known.ego_ids, known.states, known.plans, strict=True):
             if other in self._earlier or (other != briefing.ego_id and respects_all):
@@ -219,52 +215,61 @@ class OmniscientAgent:
                 blocked |= self._fleet.find_blocked_cells(briefing.ego_id, cells, other, stations, margin)
         return blocked
 
-    def _find_blocked_on_roads(self, known: Privileged, cells: Int, times: Float, margin: SafetyMargin) -> Bool:
-        """Return the mask of `_find_blocked` where limits of roads count.
-
-        A time gap is kept behind CAVs in the own lane too: they may brake. Those behind in it are never respected.
-        """
-        assert self._road is not None
-        briefing, plans_gap = self._briefing, margin.longitudinal >= MARGINS.plan.longitudinal
-        respects_all = self._profile is not None and plans_gap
-        view = TrafficView(self._path, self._road, self._s, (briefing.vehicle.length, briefing.vehicle.width))
-        blocked = view.find_blocked_cells(cells, known.objects, times, margin)
-        blocked[:, cells * SPACING_M > self._red_s] = True
-        for other, state, plan in zip(known.ego_ids, known.states, known.plans, strict=True):
-            lead = view.find_lead(state)
-            if other == briefing.ego_id or lead < 0 or (other not in self._earlier and not respects_all):
-                continue
-            for gap_s in TRAFFIC.cav_gaps_s if plans_gap and lead > 0 else (0.0,):
-                since = np.maximum(times - gap_s, 0.0)
-                stations = predict_stations(self._fleet.path_by_ego[other], state, plan, since, briefing.tick_s)
-                blocked |= self._fleet.find_blocked_cells(briefing.ego_id, cells, other, stations, margin)
-        return blocked
+    def _describe_situation(self, seen: Observation, known: Privileged, respects_all: bool) -> RoadSituation:
+        """Return what the own car knows where limits of roads count; respects_all: of all CAVs, else earlier ones."""
+        respected = known.ego_ids if respects_all else self._earlier
+        return RoadSituation(known, self._s, seen.own.speed, self._red_s, respected)
 
     def _find_profile(self, seen: Observation, known: Privileged) -> SpeedProfile:
         """Return a new profile from the present state, with the stops that are due."""
-        briefing, parameters = self._briefing, self._parameters
+        briefing = self._briefing
         now_s = seen.tick * briefing.tick_s
         speeds = limit_speeds_near_pedestrians(self._path, self._speeds, known.objects, briefing.vehicle)
         start, lattice = (self._s, seen.own.speed), self._scale.lattice
-        problem = build_free_road_problem(self._path, speeds, start, now_s, self._find_horizon(now_s), lattice)
-        if self._road is not None:  # it closes up: others may leave a gap earlier than they are predicted to
-            problem = replace(problem, wait_penalty=PLANNER.wait_penalty)
-        block = partial(self._find_blocked, known, problem.cells, problem.times)
-        free = problem
-        problem = problem.add_traffic(block, plan_margin=self._scale.plan_margin)
+        free = build_free_road_problem(self._path, speeds, start, now_s, self._find_horizon(now_s), lattice)
+        if self._road is not None:
+            return self._find_profile_on_roads(seen, known, free)
+        problem = free.add_traffic(partial(self._find_blocked, known, free.cells, free.times))
+        done, problem = self._find_profile_with_stops(problem)
+        last = find_fastest_profile(problem) or build_braking_profile(problem)
+        return last if done is None else done.append(last)
+
+    def _find_profile_with_stops(self, problem: SpeedProfileProblem) -> tuple[SpeedProfile | None, SpeedProfileProblem]:
+        """Return the profile until the last stop that is due, None without one, and the problem that remains."""
         done: SpeedProfile | None = None
-        most_m, least_m = parameters.stop_before_m
+        most_m, least_m = self._parameters.stop_before_m
         for line in self._signs:
             part = find_fastest_profile(problem.require_stop(line - most_m, line - least_m))
             if part is None or not part.reaches_goal:
                 break
-            part = part.extend_standstill(parameters.stop_layers)
+            part = part.extend_standstill(self._parameters.stop_layers)
             problem, done = problem.build_remainder(part), part if done is None else done.append(part)
+        return done, problem
+
+    def _find_profile_on_roads(self, seen: Observation, known: Privileged, free: SpeedProfileProblem) -> SpeedProfile:
+        """Return `_find_profile` where limits of roads count, from the problem on a free road."""
+        assert self._road is not None
+        road, fleet = self._road, self._fleet
+        # It closes up: others may leave a gap earlier than they are predicted to.
+        free = replace(free, wait_penalty=PLANNER.wait_penalty)
+        first = self._profile is None
+        now = self._describe_situation(seen, known, respects_all=not first)
+        problem = free.add_traffic(
+            partial(road.find_blocked, now, fleet, free.cells, free.times), plan_margin=self._scale.plan_margin
+        )
+        done, problem = self._find_profile_with_stops(problem)
         last = find_fastest_profile(problem)
-        if last is None and self._road is not None and done is None:  # without gaps and later CAVs there may be one
-            last = find_fastest_profile(free.add_traffic(block, plan_margin=MARGINS.check))
-        last = last or build_braking_profile(problem)
-        return last if done is None else done.append(last)
+        if last is not None or done is not None:
+            last = last or build_braking_profile(problem)
+            return last if done is None else done.append(last)
+        now = self._describe_situation(seen, known, respects_all=False)  # later CAVs can still react
+        block = partial(road.find_blocked, now, fleet, free.cells, free.times)
+        last = find_fastest_profile(free.add_traffic(block, plan_margin=MARGINS.check))
+        if last is not None:
+            return last
+        now = self._describe_situation(seen, known, respects_all=True)
+        start = self._s, seen.own.speed
+        return find_evasive_profile(self._speeds, start, lambda s, t: road.find_met(now, fleet, s, t, MARGINS.contact))
 
     def _find_horizon(self, now_s: float) -> float:
         """Return until when a profile may last [s]."""

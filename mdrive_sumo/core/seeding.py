@@ -20,8 +20,17 @@ def derive_seed(run_seed: int, *purpose: str) -> int:
 
 def draw_uniforms(seed: int, *purpose: str | int) -> tuple[float, ...]:
     """Return `UNIFORMS` independent numbers in [0, 1) for a purpose, e.g. (seed, "loss", sender, receiver, tick)."""
-    digest = blake2b("\x00".join(map(str, (seed, *purpose))).encode(), digest_size=8 * UNIFORMS).digest()
+    digest = _hash(seed, purpose)
     return tuple((int.from_bytes(digest[i : i + 8], "little") >> 11) * 2.0**-53 for i in range(0, len(digest), 8))
+
+
+def draw_first_uniform(seed: int, *purpose: str | int) -> float:
+    """Return the first number of `draw_uniforms`, which is often enough to know that the others do not count."""
+    return (int.from_bytes(_hash(seed, purpose)[:8], "little") >> 11) * 2.0**-53
+
+
+def _hash(seed: int, purpose: tuple[str | int, ...]) -> bytes:
+    return blake2b("\x00".join(map(str, (seed, *purpose))).encode(), digest_size=8 * UNIFORMS).digest()
 
 
 def draw_normals(seed: int, *purpose: str | int) -> tuple[float, ...]:

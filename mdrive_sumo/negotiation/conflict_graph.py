@@ -50,7 +50,7 @@ def compute_safety(distance: float) -> float:
 
 @dataclass(frozen=True)
 class ConflictGraph:
-    """All pairs of members by their closest approach; matrices are (N, N) in the order of ids, symmetric."""
+    """All pairs of members by their closest approach; matrices are (N, N) in the order of ids, symmetric, read-only."""
 
     ids: tuple[str, ...]
     distance: Float
@@ -107,13 +107,18 @@ def build_trajectory_graph(ids: tuple[str, ...], trajectory_by_id: Mapping[str, 
     """Return the graph of simultaneous trajectories (`POINTS`, 2) [m]."""
     count = len(ids)
     points = np.array([trajectory_by_id[name] for name in ids]).reshape(count, POINTS, 2)
-    at_any_time = np.sqrt(portable.square(points[:, None, :, None] - points[None, :, None]).sum(-1))
+    x, y = points[..., 0], points[..., 1]
+    dx, dy = x[:, None, :, None] - x[None, :, None], y[:, None, :, None] - y[None, :, None]
+    at_any_time = portable.hypot(dx, dy)
     gaps = _close_between_points(points, np.diagonal(at_any_time, axis1=2, axis2=3))
     step = gaps.argmin(-1)
     distance = np.take_along_axis(gaps, step[..., None], -1)[..., 0]
     np.fill_diagonal(distance, np.inf)
     to_conflict, entry_time = _compute_distances_to_conflict(points, step), _compute_entry_times(at_any_time)
-    return ConflictGraph(ids, distance, step, distance < CONFLICT.min_distance_m, to_conflict, entry_time)
+    columns = (distance, step, distance < CONFLICT.min_distance_m, to_conflict, entry_time)
+    for column in columns:
+        column.setflags(write=False)
+    return ConflictGraph(ids, *columns)
 
 
 def compute_free_distance(member: NegotiationMember, others: Iterable[NegotiationMember]) -> float:

@@ -84,6 +84,10 @@ class LlmNegotiator:
         self._notes: deque[Note] = deque()
         self._due_tick = 0
 
+    def is_due(self, tick: int) -> bool:  # noqa: ARG002
+        """Implement `Negotiator.is_due`: it may have the turn in any tick."""
+        return True
+
     def step(self, tick: int, me: NegotiationMember, heard: Sequence[Message]) -> NegotiationStep:
         """Implement `Negotiator.step`."""
         self._recent = [entry for entry in self._recent if tick - entry[0] < self._parameters.cool_down_ticks]
@@ -102,7 +106,7 @@ class LlmNegotiator:
             messages.append(build_mcm_message(me, tick, self._get_valid_terms(tick)))
             self.peers.receive(messages[-1])
         self._collect_model_notes()
-        return NegotiationStep(self._get_valid_decision(tick), tuple(messages), self._take_due_notes())
+        return NegotiationStep(self.get_valid_decision(tick), tuple(messages), self._take_due_notes())
 
     def _collect_model_notes(self) -> None:
         """Move the notes of the model to the own ones."""
@@ -118,8 +122,8 @@ class LlmNegotiator:
             size += len(due[-1].text)
         return tuple(due)
 
-    def _get_valid_decision(self, tick: int) -> NegotiationDecision | None:
-        """Return the decision if it is still in force."""
+    def get_valid_decision(self, tick: int) -> NegotiationDecision | None:
+        """Implement `Negotiator.get_valid_decision`."""
         return self._decision if self._decision is not None and tick <= self._decision.until_tick else None
 
     def _get_valid_terms(self, tick: int) -> NegotiationTerms:
@@ -143,7 +147,7 @@ class LlmNegotiator:
 
     def _begin_conversation(self, tick: int, me: str, members: Sequence[NegotiationMember]) -> None:
         """Begin a conversation if the own CAV is in a group that has not just finished one."""
-        graph = build_conflict_graph(members, use_planned=self._get_valid_decision(tick) is not None)
+        graph = build_conflict_graph(members, use_planned=self.get_valid_decision(tick) is not None)
         group = graph.find_group(me) if me in graph.ids else ()
         if not group or self._is_conversing(tick):
             return
@@ -172,7 +176,7 @@ class LlmNegotiator:
             action = mcm.requests.get(me)
             if name == me or action is None or mcm.until_tick < tick or not {me, name} <= set(mcm.group):
                 continue
-            held = self._get_valid_decision(tick)
+            held = self.get_valid_decision(tick)
             if held is not None and self._source not in ("", name) and self._source < name:
                 continue
             is_known = held is not None and self._source == name and held.until_tick == mcm.until_tick

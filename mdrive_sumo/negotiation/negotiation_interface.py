@@ -9,16 +9,20 @@ from mdrive_sumo.contract import Briefing, Observation, OwnState
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT
+from mdrive_sumo.negotiation.announcement import (
+    predict_announced_braking,
+    predict_announced_poses,
+    read_announcement,
+)
 from mdrive_sumo.negotiation.conflict_graph import compute_free_distance
 from mdrive_sumo.negotiation.intention import INTERVAL_S, POINTS, classify_acceleration, classify_direction
 from mdrive_sumo.negotiation.llm_negotiator import LlmNegotiator
 from mdrive_sumo.negotiation.negotiator import NegotiationDecision, NegotiationMember, NegotiationStep
-from mdrive_sumo.negotiation.peer_table import predict_announced_poses
 from mdrive_sumo.negotiation.rule_negotiator import RuleNegotiator
-from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion, predict_yielding
+from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
 from mdrive_sumo.planning.reference_path import SPACING_M
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
-from mdrive_sumo.v2x.messages import Intention, Mcm
+from mdrive_sumo.v2x.messages import Intention
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,18 +72,19 @@ class NegotiationInterface:
         self, seen: Observation, planner: SpaceTimePlanner
     ) -> tuple[frozenset[str], list[PredictedMotion]]:
         """Return the CAVs that announced a motion, and the motions that the own plan must avoid."""
-        mcm_by_station = self._negotiator.peers.get_latest_mcms(seen.tick)
-        mcm_by_station.pop(self._briefing.ego_id, None)
-        motions = [self._predict_motion(name, mcm, seen, planner) for name, mcm in mcm_by_station.items()]
-        return frozenset(mcm_by_station), [motion for motion in motions if motion is not None]
+        payload_by_station = self._negotiator.peers.get_latest_payloads(seen.tick)
+        payload_by_station.pop(self._briefing.ego_id, None)
+        motions = [self._predict_motion(name, payload, seen, planner) for name, payload in payload_by_station.items()]
+        return frozenset(payload_by_station), [motion for motion in motions if motion is not None]
 
     def _predict_motion(
-        self, name: str, mcm: Mcm, seen: Observation, planner: SpaceTimePlanner
+        self, name: str, payload: bytes, seen: Observation, planner: SpaceTimePlanner
     ) -> PredictedMotion | None:
         """Return an announced motion as the own plan must avoid it; None for a CAV that follows."""
         decision = self._decision or NegotiationDecision(Intention.KEEP)
         parameters = self._parameters
-        poses = predict_announced_poses(mcm, (seen.tick - mcm.pose.tick) * DT, TIMES)
+        age_ticks = seen.tick - read_announcement(payload).mcm.pose.tick
+        poses = predict_announced_poses(payload, age_ticks)
         length, width = self._briefing.vehicle.length, self._briefing.vehicle.width
         if name not in decision.yield_to and self._is_behind(seen.own, poses):
             return None
@@ -88,7 +93,7 @@ class NegotiationInterface:
             length -= 2 * parameters.trust_longitudinal_m
             return PredictedMotion(trusted, length, width - 2 * parameters.trust_lateral_m)
         if self._is_leader(poses, planner):
-            return PredictedMotion(_predict_braking(poses, mcm.speed), length, width, stands_at_end=True)
+            return PredictedMotion(predict_announced_braking(payload, age_ticks), length, width, stands_at_end=True)
         return PredictedMotion(poses, length, width)
 
     def _is_leader(self, poses: Float, planner: SpaceTimePlanner) -> bool:
@@ -121,6 +126,9 @@ class NegotiationInterface:
 
     def negotiate(self, seen: Observation, planner: SpaceTimePlanner, planned: Float) -> NegotiationStep:
         """Run the negotiator; its decision counts from the next plan on. planned: (K, 2) own positions [m]."""
+        if not self._negotiator.is_due(seen.tick):
+            self._decision = self._negotiator.get_valid_decision(seen.tick)
+            return NegotiationStep(self._decision)
         step = self._negotiator.step(seen.tick, self._build_member(seen, planner, planned), seen.messages)
         self._decision = step.decision
         return step
@@ -143,13 +151,3 @@ class NegotiationInterface:
             position_sigma=own.position_sigma,
             yaw_sigma=own.yaw_sigma,
         )
-
-
-def _predict_braking(poses: Float, speed: float) -> Float:
-    """Return the poses (T, 3) along the same line of a car that brakes for the own car from now on."""
-    steps = portable.hypot(*np.diff(poses[:, :2], axis=0).T)
-    s = np.concatenate(((0.0,), np.cumsum(steps)))
-    travelled = predict_yielding(speed)
-    braked = np.minimum(travelled - float(travelled[0]), s)
-    yaw = np.unwrap(poses[:, 2])
-    return np.column_stack([np.interp(braked, s, column) for column in (poses[:, 0], poses[:, 1], yaw)])

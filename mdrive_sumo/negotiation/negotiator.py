@@ -57,7 +57,15 @@ class NegotiationStep:
 
 
 class Negotiator(Protocol):
-    """One CAV's side of all negotiations: called in every tick, sends its MCMs in every planning step."""
+    """One CAV's side of all negotiations: called while it is due, sends MCMs in every planning step."""
+
+    def is_due(self, tick: int) -> bool:
+        """Return whether `step` must be called in this tick; else it would change nothing and send nothing."""
+        ...
+
+    def get_valid_decision(self, tick: int) -> NegotiationDecision | None:
+        """Return the decision if it is still in force."""
+        ...
 
     def step(self, tick: int, me: NegotiationMember, heard: Sequence[Message]) -> NegotiationStep:
         """Process the messages received in this tick; return the decision in force and the messages to send."""

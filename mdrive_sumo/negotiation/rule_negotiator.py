@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from mdrive_sumo.negotiation.conflict_graph import (
 )
 from mdrive_sumo.negotiation.intention import replace_slow_keep
 from mdrive_sumo.negotiation.negotiator import NegotiationDecision, NegotiationMember, NegotiationStep
-from mdrive_sumo.negotiation.peer_table import PeerTable
+from mdrive_sumo.negotiation.peer_table import PeerTable, PeerView, predict_view
 from mdrive_sumo.negotiation.right_of_way_claims import (
     NegotiationTerms,
     RightOfWayClaims,
@@ -38,6 +39,10 @@ class LeaderParameters:
 
 LEADER = LeaderParameters()
 NO_DECISION = NegotiationDecision(Intention.KEEP)
+
+
+CACHED_VIEWS = 64
+"""CAVs with equal views come one after the other; more than 12 CAVs have in two planning steps, all different."""
 
 
 def select_winner(group: Sequence[str], graph: ConflictGraph, claims: RightOfWayClaims = frozenset()) -> str:
@@ -81,33 +86,35 @@ class RuleNegotiator:
         self._decision: NegotiationDecision | None = None
         self._due_tick = 0
 
+    def is_due(self, tick: int) -> bool:
+        """Implement `Negotiator.is_due`."""
+        return tick >= self._due_tick
+
     def step(self, tick: int, me: NegotiationMember, heard: Sequence[Message]) -> NegotiationStep:
         """Implement `Negotiator.step`."""
         for message in heard:
             self.peers.receive(message)
-        if tick < self._due_tick:
-            return NegotiationStep(self._get_valid_decision(tick))
+        if not self.is_due(tick):
+            return NegotiationStep(self.get_valid_decision(tick))
         self._due_tick = find_next_planning_tick(tick)
         mcm_by_station = self.peers.get_latest_mcms(tick)
         claims = collect_claims(mcm_by_station, tick)
-        self._update_decision(tick, me.id, self.peers.predict_members(tick), claims)
+        self._update_decision(tick, me.id, self.peers.get_view(tick), claims)
         message = build_mcm_message(me, tick, self._build_terms(me, tick, mcm_by_station, claims))
         self.peers.receive(message)
-        return NegotiationStep(self._get_valid_decision(tick), (message,))
+        return NegotiationStep(self.get_valid_decision(tick), (message,))
 
-    def _get_valid_decision(self, tick: int) -> NegotiationDecision | None:
-        """Return the decision if it is still in force."""
+    def get_valid_decision(self, tick: int) -> NegotiationDecision | None:
+        """Implement `Negotiator.get_valid_decision`."""
         decision = self._decision
         return decision if decision is not None and tick <= decision.until_tick else None
 
-    def _update_decision(
-        self, tick: int, me: str, members: Sequence[NegotiationMember], claims: RightOfWayClaims
-    ) -> None:
+    def _update_decision(self, tick: int, me: str, view: PeerView, claims: RightOfWayClaims) -> None:
         """Update the decision from the present view."""
-        graph = build_conflict_graph(members)
+        graph = _build_view_graph(view)
         group = graph.find_group(me) if me in graph.ids else ()
         if group:
-            self._settle_group(tick, me, members, graph, claims)
+            self._settle_group(tick, me, view, graph, claims)
         known = set(graph.ids)
         self._settled_by_id = {
             name: settled for name, settled in self._settled_by_id.items() if settled[1] >= tick and name in known
@@ -117,7 +124,7 @@ class RuleNegotiator:
         if not self._settled_by_id:
             self._decision = None
             return
-        mine = next(member for member in members if member.id == me)
+        mine = next(member for member in predict_view(view) if member.id == me)
         must_wait = bool(first) or self._has_original_defect(me, graph, group)
         intention = self._waiting_intention if must_wait else choose_winner_intention(mine)
         until = max(until for _, until in self._settled_by_id.values())
@@ -133,14 +140,14 @@ class RuleNegotiator:
         self,
         tick: int,
         me: str,
-        members: Sequence[NegotiationMember],
+        view: PeerView,
         graph: ConflictGraph,
         claims: RightOfWayClaims,
     ) -> None:
         """Settle the group of which the own CAV is a member."""
         group = graph.find_group(me)
         if self._passing:
-            before = claims | find_leader_pairs(members)
+            before = claims | _find_view_leader_pairs(view)
             order = order_by_urgency(group, {name: graph.get_entry_time(name) for name in group}, before)
             for other in sorted(graph.find_opponents(me)):
                 until = tick + graph.count_conflict_ticks((me, other)) + CONFLICT.aftermath_ticks
@@ -163,7 +170,7 @@ class RuleNegotiator:
         self, me: NegotiationMember, tick: int, mcm_by_station: Mapping[str, Mcm], claims: RightOfWayClaims
     ) -> NegotiationTerms:
         """Return the terms to announce."""
-        decision, answers = self._get_valid_decision(tick), answer_claims(me.id, mcm_by_station, claims)
+        decision, answers = self.get_valid_decision(tick), answer_claims(me.id, mcm_by_station, claims)
         if decision is None:
             return NegotiationTerms(answers=answers)
         over = sorted(decision.priority_over)[: MAX_NAMES - 1]
@@ -185,3 +192,15 @@ def find_leader_pairs(members: Sequence[NegotiationMember], parameters: LeaderPa
             if ahead > 0 and gaps.min() < parameters.max_lateral_m:
                 found.add((leader.id, follower.id))
     return frozenset(pair for pair in found if pair[::-1] not in found)
+
+
+@lru_cache(maxsize=CACHED_VIEWS)
+def _build_view_graph(view: PeerView) -> ConflictGraph:
+    """Return the graph of the desired trajectories of a view: equal for all CAVs that received the same MCMs."""
+    return build_conflict_graph(predict_view(view))
+
+
+@lru_cache(maxsize=CACHED_VIEWS)
+def _find_view_leader_pairs(view: PeerView) -> RightOfWayClaims:
+    """Return the (leader, follower) pairs of a view."""
+    return find_leader_pairs(predict_view(view))

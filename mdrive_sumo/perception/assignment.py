@@ -24,9 +24,9 @@ def assign(cost: Float, possible: Bool, starts: Int) -> tuple[Int, Int]:
     in_row = np.add.reduceat(possible.astype(np.int64), starts, axis=1)[:, block]
     clear = possible & (in_row == 1) & (possible.sum(axis=0) == 1)
     contested = possible & ~clear
-    chosen = clear
-    for one in np.unique(block[contested.any(axis=0)]).tolist():
-        above = np.flatnonzero((block == one) & contested.any(axis=0))
+    chosen, in_contest = clear, contested.any(axis=0)
+    for one in sorted(set(block[in_contest].tolist())):
+        above = np.flatnonzero((block == one) & in_contest)
         left = np.flatnonzero(contested[:, above].any(axis=1))
         part = np.ix_(left, above)
         for i, k in solve_assignment(np.where(contested[part], cost[part], _IMPOSSIBLE).tolist()):

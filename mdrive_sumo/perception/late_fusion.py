@@ -13,7 +13,8 @@ from mdrive_sumo.contract import Message, Note, Objects, OwnState, VehicleFacts
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind
-from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, MessageError, decode
+from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, MessageError
+from mdrive_sumo.v2x.shared_reading import decode_shared
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +63,7 @@ class LateFusion:
         notes: list[Note] = []
         for message in messages:
             try:
-                content = decode(message)
+                content = decode_shared(message)
             except MessageError as error:
                 notes.append(Note("unreadable", f"{message.type} from {message.sender}: {error}"))
                 continue

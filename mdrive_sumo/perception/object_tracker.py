@@ -19,7 +19,8 @@ from mdrive_sumo.perception.measurements import (
 )
 from mdrive_sumo.perception.track_list import TrackList
 from mdrive_sumo.perception.tracking_parameters import TRACKING, TrackingParameters
-from mdrive_sumo.v2x.messages import CAM, CPM, MCM, Cam, Cpm, Mcm, decode, find_problem
+from mdrive_sumo.v2x.messages import CAM, CPM, MCM, Cam, Cpm, Mcm
+from mdrive_sumo.v2x.shared_reading import decode_shared, find_shared_problem
 
 KINDS = (CAM, CPM, MCM)
 """Types of messages that report positions."""
@@ -50,7 +51,7 @@ class ObjectTracker:
             key = message.type, message.sender
             if message.type not in KINDS or message.tick <= self._sent_tick.get(key, -1):
                 continue
-            problem = find_problem(message)
+            problem = find_shared_problem(message)
             if problem is None:
                 self._waiting[key], self._sent_tick[key] = message, message.tick
             else:
@@ -63,9 +64,9 @@ class ObjectTracker:
         found: dict[str, Cam] = {}
         for sender in senders:
             cam_tick, mcm_tick = (self._sent_tick.get((kind, sender), -1) for kind in (CAM, MCM))
-            content = decode(self._waiting[MCM, sender]) if mcm_tick > cam_tick else None
+            content = decode_shared(self._waiting[MCM, sender]) if mcm_tick > cam_tick else None
             if content is None and (CAM, sender) in self._waiting:
-                content = decode(self._waiting[CAM, sender])
+                content = decode_shared(self._waiting[CAM, sender])
             if isinstance(content, Mcm):
                 content = Cam(content.pose, content.speed, 0.0, 0.0, *self._size)
             if isinstance(content, Cam) and content.pose.tick >= oldest:
@@ -74,7 +75,7 @@ class ObjectTracker:
 
     def _read_cpms(self, oldest: int) -> dict[str, Cpm]:
         """Return the newest CPM of every station that is not too old and has objects."""
-        contents = {sender: decode(message) for (kind, sender), message in self._waiting.items() if kind == CPM}
+        contents = {sender: decode_shared(message) for (kind, sender), message in self._waiting.items() if kind == CPM}
         return {
             sender: one
             for sender, one in contents.items()

@@ -4,7 +4,8 @@ Detections are noisy. An object stands while it is detected near the mean of its
 and the mean is more accurate than a single detection.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -28,6 +29,8 @@ class TrackerParameters:
 
 TRACKER = TrackerParameters()
 
+_Row: TypeAlias = tuple[float, float, float, float, float, float]
+
 
 @dataclass(slots=True)
 class _Standstill:
@@ -37,20 +40,29 @@ class _Standstill:
     first_tick: int
     last_tick: int
     count: int = 0
-    total: Float = field(default_factory=lambda: np.zeros(6))
+    total: _Row = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
     @property
     def duration_s(self) -> float:
         """Time between the first and the last detection [s]."""
         return (self.last_tick - self.first_tick) * DT
 
-    def compute_mean(self) -> Float:
-        """Return (6,) the mean x, y, cosine and sine of yaw, length, width."""
-        return self.total / self.count
+    def compute_distance(self, x: float, y: float) -> float:
+        """Return the distance [m] of a point from the mean position."""
+        return portable.distance((self.total[0] / self.count, self.total[1] / self.count), (x, y))
 
-    def add(self, tick: int, detection: Float) -> None:
-        """Add a detection (6,)."""
-        self.last_tick, self.count, self.total = tick, self.count + 1, self.total + detection
+    def compute_mean(self) -> _Row:
+        """Return the mean x, y, cosine and sine of yaw, length, width."""
+        x, y, cos, sin, length, width = self.total
+        count = self.count
+        return x / count, y / count, cos / count, sin / count, length / count, width / count
+
+    def add(self, tick: int, detection: _Row) -> None:
+        """Add a detection: x, y, cosine and sine of yaw, length, width."""
+        x, y, cos, sin, length, width = self.total
+        more_x, more_y, more_cos, more_sin, more_length, more_width = detection
+        self.total = x + more_x, y + more_y, cos + more_cos, sin + more_sin, length + more_length, width + more_width
+        self.last_tick, self.count = tick, self.count + 1
 
 
 class StaticObjectTracker:
@@ -65,12 +77,10 @@ class StaticObjectTracker:
         """Add the detections of a tick."""
         yaw = objects.yaw
         table = (objects.x, objects.y, *portable.cos_sin(yaw), objects.length, objects.width)
-        for name, kind, row in zip(objects.ids, objects.kind.tolist(), np.column_stack(table), strict=True):
+        rows = zip(*(column.tolist() for column in table), strict=True)
+        for name, kind, row in zip(objects.ids, objects.kind.tolist(), rows, strict=True):
             known = self._standstill_by_id.get(name)
-            has_left = (
-                known is not None
-                and portable.distance(known.compute_mean()[:2], row[:2]) > self._parameters.max_offset_m
-            )
+            has_left = known is not None and known.compute_distance(row[0], row[1]) > self._parameters.max_offset_m
             if has_left:
                 self._moved_ids.add(name)
             if known is None or has_left or tick - known.last_tick > self._parameters.lost_ticks:

@@ -2,34 +2,26 @@
 
 import numpy as np
 
-from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
+from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
+from mdrive_sumo.planning.box_set import BoxSet
 from mdrive_sumo.planning.parameters import SafetyMargin
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 
 
-def compute_footprints(path: ReferencePath, length: float, width: float, cells: Int | slice = slice(None)) -> Float:
-    """Return the corners (K, 4, 2) [m] of a box of that size [m] at the given points of a path."""
+def compute_footprints(
+    path: ReferencePath, length: Float | float, width: float, cells: Int | slice = slice(None)
+) -> Float:
+    """Return the corners (K, 4, 2) [m] of a box at the given points of a path; length: one, or (K,) [m]."""
     xy = path.xy[cells]
     return boxes_corners(xy[:, 0], xy[:, 1], path.body_yaw[cells], np.asarray(length), np.asarray(width))
 
 
 def compute_overlaps(boxes: Float, others: Float) -> Bool:
     """Return a mask (A, B): which of the boxes (A, 4, 2) overlap which of the others (B, 4, 2)."""
-    (x, y), (other_x, other_y) = centre, other_centre = boxes.mean(1).T, others.mean(1).T
-    reach = _compute_reach(boxes, centre) + _compute_reach(others, other_centre)
-    near = portable.square(x[:, None] - other_x) + portable.square(y[:, None] - other_y) < reach * reach
-    a, b = np.nonzero(near)
-    near[a, b] = boxes_overlap(boxes[a], others[b])
-    return near
-
-
-def _compute_reach(corners: Float, centre: Float) -> float:
-    """Return the greatest distance [m] of a corner (K, 4, 2) from its box's centre (2, K)."""
-    if not len(corners):
-        return 0.0
-    gap = corners.T - centre[:, None]
-    return float(portable.hypot(gap[0], gap[1]).max())
+    met = np.zeros((len(boxes), len(others)), dtype=np.bool_)
+    if met.size:
+        met[BoxSet.build(boxes).find_pairs(BoxSet.build(others))] = True
+    return met
 
 
 def compute_path_overlaps(

@@ -9,7 +9,8 @@ from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.planning.fleet_paths import FleetPaths
 from mdrive_sumo.planning.parameters import JOINT_PLANNING, JointPlanningParameters, SafetyMargin
 from mdrive_sumo.planning.precedence import order_by_urgency
-from mdrive_sumo.planning.speed_profile import SpeedProfile, SpeedProfileProblem, find_fastest_profile
+from mdrive_sumo.planning.profile_search import find_fastest_profile
+from mdrive_sumo.planning.speed_profile import SpeedProfile, SpeedProfileProblem
 
 
 def find_planning_order(

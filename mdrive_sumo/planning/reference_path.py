@@ -66,8 +66,8 @@ class ReferencePath:
         low = max(int((near_s - within_m) / SPACING_M), 0)
         high = min(int((near_s + within_m) / SPACING_M) + 2, len(self.xy))
         low = min(low, high - 1)
-        gap = np.array((x, y)) - self.xy[low:high]
-        i = low + int(np.argmin((gap * gap).sum(1)))
+        dx, dy = x - self.xy[low:high, 0], y - self.xy[low:high, 1]
+        i = low + int((dx * dx + dy * dy).argmin())
         cos, sin = portable.cos_sin(self.yaw[i])
         along = cos * (x - self.xy[i, 0]) + sin * (y - self.xy[i, 1])
         return min(max(i * SPACING_M + along, 0.0), self.length)

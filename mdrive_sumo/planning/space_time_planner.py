@@ -10,12 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, OwnState, Plan
-from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
+from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import TICKS_PER_SECOND
+from mdrive_sumo.planning.motion_conflicts import MotionConflicts
 from mdrive_sumo.planning.motion_prediction import HORIZON_S, STRIDE, TIMES, PredictedMotion
 from mdrive_sumo.planning.parameters import MARGINS, MOTION, PLANNER, PlannerParameters, SafetyMargin
-from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps, find_cells
+from mdrive_sumo.planning.path_overlap import find_cells
 from mdrive_sumo.planning.planning_scale import PlanningScale, find_planning_scale
+from mdrive_sumo.planning.profile_search import find_fastest_profile
 from mdrive_sumo.planning.reference_path import (
     SPACING_M,
     ReferencePath,
@@ -28,7 +30,6 @@ from mdrive_sumo.planning.speed_profile import (
     SpeedProfileProblem,
     build_braking_profile,
     build_free_road_problem,
-    find_fastest_profile,
 )
 
 
@@ -89,6 +90,7 @@ class SpaceTimePlanner:
     ) -> None:
         """Make a new profile if it is due, or if the present one has become unsafe; speed: measured [m/s]."""
         profile, replan_ticks = self._profile, self.scale.replan_ticks
+        conflicts = MotionConflicts(self.path, self._briefing.vehicle, motions)
         if profile is None or not self._is_on_course(tick):
             start = self.s, speed
         elif (tick - self._profile_tick) % replan_ticks == 0:
@@ -97,11 +99,11 @@ class SpaceTimePlanner:
             in_queue = any(motion.min_gap_m for motion in motions)
             if in_queue and not start[1] and abs(speed) <= self._parameters.stopped_speed:
                 start = self.s, 0.0  # its estimated position drifts: a standing car must not follow that
-        elif self._is_unsafe(tick, motions):
+        elif self._is_unsafe(tick, conflicts):
             start = self.s, speed
         else:
             return
-        self._profile, self._profile_tick = self._find_profile(tick, start, motions, stop_points), tick
+        self._profile, self._profile_tick = self._find_profile(tick, start, conflicts, stop_points), tick
 
     def _is_on_course(self, tick: int) -> bool:
         """Return whether the car is where its profile has it."""
@@ -114,47 +116,29 @@ class SpaceTimePlanner:
         assert self._profile is not None, "update() makes a profile before it is used"
         return self._profile.get_stations((tick - self._profile_tick) * self._briefing.tick_s + after)
 
-    def _is_unsafe(self, tick: int, motions: Sequence[PredictedMotion]) -> bool:
+    def _is_unsafe(self, tick: int, conflicts: MotionConflicts) -> bool:
         """Return whether the profile meets a motion within `check_s`; a margin violated from the start was intended."""
         count = min(int(self.scale.check_s / TIMES[0]), len(TIMES))
         cells = find_cells(self.path, self._get_stations(tick, TIMES[:count]))
-        met = np.zeros(count, dtype=np.bool_)
-        for motion in motions:
-            met |= np.diagonal(self._compute_conflicts(cells, replace(motion, min_gap_m=0.0), MARGINS.check)[:count])
+        met = conflicts.find_met(cells, MARGINS.check)
         return bool((met & ~np.logical_and.accumulate(met)).any())
-
-    def _compute_conflicts(self, cells: Int, motion: PredictedMotion, margin: SafetyMargin) -> Bool:
-        """Return a mask (T, J): whether the own box in cell j overlaps the predicted box of `motion` at time t."""
-        vehicle, poses = self._briefing.vehicle, motion.poses
-        size = vehicle.length + 2 * margin.longitudinal, vehicle.width + 2 * margin.lateral
-        mine = compute_footprints(self.path, *size, cells)
-        length, width = np.asarray(motion.length), np.asarray(motion.width)
-        theirs = boxes_corners(poses[:, 0], poses[:, 1], poses[:, 2], length, width)
-        met = np.zeros((len(TIMES), len(cells)), dtype=np.bool_)
-        met[: len(poses)] = compute_overlaps(mine, theirs).T
-        if motion.min_gap_m > margin.longitudinal:
-            behind = compute_footprints(self.path, vehicle.length + 2 * motion.min_gap_m, vehicle.width, cells)
-            met[: len(poses)] |= compute_overlaps(behind, theirs).T
-        if motion.stands_at_end:
-            met[len(poses) :] = met[len(poses) - 1]
-        return met
 
     def _find_profile(
         self,
         tick: int,
         start: tuple[float, float],
-        motions: Sequence[PredictedMotion],
+        conflicts: MotionConflicts,
         stop_points: Sequence[StopPoint],
     ) -> SpeedProfile:
         """Return the fastest profile from start (arc length [m], speed [m/s]), or braking if there is none."""
         problem, parameters = self._build_problem(tick, start), self._parameters
         if tick - self._moved_tick > parameters.deadlock_ticks:
-            blocked = self._find_blocked(problem, motions, stop_points, parameters.deadlock_margin)
+            blocked = self._find_blocked(problem, conflicts, stop_points, parameters.deadlock_margin)
             return find_fastest_profile(replace(problem, blocked=blocked)) or build_braking_profile(problem)
         if not self.scale.is_protocol:
-            problem = replace(problem, blocked_after=self._find_blocked_after(problem, motions, stop_points))
+            problem = replace(problem, blocked_after=self._find_blocked_after(problem, conflicts, stop_points))
         problem = problem.add_traffic(
-            lambda margin: self._find_blocked(problem, motions, stop_points, margin),
+            lambda margin: self._find_blocked(problem, conflicts, stop_points, margin),
             parameters.min_margin,
             self.scale.plan_margin,
         )
@@ -179,31 +163,24 @@ class SpaceTimePlanner:
     def _find_blocked(
         self,
         problem: SpeedProfileProblem,
-        motions: Sequence[PredictedMotion],
+        conflicts: MotionConflicts,
         stop_points: Sequence[StopPoint],
         margin: SafetyMargin,
     ) -> Bool:
         """Return `SpeedProfileProblem.blocked` with the motions and the stop points."""
         stride = STRIDE if self.scale.is_protocol else 1
         cells = problem.cells[::stride]
-        met = np.zeros((len(TIMES), len(cells)), dtype=np.bool_)
-        for motion in motions:
-            met |= self._compute_conflicts(cells, motion, margin)
+        met = conflicts.find_blocked(cells, margin)
         blocked = np.repeat(np.repeat(met, STRIDE, axis=0), stride, axis=1)[:, : len(problem.cells)]
         for stop in stop_points:
             blocked[problem.times <= stop.until_s, _find_stop_cell(problem, stop) :] = True
         return blocked
 
     def _find_blocked_after(
-        self, problem: SpeedProfileProblem, motions: Sequence[PredictedMotion], stop_points: Sequence[StopPoint]
+        self, problem: SpeedProfileProblem, conflicts: MotionConflicts, stop_points: Sequence[StopPoint]
     ) -> Bool:
         """Return `SpeedProfileProblem.blocked_after`: of motions that end standing, and of lasting stop points."""
-        blocked = np.zeros(len(problem.cells), dtype=np.bool_)
-        for motion in motions:
-            if motion.stands_at_end:
-                length = np.broadcast_to(motion.length, len(motion.poses))[-1:]
-                last = replace(motion, poses=motion.poses[-1:], length=length)
-                blocked |= self._compute_conflicts(problem.cells, last, MARGINS.contact)[0]
+        blocked = conflicts.find_blocked_after(problem.cells, MARGINS.contact)
         for stop in stop_points:
             if stop.until_s > HORIZON_S:
                 blocked[_find_stop_cell(problem, stop) :] = True

@@ -1,14 +1,11 @@
-"""The fastest conflict-free speed profile along a path, by dynamic programming in space and time.
-
-The search runs on a `SpeedLattice`; which one depends on the speeds.
-"""
+"""Speed profiles along a path, and the constraints of a search for one (`profile_search`)."""
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.planning.parameters import MARGINS, PROFILE, ProfileParameters, SafetyMargin
@@ -17,15 +14,8 @@ from mdrive_sumo.planning.speed_lattice import (
     FINE,
     SAMPLE_S,
     SpeedLattice,
-    Transitions,
-    build_transitions,
     find_path_points,
 )
-
-PLANNED_BRAKING_MOVE = -2
-"""Change of speed [speed steps] in a step with which a car can always be expected to stop: 4 m/s2."""
-SETTLING_LAYERS = 2
-"""Layers after the last change before a search may be over."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +28,16 @@ class SpeedProfile:
     """A profile that does not reach its goal is the best that could be found."""
     step_s: float = FINE.step_s
 
+    @cached_property
+    def _acceleration(self) -> Float:
+        """(K,) [m/s2] after each point, 0 after the last one."""
+        return np.append(np.diff(self.speed), 0.0) / self.step_s
+
     def get_stations(self, t: Float) -> Float:
         """Return the arc length (N,) [m] at times t >= 0 [s]; beyond the end at the last speed."""
         k = np.minimum((t / self.step_s).astype(np.int64), len(self.s) - 1)
         rest = t - k * self.step_s
-        acceleration = np.append(np.diff(self.speed), 0.0)[k] / self.step_s
-        return self.s[k] + self.speed[k] * rest + acceleration * (rest * rest) / 2
+        return self.s[k] + self.speed[k] * rest + self._acceleration[k] * (rest * rest) / 2
 
     def append(self, other: "SpeedProfile") -> "SpeedProfile":
         """Return this profile followed by another one that begins where this one ends."""
@@ -171,121 +165,6 @@ def _find_moving_layers(now_s: float, layers: int, lattice: SpeedLattice) -> Boo
     ends = now_s + (np.arange(layers) + 1) * lattice.step_s
     period_s = PROFILE.idle_period_s
     return (ends >= period_s) & (ends % period_s < PROFILE.idle_move_s)
-
-
-def find_fastest_profile(problem: SpeedProfileProblem) -> SpeedProfile | None:
-    """Return the profile that reaches the goal first, with the least squared acceleration among equals.
-
-    If none reaches the goal in time: the one that gets furthest. None if all collide.
-    """
-    cells, lattice = len(problem.cells), problem.lattice
-    transitions, samples = build_transitions(lattice), lattice.samples
-    goals = np.zeros((lattice.top + 1, cells), dtype=np.bool_)
-    goals[: 1 if problem.ends_standing else None, problem.goals] = True
-    cost = np.full((lattice.top + 1, cells), np.inf)
-    cost[lattice.find_index(problem.speed), 0] = 0.0
-    wait_cost = problem.wait_penalty * (lattice.cell_m / FINE.cell_m) * np.arange(cells)[::-1]
-    choices: list[Int] = []
-    settled_layer = _find_settled_layer(problem)
-    for layer in range(len(problem.must_move)):
-        if np.isfinite(cost[goals]).any():
-            return _trace_back(problem, transitions, choices, _find_cheapest(cost, goals), reaches_goal=True)
-        before = cost
-        cost, choice = _advance_layer(cost, transitions, problem.blocked[layer * samples : (layer + 1) * samples])
-        cost += wait_cost
-        _forbid_states(cost, problem, layer)
-        choices.append(choice)
-        if not np.isfinite(cost).any():
-            return None
-        if layer > settled_layer and _is_stuck(before, cost):
-            cost[1:] = np.inf
-            break
-    reaches_goal = bool(np.isfinite(cost[goals]).any())
-    if not reaches_goal and len(problem.blocked_after):
-        cost[_find_unstoppable(problem)] = np.inf
-        if not np.isfinite(cost).any():
-            return None
-    furthest = np.arange(cells) == np.flatnonzero(np.isfinite(cost).any(axis=0))[-1]
-    final = _find_cheapest(cost, goals if reaches_goal else furthest)
-    return _trace_back(problem, transitions, choices, final, reaches_goal)
-
-
-def _find_settled_layer(problem: SpeedProfileProblem) -> int:
-    """Return the layer after which nothing that blocks cells changes any more; the last one on the fine lattice.
-
-    A search that has got stuck is then over: long horizons are searched only as far as something happens.
-    """
-    last = len(problem.must_move)
-    if not problem.lattice.has_exact_start or problem.ends_standing or not len(problem.blocked):
-        return last
-    changes = np.flatnonzero((problem.blocked != problem.blocked[-1]).any(axis=1))
-    return (int(changes[-1]) // problem.lattice.samples + 1 if len(changes) else 0) + SETTLING_LAYERS
-
-
-def _is_stuck(before: Float, after: Float) -> bool:
-    """Return whether the furthest cell is the same in two layers, and a car can stand there.
-
-    Or in the cell before: sums of cell and speed are all even or all odd.
-    """
-    first, second = (int(np.flatnonzero(np.isfinite(cost).any(axis=0))[-1]) for cost in (before, after))
-    return first == second and bool(np.isfinite(after[0, max(first - 1, 0) : first + 1]).any())
-
-
-def _advance_layer(cost: Float, transitions: Transitions, blocked: Bool) -> tuple[Float, Int]:
-    """Return the costs of the next layer and the index of the move that leads to each state."""
-    cells, reach = cost.shape[1], transitions.reach
-    padded = np.full((len(cost), reach + cells), np.inf)
-    padded[:, reach:] = cost
-    options = sliding_window_view(padded, cells, axis=1)[transitions.before, reach - transitions.advance]
-    options[transitions.is_illegal] = np.inf
-    options += transitions.effort
-    passed = np.concatenate((np.repeat(blocked[:, :1], reach, axis=1), blocked), axis=1)
-    for sample in np.flatnonzero(blocked.any(axis=1)).tolist():
-        window = sliding_window_view(passed[sample], cells)
-        np.copyto(options, np.inf, where=window[reach - transitions.back[:, sample]])
-    choice = options.argmin(0)
-    return np.take_along_axis(options, choice[None], 0)[0], choice
-
-
-def _forbid_states(cost: Float, problem: SpeedProfileProblem, layer: int) -> None:
-    """Forbid standing too long, and speeds above the limit; a car that is too fast may reach the limit gently."""
-    lattice = problem.lattice
-    limits = np.maximum(problem.limits, round(problem.speed / lattice.speed_step) - 1 - layer)
-    cost[np.arange(lattice.top + 1)[:, None] > limits[None, :]] = np.inf
-    if problem.must_move[layer]:
-        cost[0] = np.inf
-
-
-def _find_unstoppable(problem: SpeedProfileProblem) -> Bool:
-    """Return a mask (speeds, J): states from which a car cannot stop before a cell that stays blocked."""
-    cells, lattice = len(problem.cells), problem.lattice
-    speeds, braking = np.arange(lattice.top + 1), -PLANNED_BRAKING_MOVE
-    stop = np.ceil(speeds * speeds / braking).astype(np.int64)
-    count = np.concatenate(((0,), np.cumsum(problem.blocked_after)))
-    ends = np.minimum(np.arange(cells) + stop[:, None] + 1, cells)
-    return count[ends] > count[:-1]
-
-
-def _find_cheapest(cost: Float, allowed: Bool) -> int:
-    """Return the flat index of the cheapest allowed state."""
-    return int(np.where(allowed, cost, np.inf).argmin())
-
-
-def _trace_back(
-    problem: SpeedProfileProblem, transitions: Transitions, choices: list[Int], state: int, reaches_goal: bool
-) -> SpeedProfile:
-    """Return the profile that ends in that state."""
-    lattice, (index, cell) = problem.lattice, divmod(state, len(problem.cells))
-    states = [(index, cell)]
-    for choice in reversed(choices):
-        move = int(choice[index, cell])
-        index, cell = int(transitions.before[move, index]), cell - int(transitions.advance[move, index])
-        states.append((index, cell))
-    chain = np.array(states[::-1])
-    s, speed = problem.lattice_s + chain[:, 1] * lattice.cell_m, chain[:, 0] * lattice.speed_step
-    if lattice.has_exact_start:
-        s[0], speed[0] = problem.start_s, problem.speed
-    return SpeedProfile(s, speed, reaches_goal, lattice.step_s)
 
 
 def build_braking_profile(problem: SpeedProfileProblem) -> SpeedProfile:

@@ -1,80 +1,78 @@
 """Privileged prediction of other road users on roads whose limits count: traffic keeps its lane and its speed.
 
 At these speeds a straight line leaves the road within the prediction, and a car that follows closely could not brake
-in time for one ahead.
+in time for one ahead. Between two samples a fast vehicle drives further than its own length, so samples are swept.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from mdrive_sumo.contract import Objects, OwnState
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
+from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import Kind
+from mdrive_sumo.planning.motion_trends import AccelerationEstimator
+from mdrive_sumo.planning.moving_traffic import TRAFFIC, MovingTraffic
 from mdrive_sumo.planning.parameters import JOINT_PLANNING, MARGINS, SafetyMargin
 from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps
-from mdrive_sumo.planning.reference_path import ReferencePath
-from mdrive_sumo.planning.road_direction import SHARP_TURN_RAD, RoadDirection, RoadPosition, find_lane_keeping
-
-
-@dataclass(frozen=True, slots=True)
-class TrafficParameters:
-    """Parameters of the prediction. Design choices (decision 053)."""
-
-    horizon_s: float = 10.0
-    """Vehicles in lanes of the own direction are predicted for this long."""
-    oncoming_horizon_s: float = 4.0
-    """Oncoming vehicles are predicted for this long: many turn or brake before they arrive (measured on a left turn
-    through dense traffic: 10 s costs 27 s of waiting, 4 s none, without contact)."""
-    max_turn_rad: float = 0.12
-    """A vehicle that turns away from the direction of the road by less keeps its lane: states are exact here, and a
-    lane change ends."""
-    headway_s: float = 0.9
-    """Time gap kept behind a vehicle in the own lane: the plan is reviewed twice a second."""
-    cav_gaps_s: tuple[float, ...] = (0.0, 0.35, 0.7)
-    """Time gaps at which a place behind a CAV in the own lane is blocked: its plan is known, but it may change."""
-    own_lane_m: float = 1.6
-    """A vehicle with a smaller lateral offset is in the own lane."""
-    stride: int = 2
-    """Every second sample in time is computed."""
-
-
-TRAFFIC = TrafficParameters()
+from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
+from mdrive_sumo.planning.road_direction import SHARP_TURN_RAD, RoadDirection
 
 
 @dataclass(frozen=True)
 class TrafficView:
-    """The own path and its road, the own station [m] and the own size (length, width) [m]."""
+    """The own path and its road, where the own car is on it, and what is known of others."""
 
     path: ReferencePath
     road: RoadDirection
     s: float
+    """[m] Own station."""
     size: tuple[float, float]
+    """[m] Own length and width."""
+    speed: float = 0.0
+    """[m/s] Own speed."""
+    top_speed: float = 0.0
+    """[m/s] Vehicles accelerate up to it."""
+    trends: AccelerationEstimator = field(default_factory=AccelerationEstimator)
+    cavs: Objects = field(default_factory=Objects.empty)
+    """All other CAVs: background vehicles brake behind them."""
 
     def find_blocked_cells(self, cells: Int, objects: Objects, times: Float, margin: SafetyMargin) -> Bool:
-        """Return a mask (T, J): which cells (J,) others block at `times` (T,) [s].
+        """Return a mask (T, J): which cells (J,) others block at equidistant `times` (T,) [s].
 
-        Vehicles that follow the road keep lane and speed, others and pedestrians go straight on for the times of
-        `JointPlanningParameters`; standing ones stay. Behind a vehicle in the own lane a time gap is blocked too,
-        unless `margin` is smaller than that of planning. Followers in the own lane block nothing: they keep a distance.
+        Vehicles that follow the road keep their lane and, as all others, their speed or its trend, and brake behind
+        vehicles ahead of them; see `MovingTraffic` for how long. Standing ones stay. Behind a vehicle in the own lane
+        a time gap is blocked too, unless `margin` is smaller than that of planning. Followers in the own lane block
+        nothing: they keep a distance.
         """
-        blocked = np.zeros((len(times), len(cells)), dtype=np.bool_)
-        standing = np.abs(objects.speed) < JOINT_PLANNING.standing_speed
-        near = SafetyMargin(
-            min(margin.longitudinal, MARGINS.standing.longitudinal), min(margin.lateral, MARGINS.standing.lateral)
+        standing = _find_standing(objects)
+        still = compute_overlaps(
+            self._inflate_footprints(cells, _limit_to_standing(margin)), _corners(objects, standing)
         )
-        still = objects.take(standing)
-        boxes = boxes_corners(still.x, still.y, still.yaw, still.length, still.width)
-        blocked[:] = compute_overlaps(self._inflate_footprints(cells, near), boxes).any(axis=1)
-        traffic = self._build_traffic(objects.take(~standing), margin.longitudinal >= MARGINS.plan.longitudinal)
+        blocked = np.zeros((len(times), len(cells)), dtype=np.bool_)
+        blocked[:] = still.any(axis=1)
+        keeps_gap = margin.longitudinal >= MARGINS.plan.longitudinal
+        boxes, reached = self._predict(objects, standing, times, keeps_gap)
+        step, row = np.nonzero(reached)
         mine = self._inflate_footprints(cells, margin)
-        for row in range(0, int((times <= traffic.horizon_s).sum()), TRAFFIC.stride):
-            boxes = traffic.predict_boxes(float(times[row]))
-            if len(boxes):
-                blocked[row : row + TRAFFIC.stride] |= compute_overlaps(mine, boxes).any(axis=1)
+        cell, box = find_overlapping_pairs(mine, boxes[step, row])
+        blocked[step[box], cell] = True
         return blocked
+
+    def find_met(self, cells: Int, objects: Objects, times: Float, margin: SafetyMargin) -> Bool:
+        """Return a mask (T,): whether the own car meets another road user if it is in cell t at time t.
+
+        It counts what lies between two samples: both boxes are as long as what they drive in a step.
+        """
+        standing = _find_standing(objects)
+        driven = np.empty(len(cells))
+        driven[:] = np.gradient(cells * SPACING_M) if len(cells) > 1 else 0.0
+        near = _limit_to_standing(margin)
+        still = boxes_overlap(self._inflate_footprints(cells, near, driven)[:, None], _corners(objects, standing))
+        boxes, reached = self._predict(objects, standing, times, keeps_gap=False)
+        moving = boxes_overlap(self._inflate_footprints(cells, margin, driven)[:, None], boxes) & reached
+        return np.asarray(still.any(axis=1) | moving.any(axis=1))
 
     def find_lead(self, state: OwnState) -> int:
         """Return 1 for a CAV ahead in the own lane, -1 for one behind in it, 0 for all others."""
@@ -86,68 +84,76 @@ class TrafficView:
             return 0
         return 1 if float(position.station[0]) > self.s else -1
 
-    def _inflate_footprints(self, cells: Int, margin: SafetyMargin) -> Float:
-        """Return the corners (J, 4, 2) [m] of the own car with the whole margin around it."""
+    def _inflate_footprints(self, cells: Int, margin: SafetyMargin, longer: Float | float = 0.0) -> Float:
+        """Return the corners (J, 4, 2) [m] of the own car with the whole margin around it; longer: [m]."""
         length, width = self.size
-        return compute_footprints(self.path, length + 2 * margin.longitudinal, width + 2 * margin.lateral, cells)
+        return compute_footprints(
+            self.path, length + 2 * margin.longitudinal + longer, width + 2 * margin.lateral, cells
+        )
 
-    def _build_traffic(self, objects: Objects, keeps_gap: bool) -> "_MovingTraffic":
-        """Return the moving road users that matter."""
-        position = self.road.locate(self.path, objects)
-        keeps_lane = find_lane_keeping(objects, position, TRAFFIC.max_turn_rad)
-        forward = np.where(np.abs(position.turned) < np.pi / 2, 1.0, -1.0)
-        in_lane = keeps_lane & (forward > 0) & (np.abs(position.lateral) < TRAFFIC.own_lane_m)
-        gap = np.where(in_lane & keeps_gap, TRAFFIC.headway_s * objects.speed, 0.0)
-        kept = ~(in_lane & (position.station < self.s))
-        taken = RoadPosition(*(column[kept] for column in position))
-        return _MovingTraffic(self.road, objects.take(kept), taken, keeps_lane[kept], forward[kept], gap[kept])
+    def _predict(self, objects: Objects, standing: Bool, times: Float, keeps_gap: bool) -> tuple[Float, Bool]:
+        """Return `MovingTraffic.predict_boxes` of all moving road users but the followers in the own lane."""
+        others = objects.take(standing & (objects.kind == Kind.VEHICLE)).concat(self.cavs)
+        moving = objects.take(~standing)
+        traffic = MovingTraffic(
+            road=self.road,
+            objects=moving,
+            position=self.road.locate(self.path, moving),
+            acceleration=self.trends.estimate(moving),
+            others=others,
+            others_position=self.road.locate(self.path, others),
+            own_speed=self.speed,
+            top_speed=self.top_speed,
+            headway_s=TRAFFIC.headway_s if keeps_gap else 0.0,
+        )
+        step_s = float(times[1] - times[0]) if len(times) > 1 else 0.0
+        within = times <= float(traffic.horizons_s.max(initial=0.0))
+        boxes, reached = traffic.predict_boxes(times[within], step_s)
+        follows = traffic.in_own_lane & (traffic.position.station < self.s)
+        count = len(times) - len(boxes)
+        boxes = np.concatenate((boxes, np.zeros((count, *boxes.shape[1:]))))
+        return boxes, np.concatenate((reached & ~follows, np.zeros((count, len(follows)), dtype=np.bool_)))
 
 
-@dataclass(frozen=True)
-class _MovingTraffic:
-    """Moving road users near a road; all arrays are (N,)."""
+def _find_standing(objects: Objects) -> Bool:
+    """Return a mask (N,) of the road users that stand."""
+    return np.abs(objects.speed) < JOINT_PLANNING.standing_speed
 
-    road: RoadDirection
-    objects: Objects
-    position: RoadPosition
-    keeps_lane: Bool
-    forward: Float
-    """1: in the direction of the road, -1: against it."""
-    gap: Float
-    """[m] Distance to keep behind."""
 
-    @property
-    def horizon_s(self) -> float:
-        """Time [s] after which nothing is predicted."""
-        return float(self._horizons_s.max(initial=0.0))
+def _limit_to_standing(margin: SafetyMargin) -> SafetyMargin:
+    """Return the margin to standing road users."""
+    most = MARGINS.standing
+    return SafetyMargin(min(margin.longitudinal, most.longitudinal), min(margin.lateral, most.lateral))
 
-    @cached_property
-    def _horizons_s(self) -> Float:
-        """(N,) time [s] for which each is predicted."""
-        walking_s, straight_s = JOINT_PLANNING.pedestrian_prediction_s, JOINT_PLANNING.vehicle_prediction_s
-        horizon_s = np.where(self.objects.kind == Kind.PEDESTRIAN, walking_s, straight_s)
-        in_lanes_s = np.where(self.forward > 0, TRAFFIC.horizon_s, TRAFFIC.oncoming_horizon_s)
-        return np.where(self.keeps_lane, in_lanes_s, horizon_s)
 
-    def predict_boxes(self, t: float) -> Float:
-        """Return the corners (K, 4, 2) [m] of the road users whose prediction reaches t [s]."""
-        rows = np.flatnonzero(self._horizons_s >= t)
-        objects, growth, gap = self.objects.take(rows), 2 * JOINT_PLANNING.growth * t, self.gap[rows]
-        travelled = objects.speed * t
-        cos, sin = portable.cos_sin(objects.yaw)
-        x, y, yaw = objects.x + travelled * cos, objects.y + travelled * sin, objects.yaw
-        keeps, here = self.keeps_lane[rows], self.position.station[rows]
-        there = here + self.forward[rows] * travelled
-        way = self.road.get_points(there) - self.road.get_points(here)
-        before, after = self.road.get_yaw(here), self.road.get_yaw(there)
-        (cos, sin), (next_cos, next_sin) = portable.cos_sin(before), portable.cos_sin(after)
-        follows_turn = np.abs(after - before) < SHARP_TURN_RAD
-        keeps &= follows_turn
-        lateral = self.position.lateral[rows]
-        x = np.where(keeps, objects.x + way[:, 0] - lateral * (next_sin - sin), x)
-        y = np.where(keeps, objects.y + way[:, 1] + lateral * (next_cos - cos), y)
-        yaw = np.where(keeps, yaw + after - before, yaw)
-        cos, sin = portable.cos_sin(yaw)
-        x, y = x - gap / 2 * cos, y - gap / 2 * sin
-        boxes = boxes_corners(x, y, yaw, objects.length + gap + growth, objects.width + growth)
-        return boxes[follows_turn | (t <= JOINT_PLANNING.vehicle_prediction_s) | (objects.kind == Kind.PEDESTRIAN)]
+def _corners(objects: Objects, rows: Bool) -> Float:
+    """Return the corners (K, 4, 2) [m] of the chosen objects."""
+    taken = objects.take(rows)
+    return boxes_corners(taken.x, taken.y, taken.yaw, taken.length, taken.width)
+
+
+def find_overlapping_pairs(mine: Float, boxes: Float) -> tuple[Int, Int]:
+    """Return the indices (K,), (K,) of the overlapping pairs of boxes (J, 4, 2) and (B, 4, 2).
+
+    Most of them are far apart: distances are compared with the reach of each box, not of the largest one.
+    """
+    nothing = np.zeros(0, dtype=np.int64)
+    if not len(mine) or not len(boxes):
+        return nothing, nothing
+    centre, reach = _measure(mine)
+    other, other_reach = _measure(boxes)
+    low, high = centre.min(0) - reach.max(), centre.max(0) + reach.max()
+    around = np.flatnonzero(((other + other_reach[:, None] > low) & (other - other_reach[:, None] < high)).all(1))
+    other, other_reach = other[around], other_reach[around]
+    dx, dy = centre[:, None, 0] - other[:, 0], centre[:, None, 1] - other[:, 1]
+    cell, box = np.nonzero(portable.square(dx) + portable.square(dy) < portable.square(reach[:, None] + other_reach))
+    box = around[box]
+    overlap = boxes_overlap(mine[cell], boxes[box])
+    return cell[overlap], box[overlap]
+
+
+def _measure(boxes: Float) -> tuple[Float, Float]:
+    """Return centres (K, 2) and half diagonals (K,) [m] of boxes (K, 4, 2)."""
+    centre = (boxes[:, 0] + boxes[:, 2]) / 2
+    gap = boxes[:, 0] - centre
+    return centre, portable.hypot(gap[:, 0], gap[:, 1])

@@ -11,7 +11,8 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.seeding import UNIFORMS, draw_normals, draw_uniforms
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
-from mdrive_sumo.v2x.messages import displace_message, find_problem
+from mdrive_sumo.v2x.messages import displace_message
+from mdrive_sumo.v2x.shared_reading import find_shared_problem
 
 Position = tuple[float, float]
 MAX_COUNTED_TYPES, OTHER = 32, "(other)"
@@ -99,7 +100,7 @@ class Channel:
         comm = self._comm
         if not comm.on:
             return DeliveryStatus.OFF
-        if find_problem(message) is not None:
+        if find_shared_problem(message) is not None:
             return DeliveryStatus.MALFORMED
         if self._muted and self._muted.matches(message.sender, message.type, message.tick):
             return DeliveryStatus.MUTED

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import lru_cache
 from types import MappingProxyType
 from typing import TypeAlias
 
@@ -124,6 +125,7 @@ def format_track_name(number: int) -> str:
     return f"t{number:08x}"
 
 
+@lru_cache(maxsize=4096)  # a sender names the same tracks in every message
 def parse_track_name(name: str) -> int:
     """Return the track number of a name. Raises MessageError for names that `format_track_name` does not produce."""
     try:

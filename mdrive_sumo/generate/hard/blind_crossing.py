@@ -1,4 +1,4 @@
-"""Crossing traffic behind buildings: four-way crossings and T-junctions, from the left and from the right."""
+"""Crossing traffic behind buildings at crossings with narrow one-way streets, from the left and from the right."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -47,30 +47,25 @@ class CrossingSite:
 
 
 SITES = (
-    CrossingSite("hard_blind_crossing", ("south_1_in_1", "north_1_out_1"), ("west_1_1", "west_0_1"),
-                 ("north_1_in_1", "south_1_out_1"), 12.5, 0.0),
-    CrossingSite("hard_blind_crossing", ("east_0_1", "east_1_1"), ("north_1_in_1", "south_1_out_1"),
-                 ("west_1_1", "west_0_1"), 12.5, 2.9),
-    CrossingSite("hard_blind_tee", ("south_1_in_0", "west_0_0"), ("east_0_0", "east_1_0"),
-                 ("west_1_0", "west_0_0"), 10.0, 3.1),
-    CrossingSite("hard_blind_tee", ("south_1_in_0", "west_0_0"), ("west_1_0", "west_0_0"),
-                 ("east_0_0", "east_1_0"), 9.5, 0.0),
-    CrossingSite("hard_corridor_narrow", ("south_1_in_1", "north_1_out_1"), ("west_4_2", "west_0_2"),
-                 ("east_0_2", "east_2_2"), 11.0, 0.0),
+    CrossingSite("hard_blind_crossing", ("south_1_in_0", "north_1_out_0"), ("east_0_1", "east_1_1"),
+                 ("west_1_1", "west_0_1"), 13.0, 0.0),
+    CrossingSite("hard_blind_crossing", ("east_0_1", "east_1_1"), ("south_1_in_0", "north_1_out_0"),
+                 ("west_1_1", "west_0_1"), 13.0, 0.0),
+    CrossingSite("hard_barn_crossing", ("south_1_in_0", "north_1_out_0"), ("east_0_0", "east_1_0"),
+                 ("west_1_0", "west_0_0"), 13.0, 0.0),
+    CrossingSite("hard_barn_crossing", ("east_0_0", "east_1_0"), ("south_1_in_0", "north_1_out_0"),
+                 ("west_1_0", "west_0_0"), 15.0, 0.0),
     CrossingSite("hard_corridor_narrow", ("north_3_in_1", "south_3_out_1"), ("east_0_2", "east_4_2"),
                  ("south_3_in_1", "north_3_out_1"), 11.0, 2.8),
-    CrossingSite("hard_corridor_market", ("south_2_in_1", "west_0_3"), ("east_0_3", "east_5_3"),
-                 ("west_3_3", "west_0_3"), 9.0, 2.8),
 )  # fmt: skip
 STREAMS_BY_NETWORK = {
     "hard_blind_crossing": (
         TrafficStream(("east_0", "east_1"), (1,), 0.5, large=False),
-        TrafficStream(("west_1", "west_0"), (1,), 0.3, large=False),
-        TrafficStream(("north_1_in", "south_1_out"), (1,), 0.5, large=False),
+        TrafficStream(("west_1", "west_0"), (1,), 0.5, large=False),
     ),
-    "hard_blind_tee": (
-        TrafficStream(("west_1", "west_0"), (0,), 0.4),
+    "hard_barn_crossing": (
         TrafficStream(("east_0", "east_1"), (0,), 0.4),
+        TrafficStream(("west_1", "west_0"), (0,), 0.4),
     ),
     "hard_corridor_narrow": (
         TrafficStream(("east_0", "east_1", "east_2", "east_3", "east_4"), (2,), 0.6),
@@ -134,10 +129,10 @@ def _build_opposite(roads: RoadMap, site: CrossingSite, count: int) -> list[Ego]
 
 FAMILY = ScenarioFamily(
     category="blind-crossing",
-    description="Fast traffic crosses from behind buildings at a crossing or a T-junction.",
+    description="Fast traffic crosses from behind buildings that stand at the corner.",
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "junction and directions"),
-        *build_encounter_parameters((35.0, 150.0), (6.0, 13.8), (9.0, 22.2)),
+        *build_encounter_parameters((50.0, 150.0), (9.0, 16.6), (9.0, 22.2)),
         FamilyParameter("vans", 0.0, 8.0, "", "number of vans parked at the corner, where there is a kerb for them"),
         FamilyParameter("corner_gap_m", 0.0, 8.0, "m", "distance of the first van from the mouth of the side road"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit hangs above the junction (from 0.5 on)"),

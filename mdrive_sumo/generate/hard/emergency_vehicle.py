@@ -8,7 +8,7 @@ from mdrive_sumo.generate.hard.family_parts import (
     load_network,
     read_values,
 )
-from mdrive_sumo.generate.hard.platoon_crossing import build_corner_truck, compute_lead
+from mdrive_sumo.generate.hard.platoon_crossing import compute_lead
 from mdrive_sumo.generate.hard.road_traffic import (
     CARS,
     Platoon,
@@ -20,15 +20,15 @@ from mdrive_sumo.generate.hard.road_traffic import (
 from mdrive_sumo.roads import find_lane_path
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 
-NETWORK = "hard_dual_crossing"
+NETWORK = "hard_one_way_crossing"
 GOAL_M = 40.0
 """[m] Distance of the goals behind the crossing."""
-RSU = RoadsideUnit(id="rsu", x=9.0, y=9.0)
-"""At the north-east corner: it sees the last 50 m of both roads."""
+RSU = RoadsideUnit(id="rsu", x=-4.6, y=-9.4)
+"""On the pavement of the south-west corner: it sees along both roads."""
 PARAMETERS = (
     FamilyParameter("eastward", 1.0, 3.0, "", "number of CAVs that drive east, rounded"),
     FamilyParameter("westward", 0.0, 3.0, "", "number of CAVs that drive west, rounded"),
-    FamilyParameter("witnesses", 1.0, 2.0, "", "number of CAVs that come north, toward the ambulance, rounded"),
+    FamilyParameter("witnesses", 1.0, 2.0, "", "number of CAVs in the next lane that the ambulance overtakes, rounded"),
     FamilyParameter("rsu", 0.0, 1.0, "", "whether there is a road-side unit, rounded"),
     FamilyParameter("arrival", 5.0, 8.0, "s", "time after which the ambulance is due at the crossing"),
     FamilyParameter("ambulance_speed", 17.0, 25.0, "m/s", "speed of the ambulance"),
@@ -37,7 +37,6 @@ PARAMETERS = (
     FamilyParameter("witness_offset", 1.5, 3.5, "s", "how much later the first northward CAV is due"),
     FamilyParameter("speed", 16.0, 22.0, "m/s", "start speed of the CAVs on the priority road"),
     FamilyParameter("headway", 0.7, 1.5, "s", "time headway of CAVs"),
-    FamilyParameter("truck_gap", 0.0, 10.0, "m", "distance of a standing truck behind the crossing"),
     FamilyParameter("flow", 0.0, 800.0, "veh/h", "other traffic that follows on three lanes of the priority road"),
 )
 WITNESS_SPEED = 11.0
@@ -50,7 +49,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
     ways = (
         ("west_in", "east_out", 1, "eastward", values["speed"], values["east_offset"]),
         ("east_in", "west_out", 1, "westward", values["speed"], values["west_offset"]),
-        ("south_in", "north_out", 1, "witnesses", WITNESS_SPEED, values["witness_offset"]),
+        ("south_in", "north_out", 0, "witnesses", WITNESS_SPEED, values["witness_offset"]),
     )
     platoons: list[Platoon] = []
     for entry, leave, lane, name, speed, offset in ways:
@@ -60,7 +59,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
         platoons.append(Platoon(chain, round(values[name]), lead_m, goal_m, speed, values["headway"]))
     egos = build_platoons(roads, platoons)
     speed = values["ambulance_speed"]
-    way = find_lane_path(roads, "north_in_0", "south_out_0")  # nearest to the corner: hidden longest
+    way = find_lane_path(roads, "south_in_1", "north_out_1")  # nearest to the corner: hidden longest
     start_m = compute_lead(roads, way, speed, arrival_s)
     ambulance = build_moving_actor("ambulance", "ambulance", roads, way, (start_m, speed), avoid_collision=False)
     flows = [
@@ -68,9 +67,8 @@ def _build(candidate: FamilyCandidate) -> Scenario:
         for entry, leave, k in (("west_in", "east_out", 0), ("west_in", "east_out", 1), ("east_in", "west_out", 1))
     ]
     vehicles = build_flows(roads, flows, candidate.seed, egos)
-    actors = (ambulance, build_corner_truck("west", values["truck_gap"]))
     rsus = (RSU,) if round(values["rsu"]) else ()
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors, rsus))
+    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, (ambulance,), rsus))
 
 
 FAMILY = ScenarioFamily(

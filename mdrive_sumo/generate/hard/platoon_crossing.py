@@ -1,13 +1,9 @@
-"""Family `platoon-crossing`: platoons of CAVs reach the crossing of two dual carriageways at the same time."""
-
-import math
+"""Family `platoon-crossing`: platoons of CAVs meet where a one-way street crosses a dual carriageway."""
 
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_parts import (
-    BODY_SIZES,
     FamilyTraffic,
     build_scenario,
-    build_vehicle_actor,
     find_lane_start,
     load_network,
     read_values,
@@ -15,14 +11,10 @@ from mdrive_sumo.generate.hard.family_parts import (
 from mdrive_sumo.generate.hard.road_traffic import CARS, Platoon, TrafficFlow, build_flows, build_platoons
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scenario.scenario_part import Pose
-from mdrive_sumo.scenario.scripted_actor import Actor
 
-NETWORK = "hard_dual_crossing"
+NETWORK = "hard_one_way_crossing"
 GOAL_M = 40.0
 """[m] Distance of the goals behind the crossing."""
-CROSSING_M, KERB_LANE_M = 9.7, 6.75
-"""[m] From the middle of the crossing to the end of the lanes that meet there, and to the lane at the kerb."""
 PARAMETERS = (
     FamilyParameter("eastward", 1.0, 4.0, "", "number of CAVs in the eastward platoon, rounded"),
     FamilyParameter("northward", 1.0, 4.0, "", "number of CAVs in the northward platoon, rounded"),
@@ -33,7 +25,6 @@ PARAMETERS = (
     FamilyParameter("east_speed", 16.0, 22.0, "m/s", "speed of the eastward and westward platoons"),
     FamilyParameter("north_speed", 14.0, 19.0, "m/s", "speed of the northward platoon"),
     FamilyParameter("headway", 0.5, 1.6, "s", "time headway in platoons"),
-    FamilyParameter("truck_gap", 0.0, 10.0, "m", "distance of a standing truck behind the crossing"),
     FamilyParameter("flow", 0.0, 900.0, "veh/h", "other traffic on each left lane of the priority road"),
 )
 
@@ -42,17 +33,6 @@ def compute_lead(roads: RoadMap, lanes: tuple[str, ...], speed: float, due_s: fl
     """Return the station [m] from which a vehicle reaches the junction of a chain of lanes after `due_s` [s]."""
     inside = next(lane for lane in lanes if roads.lanes[lane].junction)
     return find_lane_start(roads, lanes, inside) - speed * due_s
-
-
-def build_corner_truck(side: str, gap_m: float) -> Actor:
-    """Return a truck that stands on the kerb lane that leads west or south, `gap_m` [m] behind the crossing.
-
-    It hides the road at the corner from those who come toward it on the other carriageway.
-    """
-    away = round(CROSSING_M + gap_m + BODY_SIZES["truck"][0] / 2, 3)
-    west = Pose(x=-away, y=KERB_LANE_M, yaw=math.pi)
-    south = Pose(x=-KERB_LANE_M, y=-away, yaw=-math.pi / 2)
-    return build_vehicle_actor("truck", "truck", west if side == "west" else south)
 
 
 def _build(candidate: FamilyCandidate) -> Scenario:
@@ -74,8 +54,7 @@ def _build(candidate: FamilyCandidate) -> Scenario:
         for entry, leave in (("west_in", "east_out"), ("east_in", "west_out"))
     ]
     vehicles = build_flows(roads, flows, candidate.seed, egos)
-    truck = build_corner_truck("south", values["truck_gap"])
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, (truck,)))
+    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles))
 
 
 FAMILY = ScenarioFamily(

@@ -1,9 +1,13 @@
-"""Exit of a side street across a pavement on which a fast cyclist comes from behind the corner house."""
+"""Exit of a side street across a pavement on which a fast cyclist comes from behind the corner house.
+
+Cyclists of 6 to 9 m/s ride pedelecs.
+"""
 
 from dataclasses import dataclass
 
 import shapely
 
+from mdrive_sumo.generate.hard.blind_crossing import STREAMS_BY_NETWORK
 from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.hard.family_parts import (
     WALKER_SIZES,
@@ -19,22 +23,66 @@ from mdrive_sumo.generate.hard.family_parts import (
     read_values,
 )
 from mdrive_sumo.generate.hard.family_streets import CORRIDORS
-from mdrive_sumo.generate.hard.family_traffic import build_traffic
+from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion
 
-SITES = (
-    (0, "south_2_in_1", "east", 2),
-    (0, "north_4_in_1", "west", 4),
-    (1, "south_1_in_1", "east", 1),
-    (1, "north_1_in_1", "west", 1),
-    (1, "south_3_in_1", "east", 3),
-    (1, "north_3_in_1", "west", 3),
+
+@dataclass(frozen=True, slots=True)
+class _Street:
+    """A side street that leads to a pavement, and the street beyond it."""
+
+    network: str
+    own: tuple[str, str]
+    """First and last lane of CAV 0."""
+    near: tuple[str, str]
+    """First and last lane of the rightmost lane of the street, on the side of the side street."""
+    far: tuple[str, str]
+    """Those of the leftmost lane of the other direction."""
+    house_m: float
+    """[m] From the centre of the near lane to the houses."""
+    mean_speed: float
+    """[m/s] Of CAV 0 until the pavement."""
+    streams: tuple[TrafficStream, ...]
+
+
+def _build_corridor_street(index: int, entry: str, direction: str, junction: int) -> _Street:
+    """Return a side street of a corridor from which CAV 0 turns right."""
+    corridor, other = CORRIDORS[index], "west" if direction == "east" else "east"
+    begin, end = (0, corridor.junctions) if direction == "east" else (corridor.junctions, 0)
+    out = min(junction + 1, end) if direction == "east" else max(junction - 2, end)
+    near, far = corridor.lanes[0], corridor.lanes[-1]
+    return _Street(
+        corridor.network,
+        (entry, f"{direction}_{out}_{near}"),
+        (f"{direction}_{begin}_{near}", f"{direction}_{end}_{near}"),
+        (f"{other}_{end}_{far}", f"{other}_{begin}_{far}"),
+        7.0,
+        8.0,
+        corridor.all_streams,
+    )
+
+
+ALLEY = _Street(
+    "hard_blind_crossing",
+    ("south_1_in_0", "north_1_out_0"),
+    ("east_0_1", "east_1_1"),
+    ("west_1_1", "west_0_1"),
+    3.275,
+    12.0,
+    STREAMS_BY_NETWORK["hard_blind_crossing"],
 )
-"""Corridor, lane of CAV 0, direction of traffic on the near lanes, junction. None has a light."""
-MEAN_SPEED = 8.0
-"""[m/s] Of a CAV that slows down for the turn."""
+"""A one-way street that CAV 0 leaves straight on, between houses at the pavement."""
+SITES = (
+    ALLEY,
+    _build_corridor_street(0, "south_2_in_1", "east", 2),
+    ALLEY,
+    _build_corridor_street(1, "south_1_in_1", "east", 1),
+    ALLEY,
+    _build_corridor_street(1, "north_3_in_1", "west", 3),
+)
+"""None has a light. Every second one is the alley: in a curve a CAV is so slow that it stops within a metre."""
 BEYOND_M = 18.0
 """[m] The cyclist's path goes on this far beyond the side street."""
 STEP_M = 3.0
@@ -57,19 +105,17 @@ class _Exit:
     """[m] From the centre of `near` to the cyclist's path."""
 
 
-def _find_exit(site: float, ride_m: float) -> _Exit:
-    index, entry, direction, junction = SITES[min(int(site), len(SITES) - 1)]
-    corridor = CORRIDORS[index]
-    roads, other = load_network(corridor.network), "west" if direction == "east" else "east"
-    near = corridor.find_chain(roads, direction, corridor.lanes[0])
-    far = corridor.find_chain(roads, other, corridor.lanes[-1])
-    out = min(junction + 1, corridor.junctions) if direction == "east" else max(junction - 2, 0)
-    own = find_lane_path(roads, entry, f"{direction}_{out}_{corridor.lanes[0]}")
-    mouth = find_station(roads, near, *roads.lanes[entry].centre.xy[-1])
+def _find_exit(street: _Street, wall_m: float) -> _Exit:
+    roads = load_network(street.network)
+    own, near, far = (find_lane_path(roads, *ends) for ends in (street.own, street.near, street.far))
+    ride_m = street.house_m - wall_m
+    entry = roads.lanes[street.own[0]].centre
+    mouth = find_station(roads, near, *entry.xy[-1])
     stations = [mouth + STEP_M * k for k in range(-6, 7)]
     ride = shapely.LineString([(p.x, p.y) for p in (compute_pose(roads, near, s, -ride_m) for s in stations)])
-    end = roads.lanes[entry].centre.length
-    drive = shapely.LineString([(p.x, p.y) for p in (compute_pose(roads, own, end - 8.0 + k) for k in range(24))])
+    drive = shapely.LineString(
+        [(p.x, p.y) for p in (compute_pose(roads, own, entry.length - 8.0 + k) for k in range(24))]
+    )
     met = ride.intersection(drive).centroid
     return _Exit(
         roads, own, near, far, find_station(roads, own, met.x, met.y), find_station(roads, near, met.x, met.y), ride_m
@@ -79,23 +125,25 @@ def _find_exit(site: float, ride_m: float) -> _Exit:
 def build_side_street_cyclist(candidate: FamilyCandidate) -> Scenario:
     """Return the scenario of a candidate: CAV 0 leaves the side street, CAV 1 on the main street sees the cyclist."""
     values = read_values(FAMILY, candidate)
-    found = _find_exit(values["site"], values["ride_m"])
+    street = SITES[min(int(values["site"]), len(SITES) - 1)]
+    found = _find_exit(street, values["wall_m"])
     roads = found.roads
     start = max(found.own_m - values["own_m"], 3.0)
     goal = min(found.own_m + 70.0, compute_chain_length(roads, found.own) - 3.0)
     own = build_cav(roads, "0", found.own, start, goal, values["own_speed"])
-    needed_s = max((found.own_m - start) / MEAN_SPEED + values["gap_s"], 1.0)
+    needed_s = max((found.own_m - start) / street.mean_speed + values["gap_s"], 1.0)
     cyclist = _build_cyclist(found, needed_s, values["cycling_speed"], values["from_right"] >= 0.5)
     count = round(values["cavs"]) - 1
     behind = build_platoon(
         roads, [str(k + 2) for k in range(count - 1)][::2], found.own, (start - 18.0, 18.0), (goal, values["own_speed"])
     )
     egos = (own, *behind, *_build_on_main(found, [str(k + 1) for k in range(count)][::2], values["witness_m"]))
-    streams = CORRIDORS[SITES[min(int(values["site"]), len(SITES) - 1)][0]].all_streams
-    vehicles = build_traffic(roads, streams, round(values["vehicles"]), candidate.seed, egos)
+    vehicles = build_traffic(roads, street.streams, round(values["vehicles"]), candidate.seed, egos)
     pose = compute_pose(roads, found.near, found.near_m, 12.0)
     rsus = (RoadsideUnit(id="mast", x=pose.x, y=pose.y),) if values["mast"] >= 0.5 else ()
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, (cyclist,), rsus, signals=True))
+    return build_scenario(
+        FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, (cyclist,), rsus, street is not ALLEY)
+    )
 
 
 def _build_cyclist(found: _Exit, needed_s: float, speed: float, from_right: bool) -> Actor:
@@ -134,11 +182,11 @@ FAMILY = ScenarioFamily(
     description="Exit of a side street across a pavement with a fast cyclist behind the corner house.",
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "side street"),
-        FamilyParameter("own_m", 25.0, 75.0, "m", "distance of CAV 0 from the cyclist's path"),
-        FamilyParameter("own_speed", 3.0, 12.0, "m/s", "start speed of CAV 0"),
+        FamilyParameter("own_m", 40.0, 100.0, "m", "distance of CAV 0 from the cyclist's path"),
+        FamilyParameter("own_speed", 7.0, 14.0, "m/s", "start speed of CAV 0"),
         FamilyParameter("gap_s", -3.0, 4.0, "s", "how much later than CAV 0 the cyclist reaches the crossing"),
-        FamilyParameter("cycling_speed", 4.0, 9.0, "m/s", "speed of the cyclist"),
-        FamilyParameter("ride_m", 4.8, 6.2, "m", "distance of the cyclist's path from the lane; houses stand at 7 m"),
+        FamilyParameter("cycling_speed", 6.0, 9.0, "m/s", "speed of the cyclist"),
+        FamilyParameter("wall_m", 0.6, 1.2, "m", "distance of the cyclist's path from the houses"),
         FamilyParameter("from_right", 0.0, 1.0, "", "whether the cyclist comes from the right (from 0.5 on)"),
         FamilyParameter("witness_m", 20.0, 110.0, "m", "distance of the first CAV on the main street"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit stands across the street (from 0.5 on)"),

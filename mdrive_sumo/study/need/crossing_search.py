@@ -23,9 +23,9 @@ LOOK_AHEAD_S = 10.0
 """A crossing is looked for until so long after the time limit, to say by how much the limit is missed."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, order=True)
 class SafeCrossing:
-    """A crossing that the proof does not exclude."""
+    """A crossing that the proof does not exclude. They have an order because a heap compares those of equal times."""
 
     arrival_s: float
     """Lower bound of its arrival time at the goal."""

@@ -12,6 +12,7 @@ from testing.toy_family import TOY
 
 from mdrive_sumo.generate.hard import candidate_evaluation
 from mdrive_sumo.generate.hard.behaviour_archive import BATCH
+from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR
 from mdrive_sumo.generate.hard.time_limits import compute_time_limits, set_time_limits
 from mdrive_sumo.generate.validation.hard_suite_validation import find_hard_problems
 from mdrive_sumo.scenario.reference_times import find_reference_times
@@ -73,7 +74,11 @@ def test_a_suite_is_rebuilt_byte_for_byte_without_any_drive(
     ("old", "new", "problem"),
     [
         ('"family":"toy"', '"family":"tox"', "family: expected one of toy, found 'tox'; did you mean 'toy'?"),
-        ('"generator":1', '"generator":7', "expected version 1 of the families, found 7"),
+        (
+            f'"generator":{HARD_GENERATOR}',
+            '"generator":7',
+            f"expected version {HARD_GENERATOR} of the families, found 7",
+        ),
         ('"time_limits_s":{', '"time_limits_s":{"x":3,', "time_limits_s: expected one for each of the CAVs"),
         ('"values":[', '"values":[99,', "toy: expected 2 values, found 3"),
         ('"values":[', '"values":["a",', "values.0: "),

@@ -7,10 +7,11 @@ import pytest
 from testing.planning import briefing, own, things
 from testing.road_speeds import WIDTH_M, centre_line
 
+from mdrive_sumo.planning.moving_traffic import TRAFFIC
 from mdrive_sumo.planning.parameters import MARGINS
 from mdrive_sumo.planning.reference_path import build_path
 from mdrive_sumo.planning.road_direction import align_with_road, build_road_direction
-from mdrive_sumo.planning.traffic_prediction import TRAFFIC, TrafficView
+from mdrive_sumo.planning.traffic_prediction import TrafficView
 
 RADIUS = 700.0
 BEND = centre_line(0, RADIUS)[:401]

@@ -10,9 +10,10 @@ from testing.sampling import examples
 
 from mdrive_sumo.planning.parameters import AVOIDANCE, DETOUR, MARGINS, PLANNER, RIGHT_OF_WAY
 from mdrive_sumo.planning.planning_scale import PlanningScale
+from mdrive_sumo.planning.profile_search import find_fastest_profile
 from mdrive_sumo.planning.reference_path import PATH, ReferencePath, build_path
 from mdrive_sumo.planning.speed_lattice import FINE, SAMPLE_S, choose_lattice
-from mdrive_sumo.planning.speed_profile import build_braking_profile, build_free_road_problem, find_fastest_profile
+from mdrive_sumo.planning.speed_profile import build_braking_profile, build_free_road_problem
 
 WAY = np.column_stack((np.arange(301.0), np.zeros(301)))
 TOPS = (13.89, 16.67, 22.22, 33.33)

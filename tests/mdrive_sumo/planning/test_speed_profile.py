@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.planning.parameters import MARGINS, PROFILE
+from mdrive_sumo.planning.profile_search import find_fastest_profile
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath, build_path
 from mdrive_sumo.planning.speed_lattice import FINE, SAMPLE_S
 from mdrive_sumo.planning.speed_profile import (
@@ -15,7 +16,6 @@ from mdrive_sumo.planning.speed_profile import (
     SpeedProfileProblem,
     build_braking_profile,
     build_free_road_problem,
-    find_fastest_profile,
 )
 
 REAR = 1.42

@@ -18,6 +18,7 @@ from mdrive_sumo.scenario.scenario import RoadsideUnit
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.study.need.approach import OVERRUN_M, ApproachState
 from mdrive_sumo.study.need.conflict_zone import ZoneFinder, find_largest_rectangle
+from mdrive_sumo.study.need.crossing_search import SafeCrossing
 from mdrive_sumo.study.need.motion import MotionLimits, build_route_motion
 from mdrive_sumo.study.need.occluders import SightBox, StandingOccluders, StandingVehicles
 from mdrive_sumo.study.need.sight_tables import SightTables
@@ -75,6 +76,11 @@ def test_more_time_never_makes_a_certificate() -> None:
     # A careful driver needs 8.97 s: too long for the first limit only.
     assert [one.excludes_all for one in found] == [True, False, False]
     assert found[0].cautious_s == found[1].cautious_s == pytest.approx(8.97)
+
+
+def test_crossings_of_equal_arrival_have_an_order() -> None:
+    """The search's heap compares them where two ways lead to the same cell at the same time."""
+    assert min(SafeCrossing(9.0, 30.0, 8.0), SafeCrossing(9.0, 30.0, 7.0)).speed == 7.0
 
 
 def test_a_limit_that_cannot_be_kept_at_all_proves_nothing() -> None:
