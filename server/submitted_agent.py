@@ -12,6 +12,7 @@ from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import RejectedError, declare_agent
 from mdrive_sumo.scoring import ScenarioResult
+from mdrive_sumo.sensing.camera.camera_renderer import check_renderer
 from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.observation_builder import KINDS
 from mdrive_sumo.sensing.sensor_cost import check_sensor_budget
@@ -87,6 +88,7 @@ def read_declaration(agent: SubmittedAgent) -> AgentDeclaration:
             raise ArchiveRefused(describe_camera_error(sensor.kind) or unknown)
     try:
         check_sensor_budget(found.sensors)
+        check_renderer(found.sensors)
     except InputError as error:
         raise ArchiveRefused(str(error)) from None
     return found

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from mdrive_sumo.agent_process.agent_lookup import load_module_from_file
+from mdrive_sumo.agent_process.carla_images import convert_image, make_camera_specs
 from mdrive_sumo.agent_process.carla_stubs import Location, RoadOption, Rotation, Transform, call_setup, install_stubs
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
 from mdrive_sumo.core import portable
@@ -28,6 +29,13 @@ EARTH_RADIUS_M = 6_378_137.0
 KINDS = {"sensor.other.gnss": "gnss", "sensor.other.imu": "imu", "sensor.speedometer": "speedometer"}
 """Of which a CAV has one here, at its box centre; several declared ones read the same."""
 LIDAR = "sensor.lidar.ray_cast"
+CAMERAS = {
+    "sensor.camera.rgb": "rgb",
+    "sensor.camera.semantic_segmentation": "semantic",
+    "sensor.camera.depth": "depth",
+    "sensor.camera.instance_segmentation": "instance",
+}
+"""Kind of image by CARLA's name of the camera."""
 SLOW_LIDAR = frozenset({"lmdrive", "TCP", "LAV", "transfuser", "interfuser", "WOR"})
 """Agents (`agent_name`) to which the original gives a LiDAR of 10 Hz."""
 TURN_RAD = math.radians(45)
@@ -68,8 +76,8 @@ class CarlaAgentAdapter:
         self._sensors = tuple(_read_sensor(row) for row in declared)
         specs: dict[tuple[str, str], SensorSpec] = {}
         for row, sensor in zip(declared, self._sensors, strict=True):
-            spec = _make_lidar_spec(row, sensor, slow) if sensor.kind == "lidar" else SensorSpec(sensor.kind)
-            specs[spec.kind, spec.id] = spec
+            for spec in _make_specs(row, sensor, slow):
+                specs[spec.kind, spec.id] = spec
         return tuple(specs.values())
 
     def start(self, briefings: Mapping[str, Briefing], gps: Mapping[str, Float]) -> None:
@@ -118,7 +126,7 @@ def _read_sensor(row: Mapping[str, Any]) -> CarlaSensor:
     name, kind = row.get("id"), str(row.get("type"))
     if not isinstance(name, str):
         raise InputError(f"sensors(): expected an id for every sensor, found {name!r} for {kind!r}")
-    kind = "lidar" if kind == LIDAR else KINDS.get(kind, kind)
+    kind = "lidar" if kind == LIDAR else CAMERAS.get(kind, KINDS.get(kind, kind))
     return CarlaSensor(name, kind, (_read_metres(row, "x"), -_read_metres(row, "y"), _read_metres(row, "z")))
 
 
@@ -126,19 +134,23 @@ def _read_metres(row: Mapping[str, Any], name: str) -> float:
     return float(row.get(name, 0.0))
 
 
-def _make_lidar_spec(row: Mapping[str, Any], sensor: CarlaSensor, slow: bool) -> SensorSpec:
-    """Only its pose is honoured, as in the original. Mirrored: y, yaw and pitch change their sign."""
+def _make_specs(row: Mapping[str, Any], sensor: CarlaSensor, slow: bool) -> list[SensorSpec]:
+    if sensor.kind in CAMERAS.values():
+        return make_camera_specs(row, sensor.id, sensor.kind, _read_pose(row, sensor))
+    return [_make_lidar_spec(row, sensor, slow) if sensor.kind == "lidar" else SensorSpec(sensor.kind)]
+
+
+def _read_pose(row: Mapping[str, Any], sensor: CarlaSensor) -> dict[str, float]:
+    """Mirrored: y, yaw and pitch change their sign."""
     x, y, z = sensor.at
-    turns = {
-        "roll_deg": _read_metres(row, "roll"),
-        "pitch_deg": -_read_metres(row, "pitch"),
-        "yaw_deg": -_read_metres(row, "yaw"),
-    }
-    return SensorSpec(
-        "lidar",
-        sensor.id,
-        options={"x": x, "y": y, "z": z, **turns, "profile": "lmdrive" if slow else "default"},
-    )
+    roll, pitch, yaw = (_read_metres(row, name) for name in ("roll", "pitch", "yaw"))
+    return {"x": x, "y": y, "z": z, "roll_deg": roll, "pitch_deg": -pitch, "yaw_deg": -yaw}
+
+
+def _make_lidar_spec(row: Mapping[str, Any], sensor: CarlaSensor, slow: bool) -> SensorSpec:
+    """Only its pose is honoured, as in the original."""
+    profile = "lmdrive" if slow else "default"
+    return SensorSpec("lidar", sensor.id, options={**_read_pose(row, sensor), "profile": profile})
 
 
 def _convert_reading(sensors: Sequence[CarlaSensor], number: int, seen: Observation) -> dict[str, tuple[int, Any]]:
@@ -185,7 +197,12 @@ def _convert_speed(_: CarlaSensor, seen: Observation) -> dict[str, float]:
     return {"speed": seen.speedometer}
 
 
+def _convert_image(sensor: CarlaSensor, seen: Observation) -> Any:
+    return convert_image(sensor.id, seen)
+
+
 READERS: Mapping[str, Callable[[CarlaSensor, Observation], Any]] = {
+    **dict.fromkeys(CAMERAS.values(), _convert_image),
     "lidar": _convert_points, "gnss": _convert_gnss, "imu": _convert_imu, "speedometer": _convert_speed
 }  # fmt: skip
 

@@ -35,10 +35,10 @@ _NESTED = (tuple, dict)
 _CLASSES = {
     cls.__name__: cls
     for cls in (
-        contract.Briefing, contract.CameraImage, contract.Control, contract.Detections, contract.Gnss, contract.Imu, contract.Message,
-        contract.Note, contract.Objects, contract.Observation, contract.OwnState, contract.Plan, contract.PointCloud,
-        contract.Privileged, contract.Raster, contract.Reply, contract.SensorSpec, contract.StopSign,
-        contract.TrafficLight, contract.VehicleFacts,
+        contract.Briefing, contract.CameraImage, contract.Control, contract.Detections, contract.Gnss, contract.Imu,
+        contract.Message, contract.Note, contract.Objects, contract.Observation, contract.OwnState, contract.Plan,
+        contract.PointCloud, contract.Privileged, contract.Raster, contract.Reply, contract.SensorSpec,
+        contract.StopSign, contract.TrafficLight, contract.VehicleFacts,
     )
 }  # fmt: skip
 

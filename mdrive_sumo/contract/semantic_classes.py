@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class SemanticClass(IntEnum):
-    """What a pixel shows, by the numbers of CARLA 0.9.12, the paper's version; classes that do not occur are missing."""
+    """What a pixel shows, by the numbers of CARLA 0.9.12, the paper's version, without classes that do not occur."""
 
     UNLABELLED = 0
     BUILDING = 1

@@ -23,7 +23,8 @@ class SensingTrack(StrEnum):
     SENSOR = "sensor"
     """Only what a car carries: LiDAR, cameras, GNSS, IMU, speedometer, map and V2X messages."""
     OBJECT = "object"
-    """At least one CAV is given objects: by the sensors `objects`, `bev` or `privileged`, by named LiDAR points or labelled images."""
+    """At least one CAV is given objects: by the sensors `objects`, `bev` or `privileged`, by named LiDAR points, or by
+    labelled images."""
 
 
 LABELLED_IMAGES = ("semantic", "instance")

@@ -17,8 +17,9 @@ NO_OPTIONS: Mapping[str, float | str | bool] = MappingProxyType({})
 class SensorSpec:
     """A sensor that an agent asks for. Only what is declared is computed; docs/sensors.md lists kinds and options.
 
-    "objects" (detections of what is in sight), "lidar", "camera", "bev" (bird's-eye raster), "gnss", "imu", "speedometer", and
-    "privileged" (every state, every route and every CAV's latest plan), which labels the run `privileged`.
+    "objects" (detections of what is in sight), "lidar", "camera", "bev" (bird's-eye raster), "gnss", "imu",
+    "speedometer", and "privileged" (every state, every route and every CAV's latest plan), which labels the run
+    `privileged`.
     """
 
     kind: str
@@ -86,8 +87,8 @@ class CameraImage:
     kind: str
     """"rgb", "semantic", "depth" or "instance"."""
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.float32] | npt.NDArray[np.int32]
-    """rgb: (H, W, 3) uint8; semantic: (H, W) uint8 of `SemanticClass`; depth: (H, W) float32 [m] along the optical axis,
-    1000 for the sky; instance: (H, W) int32 indices into `names`, -1 for what is no road user."""
+    """rgb: (H, W, 3) uint8; semantic: (H, W) uint8 of `SemanticClass`; depth: (H, W) float32 [m] along the optical
+    axis, 1000 for the sky; instance: (H, W) int32 indices into `names`, -1 for what is no road user."""
     focal_px: float
     """Focal length [pixels]; the principal point is the middle of the image."""
     names: tuple[str, ...] = ()

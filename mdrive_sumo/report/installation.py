@@ -36,8 +36,13 @@ PACKAGES = (
     ("pyseccomp", "serve, submit --dry-run", "server"),
     ("distributed", "--executor dask", "dask"),
     ("ribs", "generate --hard", "search"),
+    ("moderngl", "agents with cameras", "camera"),
 )
 """Distribution, the commands that need it, the extra that brings it ("" = the core install)."""
+
+
+GL_REMEDY = "pip install 'mdrive-sumo[camera]'; on Debian and Ubuntu: apt-get install libegl1 libgl1-mesa-dri"
+RENDERER_CHECK = "from mdrive_sumo.sensing.camera.camera_renderer import load_renderer; print(load_renderer().driver)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +71,7 @@ def examine_installation() -> tuple[InstallationCheck, ...]:
         InstallationCheck("cores", str(count_usable_cores()), "eval --workers auto"),
         *(_package(*row) for row in PACKAGES),
         _simulator(),
+        InstallationCheck("OpenGL", _renderer(), "agents with cameras", GL_REMEDY, is_required=False),
         _program("netconvert", "convert", "pip install 'mdrive-sumo[convert]'"),
         _program("bwrap", "serve, submit --dry-run", "on Debian and Ubuntu: apt-get install bubblewrap"),
         _program("ffmpeg", "render --out x.mp4", "on Debian and Ubuntu: apt-get install ffmpeg"),
@@ -101,6 +107,17 @@ def _simulator() -> InstallationCheck:
         found = "" if problem else _version("libsumo")
         problem += f"; on Debian and Ubuntu: apt-get install {SYSTEM_LIBRARIES}"
     return InstallationCheck("libsumo", found, "eval, verify", problem)
+
+
+def _renderer() -> str:
+    """Return the name of the OpenGL driver that cameras would use; "" if there is none."""
+    try:
+        done = subprocess.run(
+            (sys.executable, "-c", RENDERER_CHECK), capture_output=True, text=True, check=False, timeout=TIME_LIMIT_S
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""
 
 
 def _failure_of(command: Iterable[str]) -> str:

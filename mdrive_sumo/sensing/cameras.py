@@ -1,4 +1,4 @@
-"""Error message for camera sensors, which do not exist here."""
+"""Error message for sensor kinds that name a camera in another way than the sensor `camera`."""
 
 import re
 
@@ -6,11 +6,11 @@ CAMERA_WORDS = frozenset({"camera", "rgb", "rgba", "depth", "semantic", "segment
 
 
 def describe_camera_error(kind: str) -> str:
-    """Return the error for a camera kind ("rgb", "sensor.camera.depth", "CAM_FRONT"...); "" for other kinds."""
+    """Return the error for other names of a camera ("rgb", "sensor.camera.depth", "CAM_FRONT"); "" for other kinds."""
     words = re.split(r"[^a-z]+", kind.lower())
     if not CAMERA_WORDS.isdisjoint(words) or words[0] == "cam":
         return (
-            f"sensor {kind!r}: expected a sensor that needs no rendered images, found a camera: "
-            'there is no renderer here; use "objects", "lidar" or "bev" instead'
+            f'sensor {kind!r}: expected the sensor "camera" with an option kind ("rgb", "semantic", "depth" or '
+            '"instance"), found another name of a camera'
         )
     return ""

@@ -38,6 +38,7 @@ SPECS = (
     SensorSpec("lidar", options={"profile": "lmdrive"}),
     SensorSpec("lidar", options={"profile": "lmdrive", "roll_deg": 5.0, "hit_ids": True, "noise_m": 0.02}),
     *(SensorSpec("bev", options={"size": size}) for size in (64, 256, 512, 800, 1024)),
+    *(SensorSpec("camera", options={"width": width, "height": height}) for width, height in ((400, 224), (900, 256))),
     SensorSpec("bev", options={"size": 1024, "metres_per_pixel": 5.0}),
     SensorSpec("bev", options={"size": 16, "metres_per_pixel": 5.0}),
 )

@@ -81,7 +81,7 @@ def get_entry_point():
 
 class Looks(AutonomousAgent):
     def sensors(self):
-        return [{"type": "sensor.camera.rgb", "x": 1.3, "y": 0.0, "z": 2.3, "roll": 0.0, "pitch": 0.0, "yaw": 0.0,
+        return [{"type": "sensor.camera.dvs", "x": 1.3, "y": 0.0, "z": 2.3, "roll": 0.0, "pitch": 0.0, "yaw": 0.0,
                  "width": 800, "height": 600, "fov": 100, "id": "front"}]
     def run_step(self, input_data, timestamp):
         return []

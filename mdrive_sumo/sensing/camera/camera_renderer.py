@@ -2,7 +2,7 @@
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.contract.semantic_classes import SemanticClass
+from mdrive_sumo.contract import SemanticClass, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.sensing.camera.camera_model import FAR_M, CameraModel, CameraView, ImageKind
@@ -139,7 +139,7 @@ class CameraRenderer:
             self._build_array(program, self._load_mesh(mesh), rows).render(instances=len(places))
 
     def _build_array(self, program: Any, mesh: Any, rows: Any = None) -> Any:
-        content = [(mesh, VERTEX_FORMAT, *_VERTEX_NAMES)]
+        content: list[tuple[Any, ...]] = [(mesh, VERTEX_FORMAT, *_VERTEX_NAMES)]
         if rows is not None:
             content.append((rows, INSTANCE_FORMAT, *_INSTANCE_NAMES))
         return self._context.vertex_array(program, content, skip_errors=True)
@@ -171,6 +171,12 @@ def load_renderer() -> CameraRenderer:
     return CameraRenderer()
 
 
+def check_renderer(sensors: Iterable[SensorSpec]) -> None:
+    """Raise InputError if one of the sensors is a camera and nothing here can render its images."""
+    if any(spec.kind == "camera" for spec in sensors):
+        load_renderer()
+
+
 def _create_context() -> Any:
     try:
         import moderngl
@@ -180,8 +186,9 @@ def _create_context() -> Any:
         ) from None
     os.environ.setdefault("LP_NUM_THREADS", "0")  # Mesa's software renderer: a worker process has one core
     try:
-        return moderngl.create_context(standalone=True, require=330, backend="egl")
-    except Exception as error:
+        create: Any = moderngl.create_context  # its stub takes no name of a backend
+        return create(standalone=True, require=330, backend="egl")
+    except Exception as error:  # noqa: BLE001 - moderngl raises bare Exception without a driver
         reason = " ".join(str(error).split())[:120]
         raise InputError(
             "camera: expected an OpenGL driver that renders without a display (EGL; on Debian the packages libegl1 and "

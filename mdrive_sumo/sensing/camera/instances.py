@@ -26,7 +26,7 @@ PAINTS: tuple[Colour, ...] = (
 )
 """Colours of vehicles and clothes; the own colour of an object follows from its id and never changes."""
 LAMP = build_mesh(
-    build_block((0.0, -0.5, 0.0), (1.0, 0.5, 1.0)), (255,) * 3, SemanticClass.TRAFFIC_LIGHT, Material.SIGNAL
+    build_block((0.0, -0.5, 0.0), (1.0, 0.5, 1.0)), (255, 255, 255), SemanticClass.TRAFFIC_LIGHT, Material.SIGNAL
 )
 LAMP_M = (0.05, 0.24, 0.24)
 LIGHT_OF_LETTER: Mapping[str, tuple[float, Colour]] = {

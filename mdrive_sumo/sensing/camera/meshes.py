@@ -104,9 +104,8 @@ def build_wheel(x: float, y: tuple[float, float], radius: float, corners: int = 
     ring = np.column_stack((x + radius * cos, radius + radius * sin))
     right, left = (np.column_stack((ring[:, 0], np.full(corners, side), ring[:, 1])) for side in y)
     tread = np.stack((right, np.roll(right, -1, axis=0), np.roll(left, -1, axis=0), left), axis=1)[:, ::-1]
-    middle = np.array((x, 0.0, radius))
     discs = [
-        np.stack((np.broadcast_to(middle + (0, side, 0), ring_3d.shape), ring_3d, np.roll(ring_3d, -1, axis=0)), axis=1)
+        np.stack((np.tile((x, side, radius), (corners, 1)), ring_3d, np.roll(ring_3d, -1, axis=0)), axis=1)
         for ring_3d, side in ((right, y[0]), (left[::-1], y[1]))
     ]
     return np.concatenate((build_quads(tread), *discs))

@@ -27,7 +27,7 @@ class Follower(AutonomousAgent):
         self.blocked = [False] * self.count
 
     def sensors(self):
-        """Return the sensors of every CAV; its number is appended to the ids. There are no cameras."""
+        """Return the sensors of every CAV; its number is appended to the ids."""
         return [
             {"type": "sensor.lidar.ray_cast", "x": 0.0, "y": 0.0, "z": 2.5, "yaw": 0.0, "id": "lidar"},
             {"type": "sensor.other.gnss", "x": 0.0, "y": 0.0, "z": 0.0, "id": "gps"},

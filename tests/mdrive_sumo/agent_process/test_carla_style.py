@@ -20,6 +20,7 @@ from mdrive_sumo.agent_process.carla_stubs import (
 )
 from mdrive_sumo.contract import Briefing, Control, Imu, Observation, OwnState, PointCloud, VehicleFacts
 from mdrive_sumo.core.state import DT
+from mdrive_sumo.sensing.camera.camera_sensor import read_camera_model
 from mdrive_sumo.sensing.navigation_sensors import to_compass, to_gnss, to_xy
 
 FACTS = VehicleFacts(*(1.0,) * 9)
@@ -177,9 +178,20 @@ def test_a_speedometer() -> None:
 
 
 def test_sensors_that_do_not_exist_keep_their_name_and_several_receivers_are_one() -> None:
-    rows = ("sensor.other.gnss", "sensor.other.gnss", "sensor.camera.rgb", "sensor.opendrive_map")
+    rows = ("sensor.other.gnss", "sensor.other.gnss", "sensor.camera.dvs", "sensor.opendrive_map")
     specs = style(*({"type": kind, "id": f"s{i}"} for i, kind in enumerate(rows))).sensors()
-    assert [spec.kind for spec in specs] == ["gnss", "sensor.camera.rgb", "sensor.opendrive_map"]
+    assert [spec.kind for spec in specs] == ["gnss", "sensor.camera.dvs", "sensor.opendrive_map"]
+
+
+def test_a_camera_is_mirrored_and_has_the_declared_image() -> None:
+    row = {"type": "sensor.camera.rgb", "id": "front", "width": 900, "height": 256, "fov": 100}
+    (spec,) = style({**row, "x": 1.3, "y": 0.5, "z": 2.3, "roll": 0.0, "pitch": -10.0, "yaw": 60.0}).sensors()
+    assert (spec.kind, spec.id) == ("camera", "front")
+    model = read_camera_model(spec)
+    assert (model.kind, model.width, model.height, model.fov_deg) == ("rgb", 900, 256, 100.0)
+    ahead = model.mount.rotation[:, 0]
+    assert (model.mount.x, model.mount.y, model.mount.z) == (1.3, -0.5, 2.3)
+    assert ahead[1] < -0.8 and ahead[2] == pytest.approx(-math.sin(math.radians(10.0)))  # to the right and down
 
 
 @pytest.mark.parametrize(

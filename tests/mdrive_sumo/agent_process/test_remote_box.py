@@ -234,7 +234,7 @@ def test_nothing_of_an_earlier_run_is_found(folder: Path) -> None:
     ("agent", "text"),
     [
         (DIARY.replace("WHEN", "0"), "sensor 'privileged': expected sensors that a car can have"),
-        (DIARY.replace("WHEN", "0").replace("privileged", "camera"), "found a camera"),
+        (DIARY.replace("WHEN", "0").replace("privileged", "rgb"), "found another name of a camera"),
         (DIARY.replace("WHEN", "0").replace('"privileged"', '"lidar", options={"range": 9.0}'), "option 'range'"),
     ],
     ids=("privileged", "camera", "option"),

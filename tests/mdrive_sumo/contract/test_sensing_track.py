@@ -42,7 +42,7 @@ def test_what_a_car_carries_is_the_sensor_track() -> None:
 def test_every_kind_of_sensor_has_a_track() -> None:
     """A new kind must be entered here and in docs/sensors.md, on one side or the other."""
     harmless = {kind for kind in KINDS if not find_object_source([SensorSpec(kind)])}
-    assert harmless == {"lidar", "gnss", "imu", "speedometer"}
+    assert harmless == {"lidar", "camera", "gnss", "imu", "speedometer"}
     assert {*KINDS} - harmless == {"objects", "bev", "privileged"}
 
 

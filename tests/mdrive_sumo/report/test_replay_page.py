@@ -18,8 +18,8 @@ from testing.chromium import CHROMIUM
 from testing.viewer_crossing import crossing, ego_state, record, scenario, some_marks
 
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.roads.drawing.map_geometry import build_map_geometry
 from mdrive_sumo.report.replay_page import render_replay
+from mdrive_sumo.roads.drawing.map_geometry import build_map_geometry
 from mdrive_sumo.scenario.scenario import Scenario
 
 pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]

@@ -140,13 +140,13 @@ def test_bad_options_are_named(sensor: type[GnssSensor], asked: SensorSpec, said
 
 
 @pytest.mark.parametrize(
-    "kind", ["camera", "rgb", "sensor.camera.rgb", "sensor.camera.depth", "depth", "semantic", "CAM_FRONT", "Camera"]
+    "kind", ["rgb", "sensor.camera.rgb", "sensor.camera.depth", "depth", "semantic", "CAM_FRONT", "Camera"]
 )
-def test_the_error_for_a_camera_names_alternatives(kind: str) -> None:
+def test_the_error_for_another_name_of_a_camera_tells_the_right_one(kind: str) -> None:
     said = describe_camera_error(kind)
     assert repr(kind) in said
-    assert "no renderer" in said
-    assert all(f'"{instead}"' in said for instead in ("objects", "lidar", "bev"))
+    assert 'the sensor "camera"' in said
+    assert all(f'"{image}"' in said for image in ("rgb", "semantic", "depth", "instance"))
     assert "\n" not in said
 
 

@@ -65,7 +65,7 @@ class Shared:
         if self.breaking:
             raise WorldError("SUMO lost the road")
         if self.rejected in pair and self.rejected:
-            return AgentRejection("sensor 'rgb': found a camera")
+            return AgentRejection("sensor 'rgb': found another name of a camera")
         tested_fails, others_fail = (self.crashing == one for one in pair)
         egos = ego("0", 30.0 if tested_fails else 90.0, tested_fails), ego("1", 100.0, others_fail, is_other=True)
         return JobOutcome(ScenarioVerdict.OK, replace_egos(task.scenario, *egos))

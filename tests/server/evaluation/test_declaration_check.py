@@ -61,7 +61,7 @@ def check(tmp_path: Path) -> Iterator[Check]:
 def test_sensors_are_refused_and_good_agents_are_not(check: Check) -> None:
     """In a real box; which sensors there are to be refused is `check`'s, in the tests of participants."""
     assert check("SensorSpec('objects'),")
-    with pytest.raises(ArchiveRefused, match="found a camera"):
+    with pytest.raises(ArchiveRefused, match="found another name of a camera"):
         check("SensorSpec('rgb'),")
     lists = "SensorSpec('lidar', options={'hit_ids': True}),"
     with pytest.raises(ArchiveRefused, match="sensor 'lidar' with hit_ids: expected sensors of the sensor track"):

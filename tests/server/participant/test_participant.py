@@ -82,9 +82,9 @@ def test_init_agent_overwrites_nothing(run: Run, tmp_path: Path) -> None:
     [
         (own('SensorSpec("privileged"),'), "found the privileged one, which is not allowed"),
         (own(label="privileged"), "found the privileged one, which is not allowed"),
-        (own('SensorSpec("rgb"),'), "found a camera: there is no renderer here"),
+        (own('SensorSpec("rgb"),'), "found another name of a camera"),
         (own('SensorSpec("radar"),'), "sensor 'radar': expected one of"),
-        (JOINT % "sensor.camera.rgb", "found a camera: there is no renderer here"),
+        (JOINT % "sensor.camera.dvs", "found another name of a camera"),
         pytest.param(JOINT % "sensor.other.radar", "expected one of", marks=pytest.mark.full),
         pytest.param(own(label="best"), "label: expected one of", marks=pytest.mark.full),
         pytest.param(

@@ -122,7 +122,7 @@ def test_a_refusal_stands_beside_the_form_with_its_file_still_chosen(world: Worl
     world.seen.trouble.clear()
 
 
-def test_an_agent_that_wants_a_camera_is_refused_at_upload_and_costs_no_quota(world: World, tmp_path: Path) -> None:
+def test_an_agent_with_an_unknown_camera_is_refused_at_upload_and_costs_no_quota(world: World, tmp_path: Path) -> None:
     """The server starts it in a box before it is in the queue."""
     source = "from mdrive_sumo.contract import SensorSpec\nclass Agent:\n    label = 'single'\n"
     source += "    def __init__(self, config): ...\n    def sensors(self): return (SensorSpec('rgb'),)\n"
@@ -135,7 +135,7 @@ def test_an_agent_that_wants_a_camera_is_refused_at_upload_and_costs_no_quota(wo
     tab.set_input_files("#archive", archive)
     tab.click("#send")
     tab.wait_for_selector("#refusal .problem")
-    assert "sensor 'rgb': expected a sensor that needs no rendered images" in tab.inner_text("#refusal")
+    assert "sensor 'rgb': expected the sensor \"camera\"" in tab.inner_text("#refusal")
     tab.reload()
     assert tab.inner_text("main table tbody tr") == used
     tab.context.close()

@@ -1,0 +1,194 @@
+"""Images against oracles: corners by the pinhole, depth by casting rays on the triangles, what is seen by lines of
+sight."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import shapely
+from testing.camera_scenes import Box, build_scene, find_eye, load_town, needs_opengl, place_car, take_image
+
+from mdrive_sumo.contract import SemanticClass, SensorSpec
+from mdrive_sumo.core.geometry import Float, box_corners
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.sensing.camera.camera_model import FAR_M, CameraModel
+from mdrive_sumo.sensing.camera.camera_sensor import read_camera_model
+from mdrive_sumo.sensing.camera.instances import build_instances
+from mdrive_sumo.sensing.camera.static_scene import load_static_scene
+from mdrive_sumo.sensing.lidar_world import assume_heights
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, derive_track_name
+
+pytestmark = [needs_opengl, pytest.mark.slow]
+DEEP_M = 0.01
+"""[m] Largest error of a depth."""
+
+
+def find_street(roads: RoadMap, count: int, seed: int) -> list[tuple[float, float, float]]:
+    """Poses on lanes."""
+    random = np.random.default_rng(seed)
+    lanes = [lane for lane in roads.driving if not lane.junction and lane.centre.length > 20]
+    found: list[tuple[float, float, float]] = []
+    for _ in range(count):
+        lane = lanes[random.integers(len(lanes))]
+        s = random.uniform(0.0, lane.centre.length)
+        found.append((*lane.centre.at(s), lane.centre.yaw_at(s)))
+    return found
+
+
+def get_model(**options: float | str) -> CameraModel:
+    return read_camera_model(SensorSpec("camera", options=options))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_corners_of_a_block_are_where_the_pinhole_puts_them(seed: int) -> None:
+    random, roads = np.random.default_rng(seed), load_town()
+    x, y, yaw = find_street(roads, 1, seed)[0]
+    away, aside, turn = random.uniform(8, 25), random.uniform(-3, 3), random.uniform(-3, 3)
+    at = x + away * math.cos(yaw) - aside * math.sin(yaw), y + away * math.sin(yaw) + aside * math.cos(yaw)
+    block: Box = (*at, turn, random.uniform(0.5, 3), random.uniform(0.5, 3), Kind.STATIC)
+    scene = build_scene([place_car(x, y, yaw), block])
+    size = {"width": 900, "height": 256}
+    shown = take_image(scene, roads, kind="instance", **size)
+    rows, columns = np.nonzero(shown.pixels == 0)
+    corners = box_corners(*block[:5])
+    model = get_model(**size)
+    solid = np.concatenate([np.column_stack((corners, np.full(4, z))) for z in (0.0, 1.0)])
+    points = model.project(model.find_view(x, y, yaw), solid)
+    edges = columns.min(), columns.max() + 1, rows.min(), rows.max() + 1
+    wanted = points[:, 0].min(), points[:, 0].max(), points[:, 1].min(), points[:, 1].max()
+    assert np.abs(np.array(edges) - wanted).max() <= 1.0
+
+
+def list_triangles(roads: RoadMap, scene: SensingFrame) -> Float:
+    """All triangles (T, 3, 3) [m] that are drawn, in the world."""
+    static = load_static_scene(roads)
+    found = [static.vertices["position"].astype(np.float64).reshape(-1, 3, 3)]
+    for mesh, places in build_instances(scene, static.lamps, 0, static.origin):
+        for place in places:
+            cos, sin = place["turn"]
+            turn = np.array(((cos, sin, 0.0), (-sin, cos, 0.0), (0.0, 0.0, 1.0)))
+            solid = (mesh["position"] * place["size"]).astype(np.float64) @ turn + place["place"]
+            found.append(solid.reshape(-1, 3, 3))
+    return np.concatenate(found) + static.origin
+
+
+def cast_rays(triangles: Float, start: Float, rays: Float) -> Float:
+    """Distances (R,) along rays (R, 3) to the first triangle or the ground (Moeller and Trumbore 1997)."""
+    a, ab, ac = triangles[:, 0], triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    nearest = np.where(rays[:, 2] < 0, -start[2] / np.minimum(rays[:, 2], -1e-12), np.inf)
+    for i, ray in enumerate(rays):
+        across = np.cross(ray, ac)
+        det = (ab * across).sum(-1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = ((start - a) * across).sum(-1) / det
+            q = np.cross(start - a, ab)
+            v, t = (q @ ray) / det, (ac * q).sum(-1) / det
+            hit = (np.abs(det) > 1e-12) & (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0.1)
+        nearest[i] = min(nearest[i], t[hit].min(initial=np.inf))
+    return nearest
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_depth_is_that_of_cast_rays(seed: int) -> None:
+    """But at silhouettes, where the centre of a pixel and its ray may lie on either side of an edge."""
+    roads = load_town()
+    poses = find_street(roads, 12, seed)
+    kinds = [Kind.VEHICLE, Kind.PEDESTRIAN, Kind.CYCLIST, Kind.STATIC]
+    sizes = [(4.5, 1.8), (0.6, 0.6), (1.8, 0.6), (1.0, 1.0), (12.0, 2.5), (6.0, 2.0), (2.1, 0.8), (16.0, 2.5)]
+    others = [(*pose, *sizes[i % 8], kinds[i % 4 if i % 8 < 4 else 0]) for i, pose in enumerate(poses[1:])]
+    scene = build_scene([place_car(*poses[0]), *others])
+    image = take_image(scene, roads, kind="depth", width=320, height=180)
+    model = get_model(kind="depth", width=320, height=180)
+    view = model.find_view(*poses[0])
+    random = np.random.default_rng(seed)
+    rows, columns = random.integers(0, 180, 250), random.integers(0, 320, 250)
+    aside, up = (160 - columns - 0.5) / model.focal_px, (90 - rows - 0.5) / model.focal_px
+    rays = np.column_stack((np.ones(250), aside, up)) @ view.axes.T
+    wanted = np.minimum(cast_rays(list_triangles(roads, scene), view.place, rays), FAR_M)
+    near = wanted < 300.0  # beyond, the terrain ends, and a pixel covers metres
+    error = np.abs(image.pixels[rows, columns] - wanted)[near]
+    assert near.sum() > 100
+    assert np.median(error) < DEEP_M / 10
+    assert (error > np.maximum(DEEP_M, 1e-4 * wanted[near])).mean() <= 0.02
+
+
+def measure_free_share(eye: Float, target: Float, walls: list[shapely.Geometry]) -> float:
+    """Share of the points around a box (4, 2) to which the line of sight is free, in the plane."""
+    ring = np.concatenate(
+        [np.linspace(a, b, 12, endpoint=False) for a, b in zip(target, np.roll(target, -1, 0), strict=True)]
+    )
+    inside = shapely.Polygon(target).buffer(-0.02)
+    lines = shapely.linestrings(np.stack((np.broadcast_to(eye, ring.shape), ring), axis=1))
+    blocked = shapely.intersects(lines, inside)
+    for wall in walls:
+        blocked |= shapely.intersects(lines, wall)
+    return float(1 - blocked.mean())
+
+
+def count_agreement(roads: RoadMap, seed: int, frames: int) -> npt.NDArray[np.int64]:
+    """Pairs of image and car: both say visible, only the line of sight, only the image, neither.
+
+    The camera is 0.5 m high: at that height a car's body fills its box, and a car hides others behind it. Cars that
+    show less than a tenth of their outline, or less than two pixels, count as neither.
+    """
+    found = np.zeros(4, dtype=np.int64)
+    options = {"kind": "instance", "width": 640, "height": 200, "z": 0.5, "x": 0.0}
+    model = get_model(**options)
+    houses = [shapely.Polygon(house) for house in roads.building_shapes]
+    for k in range(frames):
+        poses = find_street(roads, 14, 1000 * seed + k)
+        corners = [box_corners(*pose, 4.6, 1.85) for pose in poses]
+        shapes = [shapely.Polygon(corner) for corner in corners]
+        kept = [i for i in range(14) if all(shapes[i].distance(shapes[j]) > 0.5 for j in range(i))]
+        if kept[0] != 0:
+            continue
+        scene = build_scene([place_car(*poses[i]) for i in kept])
+        pixels = take_image(scene, roads, **options)
+        counts = {name: int((pixels.pixels == i).sum()) for i, name in enumerate(pixels.names)}
+        view = model.find_view(*poses[0])
+        for row, i in enumerate(kept[1:], start=1):
+            points = model.project(view, np.column_stack((corners[i], np.full(4, 0.5))))
+            if (points[:, 2] < 1.0).any() or (points[:, 0] < 2).any() or (points[:, 0] > 638).any():
+                continue
+            if points[:, 2].min() > 80:
+                continue
+            walls = [*houses, *(shapes[j] for j in kept[1:] if j != i)]
+            free = measure_free_share(view.place[:2], corners[i], walls)
+            shown = counts.get(derive_track_name("me", f"o{row}", 3), 0)
+            if 0 < free < 0.1 or 0 < shown <= 2:
+                continue
+            found[(0 if shown else 1) if free else (2 if shown else 3)] += 1
+    return found
+
+
+def test_what_is_shown_agrees_with_the_line_of_sight() -> None:
+    both, only_line, only_image, neither = count_agreement(load_town(), 1, 60)
+    assert both > 20 and neither > 20
+    assert only_line + only_image <= 0.01 * (both + only_line + only_image + neither)
+
+
+def test_semantic_classes_and_sky() -> None:
+    roads = load_town()
+    x, y, yaw = find_street(roads, 1, 4)[0]
+    ahead = [(x + d * math.cos(yaw), y + d * math.sin(yaw), yaw) for d in (9.0, 14.0)]
+    scene = build_scene(
+        [place_car(x, y, yaw), (*ahead[0], 0.6, 0.6, Kind.PEDESTRIAN), (*ahead[1], 4.5, 1.8, Kind.VEHICLE)]
+    )
+    classes = take_image(scene, roads, kind="semantic")
+    found = set(np.unique(classes.pixels).tolist())
+    wanted = {
+        SemanticClass.ROAD,
+        SemanticClass.PEDESTRIAN,
+        SemanticClass.VEHICLE,
+        SemanticClass.SKY,
+        SemanticClass.BUILDING,
+    }
+    assert wanted <= found <= set(SemanticClass)
+    depth = take_image(scene, roads, kind="depth").pixels
+    assert (depth[classes.pixels == SemanticClass.SKY] == FAR_M).all()
+    assert (depth[classes.pixels != SemanticClass.SKY] < FAR_M).mean() > 0.99
+    heights = assume_heights(scene.boxes.kind, scene.boxes.length)
+    assert heights[1] == pytest.approx(1.75)
+    assert find_eye(scene).carrier_row == 0
