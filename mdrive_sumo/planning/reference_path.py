@@ -6,6 +6,7 @@ densely, with its curvature and the heading of the car's body along it.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -43,12 +44,22 @@ class ReferencePath:
     """(M, 2) box centres [m]."""
     yaw: Float
     """Direction of the path [rad], unwrapped."""
-    body_yaw: Float
-    """Heading of the car's body [rad]: the rear axle follows, so it turns later than the path of the centre."""
     curvature: Float
     """[1/m], left positive."""
     goal_s: float
     """Arc length of the route's end [m]."""
+    rear_to_centre: float
+    """Distance of the box centre before the rear axle [m]."""
+    start_yaw: float | None = None
+    """Heading of the body at the first point [rad]; None: that of the path."""
+
+    @cached_property
+    def body_yaw(self) -> Float:
+        """Heading (M,) of the car's body [rad]: the rear axle follows, so it turns later than the path of the centre.
+
+        Computed when it is first read: most candidates for a detour are rejected before.
+        """
+        return _compute_body_yaw(self.yaw, self.rear_to_centre, self.start_yaw)
 
     @property
     def length(self) -> float:
@@ -99,7 +110,7 @@ def build_path_through_points(
 ) -> ReferencePath:
     """Return the path through smooth points xy (M, 2) [m] that are `SPACING_M` apart."""
     yaw = np.unwrap(portable.atan2(np.gradient(xy[:, 1]), np.gradient(xy[:, 0])))
-    return ReferencePath(xy, yaw, _compute_body_yaw(yaw, rear_to_centre, start_yaw), _compute_curvature(yaw), goal_s)
+    return ReferencePath(xy, yaw, _compute_curvature(yaw), goal_s, rear_to_centre, start_yaw)
 
 
 def _blend_into_heading(route: Polyline, start_yaw: float, join_m: float) -> Polyline:
