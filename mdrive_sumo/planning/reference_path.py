@@ -61,6 +61,11 @@ class ReferencePath:
         """
         return _compute_body_yaw(self.yaw, self.rear_to_centre, self.start_yaw)
 
+    @cached_property
+    def _columns(self) -> tuple[Float, Float, Float]:
+        """Numbers, x and y (M,) of the points, contiguous: interpolation would copy them in every call."""
+        return np.arange(len(self.xy), dtype=np.float64), self.xy[:, 0].copy(), self.xy[:, 1].copy()
+
     @property
     def length(self) -> float:
         """Arc length of the last point [m]."""
@@ -68,16 +73,18 @@ class ReferencePath:
 
     def get_points(self, s: Float) -> Float:
         """Return the points (K, 2) at arc lengths s (K,); beyond the end the last point."""
-        index = s / SPACING_M
-        grid = np.arange(len(self.xy))
-        return np.column_stack((np.interp(index, grid, self.xy[:, 0]), np.interp(index, grid, self.xy[:, 1])))
+        index, (grid, x, y) = s / SPACING_M, self._columns
+        points = np.empty((len(index), 2))
+        points[:, 0], points[:, 1] = np.interp(index, grid, x), np.interp(index, grid, y)
+        return points
 
     def project(self, x: float, y: float, near_s: float, within_m: float = 10.0) -> float:
         """Return the arc length [m] of the point nearest to (x, y), within `within_m` of `near_s` along the path."""
         low = max(int((near_s - within_m) / SPACING_M), 0)
         high = min(int((near_s + within_m) / SPACING_M) + 2, len(self.xy))
         low = min(low, high - 1)
-        dx, dy = x - self.xy[low:high, 0], y - self.xy[low:high, 1]
+        _, path_x, path_y = self._columns
+        dx, dy = x - path_x[low:high], y - path_y[low:high]
         i = low + int((dx * dx + dy * dy).argmin())
         cos, sin = portable.cos_sin(self.yaw[i])
         along = cos * (x - self.xy[i, 0]) + sin * (y - self.xy[i, 1])
