@@ -10,7 +10,6 @@ from mdrive_sumo.contract import MAX_PLAN_POINTS, Briefing, Observation, OwnStat
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.planning.driving_options import MAX_SPEED
-from mdrive_sumo.planning.evasive_profile import find_evasive_profile
 from mdrive_sumo.planning.fleet_paths import FleetPaths, find_cells_blocked_by_objects, predict_stations
 from mdrive_sumo.planning.joint_detours import has_undecided_vehicle, plan_joint_detours
 from mdrive_sumo.planning.joint_plan import find_common_scale, find_road_horizon, plan_on_roads
@@ -190,7 +189,7 @@ class OmniscientAgent:
             return False
         if self._road is not None:
             times = np.arange(1, int(parameters.review_s / SAMPLE_S) + 1, dtype=np.float64) * SAMPLE_S
-            now = self._describe_situation(seen, known, respects_all=False)
+            now = self._describe_situation(seen, known, respects_all=self._is_settled(seen.tick))
             met = self._road.find_met(now, self._fleet, profile.get_stations(age_s + times), times, MARGINS.check)
             return not (met & ~np.logical_and.accumulate(met)).any()
         count = int(parameters.review_s / parameters.interval_s)
@@ -214,6 +213,11 @@ class OmniscientAgent:
                 stations = predict_stations(self._fleet.path_by_ego[other], state, plan, times, briefing.tick_s)
                 blocked |= self._fleet.find_blocked_cells(briefing.ego_id, cells, other, stations, margin)
         return blocked
+
+    def _is_settled(self, tick: int) -> bool:
+        """Return whether all CAVs have planned; a conflict with a later one means that it could not avoid it."""
+        assert self._begin_tick is not None
+        return tick > self._begin_tick + len(self._fleet.path_by_ego) + self._parameters.review_ticks
 
     def _describe_situation(self, seen: Observation, known: Privileged, respects_all: bool) -> RoadSituation:
         """Return what the own car knows where limits of roads count; respects_all: of all CAVs, else earlier ones."""
@@ -262,14 +266,9 @@ class OmniscientAgent:
         if last is not None or done is not None:
             last = last or build_braking_profile(problem)
             return last if done is None else done.append(last)
-        now = self._describe_situation(seen, known, respects_all=False)  # later CAVs can still react
-        block = partial(road.find_blocked, now, fleet, free.cells, free.times)
-        last = find_fastest_profile(free.add_traffic(block, plan_margin=MARGINS.check))
-        if last is not None:
-            return last
         now = self._describe_situation(seen, known, respects_all=True)
-        start = self._s, seen.own.speed
-        return find_evasive_profile(self._speeds, start, lambda s, t: road.find_met(now, fleet, s, t, MARGINS.contact))
+        age_s = (seen.tick - self._profile_tick) * self._briefing.tick_s
+        return road.find_way_out(now, fleet, self._speeds, None if first else self._profile, age_s)
 
     def _find_horizon(self, now_s: float) -> float:
         """Return until when a profile may last [s]."""

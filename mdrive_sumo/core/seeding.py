@@ -4,12 +4,14 @@ So neither the order of execution nor the number of workers changes a result.
 """
 
 import math
+import struct
 from hashlib import blake2b
 
 from mdrive_sumo.core import portable
 
 UNIFORMS = 8
 """Count of numbers that `draw_uniforms` returns."""
+_WORDS = struct.Struct(f"<{UNIFORMS}Q")
 
 
 def derive_seed(run_seed: int, *purpose: str) -> int:
@@ -20,13 +22,12 @@ def derive_seed(run_seed: int, *purpose: str) -> int:
 
 def draw_uniforms(seed: int, *purpose: str | int) -> tuple[float, ...]:
     """Return `UNIFORMS` independent numbers in [0, 1) for a purpose, e.g. (seed, "loss", sender, receiver, tick)."""
-    digest = _hash(seed, purpose)
-    return tuple((int.from_bytes(digest[i : i + 8], "little") >> 11) * 2.0**-53 for i in range(0, len(digest), 8))
+    return tuple([(word >> 11) * 2.0**-53 for word in _WORDS.unpack(_hash(seed, purpose))])
 
 
 def draw_first_uniform(seed: int, *purpose: str | int) -> float:
     """Return the first number of `draw_uniforms`, which is often enough to know that the others do not count."""
-    return (int.from_bytes(_hash(seed, purpose)[:8], "little") >> 11) * 2.0**-53
+    return (_WORDS.unpack(_hash(seed, purpose))[0] >> 11) * 2.0**-53
 
 
 def _hash(seed: int, purpose: tuple[str | int, ...]) -> bytes:

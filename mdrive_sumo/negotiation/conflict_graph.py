@@ -148,14 +148,16 @@ def _close_between_points(points: Float, gaps: Float) -> Float:
 
     Up to `MAX_STEP_M` from point to point the points are enough: `gaps` is returned as it is.
     """
-    steps = np.diff(points, axis=1)
-    if not len(points) or float(portable.square(steps).sum(-1).max()) <= MAX_STEP_M * MAX_STEP_M:
+    x, y = points[..., 0], points[..., 1]
+    step_x, step_y = np.diff(x, axis=1), np.diff(y, axis=1)
+    if not len(points) or float((step_x * step_x + step_y * step_y).max()) <= MAX_STEP_M * MAX_STEP_M:
         return gaps
-    before = points[:, None, :-1] - points[None, :, :-1]
-    change = steps[:, None] - steps[None]
-    square = portable.square(change).sum(-1)
-    share = np.clip(-(before * change).sum(-1) / np.maximum(square, 1e-9), 0.0, 1.0)
-    least = np.sqrt(portable.square(before + share[..., None] * change).sum(-1))
+    before_x, before_y = x[:, None, :-1] - x[None, :, :-1], y[:, None, :-1] - y[None, :, :-1]
+    change_x, change_y = step_x[:, None] - step_x[None], step_y[:, None] - step_y[None]
+    square = change_x * change_x + change_y * change_y
+    ahead = before_x * change_x + before_y * change_y
+    share = np.clip(-ahead / np.maximum(square, 1e-9), 0.0, 1.0)
+    least = portable.hypot(before_x + share * change_x, before_y + share * change_y)
     return np.concatenate((gaps[..., :1], np.minimum(gaps[..., 1:], least)), axis=-1)
 
 

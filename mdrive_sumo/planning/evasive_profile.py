@@ -1,13 +1,21 @@
-"""The profile that collides last, where all of the search collide: a car may leave the way of a fast vehicle."""
+"""Profiles for a car that has no other: they leave the way of a fast vehicle, or collide as late as possible."""
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float
-from mdrive_sumo.planning.reference_path import SPACING_M
-from mdrive_sumo.planning.speed_profile import SpeedProfile
+from mdrive_sumo.planning.parameters import MARGINS, PLANNER, SafetyMargin
+from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
+from mdrive_sumo.planning.speed_lattice import LatticeParameters, choose_lattice
+from mdrive_sumo.planning.speed_profile import (
+    SpeedProfile,
+    SpeedProfileProblem,
+    build_free_road_problem,
+    find_fastest_profile,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,23 +29,59 @@ class EvasionParameters:
 
 
 EVASION = EvasionParameters()
+EVASION_LATTICE = LatticeParameters(medium_top_speed=math.inf)
+"""Steps of half a second at all speeds: with those of a second a fast car reacts too late."""
 
 
-def find_evasive_profile(
+def build_evasion_problem(
+    path: ReferencePath, speeds: Float, start: tuple[float, float], top_speed: float
+) -> SpeedProfileProblem:
+    """Return the problem of driving on for `horizon_s` on a free road, from a station [m] and speed [m/s].
+
+    speeds: (M,) [m/s] highest at the points of the path; top_speed: [m/s] of the planning scale.
+    """
+    lattice = choose_lattice(top_speed, EVASION_LATTICE)
+    problem = build_free_road_problem(path, speeds, start, 0.0, EVASION.horizon_s + 1e-6, lattice)
+    reachable = slice(round(EVASION.horizon_s * lattice.top_speed / lattice.cell_m))
+    return replace(
+        problem,
+        cells=problem.cells[reachable],
+        limits=problem.limits[reachable],
+        blocked=problem.blocked[:, reachable],
+        goals=slice(min(problem.goals.start, reachable.stop), None),
+        wait_penalty=PLANNER.wait_penalty,
+    )
+
+
+def find_evasive_profile(problem: SpeedProfileProblem, block: Callable[[SafetyMargin], Bool]) -> SpeedProfile | None:
+    """Return the profile of `build_evasion_problem` that keeps a small margin, or avoids contact; None if all collide.
+
+    block(margin) returns the blocked cells (T, J). The profile is one for now: it does not reach the goal.
+    """
+    for margin in (MARGINS.check, MARGINS.contact):
+        found = find_fastest_profile(problem.add_traffic(block, plan_margin=margin))
+        if found is not None:
+            return replace(found, reaches_goal=False)
+    return None
+
+
+def find_latest_contact(
     speeds: Float,
     start: tuple[float, float],
     find_met: Callable[[Float, Float], Bool],
+    present: tuple[SpeedProfile, float] | None = None,
     parameters: EvasionParameters = EVASION,
 ) -> SpeedProfile:
-    """Return the profile of constant acceleration that meets something last.
+    """Return the rest of the present profile or a profile of constant acceleration: what meets something last.
 
     speeds: (M,) [m/s] highest at the points of the path; start: station [m] and speed [m/s];
-    find_met(stations (T,) [m], times (T,) [s]) returns a mask (T,).
+    find_met(stations (T,) [m], times (T,) [s]) returns a mask (T,); present: a profile and its age [s].
     """
     best: SpeedProfile | None = None
     longest = -1
-    for acceleration in parameters.accelerations:
-        profile = _build_profile(speeds, start, acceleration, parameters)
+    rest = [] if present is None else [_build_rest(*present, parameters)]
+    constant = (_build_profile(speeds, start, one, parameters) for one in parameters.accelerations)
+    for profile in (*rest, *constant):
         times = np.arange(1, len(profile.s), dtype=np.float64) * parameters.step_s
         met = find_met(profile.s[1:], times)
         free = int(np.flatnonzero(met)[0]) if met.any() else len(met)
@@ -45,6 +89,14 @@ def find_evasive_profile(
             best, longest = profile, free
     assert best is not None, "there are accelerations"
     return best
+
+
+def _build_rest(profile: SpeedProfile, age_s: float, parameters: EvasionParameters) -> SpeedProfile:
+    """Return what is left of a profile."""
+    step_s = parameters.step_s
+    steps = np.arange(round(parameters.horizon_s / step_s) + 2, dtype=np.float64)
+    stations = profile.get_stations(age_s + np.asarray(steps * step_s))
+    return SpeedProfile(stations[:-1], (stations[1:] - stations[:-1]) / step_s, reaches_goal=False, step_s=step_s)
 
 
 def _build_profile(

@@ -1,5 +1,6 @@
 """Predicted boxes of moving road users on roads whose limits count, for many times at once."""
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -29,8 +30,11 @@ class TrafficParameters:
     oncoming_horizon_s: float = 4.0
     """Oncoming vehicles are predicted for this long: many turn or brake before they arrive (measured on a left turn
     through dense traffic: 10 s costs 27 s of waiting, 4 s none, without contact). A fast own car needs longer."""
-    crossing_horizon_s: float = 6.0
-    """All other vehicles are predicted for this long: a standing car crosses two lanes and leaves them in this time."""
+    crossing_horizon_s: float = 4.0
+    """All other vehicles are predicted for this long at least."""
+    review_horizon_s: float = 3.0
+    """In the review of a plan, oncoming and crossing vehicles are predicted for this long: a car that has begun to
+    enter a gap shall not stop because of a vehicle that can still brake."""
     own_braking: float = 4.0
     """[m/s2] All are predicted at least until the own car can stand with this deceleration, ..."""
     own_reaction_s: float = 2.0
@@ -67,6 +71,8 @@ class MovingTraffic:
     """[m/s] Vehicles accelerate up to it."""
     headway_s: float = 0.0
     """[s] Time gap to keep behind those in the own lane."""
+    is_review: bool = False
+    """Whether a plan is reviewed; else one is made."""
     parameters: TrafficParameters = field(default=TRAFFIC)
 
     @cached_property
@@ -90,10 +96,12 @@ class MovingTraffic:
         """(N,) time [s] for which each is predicted."""
         parameters, joint = self.parameters, JOINT_PLANNING
         stopping_s = self.own_speed / parameters.own_braking + parameters.own_reaction_s
-        oncoming_s = max(parameters.oncoming_horizon_s, stopping_s)
+        most_s = parameters.review_horizon_s if self.is_review else math.inf
+        oncoming_s = max(min(parameters.oncoming_horizon_s, most_s), stopping_s)
+        crossing_s = max(min(parameters.crossing_horizon_s, most_s), stopping_s)
         in_lanes_s = np.where(self.forward > 0, max(parameters.horizon_s, stopping_s), oncoming_s)
         is_vehicle = self.objects.kind == Kind.VEHICLE
-        others_s = np.where(is_vehicle, max(parameters.crossing_horizon_s, stopping_s), joint.vehicle_prediction_s)
+        others_s = np.where(is_vehicle, crossing_s, joint.vehicle_prediction_s)
         others_s = np.where(self.objects.kind == Kind.PEDESTRIAN, joint.pedestrian_prediction_s, others_s)
         return np.where(self.keeps_lane, in_lanes_s, others_s)
 

@@ -38,4 +38,4 @@ def compute_path_overlaps(
 
 def find_cells(path: ReferencePath, s: Float) -> Int:
     """Return the indices (K,) of the path's points nearest to arc lengths s (K,) [m]."""
-    return np.clip(np.round(s / SPACING_M).astype(np.int64), 0, len(path.xy) - 1)
+    return np.minimum(np.maximum(np.rint(s / SPACING_M).astype(np.int64), 0), len(path.xy) - 1)

@@ -5,9 +5,10 @@ and the last one that the car can have reached.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.planning.speed_lattice import FINE, Transitions, build_transitions
@@ -78,7 +79,7 @@ class _Search:
         count = min(layer.end + transitions.reach, len(self._problem.cells)) - first
         padded = np.full((len(layer.cost), transitions.reach + count), np.inf)
         padded[:, transitions.reach : transitions.reach + layer.end - first] = layer.cost
-        views = sliding_window_view(padded, count, axis=1)
+        views = _view_windows(padded, count)
         options = views[transitions.before, transitions.reach - transitions.advance]
         options += self._penalty
         self._block(options, first, number)
@@ -92,8 +93,8 @@ class _Search:
         transitions, samples, count = self.transitions, self._problem.lattice.samples, options.shape[2]
         passed = self._blocked[number * samples : (number + 1) * samples, first : first + transitions.reach + count]
         for sample in np.flatnonzero(passed.any(axis=1)).tolist():
-            window = sliding_window_view(passed[sample], count)
-            np.copyto(options, np.inf, where=window[transitions.reach - transitions.back[:, sample]])
+            windows = _view_windows(passed[sample], count)
+            np.copyto(options, np.inf, where=windows[transitions.reach - transitions.back[:, sample]])
 
     def _forbid(self, cost: Float, first: int, number: int) -> None:
         """Forbid standing too long, and speeds above the limit; a car that is too fast may reach the limit gently."""
@@ -101,6 +102,15 @@ class _Search:
         cost[self._speeds > limits] = np.inf
         if self._problem.must_move[number]:
             cost[0] = np.inf
+
+
+def _view_windows(array: NDArray[Any], count: int) -> NDArray[Any]:
+    """Return all windows (..., windows, count) of a C-contiguous array along its last axis.
+
+    As `numpy.lib.stride_tricks.sliding_window_view`, whose checks take longer than the search of a layer.
+    """
+    shape = (*array.shape[:-1], array.shape[-1] - count + 1, count)
+    return np.ndarray(shape, array.dtype, array, strides=(*array.strides, array.strides[-1]))
 
 
 def find_fastest_profile(problem: SpeedProfileProblem) -> SpeedProfile | None:

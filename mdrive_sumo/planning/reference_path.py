@@ -6,6 +6,7 @@ densely, with its curvature and the heading of the car's body along it.
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -43,12 +44,27 @@ class ReferencePath:
     """(M, 2) box centres [m]."""
     yaw: Float
     """Direction of the path [rad], unwrapped."""
-    body_yaw: Float
-    """Heading of the car's body [rad]: the rear axle follows, so it turns later than the path of the centre."""
     curvature: Float
     """[1/m], left positive."""
     goal_s: float
     """Arc length of the route's end [m]."""
+    rear_to_centre: float
+    """Distance of the box centre before the rear axle [m]."""
+    start_yaw: float | None = None
+    """Heading of the body at the first point [rad]; None: that of the path."""
+
+    @cached_property
+    def body_yaw(self) -> Float:
+        """Heading (M,) of the car's body [rad]: the rear axle follows, so it turns later than the path of the centre.
+
+        Computed when it is first read: most candidates for a detour are rejected before.
+        """
+        return _compute_body_yaw(self.yaw, self.rear_to_centre, self.start_yaw)
+
+    @cached_property
+    def _columns(self) -> tuple[Float, Float, Float]:
+        """Numbers, x and y (M,) of the points, contiguous: interpolation would copy them in every call."""
+        return np.arange(len(self.xy), dtype=np.float64), self.xy[:, 0].copy(), self.xy[:, 1].copy()
 
     @property
     def length(self) -> float:
@@ -57,16 +73,18 @@ class ReferencePath:
 
     def get_points(self, s: Float) -> Float:
         """Return the points (K, 2) at arc lengths s (K,); beyond the end the last point."""
-        index = s / SPACING_M
-        grid = np.arange(len(self.xy))
-        return np.column_stack((np.interp(index, grid, self.xy[:, 0]), np.interp(index, grid, self.xy[:, 1])))
+        index, (grid, x, y) = s / SPACING_M, self._columns
+        points = np.empty((len(index), 2))
+        points[:, 0], points[:, 1] = np.interp(index, grid, x), np.interp(index, grid, y)
+        return points
 
     def project(self, x: float, y: float, near_s: float, within_m: float = 10.0) -> float:
         """Return the arc length [m] of the point nearest to (x, y), within `within_m` of `near_s` along the path."""
         low = max(int((near_s - within_m) / SPACING_M), 0)
         high = min(int((near_s + within_m) / SPACING_M) + 2, len(self.xy))
         low = min(low, high - 1)
-        dx, dy = x - self.xy[low:high, 0], y - self.xy[low:high, 1]
+        _, path_x, path_y = self._columns
+        dx, dy = x - path_x[low:high], y - path_y[low:high]
         i = low + int((dx * dx + dy * dy).argmin())
         cos, sin = portable.cos_sin(self.yaw[i])
         along = cos * (x - self.xy[i, 0]) + sin * (y - self.xy[i, 1])
@@ -99,7 +117,7 @@ def build_path_through_points(
 ) -> ReferencePath:
     """Return the path through smooth points xy (M, 2) [m] that are `SPACING_M` apart."""
     yaw = np.unwrap(portable.atan2(np.gradient(xy[:, 1]), np.gradient(xy[:, 0])))
-    return ReferencePath(xy, yaw, _compute_body_yaw(yaw, rear_to_centre, start_yaw), _compute_curvature(yaw), goal_s)
+    return ReferencePath(xy, yaw, _compute_curvature(yaw), goal_s, rear_to_centre, start_yaw)
 
 
 def _blend_into_heading(route: Polyline, start_yaw: float, join_m: float) -> Polyline:

@@ -3,18 +3,21 @@
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, Objects, Observation, Privileged
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import Kind
+from mdrive_sumo.planning.evasive_profile import build_evasion_problem, find_evasive_profile, find_latest_contact
 from mdrive_sumo.planning.fleet_paths import FleetPaths, predict_stations
 from mdrive_sumo.planning.motion_trends import AccelerationEstimator
 from mdrive_sumo.planning.moving_traffic import TRAFFIC
 from mdrive_sumo.planning.parameters import MARGINS, STOP_LINE, SafetyMargin
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 from mdrive_sumo.planning.road_direction import RoadDirection
+from mdrive_sumo.planning.speed_profile import SpeedProfile
 from mdrive_sumo.planning.stop_lines import StopLines
 from mdrive_sumo.planning.traffic_prediction import TrafficView
 
@@ -65,6 +68,21 @@ class RoadConflicts:
         met = view.find_met(cells, now.known.objects, times, margin) | (stations > now.red_s)
         return met | np.diagonal(self._find_blocked_by_cavs(now, view, fleet, cells, times, margin))
 
+    def find_way_out(
+        self, now: RoadSituation, fleet: FleetPaths, speeds: Float, present: SpeedProfile | None, age_s: float
+    ) -> SpeedProfile:
+        """Return a profile for a car that has no other, see `evasive_profile`.
+
+        speeds: (M,) [m/s] highest at the points of the own path; age_s: [s] of the present profile.
+        """
+        start, path = (now.s, now.speed), fleet.path_by_ego[self.briefing.ego_id]
+        problem = build_evasion_problem(path, speeds, start, self.top_speed)
+        found = find_evasive_profile(problem, partial(self.find_blocked, now, fleet, problem.cells, problem.times))
+        if found is not None:
+            return found
+        find_met = partial(self.find_met, now, fleet, margin=MARGINS.contact)
+        return find_latest_contact(speeds, start, find_met, None if present is None else (present, age_s))
+
     def _build_view(self, now: RoadSituation, path: ReferencePath) -> TrafficView:
         vehicle = self.briefing.vehicle
         size, cavs = (vehicle.length, vehicle.width), self._list_other_cavs(now.known)
@@ -88,7 +106,9 @@ class RoadConflicts:
         for other, state, plan in zip(known.ego_ids, known.states, known.plans, strict=True):
             if other == own or other not in now.respected or (lead := view.find_lead(state)) < 0:
                 continue
-            for gap_s in TRAFFIC.cav_gaps_s if plans_gap and lead > 0 else (0.0,):
+            half_s = float(times[1] - times[0]) / 2 if len(times) > 1 else 0.0
+            after_s = TRAFFIC.cav_gaps_s if plans_gap and lead > 0 else (0.0,) if lead else (-half_s, 0.0, half_s)
+            for gap_s in after_s:  # crossing CAVs are compared between the samples too
                 since = np.maximum(times - gap_s, 0.0)
                 stations = predict_stations(fleet.path_by_ego[other], state, plan, since, self.briefing.tick_s)
                 blocked |= fleet.find_blocked_cells(own, cells, other, stations, margin)

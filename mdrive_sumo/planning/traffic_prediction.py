@@ -70,7 +70,7 @@ class TrafficView:
         driven[:] = np.gradient(cells * SPACING_M) if len(cells) > 1 else 0.0
         near = _limit_to_standing(margin)
         still = boxes_overlap(self._inflate_footprints(cells, near, driven)[:, None], _corners(objects, standing))
-        boxes, reached = self._predict(objects, standing, times, keeps_gap=False)
+        boxes, reached = self._predict(objects, standing, times, keeps_gap=False, is_review=True)
         moving = boxes_overlap(self._inflate_footprints(cells, margin, driven)[:, None], boxes) & reached
         return np.asarray(still.any(axis=1) | moving.any(axis=1))
 
@@ -91,7 +91,9 @@ class TrafficView:
             self.path, length + 2 * margin.longitudinal + longer, width + 2 * margin.lateral, cells
         )
 
-    def _predict(self, objects: Objects, standing: Bool, times: Float, keeps_gap: bool) -> tuple[Float, Bool]:
+    def _predict(
+        self, objects: Objects, standing: Bool, times: Float, keeps_gap: bool, is_review: bool = False
+    ) -> tuple[Float, Bool]:
         """Return `MovingTraffic.predict_boxes` of all moving road users but the followers in the own lane."""
         others = objects.take(standing & (objects.kind == Kind.VEHICLE)).concat(self.cavs)
         moving = objects.take(~standing)
@@ -105,6 +107,7 @@ class TrafficView:
             own_speed=self.speed,
             top_speed=self.top_speed,
             headway_s=TRAFFIC.headway_s if keeps_gap else 0.0,
+            is_review=is_review,
         )
         step_s = float(times[1] - times[0]) if len(times) > 1 else 0.0
         within = times <= float(traffic.horizons_s.max(initial=0.0))

@@ -7,7 +7,7 @@ Nothing is sampled. Pedestrians, cyclists and low props (cones, crates) hide not
 the eye (after a collision, or by its mounting) hides nothing, and a box around the eye is fully visible.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 
 import numpy as np
@@ -37,6 +37,8 @@ class SightView:
     range_m: float
     number: int | None = None
     """Of the eye among those announced: it is computed together with them. There is one map."""
+    _free_m_by_sectors: dict[int, Float] = field(default_factory=dict[int, Float], compare=False, repr=False)
+    """A pure cache: detections and false positives need the same free sight."""
 
     @cached_property
     def _batch_and_row(self) -> tuple[SightBatch, int]:
@@ -66,6 +68,11 @@ class SightView:
 
         Each value belongs to the ray at the beginning of its equal sector, counter-clockwise from the eye's yaw.
         """
+        if sectors not in self._free_m_by_sectors:
+            self._free_m_by_sectors[sectors] = self._measure_free_sight(sectors)
+        return self._free_m_by_sectors[sectors].copy()
+
+    def _measure_free_sight(self, sectors: int) -> Float:
         batch, row = self._batch_and_row
         edges, step = batch.select_edges(row), TAU / sectors
         turned = ((edges.right - self.eye.yaw) % TAU) / step

@@ -75,7 +75,9 @@ def round_and_clamp(value: float, bits: int) -> int:
 
 def _rotate(xy: Float, yaw: float) -> Float:
     cos, sin = portable.cos_sin(yaw)
-    return np.column_stack((xy[:, 0] * cos - xy[:, 1] * sin, xy[:, 0] * sin + xy[:, 1] * cos))
+    x, y, turned = xy[:, 0], xy[:, 1], np.empty((len(xy), 2))
+    turned[:, 0], turned[:, 1] = x * cos - y * sin, x * sin + y * cos
+    return turned
 
 
 def to_local(pose: ReferencePose, xy: Float) -> npt.NDArray[np.int16]:

@@ -1,4 +1,7 @@
-"""Turn through the gap of a queue that blocks a junction, across a lane beside the queue that still moves."""
+"""Drive through the gap of a queue that blocks a junction, across a lane beside the queue that still moves.
+
+CAV 0 turns left out of a side street of a corridor, or goes straight on in a one-way street, where it is faster.
+"""
 
 from dataclasses import dataclass
 
@@ -21,17 +24,15 @@ from mdrive_sumo.generate.hard.family_parts import (
     read_values,
 )
 from mdrive_sumo.generate.hard.family_streets import CORRIDORS
-from mdrive_sumo.generate.hard.family_traffic import build_standing_queue, build_traffic
+from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_standing_queue, build_traffic
 from mdrive_sumo.roads import RoadMap, find_lane_path
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor, StartMotion, TimeTrigger
 
 CORRIDOR = CORRIDORS[0]
-MEAN_SPEED = 8.5
-"""[m/s] Of a CAV that slows down for the turn."""
-HALF_PATH_M = 2.6
-"""[m] From the place where centres come together to the side of CAV 0."""
+AHEAD_GAP_M = 3.0
+"""[m] From the side of CAV 0 to the vehicles that stand beyond it."""
 GREEN_S = 28.0
 """[s] The light ahead of the queue turns green for it."""
 SET_OFF_S = 3.0
@@ -46,81 +47,142 @@ BLOCKING_SPEED = 9.0
 
 @dataclass(frozen=True, slots=True)
 class QueueSite:
-    """A side street without a light between a queue's light and its end."""
+    """A side street without a light, in front of which a queue has left a gap."""
 
-    direction: str
-    entry: str
-    """Lane of CAV 0."""
-    exit: str
-    ahead: int
-    """Segment of the queue between the side street and the light."""
+    network: str
+    own: tuple[str, str]
+    """First and last lane of CAV 0."""
+    hidden: tuple[str, str]
+    """Those of the lane that moves."""
+    queue: tuple[str, str]
+    """Those of the queue's lane, which CAV 0 crosses first."""
+    mean_speed: float
+    """[m/s] Of CAV 0 until the conflict."""
+    half_path_m: float
+    """[m] From the place where centres come together to the side of CAV 0."""
+    streams: tuple[TrafficStream, ...]
+    ahead: tuple[str, ...] = ()
+    """Edges from the side street to the light for which the queue waits, and on; () if the queue goes on unseen."""
+    behind: str = ""
+    """Edge of the end of the queue."""
+
+
+def _build_corridor_site(direction: str, own: tuple[str, str], ahead: int) -> QueueSite:
+    ends = (0, CORRIDOR.junctions) if direction == "east" else (CORRIDOR.junctions, 0)
+    right, left = CORRIDOR.lanes[0], CORRIDOR.lanes[-1]
+    segments = range(ahead, ends[1] + 1) if direction == "east" else range(ahead, -1, -1)
+    return QueueSite(
+        CORRIDOR.network,
+        own,
+        (f"{direction}_{ends[0]}_{left}", f"{direction}_{ends[1]}_{left}"),
+        (f"{direction}_{ends[0]}_{right}", f"{direction}_{ends[1]}_{right}"),
+        8.5,
+        2.6,
+        CORRIDOR.all_streams,
+        tuple(f"{direction}_{k}" for k in segments),
+        f"{direction}_{ahead - 1 if direction == 'east' else ahead + 1}",
+    )
+
+
+def _build_straight_site(direction: str, near: int) -> QueueSite:
+    """Return a crossing with the lanes of a direction, of which CAV 0 crosses lane `near` first."""
+    ends = ("east_0", "east_1") if direction == "east" else ("west_1", "west_0")
+    far = 3 - near
+    other = ("west_1", "west_0") if direction == "east" else ("east_0", "east_1")
+    return QueueSite(
+        "hard_queue_crossing",
+        ("south_1_in_0", "north_1_out_0"),
+        (f"{ends[0]}_{far}", f"{ends[1]}_{far}"),
+        (f"{ends[0]}_{near}", f"{ends[1]}_{near}"),
+        13.0,
+        1.2,
+        (TrafficStream(other, (1, 2), 0.5), TrafficStream(ends, (far,), 0.3)),
+    )
 
 
 SITES = (
-    QueueSite("east", "south_2_in_1", "west_0_3", 2),
-    QueueSite("west", "north_4_in_1", "east_5_3", 3),
+    _build_corridor_site("east", ("south_2_in_1", "west_0_3"), 2),
+    _build_straight_site("east", 1),
+    _build_corridor_site("west", ("north_4_in_1", "east_5_3"), 3),
+    _build_straight_site("west", 2),
 )
 
 
 def build_blocked_junction(candidate: FamilyCandidate) -> Scenario:
-    """Return the scenario of a candidate: CAV 0 turns left through the gap, CAV 1 follows the hidden vehicle."""
-    values, roads = read_values(FAMILY, candidate), load_network(CORRIDOR.network)
+    """Return the scenario of a candidate: CAV 0 drives through the gap, CAV 1 follows the hidden vehicle."""
+    values = read_values(FAMILY, candidate)
     site = SITES[min(int(values["site"]), len(SITES) - 1)]
-    hidden = CORRIDOR.find_chain(roads, site.direction, CORRIDOR.lanes[-1])
-    encounter = Encounter(find_lane_path(roads, site.entry, site.exit), hidden, hidden, MEAN_SPEED)
+    roads = load_network(site.network)
+    own, hidden, queue = (find_lane_path(roads, *ends) for ends in (site.own, site.hidden, site.queue))
+    encounter = Encounter(own, hidden, hidden, site.mean_speed)
     placed = place_encounter(roads, encounter, values)
     more = round(values["cavs"]) - len(placed.egos)
     followers = build_followers(roads, encounter, placed, more, (values["own_speed"], 11.0))
-    queue = CORRIDOR.find_chain(roads, site.direction, CORRIDOR.lanes[0])
-    blocking = _build_blocking(roads, encounter, queue, (round(values["blocking"]), values["gap_m"]))
-    egos, actors = (*placed.egos, *followers), (*placed.actors, *blocking)
+    at_m, half_m = find_conflict(roads, own, queue)[1], site.half_path_m
+    blocking = _build_blocking(roads, queue, at_m - half_m - values["gap_m"], round(values["blocking"]))
+    beyond = () if site.ahead else _build_beyond(roads, queue, at_m + half_m + AHEAD_GAP_M)
+    egos, actors = (*placed.egos, *followers), (*placed.actors, *blocking, *beyond)
     standing = _build_standing(roads, site)
-    vehicles = build_traffic(roads, CORRIDOR.all_streams, round(values["vehicles"]), candidate.seed, (*egos, *actors))
-    free = tuple(one for one in vehicles if not _is_in_queue(one, standing, site))
+    vehicles = build_traffic(roads, site.streams, round(values["vehicles"]), candidate.seed, (*egos, *actors))
+    free = tuple(one for one in vehicles if not _is_in_queue(one, site))
     rsus = (build_mast(roads, encounter),) if values["mast"] >= 0.5 else ()
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic((*standing, *free), actors, rsus, signals=True))
+    traffic = FamilyTraffic((*standing, *free), actors, rsus, signals=bool(site.ahead))
+    return build_scenario(FAMILY, candidate, roads, egos, traffic)
 
 
 def _build_standing(roads: RoadMap, site: QueueSite) -> tuple[BackgroundVehicle, ...]:
     """Return the reactive vehicles that wait for the light ahead."""
-    last = CORRIDOR.junctions + 1
-    segments = range(site.ahead, last) if site.direction == "east" else range(site.ahead, -1, -1)
-    edges = tuple(f"{site.direction}_{k}" for k in segments)
-    lane = f"{edges[0]}_{CORRIDOR.lanes[0]}"
-    return build_standing_queue(roads, lane, edges, QUEUE, 1.0, "queue")
+    if not site.ahead:
+        return ()
+    lane = f"{site.ahead[0]}_{CORRIDOR.lanes[0]}"
+    return build_standing_queue(roads, lane, site.ahead, QUEUE, 1.0, "queue")
 
 
-def _is_in_queue(one: BackgroundVehicle, standing: tuple[BackgroundVehicle, ...], site: QueueSite) -> bool:
+def _is_in_queue(one: BackgroundVehicle, site: QueueSite) -> bool:
     """Return whether a vehicle would start on the lanes of the queue or beside its end."""
-    behind = site.ahead - 1 if site.direction == "east" else site.ahead + 1
-    return one.depart_s == 0.0 and one.edges[0] in (standing[0].edges[0], f"{site.direction}_{behind}")
+    return bool(site.ahead) and one.depart_s == 0.0 and one.edges[0] in (site.ahead[0], site.behind)
 
 
-def _build_blocking(roads: RoadMap, encounter: Encounter, queue: Lanes, row: tuple[int, float]) -> list[Actor]:
-    """Return buses and trucks in the queue before the gap; `row`: their number, and the first one's gap [m].
+def _build_waiting(roads: RoadMap, name: str, model: str, place: tuple[Lanes, float], at_s: float) -> Actor:
+    """Return a vehicle that stands in the queue, its middle at a station [m] of its chain, and drives on at `at_s`."""
+    actor = build_driving_actor(roads, name, model, (*place, BLOCKING_SPEED))
+    motion = actor.motion.model_copy(update={"start_speed": 0.0})
+    return actor.model_copy(update={"motion": motion, "trigger": TimeTrigger(at_s=at_s), "action": StartMotion()})
 
-    They drive on when the light has turned green.
-    """
-    front = find_conflict(roads, encounter.own, queue)[1] - HALF_PATH_M - row[1]
+
+def _build_beyond(roads: RoadMap, queue: Lanes, rear: float) -> list[Actor]:
+    """Return the vehicles of the queue beyond the gap, from a station [m] on; they drive on first."""
     made: list[Actor] = []
-    for i in range(row[0]):
+    for i, model in enumerate(reversed(QUEUE)):
+        length = BODY_SIZES[model][0]
+        at_s = GREEN_S + SET_OFF_S * (len(QUEUE) - 1 - i)
+        made.append(_build_waiting(roads, f"queue{i}", model, (queue, rear + length / 2), at_s))
+        rear += length + AHEAD_GAP_M
+    return made
+
+
+def _build_blocking(roads: RoadMap, queue: Lanes, front: float, count: int) -> list[Actor]:
+    """Return buses and trucks in the queue before the gap, the first with its front at a station [m].
+
+    They drive on when the light ahead has turned green.
+    """
+    made: list[Actor] = []
+    for i in range(count):
         model = ("bus", "truck", "van")[i % 3]
         length = BODY_SIZES[model][0]
-        actor = build_driving_actor(roads, f"blocking{i}", model, (queue, front - length / 2, BLOCKING_SPEED))
-        motion = actor.motion.model_copy(update={"start_speed": 0.0})
-        trigger = TimeTrigger(at_s=GREEN_S + SET_OFF_S * (len(QUEUE) + i))
-        made.append(actor.model_copy(update={"motion": motion, "trigger": trigger, "action": StartMotion()}))
+        at_s = GREEN_S + SET_OFF_S * (len(QUEUE) + i)
+        made.append(_build_waiting(roads, f"blocking{i}", model, (queue, front - length / 2), at_s))
         front -= length + BLOCKING_GAP_M
     return made
 
 
 FAMILY = ScenarioFamily(
     category="blocked-junction",
-    description="Turn through the gap of a queue that blocks a junction, across a lane that still moves.",
+    description="Drive through the gap of a queue that blocks a junction, across a lane that still moves.",
     parameters=(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "side street"),
-        *build_encounter_parameters((30.0, 85.0), (3.0, 11.0), (8.0, 13.8)),
-        FamilyParameter("gap_m", 1.0, 6.0, "m", "distance of the first blocking vehicle from the side of CAV 0"),
+        *build_encounter_parameters((40.0, 100.0), (7.0, 14.0), (10.0, 13.8)),
+        FamilyParameter("gap_m", 0.8, 4.0, "m", "distance of the first blocking vehicle from the side of CAV 0"),
         FamilyParameter("blocking", 1.0, 5.0, "", "number of blocking vehicles"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit hangs above the junction (from 0.5 on)"),
         FamilyParameter("cavs", 2.0, 8.0, "", "number of CAVs"),
