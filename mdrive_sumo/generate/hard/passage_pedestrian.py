@@ -86,7 +86,7 @@ def find_passages(roads: RoadMap, lanes: Lanes) -> list[float]:
 def _is_inside(roads: RoadMap, houses: shapely.Geometry, lanes: Lanes, station: float) -> bool:
     """Return whether the place right behind the fronts of barns lies in one."""
     pose = compute_pose(roads, lanes, station, -WALL_M - 0.2)
-    return bool(houses.contains(shapely.Point(pose.x, pose.y)))
+    return bool(shapely.contains(houses, shapely.Point(pose.x, pose.y)))
 
 
 def _find_wall_end(roads: RoadMap, houses: shapely.Geometry, lanes: Lanes, station: float) -> float:
