@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum, StrEnum, auto
 from functools import cache, lru_cache
-from itertools import chain
+from itertools import chain, compress
 from typing import Any, Self
 
 import numpy as np
@@ -111,7 +111,13 @@ class RoadUsers:
     def take(self, rows: npt.NDArray[np.intp] | npt.NDArray[np.bool_] | slice) -> Self:
         """Return the given rows only: indices (M,), a mask (N,) or a slice."""
         columns = [getattr(self, name)[rows] for name in ("kind", *MOTION_AND_SIZE)]
-        return type(self)(tuple(np.array(self.ids, dtype=object)[rows]), *columns, *self._get_rest())
+        if isinstance(rows, slice):
+            ids = self.ids[rows]
+        elif rows.dtype == np.bool_:
+            ids = tuple(compress(self.ids, rows.tolist()))
+        else:
+            ids = tuple(map(self.ids.__getitem__, rows.tolist()))
+        return type(self)(ids, *columns, *self._get_rest())
 
     def _get_rest(self) -> list[Any]:
         """Return the values of the fields that are not per row: `dataclasses.replace` is slow, and this runs often."""

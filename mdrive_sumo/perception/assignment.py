@@ -21,7 +21,10 @@ def assign(cost: Float, possible: Bool, starts: Int) -> tuple[Int, Int]:
     if not possible.any():
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     block = np.searchsorted(starts, np.arange(possible.shape[1]), side="right") - 1
-    in_row = np.add.reduceat(possible.astype(np.int64), starts, axis=1)[:, block]
+    if len(starts) == 1:
+        in_row = possible.sum(axis=1)[:, None]
+    else:
+        in_row = np.add.reduceat(possible.astype(np.int64), starts, axis=1)[:, block]
     clear = possible & (in_row == 1) & (possible.sum(axis=0) == 1)
     contested = possible & ~clear
     chosen, in_contest = clear, contested.any(axis=0)

@@ -171,7 +171,7 @@ class Correction:
 
     @classmethod
     def build(cls, rows: Int, new: Measurements, columns: Int) -> "tuple[Int, Correction]":
-        """Return tracks, each once, and the means of the measurements `columns` assigned to `rows` (K,)."""
+        """Return tracks, each once, and the means of the measurements `columns` assigned to `rows` (K,), ascending."""
         boxes = new.objects
         yaw, speed = boxes.yaw[columns], boxes.speed[columns]
         cos, sin = portable.cos_sin(yaw)
@@ -179,8 +179,10 @@ class Correction:
             boxes.x[columns], boxes.y[columns], speed * cos, speed * sin, yaw, new.position[columns],
             new.bias[columns], new.yaw[columns], new.speed[columns], boxes.length[columns], boxes.width[columns],
         )  # fmt: skip
+        if (rows[1:] != rows[:-1]).all():
+            return rows, found
         tracks, first, index = np.unique(rows, return_index=True, return_inverse=True)
-        return (rows, found) if len(tracks) == len(rows) else (tracks, found._average(first, index))
+        return tracks, found._average(first, index)
 
     def _average(self, first: Int, index: Int) -> "Correction":
         """Return the means weighted by accuracy; index (K,): row of the result, first: one row of each in this.

@@ -8,14 +8,10 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.planning.parameters import MARGINS, PLANNER, SafetyMargin
+from mdrive_sumo.planning.profile_search import find_fastest_profile
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 from mdrive_sumo.planning.speed_lattice import LatticeParameters, choose_lattice
-from mdrive_sumo.planning.speed_profile import (
-    SpeedProfile,
-    SpeedProfileProblem,
-    build_free_road_problem,
-    find_fastest_profile,
-)
+from mdrive_sumo.planning.speed_profile import SpeedProfile, SpeedProfileProblem, build_free_road_problem
 
 
 @dataclass(frozen=True, slots=True)

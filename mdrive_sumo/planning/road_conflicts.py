@@ -11,7 +11,7 @@ from mdrive_sumo.contract import Briefing, Objects, Observation, Privileged
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.evasive_profile import build_evasion_problem, find_evasive_profile, find_latest_contact
-from mdrive_sumo.planning.fleet_paths import FleetPaths, predict_stations
+from mdrive_sumo.planning.fleet_paths import FleetPaths, predict_stations_at
 from mdrive_sumo.planning.motion_trends import AccelerationEstimator
 from mdrive_sumo.planning.moving_traffic import TRAFFIC
 from mdrive_sumo.planning.parameters import MARGINS, STOP_LINE, SafetyMargin
@@ -108,9 +108,9 @@ class RoadConflicts:
                 continue
             half_s = float(times[1] - times[0]) / 2 if len(times) > 1 else 0.0
             after_s = TRAFFIC.cav_gaps_s if plans_gap and lead > 0 else (0.0,) if lead else (-half_s, 0.0, half_s)
-            for gap_s in after_s:  # crossing CAVs are compared between the samples too
-                since = np.maximum(times - gap_s, 0.0)
-                stations = predict_stations(fleet.path_by_ego[other], state, plan, since, self.briefing.tick_s)
+            since = [np.maximum(times - gap_s, 0.0) for gap_s in after_s]  # crossing CAVs: between the samples too
+            path = fleet.path_by_ego[other]
+            for stations in predict_stations_at(path, state, plan, since, self.briefing.tick_s):
                 blocked |= fleet.find_blocked_cells(own, cells, other, stations, margin)
         return blocked
 

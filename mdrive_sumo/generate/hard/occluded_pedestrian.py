@@ -1,4 +1,7 @@
-"""Pedestrians step out from between parked vehicles of a dense corridor; oncoming CAVs or masts see them wait."""
+"""Pedestrians step out from between parked vehicles of a dense corridor; oncoming CAVs or masts see them wait.
+
+Two thirds of the sites are farm yards at a fast road, out of which riders of e-scooters come.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -23,6 +26,7 @@ from mdrive_sumo.generate.hard.family_parts import (
 )
 from mdrive_sumo.generate.hard.family_streets import CORRIDORS, PAVEMENT_M, Corridor, FreePlace, build_kerbside
 from mdrive_sumo.generate.hard.family_traffic import build_traffic
+from mdrive_sumo.generate.hard.passage_pedestrian import STREETS, build_passage_scene
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
@@ -65,7 +69,7 @@ class _Street:
 
 
 def _find_street(values: Mapping[str, float]) -> _Street:
-    corridor_index, segment = SITES[min(int(values["site"]), len(SITES) - 1)]
+    corridor_index, segment = SITES[int(values["site"])]
     corridor = CORRIDORS[corridor_index]
     roads = load_network(corridor.network)
     own = corridor.find_chain(roads, "east", corridor.lanes[0])
@@ -100,6 +104,10 @@ def _find_door(roads: RoadMap, own: Lanes, wanted: float) -> float:
 def build_occluded_pedestrian(candidate: FamilyCandidate) -> Scenario:
     """Return the scenario of a candidate: CAV 0 passes the parked row, CAV 1 comes from ahead."""
     values = read_values(FAMILY, candidate)
+    if values["site"] >= len(SITES):
+        street_index = (int(values["site"]) - len(SITES)) % len(STREETS)
+        found = build_passage_scene(STREETS[street_index], values, candidate.seed)
+        return build_scenario(FAMILY, candidate, found.roads, found.egos, found.traffic)
     street = _find_street(values)
     roads, places = street.roads, street.places
     start = max(places[0] - values["own_m"], 3.0)
@@ -162,14 +170,15 @@ def _build_masts(street: _Street) -> tuple[RoadsideUnit, ...]:
 
 FAMILY = ScenarioFamily(
     category="occluded-pedestrian",
-    description="Pedestrians step out from between parked vehicles of a dense corridor.",
+    description="Pedestrians step out from between parked vehicles, or ride e-scooters out of a farm yard.",
     parameters=(
-        FamilyParameter("site", 0.0, float(len(SITES)), "", "corridor and segment"),
+        FamilyParameter("site", 0.0, 3.0 * len(SITES), "", "corridor and segment, or road with farm yards"),
         FamilyParameter("place", 0.0, 1.0, "", "place of the first pedestrian in the segment"),
         FamilyParameter("own_m", 32.0, 120.0, "m", "distance of CAV 0 from the first pedestrian"),
-        FamilyParameter("own_speed", 6.0, 13.8, "m/s", "start speed of CAV 0"),
+        FamilyParameter("own_speed", 8.0, 13.8, "m/s", "start speed of CAV 0; 1.5 times that on a fast road"),
         FamilyParameter("lead_m", 12.0, 100.0, "m", "distance of CAV 0 at which a pedestrian starts"),
         FamilyParameter("walking_speed", 1.2, 3.3, "m/s", "speed of the pedestrians"),
+        FamilyParameter("riding_speed", 5.5, 6.9, "m/s", "speed of e-scooters out of passages"),
         FamilyParameter(
             "door", 0.0, 1.0, "", "whether pedestrians come out of a house (from 0.5 on) or wait at the kerb"
         ),

@@ -8,7 +8,12 @@ import pytest
 
 from mdrive_sumo.contract import Objects, OwnState, Plan
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.planning.fleet_paths import FleetPaths, find_cells_blocked_by_objects, predict_stations
+from mdrive_sumo.planning.fleet_paths import (
+    FleetPaths,
+    find_cells_blocked_by_objects,
+    predict_stations,
+    predict_stations_at,
+)
 from mdrive_sumo.planning.parameters import MARGINS
 from mdrive_sumo.planning.planning_order import find_planning_order
 from mdrive_sumo.planning.reference_path import ReferencePath, build_path
@@ -46,6 +51,21 @@ def test_plans_are_read_from_now_on_and_extended() -> None:
     assert predict_stations(path, state, plan, times, 0.05) == pytest.approx([2.0, 4.0, 7.0, 13.0])
     moving = replace(state, x=3.0, speed=4.0)
     assert predict_stations(path, moving, None, times, 0.05) == pytest.approx(3.0 + 4.0 * times)
+
+
+def test_plans_on_long_paths_are_read_as_on_short_ones() -> None:
+    along = np.arange(0.0, 300.0)
+    path = build_path(np.column_stack((along, 20.0 * np.cos(along / 40.0))), REAR)
+    state = OwnState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    driven = np.concatenate((np.full(9, 4.0), np.arange(6.0, 180.0, 3.7), np.full(5, 180.0)))
+    plan = Plan(path.get_points(driven), 0.25)
+    times = [np.arange(1, 40) * 0.125, np.arange(1, 200) * 0.125]
+    expected = [predict_stations(path, state, plan, one, 0.05) for one in times]
+    assert [one.tolist() for one in predict_stations_at(path, state, plan, times, 0.05)] == [
+        one.tolist() for one in expected
+    ]
+    (extended,) = predict_stations_at(path, replace(state, speed=4.0), None, times[:1], 0.05)
+    assert np.diff(extended) == pytest.approx(0.5)
 
 
 def test_background_cars_block_where_they_will_be() -> None:

@@ -1,0 +1,162 @@
+"""Riders of e-scooters who come out of a passage between barns on a fast road; used by `occluded-pedestrian`.
+
+The barns stand close to the road, so a CAV sees into a passage only when it is near.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import shapely
+
+from mdrive_sumo.generate.hard.blind_crossing import STREAMS_BY_NETWORK
+from mdrive_sumo.generate.hard.family_parts import (
+    FamilyTraffic,
+    Lanes,
+    build_arrival_trigger,
+    build_cav,
+    build_crossing_actor,
+    build_platoon,
+    compute_chain_length,
+    compute_pose,
+    find_station,
+    load_network,
+)
+from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
+from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
+from mdrive_sumo.roads import RoadMap, find_lane_path
+from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit
+from mdrive_sumo.scenario.scripted_actor import Actor
+
+WALL_M = 3.65
+"""[m] From the centre of the lane just behind the fronts of barns that stand close to the road."""
+FREE_M = 2.0
+"""[m] Least width of a passage."""
+BESIDE_M = 0.5
+"""[m] Riders keep this far from the wall of a passage."""
+SCOOTER_M = (1.2, 0.6)
+"""Length and width [m] of an e-scooter with its rider."""
+DEEP_M = 22.0
+"""[m] From the centre of the lane to where they begin, in the passage."""
+JUNCTION_M = 14.0
+"""[m] No passage is closer to the middle of the network, where the side street is."""
+APPROACH_M, RIM_M = 45.0, 3.0
+"""[m] Least distances of a passage from the begin of the lanes, and of a goal from their end."""
+SPACING_M = 20.0
+"""[m] Least distance between two riders."""
+MEAN_SPEED = 16.0
+"""[m/s] Start speed of the oncoming CAVs."""
+SPEED_FACTOR = 1.5
+"""Start speed of CAV 0 as a multiple of that in corridors: the limit is 80 km/h, not 50 to 60 km/h."""
+
+
+@dataclass(frozen=True, slots=True)
+class PassageStreet:
+    """A straight road between barns."""
+
+    network: str
+    own: tuple[str, str]
+    """First and last lane of CAV 0, at the kerb."""
+    oncoming: tuple[str, str]
+    across_m: float
+    """[m] From the centre of the lane of CAV 0 to the verge on the other side."""
+    streams: tuple[TrafficStream, ...]
+
+
+EAST, WEST = ("east_0_0", "east_1_0"), ("west_1_0", "west_0_0")
+STREETS = tuple(
+    PassageStreet("hard_barn_crossing", own, oncoming, 6.2, STREAMS_BY_NETWORK["hard_barn_crossing"])
+    for own, oncoming in ((EAST, WEST), (WEST, EAST))
+)
+
+
+def find_passages(roads: RoadMap, lanes: Lanes) -> list[float]:
+    """Return the stations [m] at which riders come out of passages to the right of a chain of lanes."""
+    houses = shapely.union_all(roads.building_shapes)
+    found: list[float] = []
+    for station in range(int(APPROACH_M), int(compute_chain_length(roads, lanes) - APPROACH_M)):
+        here = compute_pose(roads, lanes, station, -WALL_M)
+        if abs(here.x) < JUNCTION_M:
+            continue
+        wall, *free = (_is_inside(roads, houses, lanes, station + ahead) for ahead in (0.0, 1.0, FREE_M + 1.0))
+        if wall and not any(free):
+            found.append(_find_wall_end(roads, houses, lanes, station) + BESIDE_M)
+    return found
+
+
+def _is_inside(roads: RoadMap, houses: shapely.Geometry, lanes: Lanes, station: float) -> bool:
+    """Return whether the place right behind the fronts of barns lies in one."""
+    pose = compute_pose(roads, lanes, station, -WALL_M - 0.2)
+    return bool(shapely.contains(houses, shapely.Point(pose.x, pose.y)))
+
+
+def _find_wall_end(roads: RoadMap, houses: shapely.Geometry, lanes: Lanes, station: float) -> float:
+    """Return the station [m] of the end of a house, to 0.1 m."""
+    return next(
+        station + k / 10 for k in range(11) if k == 10 or not _is_inside(roads, houses, lanes, station + k / 10)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class PassageScene:
+    """CAVs and what is around them."""
+
+    roads: RoadMap
+    egos: tuple[Ego, ...]
+    traffic: FamilyTraffic
+
+
+def build_passage_scene(street: PassageStreet, values: Mapping[str, float], seed: str) -> PassageScene:
+    """Return the scene of a candidate of `occluded-pedestrian`. Raises ProposalRejected."""
+    roads = load_network(street.network)
+    own, oncoming = (find_lane_path(roads, *ends) for ends in (street.own, street.oncoming))
+    places = _choose_places(find_passages(roads, own), values)
+    start = max(places[0] - values["own_m"], RIM_M)
+    goal = min(places[-1] + values["beyond_m"], compute_chain_length(roads, own) - RIM_M)
+    speed = SPEED_FACTOR * values["own_speed"]
+    cav = build_cav(roads, "0", own, start, goal, speed)
+    count = max(1, (round(values["cavs"]) - 1) // 2)
+    pose = compute_pose(roads, own, places[0])
+    beside = find_station(roads, oncoming, pose.x, pose.y)
+    front = max(beside - values["witness_m"] - (places[0] - start) * 0.7, RIM_M)
+    names = [str(2 * k + 1) for k in range(count)]
+    witnesses = build_platoon(roads, names, oncoming, (front, 26.0), (beside + 40.0, MEAN_SPEED))
+    names = [str(2 * k + 2) for k in range(round(values["cavs"]) - 1 - count)]
+    behind = build_platoon(roads, names, own, (start - 30.0, 30.0), (goal, speed))
+    egos = (cav, *witnesses, *behind)
+    walkers = tuple(
+        _build_rider(street, roads, own, (f"rider{k}", place, place - start), cav, values)
+        for k, place in enumerate(places)
+    )
+    vehicles = build_traffic(roads, street.streams, round(values["vehicles"]), seed, (*egos, *walkers))
+    poses = [compute_pose(roads, own, place, street.across_m) for place in places]
+    masts = tuple(RoadsideUnit(id=f"mast{k}", x=pose.x, y=pose.y) for k, pose in enumerate(poses))
+    return PassageScene(roads, egos, FamilyTraffic(vehicles, walkers, masts if values["mast"] >= 0.5 else ()))
+
+
+def _choose_places(passages: list[float], values: Mapping[str, float]) -> list[float]:
+    """Return the stations [m] of the riders, the first at the share `place` of the passages."""
+    if not passages:
+        raise ProposalRejected(PipelineStage.WAYS, "expected a passage between houses, found none")
+    chosen = [passages[min(int(values["place"] * len(passages)), len(passages) - 1)]]
+    for station in passages:
+        if station - chosen[-1] >= SPACING_M:
+            chosen.append(station)
+    return chosen[: round(values["pedestrians"])]
+
+
+def _build_rider(
+    street: PassageStreet,
+    roads: RoadMap,
+    own: Lanes,
+    place: tuple[str, float, float],
+    cav: Ego,
+    values: Mapping[str, float],
+) -> Actor:
+    """Return a rider; `place`: id, station [m] on the chain and on the route of CAV 0."""
+    name, station, along = place
+    begin, beyond = (compute_pose(roads, own, station, offset) for offset in (-DEEP_M, street.across_m))
+    trigger = build_arrival_trigger(cav, along - values["lead_m"])
+    points = ((begin.x, begin.y), (beyond.x, beyond.y))
+    actor = build_crossing_actor(name, "cyclist", points, values["riding_speed"], trigger)
+    length, width = SCOOTER_M
+    return actor.model_copy(update={"model": "e-scooter", "length": length, "width": width})
