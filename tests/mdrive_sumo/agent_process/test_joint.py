@@ -128,7 +128,7 @@ def test_a_camera_is_refused_with_one_sentence(tmp_path: Path) -> None:
     path = carla_agents.write(tmp_path, carla_agents.CAMERA)
     sensors = declare_agent(AgentSpec(f"carla:{path}")).sensors
     assert re.match(
-        r"sensor 'sensor\.camera\.rgb': expected .* found another name of a camera", find_unknown_sensor(sensors)
+        r"sensor 'sensor\.camera\.dvs': expected .* found another name of a camera", find_unknown_sensor(sensors)
     )
 
 
