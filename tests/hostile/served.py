@@ -101,7 +101,7 @@ DRIVERS: Mapping[str, Served] = {
     "privileged": Served(
         "asks for the privileged sensor", REJECTED, "sensor 'privileged': expected sensors that a car"
     ),
-    "camera": Served("asks for a camera", REJECTED, "sensor 'camera': expected a sensor that needs no"),
+    "camera": Served("asks for images of nine million pixels", REJECTED, "sensors: expected a price of at most 40 ms"),
     "gossip": _invalid(
         "sends 54 kB of noise in messages every tick", "act: expected answers of at most 16777216 bytes"
     ),

@@ -102,7 +102,7 @@ def drivers(date_s: float) -> Mapping[str, bytes]:
         "leaves-at-import": team(b"import os\nos._exit(7)\n" + driver()),
         "breaks-at-import": team(b"def :\n" + driver()),
         "privileged": team(driver(sensors='(SensorSpec("privileged"),)')),
-        "camera": team(driver(sensors='(SensorSpec("camera"),)')),
+        "camera": team(driver(sensors='(SensorSpec("camera", options={"width": 3000, "height": 3000}),)')),
         "gossip": team(driver(more=GOSSIP, throttle="0.0")),
         "archivist": team(driver(more=NOTES, throttle="0.0")),
         "printer": team(driver(act="pass\n        while True: os.write(1, b'x' * 65536)")),
