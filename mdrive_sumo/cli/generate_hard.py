@@ -19,7 +19,7 @@ from mdrive_sumo.generate.hard.adversarial_search import SearchJournal, SearchSe
 from mdrive_sumo.generate.hard.archive_file import build_archive_file, save_archive_file
 from mdrive_sumo.generate.hard.archive_picture import draw_archives
 from mdrive_sumo.generate.hard.behaviour_archive import FamilySearch, SearchSeed, check_search_library
-from mdrive_sumo.generate.hard.candidate_evaluation import KNOWN_SUITES, PROBED_AGENT, CandidateEvaluation
+from mdrive_sumo.generate.hard.candidate_evaluation import KNOWN_SUITES, PROBED_AGENTS, CandidateEvaluation
 from mdrive_sumo.generate.hard.hard_recipe import find_families
 from mdrive_sumo.generate.hard.hard_selection import (
     ChosenElite,
@@ -60,7 +60,7 @@ def hard_options(function: Callable[..., None]) -> Callable[..., None]:
             type=click.FloatRange(0, 100),
             default=MEAN_SCORE,
             show_default=True,
-            help=f"hard: mean score of {PROBED_AGENT} at which the chosen scenarios aim.",
+            help=f"hard: mean of the better score of {' and '.join(PROBED_AGENTS)} at which the choice aims.",
         ),
         click.option(
             "--search-folder",
@@ -158,11 +158,14 @@ def _format_rejections(evaluations: Sequence[CandidateEvaluation]) -> str:
 
 def _format_chosen(chosen: Sequence[ChosenElite], count: int, out: Path) -> str:
     evaluations = [one.evaluation for one in chosen]
-    mean = sum(one.measured.score for one in evaluations) / len(chosen)
+    mean, unaided = (
+        sum(getattr(one.measured, name) for one in evaluations) / len(chosen) for name in ("score", "unaided_score")
+    )
     return (
         f"{len(chosen)} of {count} scenarios: {out}; {len({one.family for one in evaluations})} categories,"
         f" {sum(map(is_certified, evaluations))} certificates of need, {sum(map(is_on_corridor, evaluations))} on"
-        f" corridors, {PROBED_AGENT} {mean:.1f} on average"
+        f" corridors; on average the better of {' and '.join(PROBED_AGENTS)} has {mean:.1f}, and without messages"
+        f" {unaided:.1f} are reached"
     )
 
 

@@ -12,10 +12,11 @@ from testing.toy_family import TOY, TOY_FAMILY
 
 
 def use_toy_family(patch: pytest.MonkeyPatch) -> None:
-    """Search the toy in this process; a car that stands stands in for the probed agent, because it is cheap."""
+    """Search the toy in this process; a car that stands stands in for all probed agents, because it is cheap."""
     run_in_process(patch)
     patch.setattr(families, "FAMILIES", {TOY: TOY_FAMILY})
-    patch.setattr(candidate_evaluation, "PROBED_AGENT", "stationary")
+    patch.setattr(candidate_evaluation, "UNAIDED_AGENTS", ("stationary",))
+    patch.setattr(candidate_evaluation, "PROBED_AGENTS", ("stationary",))
     patch.setattr(generate_hard, "KNOWN_SUITES", ("interdrive",))
     patch.setattr(hard_selection, "CHECK_SEEDS", 2)
 

@@ -79,6 +79,7 @@ def evaluate_by_formula(task: CandidateTask) -> CandidateEvaluation:
     figures = CandidateFigures(
         reference_ticks={"0": 40},
         score=90.0 - 10.0 * a + b / 10.0,
+        unaided_score=20.0,
         network="town_crossing",
         road_users=1 + round(b * 4),
         mean_speed=a * 2.0,

@@ -15,8 +15,10 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.hard.behaviour_archive import BATCH, FamilySearch, SearchSeed
 from mdrive_sumo.generate.hard.candidate_evaluation import (
     KNOWN_SUITES,
+    MOST_UNAIDED,
     PROBE_MODE,
-    PROBED_AGENT,
+    PROBED_AGENTS,
+    UNAIDED_AGENTS,
     CandidateEvaluation,
     CandidateTask,
     evaluate_candidate,
@@ -60,7 +62,8 @@ class SearchSettings:
             "split": self.seed.split,
             "secret": self.seed.derive("fingerprint") if self.seed.secret else "",
             "known": ",".join(self.known_suites),
-            "probe": f"{PROBED_AGENT} {PROBE_MODE}",
+            "probe": f"{' '.join(PROBED_AGENTS)} {PROBE_MODE}",
+            "unaided": f"{' '.join(UNAIDED_AGENTS)} {MOST_UNAIDED:g}",
         }
 
 

@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.generate.hard.behaviour_archive import DESCRIPTORS, FamilySearch, find_cell, list_behaviour
-from mdrive_sumo.generate.hard.candidate_evaluation import LEAST_GAP, PROBED_AGENT, CandidateEvaluation
+from mdrive_sumo.generate.hard.candidate_evaluation import LEAST_GAP, PROBED_AGENTS, CandidateEvaluation
 from mdrive_sumo.runs.evaluate import report_write_errors
 
 ARCHIVE_FILE = "archive.json"
@@ -61,8 +61,8 @@ class FamilyArchive(_FilePart):
 class HardArchiveFile(_FilePart):
     """`archive.json`."""
 
-    format: Literal["mdrive-sumo/hard-archive/1"] = "mdrive-sumo/hard-archive/1"
-    probed_agent: str = PROBED_AGENT
+    format: Literal["mdrive-sumo/hard-archive/2"] = "mdrive-sumo/hard-archive/2"
+    probed_agents: tuple[str, ...] = PROBED_AGENTS
     least_gap: float = LEAST_GAP
     descriptors: tuple[ArchiveDescriptor, ...]
     families: tuple[FamilyArchive, ...]

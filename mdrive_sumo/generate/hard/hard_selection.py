@@ -2,8 +2,9 @@
 
 One scenario after the other is chosen. Families take turns, so that every category has about as many. Until the
 shares are reached, a family with an elite on a dense corridor, and one whose certificate of need holds, comes first.
-Within a family the elite is chosen that brings the mean score of the probed agent to the mean that is aimed at: the
-objective of the search is the gap, but a suite of which every scenario is lost separates no two agents.
+Within a family the elite is chosen that brings the mean score of the best rules to the mean that is aimed at, and where
+agents without messages lose most: the objective of the search is the gap, but a suite of which every scenario is lost
+separates no two agents.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -50,7 +51,7 @@ class EliteSelection:
 
     left: Mapping[str, list[CandidateEvaluation]]
     mean_score: float
-    """Mean score of the probed agent that the suite aims at."""
+    """Mean score of the best rules that the suite aims at."""
     scenario_by_id: dict[str, Scenario]
     """Scenarios that were built already; grows."""
     chosen: list[ChosenElite] = field(default_factory=list[ChosenElite])
@@ -77,7 +78,7 @@ class EliteSelection:
         family = min((elite.family for elite in left), key=lambda name: (turns[name], list(self.left).index(name)))
         wanted = self._compute_wanted_score()
         here = (elite for elite in left if elite.family == family)
-        return min(here, key=lambda elite: (abs(elite.measured.score - wanted), elite.id))
+        return min(here, key=lambda elite: (_compute_distance(elite, wanted), elite.id))
 
     def _count(self, family: str) -> int:
         return sum(one.evaluation.family == family for one in self.chosen)
@@ -91,6 +92,11 @@ class EliteSelection:
         if elite.id not in self.scenario_by_id:
             self.scenario_by_id[elite.id] = build_hard_scenario(elite.recipe)
         return self.scenario_by_id[elite.id]
+
+
+def _compute_distance(elite: CandidateEvaluation, wanted: float) -> float:
+    """Return how far the scores of an elite are from those wanted: of the best rules, and 0 without messages."""
+    return abs(elite.measured.score - wanted) + elite.measured.unaided_score
 
 
 def select_elites(

@@ -203,6 +203,7 @@ def make_elites(count: int, family: str = TOY, **figures: Any) -> list[Candidate
                 **{
                     "reference_ticks": {find_cav(): 60},
                     "score": 80.0 * i / count,
+                    "unaided_score": 30.0,
                     "network": "hard_corridor_x" if i % 4 == 1 else "town_crossing",
                     "road_users": 2,
                     "mean_speed": 5.0,
@@ -227,6 +228,16 @@ def share(found: Sequence[CandidateEvaluation], count: int) -> tuple[float, floa
         sum(map(is_on_corridor, found)) / count,
         sum(one.measured.score for one in found) / count,
     )
+
+
+def test_of_equal_elites_the_one_is_chosen_that_is_lost_without_messages() -> None:
+    alike = {"score": 50.0, "network": "town_crossing", "is_certified": True}
+    easy, hopeless = (
+        make_elites(1, "easy", unaided_score=50.0, **alike),
+        make_elites(1, "lost", unaided_score=5.0, **alike),
+    )
+    (chosen,) = select_elites([*easy, *hopeless], 1, 50.0, {})
+    assert chosen.evaluation.id == "lost_0"
 
 
 def test_a_selection_has_its_shares_and_its_mean_score() -> None:
