@@ -20,6 +20,7 @@ from mdrive_sumo.roads import find_network_folder, load_road_map  # noqa: E402
 from mdrive_sumo.scenario.suite import load_suite  # noqa: E402
 from mdrive_sumo.scenario.weather import WEATHERS  # noqa: E402
 from mdrive_sumo.sensing.briefing_builder import build_briefing  # noqa: E402
+from mdrive_sumo.sensing.camera.camera_sensor import CameraSensor  # noqa: E402
 from mdrive_sumo.sensing.lidar_sensor import LidarSensor  # noqa: E402
 from mdrive_sumo.sensing.objects_sensor import ObjectsSensor  # noqa: E402
 from mdrive_sumo.sensing.raster_sensor import RasterSensor  # noqa: E402
@@ -71,6 +72,9 @@ def measure(network: str) -> None:
         elif spec.kind == "lidar":
             lidar = LidarSensor(spec, walls)
             found = cpu_ms(lambda lidar=lidar: lidar.sense(scene, centre).points.tobytes())  # pyright: ignore
+        elif spec.kind == "camera":
+            camera = CameraSensor(spec, plain)
+            found = cpu_ms(lambda camera=camera: camera.sense(scene, here).pixels.tobytes())  # pyright: ignore
         else:
             objects = ObjectsSensor(spec, walls)
             found = cpu_ms(lambda objects=objects: objects.sense(scene, centre))

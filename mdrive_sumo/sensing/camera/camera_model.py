@@ -7,10 +7,15 @@ from enum import StrEnum
 import numpy as np
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.geometry import Bool, Float
 
 NEAR_M, FAR_M = 0.1, 1000.0
 """[m] Depths between which a camera shows something. FAR_M is also the depth of the sky, as in CARLA."""
+VIEW_M = 400.0
+"""[m] What is farther away is left out."""
+LEAST_LEVEL, MOST_ROLL = 0.9, 0.2
+"""Horizontal part of the optical axis, and vertical part of the axis to the left, up to which things outside of the
+horizontal field of view are left out."""
 
 
 class ImageKind(StrEnum):
@@ -80,6 +85,20 @@ class CameraModel:
         turn = np.array(((cos, -sin, 0.0), (sin, cos, 0.0), (0.0, 0.0, 1.0)))
         at = np.array((self.mount.x, self.mount.y, self.mount.z))
         return CameraView(np.array((x, y, 0.0)) + turn @ at, turn @ self.mount.rotation)
+
+    def may_show(self, view: CameraView, centre: Float, radius: Float) -> Bool:
+        """Return which discs on the ground (K,), with centres (K, 2) and radii (K,) [m], may be in the picture."""
+        ahead, step = view.axes[:2, 0], centre - view.place[:2]
+        near = portable.hypot(step[:, 0], step[:, 1]) < VIEW_M + radius
+        level = float(portable.hypot(ahead[0], ahead[1]))
+        half = math.radians(self.fov_deg) / 2
+        cosine, sine = portable.cos_sin(half)
+        if level < LEAST_LEVEL or abs(view.axes[2, 1]) > MOST_ROLL:  # looks up or down, or lies on its side
+            return near
+        along = (step @ ahead) / level
+        aside = np.abs(step[:, 0] * ahead[1] - step[:, 1] * ahead[0]) / level
+        wide = radius + (1.0 - level) * portable.hypot(step[:, 0], step[:, 1])  # a pitch widens what the image covers
+        return near & (along * sine - aside * cosine > -wide) & (along > -wide)
 
     def project(self, view: CameraView, points: Float) -> Float:
         """Return column, row [pixels from the corner of the image] and depth [m] (..., 3) of world points (..., 3).

@@ -134,7 +134,12 @@ class CameraRenderer:
 
     def _draw_instances(self, picture: Picture) -> None:
         program = self._prepare_program(picture, instanced=True)
-        for mesh, places in picture.instances:
+        origin = picture.scene.origin
+        for mesh, all_places in picture.instances:
+            centre, radius = all_places["place"][:, :2] + origin[:2], all_places["size"][:, 0].astype(np.float64)
+            places = all_places[picture.model.may_show(picture.view, centre, radius)]
+            if not len(places):
+                continue
             rows = self._context.buffer(places.tobytes())
             self._build_array(program, self._load_mesh(mesh), rows).render(instances=len(places))
 

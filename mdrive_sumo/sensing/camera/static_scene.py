@@ -38,8 +38,6 @@ LINE_M, STOP_LINE_M = 0.15, 0.4
 KERB_M = 0.16
 CHUNK_M = 64.0
 """[m] Side of the squares by which triangles are drawn or left out."""
-VIEW_M = 400.0
-"""[m] Chunks farther away are left out."""
 POLE_M = 0.12
 SIGN_HEIGHT_M, SIGN_RADIUS_M = 2.3, 0.42
 HOUSING_M = (0.3, 0.36, 1.0)
@@ -66,17 +64,7 @@ class Chunks:
 
     def find_visible(self, model: CameraModel, view: CameraView, origin: Float) -> Bool:
         """Return which chunks (K,) may be in the picture."""
-        eye, ahead = view.place[:2] - origin[:2], view.axes[:2, 0]
-        level = max(float(portable.hypot(ahead[0], ahead[1])), 1e-6)
-        step = self.centre - eye
-        along = (step @ ahead) / level
-        aside = np.abs(step[:, 0] * ahead[1] - step[:, 1] * ahead[0]) / level
-        half = math.radians(model.fov_deg) / 2
-        wide = level < portable.cos(half) or model.fov_deg > 170  # looks down or nearly all around
-        cosine, sine = portable.cos_sin(half)
-        in_cone = (along * sine - aside * cosine > -self.radius) & (along > -self.radius)
-        near = portable.hypot(step[:, 0], step[:, 1]) < VIEW_M + self.radius
-        return near & (np.ones_like(near) if wide else in_cone)
+        return model.may_show(view, self.centre + origin[:2], self.radius)
 
 
 @dataclass(frozen=True, slots=True)

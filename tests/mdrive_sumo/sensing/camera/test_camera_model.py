@@ -35,6 +35,19 @@ def test_a_point_is_where_the_ray_through_its_pixel_goes(
     assert row == pytest.approx(model.height / 2 - focal * up, abs=1e-4)
 
 
+@given(MODELS, PLACES, PLACES, ANGLES, st.floats(0.5, 150.0), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_what_a_pixel_shows_is_never_left_out(
+    model: CameraModel, x: float, y: float, yaw: float, depth: float, across: float, down: float
+) -> None:
+    """Points of every pixel up to 12 m above the ground, each with a disc of 3 m around it."""
+    view = model.find_view(x, y, yaw)
+    aside = (model.width / 2 - across * model.width) / model.focal_px
+    up = (model.height / 2 - down * model.height) / model.focal_px
+    point = view.place + view.axes @ (depth, aside * depth, up * depth)
+    if 0.0 <= point[2] <= 12.0:
+        assert model.may_show(view, point[None, :2], np.array((3.0,)))[0]
+
+
 @given(MODELS, PLACES, PLACES, ANGLES, st.floats(0.2, 900.0), st.floats(-0.9, 0.9), st.floats(-0.9, 0.9))
 def test_clip_space_is_the_pinhole(
     model: CameraModel, x: float, y: float, yaw: float, depth: float, aside: float, up: float
