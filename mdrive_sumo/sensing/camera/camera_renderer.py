@@ -14,9 +14,9 @@ from mdrive_sumo.contract import SemanticClass, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.sensing.camera.camera_model import FAR_M, CameraModel, CameraView, ImageKind
-from mdrive_sumo.sensing.camera.instances import INSTANCE_FORMAT, Instances
+from mdrive_sumo.sensing.camera.instances import INSTANCE, INSTANCE_FORMAT, Instances
 from mdrive_sumo.sensing.camera.lighting import Lighting
-from mdrive_sumo.sensing.camera.meshes import VERTEX_FORMAT, Material, Mesh, build_mesh, build_quads
+from mdrive_sumo.sensing.camera.meshes import VERTEX, VERTEX_FORMAT, Material, Mesh, build_mesh, build_quads
 from mdrive_sumo.sensing.camera.shaders import SKY_FRAGMENT, SKY_VERTEX, write_fragment_shader, write_vertex_shader
 from mdrive_sumo.sensing.camera.static_scene import Chunks, StaticScene
 
@@ -28,6 +28,8 @@ LAYER_OFFSET = 4.0
 GROUND_M = 1200.0
 """[m] Half side of the terrain around the camera."""
 TERRAIN = (96, 118, 74)
+MOST_INSTANCES = 256
+"""Of one draw call."""
 _TEXTURES = {
     ImageKind.RGB: (3, "f1"),
     ImageKind.SEMANTIC: (1, "u1"),
@@ -62,7 +64,10 @@ class CameraRenderer:
         self._context.front_face = "cw"  # row 0 is the top: the image is drawn upside down
         self._programs: dict[tuple[ImageKind, bool], moderngl.Program] = {}
         self._targets: dict[tuple[ImageKind, int, int], moderngl.Framebuffer] = {}
-        self._meshes: dict[int, tuple[Mesh, moderngl.Buffer]] = {}
+        self._arrays: dict[tuple[int, int], tuple[Any, moderngl.VertexArray]] = {}
+        """By ids of program and mesh, with the mesh, so that its id stays its own."""
+        self._places = self._context.buffer(reserve=MOST_INSTANCES * INSTANCE.itemsize, dynamic=True)
+        self._terrain = self._context.buffer(reserve=6 * VERTEX.itemsize, dynamic=True)
         self._sky = self._context.program(vertex_shader=SKY_VERTEX.strip(), fragment_shader=SKY_FRAGMENT.strip())
         corners = np.array(((-1, -1), (3, -1), (-1, 3)), dtype=np.float32)
         self._sky_corners = self._context.simple_vertex_array(
@@ -108,7 +113,7 @@ class CameraRenderer:
         """Draw solids, then the ground from top to bottom: a pixel is shaded once."""
         scene, context = picture.scene, self._context
         program = self._prepare_program(picture, instanced=False)
-        vertices = self._build_array(program, self._load_mesh(scene.vertices))
+        vertices = self._load_array(program, scene.vertices)
         for first, count in _list_runs(scene.solids, picture):
             vertices.render(vertices=count, first=first)
         for depth, layer in enumerate(reversed(scene.ground)):
@@ -116,8 +121,8 @@ class CameraRenderer:
             for first, count in _list_runs(layer, picture):
                 vertices.render(vertices=count, first=first)
         context.polygon_offset = 0.0, LAYER_OFFSET * len(scene.ground)
-        terrain = context.buffer(_build_terrain(picture).tobytes())
-        self._build_array(program, terrain).render()
+        self._terrain.write(_build_terrain(picture).tobytes())
+        self._load_array(program, self._terrain).render()
         context.polygon_offset = 0.0, 0.0
 
     def _draw_sky(self, picture: Picture) -> None:
@@ -138,22 +143,21 @@ class CameraRenderer:
         for mesh, all_places in picture.instances:
             centre, radius = all_places["place"][:, :2] + origin[:2], all_places["size"][:, 0].astype(np.float64)
             places = all_places[picture.model.may_show(picture.view, centre, radius)]
-            if not len(places):
-                continue
-            rows = self._context.buffer(places.tobytes())
-            self._build_array(program, self._load_mesh(mesh), rows).render(instances=len(places))
+            for part in (places[i : i + MOST_INSTANCES] for i in range(0, len(places), MOST_INSTANCES)):
+                self._places.orphan()
+                self._places.write(part.tobytes())
+                self._load_array(program, mesh, self._places).render(instances=len(part))
 
-    def _build_array(self, program: Any, mesh: Any, rows: Any = None) -> Any:
-        content: list[tuple[Any, ...]] = [(mesh, VERTEX_FORMAT, *_VERTEX_NAMES)]
-        if rows is not None:
-            content.append((rows, INSTANCE_FORMAT, *_INSTANCE_NAMES))
-        return self._context.vertex_array(program, content, skip_errors=True)
-
-    def _load_mesh(self, mesh: Mesh) -> Any:
-        """Return the buffer of a mesh; the mesh is kept, so that its id stays its own."""
-        if id(mesh) not in self._meshes:
-            self._meshes[id(mesh)] = mesh, self._context.buffer(mesh.tobytes())
-        return self._meshes[id(mesh)][1]
+    def _load_array(self, program: Any, mesh: Any, rows: Any = None) -> Any:
+        """Return the vertex array of a mesh, or of a buffer with vertices; it is kept with its mesh."""
+        key = id(program), id(mesh)
+        if key not in self._arrays:
+            buffer = self._context.buffer(mesh.tobytes()) if isinstance(mesh, np.ndarray) else mesh
+            content: list[tuple[Any, ...]] = [(buffer, VERTEX_FORMAT, *_VERTEX_NAMES)]
+            if rows is not None:
+                content.append((rows, INSTANCE_FORMAT, *_INSTANCE_NAMES))
+            self._arrays[key] = mesh, self._context.vertex_array(program, content, skip_errors=True)
+        return self._arrays[key][1]
 
     def _prepare_program(self, picture: Picture, instanced: bool) -> Any:
         kind = picture.model.kind
