@@ -14,7 +14,6 @@ from mdrive_sumo.contract.semantic_classes import SemanticClass
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import Kind, RoadUsers
 from mdrive_sumo.sensing.camera.meshes import (
-    VERTEX,
     Colour,
     Corner,
     Material,
@@ -228,4 +227,3 @@ MODELS: Mapping[RoadUserModel, Mesh] = MappingProxyType(
     }
 )
 """The mesh of every model in its unit box; a normal (nx, ny, nz) in metres becomes n / size of the road user's box."""
-assert all(mesh.dtype == VERTEX for mesh in MODELS.values())
