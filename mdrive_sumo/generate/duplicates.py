@@ -4,7 +4,8 @@ distance = 0.3 map + 0.3 routes + 0.2 timing + 0.2 actors, each term in [0, 1]
 
 map: 0 on the same network, else 1. routes: share of (first lane, last lane) pairs of CAVs that only one scenario has
 (Jaccard distance of multisets). timing: mean difference of start positions over CAVs with the same route, 10 m or more
-counting 1; 1 without such CAVs. actors: Jaccard distance of the multisets of (kind, model).
+counting 1; 1 without such CAVs. actors: Jaccard distance of the multisets of (kind, model) of scripted road users and
+of the edges of reactive vehicles.
 """
 
 from collections import Counter
@@ -38,7 +39,8 @@ def _route_key(ego: Ego) -> tuple[str, str]:
 
 
 def _actor_types(scenario: Scenario) -> Iterable[Hashable]:
-    return [(actor.kind, actor.model) for actor in scenario.actors]
+    yield from ((actor.kind, actor.model) for actor in scenario.actors)
+    yield from (("reactive", vehicle.edges) for vehicle in scenario.background.vehicles)
 
 
 def _timing_distance(one: Scenario, other: Scenario) -> float:

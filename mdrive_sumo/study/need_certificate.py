@@ -175,19 +175,26 @@ def save_need(folder: Path, content: NeedCertificateFile) -> None:
 
 
 def certify_need(
-    scenario: Scenario, roads: RoadMap, reference: EpisodeRecord, limits: MotionLimits | None = None
+    scenario: Scenario,
+    roads: RoadMap,
+    reference: EpisodeRecord,
+    limits: MotionLimits | None = None,
+    *,
+    only_first: bool = False,
 ) -> NeedCertificate:
     """Return the certificate of a scenario.
 
     reference: the drive of `omniscient`, with the CAVs of the scenario in its first columns. limits: of the CAVs.
+    only_first: end with the first conflict that is blind; for a search that asks only whether the certificate holds.
     """
     common = (BuildingEdges(roads), StandingVehicles(reference, False), StandingVehicles(reference, True))
-    found = [
-        _ConflictAnalysis(scenario, roads, reference, *common, column, motion, zone).certify()
-        for column, ego in enumerate(scenario.egos)
-        for motion in (build_route_motion(ego, roads, limits or MotionLimits()),)
-        for zone in ZoneFinder(reference, column, motion).find_zones()
-    ]
+    found: list[NeedConflict] = []
+    for column, ego in enumerate(scenario.egos):
+        motion = build_route_motion(ego, roads, limits or MotionLimits())
+        for zone in ZoneFinder(reference, column, motion).find_zones():
+            found.append(_ConflictAnalysis(scenario, roads, reference, *common, column, motion, zone).certify())
+            if only_first and found[-1].is_blind:
+                return NeedCertificate(scenario=scenario.id, conflicts=tuple(found))
     return NeedCertificate(scenario=scenario.id, conflicts=tuple(found))
 
 

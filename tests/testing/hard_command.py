@@ -15,8 +15,10 @@ def use_toy_family(patch: pytest.MonkeyPatch) -> None:
     """Search the toy in this process; a car that stands stands in for all probed agents, because it is cheap."""
     run_in_process(patch)
     patch.setattr(families, "FAMILIES", {TOY: TOY_FAMILY})
-    patch.setattr(candidate_evaluation, "UNAIDED_AGENTS", ("stationary",))
-    patch.setattr(candidate_evaluation, "PROBED_AGENTS", ("stationary",))
+    cheap = (("stationary", candidate_evaluation.PROBE_OPTIONS),)
+    patch.setattr(candidate_evaluation, "BLIND_AGENT", "stationary")
+    patch.setattr(candidate_evaluation, "UNAIDED_DRIVES", cheap)
+    patch.setattr(candidate_evaluation, "PROBED_DRIVES", cheap)
     patch.setattr(generate_hard, "KNOWN_SUITES", ("interdrive",))
     patch.setattr(hard_selection, "CHECK_SEEDS", 2)
 

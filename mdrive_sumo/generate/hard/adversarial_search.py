@@ -1,12 +1,12 @@
-"""The adversarial search over families: rounds of one batch a family, evaluated in worker processes.
+"""The adversarial search over families: batch after batch of each family, evaluated in worker processes.
 
 A journal keeps every evaluated candidate (format, checksums and lock: `runs.journal`). A search that is started again
 proposes the same candidates in the same order and takes from the journal what was evaluated before. So an interrupted
 search continues, and so does one with a larger budget or with more families.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from pydantic import ValidationError
@@ -15,10 +15,11 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.hard.behaviour_archive import BATCH, FamilySearch, SearchSeed
 from mdrive_sumo.generate.hard.candidate_evaluation import (
     KNOWN_SUITES,
+    MOST_BLIND,
     MOST_UNAIDED,
     PROBE_MODE,
-    PROBED_AGENTS,
-    UNAIDED_AGENTS,
+    PROBED_DRIVES,
+    UNAIDED_DRIVES,
     CandidateEvaluation,
     CandidateTask,
     evaluate_candidate,
@@ -27,6 +28,8 @@ from mdrive_sumo.generate.hard.candidate_evaluation import (
 from mdrive_sumo.generate.hard.elite_check import EliteCheck
 from mdrive_sumo.generate.hard.family import ScenarioFamily
 from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR
+from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.runs.executor import Key
 from mdrive_sumo.runs.journal import Fingerprint, Journal
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.scenario import describe_first_error
@@ -62,9 +65,13 @@ class SearchSettings:
             "split": self.seed.split,
             "secret": self.seed.derive("fingerprint") if self.seed.secret else "",
             "known": ",".join(self.known_suites),
-            "probe": f"{' '.join(PROBED_AGENTS)} {PROBE_MODE}",
-            "unaided": f"{' '.join(UNAIDED_AGENTS)} {MOST_UNAIDED:g}",
+            "probe": f"{_describe_drives(PROBED_DRIVES)} {PROBE_MODE}",
+            "unaided": f"{_describe_drives(UNAIDED_DRIVES)} {MOST_BLIND:g} {MOST_UNAIDED:g}",
         }
+
+
+def _describe_drives(drives: Sequence[tuple[str, EpisodeOptions]]) -> str:
+    return " ".join(f"{agent}/{options.sensing}" for agent, options in drives)
 
 
 class SearchProgress(Protocol):
@@ -118,33 +125,88 @@ class SearchJournal:
             self.evaluations[evaluation.id] = evaluation
 
 
+@dataclass
+class _FamilyQueue:
+    """The current batch of a family: its tasks, and those that still have to be evaluated."""
+
+    search: FamilySearch
+    settings: SearchSettings
+    journal: SearchJournal
+    batches: int = 0
+    """Recorded batches."""
+    batch: Sequence[CandidateTask] = ()
+    waiting: list[CandidateTask] = field(default_factory=list[CandidateTask])
+    """Those that no worker process has yet."""
+
+    def advance(self) -> None:
+        """Record complete batches and propose the next one, until one is incomplete or none is left."""
+        while self.batches < self.settings.batches:
+            if not self.batch:
+                known = self.settings.known_suites
+                self.batch = [CandidateTask(self.search.family, one, known) for one in self.search.propose_batch()]
+                self.waiting = _find_missing(self.batch, self.journal)
+            names = [task.candidate.scenario_id for task in self.batch]
+            if not all(name in self.journal.evaluations for name in names):
+                return
+            self._record(names)
+            self.batches += 1
+
+    def end(self) -> None:
+        """Record what there is of the current batch."""
+        names = [task.candidate.scenario_id for task in self.batch]
+        self._record([name for name in names if name in self.journal.evaluations])
+
+    def _record(self, names: Sequence[str]) -> None:
+        self.search.record_batch([self.journal.evaluations[name] for name in names])
+        self.batch, self.waiting = (), []
+
+
 def run_search(
     settings: SearchSettings, journal: SearchJournal, progress: SearchProgress, *, only_kept: bool = False
 ) -> tuple[FamilySearch, ...]:
     """Search all families and return them with their archives. Raises InputError, KeyboardInterrupt.
 
+    A family waits for its own batch alone, so that no worker process idles while another family's batch ends.
     only_kept: evaluate nothing; a family ends with the first batch that the journal does not hold completely.
     """
-    searches = tuple(FamilySearch(family, settings.seed) for family in settings.families)
-    active = list(searches)
-    progress.begin(len(active) * settings.batches * BATCH, len(journal.evaluations))
-    with ProcessPool[CandidateTask, CandidateEvaluation](
-        evaluate_candidate, settings.workers, CANDIDATE_LIMIT_S
-    ) as pool:
-        for _ in range(settings.batches):
-            batches = [
-                [CandidateTask(search.family, one, settings.known_suites) for one in search.propose_batch()]
-                for search in active
-            ]
-            missing = [_find_missing(batch, journal) for batch in batches]
-            if not only_kept:
-                _evaluate(pool, _interleave(missing), journal, progress)
-            for search, batch in zip(active, batches, strict=True):
-                names = [task.candidate.scenario_id for task in batch]
-                search.record_batch([journal.evaluations[name] for name in names if name in journal.evaluations])
-            if only_kept:
-                active = [search for search, tasks in zip(active, missing, strict=True) if not tasks]
-    return searches
+    queues = [_FamilyQueue(FamilySearch(family, settings.seed), settings, journal) for family in settings.families]
+    progress.begin(len(queues) * settings.batches * BATCH, len(journal.evaluations))
+    for queue in queues:
+        queue.advance()
+    if not only_kept:
+        with ProcessPool[CandidateTask, CandidateEvaluation](
+            evaluate_candidate, settings.workers, CANDIDATE_LIMIT_S
+        ) as pool:
+            _evaluate(pool, queues, journal, progress)
+    for queue in queues:
+        queue.end()
+    return tuple(queue.search for queue in queues)
+
+
+def _evaluate(
+    pool: ProcessPool[CandidateTask, CandidateEvaluation],
+    queues: Sequence[_FamilyQueue],
+    journal: SearchJournal,
+    progress: SearchProgress,
+) -> None:
+    """Evaluate the batches of all families; the family that is furthest behind comes first."""
+    running: dict[Key, tuple[_FamilyQueue, CandidateTask]] = {}
+    while True:
+        while pool.free_slots and (ready := [queue for queue in queues if queue.waiting]):
+            queue = min(ready, key=lambda one: (one.batches + 1) * BATCH - len(one.waiting))
+            task = queue.waiting.pop(0)
+            key = task.candidate.scenario_id
+            running[key] = queue, task
+            pool.submit(key, task)
+        if not running:
+            return
+        for key, outcome in pool.collect_outcomes():
+            queue, task = running.pop(key)
+            failed = isinstance(outcome, WorkerFailure)
+            evaluation = make_failed_evaluation(task, outcome.reason) if failed else outcome
+            journal.add_evaluation(evaluation)
+            progress.evaluated(evaluation)
+            queue.advance()
 
 
 def _find_missing(batch: Sequence[CandidateTask], journal: SearchJournal) -> list[CandidateTask]:
@@ -157,21 +219,3 @@ def _find_missing(batch: Sequence[CandidateTask], journal: SearchJournal) -> lis
                 " its family or the search has changed since; --fresh starts anew"
             )
     return [task for task in batch if task.candidate.scenario_id not in journal.evaluations]
-
-
-def _interleave(batches: Sequence[Sequence[CandidateTask]]) -> Iterator[CandidateTask]:
-    """Yield the tasks of all families in turn, so that an interrupted search has about the same number of each."""
-    for rank in range(max((len(batch) for batch in batches), default=0)):
-        yield from (batch[rank] for batch in batches if rank < len(batch))
-
-
-def _evaluate(
-    pool: ProcessPool[CandidateTask, CandidateEvaluation],
-    tasks: Iterator[CandidateTask],
-    journal: SearchJournal,
-    progress: SearchProgress,
-) -> None:
-    for task, outcome in pool.run(tasks):
-        evaluation = make_failed_evaluation(task, outcome.reason) if isinstance(outcome, WorkerFailure) else outcome
-        journal.add_evaluation(evaluation)
-        progress.evaluated(evaluation)

@@ -42,7 +42,7 @@ class ArchiveElite(_FilePart):
     values: tuple[float, ...]
     """Of the family's parameters."""
     is_chosen: bool = False
-    """Whether it is in the suite."""
+    """Whether a scenario of the suite is in this cell."""
 
 
 class FamilyArchive(_FilePart):
@@ -89,6 +89,7 @@ def save_archive_file(content: HardArchiveFile, folder: Path) -> Path:
 
 
 def _describe_family(search: FamilySearch, chosen: Collection[str]) -> FamilyArchive:
+    cells = {find_cell(one.measured) for one in search.evaluations if one.id in chosen}
     rejected = Counter(str(one.stage) for one in search.evaluations if one.stage is not None)
     return FamilyArchive(
         family=search.family.category,
@@ -96,7 +97,7 @@ def _describe_family(search: FamilySearch, chosen: Collection[str]) -> FamilyArc
         cells=search.cells,
         evaluated=len(search.evaluations),
         rejected=dict(sorted(rejected.items())),
-        elites=tuple(_describe_elite(elite, elite.id in chosen) for elite in search.elites),
+        elites=tuple(_describe_elite(elite, find_cell(elite.measured) in cells) for elite in search.elites),
     )
 
 

@@ -21,6 +21,7 @@ from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation, CandidateFigures
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
 from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR
+from mdrive_sumo.generate.validation import FULL_SCORE
 
 if TYPE_CHECKING:
     from ribs.archives import GridArchive
@@ -90,6 +91,11 @@ def find_cell(figures: CandidateFigures) -> tuple[int, ...]:
     return tuple(one.find_cell(value) for one, value in zip(DESCRIPTORS, list_behaviour(figures), strict=True))
 
 
+def compute_objective(figures: CandidateFigures) -> float:
+    """Return what a cell maximises: the gap; a candidate whose certificate holds is worth more than any other."""
+    return figures.gap + FULL_SCORE * figures.is_certified
+
+
 @dataclass(frozen=True, slots=True)
 class SearchSeed:
     """What a search depends on besides its families."""
@@ -113,7 +119,11 @@ class FamilySearch:
         self.evaluations: list[CandidateEvaluation] = []
         """All recorded candidates, in the order in which they were proposed."""
         number = derive_seed(0, seed.derive(family.category, "emitter"))
-        self._archive, self._emitter = _open_archive(len(family.parameters), number)
+        self._archive = _open_archive(len(family.parameters), number)
+        self._parents = _open_archive(len(family.parameters), number)
+        """What later candidates are bred from: certified candidates alone as soon as there is one."""
+        self._has_certified = False
+        self._emitter = _open_emitter(self._parents, len(family.parameters), number)
         self._first = _draw_latin_hypercube(
             len(family.parameters), FIRST_CANDIDATES, random.Random(seed.derive(family.category, "first"))
         )
@@ -123,7 +133,7 @@ class FamilySearch:
         begin = len(self.evaluations)
         if begin + BATCH <= len(self._first):
             points = self._first[begin : begin + BATCH]
-        elif self._archive.empty:
+        elif self._parents.empty:
             draw = random.Random(self._seed.derive(self.family.category, "again", str(begin)))
             points = _draw_latin_hypercube(len(self.family.parameters), BATCH, draw)
         else:
@@ -135,12 +145,21 @@ class FamilySearch:
         for one in evaluations:
             self.evaluations.append(one)
             if one.figures is not None:
-                self._archive.add_single(
-                    self._to_unit(one.values),
-                    one.figures.gap,
-                    [d.to_measure(v) for d, v in zip(DESCRIPTORS, list_behaviour(one.figures), strict=True)],
-                    number=len(self.evaluations) - 1,
-                )
+                self._add(self._archive, one, one.figures)
+                self._add_parent(one, one.figures)
+
+    def _add_parent(self, one: CandidateEvaluation, figures: CandidateFigures) -> None:
+        if figures.is_certified and not self._has_certified:
+            self._parents.clear()
+            self._has_certified = True
+        if figures.is_certified == self._has_certified:
+            self._add(self._parents, one, figures)
+
+    def _add(self, archive: "GridArchive", one: CandidateEvaluation, figures: CandidateFigures) -> None:
+        measures = [d.to_measure(v) for d, v in zip(DESCRIPTORS, list_behaviour(figures), strict=True)]
+        archive.add_single(
+            self._to_unit(one.values), compute_objective(figures), measures, number=len(self.evaluations) - 1
+        )
 
     @property
     def elites(self) -> tuple[CandidateEvaluation, ...]:
@@ -179,18 +198,22 @@ def check_search_library() -> None:
         )
 
 
-def _open_archive(dimensions: int, seed: int) -> "tuple[GridArchive, IsoLineEmitter]":
+def _open_archive(dimensions: int, seed: int) -> "GridArchive":
     from ribs.archives import GridArchive  # only here: four seconds of processor time
-    from ribs.emitters import IsoLineEmitter
 
-    archive = GridArchive(
+    return GridArchive(
         solution_dim=dimensions,
         dims=[one.cells for one in DESCRIPTORS],
         ranges=[one.measure_range for one in DESCRIPTORS],
         extra_fields={"number": ((), np.int32)},
         seed=seed,
     )
-    emitter = IsoLineEmitter(
+
+
+def _open_emitter(archive: "GridArchive", dimensions: int, seed: int) -> "IsoLineEmitter":
+    from ribs.emitters import IsoLineEmitter
+
+    return IsoLineEmitter(
         archive,
         iso_sigma=ISO_SIGMA,
         line_sigma=LINE_SIGMA,
@@ -199,7 +222,6 @@ def _open_archive(dimensions: int, seed: int) -> "tuple[GridArchive, IsoLineEmit
         batch_size=BATCH,
         seed=seed,
     )
-    return archive, emitter
 
 
 def _draw_latin_hypercube(dimensions: int, count: int, rng: random.Random) -> list[tuple[float, ...]]:

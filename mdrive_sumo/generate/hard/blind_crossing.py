@@ -14,10 +14,8 @@ from mdrive_sumo.generate.hard.family_encounter import (
 from mdrive_sumo.generate.hard.family_parts import (
     BODY_SIZES,
     FamilyTraffic,
-    build_platoon,
     build_scenario,
     build_vehicle_actor,
-    compute_chain_length,
     compute_pose,
     find_conflict,
     load_network,
@@ -25,7 +23,7 @@ from mdrive_sumo.generate.hard.family_parts import (
 )
 from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
 from mdrive_sumo.roads import RoadMap, find_lane_path
-from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import Actor
 
 MOUTH_M = 4.4
@@ -34,12 +32,11 @@ MOUTH_M = 4.4
 
 @dataclass(frozen=True, slots=True)
 class CrossingSite:
-    """A junction: first and last lanes of CAV 0, of the hidden vehicle, and of the CAVs from the opposite side."""
+    """A junction: first and last lanes of CAV 0 and of the hidden vehicle."""
 
     network: str
     own: tuple[str, str]
     hidden: tuple[str, str]
-    opposite: tuple[str, str]
     mean_speed: float
     """[m/s] Of CAV 0 until the conflict."""
     corner_m: float
@@ -48,15 +45,15 @@ class CrossingSite:
 
 SITES = (
     CrossingSite("hard_blind_crossing", ("south_1_in_0", "north_1_out_0"), ("east_0_1", "east_1_1"),
-                 ("west_1_1", "west_0_1"), 13.0, 0.0),
+                 13.0, 0.0),
     CrossingSite("hard_blind_crossing", ("east_0_1", "east_1_1"), ("south_1_in_0", "north_1_out_0"),
-                 ("west_1_1", "west_0_1"), 13.0, 0.0),
+                 13.0, 0.0),
     CrossingSite("hard_barn_crossing", ("south_1_in_0", "north_1_out_0"), ("east_0_0", "east_1_0"),
-                 ("west_1_0", "west_0_0"), 13.0, 0.0),
+                 13.0, 0.0),
     CrossingSite("hard_barn_crossing", ("east_0_0", "east_1_0"), ("south_1_in_0", "north_1_out_0"),
-                 ("west_1_0", "west_0_0"), 15.0, 0.0),
+                 15.0, 0.0),
     CrossingSite("hard_corridor_narrow", ("north_3_in_1", "south_3_out_1"), ("east_0_2", "east_4_2"),
-                 ("south_3_in_1", "north_3_out_1"), 11.0, 2.8),
+                 11.0, 2.8),
 )  # fmt: skip
 STREAMS_BY_NETWORK = {
     "hard_blind_crossing": (
@@ -92,10 +89,8 @@ def build_blind_crossing(candidate: FamilyCandidate) -> Scenario:
     encounter = Encounter(find_lane_path(roads, *site.own), hidden, hidden, site.mean_speed)
     placed = place_encounter(roads, encounter, values)
     more = round(values["cavs"]) - len(placed.egos)
-    followers = build_followers(
-        roads, encounter, placed, more - more // 3, (values["own_speed"], values["hidden_speed"])
-    )
-    egos = (*placed.egos, *followers, *_build_opposite(roads, site, more // 3))
+    followers = build_followers(roads, encounter, placed, more, (values["own_speed"], values["hidden_speed"]))
+    egos = (*placed.egos, *followers)
     actors = (*placed.actors, *_build_corner_vans(roads, encounter, site, values))
     rsus = (build_mast(roads, encounter),) if values["mast"] >= 0.5 else ()
     keep_clear = (*egos, *actors)
@@ -121,12 +116,6 @@ def _build_corner_vans(
     return made
 
 
-def _build_opposite(roads: RoadMap, site: CrossingSite, count: int) -> list[Ego]:
-    lanes = find_lane_path(roads, *site.opposite)
-    length, names = compute_chain_length(roads, lanes), [f"opposite{i}" for i in range(count)]
-    return build_platoon(roads, names, lanes, (0.4 * length, 25.0), (0.9 * length, 10.0))
-
-
 FAMILY = ScenarioFamily(
     category="blind-crossing",
     description="Fast traffic crosses from behind buildings that stand at the corner.",
@@ -136,7 +125,7 @@ FAMILY = ScenarioFamily(
         FamilyParameter("vans", 0.0, 8.0, "", "number of vans parked at the corner, where there is a kerb for them"),
         FamilyParameter("corner_gap_m", 0.0, 8.0, "m", "distance of the first van from the mouth of the side road"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit hangs above the junction (from 0.5 on)"),
-        FamilyParameter("cavs", 2.0, 10.0, "", "number of CAVs"),
+        FamilyParameter("cavs", 2.0, 6.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 60.0, "", "number of reactive vehicles"),
     ),
     build=build_blind_crossing,

@@ -52,12 +52,13 @@ def check_elite(task: EliteTask) -> EliteCheck:
     need: NeedCertificate | None = None
     reason = ""
     try:
-        for seed in range(task.seeds):
-            episode = drive_with(REFERENCE_AGENT, scenario, roads, seed)
-            scores.append(score_reference(episode, scenario, roads, seed))
-            if scores[-1] < FULL_SCORE:
-                break
-            need = need or certify_need(scenario, roads, episode)
+        first = drive_with(REFERENCE_AGENT, scenario, roads, 0)
+        scores.append(score_reference(first, scenario, roads, 0))
+        while scores[-1] >= FULL_SCORE and len(scores) < task.seeds:
+            seed = len(scores)
+            scores.append(score_reference(drive_with(REFERENCE_AGENT, scenario, roads, seed), scenario, roads, seed))
+        if scores[-1] >= FULL_SCORE:  # last, because it takes longest
+            need = certify_need(scenario, roads, first)
     except WorldError as error:
         reason = str(error)
     return EliteCheck(id=scenario.id, seeds=task.seeds, scores=tuple(scores), need=need, reason=reason)

@@ -32,10 +32,13 @@ _ALL: tuple[ScenarioFamily, ...] = (
     motorway_merge.FAMILY,
     motorway_weave.FAMILY,
     platoon_crossing.FAMILY,
+    platoon_crossing.CORRIDOR_FAMILY,
     narrow_street.FAMILY,
     works_zone.FAMILY,
     emergency_vehicle.FAMILY,
+    emergency_vehicle.CORRIDOR_FAMILY,
     mixed_crossing.FAMILY,
+    mixed_crossing.CORRIDOR_FAMILY,
     hidden_stop.FAMILY,
 )
 

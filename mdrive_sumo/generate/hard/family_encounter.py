@@ -32,7 +32,7 @@ def build_encounter_parameters(
     return (
         FamilyParameter("own_m", *own_m, "m", "distance of CAV 0 from the conflict"),
         FamilyParameter("own_speed", *own_speed, "m/s", "start speed of CAV 0"),
-        FamilyParameter("gap_s", -4.0, 4.0, "s", "how much later than CAV 0 the hidden vehicle reaches the conflict"),
+        FamilyParameter("gap_s", -2.0, 2.0, "s", "how much later than CAV 0 the hidden vehicle reaches the conflict"),
         FamilyParameter("hidden_speed", *hidden_speed, "m/s", "speed of the hidden vehicle"),
         FamilyParameter("connected", 0.0, 1.0, "", "whether the hidden vehicle is a CAV (from 0.5 on)"),
         FamilyParameter("behind_m", 12.0, 30.0, "m", "distance of the witness behind the hidden vehicle"),
@@ -53,7 +53,7 @@ class Encounter:
 
 @dataclass(frozen=True, slots=True)
 class PlacedEncounter:
-    """CAV 0, the hidden vehicle (a CAV or an actor) and the witness, which is CAV 1."""
+    """CAV 0, the hidden vehicle (a CAV or an actor) and the witness, which is CAV 1; none where a mast sees."""
 
     egos: tuple[Ego, ...]
     actors: tuple[Actor, ...]
@@ -61,6 +61,7 @@ class PlacedEncounter:
     """Stations [m] of start and goal of CAV 0 on its chain."""
     witness_m: tuple[float, float]
     """Those of the witness."""
+    has_witness: bool = True
 
 
 def place_encounter(roads: RoadMap, encounter: Encounter, values: Mapping[str, float]) -> PlacedEncounter:
@@ -80,19 +81,26 @@ def place_encounter(roads: RoadMap, encounter: Encounter, values: Mapping[str, f
     ]
     own = build_cav(roads, "0", encounter.own, own_m, goals[0], values["own_speed"])
     witness = build_cav(roads, "1", encounter.witness, witness_m, goals[2], speed)
+    has_witness = values.get("mast", 0.0) < 0.5
+    drives, seen = ((own_m, goals[0]), (witness_m, goals[2]), has_witness), (witness,) if has_witness else ()
     if values["connected"] >= 0.5:
         hidden = build_cav(roads, "hidden", encounter.hidden, hidden_m, goals[1], speed)
-        return PlacedEncounter((own, hidden, witness), (), (own_m, goals[0]), (witness_m, goals[2]))
+        return PlacedEncounter((own, hidden, *seen), (), *drives)
     actor = build_driving_actor(roads, "hidden", "car", (encounter.hidden, hidden_m, speed))
-    return PlacedEncounter((own, witness), (actor,), (own_m, goals[0]), (witness_m, goals[2]))
+    return PlacedEncounter((own, *seen), (actor,), *drives)
 
 
 def build_followers(
     roads: RoadMap, encounter: Encounter, placed: PlacedEncounter, count: int, speeds: tuple[float, float]
 ) -> list[Ego]:
-    """Return up to `count` more CAVs, by turns behind CAV 0 and behind the witness; `speeds` [m/s] of each line."""
+    """Return up to `count` more CAVs, by turns behind CAV 0 and behind the witness; `speeds` [m/s] of each line.
+
+    Without a witness all are behind CAV 0: a CAV that is in no danger makes the situation easier for every agent.
+    """
     names, gap = [str(i + 2) for i in range(count)], 20.0
-    lines = ((encounter.own, placed.own_m, names[::2]), (encounter.witness, placed.witness_m, names[1::2]))
+    step = 2 if placed.has_witness else 1
+    behind = names[1::2] if placed.has_witness else []
+    lines = ((encounter.own, placed.own_m, names[::step]), (encounter.witness, placed.witness_m, behind))
     made: list[Ego] = []
     for (lanes, (front, goal), line), speed in zip(lines, speeds, strict=True):
         made += build_platoon(roads, line, lanes, (front - gap, gap), (goal, speed))

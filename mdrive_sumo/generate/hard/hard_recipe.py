@@ -19,7 +19,7 @@ from mdrive_sumo.scenario.scenario import Scenario, describe_first_error, load_s
 from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.suite import SCENARIO_FILE
 
-HARD_GENERATOR = 2
+HARD_GENERATOR = 3
 """Version of the families, incremented whenever the same recipe would make another scenario."""
 
 

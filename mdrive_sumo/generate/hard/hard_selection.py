@@ -1,10 +1,9 @@
-"""Choose the scenarios of a suite from the elites of all families, and check those that were chosen.
+"""Choose the scenarios of a suite from all candidates that passed the search, and check those that were chosen.
 
-One scenario after the other is chosen. Families take turns, so that every category has about as many. Until the
-shares are reached, a family with an elite on a dense corridor, and one whose certificate of need holds, comes first.
-Within a family the elite is chosen that brings the mean score of the best rules to the mean that is aimed at, and where
-agents without messages lose most: the objective of the search is the gap, but a suite of which every scenario is lost
-separates no two agents.
+One scenario after the other is chosen: first `OF_EACH_FAMILY` of each family that has any. Then, until the shares are
+reached, one on a dense corridor and one whose certificate of need holds come first. Among what is left the candidate is
+chosen that brings the mean score of the best rules to the mean that is aimed at, and where agents without messages lose
+most: the objective of the search is the gap, but a suite of which every scenario is lost separates no two agents.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -35,6 +34,10 @@ def is_certified(elite: CandidateEvaluation) -> bool:
 
 WANTED: Mapping[Callable[[CandidateEvaluation], bool], float] = {is_on_corridor: 1 / 3, is_certified: 2 / 3}
 """Least shares of a suite (issue K)."""
+OF_EACH_FAMILY = 2
+"""So many scenarios of each family come first, where it has them; then the best of all families."""
+UNAIDED_WEIGHT = 1.0
+"""What a point of the agents without messages counts against one between the best rules and the score aimed at."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,17 +71,21 @@ class EliteSelection:
         return False
 
     def _find_best(self) -> CandidateEvaluation | None:
-        left = [elite for elites in self.left.values() for elite in elites]
+        left = self._list_left()
         for is_wanted, share in WANTED.items():
             if sum(is_wanted(one.evaluation) for one in self.chosen) < share * (len(self.chosen) + 1):
                 left = [elite for elite in left if is_wanted(elite)] or left
         if not left:
             return None
-        turns = {family: self._count(family) for family in self.left}
-        family = min((elite.family for elite in left), key=lambda name: (turns[name], list(self.left).index(name)))
         wanted = self._compute_wanted_score()
-        here = (elite for elite in left if elite.family == family)
-        return min(here, key=lambda elite: (_compute_distance(elite, wanted), elite.id))
+        return min(left, key=lambda elite: (_compute_distance(elite, wanted), elite.id))
+
+    def _list_left(self) -> list[CandidateEvaluation]:
+        """Return what may be chosen next: from the families that still have too few, else from all."""
+        few = {family: elites for family, elites in self.left.items() if self._count(family) < OF_EACH_FAMILY}
+        return [one for elites in few.values() for one in elites] or [
+            one for elites in self.left.values() for one in elites
+        ]
 
     def _count(self, family: str) -> int:
         return sum(one.evaluation.family == family for one in self.chosen)
@@ -96,7 +103,7 @@ class EliteSelection:
 
 def _compute_distance(elite: CandidateEvaluation, wanted: float) -> float:
     """Return how far the scores of an elite are from those wanted: of the best rules, and 0 without messages."""
-    return abs(elite.measured.score - wanted) + elite.measured.unaided_score
+    return abs(elite.measured.score - wanted) + UNAIDED_WEIGHT * elite.measured.unaided_score
 
 
 def select_elites(

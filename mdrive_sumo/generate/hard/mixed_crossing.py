@@ -1,29 +1,23 @@
 """Family `mixed-crossing`: CAVs cross a priority road; its fast traffic is not connected, apart from single CAVs."""
 
-from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
-from mdrive_sumo.generate.hard.family_parts import (
-    FamilyTraffic,
-    build_scenario,
-    find_lane_start,
-    load_network,
-    read_values,
+from mdrive_sumo.generate.hard.crossing_roads import (
+    SITE_PARAMETER,
+    CrossingFlow,
+    CrossingPlatoon,
+    build_crossing_traffic,
+    find_site,
 )
-from mdrive_sumo.generate.hard.platoon_crossing import compute_lead
-from mdrive_sumo.generate.hard.road_traffic import CARS, MIXED, Platoon, TrafficFlow, build_flows, build_platoons
-from mdrive_sumo.roads import find_lane_path
-from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
+from mdrive_sumo.generate.hard.family import FamilyCandidate, FamilyParameter, ScenarioFamily
+from mdrive_sumo.generate.hard.family_parts import FamilyTraffic, build_scenario, load_network, read_values
+from mdrive_sumo.generate.hard.road_traffic import CARS, MIXED, build_platoons
+from mdrive_sumo.scenario.scenario import Scenario
 
-NETWORK = "hard_one_way_crossing"
-GOAL_M = 40.0
-"""[m] Distance of the goals behind the crossing."""
-RSU = RoadsideUnit(id="rsu", x=-4.6, y=-9.4)
-"""On the pavement of the south-west corner: it sees along both roads."""
 PARAMETERS = (
-    FamilyParameter("northward", 1.0, 4.0, "", "number of CAVs that cross northward, rounded"),
-    FamilyParameter("eastward", 1.0, 2.0, "", "number of CAVs in the eastward traffic, rounded"),
-    FamilyParameter("westward", 0.0, 2.0, "", "number of CAVs in the westward traffic, rounded"),
-    FamilyParameter("rsu", 0.0, 1.0, "", "whether there is a road-side unit, rounded"),
-    FamilyParameter("arrival", 4.0, 7.0, "s", "time after which the first northward CAV is due at the crossing"),
+    FamilyParameter("northward", 2.0, 4.0, "", "number of CAVs on the minor road, rounded"),
+    FamilyParameter("eastward", 0.0, 1.0, "", "number of CAVs in the eastward traffic, rounded"),
+    FamilyParameter("westward", 0.0, 1.0, "", "number of CAVs in the westward traffic, rounded"),
+    FamilyParameter("rsu", 0.0, 1.0, "", "whether there is a road-side unit (from 0.5 on, or without CAVs there)"),
+    FamilyParameter("arrival", 4.0, 7.0, "s", "time after which the first CAV on the minor road is due"),
     FamilyParameter("main_offset", -1.5, 3.0, "s", "how much later the CAVs on the priority road are due"),
     FamilyParameter("speed", 16.0, 19.4, "m/s", "start speed of the CAVs that cross"),
     FamilyParameter("main_speed", 16.0, 21.0, "m/s", "start speed of the CAVs on the priority road"),
@@ -33,33 +27,49 @@ PARAMETERS = (
 )
 
 
-def _build(candidate: FamilyCandidate) -> Scenario:
-    values, roads = read_values(FAMILY, candidate), load_network(NETWORK)
+def _build(family: ScenarioFamily, candidate: FamilyCandidate) -> Scenario:
+    values = read_values(family, candidate)
+    site = find_site(values)
+    roads = load_network(site.network)
     ways = (
-        ("south_in", "north_out", 1, "northward", values["speed"], 0.0),
-        ("west_in", "east_out", 0, "eastward", values["main_speed"], values["main_offset"]),
-        ("east_in", "west_out", 1, "westward", values["main_speed"], values["main_offset"]),
+        ("minor", 1, "northward", values["speed"], 0.0),
+        ("eastward", 0, "eastward", values["main_speed"], values["main_offset"]),
+        ("westward", 1, "westward", values["main_speed"], values["main_offset"]),
     )
-    platoons: list[Platoon] = []
-    for entry, leave, lane, name, speed, offset in ways:
-        chain = find_lane_path(roads, f"{entry}_{lane}", f"{leave}_{lane}")
-        lead_m = compute_lead(roads, chain, speed, values["arrival"] + offset)
-        goal_m = find_lane_start(roads, chain, chain[-1]) + GOAL_M
-        platoons.append(Platoon(chain, round(values[name]), lead_m, goal_m, speed, values["headway"]))
-    egos = build_platoons(roads, platoons)
+    platoons = [
+        CrossingPlatoon(direction, lane, values[name], speed, values["arrival"] + offset, values["headway"])
+        for direction, lane, name, speed, offset in ways
+    ]
+    egos = build_platoons(roads, [platoon.place(roads, site) for platoon in platoons])
     flows = [
-        TrafficFlow(find_lane_path(roads, f"{entry}_{k}", f"{leave}_{k}"), values[name], CARS if k else MIXED)
-        for entry, leave, name in (("west_in", "east_out", "near_flow"), ("east_in", "west_out", "far_flow"))
+        CrossingFlow(direction, k, values[name], CARS if k else MIXED)
+        for direction, name in (("eastward", "near_flow"), ("westward", "far_flow"))
         for k in (0, 1)
     ]
-    vehicles = build_flows(roads, flows, candidate.seed, egos)
-    rsus = (RSU,) if round(values["rsu"]) else ()
-    return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, (), rsus))
+    vehicles = build_crossing_traffic(roads, site, flows, candidate.seed, egos)
+    has_witness = any(round(values[name]) for name in ("eastward", "westward"))
+    rsus = (site.rsu,) if values["rsu"] >= 0.5 or not has_witness else ()
+    traffic = FamilyTraffic(vehicles, (), rsus, signals=site.corridor is not None)
+    return build_scenario(family, candidate, roads, egos, traffic)
+
+
+def _build_on_road(candidate: FamilyCandidate) -> Scenario:
+    return _build(FAMILY, candidate)
+
+
+def _build_in_corridor(candidate: FamilyCandidate) -> Scenario:
+    return _build(CORRIDOR_FAMILY, candidate)
 
 
 FAMILY = ScenarioFamily(
     category="mixed-crossing",
-    description="CAVs cross a priority road with traffic at 20 m/s that sends nothing, but for single CAVs in it.",
+    description="CAVs cross a priority road whose traffic of 14 to 20 m/s sends nothing, but for single CAVs in it.",
     parameters=PARAMETERS,
-    build=_build,
+    build=_build_on_road,
+)
+CORRIDOR_FAMILY = ScenarioFamily(
+    category="corridor-mixed-crossing",
+    description="CAVs of a side street cross a dense corridor whose traffic sends nothing, but for single CAVs in it.",
+    parameters=(SITE_PARAMETER, *PARAMETERS),
+    build=_build_in_corridor,
 )

@@ -24,8 +24,8 @@ PARKED_OFFSET_M = 3.75
 GOAL_M = 400.0
 """[m] Station of the goals: 45 m behind the second narrow place."""
 PARAMETERS = (
-    FamilyParameter("eastward", 1.0, 3.0, "", "number of CAVs that drive east, rounded"),
-    FamilyParameter("westward", 1.0, 3.0, "", "number of CAVs that drive west, rounded"),
+    FamilyParameter("eastward", 1.0, 2.0, "", "number of CAVs that drive east, rounded"),
+    FamilyParameter("westward", 1.0, 2.0, "", "number of CAVs that drive west, rounded"),
     FamilyParameter("arrival", 1.5, 5.0, "s", "time after which the first eastward CAV is due at a narrow place"),
     FamilyParameter("offset", -3.0, 3.0, "s", "how much later the first westward CAV is due at the other one"),
     FamilyParameter("speed", 7.0, 12.0, "m/s", "start speed"),

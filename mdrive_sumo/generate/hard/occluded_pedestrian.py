@@ -112,8 +112,9 @@ def build_occluded_pedestrian(candidate: FamilyCandidate) -> Scenario:
     roads, places = street.roads, street.places
     start = max(places[0] - values["own_m"], 3.0)
     own = build_cav(roads, "0", street.own, start, street.goal_m, values["own_speed"])
-    egos = (own, *_build_oncoming(street, values, places[0] - start), *_build_behind(street, values, start))
-    walkers = [_build_pedestrian(street, own, (k, place - start), values) for k, place in enumerate(places)]
+    line = (own, *_build_behind(street, values, start))
+    egos = (*line, *_build_oncoming(street, values, places[0] - start))
+    walkers = [_build_pedestrian(street, line[k % len(line)], k, values) for k in range(len(places))]
     model = "bus" if values["bus"] >= 0.5 else "van"
     free = [FreePlace(place, place + values["free_m"], model) for place in places]
     parked = build_kerbside(roads, street.own, free, (start - 20.0, places[-1] + 60.0), candidate.seed)
@@ -134,31 +135,31 @@ def _locate(street: _Street, lanes: Lanes, station: float) -> float:
     return find_station(street.roads, lanes, pose.x, pose.y)
 
 
-def _build_pedestrian(street: _Street, own: Ego, place: tuple[int, float], values: Mapping[str, float]) -> Actor:
-    """Return pedestrian k, who crosses the whole street when CAV 0 is `lead_m` away from the place on its route [m]."""
-    k, along = place
+def _build_pedestrian(street: _Street, cav: Ego, k: int, values: Mapping[str, float]) -> Actor:
+    """Return pedestrian k, who crosses the whole street when the CAV is `lead_m` away from the place on its route."""
     station = street.places[k]
+    along = station - find_station(street.roads, street.own, cav.start.x, cav.start.y)
     corridor = street.corridor
     width = 2 * len(corridor.lanes) * 3.3 + (6.6 if corridor.network.endswith("arterial") else 0.0)
     begin = compute_pose(street.roads, street.own, station, -(DOOR_M if values["door"] >= 0.5 else KERB_M))
     beyond = compute_pose(street.roads, street.own, station, width - 1.65 + 3.0)
-    trigger = build_arrival_trigger(own, along - values["lead_m"])
+    trigger = build_arrival_trigger(cav, along - values["lead_m"])
     points = ((begin.x, begin.y), (beyond.x, beyond.y))
     return build_crossing_actor(f"walker{k}", "pedestrian", points, values["walking_speed"], trigger)
 
 
 def _build_oncoming(street: _Street, values: Mapping[str, float], own_m: float) -> list[Ego]:
-    """Return CAVs from ahead: the first is `witness_m` before the pedestrian when CAV 0 is nearly there."""
-    count = max(1, (round(values["cavs"]) - 1) // 2)
+    """Return the CAV from ahead that is `witness_m` before the pedestrian when CAV 0 is near; none with masts."""
+    if values["mast"] >= 0.5:
+        return []
     place = street.locate_oncoming(street.places[0])
     front = max(place - values["witness_m"] - own_m * 0.7, 3.0)
-    names = [str(2 * k + 1) for k in range(count)]
-    return build_platoon(street.roads, names, street.oncoming, (front, 26.0), (place + 50.0, MEAN_SPEED))
+    return build_platoon(street.roads, ["oncoming"], street.oncoming, (front, 26.0), (place + 50.0, MEAN_SPEED))
 
 
 def _build_behind(street: _Street, values: Mapping[str, float], start: float) -> list[Ego]:
-    count = round(values["cavs"]) - 1 - max(1, (round(values["cavs"]) - 1) // 2)
-    names = [str(2 * k + 2) for k in range(count)]
+    count = round(values["cavs"]) - 1 - (values["mast"] < 0.5)
+    names = [str(k + 1) for k in range(count)]
     goal = street.goal_m
     return build_platoon(street.roads, names, street.own, (start - 22.0, 22.0), (goal, values["own_speed"]))
 
@@ -189,8 +190,10 @@ FAMILY = ScenarioFamily(
         ),
         FamilyParameter("witness_m", 10.0, 60.0, "m", "distance of the oncoming CAV when CAV 0 is close"),
         FamilyParameter("pedestrians", 1.0, 3.0, "", "number of pedestrians"),
-        FamilyParameter("mast", 0.0, 1.0, "", "whether roadside units stand beside the pedestrians (from 0.5 on)"),
-        FamilyParameter("cavs", 2.0, 8.0, "", "number of CAVs"),
+        FamilyParameter(
+            "mast", 0.0, 1.0, "", "whether roadside units see the pedestrians (from 0.5 on), or an oncoming CAV"
+        ),
+        FamilyParameter("cavs", 2.0, 5.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 140.0, "", "number of reactive vehicles"),
     ),
     build=build_occluded_pedestrian,

@@ -114,23 +114,24 @@ def build_passage_scene(street: PassageStreet, values: Mapping[str, float], seed
     goal = min(places[-1] + values["beyond_m"], compute_chain_length(roads, own) - RIM_M)
     speed = SPEED_FACTOR * values["own_speed"]
     cav = build_cav(roads, "0", own, start, goal, speed)
-    count = max(1, (round(values["cavs"]) - 1) // 2)
+    has_witness = values["mast"] < 0.5
     pose = compute_pose(roads, own, places[0])
     beside = find_station(roads, oncoming, pose.x, pose.y)
     front = max(beside - values["witness_m"] - (places[0] - start) * 0.7, RIM_M)
-    names = [str(2 * k + 1) for k in range(count)]
+    names = ["oncoming"] if has_witness else []
     witnesses = build_platoon(roads, names, oncoming, (front, 26.0), (beside + 40.0, MEAN_SPEED))
-    names = [str(2 * k + 2) for k in range(round(values["cavs"]) - 1 - count)]
+    names = [str(k + 1) for k in range(round(values["cavs"]) - 1 - has_witness)]
     behind = build_platoon(roads, names, own, (start - 30.0, 30.0), (goal, speed))
-    egos = (cav, *witnesses, *behind)
+    line = (cav, *behind)
+    egos = (*line, *witnesses)
     walkers = tuple(
-        _build_rider(street, roads, own, (f"rider{k}", place, place - start), cav, values)
+        _build_rider(street, roads, own, (f"rider{k}", place), line[k % len(line)], values)
         for k, place in enumerate(places)
     )
     vehicles = build_traffic(roads, street.streams, round(values["vehicles"]), seed, (*egos, *walkers))
     poses = [compute_pose(roads, own, place, street.across_m) for place in places]
     masts = tuple(RoadsideUnit(id=f"mast{k}", x=pose.x, y=pose.y) for k, pose in enumerate(poses))
-    return PassageScene(roads, egos, FamilyTraffic(vehicles, walkers, masts if values["mast"] >= 0.5 else ()))
+    return PassageScene(roads, egos, FamilyTraffic(vehicles, walkers, () if has_witness else masts))
 
 
 def _choose_places(passages: list[float], values: Mapping[str, float]) -> list[float]:
@@ -148,12 +149,13 @@ def _build_rider(
     street: PassageStreet,
     roads: RoadMap,
     own: Lanes,
-    place: tuple[str, float, float],
+    place: tuple[str, float],
     cav: Ego,
     values: Mapping[str, float],
 ) -> Actor:
-    """Return a rider; `place`: id, station [m] on the chain and on the route of CAV 0."""
-    name, station, along = place
+    """Return a rider who starts because of a CAV; `place`: id and station [m] on the chain."""
+    name, station = place
+    along = station - find_station(roads, own, cav.start.x, cav.start.y)
     begin, beyond = (compute_pose(roads, own, station, offset) for offset in (-DEEP_M, street.across_m))
     trigger = build_arrival_trigger(cav, along - values["lead_m"])
     points = ((begin.x, begin.y), (beyond.x, beyond.y))

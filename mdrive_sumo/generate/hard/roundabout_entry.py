@@ -11,14 +11,13 @@ from mdrive_sumo.generate.hard.family_encounter import (
 from mdrive_sumo.generate.hard.family_parts import (
     FamilyTraffic,
     Lanes,
-    build_platoon,
     build_scenario,
     load_network,
     read_values,
 )
 from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
 from mdrive_sumo.roads import RoadMap, find_lane_path
-from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario import Scenario
 
 NETWORK = "hard_roundabout"
 ARMS = ("east", "north", "west", "south")
@@ -44,8 +43,8 @@ def build_roundabout_entry(candidate: FamilyCandidate) -> Scenario:
     encounter = Encounter(own, hidden, hidden, MEAN_SPEED)
     placed = place_encounter(roads, encounter, values)
     more = round(values["cavs"]) - len(placed.egos)
-    followers = build_followers(roads, encounter, placed, more - more // 3, (values["own_speed"], 10.0))
-    egos = (*placed.egos, *followers, *_build_opposite(roads, arm, more // 3))
+    followers = build_followers(roads, encounter, placed, more, (values["own_speed"], 10.0))
+    egos = (*placed.egos, *followers)
     streams = tuple(STREAMS_BY_ARM[ARMS[k]] for k in range(4) if k != arm)
     vehicles = build_traffic(roads, streams, round(values["vehicles"]), candidate.seed, (*egos, *placed.actors))
     rsus = (build_mast(roads, encounter),) if values["mast"] >= 0.5 else ()
@@ -57,11 +56,6 @@ def _find_way(roads: RoadMap, arm: int, lane: int, arms: int) -> Lanes:
     return find_lane_path(roads, f"{ARMS[arm]}_in_{lane}", f"{ARMS[(arm + arms) % 4]}_out_{lane}")
 
 
-def _build_opposite(roads: RoadMap, arm: int, count: int) -> list[Ego]:
-    names = [f"opposite{i}" for i in range(count)]
-    return build_platoon(roads, names, _find_way(roads, (arm + 1) % 4, 0, 1), (110.0, 25.0), (280.0, 10.0))
-
-
 FAMILY = ScenarioFamily(
     category="roundabout-entry",
     description="Entry into a roundabout whose island and corner houses hide the traffic in the ring.",
@@ -71,7 +65,7 @@ FAMILY = ScenarioFamily(
         FamilyParameter("inner", 0.0, 1.0, "", "whether both drive in the inner lane (from 0.5 on)"),
         FamilyParameter("far", 0.0, 1.0, "", "whether the hidden vehicle comes from the opposite arm (from 0.5 on)"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit stands at the entry (from 0.5 on)"),
-        FamilyParameter("cavs", 2.0, 10.0, "", "number of CAVs"),
+        FamilyParameter("cavs", 2.0, 6.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 70.0, "", "number of reactive vehicles"),
     ),
     build=build_roundabout_entry,

@@ -3,6 +3,7 @@
 Cyclists of 6 to 9 m/s ride pedelecs.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import shapely
@@ -132,23 +133,28 @@ def build_side_street_cyclist(candidate: FamilyCandidate) -> Scenario:
     goal = min(found.own_m + 70.0, compute_chain_length(roads, found.own) - 3.0)
     own = build_cav(roads, "0", found.own, start, goal, values["own_speed"])
     needed_s = max((found.own_m - start) / street.mean_speed + values["gap_s"], 1.0)
-    cyclist = _build_cyclist(found, needed_s, values["cycling_speed"], values["from_right"] >= 0.5)
+    cyclists = [
+        _build_cyclist(found, f"cyclist{k}", needed_s + k * values["headway_s"], values)
+        for k in range(round(values["cyclists"]))
+    ]
     count = round(values["cavs"]) - 1
-    behind = build_platoon(
-        roads, [str(k + 2) for k in range(count - 1)][::2], found.own, (start - 18.0, 18.0), (goal, values["own_speed"])
-    )
-    egos = (own, *behind, *_build_on_main(found, [str(k + 1) for k in range(count)][::2], values["witness_m"]))
+    witnesses = 0 if values["mast"] >= 0.5 else 1
+    names = [str(k + 1) for k in range(count)]
+    drive = (goal, values["own_speed"])
+    behind = build_platoon(roads, names[witnesses:], found.own, (start - 18.0, 18.0), drive)
+    egos = (own, *behind, *_build_on_main(found, names[:witnesses], values["witness_m"]))
     vehicles = build_traffic(roads, street.streams, round(values["vehicles"]), candidate.seed, egos)
     pose = compute_pose(roads, found.near, found.near_m, 12.0)
     rsus = (RoadsideUnit(id="mast", x=pose.x, y=pose.y),) if values["mast"] >= 0.5 else ()
     return build_scenario(
-        FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, (cyclist,), rsus, street is not ALLEY)
+        FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, tuple(cyclists), rsus, street is not ALLEY)
     )
 
 
-def _build_cyclist(found: _Exit, needed_s: float, speed: float, from_right: bool) -> Actor:
+def _build_cyclist(found: _Exit, name: str, needed_s: float, values: Mapping[str, float]) -> Actor:
     """Return a cyclist who rides on the pavement from the start on and reaches the crossing after `needed_s`."""
-    sign = -1.0 if from_right else 1.0
+    speed = values["cycling_speed"]
+    sign = -1.0 if values["from_right"] >= 0.5 else 1.0
     count = int((speed * needed_s + BEYOND_M) / STEP_M) + 2
     begin = found.near_m - sign * speed * needed_s
     ends = 1.0, compute_chain_length(found.roads, found.near) - 1.0
@@ -156,7 +162,7 @@ def _build_cyclist(found: _Exit, needed_s: float, speed: float, from_right: bool
     poses = [compute_pose(found.roads, found.near, station, -found.ride_m) for station in stations]
     length, width = WALKER_SIZES["cyclist"]
     return Actor(
-        id="cyclist",
+        id=name,
         kind="cyclist",
         model="bicycle",
         length=length,
@@ -184,13 +190,17 @@ FAMILY = ScenarioFamily(
         FamilyParameter("site", 0.0, float(len(SITES)), "", "side street"),
         FamilyParameter("own_m", 40.0, 100.0, "m", "distance of CAV 0 from the cyclist's path"),
         FamilyParameter("own_speed", 7.0, 14.0, "m/s", "start speed of CAV 0"),
-        FamilyParameter("gap_s", -3.0, 4.0, "s", "how much later than CAV 0 the cyclist reaches the crossing"),
+        FamilyParameter("gap_s", -2.0, 2.0, "s", "how much later than CAV 0 the cyclist reaches the crossing"),
         FamilyParameter("cycling_speed", 6.0, 9.0, "m/s", "speed of the cyclist"),
         FamilyParameter("wall_m", 0.6, 1.2, "m", "distance of the cyclist's path from the houses"),
         FamilyParameter("from_right", 0.0, 1.0, "", "whether the cyclist comes from the right (from 0.5 on)"),
         FamilyParameter("witness_m", 20.0, 110.0, "m", "distance of the first CAV on the main street"),
-        FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit stands across the street (from 0.5 on)"),
-        FamilyParameter("cavs", 2.0, 8.0, "", "number of CAVs"),
+        FamilyParameter(
+            "mast", 0.0, 1.0, "", "whether a roadside unit across the street sees the cyclists (from 0.5 on), or a CAV"
+        ),
+        FamilyParameter("cyclists", 1.0, 4.0, "", "number of cyclists, rounded"),
+        FamilyParameter("headway_s", 1.0, 3.0, "s", "time between two cyclists"),
+        FamilyParameter("cavs", 2.0, 5.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 100.0, "", "number of reactive vehicles"),
     ),
     build=build_side_street_cyclist,

@@ -14,7 +14,6 @@ from mdrive_sumo.generate.hard.family_encounter import (
 from mdrive_sumo.generate.hard.family_parts import (
     BODY_SIZES,
     FamilyTraffic,
-    build_platoon,
     build_scenario,
     build_vehicle_actor,
     load_network,
@@ -22,7 +21,7 @@ from mdrive_sumo.generate.hard.family_parts import (
 )
 from mdrive_sumo.generate.hard.family_traffic import TrafficStream, build_traffic
 from mdrive_sumo.roads import RoadMap, find_lane_path
-from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
 
@@ -37,8 +36,6 @@ STREAMS = (
 )
 """Those of the crossing road wait at red."""
 TRUCK_GAP_M = 1.5
-THROUGH_M = 120.0
-"""[m] Station of the first CAV that goes straight on beside the turning one."""
 
 
 def build_unprotected_left(candidate: FamilyCandidate) -> Scenario:
@@ -53,8 +50,8 @@ def build_unprotected_left(candidate: FamilyCandidate) -> Scenario:
     )
     placed = place_encounter(roads, encounter, values)
     more = round(values["cavs"]) - len(placed.egos)
-    followers = build_followers(roads, encounter, placed, more - more // 2, (values["own_speed"], 13.0))
-    egos = (*placed.egos, *followers, *_build_through(roads, more // 2))
+    followers = build_followers(roads, encounter, placed, more, (values["own_speed"], 13.0))
+    egos = (*placed.egos, *followers)
     actors = (*placed.actors, *_build_trucks(roads, round(values["trucks"]), values))
     vehicles = build_traffic(roads, STREAMS, round(values["vehicles"]), candidate.seed, (*egos, *actors))
     return build_scenario(FAMILY, candidate, roads, egos, FamilyTraffic(vehicles, actors, signals=True))
@@ -77,12 +74,6 @@ def _build_trucks(roads: RoadMap, count: int, values: Mapping[str, float]) -> li
     return made
 
 
-def _build_through(roads: RoadMap, count: int) -> list[Ego]:
-    lanes = find_lane_path(roads, "east_0_1", "east_1_1")
-    names = [f"through{i}" for i in range(count)]
-    return build_platoon(roads, names, lanes, (THROUGH_M, 24.0), (THROUGH_M + 200.0, 12.0))
-
-
 FAMILY = ScenarioFamily(
     category="unprotected-left-turn",
     description="Left turn across fast oncoming traffic that trucks in the opposite left-turn lane hide.",
@@ -91,7 +82,7 @@ FAMILY = ScenarioFamily(
         FamilyParameter("truck_ahead_m", 4.0, 16.2, "m", "how far the first truck has driven into the junction"),
         FamilyParameter("truck_aside_m", 0.0, 0.4, "m", "how far right of its lane's centre the first truck stands"),
         FamilyParameter("trucks", 1.0, 4.0, "", "number of trucks in the opposite left-turn lane"),
-        FamilyParameter("cavs", 3.0, 9.0, "", "number of CAVs"),
+        FamilyParameter("cavs", 2.0, 6.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 90.0, "", "number of reactive vehicles"),
     ),
     build=build_unprotected_left,

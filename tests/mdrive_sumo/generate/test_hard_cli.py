@@ -56,7 +56,7 @@ def test_the_archive_is_written_and_drawn(made: tuple[Path, str]) -> None:
     pictures = {f"archive{of}.{kind}" for of in ("", "-toy") for kind in ("png", "svg")}
     assert names == pictures | {"archive.json", "journal.jsonl"}
     (family,) = json.loads((folder / "archive.json").read_text())["families"]
-    assert family["evaluated"] == BATCH and sum(elite["is_chosen"] for elite in family["elites"]) == 2
+    assert family["evaluated"] == BATCH and 1 <= sum(elite["is_chosen"] for elite in family["elites"]) <= 2
     assert "toy: " in (folder / "archive-toy.svg").read_text()
 
 

@@ -85,7 +85,7 @@ def test_fewer_scenarios_than_asked_for(formula: None, tmp_path: Path) -> None:
     found = run_command("generate", "--hard", "--budget", 1, "--count", 100, "--out", tmp_path / "suite")
     assert found.exit_code == 1 and " of 100 scenarios" in found.output
     again = run_command("generate", "--hard", "--count", 1, "--no-search", "--out", tmp_path / "suite.search" / "less")
-    assert again.exit_code == 2 and "expected a scenario among 0 elites, found none" in again.output
+    assert again.exit_code == 2 and "expected a scenario among 0 candidates, found none" in again.output
 
 
 BAD_INPUT: list[tuple[tuple[object, ...], str]] = [

@@ -110,11 +110,24 @@ def test_the_archive_holds_the_best_candidate_of_every_cell(whole: HardArchiveFi
 
 
 def test_later_candidates_are_better(tmp_path: Path) -> None:
-    """The objective of the formula grows along one parameter: variation of elites finds its end."""
+    """The objective of the formula grows along one parameter: variation of certified elites finds its end."""
     with open_journal(tmp_path, settings(80).fingerprint, fresh=False) as journal:
         (search,) = run_search(settings(80), SearchJournal(journal), Silent())
-    gaps = [one.figures.gap for one in search.evaluations if one.figures is not None]
-    assert max(gaps) > max(one.figures.gap for one in search.evaluations[:16] if one.figures is not None)
+    gaps = [
+        one.figures.gap if one.figures is not None and one.figures.is_certified else 0.0 for one in search.evaluations
+    ]
+    assert max(gaps) > max(gaps[:16]) > 0.0
+
+
+def test_later_candidates_are_bred_from_certified_ones(tmp_path: Path) -> None:
+    with open_journal(tmp_path, settings(80).fingerprint, fresh=False) as journal:
+        (search,) = run_search(settings(80), SearchJournal(journal), Silent())
+    passed = [
+        [one.figures for one in part if one.figures is not None]
+        for part in (search.evaluations[:16], search.evaluations[16:])
+    ]
+    first, later = (sum(one.is_certified for one in part) / len(part) for part in passed)
+    assert later > max(first, 0.8)
 
 
 def test_the_order_of_evaluation_changes_nothing(
