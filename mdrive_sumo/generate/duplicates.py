@@ -9,7 +9,7 @@ of the edges of reactive vehicles.
 """
 
 from collections import Counter
-from collections.abc import Hashable, Iterable
+from collections.abc import Hashable, Iterable, Mapping
 from statistics import fmean
 
 from mdrive_sumo.core import portable
@@ -32,6 +32,20 @@ def find_duplicate(scenario: Scenario, accepted: Iterable[Scenario]) -> Scenario
     """Return the nearest of the accepted scenarios if it is a duplicate of this one."""
     nearest = min(accepted, key=lambda other: scenario_distance(scenario, other), default=None)
     return nearest if nearest is not None and scenario_distance(scenario, nearest) < DUPLICATE_DISTANCE else None
+
+
+def find_rivals(scenarios: Iterable[Scenario]) -> Mapping[str, frozenset[str]]:
+    """Return by id the ids of the scenarios that are duplicates of it."""
+    by_network: dict[str, list[Scenario]] = {}
+    for scenario in scenarios:
+        by_network.setdefault(scenario.network, []).append(scenario)  # no duplicates on different networks
+    return {
+        one.id: frozenset(
+            other.id for other in here if other is not one and scenario_distance(one, other) < DUPLICATE_DISTANCE
+        )
+        for here in by_network.values()
+        for one in here
+    }
 
 
 def _route_key(ego: Ego) -> tuple[str, str]:

@@ -14,6 +14,8 @@ LATENCY_TABLE_LABEL = "tab:latency_results"
 POSE_ERROR_TABLE_LABEL = "tab:pose_error_results"
 BUCKETS = ("InterDrive", "Interaction", "V2XPnP")
 """In the order of the paper's main table."""
+SUITES = ("interaction", "interdrive", "mdrive", "v2xpnp")
+"""Those of this package that hold buckets of the paper."""
 BUCKET_SIZES: Mapping[str, int] = MappingProxyType({"InterDrive": 46, "Interaction": 112, "V2XPnP": 67})
 """Scenarios of each bucket (mdrive.tex, tab:scenario_distribution)."""
 

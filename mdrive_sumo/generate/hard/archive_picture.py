@@ -81,7 +81,7 @@ def _draw_cell(axes: Axes, cell: tuple[int, ...], here: Sequence[ArchiveElite]) 
     edge, width = ("#D55E00", 2.0) if chosen else ("white", 0.5)
     axes.add_patch(Rectangle((x + 0.04, y + 0.04), 0.92, 0.92, facecolor=colour, edgecolor=edge, linewidth=width))
     certified = sum(elite.is_certified for elite in here)
-    text = f"{gap:.0f}" + (f"\n● {certified}" if len(here) > 1 and certified else "\n●" if certified else "")
+    text = f"{gap:.0f}" + (" ●" if certified else "")
     if len(here) > 1:
-        text += f"\nof {len(here)}"
-    axes.text(x + 0.5, y + 0.5, text, ha="center", va="center", size=8, color="white" if gap < DARK_BELOW else "black")
+        text += f"\n{certified} of {len(here)}" if certified else f"\nof {len(here)}"
+    axes.text(x + 0.5, y + 0.5, text, ha="center", va="center", size=7, color="white" if gap < DARK_BELOW else "black")

@@ -40,6 +40,7 @@ BODY_SIZES: Mapping[str, tuple[float, float]] = {
 """Length and width [m] of vehicles by model; widths without mirrors."""
 WALKER_SIZES: Mapping[KindName, tuple[float, float]] = {"pedestrian": (0.5, 0.5), "cyclist": (1.8, 0.6)}
 """Length and width [m] of crossing road users."""
+LEAST_CAVS = 2
 Lanes = tuple[str, ...]
 """SUMO lane ids in driving order, junction lanes included; a lane change lists both lanes. `roads.find_lane_path`
 finds them from the first to the last lane."""
@@ -239,8 +240,10 @@ def build_scenario(
 ) -> Scenario:
     """Return the scenario of a candidate.
 
-    Raises ProposalRejected if it is not sound: off the road, or road users inside each other.
+    Raises ProposalRejected if it is not sound: fewer than two CAVs, off the road, or road users inside each other.
     """
+    if len(egos) < LEAST_CAVS:
+        raise ProposalRejected(PipelineStage.SOUNDNESS, f"expected {LEAST_CAVS} CAVs or more, found {len(egos)}")
     scenario = Scenario(
         id=candidate.scenario_id,
         bucket=BUCKET,

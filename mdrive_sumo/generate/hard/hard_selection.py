@@ -2,14 +2,16 @@
 
 One scenario after the other is chosen: first `OF_EACH_FAMILY` of each family that has any. Then, until the shares are
 reached, one on a dense corridor and one whose certificate of need holds come first. Among what is left the candidate is
-chosen that brings the mean score of the best rules to the mean that is aimed at, and where agents without messages lose
-most: the objective of the search is the gap, but a suite of which every scenario is lost separates no two agents.
+chosen that brings the mean score of the best rules to the mean that is aimed at, where agents without messages lose
+most, and that has few duplicates among the others: the objective of the search is the gap, but a suite of which every
+scenario is lost separates no two agents.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from mdrive_sumo.generate.duplicates import find_duplicate
+from mdrive_sumo.generate.duplicates import find_rivals
 from mdrive_sumo.generate.hard.adversarial_search import SearchJournal
 from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation
 from mdrive_sumo.generate.hard.corridors import is_corridor_network
@@ -38,6 +40,8 @@ OF_EACH_FAMILY = 2
 """So many scenarios of each family come first, where it has them; then the best of all families."""
 UNAIDED_WEIGHT = 1.0
 """What a point of the agents without messages counts against one between the best rules and the score aimed at."""
+RIVAL_WEIGHT = 10.0
+"""What each candidate counts that a choice excludes as its duplicate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,78 +52,69 @@ class ChosenElite:
     scenario: Scenario
 
 
+@dataclass(frozen=True, slots=True)
+class CandidatePool:
+    """Candidates with their scenarios, and which of them are duplicates of each other."""
+
+    candidates: Sequence[CandidateEvaluation]
+    scenario_by_id: Mapping[str, Scenario]
+    rivals: Mapping[str, frozenset[str]]
+    """Ids of the duplicates of each candidate."""
+
+
+def build_pool(candidates: Sequence[CandidateEvaluation]) -> CandidatePool:
+    """Build the scenarios of candidates and compare them."""
+    scenario_by_id = {one.id: build_hard_scenario(one.recipe) for one in candidates}
+    return CandidatePool(candidates, scenario_by_id, find_rivals(scenario_by_id.values()))
+
+
 @dataclass
 class EliteSelection:
-    """The scenarios chosen so far, and the elites that are left by family."""
+    """The scenarios chosen so far, and the candidates that are left."""
 
-    left: Mapping[str, list[CandidateEvaluation]]
+    pool: CandidatePool
     mean_score: float
     """Mean score of the best rules that the suite aims at."""
-    scenario_by_id: dict[str, Scenario]
-    """Scenarios that were built already; grows."""
-    chosen: list[ChosenElite] = field(default_factory=list[ChosenElite])
+    left: dict[str, CandidateEvaluation]
+    """By id; none is a duplicate of a chosen one."""
+    chosen: list[CandidateEvaluation] = field(default_factory=list[CandidateEvaluation])
 
-    def choose_next(self) -> bool:
-        """Choose one more scenario; return False if no elite is left."""
-        while (elite := self._find_best()) is not None:
-            self.left[elite.family].remove(elite)
-            scenario = self._build(elite)
-            here = (one.scenario for one in self.chosen if one.scenario.network == scenario.network)
-            if find_duplicate(scenario, here) is None:
-                self.chosen.append(ChosenElite(elite, scenario))
-                return True
-        return False
-
-    def _find_best(self) -> CandidateEvaluation | None:
-        left = self._list_left()
-        for is_wanted, share in WANTED.items():
-            if sum(is_wanted(one.evaluation) for one in self.chosen) < share * (len(self.chosen) + 1):
-                left = [elite for elite in left if is_wanted(elite)] or left
-        if not left:
-            return None
+    def choose_next(self) -> None:
+        """Choose one more of the candidates that are left."""
         wanted = self._compute_wanted_score()
-        return min(left, key=lambda elite: (_compute_distance(elite, wanted), elite.id))
+        best = min(self._list_first(), key=lambda one: (self._compute_cost(one, wanted), one.id))
+        self.chosen.append(best)
+        for name in {best.id, *self.pool.rivals[best.id]}:
+            self.left.pop(name, None)
 
-    def _list_left(self) -> list[CandidateEvaluation]:
-        """Return what may be chosen next: from the families that still have too few, else from all."""
-        few = {family: elites for family, elites in self.left.items() if self._count(family) < OF_EACH_FAMILY}
-        return [one for elites in few.values() for one in elites] or [
-            one for elites in self.left.values() for one in elites
-        ]
-
-    def _count(self, family: str) -> int:
-        return sum(one.evaluation.family == family for one in self.chosen)
+    def _list_first(self) -> Sequence[CandidateEvaluation]:
+        """Return the candidates that come first, as the module says."""
+        turns = Counter(one.family for one in self.chosen)
+        everything = list(self.left.values())
+        left = [one for one in everything if turns[one.family] < OF_EACH_FAMILY] or everything
+        for is_wanted, share in WANTED.items():
+            if sum(map(is_wanted, self.chosen)) < share * (len(self.chosen) + 1):
+                left = [one for one in left if is_wanted(one)] or left
+        return left
 
     def _compute_wanted_score(self) -> float:
         """Return the score with which the mean would be the one that is aimed at."""
-        total = sum(one.evaluation.measured.score for one in self.chosen)
+        total = sum(one.measured.score for one in self.chosen)
         return self.mean_score * (len(self.chosen) + 1) - total
 
-    def _build(self, elite: CandidateEvaluation) -> Scenario:
-        if elite.id not in self.scenario_by_id:
-            self.scenario_by_id[elite.id] = build_hard_scenario(elite.recipe)
-        return self.scenario_by_id[elite.id]
+    def _compute_cost(self, one: CandidateEvaluation, wanted: float) -> float:
+        """Return how far the scores are from those wanted, and how many other candidates this one excludes."""
+        rivals = sum(name in self.left for name in self.pool.rivals[one.id])
+        unaided = UNAIDED_WEIGHT * one.measured.unaided_score
+        return abs(one.measured.score - wanted) + unaided + RIVAL_WEIGHT * rivals
 
 
-def _compute_distance(elite: CandidateEvaluation, wanted: float) -> float:
-    """Return how far the scores of an elite are from those wanted: of the best rules, and 0 without messages."""
-    return abs(elite.measured.score - wanted) + UNAIDED_WEIGHT * elite.measured.unaided_score
-
-
-def select_elites(
-    elites: Sequence[CandidateEvaluation], count: int, mean_score: float, scenario_by_id: dict[str, Scenario]
-) -> tuple[ChosenElite, ...]:
-    """Return up to `count` elites with their scenarios; no two of them are duplicates.
-
-    scenario_by_id: scenarios that were built already; those that are built now are added.
-    """
-    left: dict[str, list[CandidateEvaluation]] = {}
-    for elite in elites:
-        left.setdefault(elite.family, []).append(elite)
-    selection = EliteSelection(left, mean_score, scenario_by_id)
-    while len(selection.chosen) < count and selection.choose_next():
-        pass
-    return tuple(selection.chosen)
+def select_elites(pool: CandidatePool, fit: Collection[str], count: int, mean_score: float) -> tuple[ChosenElite, ...]:
+    """Return up to `count` candidates with their scenarios; no two of them are duplicates. fit: ids to choose from."""
+    selection = EliteSelection(pool, mean_score, {one.id: one for one in pool.candidates if one.id in fit})
+    while len(selection.chosen) < count and selection.left:
+        selection.choose_next()
+    return tuple(ChosenElite(one, pool.scenario_by_id[one.id]) for one in selection.chosen)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,16 +136,17 @@ def select_checked_elites(
 
     Elites that fail the check are left out and the choice is made again, until all of the chosen ones have passed.
     """
-    scenario_by_id: dict[str, Scenario] = {}
-    with ProcessPool[EliteTask, EliteCheck](check_elite, settings.workers, CHECK_LIMIT_S) as pool:
+    unsolved = {check.id for check in journal.checks.values() if not check.is_solved}
+    pool = build_pool([one for one in elites if one.id not in unsolved])
+    with ProcessPool[EliteTask, EliteCheck](check_elite, settings.workers, CHECK_LIMIT_S) as workers:
         while True:
-            fit = [one for one in elites if one.id not in journal.checks or journal.checks[one.id].is_solved]
-            chosen = select_elites(fit, settings.count, settings.mean_score, scenario_by_id)
+            fit = {one.id for one in elites if one.id not in journal.checks or journal.checks[one.id].is_solved}
+            chosen = select_elites(pool, fit, settings.count, settings.mean_score)
             tasks = [EliteTask(one.scenario, CHECK_SEEDS) for one in chosen if one.evaluation.id not in journal.checks]
             if not tasks:
                 return chosen
             note(f"{len(tasks)} of {len(chosen)} chosen scenarios to drive with omniscient and {CHECK_SEEDS} seeds")
-            for done, (task, outcome) in enumerate(pool.run(tasks), start=1):
+            for done, (task, outcome) in enumerate(workers.run(tasks), start=1):
                 failed = isinstance(outcome, WorkerFailure)
                 check = EliteCheck(id=task.scenario.id, seeds=task.seeds, reason=outcome.reason) if failed else outcome
                 journal.add_check(check)

@@ -4,8 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
-from mdrive_sumo.report.published_results import BUCKET_SIZES, BUCKETS
-from mdrive_sumo.scenario.suite import list_packaged_suites
+from mdrive_sumo.report.published_results import BUCKET_SIZES, BUCKETS, SUITES
 
 
 def order_buckets(names: Iterable[str]) -> tuple[str, ...]:
@@ -17,9 +16,9 @@ def order_buckets(names: Iterable[str]) -> tuple[str, ...]:
 def check_published_rows(agents: Sequence[ComparedAgent]) -> None:
     """Raise InputError unless the agents drove whole buckets of the paper in a suite of this package."""
     results = agents[0].results
-    if results.run.suite not in list_packaged_suites():
+    if results.run.suite not in SUITES:
         raise InputError(
-            f"--with-published: expected a suite of the paper's buckets ({', '.join(list_packaged_suites())}), found"
+            f"--with-published: expected a suite of the paper's buckets ({', '.join(SUITES)}), found"
             f" {results.run.suite}"
         )
     for name, bucket in results.buckets.items():

@@ -19,7 +19,9 @@ from mdrive_sumo.generate.hard.behaviour_archive import BATCH, DESCRIPTORS, Sear
 from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation, CandidateFigures, CandidateTask
 from mdrive_sumo.generate.hard.elite_check import CHECK_SEEDS, EliteCheck, EliteTask, describe_check
 from mdrive_sumo.generate.hard.hard_selection import (
+    ChosenElite,
     SelectionSettings,
+    build_pool,
     is_certified,
     is_on_corridor,
     select_checked_elites,
@@ -243,32 +245,36 @@ def share(found: Sequence[CandidateEvaluation], count: int) -> tuple[float, floa
     )
 
 
+def choose(candidates: Sequence[CandidateEvaluation], count: int) -> tuple[ChosenElite, ...]:
+    return select_elites(build_pool(candidates), {one.id for one in candidates}, count, 50.0)
+
+
 def test_of_equal_elites_the_one_is_chosen_that_is_lost_without_messages() -> None:
     alike = {"score": 50.0, "network": "town_crossing", "is_certified": True}
     easy, hopeless = (
         make_elites(1, "easy", unaided_score=50.0, **alike),
         make_elites(1, "lost", unaided_score=5.0, **alike),
     )
-    (chosen,) = select_elites([*easy, *hopeless], 1, 50.0, {})
+    (chosen,) = choose([*easy, *hopeless], 1)
     assert chosen.evaluation.id == "lost_0"
 
 
 def test_a_selection_has_its_shares_and_its_mean_score() -> None:
-    chosen = select_elites(make_elites(48), 6, 50.0, {})
+    chosen = choose(make_elites(48), 6)
     assert len(chosen) == 6
     certified, corridors, mean = share([one.evaluation for one in chosen], 6)
     assert certified >= 2 / 3 and corridors >= 1 / 3 and mean == pytest.approx(50.0, abs=5.0)
     scenarios = [one.scenario for one in chosen]
     assert all(find_duplicate(one, scenarios[:i]) is None for i, one in enumerate(scenarios))
     assert [ego.time_limit_s for ego in scenarios[0].egos] == [compute_time_limit_s(60)]
-    assert chosen == select_elites(make_elites(48)[::-1], 6, 50.0, {})
+    assert chosen == choose(make_elites(48)[::-1], 6)
 
 
 def test_a_selection_without_enough_elites_is_smaller() -> None:
     few = make_elites(4, is_certified=False)
-    assert {one.evaluation.id for one in select_elites(few, 12, 50.0, {})} == {one.id for one in few}
+    assert {one.evaluation.id for one in choose(few, 12)} == {one.id for one in few}
     twins = [one.model_copy(update={"id": f"twin_{one.id}"}) for one in few]
-    assert len(select_elites([*few, *twins], 12, 50.0, {})) == 4
+    assert len(choose([*few, *twins], 12)) == 4
 
 
 def test_an_elite_that_fails_the_check_is_replaced_by_the_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,58 @@
+"""The packaged suite `hard`: what issue K asks of it as a whole, and its recipes. `validate hard` drives it."""
+
+import random
+from functools import lru_cache
+
+import pytest
+
+from mdrive_sumo.generate.duplicates import find_rivals
+from mdrive_sumo.generate.generated_suite import load_recipes, rebuild_scenario
+from mdrive_sumo.generate.validation.hard_suite_validation import find_hard_problems
+from mdrive_sumo.scenario.reference_times import find_reference_times
+from mdrive_sumo.scenario.suite import Suite, load_suite
+from mdrive_sumo.study.need_certificate import load_need
+
+REBUILT = 12
+MOST_CAVS, MOST_VEHICLES = 12, 150
+
+
+@lru_cache(maxsize=1)
+def load_hard() -> Suite:
+    return load_suite("hard")
+
+
+def test_it_is_complete() -> None:
+    """120 scenarios, 10 categories, 80 certificates that hold, a third on corridors."""
+    assert list(find_hard_problems(load_hard(), (), "", must_be_complete=True)) == []
+
+
+def test_its_scenarios_are_distinct_and_on_networks_of_their_own() -> None:
+    scenarios = load_hard().scenarios
+    assert all(not rivals for rivals in find_rivals(scenarios).values())
+    others = {scenario.network for scenario in load_suite("mdrive").scenarios}
+    assert not others & {scenario.network for scenario in scenarios}
+    assert all(2 <= len(one.egos) <= MOST_CAVS for one in scenarios)
+    assert all(len(one.background.vehicles) <= MOST_VEHICLES for one in scenarios)
+
+
+def test_the_time_counts_and_follows_from_reference_times() -> None:
+    suite = load_hard()
+    assert suite.score_mode == "hard"
+    for scenario in suite.scenarios:
+        limits = {ego.id: ego.time_limit_s for ego in scenario.egos}
+        ticks = find_reference_times(scenario, suite.folder)
+        assert limits == pytest.approx({name: 1.5 * count / 20 + 2.0 for name, count in ticks.items()})
+
+
+def test_every_certificate_that_holds_names_a_station_that_sees_the_road_user_in_time() -> None:
+    for certificate in load_need(load_hard()).values():
+        for conflict in certificate.conflicts:
+            if conflict.is_blind:
+                assert conflict.stations and conflict.told_s is not None and conflict.stopping_s is not None
+                assert conflict.told_s <= conflict.stopping_s
+
+
+def test_a_sample_is_what_its_recipes_make() -> None:
+    recipes = {home.name: recipe for home, recipe in load_recipes("hard").items()}
+    for scenario in random.Random(0).sample(load_hard().scenarios, REBUILT):
+        assert rebuild_scenario(recipes[scenario.id]) == scenario
