@@ -16,7 +16,7 @@ from mdrive_sumo.report.figure_style import open_figure, save_figure
 COLOURS = "viridis"
 DARK_BELOW = 55.0
 """Gap below which the colour is so dark that text on it is white."""
-LEGEND = "number: gap (mean where several)   ●: certificate of need holds   frame: in the suite"
+LEGEND = "number: gap (mean where several)   ●: certificate of need holds, of so many   frame: in the suite"
 ALL_FAMILIES = "archive"
 """Stem of the picture over all families."""
 

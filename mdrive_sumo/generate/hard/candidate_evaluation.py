@@ -263,16 +263,15 @@ def _probe(
         episode = drive_with(agent, scenario, roads, options=options)
         scores.append(score_episode(episode, scenario, roads, PROBE_MODE, 0, reference).ds)
         if scores[-1] > most:
-            sensing = f" (sensing {options.sensing})"
-            raise _Rejection(stage, f"expected {agent}{sensing} at {most:g} at most, found {scores[-1]:.2f}")
+            what = f"{agent} (sensing {options.sensing})"
+            raise _Rejection(stage, f"expected {what} at {most:g} at most, found {scores[-1]:.2f}")
     return max(scores)
 
 
 def _check_length(seconds: float) -> None:
     if seconds > MOST_CAV_S:
-        raise _Rejection(
-            RejectionStage.LENGTH, f"expected {MOST_CAV_S:g} s of driving at most over all CAVs, found {seconds:.0f} s"
-        )
+        expected = f"expected {MOST_CAV_S:g} s of driving at most over all CAVs"
+        raise _Rejection(RejectionStage.LENGTH, f"{expected}, found {seconds:.0f} s")
 
 
 def _compute_free_flow_s(ego: Ego, roads: RoadMap) -> float:
@@ -281,8 +280,8 @@ def _compute_free_flow_s(ego: Ego, roads: RoadMap) -> float:
 
 
 def _count_road_users(scenario: Scenario) -> int:
-    moving = sum(actor.kind != "static" for actor in scenario.actors)
-    return len(scenario.egos) + len(scenario.background.vehicles) + moving
+    scripted = sum(actor.kind != "static" for actor in scenario.actors)
+    return len(scenario.egos) + len(scenario.background.vehicles) + scripted
 
 
 def _compute_mean_speed(scenario: Scenario, ticks: ReferenceTicks) -> float:

@@ -63,7 +63,11 @@ def test_equal_candidates_make_equal_scenarios(category: str) -> None:
 @pytest.mark.parametrize("category", FAMILIES)
 def test_another_seed_makes_other_traffic(category: str) -> None:
     family = FAMILIES[category]
-    values = tuple(one.high if "reactive" in one.meaning else (one.low + one.high) / 2 for one in family.parameters)
+    sample = next(iter(build_samples(category)))
+    drawn = draw_candidate(family, int(sample.id.rsplit("_", 1)[1])).values
+    values = tuple(
+        one.high if "reactive" in one.meaning else value for one, value in zip(family.parameters, drawn, strict=True)
+    )
     one, other = (family.build(FamilyCandidate("x", values, seed)).background for seed in ("a", "b"))
     assert one != other
 
