@@ -216,7 +216,7 @@ def test_closing_a_subprocess_ends_all_waiting_calls_at_once(tmp_path: Path) -> 
     aside, begun = SubprocessRunner(5), tmp_path / "begun"
     with ThreadPoolExecutor(5) as pool:
         asked = [pool.submit(aside.call, 600.0, noted_sleep, begun) for _ in range(5)]
-        wait_for(begun.exists, 60.0)
+        wait_for(lambda: begun.exists() and begun.read_text() != "", 60.0)  # opened first, then written
         aside.close()
         for each in asked:
             with pytest.raises(ProblemError):
