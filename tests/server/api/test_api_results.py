@@ -13,7 +13,7 @@ from pathlib import Path
 import httpx
 import pytest
 from testing.api_app import API, Server, listening, problem
-from testing.processes import wait_for
+from testing.processes import wait_for, written
 from testing.runner_jobs import noted_sleep, refuse
 from testing.store_samples import LEASE, S, summary
 
@@ -216,7 +216,7 @@ def test_closing_a_subprocess_ends_all_waiting_calls_at_once(tmp_path: Path) -> 
     aside, begun = SubprocessRunner(5), tmp_path / "begun"
     with ThreadPoolExecutor(5) as pool:
         asked = [pool.submit(aside.call, 600.0, noted_sleep, begun) for _ in range(5)]
-        wait_for(lambda: begun.exists() and begun.read_text() != "", 60.0)  # opened first, then written
+        wait_for(lambda: written(begun), 60.0)
         aside.close()
         for each in asked:
             with pytest.raises(ProblemError):
