@@ -35,9 +35,13 @@ def join_episode_group(memory_bytes: int) -> bool:
 
 
 def remove_dead_episode_groups(hierarchy: CgroupHierarchy | None = None) -> None:
-    """Remove the groups of ended workers; the kernel keeps those that have processes."""
+    """Remove the groups of ended workers; the kernel keeps those that have processes.
+
+    A live worker's group stays even if it is empty: the worker has made it and is about to join.
+    """
     hierarchy = hierarchy or find_hierarchy()
     folders: set[Path] = set(hierarchy.folders.values()) if hierarchy is not None else set()
     for group in (each for folder in folders for each in folder.glob(f"{EPISODE_PREFIX}*")):
-        with suppress(OSError):
-            group.rmdir()
+        if not Path("/proc", group.name.removeprefix(EPISODE_PREFIX)).exists():
+            with suppress(OSError):
+                group.rmdir()

@@ -146,6 +146,17 @@ def test_an_episode_has_a_group_beside_those_of_its_boxes(tmp_path: Path) -> Non
     assert hierarchy is not None and set(hierarchy.folders.values()) == {service}
 
 
+def test_a_live_workers_group_stays_before_the_worker_joins_it(tmp_path: Path) -> None:
+    service = fake_version_2(tmp_path, "cpu memory pids\n")
+    ended = in_a_child(None, os.getpid)
+    live, dead = (service / f"{cgroups.EPISODE_PREFIX}{pid}" for pid in (os.getpid(), ended))
+    live.mkdir()
+    dead.mkdir()
+    (tmp_path / "cgroup").write_text(f"0::/service/{live.name}\n")
+    remove_dead_episode_groups(cgroups.find_hierarchy(tmp_path))
+    assert live.is_dir() and not dead.exists()
+
+
 def test_an_episodes_memory_is_limited_and_its_group_removed() -> None:
     hierarchy = cgroups.find_hierarchy()
     if hierarchy is None or hierarchy.version != 1:
