@@ -1,0 +1,1 @@
+"""Learned agents: compact networks of our own, run by ONNX Runtime (docs/learning.md)."""
