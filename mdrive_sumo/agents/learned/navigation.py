@@ -69,7 +69,7 @@ class RouteNavigator:
         speeds = limits if desired is None else np.minimum(limits, desired)
         self._columns = (self._xy[:, 0], self._xy[:, 1], briefing.route_lane_width / 2, speeds)
         self._commands = find_route_commands(briefing.route_xy, briefing.route_yaw)
-        self._stops = np.sort(np.array([sign.s for sign in briefing.stop_signs], dtype=np.float64))
+        self._stops = np.array(sorted(sign.s for sign in briefing.stop_signs), dtype=np.float64)
         self._station_m = float(self._s[0])
 
     def locate(self, own: OwnState) -> Navigation:
