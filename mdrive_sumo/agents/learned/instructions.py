@@ -72,7 +72,7 @@ def _build_vocabulary() -> tuple[str, ...]:
 
 
 VOCABULARY: tuple[str, ...] = _build_vocabulary()
-"""Word by number. Weights of the counterpart of LMDrive belong to it: a change of a phrase makes a new training necessary."""
+"""Word by number. Weights of the counterpart of LMDrive belong to it: after a change of a phrase they are invalid."""
 _NUMBERS: Mapping[str, int] = {word: number for number, word in enumerate(VOCABULARY)}
 
 
