@@ -173,7 +173,8 @@ def _build_present(
             gaps = _find_gaps(lane, front, length, taken)
             if min(gaps) < (JAM_M if is_jammed else FREE_M):
                 continue
-            speed = min(0.6 * lane.speed_limit, 0.8 * top, SPEED_BY_GAP * gaps[0], SPEED_BY_GAP * gaps[1])
+            gap = min(*gaps, lane.centre.length - front)
+            speed = min(0.6 * lane.speed_limit, 0.8 * top, SPEED_BY_GAP * gap)
             taken.boxes.append(box)
             edges = rng.choice(_find_continuations(roads)[lane.id])
             yield _build_vehicle(model, edges, lane, (0.0, front, 0.0 if is_jammed and speed < 2.0 else speed), top)
