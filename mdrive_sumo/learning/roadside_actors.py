@@ -20,7 +20,7 @@ from mdrive_sumo.vehicle import dynamics
 
 CAR = dynamics.MKZ_2017
 AHEAD_M = (20.0, 60.0)
-"""[m] Distance from a CAV's start to where somebody crosses."""
+"""[m] Distance from a CAV's start to where road users cross."""
 WALK_MPS, CYCLE_MPS = (0.9, 2.4), (2.5, 4.5)
 KERB_M = 0.8
 """[m] Distance beyond the edge of the road at which people wait."""
