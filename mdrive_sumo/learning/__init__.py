@@ -1,0 +1,1 @@
+"""Training of learned systems: scenarios, data, networks, export. `mdrive_sumo.agents.learned` drives the results."""
