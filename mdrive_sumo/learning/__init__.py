@@ -1,0 +1,1 @@
+"""Learning: training scenarios, training data, networks and their training (docs/learning.md)."""
