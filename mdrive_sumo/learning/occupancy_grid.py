@@ -24,4 +24,5 @@ def rasterize_boxes(poses: Float, sizes: Float, layer: Int, layers: int) -> npt.
     pixels = np.stack(((LEFT_M - corners[..., 1]) / POINT_M, (AHEAD_M - corners[..., 0]) / POINT_M), axis=-1)
     size = LIDAR_CELLS * PARTS
     covered = fill_polygons(box_edges(pixels), np.repeat(layer, 4), (layers, size))
-    return covered.reshape(layers, LIDAR_CELLS, PARTS, LIDAR_CELLS, PARTS).any(axis=(2, 4)).view(np.uint8)
+    rows = np.bitwise_or.reduce([covered[:, part::PARTS] for part in range(PARTS)])  # faster than any(axis)
+    return np.bitwise_or.reduce([rows[:, :, part::PARTS] for part in range(PARTS)]) & np.uint8(1)
