@@ -10,6 +10,7 @@ from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.suggestion import describe_unknown
+from mdrive_sumo.learning.learner_driver import find_driver_system
 from mdrive_sumo.learning.recorded_rigs import find_recorded_rig
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.runs.journal import Fingerprint
@@ -47,6 +48,8 @@ class CollectionSettings:
                 raise InputError(f"{option}: {describe_unknown(name, known)}")
         if self.driver is not None and not self.driver.is_file():
             raise InputError(f"--driver {self.driver}: expected a file with weights (ONNX), found none")
+        if self.driver is not None and (rig := find_recorded_rig(find_driver_system(self.driver).rig)) not in self.rigs:
+            raise InputError(f"--driver {self.driver}: expected the rig that it sees with, --rig {rig}, found none")
 
     @property
     def driver_checksum(self) -> str:
