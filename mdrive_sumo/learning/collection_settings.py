@@ -1,6 +1,5 @@
 """CollectionSettings: what a data set is made with, as a picklable value for worker processes."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,8 +77,7 @@ class CollectionSettings:
 
     def format_episode(self, index: int) -> str:
         """Return the name of an episode in the keys of its samples: letters, digits and "-"."""
-        suite = re.sub(r"[^A-Za-z0-9]", "", self.suite)
-        return "-".join(part for part in (self.split, suite, f"s{self.seed}", f"r{self.round}", f"{index:06d}") if part)
+        return f"{self.split}-s{self.seed}-r{self.round}-{index:06d}"
 
     def build_expert(self) -> Agent:
         """Return a new expert for one CAV."""
