@@ -100,8 +100,3 @@ class CollectionSettings:
                 f"training scenario {scenario.id}: expected a network {TRAINING_NETWORKS}*, found {scenario.network!r}"
             )
         return scenario, load_road_map(find_network_folder(scenario.network))
-
-
-def parse_rigs(rigs: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the rigs to record, each once, in alphabetical order. Raises InputError for an unknown name."""
-    return tuple(sorted({find_recorded_rig(rig) for rig in rigs}))

@@ -22,6 +22,11 @@ def find_recorded_rig(rig: str) -> str:
     return SHARED_RIGS.get(rig, rig)
 
 
+def parse_rig_names(rigs: Iterable[str]) -> tuple[str, ...]:
+    """Return the rigs to record, each once, in alphabetical order. Raises InputError for an unknown name."""
+    return tuple(sorted({find_recorded_rig(rig) for rig in rigs}))
+
+
 def find_rig_system(rig: str) -> SystemSpec:
     """Return the system whose sensors a recorded rig has."""
     return next(spec for spec in SYSTEMS.values() if spec.rig == rig)
