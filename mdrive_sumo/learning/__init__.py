@@ -1,0 +1,1 @@
+"""Learned systems: training data, networks, training, export. Running them is `agents.learned`."""
