@@ -91,7 +91,7 @@ scenarios: install ## write the built-in scenarios anew from their table
 
 schemas: install ## write docs/schemas/ anew from the code
 	mkdir -p docs/schemas
-	for what in results contract scenario network suite reference-times need proposal episode open-loop; do \
+	for what in results contract scenario network suite reference-times need proposal episode open-loop training-data; do \
 	  $(BIN)/mdrive-sumo schema $$what > docs/schemas/$$what.json || exit 1; done
 
 validate: install ## check every built-in scenario: starts, difficulty, feasibility, statistics, certificates, checksums

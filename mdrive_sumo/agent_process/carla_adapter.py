@@ -10,7 +10,6 @@ the agent's process.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +21,9 @@ from mdrive_sumo.agent_process.carla_stubs import Location, RoadOption, Rotation
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply, SensorSpec
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Float, wrap_angles
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT
+from mdrive_sumo.planning.route_commands import RouteCommand, find_route_commands
 
 EARTH_RADIUS_M = 6_378_137.0
 KINDS = {"sensor.other.gnss": "gnss", "sensor.other.imu": "imu", "sensor.speedometer": "speedometer"}
@@ -38,11 +38,14 @@ CAMERAS = {
 """Kind of image by CARLA's name of the camera."""
 SLOW_LIDAR = frozenset({"lmdrive", "TCP", "LAV", "transfuser", "interfuser", "WOR"})
 """Agents (`agent_name`) to which the original gives a LiDAR of 10 Hz."""
-TURN_RAD = math.radians(45)
-"""A bend of the route in which it turns by that much is a turn, see `options`."""
-BEND_RAD_PER_M = 0.02
-ASIDE_RAD = math.radians(4)
-"""A route that leaves the direction of its lane by that much changes lanes."""
+ROAD_OPTIONS: Mapping[int, RoadOption] = {
+    RouteCommand.FOLLOW: RoadOption.LANEFOLLOW,
+    RouteCommand.LEFT: RoadOption.LEFT,
+    RouteCommand.RIGHT: RoadOption.RIGHT,
+    RouteCommand.CHANGE_LEFT: RoadOption.CHANGELANELEFT,
+    RouteCommand.CHANGE_RIGHT: RoadOption.CHANGELANERIGHT,
+}
+"""CARLA's name of a command. STRAIGHT, which CARLA says in junctions, is never said: a briefing knows none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,26 +217,8 @@ def make_transforms(briefing: Briefing) -> list[Transform]:
 
 
 def find_road_options(briefing: Briefing) -> list[RoadOption]:
-    """What the route does at each of its points. A surrogate: a briefing knows no junctions.
-
-    Bends that turn by more than `TURN_RAD` are turns, LEFT and RIGHT; where the route leaves the direction of its lane
-    it changes lanes; the rest is LANEFOLLOW. STRAIGHT, which CARLA says in junctions, is never said.
-    """
-    yaw = briefing.route_yaw
-    found = [RoadOption.LANEFOLLOW] * len(yaw)
-    turned = wrap_angles(np.diff(yaw, append=yaw[-1:]))
-    bends = np.sign(turned) * (np.abs(turned) > BEND_RAD_PER_M)
-    edges = [0, *(np.flatnonzero(np.diff(bends)) + 1).tolist(), len(bends)]
-    for first, last in pairwise(edges):
-        if bends[first] and abs(turned[first:last].sum()) > TURN_RAD:
-            found[first:last] = [RoadOption.LEFT if bends[first] > 0 else RoadOption.RIGHT] * (last - first)
-    if len(yaw) > 1:
-        along = np.gradient(briefing.route_xy, axis=0)
-        aside = wrap_angles(portable.atan2(along[:, 1], along[:, 0]) - yaw)
-        for row in np.flatnonzero(np.abs(aside) > ASIDE_RAD).tolist():
-            if found[row] is RoadOption.LANEFOLLOW:
-                found[row] = RoadOption.CHANGELANELEFT if aside[row] > 0 else RoadOption.CHANGELANERIGHT
-    return found
+    """Return what the route does at each of its points."""
+    return [ROAD_OPTIONS[command] for command in find_route_commands(briefing.route_xy, briefing.route_yaw).tolist()]
 
 
 def _make_reply(control: Any) -> Reply | None:

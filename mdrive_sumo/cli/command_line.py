@@ -29,6 +29,7 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
     "validate": ("validate", "Check that a suite is sound, difficult and solvable."),
     "reference-times": ("reference_times", "Write when `omniscient` arrived in a run, beside its suite."),
     "generate": ("generate", "Generate scenarios: proposed, placed, checked, driven."),
+    "learn": ("learn", "Train systems that see through cameras: data, training, evaluation, export."),
     "schema": ("schema", "Print a file format as JSON Schema."),
     "doctor": ("doctor", "Show what is installed and what is missing for which command."),
 }

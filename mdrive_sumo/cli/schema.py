@@ -9,6 +9,7 @@ import click
 from mdrive_sumo import contract
 from mdrive_sumo.episode import build_episode_schema
 from mdrive_sumo.generate.proposal import Proposal
+from mdrive_sumo.learning.sample_format import build_training_data_schema
 from mdrive_sumo.open_loop import OpenLoopResults
 from mdrive_sumo.roads import NetworkFile
 from mdrive_sumo.scenario.reference_times import ReferenceTimesFile
@@ -28,6 +29,7 @@ SCHEMAS: Mapping[str, Callable[[], dict[str, Any]]] = {
     "need": NeedCertificateFile.model_json_schema,
     "episode": build_episode_schema,
     "open-loop": OpenLoopResults.model_json_schema,
+    "training-data": build_training_data_schema,
 }
 
 

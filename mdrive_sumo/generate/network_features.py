@@ -15,8 +15,8 @@ from mdrive_sumo.roads import RoadMap, list_packaged_networks, load_road_map
 
 HIGHWAY_MPS = 16.0
 """[m/s] Roads with a higher speed limit and one direction of travel are highways."""
-HARD_TIER_PREFIX = "hard_"
-"""Names of networks of the hard tier begin so; proposals for the other suites do not use them."""
+HARD_TIER_PREFIX, TRAINING_PREFIX = "hard_", "train_"
+"""Names of networks of the hard tier and of those for training begin so; the other suites' proposals use neither."""
 OPPOSITE_RAD = math.radians(135)
 
 
@@ -71,11 +71,17 @@ def is_hard_tier(network: str) -> bool:
     return network.startswith(HARD_TIER_PREFIX)
 
 
+def is_for_training(network: str) -> bool:
+    """Return whether a packaged network serves training only."""
+    return network.startswith(TRAINING_PREFIX)
+
+
 def find_networks(proposal: Proposal, names: Iterable[str] = ()) -> tuple[RoadMap, ...]:
-    """Return the networks (packaged ones, or those named) that meet the proposal's requirements; raises InputError if
-    there is none."""
-    folders = {name: folder for name, folder in list_packaged_networks().items() if not is_hard_tier(name)}
-    maps = [load_road_map(folders[name]) for name in sorted(names or folders)]
+    """Return the networks that meet the proposal's requirements: of those named, else of all packaged ones but the hard
+    tier's and those for training. Raises InputError if there is none."""
+    folders = list_packaged_networks()
+    chosen = names or [name for name in folders if not (is_hard_tier(name) or is_for_training(name))]
+    maps = [load_road_map(folders[name]) for name in sorted(chosen)]
     fitting = tuple(roads for roads in maps if _is_suitable(extract_features(roads), proposal))
     if not fitting:
         needs = [name for name in ("oncoming", "multi_lane", "on_ramp", "merge") if getattr(proposal, f"needs_{name}")]

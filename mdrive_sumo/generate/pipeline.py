@@ -55,12 +55,15 @@ class ProposalRejected(Exception):
         self.stage, self.reason = stage, reason
 
 
-def build_scenario(recipe: Recipe) -> Scenario:
-    """Run the stages up to soundness; raises ProposalRejected."""
+def build_scenario(recipe: Recipe, networks: Sequence[str] = ()) -> Scenario:
+    """Run the stages up to soundness; raises ProposalRejected.
+
+    networks: names of those to choose from instead of the category's.
+    """
     proposal, rng = recipe.proposal, random.Random(recipe.seed)
     if wrong := find_rule_violations(proposal):
         raise ProposalRejected(PipelineStage.RULES, "; ".join(wrong))
-    roads = _choose_network(proposal, rng)
+    roads = _choose_network(proposal, networks, rng)
     ways = assign_routes(proposal, roads, rng)
     if ways is None:
         raise ProposalRejected(
@@ -85,11 +88,10 @@ def build_scenario(recipe: Recipe) -> Scenario:
     return scenario
 
 
-def _choose_network(proposal: Proposal, rng: random.Random) -> RoadMap:
+def _choose_network(proposal: Proposal, networks: Sequence[str], rng: random.Random) -> RoadMap:
+    names = networks or find_typology_networks(proposal) or CATEGORIES[proposal.category].networks
     try:
-        return rng.choice(
-            find_networks(proposal, find_typology_networks(proposal) or CATEGORIES[proposal.category].networks)
-        )
+        return rng.choice(find_networks(proposal, names))
     except InputError as error:
         raise ProposalRejected(PipelineStage.CROP, str(error)) from None
 

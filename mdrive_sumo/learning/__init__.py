@@ -1,1 +1,1 @@
-"""Learned systems: training data, networks, training, export. Running them is `agents.learned`."""
+"""Learning: training scenarios, training data, networks and their training (docs/learning.md)."""

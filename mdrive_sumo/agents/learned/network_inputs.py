@@ -1,0 +1,91 @@
+"""The inputs of a learned system's network, built from an observation: training and driving use the same function."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.agents.learned.ego_frame import convert_to_ego
+from mdrive_sumo.agents.learned.instructions import encode_instruction
+from mdrive_sumo.agents.learned.lidar_histogram import build_lidar_histogram
+from mdrive_sumo.agents.learned.navigation import Navigation
+from mdrive_sumo.agents.learned.system_spec import (
+    INSTRUCTION_WORDS,
+    LIDAR_CELLS,
+    LIDAR_LAYERS,
+    NAVIGATION_SIZE,
+    PLAN_POINTS,
+    ROUTE_POINTS,
+    SystemSpec,
+)
+from mdrive_sumo.contract import Observation, OwnState
+from mdrive_sumo.core.geometry import wrap_angle
+
+Inputs = dict[str, npt.NDArray[Any]]
+LIDAR_ID = "top"
+"""Id of the LiDAR in `SystemSpec.build_sensors`."""
+
+
+def build_inputs(spec: SystemSpec, seen: Observation, navigation: Navigation, instruction: str = "") -> Inputs:
+    """Return the inputs by name, without a batch dimension and without memory (`memory`, `motion`).
+
+    seen: an observation with all images, and the scan if used (`has_sensor_data`). Shapes: `describe_inputs`.
+    """
+    assert seen.speedometer is not None, "the speedometer is declared"
+    inputs: Inputs = {
+        image.name: np.stack([seen.cameras[camera].pixels for camera in image.cameras]) for image in spec.images
+    }
+    inputs["navigation"] = navigation.build_vector(seen.speedometer)
+    if spec.uses_route:
+        inputs["route"] = navigation.route
+    if spec.uses_lidar:
+        inputs["lidar"] = build_lidar_histogram(seen.lidar[LIDAR_ID])
+    if spec.uses_instruction:
+        inputs["instruction"] = encode_instruction(instruction)
+    return inputs
+
+
+def has_sensor_data(spec: SystemSpec, seen: Observation) -> bool:
+    """Return whether the observation has every image, and the scan, that the system needs for a decision."""
+    has_images = all(camera in seen.cameras for image in spec.images for camera in image.cameras)
+    return has_images and (not spec.uses_lidar or LIDAR_ID in seen.lidar)
+
+
+def black_out_images(spec: SystemSpec, inputs: Inputs) -> Inputs:
+    """Return the inputs with black images, for ablations."""
+    return inputs | {image.name: np.zeros_like(inputs[image.name]) for image in spec.images}
+
+
+def compute_motion(before: OwnState, own: OwnState) -> npt.NDArray[np.float32]:
+    """Return the input `motion` (3,): where the car is in its earlier ego frame, dx, dy [m], and its turn [rad]."""
+    from_before = convert_to_ego(np.array(((own.x, own.y),)), before)[0]
+    return np.array((*from_before, wrap_angle(own.yaw - before.yaw)), dtype=np.float32)
+
+
+def describe_inputs(spec: SystemSpec, memory_shape: tuple[int, ...] = ()) -> Mapping[str, tuple[tuple[int, ...], str]]:
+    """Return shape without the batch dimension and dtype of every input by name, in the order of the network."""
+    described: dict[str, tuple[tuple[int, ...], str]] = {
+        image.name: ((len(image.cameras), image.height, image.width, 3), "uint8") for image in spec.images
+    }
+    described["navigation"] = ((NAVIGATION_SIZE,), "float32")
+    if spec.uses_route:
+        described["route"] = ((ROUTE_POINTS, 4), "float32")
+    if spec.uses_lidar:
+        described["lidar"] = ((LIDAR_LAYERS, LIDAR_CELLS, LIDAR_CELLS), "uint8")
+    if spec.uses_instruction:
+        described["instruction"] = ((INSTRUCTION_WORDS,), "int64")
+    if spec.uses_memory:
+        described["memory"] = (memory_shape, "float32")
+        described["motion"] = ((3,), "float32")
+    return described
+
+
+def describe_outputs(spec: SystemSpec, memory_shape: tuple[int, ...] = ()) -> Mapping[str, tuple[int, ...]]:
+    """Return the shape without the batch dimension of every output by name; all are float32."""
+    described: dict[str, tuple[int, ...]] = {"plan": (PLAN_POINTS, 2)}
+    if spec.answers_control:
+        described["control"] = (3,)
+    if spec.uses_memory:
+        described["bev"] = memory_shape
+    return described

@@ -1,0 +1,143 @@
+"""`mdrive-sumo learn data`."""
+
+import signal
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.learning.collection import collect_dataset
+from mdrive_sumo.learning.collection_settings import EXPERTS, SPLITS, CollectionSettings, parse_rigs
+from mdrive_sumo.learning.recorded_rigs import RIG_NAMES
+from mdrive_sumo.learning.sample_format import CollectedScenario, DatasetFile, ShardEntry
+
+
+@click.command("data")
+@click.option(
+    "--split", type=click.Choice(SPLITS), required=True, help="Networks and scenarios for training, or to check."
+)
+@click.option("--scenarios", type=click.IntRange(1, 1_000_000), required=True, metavar="N", help="How many scenarios.")
+@click.option(
+    "--expert", type=click.Choice(EXPERTS), default=EXPERTS[0], show_default=True, help="What gives the labels."
+)
+@click.option("--rig", "rigs", multiple=True, metavar="|".join(RIG_NAMES), help="Cameras to record; may repeat.")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True, help="Folder of the data set.")
+@workers_option
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of everything drawn.")
+@click.option(
+    "--perturb",
+    type=click.FloatRange(0.0, 10.0),
+    default=1.0,
+    show_default=True,
+    help="Rate of perturbations of the expert's driving; 1: one every 4 to 8 s, 0: none.",
+)
+@click.option(
+    "--driver",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="WEIGHTS.onnx",
+    help="DAgger: this learner drives, the expert is asked about its states.",
+)
+@click.option(
+    "--mix", type=click.FloatRange(0.0, 1.0), default=0.2, show_default=True, help="DAgger: share the expert drives."
+)
+@click.option(
+    "--round",
+    "round_",
+    type=click.IntRange(0, 1000),
+    help="DAgger: number of the round.  [default: 1; 0 without --driver]",
+)
+@click.option("--fresh", is_flag=True, help="Start anew instead of continuing.")
+@click.option("--suite", default="", hidden=True, help="Tests: scenarios of a suite instead of training scenarios.")
+@click.pass_context
+def command(ctx: click.Context, out: Path, scenarios: int, workers: int, fresh: bool, **options: Any) -> None:
+    """Make training data: drive training scenarios with an expert and keep what a learner sees, with the answers.
+
+    The same command continues after an interruption; a larger --scenarios extends the data set.
+    """
+    settings = _parse_settings(options)
+    display = CollectionDisplay()
+    try:
+        dataset = collect_dataset(settings, out, scenarios, workers, display, fresh)
+    except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not swallow the answer to the first
+        again = "the same command" + (" without --fresh" if fresh else "")
+        click.echo(f"interrupted; {again} continues {out}", err=True)
+        ctx.exit(130)
+    click.echo(format_dataset(dataset))
+    click.echo(f"{out}  {len(dataset.shards)} shards and dataset.json")
+    failed = [one for one in _list_scenarios(dataset) if one.status == "failed"]
+    for one in failed:
+        click.echo(f"scenario {one.index} ({one.scenario}) failed: {one.reason}", err=True)
+    done = sum(len(shard.scenarios) for shard in dataset.shards)
+    ctx.exit(1 if failed or done < scenarios else 0)
+
+
+def _parse_settings(options: Mapping[str, Any]) -> CollectionSettings:
+    """Return the settings. Raises InputError and click.UsageError."""
+    source = click.get_current_context().get_parameter_source
+    driver, round_ = options["driver"], options["round_"]
+    if driver is None and (round_ or source("mix") is click.core.ParameterSource.COMMANDLINE):
+        raise click.UsageError("--mix and --round go only with --driver: without it the expert drives")
+    if driver is not None and round_ == 0:
+        raise click.UsageError("--round: expected 1 or more with --driver, found 0, which is the expert's drive")
+    return CollectionSettings(
+        split=options["split"],
+        seed=options["seed"],
+        expert=options["expert"],
+        rigs=parse_rigs(options["rigs"]),
+        perturbation=options["perturb"],
+        driver=None if driver is None else driver.resolve(),
+        mix=0.0 if driver is None else options["mix"],
+        round=0 if driver is None else round_ or 1,
+        suite=options["suite"],
+    )
+
+
+def _list_scenarios(dataset: DatasetFile) -> list[CollectedScenario]:
+    return [one for shard in dataset.shards for one in shard.scenarios]
+
+
+def format_dataset(dataset: DatasetFile) -> str:
+    """Return a table of what a data set holds."""
+    scenarios = _list_scenarios(dataset)
+    counts = {status: sum(one.status == status for one in scenarios) for status in ("done", "none", "failed")}
+    megabytes = sum(shard.bytes for shard in dataset.shards) / 1e6
+    header = ("scenarios", "none", "failed", "CAV ticks", "samples", "left out", "MB")
+    row = (
+        *map(str, counts.values()),
+        str(sum(one.ticks for one in scenarios)),
+        str(dataset.samples),
+        str(sum(one.dropped for one in scenarios)),
+        f"{megabytes:.1f}",
+    )
+    return format_text_table(header, [row])
+
+
+class CollectionDisplay:
+    """Progress on standard error: one line per shard."""
+
+    def __init__(self) -> None:
+        self._total = self._done = self._samples = 0
+        self._began = time.monotonic()
+
+    def begin(self, total: int, kept: int) -> None:
+        """See CollectionProgress."""
+        self._total, self._done = total, kept
+        self._began = time.monotonic()
+        if kept:
+            self.note(f"continuing: {kept} of {total} shards are there")
+
+    def finish_shard(self, entry: ShardEntry) -> None:
+        """See CollectionProgress."""
+        self._done += 1
+        self._samples += entry.samples
+        rate = self._samples / max(time.monotonic() - self._began, 1e-3)
+        self.note(f"{self._done}/{self._total}  {entry.name}: {entry.samples} samples; {rate:.1f} samples/s")
+
+    def note(self, text: str) -> None:
+        """See CollectionProgress."""
+        click.echo(text, err=True)

@@ -1,0 +1,106 @@
+"""CollectionSettings: what a data set is made with, as a picklable value for worker processes."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.contract import Agent
+from mdrive_sumo.core.checksum import compute_file_checksum
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.seeding import derive_seed
+from mdrive_sumo.core.suggestion import describe_unknown
+from mdrive_sumo.learning.recorded_rigs import find_recorded_rig
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.runs.journal import Fingerprint
+from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.suite import load_suite
+
+EXPERTS = ("omniscient", "sharing+negotiation", "single")
+"""Built-in agents that answer with plans; the best first."""
+SPLITS = ("train", "val")
+TRAINING_NETWORKS = "train_"
+"""Beginning of the names of all networks for training."""
+
+
+@dataclass(frozen=True, slots=True)
+class CollectionSettings:
+    """What decides the samples of a data set; their number and the number of workers do not."""
+
+    split: str
+    seed: int
+    expert: str
+    rigs: tuple[str, ...] = ()
+    """Names as `find_recorded_rig` returns them."""
+    perturbation: float = 1.0
+    driver: Path | None = None
+    """Weights of the learner that drives; None: the expert drives."""
+    mix: float = 0.0
+    round: int = 0
+    suite: str = ""
+    """Suite that stands in for training scenarios, in tests."""
+
+    def __post_init__(self) -> None:
+        """Raises InputError for unknown names."""
+        for option, name, known in (("--split", self.split, SPLITS), ("--expert", self.expert, EXPERTS)):
+            if name not in known:
+                raise InputError(f"{option}: {describe_unknown(name, known)}")
+        if self.driver is not None and not self.driver.is_file():
+            raise InputError(f"--driver {self.driver}: expected a file with weights (ONNX), found none")
+
+    @property
+    def driver_checksum(self) -> str:
+        """Checksum of the learner's weights; "" without one."""
+        return "" if self.driver is None else compute_file_checksum(self.driver)
+
+    @property
+    def fingerprint(self) -> Fingerprint:
+        """What makes two collections the same, as the journal keeps it."""
+        return {
+            "collection": "mdrive-sumo/training-data/1",
+            "split": self.split,
+            "seed": self.seed,
+            "expert": self.expert,
+            "rigs": ",".join(self.rigs),
+            "perturbation": str(self.perturbation),
+            "driver": self.driver_checksum,
+            "mix": str(self.mix),
+            "round": self.round,
+            "suite": self.suite,
+        }
+
+    def derive_episode_seed(self, index: int) -> int:
+        """Return the seed of the episode of one scenario."""
+        return derive_seed(self.seed, "learning", self.split, str(self.round), str(index))
+
+    def format_episode(self, index: int) -> str:
+        """Return the name of an episode in the keys of its samples: letters, digits and "-"."""
+        suite = re.sub(r"[^A-Za-z0-9]", "", self.suite)
+        return "-".join(part for part in (self.split, suite, f"s{self.seed}", f"r{self.round}", f"{index:06d}") if part)
+
+    def build_expert(self) -> Agent:
+        """Return a new expert for one CAV."""
+        return AGENTS[self.expert]({})
+
+    def load_scenario(self, index: int) -> tuple[Scenario, RoadMap] | None:
+        """Return the scenario of an index, which is deterministic, and its network; None if there is none."""
+        if self.suite:
+            suite = load_suite(self.suite)
+            scenario = suite.scenarios[index % len(suite)]
+            folder = find_network_folder(scenario.network, suite.find_folder(scenario.id))
+            return scenario, load_road_map(folder)
+        from mdrive_sumo.learning.training_scenarios import build_training_scenario  # here: it imports the generators
+
+        scenario = build_training_scenario(self.split, self.seed, index)
+        if scenario is None:
+            return None
+        if not scenario.network.startswith(TRAINING_NETWORKS):
+            raise InputError(
+                f"training scenario {scenario.id}: expected a network {TRAINING_NETWORKS}*, found {scenario.network!r}"
+            )
+        return scenario, load_road_map(find_network_folder(scenario.network))
+
+
+def parse_rigs(rigs: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the rigs to record, each once, in alphabetical order. Raises InputError for an unknown name."""
+    return tuple(sorted({find_recorded_rig(rig) for rig in rigs}))

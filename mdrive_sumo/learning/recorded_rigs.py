@@ -1,0 +1,53 @@
+"""Which sensors a data set records: those of the learned systems, each under a name of its rig."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from mdrive_sumo.agents.learned.system_spec import SYSTEMS, ImageInput, SystemSpec
+from mdrive_sumo.contract import Observation, SensorSpec
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import describe_unknown
+
+SHARED_RIGS = {"uniad": "vad"}
+"""A rig whose images another one has: six cameras of the same places, angles and sizes."""
+RIG_NAMES = tuple(spec.rig for spec in SYSTEMS.values())
+
+
+def find_recorded_rig(rig: str) -> str:
+    """Return the name under which the images of a system's rig are stored. Raises InputError."""
+    if rig not in RIG_NAMES:
+        raise InputError(f"--rig: {describe_unknown(rig, RIG_NAMES)}")
+    return SHARED_RIGS.get(rig, rig)
+
+
+def find_rig_system(rig: str) -> SystemSpec:
+    """Return the system whose sensors a recorded rig has."""
+    return next(spec for spec in SYSTEMS.values() if spec.rig == rig)
+
+
+def format_sensor_id(rig: str, sensor: str) -> str:
+    """Return the id of a recorded camera or LiDAR: rigs may have cameras of the same name."""
+    return f"{rig}-{sensor}"
+
+
+def build_rig_sensors(rigs: Iterable[str]) -> tuple[SensorSpec, ...]:
+    """Return the cameras and LiDARs of recorded rigs, renamed by `format_sensor_id`."""
+    sensors = [(rig, spec) for rig in rigs for spec in find_rig_system(rig).build_sensors()]
+    return tuple(
+        replace(spec, id=format_sensor_id(rig, spec.id)) for rig, spec in sensors if spec.kind in ("camera", "lidar")
+    )
+
+
+def list_stored_images(spec: SystemSpec, image: ImageInput) -> tuple[str, ...]:
+    """Return the names of the stored images (RIG-CAMERA) of one input of a system."""
+    rig = find_recorded_rig(spec.rig)
+    return tuple(format_sensor_id(rig, camera) for camera in image.cameras)
+
+
+def select_rig_outputs(spec: SystemSpec, seen: Observation) -> dict[str, dict[str, object]]:
+    """Return the fields `cameras` and `lidar` of an observation as a system with its own sensors gets them."""
+    prefix = format_sensor_id(find_recorded_rig(spec.rig), "")
+    return {
+        field: {name.removeprefix(prefix): value for name, value in found.items() if name.startswith(prefix)}
+        for field, found in (("cameras", seen.cameras), ("lidar", seen.lidar))
+    }

@@ -1,0 +1,146 @@
+"""RecordingAgent: drives a CAV as an expert or a learner does and keeps what a learner sees, with the expert's answer."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mdrive_sumo.agents.learned.instructions import compose_instruction
+from mdrive_sumo.agents.learned.lidar_histogram import build_lidar_histogram
+from mdrive_sumo.agents.learned.navigation import RouteNavigator
+from mdrive_sumo.agents.learned.system_spec import DECISION_TICKS, SystemSpec
+from mdrive_sumo.contract import Agent, Briefing, Observation, OwnState, Plan, Reply, SensorSpec
+from mdrive_sumo.core.seeding import draw_first_uniform
+from mdrive_sumo.core.state import EgoState
+from mdrive_sumo.learning.image_files import encode_image
+from mdrive_sumo.learning.perturbation import PerturbationSchedule
+from mdrive_sumo.learning.plan_labels import label_plan, move_plan
+from mdrive_sumo.learning.recorded_rigs import build_rig_sensors, select_rig_outputs
+from mdrive_sumo.sensing.localization import OwnStateEstimator
+from mdrive_sumo.vehicle.control import CONTROLLERS
+
+SEGMENT_TICKS = 100
+"""With a learner, expert and learner take turns in segments of 5 s."""
+INSTRUCTION_TICKS = 80
+"""The words of an instruction change every 4 s, or with the situation."""
+VARIANTS = 1000
+"""Different numbers of paraphrases that are drawn."""
+
+
+@dataclass(frozen=True)
+class RecordingSetup:
+    """What one CAV's drive is recorded with."""
+
+    expert: Agent
+    rigs: tuple[str, ...]
+    seed: int
+    """Of perturbations, segments and paraphrases."""
+    estimator_seed: int
+    """Of the errors of the own state that a learner gets; those of the episode's own estimator."""
+    perturbation: float = 0.0
+    learner: Agent | None = None
+    system: SystemSpec | None = None
+    """Of the learner."""
+    mix: float = 0.0
+    """Share of the segments that the expert drives if there is a learner."""
+
+
+@dataclass(frozen=True)
+class RecordedDecision:
+    """What a learner knows at one decision of a CAV, and what the expert answers. Images are JPEG files."""
+
+    tick: int
+    labels: Mapping[str, np.ndarray]
+    images: Mapping[str, bytes]
+    """By RIG-CAMERA."""
+    instruction: str
+
+
+class RecordingAgent:
+    """The expert is asked on every tick and keeps its own state, whatever drives the car."""
+
+    label = "single"
+
+    def __init__(self, setup: RecordingSetup) -> None:
+        self._setup = setup
+        self._schedule = PerturbationSchedule(setup.seed, 0.0 if setup.learner else setup.perturbation)
+        self._is_privileged = any(spec.kind == "privileged" for spec in setup.expert.sensors())
+        self._estimator = OwnStateEstimator(setup.estimator_seed)
+        self.decisions: list[RecordedDecision] = []
+
+    def sensors(self) -> tuple[SensorSpec, ...]:
+        """Return the sensors of the expert, and those of the rigs."""
+        return (*self._setup.expert.sensors(), *build_rig_sensors(self._setup.rigs))
+
+    def start(self, briefing: Briefing) -> None:
+        """Brief the expert and the learner."""
+        self._navigator = RouteNavigator(briefing)
+        self._tracker = CONTROLLERS["tracker"](briefing.vehicle)
+        self._setup.expert.start(briefing)
+        if self._setup.learner is not None:
+            self._setup.learner.start(briefing)
+
+    def act(self, seen: Observation) -> Reply:
+        """Return the reply of what drives; keep the decision if one is due."""
+        answer = self._setup.expert.act(seen)
+        assert answer.plan is not None, "experts answer with plans"
+        own = self._estimate_own_state(seen)
+        driven, is_expert = self._drive(seen, own, answer.plan)
+        if seen.tick % DECISION_TICKS == 0 and is_decided(answer.plan, seen.own):
+            self.decisions.append(self._record(seen, own, answer.plan, is_expert))
+        return replace(driven, messages=answer.messages, notes=(), detections=None)
+
+    def _estimate_own_state(self, seen: Observation) -> OwnState:
+        """Return the own state as a learner gets it: privileged experts get the true one."""
+        own = seen.own
+        if not self._is_privileged:
+            return own
+        truth = EgoState(own.x, own.y, own.yaw, own.speed, own.acceleration, own.yaw_rate, own.steer_angle)
+        return self._estimator.describe(self._estimator.estimate(seen.tick, truth))
+
+    def _drive(self, seen: Observation, own: OwnState, plan: Plan) -> tuple[Reply, bool]:
+        """Return what the car does, and whether that is what the expert wants."""
+        if self._setup.learner is not None:
+            return self._drive_with_learner(seen, own, plan)
+        burst = self._schedule.find_burst(seen.tick)
+        if burst is None:
+            return Reply(plan=plan), True
+        return Reply(plan=burst.apply(plan, seen.own, seen.tick)), False
+
+    def _drive_with_learner(self, seen: Observation, own: OwnState, plan: Plan) -> tuple[Reply, bool]:
+        setup = self._setup
+        assert setup.learner is not None and setup.system is not None
+        outputs = select_rig_outputs(setup.system, seen)
+        reply = setup.learner.act(
+            Observation(seen.tick, own, signals=seen.signals, speedometer=own.speed, **outputs)  # type: ignore[arg-type]
+        )
+        segment = seen.tick // SEGMENT_TICKS
+        if setup.mix > draw_first_uniform(setup.seed, "segment", segment):
+            return Reply(plan=plan), True
+        if reply.plan is not None and self._is_privileged:  # the loop tracks it from the true own state
+            return Reply(plan=move_plan(reply.plan, own, seen.own)), False
+        return reply, False
+
+    def _record(self, seen: Observation, own: OwnState, plan: Plan, is_expert: bool) -> RecordedDecision:
+        control = self._tracker.follow(plan, seen.own, 0)
+        navigation = self._navigator.locate(own)
+        labels = {
+            "own": np.array((own.x, own.y, own.yaw, own.speed, own.acceleration, own.yaw_rate)),
+            "navigation": navigation.build_vector(own.speed),
+            "route": navigation.route,
+            "expert_plan": label_plan(plan, seen.own),
+            "expert_control": np.array((control.throttle, control.brake, control.steer)),
+        }
+        arrays = {name: value.astype(np.float32) for name, value in labels.items()}
+        arrays["perturbed"] = np.array(not is_expert, dtype=np.uint8)
+        for scan in seen.lidar.values():
+            arrays["lidar"] = build_lidar_histogram(scan)
+        images = {name: encode_image(image) for name, image in seen.cameras.items()}
+        period = seen.tick // INSTRUCTION_TICKS
+        variant = int(VARIANTS * draw_first_uniform(self._setup.seed, "instruction", period))
+        return RecordedDecision(seen.tick, arrays, images, compose_instruction(navigation, variant))
+
+
+def is_decided(plan: Plan, own: OwnState) -> bool:
+    """Return whether a plan is more than `omniscient`'s order to stand before it has planned: one point, the car."""
+    return len(plan.points) > 1 or bool((np.abs(plan.points[0] - (own.x, own.y)) > 1e-6).any())

@@ -1,0 +1,124 @@
+"""What is true around a CAV at a decision: boxes, their futures, occupancy, lanes. Read from the finished recording."""
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.agents.learned.system_spec import PLAN_INTERVAL_S, PLAN_POINTS
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
+from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
+from mdrive_sumo.episode import EpisodeRecord, rebuild_frame
+from mdrive_sumo.learning.lane_graph import load_lane_graph
+from mdrive_sumo.learning.occupancy_grid import rasterize_boxes
+from mdrive_sumo.learning.sample_format import OCCUPANCY_LAYERS
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.sensing.camera.road_user_models import choose_models
+from mdrive_sumo.sensing.objects_sensor import load_building_edges
+from mdrive_sumo.sensing.observation_builder import build_sensing_frame
+from mdrive_sumo.sensing.sensing_frame import SensorPose
+from mdrive_sumo.sensing.visibility import SightView, announce_eye
+
+REACH_M = 60.0
+"""Boxes farther away from the box centre are left out."""
+REMEMBERED_TICKS = 2 * TICKS_PER_SECOND
+"""Occupancy has what was visible at a decision of the last 2 s: what a network with memory can know."""
+LATER_TICKS = round(PLAN_INTERVAL_S * TICKS_PER_SECOND) * np.arange(1, PLAN_POINTS + 1)
+Labels = dict[str, npt.NDArray[np.generic]]
+
+
+class SceneLabels:
+    """Labels of one episode. Ask in the order of ticks: it remembers what each CAV has seen."""
+
+    def __init__(self, episode: EpisodeRecord, roads: RoadMap) -> None:
+        self._episode, self._roads = episode, roads
+        self._poses: Float = np.stack((episode.x, episode.y, episode.yaw), axis=-1)
+        """(T, N, 3)"""
+        self._sizes: Float = np.stack((episode.length, episode.width), axis=-1)
+        self._seen_tick: dict[int, Int] = {}
+        """(N,) tick in which each column was last visible, by column of the CAV."""
+
+    def build(self, tick: int, cavs: list[int]) -> Mapping[int, Labels]:
+        """Return the labels of a tick by column of the CAV; cavs: columns of CAVs that are in the world."""
+        episode = self._episode
+        frame = rebuild_frame(episode, tick)
+        columns = np.flatnonzero(episode.valid[tick])
+        sizes = {ego: (float(self._sizes[i, 0]), float(self._sizes[i, 1])) for i, ego in enumerate(episode.ego_ids)}
+        scene = build_sensing_frame(frame, sizes)
+        classes, edges = choose_models(scene.boxes), load_building_edges(self._roads)
+        rows = {column: row for row, column in enumerate(columns.tolist())}
+        eyes = {cav: SensorPose(*self._poses[tick, cav].tolist(), rows[cav]) for cav in cavs}
+        numbers = {cav: announce_eye(scene, eye, REACH_M) for cav, eye in eyes.items()}
+        found: dict[int, Labels] = {}
+        for cav, eye in eyes.items():
+            view = SightView(eye, scene, edges, REACH_M, numbers[cav])
+            near = np.flatnonzero(view.distances <= REACH_M)
+            near = near[np.argsort(view.distances[near], kind="stable")]
+            visible = view.visible_rows(0.0)[near]
+            found[cav] = self._build_one(tick, cav, columns[near], visible, classes[near])
+        return found
+
+    def _build_one(self, tick: int, cav: int, columns: Int, visible: Bool, classes: Int) -> Labels:
+        own = self._poses[tick, cav]
+        now = to_ego_poses(self._poses[tick, columns], own)
+        later = self._find_futures(tick, columns, own)
+        boxes = np.column_stack(
+            (now, self._sizes[columns], self._episode.speed[tick, columns], classes, visible, columns)
+        )
+        lanes = load_lane_graph(self._roads).find_lines(float(own[0]), float(own[1]))
+        known = self._remember(tick, cav, columns, visible)
+        return {
+            "boxes": boxes.astype(np.float32),
+            "futures": later.astype(np.float32),
+            "occupancy": self._rasterize(tick, columns[known], now[known], later[known], own),
+            "lane_graph": to_ego_points(lanes, own).astype(np.float32),
+        }
+
+    def _find_futures(self, tick: int, columns: Int, own: Float) -> Float:
+        """Return the poses (N, PLAN_POINTS, 3) at the plan's times in the ego frame of now; NaN: not in the world."""
+        ticks = tick + LATER_TICKS
+        at = np.minimum(ticks, self._episode.ticks - 1)[:, None]
+        is_there = self._episode.valid[at, columns] & (ticks < self._episode.ticks)[:, None]
+        poses = np.where(is_there[..., None], to_ego_poses(self._poses[at, columns], own), np.nan)
+        return poses.transpose(1, 0, 2)
+
+    def _remember(self, tick: int, cav: int, columns: Int, visible: Bool) -> Bool:
+        """Return which of the columns the CAV sees or saw in the last `REMEMBERED_TICKS`."""
+        seen = self._seen_tick.setdefault(cav, np.full(len(self._episode.ids), -REMEMBERED_TICKS - 1, dtype=np.int64))
+        seen[columns[visible]] = tick
+        return tick - seen[columns] <= REMEMBERED_TICKS
+
+    def _rasterize(self, tick: int, columns: Int, now: Float, later: Float, own: Float) -> npt.NDArray[np.uint8]:
+        """Return the packed occupancy. Beyond the end of the recording boxes go on at their last speed."""
+        last = self._episode.ticks - 1
+        after_s = np.maximum(tick + LATER_TICKS - last, 0) * DT
+        if (after_s > 0.0).any():
+            later = self._extrapolate(columns, later, after_s, own)
+        poses = np.concatenate((now[:, None], later), axis=1)
+        box, layer = np.nonzero(~np.isnan(poses[..., 0]))
+        cells = rasterize_boxes(poses[box, layer], self._sizes[columns[box]], layer, OCCUPANCY_LAYERS)
+        return np.packbits(cells)
+
+    def _extrapolate(self, columns: Int, later: Float, after_s: Float, own: Float) -> Float:
+        """Return futures in which times beyond the recording have poses, too."""
+        last = self._episode.ticks - 1
+        poses = np.repeat(to_ego_poses(self._poses[last, columns], own)[:, None], PLAN_POINTS, axis=1)
+        way = self._episode.speed[last, columns][:, None] * after_s
+        cos, sin = portable.cos_sin(poses[..., 2])
+        poses[..., 0] += cos * way
+        poses[..., 1] += sin * way
+        is_after = (after_s > 0.0) & self._episode.valid[last, columns][:, None]
+        return np.where(is_after[..., None], poses, later)
+
+
+def to_ego_points(points: Float, own: Float) -> Float:
+    """Return points (..., 2) [m] of the world in the ego frame of a pose (3,) x, y, yaw."""
+    cos, sin = portable.cos_sin(float(own[2]))
+    x, y = points[..., 0] - own[0], points[..., 1] - own[1]
+    return np.stack((cos * x + sin * y, cos * y - sin * x), axis=-1)
+
+
+def to_ego_poses(poses: Float, own: Float) -> Float:
+    """Return poses (..., 3) x, y, yaw of the world in the ego frame of a pose (3,); yaw in [-pi, pi)."""
+    return np.concatenate((to_ego_points(poses[..., :2], own), wrap_angles(poses[..., 2:] - own[2])), axis=-1)

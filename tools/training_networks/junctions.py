@@ -1,0 +1,120 @@
+"""Training networks around one junction: arms with drawn angles, bends and lanes; with and without lights."""
+
+import math
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tools.training_networks.network_draft import NetworkDraft, Node, Street
+from tools.training_networks.street_lines import draw_arm, trace_line
+
+COMPASS = ("east", "north", "west", "south")
+
+
+@dataclass(frozen=True, slots=True)
+class JunctionPlan:
+    """How a junction and its arms look."""
+
+    angles_deg: tuple[float, ...]
+    """Directions of the arms, counter-clockwise; one that is negative stands for an arm that there is not."""
+    lanes: tuple[tuple[int, int], ...]
+    """Lanes into the junction and out of it, by arm."""
+    type: str = "right_before_left"
+    radius: float = 5.0
+    speed: float = 8.33
+    main: tuple[int, ...] = ()
+    """Arms with priority."""
+    length_m: float = 100.0
+    bend: float = 0.0
+    """Share of arms with a bend."""
+    jitter_deg: float = 4.0
+    sidewalk_m: float = 1.5
+    zebras: bool = False
+
+
+def build_junction(draft: NetworkDraft, plan: JunctionPlan, rng: random.Random) -> list[str]:
+    """Add a junction with its arms to the draft; return the ids of the arms."""
+    draft.nodes.append(Node("x", 0.0, 0.0, plan.type, plan.radius))
+    arms: list[str] = []
+    for k, (angle, lanes) in enumerate(zip(plan.angles_deg, plan.lanes, strict=True)):
+        heading = math.radians(angle + rng.uniform(-plan.jitter_deg, plan.jitter_deg))
+        line = trace_line((0.0, 0.0), heading, draw_arm(rng, plan.length_m * rng.uniform(0.9, 1.15), plan.bend))
+        arm = COMPASS[round(angle / 90) % 4]
+        draft.nodes.append(Node(arm, *line[-1].tolist()))
+        priority = 6 if k in plan.main else 3
+        draft.streets.append(Street(arm, arm, "x", line[::-1], lanes, plan.speed, priority, sidewalk_m=plan.sidewalk_m))
+        if plan.zebras:
+            draft.crossings.append(("x", f"{arm}_in {arm}_out"))
+        arms.append(arm)
+    if plan.type == "priority_stop":
+        draft.stops += [f"{arm}_in" for k, arm in enumerate(arms) if k not in plan.main]
+    return arms
+
+
+def add_turn_lane_connections(draft: NetworkDraft, arms: Sequence[str], lanes: Sequence[tuple[int, int]]) -> None:
+    """Connect arms (counter-clockwise, each with a left-turn lane) explicitly: right and straight, straight, left."""
+    first = 1 if draft.streets[-1].sidewalk_m else 0
+    for k, arm in enumerate(arms):
+        inside = lanes[k][0]
+        right, ahead, left = ((k + 1) % 4, (k + 2) % 4, (k + 3) % 4)
+        moves = [(0, right, 0)]
+        moves += [(i, ahead, min(i, lanes[ahead][1] - 1)) for i in range(inside - 1)]
+        moves += [(inside - 1, left, lanes[left][1] - 1)]
+        for lane, target, to_lane in moves:
+            draft.connections.append((f"{arm}_in", first + lane, f"{arms[target]}_out", first + to_lane))
+
+
+def build_roundabout(draft: NetworkDraft, radius: float, lanes: int, angles_deg: Sequence[float], arm_m: float) -> None:
+    """Add a roundabout of a ring with `lanes` lanes and as many on each arm; the ring has priority."""
+    half = math.radians(19.0 if lanes == 1 else 17.0)
+    base = lanes * draft.lane_m / 2 + 0.55
+    flare = [base + share * (radius * math.sin(half) - base) for share in (0.0, 0.0, 0.22, 0.56, 1.0)]
+    away = [radius + arm_m, radius + 24.0, radius + 15.0, radius + 8.0, radius * math.cos(half)]
+    nodes, cuts = list[str](), list[float]()
+    for k, angle in enumerate(angles_deg):
+        arm, axis = f"arm_{k + 1}", math.radians(angle)
+        entering = np.array([_rotate(x, y, axis) for x, y in zip(away, flare, strict=True)])
+        leaving = np.array([_rotate(x, -y, axis) for x, y in zip(away, flare, strict=True)])[::-1]
+        end = ((entering[0] + leaving[-1]) / 2).tolist()
+        draft.nodes += [Node(arm, *end)]
+        draft.nodes += [Node(f"{arm}_x", *leaving[0].tolist(), "priority", 2.5)]
+        draft.nodes += [Node(f"{arm}_n", *entering[-1].tolist(), "priority", 2.5)]
+        draft.streets.append(
+            Street(f"{arm}_in", arm, f"{arm}_n", entering, (lanes, 0), 13.89, 2, 0.0, True, (f"{arm}_in", ""))
+        )
+        draft.streets.append(
+            Street(f"{arm}_out", f"{arm}_x", arm, leaving, (lanes, 0), 13.89, 2, 0.0, True, (f"{arm}_out", ""))
+        )
+        nodes += [f"{arm}_x", f"{arm}_n"]
+        cuts += [axis - half, axis + half]
+    _add_ring(draft, radius, lanes, nodes, cuts)
+
+
+def _rotate(x: float, y: float, angle: float) -> tuple[float, float]:
+    return x * math.cos(angle) - y * math.sin(angle), x * math.sin(angle) + y * math.cos(angle)
+
+
+def _add_ring(draft: NetworkDraft, radius: float, lanes: int, nodes: Sequence[str], cuts: Sequence[float]) -> None:
+    """Add the edges of the ring, counter-clockwise, and all connections."""
+    count = len(nodes)
+    for k in range(count):
+        begin, end = cuts[k], cuts[(k + 1) % count]
+        end += 2 * math.pi if end < begin else 0.0
+        angles = np.linspace(begin, end, max(math.ceil((end - begin) * radius / 2.5), 2))
+        line = radius * np.stack((np.cos(angles), np.sin(angles)), 1)
+        name = f"ring_{k + 1}"
+        draft.streets.append(
+            Street(name, nodes[k], nodes[(k + 1) % count], line, (lanes, 0), 8.33, 5, 0.0, True, (name, ""))
+        )
+    for k, node in enumerate(nodes):
+        before, after = f"ring_{(k - 1) % count + 1}", f"ring_{k + 1}"
+        arm = node[:-2]
+        for lane in range(lanes):
+            if node.endswith("_n"):
+                draft.connections.append((f"{arm}_in", lane, after, lane))
+            elif lane == 0 or lanes > 1:
+                draft.connections.append((before, lane, f"{arm}_out", lane))
+            draft.connections.append((before, lane, after, lane))
+    draft.ring = (nodes, [f"ring_{k + 1}" for k in range(count)])

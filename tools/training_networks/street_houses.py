@@ -1,0 +1,86 @@
+"""Houses along the streets of a training network: rows with gaps, at a given distance from the road."""
+
+import math
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.core.geometry import Float
+from tools.training_networks.network_draft import NetworkDraft, Street
+
+
+@dataclass(frozen=True, slots=True)
+class HouseRows:
+    """How houses stand along all streets."""
+
+    setback_m: tuple[float, float]
+    """Least and largest distance from the edge of lane or pavement."""
+    gap_m: tuple[float, float] = (2.0, 14.0)
+    """Between two houses of a row."""
+    size_m: tuple[float, float] = (9.0, 24.0)
+    """Length along the street."""
+    depth_m: tuple[float, float] = (7.0, 13.0)
+    share: float = 1.0
+    """Share of the places that are built on."""
+
+
+def add_houses(draft: NetworkDraft, rows: HouseRows, rng: random.Random) -> None:
+    """Add houses that overlap neither the road nor each other."""
+    road = shapely.union_all([_build_surface(draft, street) for street in draft.streets])
+    built: list[shapely.Polygon] = []
+    for street in draft.streets:
+        for side in (1, -1):
+            for outline in _draw_row(draft, street, side, rows, rng):
+                house = shapely.Polygon(outline)
+                if house.distance(road) >= rows.setback_m[0] - 0.05 and all(
+                    house.distance(other) > 1.0 for other in built
+                ):
+                    built.append(house)
+                    draft.buildings.append(outline)
+
+
+def _half_widths(draft: NetworkDraft, street: Street) -> tuple[float, float]:
+    """Return the distance [m] from the line to the edge of the road on its left and on its right."""
+    forward, backward = street.lanes
+    if street.centred:
+        half = max(forward, backward) * draft.lane_m / 2 + street.sidewalk_m
+        return half, half
+    return (
+        (backward * draft.lane_m + street.sidewalk_m) if backward else 0.5,
+        (forward * draft.lane_m + street.sidewalk_m) if forward else 0.5,
+    )
+
+
+def _build_surface(draft: NetworkDraft, street: Street) -> shapely.Geometry:
+    line = shapely.LineString(street.line)
+    left, right = _half_widths(draft, street)
+    sides = [line.buffer(left, single_sided=True), line.buffer(-right, single_sided=True)]
+    ends = [shapely.Point(end).buffer(max(left, right)) for end in (street.line[0], street.line[-1])]
+    return shapely.union_all([*sides, *ends])
+
+
+def _draw_row(draft: NetworkDraft, street: Street, side: int, rows: HouseRows, rng: random.Random) -> Iterator[Float]:
+    """Return the outlines of one row; its houses may overlap others."""
+    line = shapely.LineString(street.line)
+    half = _half_widths(draft, street)[0 if side > 0 else 1]
+    station = rng.uniform(*rows.gap_m)
+    while station < line.length - 6.0:
+        length, depth = rng.uniform(*rows.size_m), rng.uniform(*rows.depth_m)
+        if rng.random() < rows.share:
+            near = half + rng.uniform(*rows.setback_m)
+            yield _build_house(line, (station, min(length, line.length - station)), side * near, side * (near + depth))
+        station += length + rng.uniform(*rows.gap_m)
+
+
+def _build_house(line: shapely.LineString, along: tuple[float, float], near: float, far: float) -> Float:
+    """Return the rectangle beside the line; the signs of `near` and `far` [m] say on which side (left is positive)."""
+    a, b = line.interpolate(along[0]), line.interpolate(along[0] + along[1])
+    yaw = math.atan2(b.y - a.y, b.x - a.x)
+    ahead, left = np.array((math.cos(yaw), math.sin(yaw))), np.array((-math.sin(yaw), math.cos(yaw)))
+    begin = np.array((a.x, a.y))
+    corners = [begin + near * left, begin + along[1] * ahead + near * left]
+    corners += [begin + along[1] * ahead + far * left, begin + far * left]
+    return np.array(corners)
