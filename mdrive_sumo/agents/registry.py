@@ -7,6 +7,11 @@ from mdrive_sumo.agents.colmdriver import ColmdriverAgent
 from mdrive_sumo.agents.colmdriver_rule import ColmdriverRuleAgent
 from mdrive_sumo.agents.constant_speed import ConstantSpeedAgent
 from mdrive_sumo.agents.idm import IdmAgent
+from mdrive_sumo.agents.learned.lmdrive import LmdriveAgent
+from mdrive_sumo.agents.learned.model_weights import has_packaged_weights
+from mdrive_sumo.agents.learned.tcp import TcpAgent
+from mdrive_sumo.agents.learned.uniad import UniadAgent
+from mdrive_sumo.agents.learned.vad import VadAgent
 from mdrive_sumo.agents.omniscient import OmniscientAgent
 from mdrive_sumo.agents.perception_swap import AttFuseAgent, CoBevtAgent, DiscoNetAgent, FCooperAgent
 from mdrive_sumo.agents.sharing import SharingAgent
@@ -16,6 +21,10 @@ from mdrive_sumo.agents.stationary import StationaryAgent
 from mdrive_sumo.agents.take_turns import TakeTurnsAgent
 from mdrive_sumo.contract.agent_options import AgentFactory
 
+LEARNED_AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
+    {"tcp": TcpAgent, "lmdrive": LmdriveAgent, "uniad": UniadAgent, "vad": VadAgent}
+)
+"""Counterparts of the paper's systems, of which `AGENTS` has those whose weights are in the package."""
 AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
     {
         "stationary": StationaryAgent,
@@ -27,6 +36,7 @@ AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
         "colmdriver-rule": ColmdriverRuleAgent,
         "colmdriver": ColmdriverAgent,
         "sharing+negotiation": SharingNegotiationAgent,
+        **{name: agent for name, agent in LEARNED_AGENTS.items() if has_packaged_weights(name)},
         "perception-swap:attfuse": AttFuseAgent,
         "perception-swap:disconet": DiscoNetAgent,
         "perception-swap:fcooper": FCooperAgent,

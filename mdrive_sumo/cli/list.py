@@ -144,12 +144,13 @@ def _list_agents(_: str) -> str:
 
 
 def _find_builtin_track(factory: AgentFactory) -> str:
-    """Return the sensing track of a built-in agent with its default options."""
-    try:
-        agent = factory({})
-    except InputError:  # it needs a language model; one without answers does to ask for its sensors
-        agent = factory({"transcript": os.devnull})
-    return derive_sensing_track([agent.sensors()]).value
+    """Return the sensing track of a built-in agent with its default options; "" if an extra is missing."""
+    for config in ({}, {"transcript": os.devnull}):  # a language model without answers does to ask for the sensors
+        try:
+            return derive_sensing_track([factory(config).sensors()]).value
+        except InputError:
+            continue
+    return ""
 
 
 def _list_networks(_: str) -> str:

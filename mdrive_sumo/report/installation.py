@@ -37,6 +37,7 @@ PACKAGES = (
     ("distributed", "--executor dask", "dask"),
     ("ribs", "generate --hard", "search"),
     ("moderngl", "agents with cameras", "camera"),
+    ("onnxruntime", "learned agents", "learned"),
 )
 """Distribution, the commands that need it, the extra that brings it ("" = the core install)."""
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from mdrive_sumo.agents.learned.navigation import Navigation
 from mdrive_sumo.agents.learned.system_spec import COMMANDS, INSTRUCTION_WORDS
+from mdrive_sumo.core.seeding import derive_seed
 
 STOP_NOTICE_M = 25.0
 GOAL_NOTICE_M = 20.0
@@ -87,6 +88,24 @@ def compose_instruction(navigation: Navigation, variant: int) -> str:
     command, notice = find_situation(navigation)
     phrases, notices = PHRASES[command], NOTICES[notice]
     return f"{phrases[variant % len(phrases)]} {notices[variant // len(phrases) % len(notices)]}".rstrip()
+
+
+class RouteInstructor:
+    """Instructs one car: in new words, drawn by the seed, when the command of the route or the notice changes."""
+
+    def __init__(self, seed: int) -> None:
+        self._seed = seed
+        self._situation: tuple[str, str] | None = None
+        self._instruction, self._given = "", 0
+
+    def instruct(self, navigation: Navigation) -> str:
+        """Return the instruction that holds now."""
+        situation = find_situation(navigation)
+        if situation != self._situation:
+            variant = derive_seed(self._seed, "instruction", str(self._given))
+            self._situation, self._instruction = situation, compose_instruction(navigation, variant)
+            self._given += 1
+        return self._instruction
 
 
 def encode_instruction(text: str) -> npt.NDArray[np.int64]:

@@ -16,24 +16,10 @@ from mdrive_sumo.contract import Control, Plan
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
+from mdrive_sumo.core.window_pid import WindowPid
 from mdrive_sumo.vehicle.control.plan_reader import OwnMotion, find_aim_point, round_control, sample_waypoints
 
 RIGHT_ANGLE = math.pi / 2
-
-
-class WindowPid:
-    """P e + I mean(window) + D (e - previous e); the window starts full of zeros (protocol 11.1)."""
-
-    def __init__(self, gains: tuple[float, float, float], window: int) -> None:
-        self._gains = gains
-        self._errors = deque([0.0] * window, maxlen=window)
-
-    def __call__(self, error: float) -> float:
-        """Return the PID output for the next error."""
-        p, i, d = self._gains
-        previous = self._errors[-1]
-        self._errors.append(error)
-        return p * error + i * math.fsum(self._errors) / len(self._errors) + d * (error - previous)
 
 
 class V2xController:

@@ -7,8 +7,9 @@ import pytest
 from testing.control_loop import drive, own, plan_of, straight_plan, turn
 
 from mdrive_sumo.contract import CONTROL_STEP, Control
+from mdrive_sumo.core.window_pid import WindowPid
 from mdrive_sumo.vehicle.control import round_control
-from mdrive_sumo.vehicle.control.pid import B2D, LMDRIVE, CarlaPid, DualPid, V2xController, WindowPid
+from mdrive_sumo.vehicle.control.pid import B2D, LMDRIVE, CarlaPid, DualPid, V2xController
 from mdrive_sumo.vehicle.dynamics import VehicleState
 
 

@@ -1,0 +1,145 @@
+"""Weights of a learned system: an ONNX file and the manifest beside it, loaded and checked for ONNX Runtime.
+
+pydantic and ONNX Runtime are imported when weights are loaded, so that other commands start without them.
+"""
+
+import hashlib
+import importlib.util
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mdrive_sumo.agents.learned.network_inputs import Inputs, describe_inputs, describe_outputs
+from mdrive_sumo.agents.learned.system_spec import SystemSpec
+from mdrive_sumo.core.errors import InputError
+
+if TYPE_CHECKING:
+    from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
+
+WEIGHTS_FOLDER = Path(__file__).parent / "weights"
+"""Packaged weights: NAME.onnx and NAME.json for each system that has been trained."""
+GPU_PROVIDER, CPU_PROVIDER = "CUDAExecutionProvider", "CPUExecutionProvider"
+ERRORS_ONLY = 3
+"""Severity of what ONNX Runtime prints."""
+CACHED_NETWORKS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class DrivingNetwork:
+    """A loaded network. It has no state: all agents of a process that use the same weights share it."""
+
+    manifest: "WeightsManifest"
+    provider: str
+    """Execution provider of ONNX Runtime that runs it."""
+    session: Any
+    """`onnxruntime.InferenceSession`"""
+
+    def run(self, inputs: Inputs) -> Inputs:
+        """Return the outputs by name; inputs and outputs without the batch dimension."""
+        names = [output.name for output in self.session.get_outputs()]
+        batch = {name: np.ascontiguousarray(value[None]) for name, value in inputs.items()}
+        return dict(zip(names, (value[0] for value in self.session.run(names, batch)), strict=True))
+
+
+def has_packaged_weights(system: str) -> bool:
+    """Return whether the package has weights of a system: only then it is offered as an agent."""
+    return all((WEIGHTS_FOLDER / f"{system}{suffix}").is_file() for suffix in (".onnx", ".json"))
+
+
+def load_network(spec: SystemSpec, path: Path | None = None, use_gpu: bool = True) -> DrivingNetwork:
+    """Return the network of a system. path: its .onnx or .json file, the other lies beside it; None: as packaged.
+
+    use_gpu: run on a GPU if the installed ONNX Runtime can. Raises InputError with one sentence if the extra, a file
+    or its match with the system is missing.
+    """
+    if importlib.util.find_spec("onnxruntime") is None:
+        raise InputError(
+            f"agent {spec.name}: expected ONNX Runtime to run its network, found none installed;"
+            " pip install 'mdrive-sumo[learned]'"
+        )
+    from mdrive_sumo.agents.learned.weights_manifest import read_manifest
+
+    file = (path or WEIGHTS_FOLDER / f"{spec.name}.onnx").with_suffix(".onnx")
+    manifest = read_manifest(file.with_suffix(".json"))
+    if manifest.system != spec.name:
+        raise InputError(f"weights {file}: expected those of the system {spec.name!r}, found {manifest.system!r}")
+    return _open_network(spec, file, manifest, use_gpu)
+
+
+@lru_cache(maxsize=CACHED_NETWORKS)
+def _open_network(spec: SystemSpec, file: Path, manifest: "WeightsManifest", use_gpu: bool) -> DrivingNetwork:
+    """Return the network; the manifest is part of the key, so new weights under an old name are loaded anew."""
+    content = _read_weights(file, manifest)
+    provider, session = _create_session(file, content, use_gpu)
+    _check_arrays(file, session, spec, manifest.memory_shape)
+    return DrivingNetwork(manifest, provider, session)
+
+
+def _read_weights(file: Path, manifest: "WeightsManifest") -> bytes:
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise InputError(f"weights {file}: cannot be read: {error.strerror}") from None
+    found = hashlib.sha256(content).hexdigest()
+    if found != manifest.sha256:
+        raise InputError(
+            f"weights {file}: expected the checksum {manifest.sha256[:16]}... of its manifest, found {found[:16]}...;"
+            " the file is damaged or was replaced: export it again"
+        )
+    return content
+
+
+def _create_session(file: Path, content: bytes, use_gpu: bool) -> tuple[str, Any]:
+    """Return the provider and an `InferenceSession` that gives the same numbers in every run on one machine.
+
+    One thread: sums are added in one order, and the workers of a run already occupy the cores.
+    """
+    import onnxruntime
+    from onnxruntime.capi import onnxruntime_pybind11_state as state  # pyright: ignore[reportAttributeAccessIssue]
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
+    options.use_deterministic_compute = True
+    options.log_severity_level = ERRORS_ONLY
+    providers = [CPU_PROVIDER]
+    if use_gpu and GPU_PROVIDER in onnxruntime.get_available_providers():
+        providers.insert(0, GPU_PROVIDER)
+    errors = (state.Fail, state.InvalidProtobuf, state.InvalidGraph, state.InvalidArgument, state.NotImplemented)
+    try:
+        session = onnxruntime.InferenceSession(content, options, providers=providers)
+    except (*errors, state.RuntimeException) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(
+            f"weights {file}: expected a network for ONNX Runtime {onnxruntime.__version__}, found {reason:.200}"
+        ) from None
+    return session.get_providers()[0], session
+
+
+def _check_arrays(file: Path, session: Any, spec: SystemSpec, memory_shape: tuple[int, ...]) -> None:
+    """Raise InputError unless the network has the inputs and outputs of its system."""
+    expected_inputs = {
+        name: f"{type_name} {[1, *shape]}" for name, (shape, type_name) in describe_inputs(spec, memory_shape).items()
+    }
+    expected_outputs = {name: f"float32 {[1, *shape]}" for name, shape in describe_outputs(spec, memory_shape).items()}
+    for what, arrays, expected in (
+        ("input", session.get_inputs(), expected_inputs),
+        ("output", session.get_outputs(), expected_outputs),
+    ):
+        found = {array.name: f"{_name_type(array.type)} {list(array.shape)}" for array in arrays}
+        for name in sorted({*expected, *found}):
+            wanted, has = expected.get(name, "none"), found.get(name, "none")
+            if wanted != has:
+                raise InputError(
+                    f"weights {file}: {what} {name!r}: expected {wanted} of the system {spec.name}, found {has};"
+                    " export it again with this version of mdrive-sumo"
+                )
+
+
+def _name_type(onnx_type: str) -> str:
+    """Return the name of the dtype of an ONNX type: "tensor(float)" is "float32"."""
+    name = onnx_type.removeprefix("tensor(").removesuffix(")")
+    return {"float": "float32", "double": "float64"}.get(name, name)
