@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +29,15 @@ MOST_GRADIENT = 5.0
 class Trainer:
     """Network, its average, optimiser and random numbers of one run."""
 
-    def __init__(self, system: str, options: TrainingOptions, device: torch.device) -> None:
+    def __init__(
+        self, system: str, options: TrainingOptions, device: torch.device, report: Callable[[str], None] = str
+    ) -> None:
+        """Build a network with fresh weights. report: receives a line of progress now and then."""
         torch.manual_seed(options.seed)
         self.system = system
         self.options = options
         self.device = device
+        self._report = report
         self.network = build_network(system).to(device, memory_format=torch.channels_last)
         self.average = MovingAverage(self.network, options.average_decay)
         self.optimizer = torch.optim.AdamW(
@@ -55,6 +59,11 @@ class Trainer:
         self.generator.set_state(checkpoint.generator)
         self.step, self.elapsed_s = checkpoint.step, checkpoint.elapsed_s
         self.summary = checkpoint.summary
+
+    def begin_with(self, checkpoint: Checkpoint) -> None:
+        """Take the averaged weights of a checkpoint, and nothing else."""
+        self.network.load_state_dict(checkpoint.average)
+        self.average.network.load_state_dict(checkpoint.average)
 
     def save(self, folder: Path) -> Path:
         """Write a checkpoint and return its path."""
@@ -82,6 +91,7 @@ class Trainer:
             if self.step % self.options.log_every == 0 or self.step == 1:
                 losses = self._check(parts, folder)
                 curves.add(self.step, {f"loss/{name}": value for name, value in losses.items()})
+                self._tell(losses, progress)
             if time.monotonic() - saved > self.options.save_every_s:
                 self._check(parts, folder)
                 self.save(folder)
@@ -91,6 +101,10 @@ class Trainer:
         self.save(folder)
         curves.close()
         return losses
+
+    def _tell(self, losses: Mapping[str, float], progress: float) -> None:
+        parts = "  ".join(f"{name} {value:.3f}" for name, value in losses.items())
+        self._report(f"step {self.step} ({progress:.0%}, {self.elapsed_s:.0f} s): {parts}")
 
     def _take_step(self, data: TrainingData, drawn: Tensor, progress: float) -> Mapping[str, Tensor]:
         for group in self.optimizer.param_groups:

@@ -20,7 +20,7 @@ class TrainingOptions:
     max_minutes: float | None = None
     """The run ends itself by then; the learning rate falls with whichever of steps and time is nearer to its end."""
     save_every_s: float = 60.0
-    log_every: int = 50
+    log_every: int = 100
 
     def find_progress(self, step: int, elapsed_s: float) -> float:
         """Return how much of the run is done, in [0, 1]."""
