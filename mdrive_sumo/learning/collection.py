@@ -1,4 +1,4 @@
-"""Make a data set: scenarios in groups, each of which becomes one shard, in worker processes; an interrupted one goes on.
+"""Make a data set: every few scenarios become one shard, in worker processes; an interrupted collection goes on.
 
 What is in a shard depends on the settings and the indices of its scenarios only, never on the number of workers.
 """

@@ -46,8 +46,10 @@ def collect_scenario(settings: CollectionSettings, index: int) -> tuple[Collecte
         return CollectedScenario(index=index, status="failed", scenario=scenario.id, reason=str(error)), []
     samples, dropped = build_samples(settings, drive, settings.format_episode(index))
     ticks = int(drive.episode.valid[:, : drive.episode.egos].sum())
-    counts = {"ticks": ticks, "samples": len(samples), "dropped": dropped}
-    return CollectedScenario(index=index, status="done", scenario=scenario.id, **counts), samples
+    done = CollectedScenario(
+        index=index, status="done", scenario=scenario.id, ticks=ticks, samples=len(samples), dropped=dropped
+    )
+    return done, samples
 
 
 def drive_scenario(settings: CollectionSettings, scenario: Scenario, roads: RoadMap, seed: int) -> RecordedDrive:

@@ -48,7 +48,7 @@ class PerturbationBurst:
             offset = self.offset_m * min(1.0, (tick - self.start + 1) / ramp)
             aside = convert_to_world(np.array(((0.0, offset),)), own)[0] - np.array((own.x, own.y))
             return Plan(plan.points + aside, plan.interval_s, plan.controller)
-        times = self.pace * plan.interval_s * np.arange(1, len(plan.points) + 1)
+        times = self.pace * plan.interval_s * np.arange(1, len(plan.points) + 1, dtype=np.float64)
         return Plan(sample_plan(plan, own, times), plan.interval_s, plan.controller)
 
 

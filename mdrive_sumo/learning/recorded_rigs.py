@@ -1,7 +1,8 @@
 """Which sensors a data set records: those of the learned systems, each under a name of its rig."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Any
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS, ImageInput, SystemSpec
 from mdrive_sumo.contract import Observation, SensorSpec
@@ -44,10 +45,11 @@ def list_stored_images(spec: SystemSpec, image: ImageInput) -> tuple[str, ...]:
     return tuple(format_sensor_id(rig, camera) for camera in image.cameras)
 
 
-def select_rig_outputs(spec: SystemSpec, seen: Observation) -> dict[str, dict[str, object]]:
+def select_rig_outputs(spec: SystemSpec, seen: Observation) -> dict[str, dict[str, Any]]:
     """Return the fields `cameras` and `lidar` of an observation as a system with its own sensors gets them."""
     prefix = format_sensor_id(find_recorded_rig(spec.rig), "")
+    fields: tuple[tuple[str, Mapping[str, Any]], ...] = (("cameras", seen.cameras), ("lidar", seen.lidar))
     return {
         field: {name.removeprefix(prefix): value for name, value in found.items() if name.startswith(prefix)}
-        for field, found in (("cameras", seen.cameras), ("lidar", seen.lidar))
+        for field, found in fields
     }

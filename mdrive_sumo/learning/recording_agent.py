@@ -1,9 +1,11 @@
-"""RecordingAgent: drives a CAV as an expert or a learner does and keeps what a learner sees, with the expert's answer."""
+"""RecordingAgent: drives a CAV as expert or learner do and keeps what a learner sees, with the expert's answer."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from mdrive_sumo.agents.learned.instructions import compose_instruction
 from mdrive_sumo.agents.learned.lidar_histogram import build_lidar_histogram
@@ -50,7 +52,7 @@ class RecordedDecision:
     """What a learner knows at one decision of a CAV, and what the expert answers. Images are JPEG files."""
 
     tick: int
-    labels: Mapping[str, np.ndarray]
+    labels: Mapping[str, npt.NDArray[Any]]
     images: Mapping[str, bytes]
     """By RIG-CAMERA."""
     instruction: str
@@ -111,9 +113,7 @@ class RecordingAgent:
         setup = self._setup
         assert setup.learner is not None and setup.system is not None
         outputs = select_rig_outputs(setup.system, seen)
-        reply = setup.learner.act(
-            Observation(seen.tick, own, signals=seen.signals, speedometer=own.speed, **outputs)  # type: ignore[arg-type]
-        )
+        reply = setup.learner.act(Observation(seen.tick, own, signals=seen.signals, speedometer=own.speed, **outputs))
         segment = seen.tick // SEGMENT_TICKS
         if setup.mix > draw_first_uniform(setup.seed, "segment", segment):
             return Reply(plan=plan), True
@@ -124,14 +124,14 @@ class RecordingAgent:
     def _record(self, seen: Observation, own: OwnState, plan: Plan, is_expert: bool) -> RecordedDecision:
         control = self._tracker.follow(plan, seen.own, 0)
         navigation = self._navigator.locate(own)
-        labels = {
+        numbers: dict[str, npt.NDArray[Any]] = {
             "own": np.array((own.x, own.y, own.yaw, own.speed, own.acceleration, own.yaw_rate)),
             "navigation": navigation.build_vector(own.speed),
             "route": navigation.route,
             "expert_plan": label_plan(plan, seen.own),
             "expert_control": np.array((control.throttle, control.brake, control.steer)),
         }
-        arrays = {name: value.astype(np.float32) for name, value in labels.items()}
+        arrays: dict[str, npt.NDArray[Any]] = {name: value.astype(np.float32) for name, value in numbers.items()}
         arrays["perturbed"] = np.array(not is_expert, dtype=np.uint8)
         for scan in seen.lidar.values():
             arrays["lidar"] = build_lidar_histogram(scan)

@@ -6,6 +6,7 @@ import tarfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +33,7 @@ class SampleFiles:
 
 def encode_sample(key: str, decision: RecordedDecision, scene: Labels, about: SampleAbout) -> SampleFiles:
     """Return the files of a sample; equal arguments give equal bytes."""
-    arrays = {**decision.labels, **scene}
+    arrays: dict[str, Any] = {**decision.labels, **scene}
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **{name: arrays[name] for name in LABELS if name in arrays})
     images = {f"{name}{IMAGE_ENDING}": data for name, data in sorted(decision.images.items())}

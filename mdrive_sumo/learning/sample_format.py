@@ -4,6 +4,7 @@ A sample is the files of one shard whose names begin with its key: `KEY.labels.n
 `KEY.instruction.txt`, `KEY.about.json`. docs/learning.md has the table.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -28,7 +29,8 @@ BOX_COLUMNS = ("x", "y", "yaw", "length", "width", "speed", "class", "is_visible
 """Columns of `boxes`; class is a `RoadUserModel`, id a number that is unique and constant in its episode."""
 MAX_LANES, LANE_POINTS = 40, 10
 OCCUPANCY_LAYERS = 1 + PLAN_POINTS
-OCCUPANCY_BYTES = OCCUPANCY_LAYERS * LIDAR_CELLS * LIDAR_CELLS // 8
+OCCUPANCY_SHAPE = OCCUPANCY_LAYERS, LIDAR_CELLS, LIDAR_CELLS
+OCCUPANCY_BYTES = math.prod(OCCUPANCY_SHAPE) // 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,25 +45,19 @@ class LabelArray:
 
 LABELS: Mapping[str, LabelArray] = MappingProxyType(
     {
-        "own": LabelArray("float32", (6,), "x, y [m], yaw [rad] in the world, speed, acceleration, yaw rate, estimated"),
+        "own": LabelArray("float32", (6,), "own state, estimated: x, y, yaw (world), speed, acceleration, yaw rate"),
         "navigation": LabelArray("float32", (NAVIGATION_SIZE,), "navigation vector, with the speed of the speedometer"),
-        "route": LabelArray("float32", (ROUTE_POINTS, 4), "x, y [m, ego frame], half lane width [m], speed limit [m/s]"),
+        "route": LabelArray("float32", (ROUTE_POINTS, 4), "x, y (ego frame), half lane width [m], speed limit [m/s]"),
         "expert_plan": LabelArray("float32", (PLAN_POINTS, 2), "the expert's answer [m, ego frame], every 0.5 s"),
         "expert_control": LabelArray("float32", (3,), "throttle, brake, steer of the tracker that follows its plan"),
-        "boxes": LabelArray(
-            "float32", ("N", len(BOX_COLUMNS)), f"road users and props within 60 m, nearest first: {', '.join(BOX_COLUMNS)}"
-        ),
-        "futures": LabelArray("float32", ("N", PLAN_POINTS, 3), "x, y, yaw of the boxes at the plan's times; NaN: gone"),
-        "occupancy": LabelArray(
-            "uint8", (OCCUPANCY_BYTES,), f"np.packbits of ({OCCUPANCY_LAYERS}, {LIDAR_CELLS}, {LIDAR_CELLS}): now and later"
-        ),
+        "boxes": LabelArray("float32", ("N", len(BOX_COLUMNS)), f"what is within 60 m: {', '.join(BOX_COLUMNS)}"),
+        "futures": LabelArray("float32", ("N", PLAN_POINTS, 3), "x, y, yaw of the boxes at the plan's times or NaN"),
+        "occupancy": LabelArray("uint8", (OCCUPANCY_BYTES,), f"packed bits of {OCCUPANCY_SHAPE}: now, and later"),
         "lane_graph": LabelArray("float32", ("L", LANE_POINTS, 2), "centre lines within 40 m [m, ego frame]"),
-        "lidar": LabelArray(
-            "uint8", (LIDAR_LAYERS, LIDAR_CELLS, LIDAR_CELLS), "LiDAR histogram", is_optional=True
-        ),
+        "lidar": LabelArray("uint8", (LIDAR_LAYERS, LIDAR_CELLS, LIDAR_CELLS), "LiDAR histogram", is_optional=True),
         "perturbed": LabelArray("uint8", (), "1: what the car does at this tick is not what the expert wants"),
     }
-)  # fmt: skip
+)
 """Frame of boxes, futures, occupancy and lanes: the true ego frame now, x ahead, y left of the box centre."""
 
 

@@ -48,7 +48,7 @@ class SceneLabels:
         scene = build_sensing_frame(frame, sizes)
         classes, edges = choose_models(scene.boxes), load_building_edges(self._roads)
         rows = {column: row for row, column in enumerate(columns.tolist())}
-        eyes = {cav: SensorPose(*self._poses[tick, cav].tolist(), rows[cav]) for cav in cavs}
+        eyes = {cav: _build_eye(self._poses[tick, cav], rows[cav]) for cav in cavs}
         numbers = {cav: announce_eye(scene, eye, REACH_M) for cav, eye in eyes.items()}
         found: dict[int, Labels] = {}
         for cav, eye in eyes.items():
@@ -110,6 +110,11 @@ class SceneLabels:
         poses[..., 1] += sin * way
         is_after = (after_s > 0.0) & self._episode.valid[last, columns][:, None]
         return np.where(is_after[..., None], poses, later)
+
+
+def _build_eye(pose: Float, row: int) -> SensorPose:
+    x, y, yaw = pose.tolist()
+    return SensorPose(x, y, yaw, row)
 
 
 def to_ego_points(points: Float, own: Float) -> Float:

@@ -5,6 +5,7 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,8 +26,9 @@ if TYPE_CHECKING:
 
 LAYER_OFFSET = 4.0
 """Depth units by which each layer of the ground lies behind the one above it: all are at height 0."""
-GROUND_M = 1200.0
-"""[m] Half side of the terrain around the camera."""
+TERRAIN_M = (5.0, 20.0, 80.0, 300.0, 1200.0)
+"""[m] Half sides of the squares that make up the terrain around the camera."""
+TERRAIN_QUADS = 8 * len(TERRAIN_M) - 4
 TERRAIN = (96, 118, 74)
 MOST_INSTANCES = 256
 """Of one draw call."""
@@ -67,7 +69,7 @@ class CameraRenderer:
         self._arrays: dict[tuple[int, int], tuple[Any, moderngl.VertexArray]] = {}
         """By ids of program and mesh, with the mesh, so that its id stays its own."""
         self._places = self._context.buffer(reserve=MOST_INSTANCES * INSTANCE.itemsize, dynamic=True)
-        self._terrain = self._context.buffer(reserve=6 * VERTEX.itemsize, dynamic=True)
+        self._terrain = self._context.buffer(reserve=6 * TERRAIN_QUADS * VERTEX.itemsize, dynamic=True)
         self._sky = self._context.program(vertex_shader=SKY_VERTEX.strip(), fragment_shader=SKY_FRAGMENT.strip())
         corners = np.array(((-1, -1), (3, -1), (-1, 3)), dtype=np.float32)
         self._sky_corners = self._context.simple_vertex_array(
@@ -235,11 +237,21 @@ def _set_light(program: Any, picture: Picture) -> None:
 
 
 def _build_terrain(picture: Picture) -> Mesh:
-    """Return a square of grass around the camera."""
-    (x, y, _), side = picture.view.place - picture.scene.origin, GROUND_M
-    corners = ((x - side, y - side), (x + side, y - side), (x + side, y + side), (x - side, y + side))
-    quad = np.array([[(*corner, 0.0) for corner in corners]])
-    return build_mesh(build_quads(quad), TERRAIN, SemanticClass.TERRAIN, Material.ROUGH)
+    """Return a square of grass around the camera, in pieces that grow with the distance.
+
+    Software renderers compute the depth of a piece from its corners. Those of one large piece lie so far outside the
+    image that rounding put the grass in front of the road.
+    """
+    (x, y, _), quads = picture.view.place - picture.scene.origin, list[Sequence[tuple[float, float, float]]]()
+    for inner, outer in pairwise((0.0, *TERRAIN_M)):
+        sides = ((-outer, -inner), (-inner, inner), (inner, outer))
+        for left, right in sides:
+            for low, high in sides:
+                is_hole = inner > 0.0 and left == low == -inner
+                if left < right and low < high and not is_hole:
+                    corners = ((left, low), (right, low), (right, high), (left, high))
+                    quads.append([(x + dx, y + dy, 0.0) for dx, dy in corners])
+    return build_mesh(build_quads(np.array(quads)), TERRAIN, SemanticClass.TERRAIN, Material.ROUGH)
 
 
 def _list_runs(chunks: Chunks, picture: Picture) -> list[tuple[int, int]]:
