@@ -1,5 +1,6 @@
 """collect_round: data of one round of DAgger, made as the data set that the first round was trained on."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from mdrive_sumo.learning.collection import CollectionProgress, collect_dataset
@@ -10,12 +11,19 @@ EXPERT_SHARE = 0.2
 """Of the segments of a drive, as `learn data --mix`."""
 
 
-def collect_round(first: Path, round_: int, weights: Path, folder: Path, scenarios: int, workers: int, progress: CollectionProgress) -> None:
-    """Let weights drive so many scenarios and write the samples into a folder. Raises InputError.
+@dataclass(frozen=True, slots=True)
+class RoundPlan:
+    """How much each round drives, and as what."""
 
-    first: data set whose split, seed, expert, rigs and perturbation are used again.
-    """
-    made = load_dataset_file(first)
+    first: Path
+    """Data set whose split, seed, expert, rigs and perturbation are used again."""
+    scenarios: int
+    workers: int
+
+
+def collect_round(plan: RoundPlan, round_: int, weights: Path, folder: Path, progress: CollectionProgress) -> None:
+    """Let weights (.onnx) drive the scenarios of a round and write the samples into a folder. Raises InputError."""
+    made = load_dataset_file(plan.first)
     settings = CollectionSettings(
         split=made.split,
         seed=made.seed,
@@ -27,4 +35,4 @@ def collect_round(first: Path, round_: int, weights: Path, folder: Path, scenari
         round=round_,
         suite=made.suite,
     )
-    collect_dataset(settings, folder, scenarios, workers, progress, fresh=False)
+    collect_dataset(settings, folder, plan.scenarios, plan.workers, progress, fresh=False)

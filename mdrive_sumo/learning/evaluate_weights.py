@@ -18,8 +18,8 @@ from mdrive_sumo.learning.plan_metrics import describe_plans, measure_controls
 Arrays = Mapping[str, npt.NDArray[Any]]
 
 
-def evaluate_weights(spec: SystemSpec, path: Path, arrays: Arrays) -> dict[str, Any]:
-    """Return metrics of the weights at `path` (.onnx) on all samples of `arrays`, with and without images.
+def evaluate_weights(spec: SystemSpec, path: Path | None, arrays: Arrays) -> dict[str, Any]:
+    """Return metrics of the weights at `path` (.onnx; None: as packaged) on all samples of `arrays`, with and without images.
 
     Raises InputError for weights that do not fit.
     """

@@ -1,12 +1,10 @@
 """export_network: a trained network as ONNX with half-precision weights, checked against PyTorch."""
 
 import hashlib
-import json
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +13,9 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor, nn
 
+from mdrive_sumo.agents.learned.network_inputs import describe_inputs, describe_outputs
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS, SystemSpec
+from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.networks.build_network import build_network, count_parameters
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
@@ -23,7 +23,6 @@ from mdrive_sumo.learning.training.checkpoint import Checkpoint
 from mdrive_sumo.learning.training.training_data import build_empty_memory
 
 OPSET = 17
-FORMAT, VERSION = "mdrive-sumo-weights", 1
 MOST_BYTES = 3_000_000
 """Of a file of weights: they are part of the package."""
 LEAST_SHARED = 64
@@ -69,15 +68,13 @@ def export_network(checkpoint: Checkpoint, folder: Path) -> ExportedNetwork:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{checkpoint.system}.onnx"
     samples = [_take_sample(spec, i) for i in range(CHECKED_SAMPLES)]
-    inputs, outputs = list(samples[0]), _name_outputs(spec)
+    inputs, outputs = list(samples[0]), list(describe_outputs(spec))
     _write_onnx(_Positional(network, inputs, outputs).eval(), samples[0], outputs, path)
     difference = max(_compare(network, path, sample) for sample in samples)
     _check(path, difference)
-    shapes = _describe(network, samples[0], outputs)
-    manifest = path.with_suffix(".json")
-    text = json.dumps(_build_manifest(checkpoint, path, network, shapes), indent=2, sort_keys=True)
-    manifest.write_text(text + "\n", encoding="utf-8")
-    return ExportedNetwork(path, manifest, difference)
+    manifest = _build_manifest(checkpoint, path, network, samples[0])
+    write_manifest(manifest, path.with_suffix(".json"))
+    return ExportedNetwork(path, path.with_suffix(".json"), difference)
 
 
 def _halve_weights(network: nn.Module) -> None:
@@ -87,21 +84,14 @@ def _halve_weights(network: nn.Module) -> None:
 
 
 def _take_sample(spec: SystemSpec, seed: int) -> dict[str, Tensor]:
+    """Return made-up inputs in the network's order, with a batch of one."""
     arrays = build_synthetic_arrays(spec, 1, seed)
-    optional = (("route", spec.uses_route), ("lidar", spec.uses_lidar), ("instruction", spec.uses_instruction))
-    names = [image.name for image in spec.images]
-    names += ["navigation", *(name for name, is_used in optional if is_used)]
-    sample = {name: torch.from_numpy(arrays[name]) for name in names}
-    if spec.uses_memory:
-        generator = torch.Generator().manual_seed(seed)
-        empty = build_empty_memory(1, torch.device("cpu"))
-        sample |= {name: torch.rand(each.shape, generator=generator) for name, each in empty.items()}
-    return sample
-
-
-def _name_outputs(spec: SystemSpec) -> list[str]:
-    optional = (("control", spec.answers_control), ("bev", spec.uses_memory))
-    return ["plan", *(name for name, is_used in optional if is_used)]
+    generator = torch.Generator().manual_seed(seed)
+    empty = build_empty_memory(1, torch.device("cpu"))
+    return {
+        name: torch.rand(empty[name].shape, generator=generator) if name in empty else torch.from_numpy(arrays[name])
+        for name in describe_inputs(spec)
+    }
 
 
 def _write_onnx(network: nn.Module, sample: Mapping[str, Tensor], outputs: list[str], path: Path) -> None:
@@ -161,31 +151,15 @@ def _check(path: Path, difference: float) -> None:
         raise InputError(f"{path}: expected at most {MOST_BYTES} bytes, found {size}: make the network smaller")
 
 
-def _describe(network: nn.Module, sample: Mapping[str, Tensor], outputs: list[str]) -> dict[str, Any]:
-    with torch.no_grad():
-        answer = network(dict(sample))
-    inputs = {
-        name: {"shape": list(each.shape), "dtype": str(each.dtype).removeprefix("torch.")}
-        for name, each in sample.items()
-    }
-    memory = list(sample["memory"].shape[1:]) if "memory" in sample else None
-    return {"inputs": inputs, "outputs": {name: list(answer[name].shape) for name in outputs}, "memory_shape": memory}
-
-
 def _build_manifest(
-    checkpoint: Checkpoint, path: Path, network: nn.Module, shapes: Mapping[str, Any]
-) -> dict[str, Any]:
+    checkpoint: Checkpoint, path: Path, network: nn.Module, sample: Mapping[str, Tensor]
+) -> WeightsManifest:
     content = path.read_bytes()
-    return {
-        "format": FORMAT,
-        "version": VERSION,
-        "system": checkpoint.system,
-        "counterpart_of": SYSTEMS[checkpoint.system].counterpart_of,
-        "sha256": hashlib.sha256(content).hexdigest(),
-        "bytes": len(content),
-        "parameters": count_parameters(network),
-        "opset": OPSET,
-        "precision": "fp16",
-        "training": checkpoint.summary,
-        **shapes,
-    }
+    return WeightsManifest(
+        system=checkpoint.system,
+        sha256=hashlib.sha256(content).hexdigest(),
+        bytes=len(content),
+        parameters=count_parameters(network),
+        memory_shape=tuple(sample["memory"].shape[1:]) if "memory" in sample else (),
+        training=checkpoint.summary,
+    )
