@@ -1,0 +1,44 @@
+"""`mdrive-sumo learn evaluate`."""
+
+import json
+from pathlib import Path
+
+import click
+
+from mdrive_sumo.agents.learned.system_spec import SYSTEMS
+from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.tables import format_text_table
+
+
+@click.command("evaluate")
+@click.argument("system", type=click.Choice(tuple(SYSTEMS)))
+@click.option(
+    "--data",
+    multiple=True,
+    required=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Data set of `learn data --split val`; may repeat.",
+)
+@click.option(
+    "--weights", type=click.Path(path_type=Path, dir_okay=False), help="NAME.onnx  [default: the packaged weights]"
+)
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write all metrics to this JSON file.")
+@workers_option
+def command(system: str, data: tuple[Path, ...], weights: Path | None, out: Path | None, workers: int) -> None:
+    """Compare the plans of a system with the expert's, against driving on at constant velocity and against blindness.
+
+    Runs exported weights as they drive (ONNX Runtime on one core; no PyTorch is needed).
+    """
+    from mdrive_sumo.learning.evaluate_weights import evaluate_weights
+    from mdrive_sumo.learning.sample_reader import load_arrays
+
+    spec = SYSTEMS[system]
+    found = evaluate_weights(spec, weights, load_arrays(data, spec, workers)) | {"data": [str(each) for each in data]}
+    rows = [
+        (name, *(f"{found[key][metric]:.3f}" for metric in found["plan"]))
+        for name, key in ((system, "plan"), ("constant velocity", "constant_velocity"), ("blind", "blackout"))
+    ]
+    click.echo(format_text_table(("plans", *found["plan"]), rows))
+    click.echo(f"{found['samples']} samples; {found['decision_ms']['median']:.1f} ms a decision on one core")
+    if out is not None:
+        out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,112 @@
+"""`mdrive-sumo learn train`."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mdrive_sumo.agents.learned.system_spec import SYSTEMS
+from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.learning.require_torch import require_torch
+
+FOLDER = click.Path(path_type=Path, file_okay=False)
+
+
+@dataclass(frozen=True, slots=True)
+class RoundOptions:
+    """Options of DAgger."""
+
+    rounds: int
+    scenarios: int
+    workers: int
+
+
+@click.command("train")
+@click.argument("system", type=click.Choice(tuple(SYSTEMS)))
+@click.option("--data", multiple=True, type=FOLDER, help="Data set of `learn data`; may repeat.")
+@click.option("--val", multiple=True, type=FOLDER, help="Data set to validate on  [default: one drive of 20 of --data]")
+@click.option("--device", type=click.Choice(("cuda", "cpu")), default="cuda", show_default=True)
+@click.option("--out", type=FOLDER, required=True, help="Folder for checkpoint, curves and validation.")
+@click.option("--steps", type=click.IntRange(1, 10_000_000), default=8000, show_default=True)
+@click.option("--batch", type=click.IntRange(1, 65_536), default=256, show_default=True, help="Samples of one step.")
+@click.option("--learning-rate", type=click.FloatRange(1e-7, 1.0), default=1.5e-3, show_default=True)
+@click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True)
+@click.option("--max-minutes", type=click.FloatRange(0.01, 1e5), help="End by then, with the learning rate run out.")
+@click.option("--resume", is_flag=True, help="Go on from the checkpoint in --out.")
+@click.option(
+    "--init", type=click.Path(path_type=Path), metavar="CHECKPOINT", help="Begin with the weights of another training."
+)
+@click.option("--rounds", type=click.IntRange(1, 100), default=1, show_default=True, help="Of DAgger; 1: --data only.")
+@click.option(
+    "--scenarios", type=click.IntRange(1, 1_000_000), default=200, show_default=True, help="Driven in each later round."
+)
+@workers_option
+@click.option("--smoke", is_flag=True, help="50 steps on 20 samples (made up without --data), exit 1 unless they help.")
+def command(system: str, smoke: bool, data: tuple[Path, ...], out: Path, **options: Any) -> None:
+    """Train a system on data of `learn data`, and validate it.
+
+    Writes checkpoint.pt, curves.csv, curves.png, validation.json, and a folder for TensorBoard if it is installed.
+    Needs the extra `learn`.
+    """
+    require_torch("learn train")
+    if smoke:
+        _run_smoke_test(system, data, out, options["workers"])
+        return
+    if not data:
+        raise click.UsageError("--data: expected at least one data set of `learn data`, found none")
+    _train(system, data, out, options)
+
+
+def _run_smoke_test(system: str, data: tuple[Path, ...], out: Path, workers: int) -> None:
+    from mdrive_sumo.learning.training.smoke_test import COMPARED, STEPS, run_smoke_test
+
+    arrays = _load(system, data, workers) if data else None
+    found = run_smoke_test(system, out, arrays)
+    click.echo(
+        f"{system}: mean loss of the first {COMPARED} of {STEPS} steps {found.first:.3f},"
+        f" of the last {found.last:.3f}"
+    )
+    if not found.is_lower:
+        click.echo("the loss did not fall", err=True)
+        raise click.exceptions.Exit(1)
+
+
+def _load(system: str, folders: tuple[Path, ...], workers: int) -> dict[str, Any]:
+    from mdrive_sumo.learning.sample_reader import load_arrays
+
+    return load_arrays(folders, SYSTEMS[system], workers)
+
+
+def _train(system: str, data: tuple[Path, ...], out: Path, options: dict[str, Any]) -> None:
+    from mdrive_sumo.learning.training.run_training import TrainingRun, find_device, run_training
+    from mdrive_sumo.learning.training.training_options import TrainingOptions
+
+    find_device(options["device"])  # before the data is read
+    rounds = RoundOptions(options["rounds"], options["scenarios"], options["workers"])
+    training = TrainingOptions(
+        steps=options["steps"], batch=options["batch"], learning_rate=options["learning_rate"], seed=options["seed"],
+        max_minutes=options["max_minutes"],
+    )  # fmt: skip
+    run = TrainingRun(
+        system=system, options=training, device=options["device"], folder=out,
+        data=_load(system, data, rounds.workers) if rounds.rounds == 1 else {},
+        validation=_load(system, options["val"], rounds.workers) if options["val"] else None,
+        is_resumed=options["resume"], initial=options["init"], sources=tuple(map(str, data)),
+    )  # fmt: skip
+    path = run_training(run, click.echo) if rounds.rounds == 1 else _train_in_rounds(run, data, rounds)
+    click.echo(f"{path}  `learn export {system} --checkpoint {path} --out DIR` makes weights to drive with")
+
+
+def _train_in_rounds(run: Any, data: tuple[Path, ...], rounds: RoundOptions) -> Path:
+    from mdrive_sumo.cli.learn_data import CollectionDisplay
+    from mdrive_sumo.learning.collect_round import RoundPlan, collect_round
+    from mdrive_sumo.learning.training.dagger import DaggerData, train_in_rounds
+
+    plan = RoundPlan(data[0], rounds.scenarios, rounds.workers)
+    sources = DaggerData(
+        data,
+        lambda number, weights, folder: collect_round(plan, number, weights, folder, CollectionDisplay()),
+        lambda folders: _load(run.system, folders, rounds.workers),
+    )
+    return train_in_rounds(run, sources, rounds.rounds, click.echo)

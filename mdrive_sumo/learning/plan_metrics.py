@@ -1,0 +1,61 @@
+"""Open-loop metrics: how far plans lie from the expert's, against driving on at constant velocity."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from mdrive_sumo.agents.learned.system_spec import PLAN_INTERVAL_S, PLAN_POINTS
+from mdrive_sumo.learning.sample_kinds import name_kinds
+
+HORIZONS_S = (1.0, 2.0, 3.0)
+Float = npt.NDArray[np.float32]
+
+
+def predict_constant_velocity(own: Float) -> Float:
+    """Return plans (M, PLAN_POINTS, 2) straight ahead at the present speed of states (M, 6)."""
+    times = PLAN_INTERVAL_S * np.arange(1, PLAN_POINTS + 1, dtype=np.float32)
+    ahead = own[:, 3, None] * times
+    return np.stack((ahead, np.zeros_like(ahead)), axis=-1)
+
+
+def measure_plans(plans: Float, expert: Float) -> dict[str, float]:
+    """Return ADE and FDE [m] at HORIZONS_S of plans against the expert's, both (M, PLAN_POINTS, 2)."""
+    gap = plans.astype(np.float64) - expert
+    error = np.sqrt((gap * gap).sum(axis=-1))
+    found: dict[str, float] = {}
+    for horizon in HORIZONS_S:
+        points = round(horizon / PLAN_INTERVAL_S)
+        found[f"ade_{horizon:.0f}s_m"] = float(error[:, :points].mean())
+        found[f"fde_{horizon:.0f}s_m"] = float(error[:, points - 1].mean())
+    return found
+
+
+def measure_by_kind(plans: Float, expert: Float, kinds: npt.NDArray[np.str_]) -> dict[str, dict[str, float]]:
+    """Return the number of samples and the ADE over 3 s [m] for each kind of sample."""
+    found: dict[str, dict[str, float]] = {}
+    for kind in sorted(set(kinds.tolist())):
+        rows = kinds == kind
+        found[kind] = {"samples": int(rows.sum()), "ade_3s_m": measure_plans(plans[rows], expert[rows])["ade_3s_m"]}
+    return found
+
+
+def measure_controls(controls: Float, expert: Float) -> Mapping[str, float]:
+    """Return the mean L1 distances of throttle, brake and steer (M, 3)."""
+    gap = np.abs(controls.astype(np.float64) - expert).mean(axis=0)
+    return dict(zip(("throttle", "brake", "steer"), gap.tolist(), strict=True))
+
+
+def describe_plans(plans: Float, arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
+    """Return metrics of plans for all samples of `arrays`, by kind, and those of constant velocity."""
+    expert = arrays["expert_plan"]
+    constant = measure_plans(predict_constant_velocity(arrays["own"]), expert)
+    found = measure_plans(plans, expert)
+    return {
+        "samples": len(plans),
+        "plan": found,
+        "constant_velocity": constant,
+        "share_of_constant_velocity": found["ade_3s_m"] / max(constant["ade_3s_m"], 1e-9),
+        "by_kind": measure_by_kind(plans, expert, name_kinds(arrays)),
+    }

@@ -1,0 +1,58 @@
+"""Checkpoints: everything that a training run needs to go on, in one file that is replaced as a whole."""
+
+import os
+import pickle
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from mdrive_sumo.core.errors import InputError
+
+CHECKPOINT_VERSION = 1
+CHECKPOINT_NAME = "checkpoint.pt"
+
+
+@dataclass
+class Checkpoint:
+    """State of a run after a number of steps."""
+
+    system: str
+    step: int
+    elapsed_s: float
+    network: dict[str, Any]
+    average: dict[str, Any]
+    optimizer: dict[str, Any]
+    generator: Any
+    summary: dict[str, Any] = field(default_factory=dict)
+    """Data, options, device and last losses: what a model card says about the training."""
+    version: int = CHECKPOINT_VERSION
+
+
+def save_checkpoint(checkpoint: Checkpoint, folder: Path) -> Path:
+    """Write DIR/checkpoint.pt so that an interruption leaves the old or the new one, and return its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / CHECKPOINT_NAME
+    partial = path.with_suffix(".part")
+    torch.save({each.name: getattr(checkpoint, each.name) for each in fields(checkpoint)}, partial)
+    os.replace(partial, path)
+    return path
+
+
+def load_checkpoint(path: Path, system: str | None = None) -> Checkpoint:
+    """Read a checkpoint (plain tensors and numbers: no code is run). Raises InputError."""
+    if path.is_dir():
+        path = path / CHECKPOINT_NAME
+    if not path.is_file():
+        raise InputError(f"{path}: expected a checkpoint of `learn train`, found no file")
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+        checkpoint = Checkpoint(**content)
+    except (RuntimeError, EOFError, OSError, TypeError, KeyError, pickle.UnpicklingError) as error:
+        raise InputError(f"{path}: expected a checkpoint of `learn train`, found an unreadable file ({error})") from None
+    if checkpoint.version != CHECKPOINT_VERSION:
+        raise InputError(f"{path}: expected a checkpoint of version {CHECKPOINT_VERSION}, found {checkpoint.version}")
+    if system is not None and checkpoint.system != system:
+        raise InputError(f"{path}: expected a checkpoint of {system!r}, found one of {checkpoint.system!r}")
+    return checkpoint

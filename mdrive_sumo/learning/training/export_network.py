@@ -1,0 +1,165 @@
+"""export_network: a trained network as ONNX with half-precision weights, checked against PyTorch."""
+
+import hashlib
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import onnx
+import torch
+from onnx import TensorProto, helper, numpy_helper
+from torch import Tensor, nn
+
+from mdrive_sumo.agents.learned.network_inputs import describe_inputs, describe_outputs
+from mdrive_sumo.agents.learned.system_spec import SYSTEMS, SystemSpec
+from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.learning.networks.build_network import build_network, count_parameters
+from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
+from mdrive_sumo.learning.training.checkpoint import Checkpoint
+from mdrive_sumo.learning.training.training_data import build_empty_memory
+
+OPSET = 17
+MOST_BYTES = 3_000_000
+"""Of a file of weights: they are part of the package."""
+LEAST_SHARED = 64
+"""Constants with fewer numbers stay in single precision."""
+MOST_DIFFERENCE_M = 1e-2
+"""[m] Between plans of the exported network and of PyTorch's, with the same half-precision weights; also of control."""
+CHECKED_SAMPLES = 4
+
+
+class _Positional(nn.Module):
+    """The network with positional inputs and outputs, as exporters want it."""
+
+    def __init__(self, network: nn.Module, inputs: list[str], outputs: list[str]) -> None:
+        super().__init__()
+        self.network = network
+        self.inputs = inputs
+        self.outputs = outputs
+
+    def forward(self, *values: Tensor) -> tuple[Tensor, ...]:
+        answer = self.network(dict(zip(self.inputs, values, strict=True)))
+        return tuple(answer[name] for name in self.outputs)
+
+
+@dataclass(frozen=True, slots=True)
+class ExportedNetwork:
+    """Paths of the two files, and the largest difference from PyTorch [m]."""
+
+    network: Path
+    manifest: Path
+    difference: float
+
+
+def export_network(checkpoint: Checkpoint, folder: Path) -> ExportedNetwork:
+    """Write DIR/SYSTEM.onnx and DIR/SYSTEM.json from a checkpoint's averaged weights.
+
+    Raises InputError if the file is too large or answers otherwise than PyTorch.
+    """
+    spec = SYSTEMS[checkpoint.system]
+    network = build_network(checkpoint.system)
+    network.load_state_dict(checkpoint.average)
+    network.eval()
+    _halve_weights(network)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{checkpoint.system}.onnx"
+    samples = [_take_sample(spec, i) for i in range(CHECKED_SAMPLES)]
+    inputs, outputs = list(samples[0]), list(describe_outputs(spec))
+    _write_onnx(_Positional(network, inputs, outputs).eval(), samples[0], outputs, path)
+    difference = max(_compare(network, path, sample) for sample in samples)
+    _check(path, difference)
+    manifest = _build_manifest(checkpoint, path, network, samples[0])
+    write_manifest(manifest, path.with_suffix(".json"))
+    return ExportedNetwork(path, path.with_suffix(".json"), difference)
+
+
+def _halve_weights(network: nn.Module) -> None:
+    """Round the weights to half precision, which is what the file holds, and compute on with them in single."""
+    for each in network.parameters():
+        each.data = each.data.half().float()
+
+
+def _take_sample(spec: SystemSpec, seed: int) -> dict[str, Tensor]:
+    """Return made-up inputs in the network's order, with a batch of one."""
+    arrays = build_synthetic_arrays(spec, 1, seed)
+    generator = torch.Generator().manual_seed(seed)
+    empty = build_empty_memory(1, torch.device("cpu"))
+    return {
+        name: torch.rand(empty[name].shape, generator=generator) if name in empty else torch.from_numpy(arrays[name])
+        for name in describe_inputs(spec)
+    }
+
+
+def _write_onnx(network: nn.Module, sample: Mapping[str, Tensor], outputs: list[str], path: Path) -> None:
+    with warnings.catch_warnings():
+        # The exporter that needs nothing but `onnx` is the older one, and says so; tracing says that shapes are constants.
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            network, tuple(sample.values()), str(path), dynamo=False, opset_version=OPSET,
+            input_names=list(sample), output_names=outputs,
+        )  # fmt: skip
+    model = onnx.load(str(path))
+    store_half(model)
+    onnx.checker.check_model(model)
+    onnx.save(model, str(path))
+
+
+def store_half(model: onnx.ModelProto) -> None:
+    """Store constants in half precision, each cast to single where it is used: a runtime does that once, at its start."""
+    casts: list[onnx.NodeProto] = []
+    for constant in model.graph.initializer:
+        values = numpy_helper.to_array(constant)
+        if values.dtype != np.float32 or values.size < LEAST_SHARED:
+            continue
+        name = constant.name
+        constant.CopyFrom(numpy_helper.from_array(values.astype(np.float16), f"{name}.half"))
+        casts.append(helper.make_node("Cast", [f"{name}.half"], [name], to=TensorProto.FLOAT))
+    for node in reversed(casts):
+        model.graph.node.insert(0, node)
+
+
+def run_onnx(path: Path, inputs: Mapping[str, npt.NDArray[np.generic]]) -> list[npt.NDArray[np.float32]]:
+    """Return the outputs of an exported network, by onnxruntime on one core."""
+    import onnxruntime  # here: only the check of an export needs it
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    return session.run(None, dict(inputs))
+
+
+def _compare(network: nn.Module, path: Path, sample: Mapping[str, Tensor]) -> float:
+    """Return the largest difference of plan and control between the file and the network."""
+    with torch.no_grad():
+        expected = network(dict(sample))
+    found = run_onnx(path, {name: each.numpy() for name, each in sample.items()})
+    names = [name for name in ("plan", "control") if name in expected]
+    return max(float(np.abs(found[i] - expected[name].numpy()).max()) for i, name in enumerate(names))
+
+
+def _check(path: Path, difference: float) -> None:
+    if not difference <= MOST_DIFFERENCE_M:
+        raise InputError(
+            f"{path}: expected plans within {MOST_DIFFERENCE_M} m of PyTorch's, found a difference of {difference:.3g} m"
+        )
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise InputError(f"{path}: expected at most {MOST_BYTES} bytes, found {size}: make the network smaller")
+
+
+def _build_manifest(
+    checkpoint: Checkpoint, path: Path, network: nn.Module, sample: Mapping[str, Tensor]
+) -> WeightsManifest:
+    content = path.read_bytes()
+    return WeightsManifest(
+        system=checkpoint.system,
+        sha256=hashlib.sha256(content).hexdigest(),
+        bytes=len(content),
+        parameters=count_parameters(network),
+        memory_shape=tuple(sample["memory"].shape[1:]) if "memory" in sample else (),
+        training=checkpoint.summary,
+    )

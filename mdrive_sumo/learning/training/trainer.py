@@ -1,0 +1,147 @@
+"""Trainer: one training loop for all systems."""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.learning.networks.build_network import build_network, count_parameters
+from mdrive_sumo.learning.training.augment import MEMORY_DROPOUT, augment_inputs
+from mdrive_sumo.learning.training.checkpoint import Checkpoint, save_checkpoint
+from mdrive_sumo.learning.training.compute_losses import compute_losses
+from mdrive_sumo.learning.training.moving_average import MovingAverage
+from mdrive_sumo.learning.training.recall import recall_previous
+from mdrive_sumo.learning.training.training_curves import TrainingCurves
+from mdrive_sumo.learning.training.training_data import TrainingData
+from mdrive_sumo.learning.training.training_options import TrainingOptions
+
+MOST_GRADIENT = 5.0
+"""Longer gradients are shortened to it."""
+
+
+class Trainer:
+    """Network, its average, optimiser and random numbers of one run."""
+
+    def __init__(
+        self, system: str, options: TrainingOptions, device: torch.device, report: Callable[[str], None] = str
+    ) -> None:
+        """Build a network with fresh weights. report: receives a line of progress now and then."""
+        torch.manual_seed(options.seed)
+        self.system = system
+        self.options = options
+        self.device = device
+        self._report = report
+        self.network = build_network(system).to(device, memory_format=torch.channels_last)
+        self.average = MovingAverage(self.network, options.average_decay)
+        self.optimizer = torch.optim.AdamW(
+            self.network.parameters(),
+            lr=options.learning_rate,
+            weight_decay=options.weight_decay,
+            fused=device.type == "cuda",
+        )
+        self.generator = torch.Generator(device).manual_seed(options.seed)
+        self.step = 0
+        self.elapsed_s = 0.0
+        self.summary: dict[str, Any] = {"parameters": count_parameters(self.network)}
+
+    def resume(self, checkpoint: Checkpoint) -> None:
+        """Go on from a checkpoint."""
+        self.network.load_state_dict(checkpoint.network)
+        self.average.network.load_state_dict(checkpoint.average)
+        self.optimizer.load_state_dict(checkpoint.optimizer)
+        self.generator.set_state(checkpoint.generator)
+        self.step, self.elapsed_s = checkpoint.step, checkpoint.elapsed_s
+        self.summary = checkpoint.summary
+
+    def begin_with(self, checkpoint: Checkpoint) -> None:
+        """Take the averaged weights of a checkpoint, and nothing else."""
+        self.network.load_state_dict(checkpoint.average)
+        self.average.network.load_state_dict(checkpoint.average)
+
+    def save(self, folder: Path) -> Path:
+        """Write a checkpoint and return its path."""
+        checkpoint = Checkpoint(
+            self.system, self.step, self.elapsed_s, self.network.state_dict(), self.average.network.state_dict(),
+            self.optimizer.state_dict(), self.generator.get_state(), self.summary,
+        )  # fmt: skip
+        return save_checkpoint(checkpoint, folder)
+
+    def train(self, data: TrainingData, shares: npt.NDArray[np.float64], folder: Path) -> dict[str, float]:
+        """Train until the steps or the minutes are used up; returns the last losses.
+
+        shares: (M,) how often each sample is drawn, 0: never. Raises InputError when the loss is no number, and when
+        the GPU is too small; the last checkpoint stays.
+        """
+        curves = TrainingCurves(folder, self.step)
+        drawn = torch.from_numpy(shares).to(self.device)
+        began, saved = time.monotonic() - self.elapsed_s, time.monotonic()
+        losses: dict[str, float] = {}
+        parts: Mapping[str, Tensor] = {}
+        while (progress := self.options.find_progress(self.step, self.elapsed_s)) < 1.0:
+            parts = self._take_step(data, drawn, progress)
+            self.step += 1
+            self.elapsed_s = time.monotonic() - began
+            if self.step % self.options.log_every == 0 or self.step == 1:
+                losses = self._check(parts, folder)
+                curves.add(self.step, {f"loss/{name}": value for name, value in losses.items()})
+                self._tell(losses, progress)
+            if time.monotonic() - saved > self.options.save_every_s:
+                self._check(parts, folder)
+                self.save(folder)
+                saved = time.monotonic()
+        losses = self._check(parts, folder) or losses
+        self.summary |= {"steps": self.step, "minutes": self.elapsed_s / 60.0, "losses": losses}
+        self.save(folder)
+        curves.close()
+        return losses
+
+    def _tell(self, losses: Mapping[str, float], progress: float) -> None:
+        parts = "  ".join(f"{name} {value:.3f}" for name, value in losses.items())
+        self._report(f"step {self.step} ({progress:.0%}, {self.elapsed_s:.0f} s): {parts}")
+
+    def _take_step(self, data: TrainingData, drawn: Tensor, progress: float) -> Mapping[str, Tensor]:
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.options.find_learning_rate(self.step, progress)
+        rows = torch.multinomial(drawn, self.options.batch, replacement=True, generator=self.generator)
+        try:
+            parts = self._compute_losses(data, rows)
+            self.optimizer.zero_grad(set_to_none=True)
+            parts["total"].backward()
+        except torch.cuda.OutOfMemoryError:
+            raise InputError(
+                f"training {self.system}: the GPU's memory is too small for a batch of {self.options.batch}: "
+                f"give --batch {max(1, self.options.batch // 2)}, and --resume if a checkpoint was written"
+            ) from None
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), MOST_GRADIENT)
+        self.optimizer.step()
+        self.average.update(self.network, self.step)
+        return parts
+
+    def _compute_losses(self, data: TrainingData, rows: Tensor) -> Mapping[str, Tensor]:
+        self.network.train()
+        with torch.autocast(self.device.type, torch.bfloat16, enabled=self.device.type == "cuda"):
+            inputs = augment_inputs(data.spec, data.take_inputs(rows), self.generator)
+            if data.spec.uses_memory:
+                images, motion, is_there = data.take_previous(rows)
+                kept = torch.rand(len(rows), generator=self.generator, device=self.device) >= MEMORY_DROPOUT
+                inputs |= recall_previous(self.network, images, motion, is_there & kept)
+            answer = self.network(inputs, with_auxiliary=True)
+        return compute_losses(answer, data.take_labels(rows))
+
+    def _check(self, parts: Mapping[str, Tensor], folder: Path) -> dict[str, float]:
+        """Return the losses as numbers. Raises InputError if one is none."""
+        losses = {name: float(part.detach()) for name, part in parts.items()}
+        wrong = [name for name, value in losses.items() if not math.isfinite(value)]
+        if wrong:
+            raise InputError(
+                f"training {self.system}: loss {wrong[0]!r} at step {self.step}: expected a finite number, found "
+                f"{losses[wrong[0]]}; give --resume with a smaller --learning-rate (last checkpoint: {folder})"
+            )
+        return losses
