@@ -15,7 +15,7 @@ from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.camera.camera_model import FAR_M, CameraModel
 from mdrive_sumo.sensing.camera.camera_sensor import read_camera_model
-from mdrive_sumo.sensing.camera.instances import build_instances
+from mdrive_sumo.sensing.camera.instances import MESHES, load_instances
 from mdrive_sumo.sensing.camera.static_scene import load_static_scene
 from mdrive_sumo.sensing.lidar_world import assume_heights
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, derive_track_name
@@ -65,11 +65,12 @@ def list_triangles(roads: RoadMap, scene: SensingFrame) -> Float:
     """All triangles (T, 3, 3) [m] that are drawn, in the world."""
     static = load_static_scene(roads)
     found = [static.vertices["position"].astype(np.float64).reshape(-1, 3, 3)]
-    for mesh, places in build_instances(scene, static.lamps, 0, static.origin):
-        for place in places:
+    instances = load_instances(scene, static)
+    for place, model in zip(instances.rows, instances.model.tolist(), strict=True):
+        if place["tag"] != 1:  # the own car is not shown
             cos, sin = place["turn"]
             turn = np.array(((cos, sin, 0.0), (-sin, cos, 0.0), (0.0, 0.0, 1.0)))
-            solid = (mesh["position"] * place["size"]).astype(np.float64) @ turn + place["place"]
+            solid = (MESHES[model]["position"] * place["size"]).astype(np.float64) @ turn + place["place"]
             found.append(solid.reshape(-1, 3, 3))
     return np.concatenate(found) + static.origin
 
