@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,17 +24,15 @@ from mdrive_sumo.sensing.camera.instances import (
     SceneInstances,
 )
 from mdrive_sumo.sensing.camera.lighting import Lighting
-from mdrive_sumo.sensing.camera.meshes import VERTEX, VERTEX_FORMAT, Material, Mesh, Surface, build_mesh, build_quads
+from mdrive_sumo.sensing.camera.meshes import VERTEX_FORMAT, Material, Mesh, Surface, build_mesh, build_quads
 from mdrive_sumo.sensing.camera.shaders import FOG_STEPS, VIEW_FLOATS, write_shaders, write_sky_shaders
 from mdrive_sumo.sensing.camera.static_scene import GROUND_LAYERS, StaticScene
 
 if TYPE_CHECKING:
     import moderngl
 
-LAYER_OFFSET = 4.0 / 2**23
-"""Depth by which a layer of the ground lies behind the one above it, 4 steps of 24 bits: all are at height 0."""
-GROUND_M = 1200.0
-"""[m] Half side of the terrain around the camera."""
+TERRAIN_M = (-1200.0, -200.0, -30.0, 30.0, 200.0, 1200.0)
+"""[m] Edges of the squares of terrain around the camera: depths in small triangles are exact."""
 TERRAIN = (96, 118, 74)
 MOST_SCENES, MOST_TARGETS = 2, 32
 """Networks and kinds and sizes of images whose objects are kept: a worker may drive many."""
@@ -76,7 +75,8 @@ class _VertexArrays:
     """A buffer with vertices, and how each program reads it."""
 
     def __init__(self, renderer: "CameraRenderer", vertices: Any, instances: Any = None) -> None:
-        self._renderer, self._content = renderer, [(vertices, VERTEX_FORMAT, *_VERTEX_NAMES)]
+        self._renderer = renderer
+        self._content: list[Any] = [(vertices, VERTEX_FORMAT, *_VERTEX_NAMES)]
         if instances is not None:
             self._content.append((instances, INSTANCE_FORMAT, *_INSTANCE_NAMES))
         self._arrays: dict[_ProgramKey, Any] = {}
@@ -102,7 +102,7 @@ class CameraRenderer:
         self._commands = _GrowingBuffer(context)
         self._instances = _GrowingBuffer(context)
         self._models = RecentObjects[Any](1, self._build_models)
-        terrain = self._terrain = context.buffer(reserve=6 * VERTEX.itemsize, dynamic=True)
+        terrain = self._terrain = context.buffer(reserve=_build_terrain().nbytes, dynamic=True)
         self._terrain_arrays = _VertexArrays(self, terrain)
         vertex, fragment = write_sky_shaders()
         self._sky = context.program(vertex_shader=vertex, fragment_shader=fragment)
@@ -180,7 +180,7 @@ class CameraRenderer:
         scene = picture.scene
         visible = picture.model.may_show(picture.view, scene.chunks.centre + scene.origin[:2], scene.chunks.radius)
         self._draw_runs(picture, self._scenes.get(scene), list_chunk_commands(scene.chunks, visible), False)
-        self._terrain.write(_build_terrain(picture).tobytes())
+        self._terrain.write(_place_terrain(picture).tobytes())
         self._terrain_arrays.get(_choose_program(picture, Surface.ROUGH, False)).render()
 
     def _draw_runs(self, picture: Picture, arrays: _VertexArrays, runs: CommandRuns, is_instanced: bool) -> None:
@@ -255,7 +255,7 @@ def _pack_view(picture: Picture) -> npt.NDArray[np.float32]:
     level = math.sqrt(1.0 - light.elevation * light.elevation)
     fog = light.fog_per_m / FOG_STEPS
     rows = (
-        (*(picture.view.place - origin), LAYER_OFFSET),
+        (*(picture.view.place - origin), 0.0),
         (*picture.view.axes[:, 0], light.wet),
         (*origin, exposure),
         (0.6 * level, -0.8 * level, light.elevation, 0.0),
@@ -269,9 +269,20 @@ def _pack_view(picture: Picture) -> npt.NDArray[np.float32]:
     return np.concatenate((clip.T.reshape(-1), np.array(rows).reshape(-1))).astype(np.float32)
 
 
-def _build_terrain(picture: Picture) -> Mesh:
-    """Return a square of grass around the camera."""
-    (x, y, _), side = picture.view.place - picture.scene.origin, GROUND_M
-    corners = ((x - side, y - side), (x + side, y - side), (x + side, y + side), (x - side, y + side))
-    quad = np.array([[(*corner, 0.0) for corner in corners]])
-    return build_mesh(build_quads(quad), TERRAIN, SemanticClass.TERRAIN, Material.ROUGH, GROUND_LAYERS)
+@lru_cache(maxsize=1)
+def _build_terrain() -> Mesh:
+    """Return squares of grass around a camera at the origin."""
+    quads = [
+        ((west, south, 0.0), (east, south, 0.0), (east, north, 0.0), (west, north, 0.0))
+        for west, east in pairwise(TERRAIN_M)
+        for south, north in pairwise(TERRAIN_M)
+    ]
+    triangles = build_quads(np.array(quads))
+    return build_mesh(triangles, TERRAIN, SemanticClass.TERRAIN, Material.ROUGH, GROUND_LAYERS + 1)
+
+
+def _place_terrain(picture: Picture) -> Mesh:
+    """Return the terrain around the camera."""
+    terrain = _build_terrain().copy()
+    terrain["position"][:, :2] += (picture.view.place - picture.scene.origin)[:2].astype(np.float32)
+    return terrain

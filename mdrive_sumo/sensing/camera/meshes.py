@@ -15,7 +15,7 @@ from mdrive_sumo.core.geometry import Float
 
 VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 4), ("kind", "u1", 4)])
 """A corner of a triangle: position [m], unit normal, RGB and padding, and semantic class, material, layer of the ground
-below the topmost one, padding."""
+(0 for solids, 1 for the topmost), padding."""
 VERTEX_FORMAT = "3f4 3f4 4f1 4u1"
 """The same for moderngl."""
 Mesh: TypeAlias = npt.NDArray[np.void]
@@ -66,7 +66,7 @@ SURFACE_OF_MATERIAL = {
 def build_mesh(
     triangles: Float, colour: Colour, semantic: SemanticClass, material: Material = Material.PLAIN, layer: int = 0
 ) -> Mesh:
-    """Return triangles (T, 3, 3) [m], counter-clockwise from outside, as a mesh. layer: of the ground; 0 is the top."""
+    """Return triangles (T, 3, 3) [m], counter-clockwise from outside, as a mesh. layer: of the ground; 1 is the top."""
     edges = triangles[:, 1:] - triangles[:, :1]
     normals = np.cross(edges[:, 0], edges[:, 1])
     normals /= np.maximum(np.sqrt(portable.square(normals).sum(-1, keepdims=True)), 1e-12)

@@ -10,7 +10,7 @@ from mdrive_sumo.sensing.camera.meshes import Material, Surface
 VIEW_BLOCK = """
 layout(std140) uniform View {
     mat4 clip;
-    vec4 eye;       // relative to the scene's origin; w: depth by which a layer of the ground lies behind the next
+    vec4 eye;       // relative to the scene's origin
     vec4 ahead;     // optical axis; w: how much darker wet ground is
     vec4 ground;    // of the origin in the world, so that patterns stay where they are; w: exposure
     vec4 to_sun;
@@ -61,8 +61,11 @@ vec3 find_world() {
 #endif
 }
 void put(vec3 world) {
+    // Nothing lies below the ground: it is behind all solids, and its upper layers before its lower ones, by constants.
+    // Real depths of layers at one height are equal only up to rounding, which grows with the size of triangles.
     gl_Position = clip * vec4(world, 1.0);
-    gl_Position.z += eye.w * float(kind.z) * gl_Position.w;
+    float solid = 0.99 * gl_Position.z - 0.01 * gl_Position.w;
+    gl_Position.z = kind.z == 0u ? solid : (0.99 + 0.001 * float(kind.z)) * gl_Position.w - 0.05;
 }
 """
 _LABEL_VERTEX = """

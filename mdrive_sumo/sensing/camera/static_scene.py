@@ -118,8 +118,8 @@ def _build_ground(geometry: MapGeometry) -> Iterator[Mesh]:
         (geometry.aprons, (104, 104, 106), road, Material.ROUGH),
         (geometry.pavements, (158, 156, 150), walk, Material.ROUGH),
     )
-    for depth, (shapes, colour, semantic, material) in enumerate(layers):
-        yield build_mesh(triangulate_polygons(shapes, 0.0), colour, semantic, material, depth)
+    for layer, (shapes, colour, semantic, material) in enumerate(layers, start=1):
+        yield build_mesh(triangulate_polygons(shapes, 0.0), colour, semantic, material, layer)
 
 
 def _build_kerbs(geometry: MapGeometry) -> list[shapely.Polygon]:
@@ -215,9 +215,8 @@ def _cut_into_chunks(mesh: Mesh) -> tuple[Mesh, Chunks]:
         return mesh, Chunks(none, none, none, np.zeros((0, 2)), np.zeros(0))
     kind = mesh["kind"][::3].astype(np.int64)
     surface = np.array([SURFACE_OF_MATERIAL[material] for material in Material])[kind[:, 1]]
-    is_ground = corners[:, :, 2].max(axis=1) <= 0.0
     cell = np.floor(corners[:, :, :2].mean(axis=1) / CHUNK_M).astype(np.int64)
-    key = np.column_stack((surface, is_ground, kind[:, 2], cell))
+    key = np.column_stack((surface, kind[:, 2], cell))
     found, number, sizes = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     order = np.argsort(number.reshape(-1), kind="stable")
     ends = np.cumsum(sizes)
