@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angle
+from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angle, wrap_angles
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind, RoadUsers
 from mdrive_sumo.roads import Lane, RoadMap
 
@@ -25,10 +25,10 @@ STANDING_MPS = 0.1
 SLOWEST_TURN_MPS = 1.0
 TURN_RADIUS_M = 25.0
 """Within a junction, who drives a narrower bend turns."""
-CROSSING_RAD = 0.04
-"""Angle to its lane from which a vehicle changes lanes: 1.6 m/s aside at 40 m/s."""
-MOST_CROSSING_RAD, ON_LANE_M = 0.6, 3.0
-"""Beyond, a vehicle is not on that lane."""
+ASIDE_MPS = 0.7
+"""Speed across its lane from which a vehicle changes lanes; SUMO's vehicles take 2 s from lane to lane."""
+ALONG_RAD, ON_LANE_M = 0.6, 3.0
+"""Up to this angle and distance a vehicle is on its nearest lane."""
 TURN_RAD = math.pi / 6
 AHEAD_M = 30.0
 """Before a junction where all ways of a lane turn to one side."""
@@ -49,6 +49,8 @@ class _Driver:
     """What is remembered of a vehicle."""
 
     tick: int
+    x: float
+    y: float
     yaw: float
     speed: float
     acceleration: float = 0.0
@@ -71,23 +73,26 @@ class SignalLampObserver:
         places = _LanePlaces.find(self._roads, boxes, rows) if len(rows) else None
         lamps: dict[str, int] = {}
         for i, row in enumerate(rows.tolist()):
-            name, yaw, speed = boxes.ids[row], float(boxes.yaw[row]), float(boxes.speed[row])
+            name = boxes.ids[row]
+            x, y, yaw, speed = (float(values[row]) for values in (boxes.x, boxes.y, boxes.yaw, boxes.speed))
             known = self._drivers.get(name)
             if known is None or not 0 < tick - known.tick <= FORGET_TICKS:
-                self._drivers[name] = _Driver(tick, yaw, speed)
+                self._drivers[name] = _Driver(tick, x, y, yaw, speed)
                 continue
             assert places is not None
-            turn_rate = wrap_angle(yaw - known.yaw) / ((tick - known.tick) * DT)
-            _update_brake(known, tick, speed)
-            _update_side(known, tick, places.find_side(i, turn_rate, speed))
-            known.tick, known.yaw, known.speed = tick, yaw, speed
+            seconds = (tick - known.tick) * DT
+            turn_rate = wrap_angle(yaw - known.yaw) / seconds
+            velocity = (x - known.x) / seconds, (y - known.y) / seconds
+            _update_brake(known, speed, seconds)
+            _update_side(known, tick, places.find_side(i, turn_rate, velocity))
+            known.tick, known.x, known.y, known.yaw, known.speed = tick, x, y, yaw, speed
             if lit := _list_lamps(known):
                 lamps[name] = lit
         return MappingProxyType(lamps)
 
 
-def _update_brake(driver: _Driver, tick: int, speed: float) -> None:
-    now = (speed - driver.speed) / ((tick - driver.tick) * DT)
+def _update_brake(driver: _Driver, speed: float, seconds: float) -> None:
+    now = (speed - driver.speed) / seconds
     driver.acceleration += SMOOTHING * (now - driver.acceleration)
     driver.has_moved |= speed > STANDING_MPS
     limit = BRAKE_OFF_MPS2 if driver.is_braking else BRAKE_ON_MPS2
@@ -112,8 +117,8 @@ class _LanePlaces:
     """Where vehicles (N,) are relative to their nearest lanes."""
 
     in_junction: Bool
-    angle: Float
-    """To the lane, left positive [rad]."""
+    direction: tuple[Float, Float]
+    """Of the lanes: cosine and sine."""
     is_on_lane: Bool
     turn_ahead: Int
     """1 or -1 where all ways ahead turn left or right."""
@@ -122,21 +127,23 @@ class _LanePlaces:
     def find(cls, roads: RoadMap, boxes: RoadUsers, rows: Int) -> "_LanePlaces":
         xy = np.column_stack((boxes.x[rows], boxes.y[rows]))
         nearest, ways = roads.find_nearest_lanes(xy), _find_ways(roads)
-        angle = np.array([wrap_angle(value) for value in (boxes.yaw[rows] - nearest.yaw).tolist()])
+        is_along = np.abs(wrap_angles(boxes.yaw[rows] - nearest.yaw)) < ALONG_RAD
         to_end = xy - ways.end[nearest.lane]
         is_near = portable.hypot(to_end[:, 0], to_end[:, 1]) < AHEAD_M
-        is_on_lane = (nearest.distance < ON_LANE_M) & (np.abs(angle) < MOST_CROSSING_RAD)
+        is_on_lane = (nearest.distance < ON_LANE_M) & is_along
         turn_ahead = np.where(is_near & is_on_lane, ways.turn[nearest.lane], 0)
-        return cls(roads.in_junction[nearest.lane], angle, is_on_lane, turn_ahead)
+        return cls(roads.in_junction[nearest.lane], portable.cos_sin(nearest.yaw), is_on_lane, turn_ahead)
 
-    def find_side(self, i: int, turn_rate: float, speed: float) -> int:
-        """Return 1 for the left, -1 for the right indicator, 0 for none."""
-        if speed < SLOWEST_TURN_MPS:
-            return int(self.turn_ahead[i])
+    def find_side(self, i: int, turn_rate: float, velocity: tuple[float, float]) -> int:
+        """Return 1 for the left, -1 for the right indicator, 0 for none. velocity: x, y [m/s]."""
+        speed = portable.hypot(*velocity)
         if self.in_junction[i]:
-            return int(math.copysign(1, turn_rate)) if abs(turn_rate) * TURN_RADIUS_M > speed else 0
-        if self.is_on_lane[i] and abs(self.angle[i]) > CROSSING_RAD:
-            return int(math.copysign(1, self.angle[i]))
+            turns = speed > SLOWEST_TURN_MPS and abs(turn_rate) * TURN_RADIUS_M > speed
+            return int(math.copysign(1, turn_rate)) if turns else 0
+        cos, sin = self.direction
+        aside = float(cos[i]) * velocity[1] - float(sin[i]) * velocity[0]
+        if self.is_on_lane[i] and abs(aside) > ASIDE_MPS:
+            return int(math.copysign(1, aside))
         return int(self.turn_ahead[i])
 
 
