@@ -12,7 +12,7 @@ BEV_CELL_M = BEV_AREA_M / BEV_CELLS
 AHEAD_M = BEV_AREA_M - LIDAR_BEHIND_M
 """[m] x of the upper edge (row 0); y of the left edge (column 0) is half of the area."""
 LEFT_M = BEV_AREA_M / 2
-BEV_CHANNELS = 48
+BEV_CHANNELS = 64
 
 
 def compute_cell_centres() -> Float:

@@ -98,7 +98,7 @@ def _describe_run(run: TrainingRun, device: torch.device, samples: int) -> dict[
         "sources": list(run.sources),
         "options": asdict(run.options),
         "device": where,
-        "torch": torch.__version__,
+        "torch": str(torch.__version__),
         "initial": "" if run.initial is None else str(run.initial),
     }
 
