@@ -19,5 +19,7 @@ def split_arrays(arrays: Mapping[str, npt.NDArray[np.generic]]) -> tuple[npt.NDA
     is_held_out = arrays["episode"].astype(np.int64) % HELD_OUT == HELD_OUT - 1
     training, held_out = np.flatnonzero(~is_held_out), np.flatnonzero(is_held_out)
     if not len(training) or not len(held_out):
-        raise InputError(f"data set: expected at least {HELD_OUT} drives of a car to hold one out, found fewer; give --val")
+        raise InputError(
+            f"data set: expected at least {HELD_OUT} drives of a car to hold one out, found fewer; give --val"
+        )
     return training, held_out

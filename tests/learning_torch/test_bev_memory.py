@@ -5,7 +5,14 @@ import math
 import pytest
 import torch
 
-from mdrive_sumo.learning.networks.bev_grid import AHEAD_M, BEV_CELL_M, BEV_CELLS, BEV_CHANNELS, LEFT_M, compute_cell_centres
+from mdrive_sumo.learning.networks.bev_grid import (
+    AHEAD_M,
+    BEV_CELL_M,
+    BEV_CELLS,
+    BEV_CHANNELS,
+    LEFT_M,
+    compute_cell_centres,
+)
 from mdrive_sumo.learning.networks.bev_memory import MEMORY_SHAPE, BevMemory, halve_motion, warp_memory
 from mdrive_sumo.learning.training.recall import recall_previous
 

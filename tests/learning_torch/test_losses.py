@@ -16,9 +16,7 @@ from mdrive_sumo.learning.training.scene_losses import (
     unpack_occupancy,
 )
 
-SAMPLES = {
-    name: torch.from_numpy(values) for name, values in build_synthetic_arrays(SYSTEMS["vad"], 4, seed=1).items()
-}
+SAMPLES = {name: torch.from_numpy(values) for name, values in build_synthetic_arrays(SYSTEMS["vad"], 4, seed=1).items()}
 
 
 def test_bits_unpack_as_numpy_packs_them() -> None:

@@ -19,4 +19,4 @@ def compute_cell_centres() -> Float:
     """Return the centres (BEV_CELLS, BEV_CELLS, 2) x, y [m] of the cells, in the ego frame."""
     offsets = (np.arange(BEV_CELLS) + 0.5) * BEV_CELL_M
     x, y = np.meshgrid(AHEAD_M - offsets, LEFT_M - offsets, indexing="ij")
-    return np.stack((x, y), axis=-1)
+    return np.stack((x, y), axis=-1).astype(np.float64)

@@ -57,7 +57,9 @@ def run_training(run: TrainingRun, report: Report) -> Path:
         rows, held_out = split_arrays(run.data)
         shares[held_out] = 0.0
     data = TrainingData(SYSTEMS[run.system], run.data, device)
-    report(f"{run.system}: {len(rows)} samples in the memory of {data.place}, {trainer.summary['parameters']} parameters")
+    report(
+        f"{run.system}: {len(rows)} samples in the memory of {data.place}, {trainer.summary['parameters']} parameters"
+    )
     trainer.summary |= _describe_run(run, device, len(rows))
     trainer.train(data, shares, run.folder)
     if run.validation is None:
@@ -103,9 +105,7 @@ def _describe_run(run: TrainingRun, device: torch.device, samples: int) -> dict[
     }
 
 
-def validate(
-    trainer: Trainer, data: TrainingData, arrays: Arrays, rows: npt.NDArray[np.int64]
-) -> dict[str, Any]:
+def validate(trainer: Trainer, data: TrainingData, arrays: Arrays, rows: npt.NDArray[np.int64]) -> dict[str, Any]:
     """Return the open-loop metrics of the averaged weights on rows of `arrays`, with and without images."""
     rows = rows[:: max(1, -(-len(rows) // MOST_VALIDATED))]
     network = trainer.average.network
