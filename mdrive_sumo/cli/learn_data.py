@@ -11,8 +11,8 @@ import click
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.learning.collection import collect_dataset
-from mdrive_sumo.learning.collection_settings import EXPERTS, SPLITS, CollectionSettings, parse_rigs
-from mdrive_sumo.learning.recorded_rigs import RIG_NAMES
+from mdrive_sumo.learning.collection_settings import EXPERTS, SPLITS, CollectionSettings
+from mdrive_sumo.learning.recorded_rigs import RIG_NAMES, parse_rig_names
 from mdrive_sumo.learning.sample_format import CollectedScenario, DatasetFile, ShardEntry
 
 
@@ -88,7 +88,7 @@ def _parse_settings(options: Mapping[str, Any]) -> CollectionSettings:
         split=options["split"],
         seed=options["seed"],
         expert=options["expert"],
-        rigs=parse_rigs(options["rigs"]),
+        rigs=parse_rig_names(options["rigs"]),
         perturbation=options["perturb"],
         driver=None if driver is None else driver.resolve(),
         mix=0.0 if driver is None else options["mix"],

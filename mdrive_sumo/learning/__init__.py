@@ -1,1 +1,1 @@
-"""Learning: training scenarios, training data, networks and their training (docs/learning.md)."""
+"""Training of learned systems: scenarios, data, networks, export. `mdrive_sumo.agents.learned` drives the results."""

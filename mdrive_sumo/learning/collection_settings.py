@@ -1,6 +1,5 @@
 """CollectionSettings: what a data set is made with, as a picklable value for worker processes."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.suggestion import describe_unknown
+from mdrive_sumo.learning.learner_driver import find_driver_system
 from mdrive_sumo.learning.recorded_rigs import find_recorded_rig
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.runs.journal import Fingerprint
@@ -47,6 +47,8 @@ class CollectionSettings:
                 raise InputError(f"{option}: {describe_unknown(name, known)}")
         if self.driver is not None and not self.driver.is_file():
             raise InputError(f"--driver {self.driver}: expected a file with weights (ONNX), found none")
+        if self.driver is not None and (rig := find_recorded_rig(find_driver_system(self.driver).rig)) not in self.rigs:
+            raise InputError(f"--driver {self.driver}: expected the rig that it sees with, --rig {rig}, found none")
 
     @property
     def driver_checksum(self) -> str:
@@ -75,8 +77,7 @@ class CollectionSettings:
 
     def format_episode(self, index: int) -> str:
         """Return the name of an episode in the keys of its samples: letters, digits and "-"."""
-        suite = re.sub(r"[^A-Za-z0-9]", "", self.suite)
-        return "-".join(part for part in (self.split, suite, f"s{self.seed}", f"r{self.round}", f"{index:06d}") if part)
+        return f"{self.split}-s{self.seed}-r{self.round}-{index:06d}"
 
     def build_expert(self) -> Agent:
         """Return a new expert for one CAV."""
@@ -99,8 +100,3 @@ class CollectionSettings:
                 f"training scenario {scenario.id}: expected a network {TRAINING_NETWORKS}*, found {scenario.network!r}"
             )
         return scenario, load_road_map(find_network_folder(scenario.network))
-
-
-def parse_rigs(rigs: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the rigs to record, each once, in alphabetical order. Raises InputError for an unknown name."""
-    return tuple(sorted({find_recorded_rig(rig) for rig in rigs}))

@@ -20,8 +20,8 @@ class PerturbationParameters:
     duration_s: tuple[float, float] = (0.6, 1.6)
     lateral_share: float = 0.65
     """Of the bursts that shift the plan sideways; the others change its pace."""
-    offset_m: tuple[float, float] = (0.3, 0.8)
-    """Sideways, to either side. At 8 m/s, 0.8 m within a second turn the car by up to 10 degrees."""
+    offset_m: tuple[float, float] = (0.4, 1.0)
+    """Sideways, to either side. The car lags behind: it comes 0.3 to 0.8 m and up to 10 degrees off its path."""
     pace: tuple[float, float] = (0.4, 1.25)
     """Speed along the plan as a share of the plan's."""
     ramp: float = 0.6

@@ -2,13 +2,14 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TypeVar
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS, ImageInput, SystemSpec
-from mdrive_sumo.contract import Observation, SensorSpec
+from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import describe_unknown
 
+T = TypeVar("T")
 SHARED_RIGS = {"uniad": "vad"}
 """A rig whose images another one has: six cameras of the same places, angles and sizes."""
 RIG_NAMES = tuple(spec.rig for spec in SYSTEMS.values())
@@ -19,6 +20,11 @@ def find_recorded_rig(rig: str) -> str:
     if rig not in RIG_NAMES:
         raise InputError(f"--rig: {describe_unknown(rig, RIG_NAMES)}")
     return SHARED_RIGS.get(rig, rig)
+
+
+def parse_rig_names(rigs: Iterable[str]) -> tuple[str, ...]:
+    """Return the rigs to record, each once, in alphabetical order. Raises InputError for an unknown name."""
+    return tuple(sorted({find_recorded_rig(rig) for rig in rigs}))
 
 
 def find_rig_system(rig: str) -> SystemSpec:
@@ -45,11 +51,7 @@ def list_stored_images(spec: SystemSpec, image: ImageInput) -> tuple[str, ...]:
     return tuple(format_sensor_id(rig, camera) for camera in image.cameras)
 
 
-def select_rig_outputs(spec: SystemSpec, seen: Observation) -> dict[str, dict[str, Any]]:
-    """Return the fields `cameras` and `lidar` of an observation as a system with its own sensors gets them."""
+def select_rig_outputs(spec: SystemSpec, outputs: Mapping[str, T]) -> dict[str, T]:
+    """Return the images or scans of a system's own sensors, by the ids that it knows."""
     prefix = format_sensor_id(find_recorded_rig(spec.rig), "")
-    fields: tuple[tuple[str, Mapping[str, Any]], ...] = (("cameras", seen.cameras), ("lidar", seen.lidar))
-    return {
-        field: {name.removeprefix(prefix): value for name, value in found.items() if name.startswith(prefix)}
-        for field, found in fields
-    }
+    return {name.removeprefix(prefix): value for name, value in outputs.items() if name.startswith(prefix)}

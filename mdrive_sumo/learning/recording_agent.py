@@ -112,8 +112,12 @@ class RecordingAgent:
     def _drive_with_learner(self, seen: Observation, own: OwnState, plan: Plan) -> tuple[Reply, bool]:
         setup = self._setup
         assert setup.learner is not None and setup.system is not None
-        outputs = select_rig_outputs(setup.system, seen)
-        reply = setup.learner.act(Observation(seen.tick, own, signals=seen.signals, speedometer=own.speed, **outputs))
+        cameras = select_rig_outputs(setup.system, seen.cameras)
+        lidar = select_rig_outputs(setup.system, seen.lidar)
+        observation = Observation(
+            seen.tick, own, signals=seen.signals, lidar=lidar, speedometer=own.speed, cameras=cameras
+        )
+        reply = setup.learner.act(observation)
         segment = seen.tick // SEGMENT_TICKS
         if setup.mix > draw_first_uniform(setup.seed, "segment", segment):
             return Reply(plan=plan), True

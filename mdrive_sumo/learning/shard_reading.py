@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from PIL import UnidentifiedImageError
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
@@ -87,7 +88,8 @@ class StoredSample:
         try:
             pixels = decode_image(self.get_file(suffix))
         except OSError as error:
-            raise InputError(f"{self.place}: {suffix}: expected a JPEG image, found {error}") from None
+            reason = "no image" if isinstance(error, UnidentifiedImageError) else error
+            raise InputError(f"{self.place}: {suffix}: expected a JPEG image, found {reason}") from None
         if pixels.shape[:2] != size:
             raise InputError(
                 f"{self.place}: {suffix}: expected {size[1]} x {size[0]} pixels,"

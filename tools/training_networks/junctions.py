@@ -42,7 +42,7 @@ def build_junction(draft: NetworkDraft, plan: JunctionPlan, rng: random.Random) 
         heading = math.radians(angle + rng.uniform(-plan.jitter_deg, plan.jitter_deg))
         line = trace_line((0.0, 0.0), heading, draw_arm(rng, plan.length_m * rng.uniform(0.9, 1.15), plan.bend))
         arm = COMPASS[round(angle / 90) % 4]
-        draft.nodes.append(Node(arm, *line[-1].tolist()))
+        draft.nodes.append(Node(arm, float(line[-1, 0]), float(line[-1, 1])))
         priority = 6 if k in plan.main else 3
         draft.streets.append(Street(arm, arm, "x", line[::-1], lanes, plan.speed, priority, sidewalk_m=plan.sidewalk_m))
         if plan.zebras:
@@ -77,10 +77,10 @@ def build_roundabout(draft: NetworkDraft, radius: float, lanes: int, angles_deg:
         arm, axis = f"arm_{k + 1}", math.radians(angle)
         entering = np.array([_rotate(x, y, axis) for x, y in zip(away, flare, strict=True)])
         leaving = np.array([_rotate(x, -y, axis) for x, y in zip(away, flare, strict=True)])[::-1]
-        end = ((entering[0] + leaving[-1]) / 2).tolist()
-        draft.nodes += [Node(arm, *end)]
-        draft.nodes += [Node(f"{arm}_x", *leaving[0].tolist(), "priority", 2.5)]
-        draft.nodes += [Node(f"{arm}_n", *entering[-1].tolist(), "priority", 2.5)]
+        end = (entering[0] + leaving[-1]) / 2
+        draft.nodes += [Node(arm, float(end[0]), float(end[1]))]
+        draft.nodes += [Node(f"{arm}_x", float(leaving[0, 0]), float(leaving[0, 1]), "priority", 2.5)]
+        draft.nodes += [Node(f"{arm}_n", float(entering[-1, 0]), float(entering[-1, 1]), "priority", 2.5)]
         draft.streets.append(
             Street(f"{arm}_in", arm, f"{arm}_n", entering, (lanes, 0), 13.89, 2, 0.0, True, (f"{arm}_in", ""))
         )

@@ -26,7 +26,7 @@ def trace_line(start: tuple[float, float], heading: float, pieces: Sequence[Piec
             x, y = x + chord * math.cos(heading + turn / 2), y + chord * math.sin(heading + turn / 2)
             heading += turn
             points.append((x, y))
-    return np.round(np.array(points), 1)
+    return np.array(points, dtype=np.float64).round(1)
 
 
 def compute_end_heading(heading: float, pieces: Sequence[Piece]) -> float:

@@ -87,7 +87,7 @@ def _add_side_streets(
         name = f"{word}_{k}"
         away = heading + sign * math.pi / 2 + math.radians(rng.uniform(-9.0, 9.0))
         line = trace_line(at, away, draw_arm(rng, side.length_m * rng.uniform(0.9, 1.1), plan.bend))
-        draft.nodes.append(Node(name, *line[-1].tolist()))
+        draft.nodes.append(Node(name, float(line[-1, 0]), float(line[-1, 1])))
         priority = plan.priority if side.type == "right_before_left" else 2
         draft.streets.append(
             Street(name, name, node, line[::-1], (side.lanes, side.lanes), 8.33, priority, sidewalk_m=plan.sidewalk_m)
@@ -118,7 +118,7 @@ def build_town(draft: NetworkDraft, pitch_m: tuple[float, float], speed: float, 
             heading = math.radians(angle + rng.uniform(-6, 6))
             line = trace_line(corners[name], heading, draw_arm(rng, rng.uniform(60, 75), 0.4))
             arm = f"{name}_{angle}"
-            draft.nodes.append(Node(arm, *line[-1].tolist()))
+            draft.nodes.append(Node(arm, float(line[-1, 0]), float(line[-1, 1])))
             _add_town_street(draft, arm, (arm, name), line[::-1], speed)
     draft.crossings += [("w0", "w0_180_in w0_180_out"), ("n1", "n1_90_in n1_90_out")]
 
@@ -138,7 +138,9 @@ def build_motorway(draft: NetworkDraft, curve_m: float) -> None:
     after = trace_line(tuple(beside[-1].tolist()), heading, ((130.0, -curve_m),))
     spots = {"start": wide[0], "drop": wide[-1], "join": narrow[-1], "merge": beside[-1], "end": after[-1]}
     for name, at in spots.items():
-        draft.nodes.append(Node(name, *at.tolist(), "priority" if name in ("drop", "join", "merge") else ""))
+        draft.nodes.append(
+            Node(name, float(at[0]), float(at[1]), "priority" if name in ("drop", "join", "merge") else "")
+        )
     chain = (("wide", "start", "drop", wide, 3), ("narrow", "drop", "join", narrow, 2))
     chain += (("beside", "join", "merge", beside, 3), ("after", "merge", "end", after, 2))
     for name, a, b, line, lanes in chain:
@@ -154,5 +156,5 @@ def _add_ramp(draft: NetworkDraft, join: Float, heading: float) -> None:
     side = np.array((math.sin(heading), -math.cos(heading))) * 2 * draft.lane_m
     end = (float(join[0] + side[0]), float(join[1] + side[1]))
     line = trace_line(end, heading + math.pi, ((14.0, 0.0), (40.0, 170.0), (60.0, 110.0), (40.0, 0.0)))[::-1]
-    draft.nodes.append(Node("ramp_start", *line[0].tolist()))
+    draft.nodes.append(Node("ramp_start", float(line[0, 0]), float(line[0, 1])))
     draft.streets.append(Street("ramp", "ramp_start", "join", line, (1, 0), 16.67, 3, names=("ramp", "")))

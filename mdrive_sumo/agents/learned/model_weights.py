@@ -66,6 +66,7 @@ def load_network(spec: SystemSpec, path: Path | None = None, use_gpu: bool = Tru
     manifest = read_manifest(file.with_suffix(".json"))
     if manifest.system != spec.name:
         raise InputError(f"weights {file}: expected those of the system {spec.name!r}, found {manifest.system!r}")
+    _read_weights(file, manifest)  # also if it is loaded already: the file may have been replaced
     return _open_network(spec, file, manifest, use_gpu)
 
 

@@ -1,0 +1,179 @@
+"""Scripted road users of training scenarios: people and cyclists that cross, cyclists ahead, parked vehicles."""
+
+import random
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import box_corners
+from mdrive_sumo.generate.hard.family_parts import WALKER_SIZES, build_crossing_actor
+from mdrive_sumo.generate.pedestrian_crossing import compute_route_pose
+from mdrive_sumo.generate.spawn_points import BLIND_SPEED
+from mdrive_sumo.roads import Lane, RoadMap
+from mdrive_sumo.scenario.props import PROPS
+from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, KindName, PathMotion
+from mdrive_sumo.vehicle import dynamics
+
+CAR = dynamics.MKZ_2017
+AHEAD_M = (20.0, 60.0)
+"""[m] Distance from a CAV's start to where somebody crosses."""
+WALK_MPS, CYCLE_MPS = (0.9, 2.4), (2.5, 4.5)
+KERB_M = 0.8
+"""[m] Distance beyond the edge of the road at which people wait."""
+EARLY_S = (-0.5, 3.0)
+"""[s] How long before blind driving would get there a crossing road user reaches the middle of the CAV's lane."""
+WIDEST_M = 18.0
+"""[m] Roads whose edge is further away are not crossed."""
+BESIDE_ROUTE_M = 1.45
+"""[m] Least distance of a parked vehicle from the centre line of any CAV's route."""
+CLEAR_START_M = 6.0
+JUNCTION_M = 6.0
+"""[m] Nothing parks nearer to the end of a lane."""
+PARKED_NEAR_M = 70.0
+PARKED_MODELS = {"parked-car": 0.68, "parked-van": 0.24, "parked-truck": 0.08}
+HIDES_M = (0.7, 1.4)
+"""[m] Between a parked vehicle and the person that steps out behind it."""
+TRIES = 12
+
+
+def build_box(pose: Pose, length: float, width: float) -> shapely.Polygon:
+    """Return a box as a polygon."""
+    return shapely.Polygon(box_corners(pose.x, pose.y, pose.yaw, length, width))
+
+
+def _find_road_edge(roads: RoadMap, ego: Ego, station: int, side: float) -> float | None:
+    """Return the offset [m] from the route to the edge of the road on one side (1: left, -1: right), None if far."""
+    offsets = np.arange(0.5, WIDEST_M, 0.25)
+    points = np.array([compute_route_pose(ego, station, side * float(off))[:2] for off in offsets])
+    near = roads.find_nearest_lanes(points)
+    outside = near.distance > roads.lane_width[near.lane] / 2
+    return float(offsets[int(np.argmax(outside))]) if outside.any() else None
+
+
+def _draw_station(roads: RoadMap, ego: Ego, rng: random.Random) -> int | None:
+    """Return a station [m] on the CAV's route outside junctions; None if there is none."""
+    last = min(len(ego.route) - 8, int(AHEAD_M[1]))
+    if last <= AHEAD_M[0]:
+        return None
+    for _ in range(TRIES):
+        station = rng.randint(int(AHEAD_M[0]), last)
+        near = roads.find_nearest_lanes(ego.xy[station][None])
+        if not roads.in_junction[near.lane[0]]:
+            return station
+    return None
+
+
+def build_crossing_users(
+    roads: RoadMap, egos: Sequence[Ego], kinds: Sequence[tuple[KindName, bool]], rng: random.Random
+) -> Iterator[Actor]:
+    """Return pedestrians and cyclists that cross the routes of drawn CAVs; `kinds`: kind, and whether a parked vehicle
+    hides the road user. That vehicle is returned too."""
+    for number, (kind, is_hidden) in enumerate(kinds):
+        ego = rng.choice(egos)
+        station = _draw_station(roads, ego, rng)
+        if station is None:
+            continue
+        side = -1.0 if is_hidden else rng.choice((-1.0, 1.0))
+        begin, end = (_find_road_edge(roads, ego, station, sign) for sign in (side, -side))
+        if begin is None or end is None:
+            continue
+        if is_hidden:
+            yield _build_hiding_vehicle(ego, station, begin, f"screen_{number}", rng)
+        yield _build_crosser(ego, station, (side * (begin + KERB_M), -side * (end + KERB_M)), (kind, number), rng)
+
+
+def _build_crosser(
+    ego: Ego, station: int, offsets: tuple[float, float], name: tuple[KindName, int], rng: random.Random
+) -> Actor:
+    begin, end = (compute_route_pose(ego, station, offset)[:2] for offset in offsets)
+    kind, number = name
+    speed = round(rng.uniform(*(WALK_MPS if kind == "pedestrian" else CYCLE_MPS)), 2)
+    away = abs(offsets[0])
+    rolling = BLIND_SPEED * (away / speed + rng.uniform(*EARLY_S))
+    distance = portable.hypot(max(rolling, 6.0), away)
+    trigger = DistanceTrigger(vehicle=ego.id, distance_m=round(min(distance, 50.0), 2))
+    return build_crossing_actor(f"{kind}_{number}", kind, (begin, end), speed, trigger)
+
+
+def _build_hiding_vehicle(ego: Ego, station: int, edge: float, name: str, rng: random.Random) -> Actor:
+    """Return a vehicle parked at the right edge of the road, directly before the station."""
+    model = rng.choice(("parked-van", "parked-car", "parked-van"))
+    size = PROPS[model]
+    back = station - rng.uniform(*HIDES_M) - WALKER_SIZES["pedestrian"][0] / 2 - size.length / 2
+    x, y, yaw = compute_route_pose(ego, back, -(edge + rng.uniform(-0.1, 0.3) + size.width / 2))
+    pose = Pose(x=round(x, 3), y=round(y, 3), yaw=round(yaw, 4))
+    return Actor(id=name, kind=size.kind, model=model, length=size.length, width=size.width, start=pose)
+
+
+def build_leading_cyclist(ego: Ego, rng: random.Random) -> Actor | None:
+    """Return a cyclist that rides ahead of the CAV at the right of its lane; None where the route is too short."""
+    station = rng.uniform(14.0, 30.0)
+    if station > len(ego.route) - 25:
+        return None
+    offset = rng.uniform(-1.2, -0.8)
+    length, width = WALKER_SIZES["cyclist"]
+    stations = np.arange(station, len(ego.route) - 1.0, 2.0)
+    points = tuple(
+        (round(x, 3), round(y, 3)) for x, y, _ in (compute_route_pose(ego, float(s), offset) for s in stations)
+    )
+    (x, y), (x1, y1) = points[:2]
+    speed = round(rng.uniform(3.0, 5.5), 2)
+    return Actor(
+        id="cyclist_ahead",
+        kind="cyclist",
+        model="bicycle",
+        length=length,
+        width=width,
+        start=Pose(x=x, y=y, yaw=round(portable.atan2(y1 - y, x1 - x), 4)),
+        motion=PathMotion(points=points, speed=speed, start_speed=round(speed * 0.8, 2)),
+    )
+
+
+def build_parked_vehicles(roads: RoadMap, egos: Sequence[Ego], count: int, rng: random.Random) -> Iterator[Actor]:
+    """Return vehicles parked at the right edge of the road near the CAVs, mostly beside the lane."""
+    starts = shapely.MultiPoint([(ego.start.x, ego.start.y) for ego in egos])
+    area = starts.buffer(PARKED_NEAR_M)
+    lanes = [
+        lane
+        for lane in roads.driving
+        if not (lane.junction or lane.right) and area.intersects(shapely.LineString(lane.centre.xy))
+    ]
+    lanes = [lane for lane in lanes if lane.centre.length > 2 * JUNCTION_M + 9.0]
+    for number in range(count if lanes else 0):
+        lane = rng.choices(lanes, [lane.centre.length for lane in lanes])[0]
+        yield _build_parked_vehicle(lane, f"parked_{number}", rng)
+
+
+def _build_parked_vehicle(lane: Lane, name: str, rng: random.Random) -> Actor:
+    model = rng.choices(list(PARKED_MODELS), list(PARKED_MODELS.values()))[0]
+    size = PROPS[model]
+    station = rng.uniform(JUNCTION_M + size.length / 2, lane.centre.length - JUNCTION_M - size.length / 2)
+    offset = lane.width / 2 + size.width / 2 + rng.uniform(-0.3, 0.6)
+    x, y = lane.centre.at(station)
+    yaw = lane.centre.yaw_at(station)
+    pose = Pose(
+        x=round(x + offset * portable.sin(yaw), 3), y=round(y - offset * portable.cos(yaw), 3), yaw=round(yaw, 4)
+    )
+    return Actor(id=name, kind=size.kind, model=model, length=size.length, width=size.width, start=pose)
+
+
+def select_free_actors(roads: RoadMap, egos: Sequence[Ego], actors: Sequence[Actor]) -> tuple[Actor, ...]:
+    """Return the actors, in order, that overlap no building, CAV or earlier actor; parked ones also leave the CAVs'
+    routes free."""
+    routes = shapely.MultiLineString([ego.xy for ego in egos])
+    taken = [build_box(ego.start, CAR.length + CLEAR_START_M, CAR.width) for ego in egos]
+    chosen: list[Actor] = []
+    for actor in actors:
+        box = build_box(actor.start, actor.length, actor.width)
+        is_parked = actor.id.startswith(("parked", "screen"))
+        if any(box.intersects(other) for other in (*roads.building_shapes, *taken)):
+            continue
+        if is_parked and box.distance(routes) < BESIDE_ROUTE_M:
+            continue
+        taken.append(box)
+        chosen.append(actor)
+    return tuple(chosen)

@@ -1,0 +1,122 @@
+"""CAVs of training scenarios: starts and goals on their lane routes, such that they meet, and some start speeds."""
+
+import random
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import box_corners, wrap_angle
+from mdrive_sumo.generate.pre_crash_spawn_points import locate_junction
+from mdrive_sumo.generate.spawn_points import (
+    GAP_M,
+    RIM_M,
+    RUN_OUT_M,
+    LaneRoutes,
+    RouteLines,
+    SpawnPoint,
+    build_ego,
+    build_route_line,
+    choose_spawn_points,
+    find_conflict_stations,
+)
+from mdrive_sumo.learning.training_situations import SituationPlan
+from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.scenario.scenario import Ego
+
+CHANGE_SHARES = (0.3, 0.4, 0.5, 0.6)
+"""Where on its lane a lane change begins; few values, for lines of routes are cached."""
+RUN_UP_M = (8.0, 60.0)
+"""[m] From the start of a single CAV to its junction."""
+AT_JUNCTION_SHARE = 0.7
+"""Share of single CAVs that start before a junction, if their route has one; the others start anywhere."""
+LEAST_ROUTE_M = 35.0
+MEET_M = (20.0, 60.0)
+"""[m] From start to meeting point of CAVs that come towards each other on a road without a junction."""
+BESIDE_M = (-9.0, 9.0)
+MOVING_SHARE, START_MPS = 0.35, (2.0, 8.0)
+"""Share of CAVs that start with a speed [m/s], as those of logs do, if nothing is near ahead."""
+CLEAR_AHEAD_M, CLEAR_WIDTH_M = 24.0, 5.0
+"""[m] Length and width of what must be free ahead of a CAV that starts with a speed."""
+STRAIGHT_RAD = 0.25
+"""[rad] Its route turns by no more than that there."""
+
+
+def build_training_cavs(plan: SituationPlan, roads: RoadMap, rng: random.Random) -> dict[str, Ego]:
+    """Return the CAVs by the plan's vehicle ids, at rest. Raises InputError where they have no room."""
+    share = rng.choice(CHANGE_SHARES)
+    lines = {name: build_route_line(roads, way, share) for name, way in plan.ways.items()}
+    route_m = rng.uniform(*plan.route_m)
+    spawns = _choose_spawns(plan.ways, lines, route_m, roads, rng)
+    return {
+        name: build_ego(roads, str(number), way, spawns[name], share)
+        for number, (name, way) in enumerate(plan.ways.items())
+    }
+
+
+def _choose_spawns(
+    ways: LaneRoutes, lines: RouteLines, route_m: float, roads: RoadMap, rng: random.Random
+) -> dict[str, SpawnPoint]:
+    if len(ways) == 1:
+        ((name, way),) = ways.items()
+        begin, length = locate_junction(roads, way)[0], len(lines[name].xy) - 1
+        last = length - RIM_M - LEAST_ROUTE_M
+        near = any(roads.lanes[lane].junction for lane in way.lanes) and rng.random() < AT_JUNCTION_SHARE
+        start = begin - rng.uniform(*RUN_UP_M) if near else rng.uniform(RIM_M, max(last, RIM_M))
+        start = min(max(start, RIM_M), last)
+        return {name: SpawnPoint(start, min(start + route_m, length - RIM_M))}
+    if any(find_conflict_stations(lines[a], lines[b]) for a, b in combinations(ways, 2)):
+        spawns = choose_spawn_points(lines, ways, route_m, rng)
+        if isinstance(spawns, str):
+            raise InputError(spawns)
+        return spawns
+    return _choose_passing_spawns(ways, lines, route_m, rng)
+
+
+def _choose_passing_spawns(
+    ways: LaneRoutes, lines: RouteLines, route_m: float, rng: random.Random
+) -> dict[str, SpawnPoint]:
+    """Return starts of CAVs whose routes never cross: behind, beside or towards the first one."""
+    first, *others = ways
+    lengths = {name: len(lines[name].xy) - 1 for name in ways}
+    starts = {first: rng.uniform(RIM_M, max(lengths[first] - LEAST_ROUTE_M - RIM_M, RIM_M))}
+    for name in others:
+        same_lane = [starts[other] for other in starts if ways[other].lanes[0] == ways[name].lanes[0]]
+        if same_lane:
+            starts[name] = min(same_lane) - rng.uniform(*GAP_M)
+            continue
+        is_beside = ways[name].entry == ways[first].entry
+        ahead = rng.uniform(*BESIDE_M) if is_beside else rng.uniform(*MEET_M)
+        at = lines[first].xy[int(min(max(starts[first] + ahead, 0.0), lengths[first]))]
+        met = float(shapely.line_locate_point(shapely.LineString(lines[name].xy), shapely.Point(at)))
+        starts[name] = met if is_beside else met - rng.uniform(*MEET_M)
+    for name, start in starts.items():
+        if not RIM_M <= start <= lengths[name] - RIM_M - RUN_OUT_M:
+            raise InputError(f"{name}: expected room for its start on {lengths[name]} m, found {start:.0f} m")
+    return {name: SpawnPoint(start, min(start + route_m, lengths[name] - RIM_M)) for name, start in starts.items()}
+
+
+def draw_start_speeds(
+    egos: Sequence[Ego], others: Sequence[shapely.Polygon], car: tuple[float, float], rng: random.Random
+) -> tuple[Ego, ...]:
+    """Return the CAVs, some with a speed at the start: those with a free and nearly straight stretch ahead.
+
+    others: boxes of all other road users; car: length and width of a CAV [m].
+    """
+    boxes = [shapely.Polygon(box_corners(e.start.x, e.start.y, e.start.yaw, *car)) for e in egos]
+    found: list[Ego] = []
+    for k, ego in enumerate(egos):
+        is_moving, speed = rng.random() < MOVING_SHARE, round(rng.uniform(*START_MPS), 2)
+        if is_moving and _is_clear_ahead(ego, [*boxes[:k], *boxes[k + 1 :], *others]):
+            ego = ego.model_copy(update={"start_speed": speed})
+        found.append(ego)
+    return tuple(found)
+
+
+def _is_clear_ahead(ego: Ego, others: Sequence[shapely.Polygon]) -> bool:
+    ahead = min(int(CLEAR_AHEAD_M), len(ego.route) - 1)
+    turned = max(abs(wrap_angle(yaw - ego.start.yaw)) for yaw in ego.yaw[: ahead + 1].tolist())
+    strip = shapely.LineString(ego.xy[: ahead + 1]).buffer(CLEAR_WIDTH_M / 2, cap_style="flat")
+    return turned < STRAIGHT_RAD and not np.any(shapely.intersects(strip, list(others)))

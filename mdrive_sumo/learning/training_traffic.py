@@ -1,0 +1,209 @@
+"""Background vehicles of training scenarios: near the CAVs, in a queue ahead of one, and entering later."""
+
+import random
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import shapely
+
+from mdrive_sumo.core.geometry import Float, box_corners
+from mdrive_sumo.generate.hard.family_parts import BODY_SIZES
+from mdrive_sumo.generate.hard.family_traffic import DRIVING
+from mdrive_sumo.generate.lane_routes import find_lane_routes
+from mdrive_sumo.roads import Lane, RoadMap
+from mdrive_sumo.scenario.background import BackgroundVehicle
+from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.vehicle import dynamics
+
+CAR = dynamics.MKZ_2017
+NEAR_M = 75.0
+"""[m] Vehicles start within this distance of a CAV."""
+FREE_M, JAM_M = 9.0, 3.0
+"""[m] Least gap along a lane to what is there at the start; in a jam."""
+SPEED_BY_GAP = 0.3
+"""[1/s] Speed at the start as a share of the gap ahead and of the way to the lane's end: SUMO inserts nothing that
+would have to brake hard."""
+TOP_MPS = (7.0, 13.0)
+"""[m/s] Drawn once for all vehicles of a scenario, so that they do not catch up with CAVs of 8 m/s too fast."""
+ENTER_S = (1.0, 20.0)
+"""[s] When vehicles enter that are not there at the start."""
+PRESENT_SHARE = 0.75
+TRIES = 12
+"""Places that are tried for one vehicle."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrafficRequest:
+    """How many background vehicles a scenario shall have."""
+
+    queue: int
+    """Standing ahead of the first CAV."""
+    others: int
+    is_jammed: bool = False
+
+
+@dataclass(slots=True)
+class _Occupancy:
+    """Boxes that are taken at the start, and where they are on each lane."""
+
+    boxes: list[shapely.Polygon]
+
+    def is_free(self, box: shapely.Polygon, gap: float) -> bool:
+        return all(box.distance(other) >= gap for other in self.boxes)
+
+
+def build_training_traffic(
+    roads: RoadMap, egos: Sequence[Ego], actors: Sequence[Actor], request: TrafficRequest, rng: random.Random
+) -> tuple[BackgroundVehicle, ...]:
+    """Return background vehicles; fewer than requested where there is no room."""
+    taken = _Occupancy([_build_box(e.start.x, e.start.y, e.start.yaw, CAR.length, CAR.width) for e in egos])
+    taken.boxes += [_build_box(a.start.x, a.start.y, a.start.yaw, a.length, a.width) for a in actors]
+    top = rng.uniform(*TOP_MPS)
+    made = list(_build_queue(roads, egos[0], request.queue, taken, rng)) if request.queue else []
+    present = round(request.others * PRESENT_SHARE)
+    made += _build_present(roads, egos, (present, request.is_jammed, top), taken, rng)
+    made += _build_entering(roads, request.others - present, top, rng)
+    return tuple(vehicle.model_copy(update={"id": f"bg{i}"}) for i, vehicle in enumerate(made))
+
+
+def _build_box(x: float, y: float, yaw: float, length: float, width: float) -> shapely.Polygon:
+    return shapely.Polygon(box_corners(x, y, yaw, length, width))
+
+
+@lru_cache(maxsize=32)
+def _find_continuations(roads: RoadMap) -> Mapping[str, tuple[tuple[str, ...], ...]]:
+    """Return by lane the edge sequences of all routes from that lane on, for lanes outside junctions."""
+    found: dict[str, set[tuple[str, ...]]] = {}
+    for way in find_lane_routes(roads):
+        for k, name in enumerate(way.lanes):
+            if not roads.lanes[name].junction:
+                ahead = (roads.lanes[id_] for id_ in way.lanes[k:])
+                edges = tuple(dict.fromkeys(lane.edge for lane in ahead if not lane.junction))
+                found.setdefault(name, set()).add(edges)
+    return {name: tuple(sorted(edges)) for name, edges in sorted(found.items())}
+
+
+def locate_departure(vehicle: BackgroundVehicle, roads: RoadMap) -> shapely.Polygon:
+    """Return the box of a vehicle where it departs."""
+    lane = roads.lanes[f"{vehicle.edges[0]}_{vehicle.depart_lane}"]
+    return _place_on_lane(lane, vehicle.depart_pos_m, (vehicle.length, vehicle.width))
+
+
+def _draw_model(rng: random.Random) -> str:
+    return rng.choices(("car", "van", "truck", "bus"), (0.76, 0.14, 0.06, 0.04))[0]
+
+
+def _build_vehicle(
+    model: str, edges: tuple[str, ...], lane: Lane, place: tuple[float, float, float], top: float
+) -> BackgroundVehicle:
+    """Return a vehicle; `place`: departure time [s], position of its front [m], speed [m/s]."""
+    length, width = BODY_SIZES[model]
+    return BackgroundVehicle(
+        id="bg",
+        depart_s=round(place[0], 2),
+        edges=edges,
+        depart_lane=lane.index,
+        depart_pos_m=round(place[1], 2),
+        depart_speed=round(place[2], 2),
+        length=length,
+        width=width,
+        driving=DRIVING[model].model_copy(update={"max_speed": round(top, 2)}),
+    )
+
+
+def _place_on_lane(lane: Lane, front: float, size: tuple[float, float]) -> shapely.Polygon:
+    middle = front - size[0] / 2
+    x, y = lane.centre.at(middle)
+    return _build_box(x, y, lane.centre.yaw_at(middle), *size)
+
+
+def _build_queue(
+    roads: RoadMap, ego: Ego, count: int, taken: _Occupancy, rng: random.Random
+) -> Iterator[BackgroundVehicle]:
+    """Return vehicles that stand on the CAV's first lane ahead of it, and drive on where it does."""
+    lane = roads.lanes[ego.lanes[0]]
+    if lane.junction or lane.id not in _find_continuations(roads):
+        return
+    edges = rng.choice(_find_continuations(roads)[lane.id])
+    begin = lane.centre.project(ego.start.x, ego.start.y)[0]
+    rear = begin + CAR.length / 2 + rng.uniform(8.0, 22.0)
+    for _ in range(count):
+        model = _draw_model(rng)
+        front = rear + BODY_SIZES[model][0]
+        box = _place_on_lane(lane, min(front, lane.centre.length), BODY_SIZES[model])
+        if front > lane.centre.length - 1.0 or not taken.is_free(box, 1.0):
+            return
+        taken.boxes.append(box)
+        yield _build_vehicle(model, edges, lane, (0.0, front, 0.0), 8.0)
+        rear = front + rng.uniform(2.0, 4.0)
+
+
+def _find_near_lanes(roads: RoadMap, egos: Sequence[Ego]) -> list[str]:
+    starts: Float = np.array([(ego.start.x, ego.start.y) for ego in egos])
+    area = shapely.MultiPoint(starts).buffer(NEAR_M)
+    names = _find_continuations(roads)
+    return [name for name in names if area.intersects(shapely.LineString(roads.lanes[name].centre.xy))]
+
+
+def _build_present(
+    roads: RoadMap,
+    egos: Sequence[Ego],
+    wanted: tuple[int, bool, float],
+    taken: _Occupancy,
+    rng: random.Random,
+) -> Iterator[BackgroundVehicle]:
+    """Return vehicles that are on the road at the start; `wanted`: how many, whether jammed, top speed [m/s]."""
+    count, is_jammed, top = wanted
+    names = list(_find_continuations(roads)) if is_jammed else _find_near_lanes(roads, egos)
+    lengths = [roads.lanes[name].centre.length for name in names]
+    starts = shapely.MultiPoint([(ego.start.x, ego.start.y) for ego in egos])
+    for _ in range(count if names else 0):
+        for _ in range(TRIES):
+            lane = roads.lanes[rng.choices(names, lengths)[0]]
+            model = _draw_model(rng)
+            length, width = BODY_SIZES[model]
+            front = rng.uniform(length + 0.5, max(lane.centre.length - 1.0, length + 1.0))
+            box = _place_on_lane(lane, min(front, lane.centre.length), (length, width))
+            near = is_jammed or box.distance(starts) < NEAR_M
+            if front > lane.centre.length or not near or not taken.is_free(box, 0.5):
+                continue
+            gaps = _find_gaps(lane, front, length, taken)
+            if min(gaps) < (JAM_M if is_jammed else FREE_M):
+                continue
+            speed = min(0.6 * lane.speed_limit, 0.8 * top, SPEED_BY_GAP * gaps[0], SPEED_BY_GAP * gaps[1])
+            taken.boxes.append(box)
+            edges = rng.choice(_find_continuations(roads)[lane.id])
+            yield _build_vehicle(model, edges, lane, (0.0, front, 0.0 if is_jammed and speed < 2.0 else speed), top)
+            break
+
+
+def _find_gaps(lane: Lane, front: float, length: float, taken: _Occupancy) -> tuple[float, float]:
+    """Return the free length [m] ahead of and behind a vehicle on its lane; ahead at most to the lane's end."""
+    ahead, behind = lane.centre.length - front + FREE_M, 100.0
+    strip = shapely.LineString(lane.centre.xy).buffer(lane.width / 2 - 0.2, cap_style="flat")
+    for box in taken.boxes:
+        if box.intersects(strip):
+            stations = [lane.centre.project(x, y)[0] for x, y in box.exterior.coords[:4]]
+            if max(stations) > front - length / 2:
+                ahead = min(ahead, min(stations) - front)
+            else:
+                behind = min(behind, front - length - max(stations))
+    return ahead, behind
+
+
+def _build_entering(roads: RoadMap, count: int, top: float, rng: random.Random) -> list[BackgroundVehicle]:
+    """Return vehicles that enter at the ends of the network, two seconds apart on a lane."""
+    entries = sorted({way.lanes[0] for way in find_lane_routes(roads)})
+    free_s = dict.fromkeys(entries, ENTER_S[0])
+    made: list[BackgroundVehicle] = []
+    for _ in range(count):
+        lane = roads.lanes[rng.choice(entries)]
+        depart_s = max(rng.uniform(*ENTER_S), free_s[lane.id])
+        free_s[lane.id] = depart_s + 3.0
+        model, edges = _draw_model(rng), rng.choice(_find_continuations(roads)[lane.id])
+        speed = min(0.6 * lane.speed_limit, 0.8 * top)
+        made.append(_build_vehicle(model, edges, lane, (depart_s, BODY_SIZES[model][0] + 0.5, speed), top))
+    return sorted(made, key=lambda one: (one.depart_s, one.edges))
