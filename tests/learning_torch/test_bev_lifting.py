@@ -30,7 +30,7 @@ def test_a_cell_looks_where_its_centre_is_projected(system: str) -> None:
     checked = 0
     for height, cell, view in zip(*np.nonzero(table.indices >= 0), strict=True):
         index = int(table.indices[height, cell, view])
-        camera = max((name for name in starts if starts[name] <= index), key=lambda name: starts[name])
+        camera = [name for name in starts if starts[name] <= index][-1]
         columns = count_cells(sizes[camera].width, STRIDE)
         row, column = divmod(index - starts[camera], columns)
         model = models[camera]
