@@ -12,7 +12,7 @@ HELD_OUT = 20
 
 
 def find_held_out(arrays: Mapping[str, npt.NDArray[np.generic]]) -> npt.NDArray[np.int64]:
-    """Return the rows that are held out: all samples of one car's drive, or none. Raises InputError if there are none."""
+    """Return the rows that are held out, whole drives of a car. Raises InputError if there are none."""
     held_out = np.flatnonzero(arrays["episode"].astype(np.int64) % HELD_OUT == HELD_OUT - 1)
     if not len(held_out):
         raise InputError(

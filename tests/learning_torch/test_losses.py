@@ -37,11 +37,12 @@ def box_ahead(x: float, y: float = 0.0) -> tuple[torch.Tensor, torch.Tensor]:
 def test_a_plan_through_a_car_costs_and_a_plan_beside_it_does_not() -> None:
     plan = torch.stack((torch.linspace(2, 12, 6), torch.zeros(6)), dim=-1)[None].requires_grad_()
     expert = torch.zeros(1, 6, 2)
-    through = compute_collision_loss(plan, expert, *box_ahead(12.0))
+    through = compute_collision_loss(plan, expert, *box_ahead(12.5))
     assert through.item() > 0.5
     through.backward()
-    assert plan.grad is not None and float(plan.grad[0, -1].abs().sum()) > 0 and not torch.isnan(plan.grad).any()
-    assert float(compute_collision_loss(plan, expert, *box_ahead(12.0, 4.0))) == 0.0
+    assert plan.grad is not None and float(plan.grad[0, -1, 0]) > 0  # towards standing before it
+    assert not torch.isnan(plan.grad).any()
+    assert compute_collision_loss(plan, expert, *box_ahead(12.0, 4.0)).item() == 0.0
 
 
 def test_where_the_expert_goes_costs_nothing() -> None:

@@ -121,7 +121,7 @@ class Trainer:
             ) from None
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), MOST_GRADIENT)
         self.optimizer.step()
-        self.average.update(self.network, self.step)
+        self.average.update(self.step)
         return parts
 
     def _compute_losses(self, data: TrainingData, rows: Tensor) -> Mapping[str, Tensor]:
