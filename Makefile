@@ -97,8 +97,11 @@ schemas: install ## write docs/schemas/ anew from the code
 validate: install ## check every built-in scenario: starts, difficulty, feasibility, statistics, certificates, checksums
 	$(BIN)/mdrive-sumo validate $(WHOLE)
 
+# All extras but `learn`: evaluating needs no PyTorch, and .ci/run installs it apart for the tests of training.
+LOCKED := $(foreach extra,camera convert dask dev docs export learned notebook search server,--extra $(extra))
+
 lock: ## pin all versions anew (needs uv)
-	uv pip compile pyproject.toml --all-extras --universal --python-version 3.11 --generate-hashes \
+	uv pip compile pyproject.toml $(LOCKED) --universal --python-version 3.11 --generate-hashes \
 	  --no-emit-index-url --no-header --no-annotate --upgrade --quiet -o requirements.lock
 
 clean: ## remove the environment, caches and builds; runs/ stays

@@ -33,7 +33,8 @@ def command(system: str, data: tuple[Path, ...], weights: Path | None, out: Path
     from mdrive_sumo.learning.sample_reader import load_arrays
 
     spec = SYSTEMS[system]
-    found = evaluate_weights(spec, weights, load_arrays(data, spec, workers)) | {"data": [str(each) for each in data]}
+    found = evaluate_weights(spec, weights, load_arrays(data, spec, workers))
+    found["data"] = [str(each) for each in data]
     rows = [
         (name, *(f"{found[key][metric]:.3f}" for metric in found["plan"]))
         for name, key in ((system, "plan"), ("constant velocity", "constant_velocity"), ("blind", "blackout"))

@@ -64,8 +64,7 @@ def _run_smoke_test(system: str, data: tuple[Path, ...], out: Path, workers: int
     arrays = _load(system, data, workers) if data else None
     found = run_smoke_test(system, out, arrays)
     click.echo(
-        f"{system}: mean loss of the first {COMPARED} of {STEPS} steps {found.first:.3f},"
-        f" of the last {found.last:.3f}"
+        f"{system}: mean loss of the first {COMPARED} of {STEPS} steps {found.first:.3f}, of the last {found.last:.3f}"
     )
     if not found.is_lower:
         click.echo("the loss did not fall", err=True)

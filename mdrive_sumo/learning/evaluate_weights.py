@@ -1,4 +1,4 @@
-"""evaluate_weights: open-loop metrics of exported weights, run as they drive: one core, memory from decision to decision."""
+"""evaluate_weights: open-loop metrics of exported weights, run as they drive, with memory from decision to decision."""
 
 import time
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 
 
 def evaluate_weights(spec: SystemSpec, path: Path | None, arrays: Arrays) -> dict[str, Any]:
-    """Return metrics of the weights at `path` (.onnx; None: as packaged) on all samples of `arrays`, with and without images.
+    """Return metrics of weights (.onnx; None: as packaged) on all samples of `arrays`, with and without images.
 
     Raises InputError for weights that do not fit.
     """

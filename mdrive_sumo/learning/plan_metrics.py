@@ -17,7 +17,7 @@ def predict_constant_velocity(own: Float) -> Float:
     """Return plans (M, PLAN_POINTS, 2) straight ahead at the present speed of states (M, 6)."""
     times = PLAN_INTERVAL_S * np.arange(1, PLAN_POINTS + 1, dtype=np.float32)
     ahead = own[:, 3, None] * times
-    return np.stack((ahead, np.zeros_like(ahead)), axis=-1)
+    return np.stack((ahead, np.zeros_like(ahead)), axis=-1).astype(np.float32)
 
 
 def measure_plans(plans: Float, expert: Float) -> dict[str, float]:

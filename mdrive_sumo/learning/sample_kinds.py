@@ -8,9 +8,7 @@ import numpy.typing as npt
 
 STANDS_M_S = 0.5
 """[m/s] Below it a car counts as standing."""
-SHARES: Mapping[str, float] = MappingProxyType(
-    {"stand": 0.3, "cruise": 1.0, "turn": 2.0, "brake": 2.0, "start": 3.0}
-)
+SHARES: Mapping[str, float] = MappingProxyType({"stand": 0.3, "cruise": 1.0, "turn": 2.0, "brake": 2.0, "start": 3.0})
 """How often a sample of a kind is drawn in training, relative to one of `cruise`."""
 
 

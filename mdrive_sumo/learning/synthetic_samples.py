@@ -23,7 +23,7 @@ EPISODE_SAMPLES = 10
 
 
 def build_synthetic_arrays(spec: SystemSpec, samples: int, seed: int) -> Arrays:
-    """Return arrays as `load_arrays` does, for one system: cars drive straight; images are as bright as they are fast."""
+    """Return arrays as `load_arrays` does: cars drive straight, their images are the brighter the faster they are."""
     random = np.random.default_rng(seed)
     speed = random.uniform(0.0, 12.0, samples).astype(np.float32)
     times = PLAN_INTERVAL_S * np.arange(1, PLAN_POINTS + 1, dtype=np.float32)

@@ -59,7 +59,9 @@ def build_lifting_table(spec: SystemSpec) -> LiftingTable:
     return LiftingTable(np.take_along_axis(found, order, axis=-1), start)
 
 
-def _index_features(model: CameraModel, image: ImageInput, points: npt.NDArray[np.float64], start: int) -> npt.NDArray[np.int64]:
+def _index_features(
+    model: CameraModel, image: ImageInput, points: npt.NDArray[np.float64], start: int
+) -> npt.NDArray[np.int64]:
     """Return the index of the feature nearest to each point, -1 where the image does not show it."""
     column, row, depth = np.moveaxis(model.project(model.find_view(0.0, 0.0, 0.0), points), -1, 0)
     is_inside = (depth > NEAREST_M) & (column >= 0) & (column < image.width) & (row >= 0) & (row < image.height)

@@ -6,9 +6,9 @@ from torch.nn import functional
 
 from mdrive_sumo.learning.networks.blocks import ConvBlock, ResidualBlock
 
-SMALL_WIDTHS = (16, 32, 48, 96)
-"""Channels at strides 2, 4, 8 and 16 for six images of 112 x 200: 0.28 G multiply-adds."""
-WIDE_WIDTHS = (24, 40, 64, 128)
+SMALL_WIDTHS = (24, 40, 64, 128)
+"""Channels at strides 2, 4, 8 and 16 for six images of 112 x 200: see docs/learning.md for its price."""
+WIDE_WIDTHS = (32, 48, 80, 160)
 """For one image."""
 
 
@@ -18,12 +18,13 @@ class ImageEncoder(nn.Module):
     It takes bytes as cameras give them and normalises inside, so that the exported network needs no preparation.
     """
 
-    def __init__(self, widths: tuple[int, int, int, int], outputs: int) -> None:
+    def __init__(self, widths: tuple[int, int, int, int], outputs: int, coarse_blocks: int = 1) -> None:
         super().__init__()
         half, quarter, eighth, sixteenth = widths
         self.stem = nn.Sequential(ConvBlock(3, half, stride=2), ConvBlock(half, quarter, stride=2))
         self.fine = nn.Sequential(ConvBlock(quarter, eighth, stride=2), ResidualBlock(eighth))
-        self.coarse = nn.Sequential(ConvBlock(eighth, sixteenth, stride=2), ResidualBlock(sixteenth))
+        blocks = [ResidualBlock(sixteenth) for _ in range(coarse_blocks)]
+        self.coarse = nn.Sequential(ConvBlock(eighth, sixteenth, stride=2), *blocks)
         self.lateral = nn.Conv2d(eighth, outputs, 1)
         self.top_down = nn.Conv2d(sixteenth, outputs, 1)
 

@@ -27,7 +27,7 @@ class PlanHead(nn.Module):
     def forward(self, tokens: Tensor, navigation: Tensor, *more: Tensor) -> Tensor:
         """Return the plan (batch, PLAN_POINTS, 2) [m, ego frame].
 
-        tokens: (batch, T, WIDTH). navigation: (batch, NAVIGATION_SIZE). more: further vectors (batch, n), a route first.
+        tokens: (batch, T, WIDTH). navigation: (batch, NAVIGATION_SIZE). more: vectors (batch, n), a route first.
         """
         goal = self.goal(torch.cat((navigation, *more), dim=-1))
         queries = self.times + goal[:, None]

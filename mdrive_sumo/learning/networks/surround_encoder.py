@@ -16,7 +16,7 @@ class SurroundEncoder(nn.Module):
     def __init__(self, spec: SystemSpec) -> None:
         super().__init__()
         self.names = tuple(image.name for image in spec.images)
-        self.encoder = ImageEncoder(SMALL_WIDTHS, BEV_CHANNELS)
+        self.encoder = ImageEncoder(SMALL_WIDTHS, BEV_CHANNELS, coarse_blocks=2)
         self.lifting = BevLifting(spec, BEV_CHANNELS)
         self.front = nn.Linear(SMALL_WIDTHS[-1], WIDTH)
 

@@ -20,7 +20,7 @@ class TextEncoder(nn.Module):
         self.layers = nn.ModuleList([AttentionLayer(), AttentionLayer()])
 
     def forward(self, words: Tensor) -> tuple[Tensor, Tensor]:
-        """Return tokens (batch, INSTRUCTION_WORDS, WIDTH) and their mean (batch, WIDTH) of words' numbers, 0: padding."""
+        """Return tokens (batch, INSTRUCTION_WORDS, WIDTH) and their mean (batch, WIDTH); words: numbers, 0: padding."""
         is_word = (words > 0)[..., None].to(self.places.dtype)
         tokens = (self.words(words) + self.places) * is_word
         for layer in self.layers:

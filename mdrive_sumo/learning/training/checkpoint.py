@@ -1,6 +1,5 @@
 """Checkpoints: everything that a training run needs to go on, in one file that is replaced as a whole."""
 
-import os
 import pickle
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -36,7 +35,7 @@ def save_checkpoint(checkpoint: Checkpoint, folder: Path) -> Path:
     path = folder / CHECKPOINT_NAME
     partial = path.with_suffix(".part")
     torch.save({each.name: getattr(checkpoint, each.name) for each in fields(checkpoint)}, partial)
-    os.replace(partial, path)
+    partial.replace(path)
     return path
 
 
@@ -50,9 +49,16 @@ def load_checkpoint(path: Path, system: str | None = None) -> Checkpoint:
         content = torch.load(path, map_location="cpu", weights_only=True)
         checkpoint = Checkpoint(**content)
     except (RuntimeError, EOFError, OSError, TypeError, KeyError, pickle.UnpicklingError) as error:
-        raise InputError(f"{path}: expected a checkpoint of `learn train`, found an unreadable file ({error})") from None
+        raise InputError(
+            f"{path}: expected a checkpoint of `learn train`, found an unreadable file ({_shorten(error)})"
+        ) from None
     if checkpoint.version != CHECKPOINT_VERSION:
         raise InputError(f"{path}: expected a checkpoint of version {CHECKPOINT_VERSION}, found {checkpoint.version}")
     if system is not None and checkpoint.system != system:
         raise InputError(f"{path}: expected a checkpoint of {system!r}, found one of {checkpoint.system!r}")
     return checkpoint
+
+
+def _shorten(error: Exception) -> str:
+    """Return the first sentence of what PyTorch says."""
+    return (str(error).splitlines() or ["it is empty"])[0].partition(". ")[0]

@@ -96,7 +96,7 @@ def _take_sample(spec: SystemSpec, seed: int) -> dict[str, Tensor]:
 
 def _write_onnx(network: nn.Module, sample: Mapping[str, Tensor], outputs: list[str], path: Path) -> None:
     with warnings.catch_warnings():
-        # The exporter that needs nothing but `onnx` is the older one, and says so; tracing says that shapes are constants.
+        # The exporter that needs nothing but `onnx` is the older one, and says so; tracing tells of constant shapes.
         warnings.simplefilter("ignore")
         torch.onnx.export(
             network, tuple(sample.values()), str(path), dynamo=False, opset_version=OPSET,
@@ -109,7 +109,7 @@ def _write_onnx(network: nn.Module, sample: Mapping[str, Tensor], outputs: list[
 
 
 def store_half(model: onnx.ModelProto) -> None:
-    """Store constants in half precision, each cast to single where it is used: a runtime does that once, at its start."""
+    """Store constants in half precision, each cast to single where it is used: a runtime does so once, as it starts."""
     casts: list[onnx.NodeProto] = []
     for constant in model.graph.initializer:
         values = numpy_helper.to_array(constant)
@@ -129,7 +129,7 @@ def run_onnx(path: Path, inputs: Mapping[str, npt.NDArray[np.generic]]) -> list[
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    return session.run(None, dict(inputs))
+    return [np.asarray(each) for each in session.run(None, dict(inputs))]
 
 
 def _compare(network: nn.Module, path: Path, sample: Mapping[str, Tensor]) -> float:
@@ -144,7 +144,8 @@ def _compare(network: nn.Module, path: Path, sample: Mapping[str, Tensor]) -> fl
 def _check(path: Path, difference: float) -> None:
     if not difference <= MOST_DIFFERENCE_M:
         raise InputError(
-            f"{path}: expected plans within {MOST_DIFFERENCE_M} m of PyTorch's, found a difference of {difference:.3g} m"
+            f"{path}: expected plans within {MOST_DIFFERENCE_M} m of PyTorch's, found a difference of"
+            f" {difference:.3g} m"
         )
     size = path.stat().st_size
     if size > MOST_BYTES:

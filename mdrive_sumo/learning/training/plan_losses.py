@@ -33,7 +33,10 @@ def compute_collision_loss(plan: Tensor, expert: Tensor, boxes: Tensor, futures:
 
 
 def _measure_depth(plan: Tensor, boxes: Tensor, futures: Tensor) -> Tensor:
-    """Return depths (batch, N, n) [m] of points in boxes that are enlarged by the car's; 0 outside."""
+    """Return depths (batch, N, n) of points in boxes that are enlarged by the car's; 0 outside.
+
+    Depth is the way [m] along the box to get out of it, less at its sides: so a plan learns to brake and to give room.
+    """
     is_there = ~torch.isnan(futures[..., 0])
     known = torch.nan_to_num(futures)
     size = torch.nan_to_num(boxes[:, :, None, 3:5]) / 2
@@ -43,7 +46,7 @@ def _measure_depth(plan: Tensor, boxes: Tensor, futures: Tensor) -> Tensor:
     aside = (cos * step[..., 1] - sin * step[..., 0]).abs()
     ahead_room = torch.relu(size[..., 0] + EGO_HALF_M[0] - along)
     side_room = torch.relu(size[..., 1] + EGO_HALF_M[1] - aside)
-    return torch.minimum(ahead_room, side_room) * is_there
+    return ahead_room * side_room.clamp(max=1.0) * is_there
 
 
 def compute_lane_loss(plan: Tensor, expert: Tensor, route: Tensor) -> Tensor:

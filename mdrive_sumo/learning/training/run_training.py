@@ -12,7 +12,7 @@ import torch
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.learning.held_out import split_arrays
+from mdrive_sumo.learning.held_out import find_held_out
 from mdrive_sumo.learning.plan_metrics import describe_plans, measure_controls
 from mdrive_sumo.learning.sample_kinds import compute_shares
 from mdrive_sumo.learning.training.checkpoint import CHECKPOINT_NAME, load_checkpoint
@@ -52,13 +52,11 @@ def run_training(run: TrainingRun, report: Report) -> Path:
     trainer = Trainer(run.system, run.options, device, report)
     _prepare(trainer, run, report)
     shares = compute_shares(run.data)
-    rows = np.arange(len(shares))
-    if run.validation is None:
-        rows, held_out = split_arrays(run.data)
-        shares[held_out] = 0.0
+    held_out = find_held_out(run.data) if run.validation is None else np.zeros(0, np.int64)
+    shares[held_out] = 0.0
     data = TrainingData(SYSTEMS[run.system], run.data, device)
-    report(f"{run.system}: {len(rows)} samples in the memory of {data.place}, {trainer.summary['parameters']} parameters")
-    trainer.summary |= _describe_run(run, device, len(rows))
+    trainer.summary |= _describe_run(run, device, int(np.count_nonzero(shares)))
+    report(f"{run.system}: {trainer.summary['samples']} samples in the memory of {data.place}")
     trainer.train(data, shares, run.folder)
     if run.validation is None:
         found = validate(trainer, data, run.data, held_out)
@@ -98,14 +96,12 @@ def _describe_run(run: TrainingRun, device: torch.device, samples: int) -> dict[
         "sources": list(run.sources),
         "options": asdict(run.options),
         "device": where,
-        "torch": torch.__version__,
+        "torch": str(torch.__version__),
         "initial": "" if run.initial is None else str(run.initial),
     }
 
 
-def validate(
-    trainer: Trainer, data: TrainingData, arrays: Arrays, rows: npt.NDArray[np.int64]
-) -> dict[str, Any]:
+def validate(trainer: Trainer, data: TrainingData, arrays: Arrays, rows: npt.NDArray[np.int64]) -> dict[str, Any]:
     """Return the open-loop metrics of the averaged weights on rows of `arrays`, with and without images."""
     rows = rows[:: max(1, -(-len(rows) // MOST_VALIDATED))]
     network = trainer.average.network

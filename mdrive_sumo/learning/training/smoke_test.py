@@ -39,7 +39,11 @@ def run_smoke_test(system: str, folder: Path, arrays: Arrays | None = None) -> S
     data = {name: values[:SAMPLES] for name, values in given.items()}
     options = TrainingOptions(steps=STEPS, batch=BATCH, log_every=1)
     device = torch.device("cpu")
-    trainer = Trainer(system, options, device)
-    trainer.train(TrainingData(spec, data, device), np.ones(len(data["own"])), folder)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # on a busy machine, two threads that wait for each other take eight times as long
+    try:
+        Trainer(system, options, device).train(TrainingData(spec, data, device), np.ones(len(data["own"])), folder)
+    finally:
+        torch.set_num_threads(threads)
     losses = [value for _, name, value in read_curves(folder / "curves.csv") if name == "loss/total"]
     return SmokeResult(float(np.mean(losses[:COMPARED])), float(np.mean(losses[-COMPARED:])))

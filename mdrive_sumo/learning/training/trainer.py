@@ -30,7 +30,7 @@ class Trainer:
     """Network, its average, optimiser and random numbers of one run."""
 
     def __init__(
-        self, system: str, options: TrainingOptions, device: torch.device, report: Callable[[str], None] = str
+        self, system: str, options: TrainingOptions, device: torch.device, report: Callable[[str], object] = str
     ) -> None:
         """Build a network with fresh weights. report: receives a line of progress now and then."""
         torch.manual_seed(options.seed)
@@ -121,7 +121,7 @@ class Trainer:
             ) from None
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), MOST_GRADIENT)
         self.optimizer.step()
-        self.average.update(self.network, self.step)
+        self.average.update(self.step)
         return parts
 
     def _compute_losses(self, data: TrainingData, rows: Tensor) -> Mapping[str, Tensor]:

@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 CURVES_NAME = "curves.csv"
 
@@ -36,7 +37,7 @@ class TrainingCurves:
             self._board.close()
 
 
-def _open_board(folder: Path):  # noqa: ANN202
+def _open_board(folder: Path) -> Any:
     if find_spec("tensorboard") is None:
         return None
     from torch.utils.tensorboard import SummaryWriter  # here: it is slow to import, and optional

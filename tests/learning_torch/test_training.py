@@ -1,0 +1,127 @@
+"""Training: losses fall, an interrupted run goes on as if nothing had happened, bad input ends in one sentence."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from click.testing import CliRunner
+
+from mdrive_sumo.agents.learned.system_spec import SYSTEMS
+from mdrive_sumo.cli import main
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
+from mdrive_sumo.learning.training import trainer as training
+from mdrive_sumo.learning.training.checkpoint import CHECKPOINT_NAME, load_checkpoint
+from mdrive_sumo.learning.training.run_training import TrainingRun, run_training
+from mdrive_sumo.learning.training.trainer import Trainer
+from mdrive_sumo.learning.training.training_curves import read_curves
+from mdrive_sumo.learning.training.training_data import TrainingData
+from mdrive_sumo.learning.training.training_options import TrainingOptions
+
+CPU = torch.device("cpu")
+OPTIONS = TrainingOptions(steps=6, batch=2, log_every=2)
+
+
+def make_trainer(system: str = "tcp", options: TrainingOptions = OPTIONS) -> tuple[Trainer, TrainingData]:
+    arrays = build_synthetic_arrays(SYSTEMS[system], 4, seed=0)
+    return Trainer(system, options, CPU), TrainingData(SYSTEMS[system], arrays, CPU)
+
+
+def test_the_smoke_test_lowers_the_loss(tmp_path: Path) -> None:
+    result = CliRunner().invoke(main, ["learn", "train", "tcp", "--smoke", "--device", "cpu", "--out", str(tmp_path)])
+    assert result.exit_code == 0, result.output
+    assert "mean loss of the first 10 of 50 steps" in result.output
+    assert (tmp_path / "curves.png").is_file()
+
+
+@pytest.mark.parametrize("system", ["vad", "uniad", "lmdrive"])
+def test_every_system_takes_steps(system: str, tmp_path: Path) -> None:
+    trainer, data = make_trainer(system, replace(OPTIONS, steps=2, log_every=1))
+    losses = trainer.train(data, np.ones(4), tmp_path)
+    assert losses["total"] > 0 and {"plan", "occupancy", "agents"} <= set(losses)
+
+
+def test_a_resumed_run_ends_as_an_uninterrupted_one(tmp_path: Path) -> None:
+    whole, data = make_trainer()
+    whole.train(data, np.ones(4), tmp_path / "whole")
+    first, _ = make_trainer(options=replace(OPTIONS, steps=3))
+    first.options = replace(OPTIONS, max_minutes=None)
+    for _ in range(3):
+        first._take_step(data, torch.ones(4, dtype=torch.float64), first.options.find_progress(first.step, 0.0))
+        first.step += 1
+    first.save(tmp_path / "parts")
+    second, _ = make_trainer()
+    second.resume(load_checkpoint(tmp_path / "parts", "tcp"))
+    second.train(data, np.ones(4), tmp_path / "parts")
+    for name, expected in whole.average.network.state_dict().items():
+        assert torch.equal(second.average.network.state_dict()[name], expected), name
+    assert [row[0] for row in read_curves(tmp_path / "parts" / "curves.csv")][-1] == 6
+
+
+def test_training_ends_itself_in_time(tmp_path: Path) -> None:
+    trainer, data = make_trainer(options=TrainingOptions(steps=10_000, batch=2, max_minutes=0.02))
+    trainer.train(data, np.ones(4), tmp_path)
+    assert 0 < trainer.step < 1000
+    assert load_checkpoint(tmp_path, "tcp").step == trainer.step
+    assert trainer.optimizer.param_groups[0]["lr"] < 0.5 * trainer.options.learning_rate
+
+
+def test_a_run_validates_on_drives_that_it_has_not_seen(tmp_path: Path) -> None:
+    arrays = build_synthetic_arrays(SYSTEMS["tcp"], 60, seed=0)
+    arrays["episode"] = (np.arange(60) // 3).astype(np.int32)
+    lines: list[str] = []
+    run = TrainingRun("tcp", replace(OPTIONS, steps=2), "cpu", tmp_path, arrays, sources=("made up",))
+    path = run_training(run, lines.append)
+    found = json.loads((tmp_path / "validation.json").read_text())
+    assert found["samples"] == 3 and found["plan"]["ade_3s_m"] > 0
+    summary = load_checkpoint(path).summary
+    assert summary["samples"] == 57 and summary["sources"] == ["made up"] and summary["device"] == "CPU"
+    assert any("constant velocity 0.000 m" in line for line in lines)
+    lines.clear()
+    run_training(replace(run, is_resumed=True), lines.append)
+    assert "going on from step 2" in lines[0]
+
+
+def test_a_loss_that_is_no_number_ends_training(tmp_path: Path) -> None:
+    trainer, data = make_trainer()
+    for each in trainer.network.parameters():
+        each.data.fill_(float("nan"))
+    with pytest.raises(InputError, match=r"loss 'plan' at step 1: expected a finite number, found nan; give --resume"):
+        trainer.train(data, np.ones(4), tmp_path)
+    assert not (tmp_path / CHECKPOINT_NAME).exists()
+
+
+def test_a_gpu_that_is_too_small_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise torch.cuda.OutOfMemoryError
+
+    monkeypatch.setattr(training, "compute_losses", refuse)
+    trainer, data = make_trainer()
+    with pytest.raises(InputError, match="memory is too small for a batch of 2: give --batch 1"):
+        trainer.train(data, np.ones(4), tmp_path)
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no checkpoint", b"PK\x03\x04"])
+def test_what_is_no_checkpoint_is_refused(content: bytes | None, tmp_path: Path) -> None:
+    path = tmp_path / CHECKPOINT_NAME
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=r"expected a checkpoint of `learn train`, found"):
+        load_checkpoint(path)
+
+
+def test_a_checkpoint_of_another_system_is_refused(tmp_path: Path) -> None:
+    trainer, _ = make_trainer()
+    trainer.save(tmp_path)
+    with pytest.raises(InputError, match="expected a checkpoint of 'vad', found one of 'tcp'"):
+        load_checkpoint(tmp_path, "vad")
+
+
+def test_a_missing_gpu_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    arguments = ["learn", "train", "tcp", "--data", str(tmp_path), "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 2 and "--device cuda: expected a GPU that PyTorch" in result.output

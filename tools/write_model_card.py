@@ -1,0 +1,201 @@
+"""Write the model cards of the learned systems: docs/models/NAME.md, from what was measured.
+
+    python -m tools.write_model_card SYSTEM [--open-loop FILE] [--run CONDITION=RUN]... [--train COMMAND] [--note TEXT]
+
+FILE is what `mdrive-sumo learn evaluate --out` wrote; RUN is a folder of `mdrive-sumo eval --agent SYSTEM`, several
+of one condition are its seeds. Each option replaces its part of docs/models/SYSTEM.json, from which, and from the
+manifest of the packaged weights, the card is written. Without arguments all cards are written again; a test compares.
+"""
+
+import argparse
+import json
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
+from mdrive_sumo.agents.learned.system_spec import SYSTEMS
+from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, read_manifest
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.statistics import bootstrap_stratified_clustered_mean
+from mdrive_sumo.scoring import Results, ScenarioResult, compute_overall, load_results
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "docs" / "models"
+FAILURES = 8
+"""Kinds of infractions that a card lists, the most frequent first."""
+PLAN_ROWS = (
+    ("the network", "plan"),
+    ("constant velocity", "constant_velocity"),
+    ("the network, images black", "blackout"),
+)
+
+
+def summarise_runs(runs: Sequence[Results]) -> dict[str, Any]:
+    """Return scores of the runs of one condition, one a seed, with the 95 % interval of DS, and the failures."""
+    scenarios = [scenario for results in runs for scenario in results.scenarios]
+    means = compute_overall(scenarios).bucket_mean
+    interval = bootstrap_stratified_clustered_mean(_group_scores(scenarios))
+    kinds = Counter(event.kind for scenario in scenarios for ego in scenario.egos for event in ego.infractions)
+    return {
+        "suite": runs[0].run.suite,
+        "seeds": sorted(seed for results in runs for seed in results.run.all_seeds),
+        "episodes": len(scenarios),
+        "ds": round(means.ds, 2),
+        "ds_interval": [round(interval.low, 2), round(interval.high, 2)],
+        "rc": round(means.rc, 2),
+        "sr": round(means.sr, 2),
+        "infractions": dict(kinds.most_common(FAILURES)),
+        "worst": [one.id for one in sorted(scenarios, key=lambda one: one.ds)[:FAILURES]],
+    }
+
+
+def _group_scores(scenarios: Iterable[ScenarioResult]) -> list[np.ndarray[Any, np.dtype[np.float64]]]:
+    """Return DS (scenarios, seeds) for each bucket. Raises InputError if a scenario lacks a seed."""
+    scores: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for one in scenarios:
+        scores[one.bucket][one.id].append(one.ds)
+    counts = {len(values) for bucket in scores.values() for values in bucket.values()}
+    if len(counts) != 1:
+        raise InputError(f"runs: expected each scenario as often as the others, found {sorted(counts)} times")
+    return [np.array(list(bucket.values())) for _, bucket in sorted(scores.items())]
+
+
+def format_card(system: str, measured: Mapping[str, Any], manifest: WeightsManifest) -> str:
+    """Return the card as Markdown."""
+    spec = SYSTEMS[system]
+    sections = [
+        f"# Model card: `{system}`\n\nCounterpart of {spec.counterpart_of}, trained on mdrive-sumo data: the same role,"
+        " inputs, outputs and controller, a network of our own. It is not the published model, and its scores are not"
+        " those of the published model. Written by `python -m tools.write_model_card`.",
+        "## Weights\n\n"
+        + _format_table(
+            ("", ""),
+            (
+                ("file", f"`{system}.onnx`, {manifest.bytes / 1e6:.2f} MB, half precision"),
+                ("SHA-256", f"`{manifest.sha256}`"),
+                ("parameters", f"{manifest.parameters:,}"),
+                ("cameras", ", ".join(camera for image in spec.images for camera in image.cameras)),
+                ("controller", f"`{spec.controller}`"),
+            ),
+        ),
+        "## Training\n\n" + _format_training(manifest.training, measured),
+    ]
+    if "open_loop" in measured:
+        sections.append("## Open loop\n\n" + _format_open_loop(measured["open_loop"]))
+    if "closed_loop" in measured:
+        sections.append("## Closed loop\n\n" + _format_closed_loop(measured["closed_loop"]))
+    if "notes" in measured:
+        sections.append("## Notes\n\n" + "\n".join(f"- {note}" for note in measured["notes"]))
+    return "\n\n".join(sections) + "\n"
+
+
+def _format_training(training: Mapping[str, Any], measured: Mapping[str, Any]) -> str:
+    options: Mapping[str, Any] = training.get("options", {})
+    rows = [
+        ("data", f"{training.get('samples', '?')} samples: {', '.join(training.get('sources', ()))}"),
+        (
+            "steps",
+            f"{training.get('steps', '?')} of {options.get('batch', '?')} samples, seed {options.get('seed', '?')}",
+        ),
+        ("device", f"{training.get('device', '?')}, PyTorch {training.get('torch', '?')}"),
+        ("time", f"{training['minutes']:.1f} minutes" if "minutes" in training else "?"),
+    ]
+    text = _format_table(("", ""), rows)
+    if commands := measured.get("commands"):
+        text += "\n\nTo train it again:\n\n```sh\n" + "\n".join(commands) + "\n```"
+    return text
+
+
+def _format_open_loop(found: Mapping[str, Any]) -> str:
+    names = list(found["plan"])
+    rows = [(label, *(f"{found[key][name]:.2f}" for name in names)) for label, key in PLAN_ROWS]
+    header = ("plans of", *(f"{name.split('_')[0].upper()} {name.split('_')[1]} [m]" for name in names))
+    kinds = ", ".join(
+        f"{kind} {one['ade_3s_m']:.2f} m ({one['samples']})" for kind, one in sorted(found["by_kind"].items())
+    )
+    text = f"{found['samples']} samples of held-out drives ({', '.join(found.get('data', ()))}).\n\n"
+    text += _format_table(header, rows) + f"\n\nADE over 3 s by what the expert does (samples): {kinds}."
+    text += f" A decision takes {found['decision_ms']['median']:.1f} ms on one core (median)."
+    if "control_l1" in found:
+        text += " Mean distance of controls: " + ", ".join(f"{k} {v:.3f}" for k, v in found["control_l1"].items()) + "."
+    return text
+
+
+def _format_closed_loop(found: Mapping[str, Any]) -> str:
+    rows = [
+        (
+            condition, one["suite"], ", ".join(map(str, one["seeds"])), f"{one['ds']:.2f}",
+            f"{one['ds_interval'][0]:.2f} to {one['ds_interval'][1]:.2f}", f"{one['rc']:.2f}", f"{one['sr']:.2f}",
+        )
+        for condition, one in found.items()
+    ]  # fmt: skip
+    text = _format_table(("condition", "suite", "seeds", "DS", "95 %", "RC", "SR"), rows)
+    for condition, one in found.items():
+        kinds = ", ".join(f"{kind} {count}" for kind, count in one["infractions"].items()) or "none"
+        text += (
+            f"\n\nFailures, {condition}: {kinds} in {one['episodes']} episodes; lowest DS: {', '.join(one['worst'])}."
+        )
+    return text
+
+
+def _format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = [f"| {' | '.join(header)} |", "|" + "---|" * len(header)]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def update_measured(system: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Return what was measured, with the parts that options replace. Raises InputError."""
+    path = FOLDER / f"{system}.json"
+    measured: dict[str, Any] = json.loads(path.read_text("utf-8")) if path.is_file() else {}
+    if options.open_loop:
+        measured["open_loop"] = json.loads(options.open_loop.read_text("utf-8"))
+    runs: dict[str, list[Results]] = defaultdict(list)
+    for text in options.run:
+        condition, _, folder = text.partition("=")
+        runs[condition].append(load_results(Path(folder) / "results.json"))
+    for condition, found in runs.items():
+        measured.setdefault("closed_loop", {})[condition] = summarise_runs(found)
+    if options.train:
+        measured["commands"] = options.train
+    if options.note:
+        measured["notes"] = options.note
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(measured, indent=1) + "\n", encoding="utf-8")
+    return measured
+
+
+def list_cards() -> list[str]:
+    """Return the systems that have a file of measurements."""
+    return [system for system in SYSTEMS if (FOLDER / f"{system}.json").is_file()]
+
+
+def build_card(system: str) -> str:
+    """Return the card of a system from the files in the repository. Raises InputError."""
+    measured = json.loads((FOLDER / f"{system}.json").read_text("utf-8"))
+    return format_card(system, measured, read_manifest(WEIGHTS_FOLDER / f"{system}.json"))
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("system", nargs="?", choices=tuple(SYSTEMS))
+    parser.add_argument("--open-loop", type=Path, metavar="FILE")
+    parser.add_argument("--run", action="append", default=[], metavar="CONDITION=RUN")
+    parser.add_argument("--train", action="append", default=[], metavar="COMMAND", help="one of the commands, in order")
+    parser.add_argument("--note", action="append", default=[], metavar="TEXT")
+    options = parser.parse_args()
+    try:
+        if options.system:
+            update_measured(options.system, options)
+        for system in [options.system] if options.system else list_cards():
+            (FOLDER / f"{system}.md").write_text(build_card(system), encoding="utf-8")
+    except (InputError, OSError) as error:
+        parser.error(str(error))
+
+
+if __name__ == "__main__":
+    main()
