@@ -125,7 +125,7 @@ OCCLUSION_LEGEND = (
     "or RSUs, or only to itself (it can send a CAM); in the constant-speed and the omniscient episode"
 )
 TRACK_LEGEND = (
-    "track: sensor: only what a car carries (LiDAR, GNSS, IMU, speedometer, map, messages) or less; object: given lists"
+    "track: sensor: only what a car carries (LiDAR, cameras, GNSS, IMU, map, messages) or less; object: given lists"
     " of objects"
 )
 NEED_LEGEND = (
