@@ -67,13 +67,17 @@ def format_shard_name(number: int) -> str:
 def make_shard(job: ShardJob) -> ShardEntry:
     """Drive the scenarios of a shard and write it. Raises InputError and OSError."""
     scenarios: list[CollectedScenario] = []
-    samples: list[SampleFiles] = []
+    size, checksum = write_shard(job.folder / job.name, _collect_samples(job, scenarios))
+    samples = sum(scenario.samples for scenario in scenarios)
+    return ShardEntry(name=job.name, samples=samples, bytes=size, checksum=checksum, scenarios=tuple(scenarios))
+
+
+def _collect_samples(job: ShardJob, scenarios: list[CollectedScenario]) -> Iterator[SampleFiles]:
+    """Yield the samples of a shard; append what became of each scenario. One scenario is in memory at a time."""
     for index in job.indices:
         scenario, found = collect_scenario(job.settings, index)
         scenarios.append(scenario)
-        samples += found
-    size, checksum = write_shard(job.folder / job.name, samples)
-    return ShardEntry(name=job.name, samples=len(samples), bytes=size, checksum=checksum, scenarios=tuple(scenarios))
+        yield from found
 
 
 def collect_dataset(
@@ -88,7 +92,9 @@ def collect_dataset(
     with open_journal(folder, settings.fingerprint, fresh=fresh) as journal:
         if journal.torn:
             progress.note("the last line of the journal was incomplete and has been dropped")
-        _remove_drafts(folder)
+        _remove_left_files(folder, ".shard-*.partial")  # what a killed worker was writing
+        if fresh:
+            _remove_left_files(folder, "shard-*.tar")
         kept = _find_kept(journal, jobs, progress)
         progress.begin(len(jobs), len(kept))
         entries = dict(kept)
@@ -112,10 +118,10 @@ def _list_jobs(settings: CollectionSettings, folder: Path, scenarios: int) -> li
     ]
 
 
-def _remove_drafts(folder: Path) -> None:
-    """Remove what a killed worker was writing; nothing else works in a locked folder."""
-    for draft in folder.glob(".shard-*.partial"):
-        draft.unlink()
+def _remove_left_files(folder: Path, pattern: str) -> None:
+    """Remove files of earlier starts; nothing else works in a locked folder."""
+    for path in folder.glob(pattern):
+        path.unlink()
 
 
 def _find_kept(journal: Journal, jobs: Sequence[ShardJob], progress: CollectionProgress) -> dict[str, ShardEntry]:

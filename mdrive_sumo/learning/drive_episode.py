@@ -23,7 +23,7 @@ from mdrive_sumo.scoring.metrics import build_ego_records
 
 
 @dataclass(frozen=True)
-class RecordedDrive:
+class CollectedDrive:
     """A finished episode with the decisions of its CAVs, in the order of the scenario file."""
 
     config: EpisodeConfig
@@ -52,7 +52,7 @@ def collect_scenario(settings: CollectionSettings, index: int) -> tuple[Collecte
     return done, samples
 
 
-def drive_scenario(settings: CollectionSettings, scenario: Scenario, roads: RoadMap, seed: int) -> RecordedDrive:
+def drive_scenario(settings: CollectionSettings, scenario: Scenario, roads: RoadMap, seed: int) -> CollectedDrive:
     """Return the recording of one episode. Raises WorldError, also if an expert or a learner fails."""
     config = EpisodeConfig(scenario, roads, seed)
     sensing_seed = derive_seed(seed, scenario.id, "sensing")
@@ -67,7 +67,7 @@ def drive_scenario(settings: CollectionSettings, scenario: Scenario, roads: Road
             for ego, reason in simulation.failed_agents.items():
                 raise WorldError(f"scenario {scenario.id}: the agent of {ego} failed: {reason}")
     episode = simulation.finish()
-    return RecordedDrive(config, episode, [agent.decisions for agent in agents.values()])
+    return CollectedDrive(config, episode, [agent.decisions for agent in agents.values()])
 
 
 def _build_setup(settings: CollectionSettings, seed: int, sensing_seed: int, ego: str) -> RecordingSetup:
@@ -85,7 +85,7 @@ def _build_setup(settings: CollectionSettings, seed: int, sensing_seed: int, ego
 
 
 def build_samples(
-    settings: CollectionSettings, drive: RecordedDrive, episode_name: str
+    settings: CollectionSettings, drive: CollectedDrive, episode_name: str
 ) -> tuple[list[SampleFiles], int]:
     """Return the samples of a drive, and the number of decisions that are left out, see `find_usable_end`."""
     scenario, episode = drive.config.scenario, drive.episode
@@ -110,7 +110,9 @@ def build_samples(
     return samples, sum(map(len, drive.decisions)) - len(samples)
 
 
-def _build_scenes(drive: RecordedDrive, kept: Sequence[Sequence[RecordedDecision]]) -> Mapping[tuple[int, int], Labels]:
+def _build_scenes(
+    drive: CollectedDrive, kept: Sequence[Sequence[RecordedDecision]]
+) -> Mapping[tuple[int, int], Labels]:
     """Return the true labels by CAV and tick."""
     labels = SceneLabels(drive.episode, drive.config.roads)
     cavs_by_tick: dict[int, list[int]] = {}

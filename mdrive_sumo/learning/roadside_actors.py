@@ -20,12 +20,13 @@ from mdrive_sumo.vehicle import dynamics
 
 CAR = dynamics.MKZ_2017
 AHEAD_M = (20.0, 60.0)
-"""[m] Distance from a CAV's start to where somebody crosses."""
+"""[m] Distance from a CAV's start to where road users cross."""
 WALK_MPS, CYCLE_MPS = (0.9, 2.4), (2.5, 4.5)
 KERB_M = 0.8
 """[m] Distance beyond the edge of the road at which people wait."""
-EARLY_S = (-0.5, 3.0)
-"""[s] How long before blind driving would get there a crossing road user reaches the middle of the CAV's lane."""
+EARLY_S, HIDDEN_EARLY_S = (-0.3, 3.0), (0.6, 2.6)
+"""[s] How long before blind driving would get there a crossing road user reaches the middle of the CAV's lane; of those
+that a parked vehicle hides until then, late enough to matter and early enough to stop for."""
 WIDEST_M = 18.0
 """[m] Roads whose edge is further away are not crossed."""
 BESIDE_ROUTE_M = 1.45
@@ -37,6 +38,8 @@ PARKED_NEAR_M = 70.0
 PARKED_MODELS = {"parked-car": 0.68, "parked-van": 0.24, "parked-truck": 0.08}
 HIDES_M = (0.7, 1.4)
 """[m] Between a parked vehicle and the person that steps out behind it."""
+TURN_OFF_M = 14.0
+"""[m] A cyclist ahead leaves the road over this distance."""
 TRIES = 12
 
 
@@ -83,20 +86,23 @@ def build_crossing_users(
             continue
         if is_hidden:
             yield _build_hiding_vehicle(ego, station, begin, f"screen_{number}", rng)
-        yield _build_crosser(ego, station, (side * (begin + KERB_M), -side * (end + KERB_M)), (kind, number), rng)
+        offsets = (side * (begin + KERB_M), -side * (end + KERB_M))
+        early_s = rng.uniform(*(HIDDEN_EARLY_S if is_hidden else EARLY_S))
+        speed = round(rng.uniform(*(WALK_MPS if kind == "pedestrian" else CYCLE_MPS)), 2)
+        yield _build_crosser(ego, station, offsets, (kind, f"{kind}_{number}"), (speed, early_s))
 
 
 def _build_crosser(
-    ego: Ego, station: int, offsets: tuple[float, float], name: tuple[KindName, int], rng: random.Random
+    ego: Ego, station: int, offsets: tuple[float, float], name: tuple[KindName, str], pace: tuple[float, float]
 ) -> Actor:
+    """Return a road user that goes from one offset [m] to the other; `name`: kind and id; `pace`: speed [m/s], and how
+    long before the CAV it is there [s]."""
     begin, end = (compute_route_pose(ego, station, offset)[:2] for offset in offsets)
-    kind, number = name
-    speed = round(rng.uniform(*(WALK_MPS if kind == "pedestrian" else CYCLE_MPS)), 2)
-    away = abs(offsets[0])
-    rolling = BLIND_SPEED * (away / speed + rng.uniform(*EARLY_S))
+    (kind, id_), (speed, early_s), away = name, pace, abs(offsets[0])
+    rolling = BLIND_SPEED * (away / speed + early_s)
     distance = portable.hypot(max(rolling, 6.0), away)
     trigger = DistanceTrigger(vehicle=ego.id, distance_m=round(min(distance, 50.0), 2))
-    return build_crossing_actor(f"{kind}_{number}", kind, (begin, end), speed, trigger)
+    return build_crossing_actor(id_, kind, (begin, end), speed, trigger)
 
 
 def _build_hiding_vehicle(ego: Ego, station: int, edge: float, name: str, rng: random.Random) -> Actor:
@@ -109,17 +115,18 @@ def _build_hiding_vehicle(ego: Ego, station: int, edge: float, name: str, rng: r
     return Actor(id=name, kind=size.kind, model=model, length=size.length, width=size.width, start=pose)
 
 
-def build_leading_cyclist(ego: Ego, rng: random.Random) -> Actor | None:
-    """Return a cyclist that rides ahead of the CAV at the right of its lane; None where the route is too short."""
+def build_leading_cyclist(roads: RoadMap, ego: Ego, rng: random.Random) -> Actor | None:
+    """Return a cyclist that rides ahead of the CAV at the right of its lane and leaves the road before its goal;
+    None where the route is too short or the edge of the road too far."""
     station = rng.uniform(14.0, 30.0)
-    if station > len(ego.route) - 25:
+    edge = _find_road_edge(roads, ego, len(ego.route) - 2, -1.0)
+    if station > len(ego.route) - 25 or edge is None:
         return None
-    offset = rng.uniform(-1.2, -0.8)
     length, width = WALKER_SIZES["cyclist"]
     stations = np.arange(station, len(ego.route) - 1.0, 2.0)
-    points = tuple(
-        (round(x, 3), round(y, 3)) for x, y, _ in (compute_route_pose(ego, float(s), offset) for s in stations)
-    )
+    offsets = np.interp(stations, (stations[-1] - TURN_OFF_M, stations[-1]), (rng.uniform(-1.2, -0.8), -edge - KERB_M))
+    poses = (compute_route_pose(ego, s, off) for s, off in zip(stations.tolist(), offsets.tolist(), strict=True))
+    points = tuple((round(x, 3), round(y, 3)) for x, y, _ in poses)
     (x, y), (x1, y1) = points[:2]
     speed = round(rng.uniform(3.0, 5.5), 2)
     return Actor(

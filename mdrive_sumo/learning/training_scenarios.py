@@ -44,8 +44,6 @@ SPLITS = ("train", "val")
 VALIDATION_PREFIX = "train_val_"
 TEMPLATE, TEMPLATE_SHARE = "template", 0.15
 """Kind and share of scenarios that the templates of the Interaction categories propose, on training networks."""
-PROGRAM_SHARE = 0.4
-"""Share of scenarios on networks with lights in which these run their programs; else all are at rest, as in the 225."""
 WEATHERS: Mapping[WeatherName, float] = MappingProxyType({"default": 0.3, "cloudy": 0.25, "night": 0.25, "rain": 0.2})
 MAX_TRIES, SAME_KIND_TRIES = 60, 20
 """Draws of one scenario, and those before its kind is drawn again."""
@@ -118,14 +116,12 @@ def _build_situation(name: str, kind: str, networks: Sequence[str], rng: random.
     vehicles = build_training_traffic(roads, tuple(egos.values()), actors, request, rng)
     boxes = [_build_box(actor) for actor in actors]
     boxes += [locate_departure(vehicle, roads) for vehicle in vehicles if vehicle.depart_s == 0.0]
-    has_lights = any(lane.lights for lane in roads.driving)
     return Scenario(
         id=name,
         bucket=BUCKET,
         category=kind,
         network=roads.name,
         description=(SITUATIONS[kind].draw.__doc__ or "").strip(),
-        signals="program" if has_lights and rng.random() < PROGRAM_SHARE else "frozen-green",
         egos=draw_start_speeds(tuple(egos.values()), boxes, (CAR.length, CAR.width), rng),
         background=Background(vehicles=vehicles),
         actors=actors,
@@ -156,7 +152,7 @@ def _build_actors(
     cyclists: list[tuple[KindName, bool]] = [("cyclist", False)] * plan.crossing_cyclists
     kinds = walkers + cyclists
     made += build_crossing_users(roads, cavs, kinds, rng)
-    if plan.leading_cyclists and (cyclist := build_leading_cyclist(cavs[0], rng)):
+    if plan.leading_cyclists and (cyclist := build_leading_cyclist(roads, cavs[0], rng)):
         made.append(cyclist)
     essential = {actor.id for actor in made if not actor.id.startswith("screen")}
     made += build_parked_vehicles(roads, cavs, plan.parked, rng)

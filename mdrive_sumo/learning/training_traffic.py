@@ -23,6 +23,8 @@ NEAR_M = 75.0
 """[m] Vehicles start within this distance of a CAV."""
 FREE_M, JAM_M = 9.0, 3.0
 """[m] Least gap along a lane to what is there at the start; in a jam."""
+BESIDE_M = 0.5
+"""[m] Least distance between boxes of different lanes."""
 SPEED_BY_GAP = 0.3
 """[1/s] Speed at the start as a share of the gap ahead and of the way to the lane's end: SUMO inserts nothing that
 would have to brake hard."""
@@ -148,6 +150,20 @@ def _find_near_lanes(roads: RoadMap, egos: Sequence[Ego]) -> list[str]:
     return [name for name in names if area.intersects(shapely.LineString(roads.lanes[name].centre.xy))]
 
 
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A place on a lane that a vehicle takes at the start."""
+
+    model: str
+    lane: Lane
+    front_m: float
+    """Position of the front bumper on the lane."""
+
+    @property
+    def length_m(self) -> float:
+        return BODY_SIZES[self.model][0]
+
+
 def _build_present(
     roads: RoadMap,
     egos: Sequence[Ego],
@@ -158,39 +174,47 @@ def _build_present(
     """Return vehicles that are on the road at the start; `wanted`: how many, whether jammed, top speed [m/s]."""
     count, is_jammed, top = wanted
     names = list(_find_continuations(roads)) if is_jammed else _find_near_lanes(roads, egos)
-    lengths = [roads.lanes[name].centre.length for name in names]
+    lanes = [roads.lanes[name] for name in names]
     starts = shapely.MultiPoint([(ego.start.x, ego.start.y) for ego in egos])
-    for _ in range(count if names else 0):
-        for _ in range(TRIES):
-            lane = roads.lanes[rng.choices(names, lengths)[0]]
-            model = _draw_model(rng)
-            length, width = BODY_SIZES[model]
-            front = rng.uniform(length + 0.5, max(lane.centre.length - 1.0, length + 1.0))
-            box = _place_on_lane(lane, min(front, lane.centre.length), (length, width))
-            near = is_jammed or box.distance(starts) < NEAR_M
-            if front > lane.centre.length or not near or not taken.is_free(box, 0.5):
-                continue
-            gaps = _find_gaps(lane, front, length, taken)
-            if min(gaps) < (JAM_M if is_jammed else FREE_M):
-                continue
-            speed = min(0.6 * lane.speed_limit, 0.8 * top, SPEED_BY_GAP * gaps[0], SPEED_BY_GAP * gaps[1])
+    area = None if is_jammed else starts.buffer(NEAR_M)
+    drawn = (_draw_place(lanes, area, JAM_M if is_jammed else FREE_M, taken, rng) for _ in range(count if lanes else 0))
+    for place in [place for place in drawn if place is not None]:  # all have their places before any has a speed
+        gap = min(_find_gaps(place, taken)[0], place.lane.centre.length - place.front_m)
+        speed = min(0.6 * place.lane.speed_limit, 0.8 * top, SPEED_BY_GAP * max(gap, 0.0))
+        edges = rng.choice(_find_continuations(roads)[place.lane.id])
+        yield _build_vehicle(place.model, edges, place.lane, (0.0, place.front_m, speed), top)
+
+
+def _draw_place(
+    lanes: Sequence[Lane], area: shapely.Geometry | None, gap_m: float, taken: _Occupancy, rng: random.Random
+) -> _Place | None:
+    """Return a free place, which is taken then; None if none was found. area: where its box must be, if given."""
+    for _ in range(TRIES):
+        lane, model = rng.choices(lanes, [lane.centre.length for lane in lanes])[0], _draw_model(rng)
+        length = BODY_SIZES[model][0]
+        front = round(rng.uniform(length + 0.5, max(lane.centre.length - 1.0, length + 1.0)), 2)
+        if front > lane.centre.length:
+            continue
+        place, box = _Place(model, lane, front), _place_on_lane(lane, front, BODY_SIZES[model])
+        is_near = area is None or bool(shapely.intersects(area, box))
+        if is_near and taken.is_free(box, BESIDE_M) and min(_find_gaps(place, taken)) >= gap_m:
             taken.boxes.append(box)
-            edges = rng.choice(_find_continuations(roads)[lane.id])
-            yield _build_vehicle(model, edges, lane, (0.0, front, 0.0 if is_jammed and speed < 2.0 else speed), top)
-            break
+            return place
+    return None
 
 
-def _find_gaps(lane: Lane, front: float, length: float, taken: _Occupancy) -> tuple[float, float]:
-    """Return the free length [m] ahead of and behind a vehicle on its lane; ahead at most to the lane's end."""
-    ahead, behind = lane.centre.length - front + FREE_M, 100.0
+def _find_gaps(place: _Place, taken: _Occupancy) -> tuple[float, float]:
+    """Return the free length [m] ahead of and behind a vehicle on its lane, at most 100 m."""
+    ahead, behind, lane = 100.0, 100.0, place.lane
     strip = shapely.LineString(lane.centre.xy).buffer(lane.width / 2 - 0.2, cap_style="flat")
+    middle = place.front_m - place.length_m / 2
     for box in taken.boxes:
         if box.intersects(strip):
             stations = [lane.centre.project(x, y)[0] for x, y in box.exterior.coords[:4]]
-            if max(stations) > front - length / 2:
-                ahead = min(ahead, min(stations) - front)
-            else:
-                behind = min(behind, front - length - max(stations))
+            if sum(stations) / 4 > middle + 0.01:
+                ahead = min(ahead, min(stations) - place.front_m)
+            elif sum(stations) / 4 < middle - 0.01:
+                behind = min(behind, place.front_m - place.length_m - max(stations))
     return ahead, behind
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from mdrive_sumo.learning.collection import collect_dataset
 from mdrive_sumo.learning.collection_settings import CollectionSettings
-from mdrive_sumo.learning.drive_episode import RecordedDrive, drive_scenario
+from mdrive_sumo.learning.drive_episode import CollectedDrive, drive_scenario
 from mdrive_sumo.learning.sample_format import DatasetFile, ShardEntry
 from testing.local_executor import LocalExecutor
 from testing.short_suite import make_short_suite
@@ -57,7 +57,7 @@ def collect_here(
         return collect_dataset(settings, folder, scenarios, 1, progress, fresh), progress
 
 
-def drive_here(settings: CollectionSettings, index: int = 0) -> RecordedDrive:
+def drive_here(settings: CollectionSettings, index: int = 0) -> CollectedDrive:
     """Drive one scenario of the settings' suite."""
     found = settings.load_scenario(index)
     assert found is not None

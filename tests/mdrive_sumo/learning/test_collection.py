@@ -134,8 +134,9 @@ def test_a_folder_with_another_data_set_is_refused(
 
 def test_fresh_starts_anew(short_suite: Path, dataset: Path, tmp_path: Path) -> None:
     folder = copy_dataset(dataset, tmp_path / "set")
+    (folder / "shard-000007.tar").write_bytes(b"of the earlier data set")
     _, progress = collect_here(make_settings(short_suite, seed=4), folder, 1, fresh=True)
-    assert progress.made == [SHARD]
+    assert progress.made == [SHARD] and [path.name for path in folder.glob("*.tar")] == [SHARD]
     assert load_dataset_file(folder).seed == 4
 
 

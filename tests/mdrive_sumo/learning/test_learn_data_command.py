@@ -118,6 +118,19 @@ def test_a_driver_without_its_rig_or_its_manifest_is_refused(suite: Path, tmp_pa
     assert ended.exit_code == 2 and "expected 1 or more with --driver" in ended.output
 
 
+def test_ctrl_c_says_how_to_continue(suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("signal.signal", lambda *_: None)  # the command ignores a second Ctrl-C
+    with monkeypatch.context() as patch:
+        patch.setattr("mdrive_sumo.learning.collection._make_shards", interrupt)
+        ended = learn_data(tmp_path / "set", "--suite", suite, "--scenarios", 1)
+    assert ended.exit_code == 130 and "interrupted; the same command continues" in ended.output
+    assert load_dataset_file(tmp_path / "set").samples == 0
+    assert learn_data(tmp_path / "set", "--suite", suite, "--scenarios", 1).exit_code == 0
+
+
 def test_training_scenarios_are_driven_by_default(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mdrive_sumo.learning.collection.make_executor", LocalExecutor)
     ended = learn_data(tmp_path / "set", "--scenarios", 1)

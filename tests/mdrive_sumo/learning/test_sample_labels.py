@@ -11,7 +11,7 @@ from mdrive_sumo.agents.learned.system_spec import LIDAR_BEHIND_M, LIDAR_CELL_M,
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.episode import rebuild_frame
-from mdrive_sumo.learning.drive_episode import RecordedDrive
+from mdrive_sumo.learning.drive_episode import CollectedDrive
 from mdrive_sumo.learning.sample_format import OCCUPANCY_SHAPE
 from mdrive_sumo.learning.scene_labels import SceneLabels
 from mdrive_sumo.scenario.weather import WEATHERS
@@ -24,13 +24,13 @@ Labels = dict[tuple[int, int], dict[str, np.ndarray]]
 
 
 @pytest.fixture(scope="module")
-def drive(short_suite: Path) -> RecordedDrive:
+def drive(short_suite: Path) -> CollectedDrive:
     """A drive of `omniscient` without perturbation."""
     return drive_here(make_settings(short_suite, perturbation=0.0))
 
 
 @pytest.fixture(scope="module")
-def scenes(drive: RecordedDrive) -> Labels:
+def scenes(drive: CollectedDrive) -> Labels:
     """Labels by CAV and tick."""
     labels = SceneLabels(drive.episode, drive.config.roads)
     found: Labels = {}
@@ -45,12 +45,12 @@ def to_complex_frame(x: np.ndarray, y: np.ndarray, pose: tuple[float, float, flo
     return (x + 1j * y - (pose[0] + 1j * pose[1])) * np.exp(-1j * pose[2])
 
 
-def find_pose(drive: RecordedDrive, tick: int, cav: int) -> tuple[float, float, float]:
+def find_pose(drive: CollectedDrive, tick: int, cav: int) -> tuple[float, float, float]:
     episode = drive.episode
     return float(episode.x[tick, cav]), float(episode.y[tick, cav]), float(episode.yaw[tick, cav])
 
 
-def test_an_experts_plan_is_where_it_drives(drive: RecordedDrive) -> None:
+def test_an_experts_plan_is_where_it_drives(drive: CollectedDrive) -> None:
     """0.5 s later the car that nothing disturbs is within 0.3 m of the first point of its plan."""
     errors = []
     for cav, decisions in enumerate(drive.decisions):
@@ -65,7 +65,7 @@ def test_an_experts_plan_is_where_it_drives(drive: RecordedDrive) -> None:
     assert np.max(errors) <= 0.6
 
 
-def test_own_states_have_the_errors_that_a_learner_gets(drive: RecordedDrive) -> None:
+def test_own_states_have_the_errors_that_a_learner_gets(drive: CollectedDrive) -> None:
     """`omniscient` itself gets the true state, because of its privileged sensor."""
     gaps = [
         np.hypot(*(one.labels["own"][:2] - find_pose(drive, one.tick, cav)[:2]))
@@ -76,7 +76,7 @@ def test_own_states_have_the_errors_that_a_learner_gets(drive: RecordedDrive) ->
     assert all(not one.labels["perturbed"] for decisions in drive.decisions for one in decisions)
 
 
-def test_futures_are_the_recorded_ones(drive: RecordedDrive, scenes: Labels) -> None:
+def test_futures_are_the_recorded_ones(drive: CollectedDrive, scenes: Labels) -> None:
     episode, checked = drive.episode, 0
     for (cav, tick), labels in scenes.items():
         own = find_pose(drive, tick, cav)
@@ -96,7 +96,7 @@ def test_futures_are_the_recorded_ones(drive: RecordedDrive, scenes: Labels) -> 
 
 
 def test_boxes_are_all_within_60_m_and_visible_ones_are_those_that_an_ideal_sensor_detects(
-    drive: RecordedDrive, scenes: Labels
+    drive: CollectedDrive, scenes: Labels
 ) -> None:
     episode, roads = drive.episode, drive.config.roads
     setup = SensorSetup("me", 0, roads, WEATHERS["default"], None)
@@ -106,7 +106,8 @@ def test_boxes_are_all_within_60_m_and_visible_ones_are_those_that_an_ideal_sens
         frame = rebuild_frame(episode, tick)
         sizes = {ego: (float(episode.length[i]), float(episode.width[i])) for i, ego in enumerate(episode.ego_ids)}
         row = list(frame.egos).index(episode.ego_ids[cav])
-        eye = SensorPose(*find_pose(drive, tick, cav), row)
+        x, y, yaw = find_pose(drive, tick, cav)
+        eye = SensorPose(x, y, yaw, row)
         detected = set(sensor.sense(build_sensing_frame(frame, sizes), eye).ids)
         boxes = labels["boxes"]
         visible = {derive_track_name("me", episode.ids[int(box[8])]) for box in boxes if box[7]}
@@ -118,7 +119,7 @@ def test_boxes_are_all_within_60_m_and_visible_ones_are_those_that_an_ideal_sens
     assert hidden > 0
 
 
-def test_occupancy_is_what_shapely_finds(drive: RecordedDrive, scenes: Labels) -> None:
+def test_occupancy_is_what_shapely_finds(drive: CollectedDrive, scenes: Labels) -> None:
     """A cell is occupied if one of nine points in it lies in the box of a road user that is or lately was visible."""
     step = LIDAR_CELL_M / 3
     across = (np.arange(3 * LIDAR_CELLS) + 0.5) * step
@@ -136,11 +137,12 @@ def test_occupancy_is_what_shapely_finds(drive: RecordedDrive, scenes: Labels) -
         cells = np.unpackbits(labels["occupancy"]).reshape(OCCUPANCY_SHAPE)
         for layer in (0, 3, 6):
             poses = boxes[known, :3] if layer == 0 else labels["futures"][known, layer - 1]
-            shapes = [
-                shapely.Polygon(box_corners(*map(float, pose), float(boxes[row, 3]), float(boxes[row, 4])))
-                for row, pose in zip(known, poses, strict=True)
-                if not np.isnan(pose).any()
-            ]
+            shapes: list[shapely.Polygon] = []
+            for row, pose in zip(known, poses, strict=True):
+                if not np.isnan(pose).any():
+                    x_box, y_box, yaw = (float(value) for value in pose)
+                    length, width = float(boxes[row, 3]), float(boxes[row, 4])
+                    shapes.append(shapely.Polygon(box_corners(x_box, y_box, yaw, length, width)))
             inside = shapely.contains_xy(shapely.union_all(shapes), x, y)
             expected = inside.reshape(LIDAR_CELLS, 3, LIDAR_CELLS, 3).any(axis=(1, 3))
             occupied += int(expected.sum())
@@ -148,7 +150,7 @@ def test_occupancy_is_what_shapely_finds(drive: RecordedDrive, scenes: Labels) -
     assert occupied > 50
 
 
-def test_lanes_lie_on_centre_lines_near_the_car(drive: RecordedDrive, scenes: Labels) -> None:
+def test_lanes_lie_on_centre_lines_near_the_car(drive: CollectedDrive, scenes: Labels) -> None:
     roads = drive.config.roads
     centres = shapely.union_all([shapely.LineString(lane.centre.xy) for lane in roads.driving])
     for (cav, tick), labels in list(scenes.items())[::9]:

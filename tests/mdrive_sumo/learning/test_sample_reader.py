@@ -6,6 +6,7 @@ import re
 import tarfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -43,7 +44,7 @@ def rewrite(folder: Path, change: Callable[[Files], None], adapt: bool = True) -
         change_dataset(folder, lambda about: about["shards"][0].update(bytes=path.stat().st_size))
 
 
-def change_dataset(folder: Path, change: Callable[[dict[str, object]], None]) -> None:
+def change_dataset(folder: Path, change: Callable[[dict[str, Any]], None]) -> None:
     path = folder / DATASET_FILE
     about = json.loads(path.read_text())
     change(about)
@@ -146,11 +147,11 @@ def cut(folder: Path) -> None:
 def cut_with_its_size(folder: Path) -> None:
     cut(folder)
     size = (folder / SHARD).stat().st_size
-    change_dataset(folder, lambda about: about["shards"][0].update(bytes=size))  # type: ignore[index]
+    change_dataset(folder, lambda about: about["shards"][0].update(bytes=size))
 
 
 def remove_file(suffix: str) -> Callable[[Path], None]:
-    return lambda folder: rewrite(folder, lambda files: files.pop(find_first(files, suffix)) and None)
+    return lambda folder: rewrite(folder, lambda files: files.pop(find_first(files, suffix)))
 
 
 def replace_file(suffix: str, data: bytes) -> Callable[[Path], None]:
@@ -168,18 +169,18 @@ def remove_first_sample(files: Files) -> None:
 
 
 SHARD_AND_KEY = rf"{SHARD}: train-s3-r0-000000_c\d_\d{{5}}: "
-BROKEN: dict[str, tuple[Callable[[Path], None], str]] = {
+BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
     "no folder": (lambda folder: (folder / DATASET_FILE).unlink(), "expected a data set of `mdrive-sumo learn data`"),
     "another version": (
         lambda folder: change_dataset(folder, lambda about: about.update(format="mdrive-sumo/training-data/9")),
         f"{DATASET_FILE}: expected the format {FORMAT}, found 'mdrive-sumo/training-data/9'",
     ),
-    "no JSON": (lambda folder: (folder / DATASET_FILE).write_text("{") and None, f"{DATASET_FILE}: "),
+    "no JSON": (lambda folder: (folder / DATASET_FILE).write_text("{"), f"{DATASET_FILE}: "),
     "no shard": (lambda folder: (folder / SHARD).unlink(), f"{SHARD}: cannot be read: No such file"),
     "cut": (cut, rf"{SHARD}: expected \d+ bytes, found \d+; `learn data` makes the shard again"),
     "cut, size adapted": (cut_with_its_size, rf"{SHARD}: expected \d+ samples, found \d+; `learn data`"),
     "no tar": (
-        lambda folder: (folder / SHARD).write_bytes(b"x" * (folder / SHARD).stat().st_size) and None,
+        lambda folder: (folder / SHARD).write_bytes(b"x" * (folder / SHARD).stat().st_size),
         rf"{SHARD}: expected a tar file, found after its beginning",
     ),
     "a sample less": (lambda folder: rewrite(folder, remove_first_sample), rf"{SHARD}: expected \d+ samples, found"),
