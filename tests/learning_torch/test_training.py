@@ -14,7 +14,12 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
 from mdrive_sumo.learning.training import trainer as training
-from mdrive_sumo.learning.training.checkpoint import CHECKPOINT_NAME, load_checkpoint
+from mdrive_sumo.learning.training.checkpoint import (
+    CHECKPOINT_NAME,
+    WEIGHTS_NAME,
+    load_checkpoint,
+    load_whole_checkpoint,
+)
 from mdrive_sumo.learning.training.run_training import TrainingRun, run_training
 from mdrive_sumo.learning.training.trainer import Trainer
 from mdrive_sumo.learning.training.training_curves import read_curves
@@ -118,6 +123,19 @@ def test_a_checkpoint_of_another_system_is_refused(tmp_path: Path) -> None:
     trainer.save(tmp_path)
     with pytest.raises(InputError, match="expected a checkpoint of 'vad', found one of 'tcp'"):
         load_checkpoint(tmp_path, "vad")
+
+
+def test_weights_alone_begin_another_run_but_do_not_resume_one(tmp_path: Path) -> None:
+    trainer, _ = make_trainer()
+    trainer.save(tmp_path)
+    weights = tmp_path / WEIGHTS_NAME
+    assert weights.stat().st_size < 0.6 * (tmp_path / CHECKPOINT_NAME).stat().st_size
+    other, _ = make_trainer(options=replace(OPTIONS, seed=1))
+    other.begin_with(load_checkpoint(weights, "tcp"))
+    first = next(iter(other.network.parameters()))
+    assert torch.equal(first, next(iter(trainer.network.parameters())))
+    with pytest.raises(InputError, match=r"expected a checkpoint.pt to go on from, found weights only; give --init"):
+        load_whole_checkpoint(weights, "tcp")
 
 
 def test_a_missing_gpu_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,14 +25,13 @@ class Predictions:
 def predict_samples(
     network: nn.Module, data: TrainingData, rows: npt.NDArray[np.int64], batch: int = 128, *, blind: bool = False
 ) -> Predictions:
-    """Return the answers of a network to samples, with memory as in training. blind: all images are black."""
+    """Return the answers of a network to samples, in single precision, with memory as in training. blind: all images are black."""
     network.eval()
     plans: list[Tensor] = []
     controls: list[Tensor] = []
     for start in range(0, len(rows), batch):
         chosen = torch.from_numpy(rows[start : start + batch])
-        with torch.autocast(data.device.type, torch.bfloat16, enabled=data.device.type == "cuda"):
-            answer = network(_take_inputs(network, data, chosen, blind))
+        answer = network(_take_inputs(network, data, chosen, blind))
         plans.append(answer["plan"].float().cpu())
         if "control" in answer:
             controls.append(answer["control"].float().cpu())

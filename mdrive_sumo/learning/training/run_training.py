@@ -15,7 +15,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.held_out import find_held_out
 from mdrive_sumo.learning.plan_metrics import describe_plans, measure_controls
 from mdrive_sumo.learning.sample_kinds import compute_shares
-from mdrive_sumo.learning.training.checkpoint import CHECKPOINT_NAME, load_checkpoint
+from mdrive_sumo.learning.training.checkpoint import CHECKPOINT_NAME, load_checkpoint, load_whole_checkpoint
 from mdrive_sumo.learning.training.predict_samples import predict_samples
 from mdrive_sumo.learning.training.trainer import Trainer
 from mdrive_sumo.learning.training.training_data import TrainingData
@@ -77,13 +77,14 @@ def find_device(name: str) -> torch.device:
     """Return the device. Raises InputError if it is missing."""
     if name == "cuda" and not torch.cuda.is_available():
         raise InputError(f"--device cuda: expected a GPU that PyTorch {torch.__version__} can use, found none")
+    torch.backends.cudnn.benchmark = True  # all batches have one shape
     return torch.device(name)
 
 
 def _prepare(trainer: Trainer, run: TrainingRun, report: Report) -> None:
     path = run.folder / CHECKPOINT_NAME
     if run.is_resumed and path.is_file():
-        trainer.resume(load_checkpoint(path, run.system))
+        trainer.resume(load_whole_checkpoint(path, run.system))
         report(f"{path}: going on from step {trainer.step}")
     elif run.initial is not None:
         trainer.begin_with(load_checkpoint(run.initial, run.system))

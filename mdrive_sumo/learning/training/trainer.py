@@ -14,7 +14,7 @@ from torch import Tensor
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.networks.build_network import build_network, count_parameters
 from mdrive_sumo.learning.training.augment import MEMORY_DROPOUT, augment_inputs
-from mdrive_sumo.learning.training.checkpoint import Checkpoint, save_checkpoint
+from mdrive_sumo.learning.training.checkpoint import Checkpoint, save_checkpoint, save_weights
 from mdrive_sumo.learning.training.compute_losses import compute_losses
 from mdrive_sumo.learning.training.moving_average import MovingAverage
 from mdrive_sumo.learning.training.recall import recall_previous
@@ -66,11 +66,12 @@ class Trainer:
         self.average.network.load_state_dict(checkpoint.average)
 
     def save(self, folder: Path) -> Path:
-        """Write a checkpoint and return its path."""
+        """Write a checkpoint, and its weights apart, and return its path."""
         checkpoint = Checkpoint(
             self.system, self.step, self.elapsed_s, self.network.state_dict(), self.average.network.state_dict(),
             self.optimizer.state_dict(), self.generator.get_state(), self.summary,
         )  # fmt: skip
+        save_weights(checkpoint, folder)
         return save_checkpoint(checkpoint, folder)
 
     def train(self, data: TrainingData, shares: npt.NDArray[np.float64], folder: Path) -> dict[str, float]:
