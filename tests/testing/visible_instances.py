@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import StrEnum
 
 import numpy as np
@@ -23,15 +24,17 @@ NETWORKS = (
 OTHERS = 14
 """Road users of a frame besides the CAV."""
 RANGE_M = 80.0
-OPTIONS: dict[str, float | str] = {"kind": "instance", "width": 640, "height": 200, "z": 0.6, "x": 0.0}
-"""At a height of 0.6 m the body of a car fills its box, and a car hides what is behind it as in the plane."""
+OPTIONS: dict[str, float | str] = {"kind": "instance", "width": 1600, "height": 64, "z": 0.5, "x": 0.0}
+LEVEL_ROWS = slice(31, 33)
+"""The rows around the horizon show a section at the height of the camera, in which the body of a car fills its box: that
+is what the line of sight in the plane means. Other rows rightly show heads above cars."""
 SLIVER_PX = 2.0
 SIZES: Sequence[tuple[float, float, Kind, float]] = (
     (4.6, 1.85, Kind.VEHICLE, 0.8),
     (0.6, 0.6, Kind.PEDESTRIAN, 0.1),
     (1.8, 0.6, Kind.CYCLIST, 0.1),
 )
-"""Length, width [m], kind and share of the road users: of one height, for the line of sight is one in the plane."""
+"""Length, width [m], kind and share of the road users"""
 FRAMES_OF_NETWORK = 125
 """Scenes of networks are built when frames come to them."""
 
@@ -43,8 +46,7 @@ class Agreement(StrEnum):
     NEITHER = "neither"
     SLIVER = "in line of sight, but less than two pixels wide"
     EDGE = "shown by at most two pixels beside what hides it"
-    ABOVE = "the head of a person above the car that hides it in the plane"
-    BEHIND_PEOPLE = "in line of sight, but hidden by people or cyclists, who hide nothing in the plane"
+    THIN = "only the boxes of people or bicycles are seen or hide: they are thinner"
     UNEXPLAINED = "unexplained"
 
 
@@ -81,14 +83,16 @@ def build_frame(roads: RoadMap, seed: int) -> SensingFrame:
 
 def _compare_frame(roads: RoadMap, scene: SensingFrame) -> list[Agreement]:
     image = take_image(scene, roads, **OPTIONS)
-    shown = {name: int((image.pixels == i).sum()) for i, name in enumerate(image.names)}
+    shown = {name: int((image.pixels[LEVEL_ROWS] == i).sum()) for i, name in enumerate(image.names)}
     me = scene.egos["me"]
     model = read_camera_model(SensorSpec("camera", options=OPTIONS))
     view = model.find_view(me.x, me.y, me.yaw)
-    sight = SightView(SensorPose(me.x, me.y, me.yaw, 0), scene, BuildingEdges(roads), RANGE_M)
+    all_hide = np.zeros_like(scene.boxes.kind)  # as vehicles do: in an image people hide what is behind them
+    opaque = replace(scene, boxes=replace(scene.boxes, kind=all_hide))
+    sight = SightView(SensorPose(me.x, me.y, me.yaw, 0), opaque, BuildingEdges(roads), RANGE_M)
     free, found = sight.visible_fractions(), list[Agreement]()
     for row in range(1, len(scene.boxes)):
-        points = model.project(view, np.column_stack((scene.corners[row], np.full(4, 0.6))))
+        points = model.project(view, np.column_stack((scene.corners[row], np.full(4, 0.5))))
         inside = (points[:, 2] > 1.0).all() and points[:, 0].min() > 1 and points[:, 0].max() < model.width - 1
         if inside and sight.distances[row] < RANGE_M:
             pixels = shown.get(derive_track_name("me", scene.boxes.ids[row], 3), 0)
@@ -100,17 +104,15 @@ def _judge(scene: SensingFrame, row: int, points: Float, free: float, pixels: in
     """Return what holds for a road user with corners on the image, its free share, and the pixels that show it."""
     if bool(pixels) == (free > 0.0):
         return Agreement.BOTH if pixels else Agreement.NEITHER
-    if not pixels:
-        if free * np.ptp(points[:, 0]) < SLIVER_PX:
-            return Agreement.SLIVER
-        return Agreement.BEHIND_PEOPLE if _are_people_nearer(scene, row) else Agreement.UNEXPLAINED
-    if pixels <= SLIVER_PX:
+    if pixels and pixels <= 2 * SLIVER_PX:
         return Agreement.EDGE
-    return Agreement.ABOVE if scene.boxes.kind[row] != Kind.VEHICLE else Agreement.UNEXPLAINED
+    if not pixels and free * np.ptp(points[:, 0]) < SLIVER_PX:
+        return Agreement.SLIVER
+    return Agreement.THIN if _are_people_concerned(scene, row) else Agreement.UNEXPLAINED
 
 
-def _are_people_nearer(scene: SensingFrame, row: int) -> bool:
-    """Return whether a person or cyclist is nearer to the CAV than a road user."""
+def _are_people_concerned(scene: SensingFrame, row: int) -> bool:
+    """Return whether a road user, or one that is nearer to the CAV, is a person or cyclist."""
     boxes, me = scene.boxes, scene.egos["me"]
     away = np.hypot(boxes.x - me.x, boxes.y - me.y)
-    return bool(((boxes.kind != Kind.VEHICLE) & (away < away[row])).any())
+    return bool(((boxes.kind != Kind.VEHICLE) & (away <= away[row])).any())
