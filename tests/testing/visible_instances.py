@@ -26,7 +26,7 @@ OTHERS = 14
 RANGE_M = 80.0
 OPTIONS: dict[str, float | str] = {"kind": "instance", "width": 1600, "height": 64, "z": 0.5, "x": 0.0}
 LEVEL_ROWS = slice(31, 33)
-"""The rows around the horizon show a section at the height of the camera, in which the body of a car fills its box: that
+"""The rows around the horizon show a section at the height of the camera, where the body of a car fills its box: that
 is what the line of sight in the plane means. Other rows rightly show heads above cars."""
 SLIVER_PX = 2.0
 SIZES: Sequence[tuple[float, float, Kind, float]] = (
