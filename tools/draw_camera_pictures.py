@@ -6,6 +6,7 @@ python -m tools.draw_camera_pictures docs/images
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -28,7 +29,7 @@ ROW_PX, GAP_PX, COLUMNS = 150, 4, 3
 LIGHTS = ("day", "cloudy", "dusk", "night", "rain", "fog")
 COLOURS, MOST_BYTES = (256, 192, 128, 64), 60_000
 """Palettes of a picture, of which the first that is small enough is taken."""
-Pixels = npt.NDArray[np.uint8]
+Pixels = npt.NDArray[Any]
 OTHERS: Sequence[tuple[float, float, float, float, float, Kind, SignalLamp]] = (
     (11.0, 0.0, 0.0, 4.6, 1.85, Kind.VEHICLE, SignalLamp.BRAKE),
     (19.0, 0.2, 0.0, 6.2, 2.1, Kind.VEHICLE, SignalLamp.BRAKE | SignalLamp.LEFT),

@@ -56,7 +56,7 @@ class FrameFolder:
     def store(self, array: npt.NDArray[Any]) -> int:
         """Write a contiguous array and return its place for `FrameReader.load`.
 
-        Raises InputError for a frame that is too large, or for which there is no room.
+        Raises InputError for a frame that is too large, and OSError if there is no room.
         """
         offset, end = self._end, self._end + array.nbytes
         if end > len(self._maps[self._turn]):
@@ -76,10 +76,8 @@ class FrameFolder:
         try:
             os.posix_fallocate(self._files[self._turn], 0, size)
         except OSError as error:
-            raise InputError(
-                f"{self.path.parent}: expected room for {size} bytes of sensor data, found none ({error.strerror});"
-                " fewer workers, or smaller images (build_camera_rig with a scale below 1)"
-            ) from None
+            sentence = f"expected room for {size} bytes of sensor data in {self.path.parent}; fewer workers need less"
+            raise OSError(error.errno, f"{error.strerror}: {sentence}") from None
         self._maps[self._turn] = np.frombuffer(mmap.mmap(self._files[self._turn], size), np.uint8)
 
     def close(self) -> None:

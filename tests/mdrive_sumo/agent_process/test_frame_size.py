@@ -29,11 +29,13 @@ def test_a_rig_that_is_too_large_is_one_sentence(folder: FrameFolder, monkeypatc
     assert "\n" not in str(caught.value)
 
 
-def test_no_room_is_one_sentence(folder: FrameFolder, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_no_room_is_a_failure_of_ours_with_its_reason(
+    folder: FrameFolder, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     def fail(*_: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "posix_fallocate", fail)
     folder.begin()
-    with pytest.raises(InputError, match=f"{tmp_path}: expected room for .* bytes of sensor data, found none"):
+    with pytest.raises(OSError, match=f"expected room for 131072 bytes of sensor data in {tmp_path}; fewer workers"):
         folder.store(np.zeros(90_000, np.uint8))
