@@ -51,7 +51,8 @@ def build_scene(network: str) -> tuple[SensingFrame, SensorSetup]:
 def measure(scene: SensingFrame, setup: SensorSetup, specs: tuple[SensorSpec, ...]) -> float:
     """Median CPU time of a tick [ms]; nothing of a tick before is used."""
     cameras = [CameraSensor(spec, setup) for spec in specs]
-    eye = SensorPose(*(float(values[0]) for values in (scene.boxes.x, scene.boxes.y, scene.boxes.yaw)), 0)
+    boxes = scene.boxes
+    eye = SensorPose(float(boxes.x[0]), float(boxes.y[0]), float(boxes.yaw[0]), 0)
     times: list[float] = []
     for _ in range(REPEATS + FIRST):
         fresh = replace(scene, rendered=[])
