@@ -67,6 +67,7 @@ imports: install
 
 bench: install ## measure, print tables, write bench.json
 	$(BIN)/python tests/bench/bench.py
+	$(BIN)/python tests/bench/cameras.py
 	$(BIN)/python tests/bench/sandbox.py
 	$(BIN)/python tests/bench/store.py sqlite
 	$(BIN)/python tests/bench/server.py --workers 2

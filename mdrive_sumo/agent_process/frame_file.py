@@ -17,11 +17,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from mdrive_sumo.core.errors import InputError
+
 PREFIX = "mdrive-frames-"
 NAMES = ("0", "1")
 ALIGNMENT = 64
 LEAST_BYTES = 2**16
 """Smallest size of a file that holds an array [bytes]."""
+MAX_FRAME_BYTES = 2**27
+"""Of all arrays of an observation [bytes]: the largest rig of the paper has 54 MB. Each agent has two files."""
 MEMORY = Path("/dev/shm")
 """Where the folder of an agent is created; a box sees only its own."""
 
@@ -50,7 +54,10 @@ class FrameFolder:
         self._turn, self._end = 1 - self._turn, 0
 
     def store(self, array: npt.NDArray[Any]) -> int:
-        """Write a contiguous array and return its place for `FrameReader.load`. Raises OSError (no space)."""
+        """Write a contiguous array and return its place for `FrameReader.load`.
+
+        Raises InputError for a frame that is too large, and OSError if there is no room.
+        """
         offset, end = self._end, self._end + array.nbytes
         if end > len(self._maps[self._turn]):
             self._grow(end)
@@ -60,8 +67,17 @@ class FrameFolder:
 
     def _grow(self, size: int) -> None:
         """Allocate space before it is mapped: a full disk is an error then, and no SIGBUS later."""
+        if size > MAX_FRAME_BYTES:
+            raise InputError(
+                f"sensors: expected arrays of at most {MAX_FRAME_BYTES} bytes in an observation, found {size} or more;"
+                " smaller images (build_camera_rig with a scale below 1) or fewer cameras"
+            )
         size = max(LEAST_BYTES, 1 << (size - 1).bit_length())
-        os.posix_fallocate(self._files[self._turn], 0, size)
+        try:
+            os.posix_fallocate(self._files[self._turn], 0, size)
+        except OSError as error:
+            sentence = f"expected room for {size} bytes of sensor data in {self.path.parent}; fewer workers need less"
+            raise OSError(error.errno, f"{error.strerror}: {sentence}") from None
         self._maps[self._turn] = np.frombuffer(mmap.mmap(self._files[self._turn], size), np.uint8)
 
     def close(self) -> None:

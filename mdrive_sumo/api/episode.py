@@ -148,9 +148,9 @@ class Episode:
     ) -> Path:
         """Write a picture (.png) of one tick or a video (.gif; .mp4 with the program ffmpeg) and return its path.
 
-        view: "top", or "chase" from behind the CAV `follow`. tick: of a picture; first, last: of a video. size: width
-        and height in pixels. messages: lines for CPMs and MCMs. Defaults are those of `mdrive-sumo render`; an existing
-        file is replaced. Raises InputError.
+        view: "top", "chase" from behind the CAV `follow`, or "driver". tick: of a picture; first, last: of a video.
+        size: width and height in pixels. messages: lines for CPMs and MCMs. Defaults are those of `mdrive-sumo render`;
+        an existing file is replaced. Raises InputError.
         """
         from mdrive_sumo.report.render.render_episodes import RenderedEpisode, render_episodes
         from mdrive_sumo.report.render.render_options import RenderOptions

@@ -72,7 +72,7 @@ class CameraArchiveWriter:
                     self._add_image(tick, (ego, camera), image)
 
     def _add_image(self, tick: int, camera: tuple[str, str], image: CameraImage) -> None:
-        data = encode_image(image.pixels)
+        data = encode_image(image.pixels.astype(np.uint8, copy=False))
         if self._size + len(data) > MAX_ARCHIVE_BYTES:
             self._left_out += 1
             return
@@ -99,7 +99,15 @@ def load_camera_tracks(path: Path) -> list[CameraTrack]:
     try:
         with zipfile.ZipFile(path) as archive:
             return _read_tracks(archive)
-    except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
+    except (
+        OSError,
+        ValueError,
+        LookupError,
+        TypeError,
+        zipfile.BadZipFile,
+        NotImplementedError,
+        RuntimeError,
+    ) as error:
         raise InputError(
             f"{path}: expected camera images of `eval --record-cameras`, found a corrupt file ({error})"
         ) from None

@@ -19,7 +19,8 @@ def run_episode(
 ) -> EpisodeRecord:
     """Run one scenario until every CAV has arrived, is blocked, deviated, timed out, or stands without an agent.
 
-    `drivers` maps the id of every CAV to its agent; `watch` sees what they are given. If an agent fails, its own CAV brakes to a stop; others drive on.
+    `drivers` maps the id of every CAV to its agent; `watch` sees what they are given. If an agent fails, its own CAV
+    brakes to a stop; others drive on.
     Raises InputError for an invalid sensor and WorldError if the simulator fails.
     """
     simulation = start_agents(config, SimulatedFrames(config, world), drivers)

@@ -36,7 +36,7 @@ PACKAGES = (
     ("pyseccomp", "serve, submit --dry-run", "server"),
     ("distributed", "--executor dask", "dask"),
     ("ribs", "generate --hard", "search"),
-    ("moderngl", "agents with cameras", "camera"),
+    ("moderngl", "agents with cameras, render --view driver", "camera"),
     ("onnxruntime", "learned agents", "learned"),
 )
 """Distribution, the commands that need it, the extra that brings it ("" = the core install)."""
@@ -72,7 +72,7 @@ def examine_installation() -> tuple[InstallationCheck, ...]:
         InstallationCheck("cores", str(count_usable_cores()), "eval --workers auto"),
         *(_package(*row) for row in PACKAGES),
         _simulator(),
-        InstallationCheck("OpenGL", _renderer(), "agents with cameras", GL_REMEDY, is_required=False),
+        _renderer(),
         _program("netconvert", "convert", "pip install 'mdrive-sumo[convert]'"),
         _program("bwrap", "serve, submit --dry-run", "on Debian and Ubuntu: apt-get install bubblewrap"),
         _program("ffmpeg", "render --out x.mp4", "on Debian and Ubuntu: apt-get install ffmpeg"),
@@ -110,15 +110,19 @@ def _simulator() -> InstallationCheck:
     return InstallationCheck("libsumo", found, "eval, verify", problem)
 
 
-def _renderer() -> str:
-    """Return the name of the OpenGL driver that cameras would use; "" if there is none."""
+def _renderer() -> InstallationCheck:
+    """Find the OpenGL driver that cameras would use, in a child process: a broken driver may crash."""
+    found, problem = "", ""
     try:
         done = subprocess.run(
             (sys.executable, "-c", RENDERER_CHECK), capture_output=True, text=True, check=False, timeout=TIME_LIMIT_S
         )
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    return done.stdout.strip() if done.returncode == 0 else ""
+        found = done.stdout.strip() if done.returncode == 0 else ""
+        problem = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+    except (OSError, subprocess.TimeoutExpired) as error:
+        problem = str(error)
+    remedy = f"{problem.rpartition('InputError: ')[2]}; {GL_REMEDY}"
+    return InstallationCheck("OpenGL", found, "agents with cameras, render --view driver", remedy, is_required=False)
 
 
 def _failure_of(command: Iterable[str]) -> str:

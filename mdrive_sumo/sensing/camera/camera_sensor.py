@@ -88,8 +88,8 @@ class CameraSensor:
         if model.kind is not ImageKind.INSTANCE:
             return CameraImage(model.kind.value, pixels, model.focal_px)
         carrier, salt = self._fitting.carrier, self._fitting.track_salt
-        shown = [tag for tag in np.unique(pixels).tolist() if tag]
-        tag_by_name = {derive_track_name(carrier, scene.boxes.ids[tag - 1], salt): tag for tag in shown}
+        shown = np.flatnonzero(np.bincount(pixels.reshape(-1))[1:]) + 1
+        tag_by_name = {derive_track_name(carrier, scene.boxes.ids[tag - 1], salt): tag for tag in shown.tolist()}
         names = tuple(sorted(tag_by_name))
         index = np.full(len(scene.boxes) + 1, -1, dtype=np.int32)
         index[[tag_by_name[name] for name in names]] = np.arange(len(names))

@@ -39,6 +39,15 @@ def test_a_missing_extra_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     assert CliRunner().invoke(command).exit_code == 0
 
 
+def test_a_missing_renderer_is_named_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GLCONTEXT_DEVICE_INDEX", "nine")
+    result = CliRunner().invoke(command)
+    assert result.exit_code == 0, result.output
+    sentence = "GLCONTEXT_DEVICE_INDEX: expected the number of an EGL device, found 'nine'; pip install"
+    assert "missing for agents with cameras, render --view driver: OpenGL (camera: " in result.output
+    assert sentence in result.output
+
+
 @pytest.mark.slow
 def test_netconvert_is_found_beside_the_interpreter(monkeypatch: pytest.MonkeyPatch) -> None:
     """As the installed script: `.venv/bin/mdrive-sumo` without an activated environment."""
