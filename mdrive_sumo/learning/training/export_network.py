@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +30,7 @@ LEAST_SHARED = 64
 """Constants with fewer numbers stay in single precision."""
 MOST_DIFFERENCE_M = 1e-2
 """[m] Between plans of the exported network and of PyTorch's, with the same half-precision weights; also of control."""
-CHECKED_SAMPLES = 4
+CHECKED_SAMPLES, CHECKED_REAL_SAMPLES = 4, 20
 
 
 class _Positional(nn.Module):
@@ -46,6 +47,9 @@ class _Positional(nn.Module):
         return tuple(answer[name] for name in self.outputs)
 
 
+Arrays = Mapping[str, npt.NDArray[Any]]
+
+
 @dataclass(frozen=True, slots=True)
 class ExportedNetwork:
     """Paths of the two files, and the largest difference from PyTorch [m]."""
@@ -55,9 +59,10 @@ class ExportedNetwork:
     difference: float
 
 
-def export_network(checkpoint: Checkpoint, folder: Path) -> ExportedNetwork:
+def export_network(checkpoint: Checkpoint, folder: Path, arrays: Arrays | None = None) -> ExportedNetwork:
     """Write DIR/SYSTEM.onnx and DIR/SYSTEM.json from a checkpoint's averaged weights.
 
+    arrays: samples of a data set to compare answers on, beside made-up ones.
     Raises InputError if the file is too large or answers otherwise than PyTorch.
     """
     spec = SYSTEMS[checkpoint.system]
@@ -67,7 +72,10 @@ def export_network(checkpoint: Checkpoint, folder: Path) -> ExportedNetwork:
     _halve_weights(network)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{checkpoint.system}.onnx"
-    samples = [_take_sample(spec, i) for i in range(CHECKED_SAMPLES)]
+    samples = [_take_sample(spec, build_synthetic_arrays(spec, 1, seed=i), 0) for i in range(CHECKED_SAMPLES)]
+    if arrays is not None:
+        rows = np.linspace(0, len(arrays["own"]) - 1, CHECKED_REAL_SAMPLES).astype(int)
+        samples += [_take_sample(spec, arrays, row) for row in rows.tolist()]
     inputs, outputs = list(samples[0]), list(describe_outputs(spec))
     _write_onnx(_Positional(network, inputs, outputs).eval(), samples[0], outputs, path)
     difference = max(_compare(network, path, sample) for sample in samples)
@@ -83,13 +91,14 @@ def _halve_weights(network: nn.Module) -> None:
         each.data = each.data.half().float()
 
 
-def _take_sample(spec: SystemSpec, seed: int) -> dict[str, Tensor]:
-    """Return made-up inputs in the network's order, with a batch of one."""
-    arrays = build_synthetic_arrays(spec, 1, seed)
-    generator = torch.Generator().manual_seed(seed)
+def _take_sample(spec: SystemSpec, arrays: Arrays, row: int) -> dict[str, Tensor]:
+    """Return the inputs of a sample in the network's order, with a batch of one; memory is made up."""
+    generator = torch.Generator().manual_seed(row)
     empty = build_empty_memory(1, torch.device("cpu"))
     return {
-        name: torch.rand(empty[name].shape, generator=generator) if name in empty else torch.from_numpy(arrays[name])
+        name: torch.rand(empty[name].shape, generator=generator)
+        if name in empty
+        else torch.from_numpy(arrays[name][row : row + 1])
         for name in describe_inputs(spec)
     }
 

@@ -15,7 +15,7 @@ class TrainingOptions:
 
     steps: int = 8000
     batch: int = 256
-    learning_rate: float = 1.5e-3
+    learning_rate: float = 1e-3
     weight_decay: float = 0.02
     seed: int = 0
     average_decay: float = 0.998
