@@ -22,7 +22,7 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, Progress, StoppedAtFailure, evaluate
 from mdrive_sumo.runs.journal import JOURNAL_FILE
 from mdrive_sumo.runs.other_agents import parse_other_agents
-from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER, LOGS_FOLDER, PreparedRun, prepare
+from mdrive_sumo.runs.prepared_run import CAMERAS_FOLDER, EPISODES_FOLDER, LOGS_FOLDER, PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
 from mdrive_sumo.scoring import Results, ScoreMode
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation
@@ -90,6 +90,9 @@ EXECUTORS = ("local", "dask")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder [default: runs/...].")
 @click.option("--score-mode", type=click.Choice(MODES), help="[default: that of the suite]")
 @click.option("--no-record", is_flag=True, help="Keep no recordings: no view, rescore, or verify of every tick.")
+@click.option(
+    "--record-cameras", is_flag=True, help="Keep the colour images of the agent's cameras, for view: RUN/cameras."
+)
 @click.option(
     "--sandbox",
     is_flag=True,
@@ -187,5 +190,7 @@ def _list_written_files(run: PreparedRun) -> str:
         files[f"{LOGS_FOLDER}/"] = "output of the agent's processes"
     if run.config.record:
         files[f"{EPISODES_FOLDER}/"] = "recordings, for view, verify and rescore"
+    if (run.folder / CAMERAS_FOLDER).is_dir():
+        files[f"{CAMERAS_FOLDER}/"] = "images of cameras, for view"
     lines = [f"{run.folder / name}  {what}" for name, what in files.items()]
     return "\n".join((*lines, f"mdrive-sumo view {shlex.quote(str(run.folder))}  what each CAV lost, in the browser"))

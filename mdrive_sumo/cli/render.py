@@ -33,7 +33,7 @@ def _describe(values: dict[str, Any]) -> str:
 @click.option("--seed", type=int, help="Which one in a run of several seeds [default: the first].")
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="FILE", help="Name.png, .gif or .mp4.")
 @click.option("--view", type=click.Choice(get_args(ViewName)), default="top", show_default=True, help="From where.")
-@click.option("--follow", metavar="CAV", help="Keep this CAV in sight [default: top: nothing; chase: see above].")
+@click.option("--follow", metavar="CAV", help="Keep this CAV in sight [default: top: nothing; others: see above].")
 @click.option("--tick", type=int, help="Of a picture [default: the first infraction or contact, else the middle].")
 @click.option("--from", "first", type=int, metavar="TICK", help="First tick of a video [default: 0].")
 @click.option("--to", "last", type=int, metavar="TICK", help="Last tick of a video [default: the last].")
@@ -55,7 +55,7 @@ def command(
 
     Several RUNs of one scenario are drawn side by side. --view top shows the whole scene from above, or 70 m around a
     followed CAV; --view chase shows it in perspective from behind the followed CAV, by default that of the first
-    infraction. A tick is 1/20 s.
+    infraction; --view driver shows what its driver sees (extra camera). A tick is 1/20 s.
     """
     from mdrive_sumo.report.render.render_episodes import RenderedEpisode, check_output, render_episodes
 

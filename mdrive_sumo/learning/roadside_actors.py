@@ -40,7 +40,12 @@ HIDES_M = (0.7, 1.4)
 """[m] Between a parked vehicle and the person that steps out behind it."""
 TURN_OFF_M = 14.0
 """[m] A cyclist ahead leaves the road over this distance."""
+ZEBRA_SHARE = 0.6
+"""Share of road users that cross on a zebra crossing where the CAV's route has one."""
 TRIES = 12
+Spot = tuple[float, float]
+"""x, y [m]."""
+Ends = tuple[Spot, Spot]
 
 
 def build_box(pose: Pose, length: float, width: float) -> shapely.Polygon:
@@ -77,6 +82,15 @@ def build_crossing_users(
     hides the road user. That vehicle is returned too."""
     for number, (kind, is_hidden) in enumerate(kinds):
         ego = rng.choice(egos)
+        early_s = rng.uniform(*(HIDDEN_EARLY_S if is_hidden else EARLY_S))
+        speed = round(rng.uniform(*(WALK_MPS if kind == "pedestrian" else CYCLE_MPS)), 2)
+        name = (kind, f"{kind}_{number}")
+        zebras = [] if is_hidden else list(_find_zebras(roads, ego))
+        if zebras and rng.random() < ZEBRA_SHARE:
+            (one, other), at = rng.choice(zebras)
+            ends = (one, other) if rng.random() < 0.5 else (other, one)
+            yield _build_crosser(ego, ends, at, name, (speed, early_s))
+            continue
         station = _draw_station(roads, ego, rng)
         if station is None:
             continue
@@ -87,22 +101,31 @@ def build_crossing_users(
         if is_hidden:
             yield _build_hiding_vehicle(ego, station, begin, f"screen_{number}", rng)
         offsets = (side * (begin + KERB_M), -side * (end + KERB_M))
-        early_s = rng.uniform(*(HIDDEN_EARLY_S if is_hidden else EARLY_S))
-        speed = round(rng.uniform(*(WALK_MPS if kind == "pedestrian" else CYCLE_MPS)), 2)
-        yield _build_crosser(ego, station, offsets, (kind, f"{kind}_{number}"), (speed, early_s))
+        x0, y0, x1, y1 = (v for offset in offsets for v in compute_route_pose(ego, station, offset)[:2])
+        yield _build_crosser(ego, ((x0, y0), (x1, y1)), ego.route[station][:2], name, (speed, early_s))
 
 
-def _build_crosser(
-    ego: Ego, station: int, offsets: tuple[float, float], name: tuple[KindName, str], pace: tuple[float, float]
-) -> Actor:
-    """Return a road user that goes from one offset [m] to the other; `name`: kind and id; `pace`: speed [m/s], and how
-    long before the CAV it is there [s]."""
-    begin, end = (compute_route_pose(ego, station, offset)[:2] for offset in offsets)
-    (kind, id_), (speed, early_s), away = name, pace, abs(offsets[0])
+def _find_zebras(roads: RoadMap, ego: Ego) -> Iterator[tuple[Ends, Spot]]:
+    """Return the zebra crossings on the CAV's route that it does not reach at once: ends, and where the route meets
+    them."""
+    route = shapely.LineString(ego.xy)
+    for line, _ in roads.crossings:
+        met = shapely.intersection(route, shapely.LineString(line))
+        if not met.is_empty and shapely.line_locate_point(route, point := shapely.centroid(met)) > AHEAD_M[0]:
+            (x0, y0), (x1, y1) = (line[k].tolist() for k in (0, -1))
+            yield ((x0, y0), (x1, y1)), (float(point.x), float(point.y))
+
+
+def _build_crosser(ego: Ego, ends: Ends, at: Spot, name: tuple[KindName, str], pace: tuple[float, float]) -> Actor:
+    """Return a road user that goes from one end to the other and meets the CAV's route `at` a point.
+
+    name: kind and id; pace: speed [m/s], and how long before the CAV it is there [s].
+    """
+    (kind, id_), (speed, early_s), away = name, pace, portable.distance(ends[0], at)
     rolling = BLIND_SPEED * (away / speed + early_s)
     distance = portable.hypot(max(rolling, 6.0), away)
     trigger = DistanceTrigger(vehicle=ego.id, distance_m=round(min(distance, 50.0), 2))
-    return build_crossing_actor(id_, kind, (begin, end), speed, trigger)
+    return build_crossing_actor(id_, kind, ends, speed, trigger)
 
 
 def _build_hiding_vehicle(ego: Ego, station: int, edge: float, name: str, rng: random.Random) -> Actor:

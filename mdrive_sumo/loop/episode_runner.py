@@ -1,8 +1,8 @@
 """Run one episode: connect the agents of the CAVs to an `EpisodeSimulation`."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
-from mdrive_sumo.contract import SensorSpec
+from mdrive_sumo.contract import Observation, SensorSpec
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure
 from mdrive_sumo.loop.agent_scheduler import AgentScheduler
@@ -10,17 +10,24 @@ from mdrive_sumo.loop.episode_config import EpisodeConfig
 from mdrive_sumo.loop.episode_simulation import EpisodeSimulation
 from mdrive_sumo.loop.frame_source import FrameSource, SimulatedFrames, World
 
+ObservationWatcher = Callable[[int, Mapping[str, Observation]], None]
+"""Gets every tick with the observations of that tick, by CAV."""
 
-def run_episode(config: EpisodeConfig, world: World, drivers: Mapping[str, AgentDriver]) -> EpisodeRecord:
+
+def run_episode(
+    config: EpisodeConfig, world: World, drivers: Mapping[str, AgentDriver], watch: ObservationWatcher | None = None
+) -> EpisodeRecord:
     """Run one scenario until every CAV has arrived, is blocked, deviated, timed out, or stands without an agent.
 
-    `drivers` maps the id of every CAV to its agent. If an agent fails, its own CAV brakes to a stop; others drive on.
+    `drivers` maps the id of every CAV to its agent; `watch` sees what they are given. If an agent fails, its own CAV brakes to a stop; others drive on.
     Raises InputError for an invalid sensor and WorldError if the simulator fails.
     """
     simulation = start_agents(config, SimulatedFrames(config, world), drivers)
     scheduler = AgentScheduler(drivers, config.options.clock, config.think_times, simulation.fail_agent)
     observations = simulation.reset()
     while not simulation.is_done:
+        if watch is not None:
+            watch(simulation.tick, observations)
         replies = scheduler.collect_replies(simulation.tick, observations)
         observations = simulation.step(replies, busy=scheduler.find_busy(simulation.tick + 1))
     return simulation.finish(scheduler.think_times)

@@ -36,6 +36,7 @@ from mdrive_sumo.sensing.briefing_builder import build_briefing
 from mdrive_sumo.sensing.observation_builder import ObservationBuilder, SensorContext, build_sensing_frame
 from mdrive_sumo.sensing.roadside_units import RoadsideUnits
 from mdrive_sumo.sensing.sensing_frame import SensingFrame
+from mdrive_sumo.sensing.signal_lamps import SignalLampObserver
 from mdrive_sumo.v2x.channel import Channel
 from mdrive_sumo.vehicle import control, dynamics
 
@@ -77,6 +78,8 @@ class EpisodeSimulation:
         common = SensorContext(config.roads, WEATHERS[scenario.weather], seed, config.options.sensing)
         self._roadside = RoadsideUnits(scenario.rsus if config.options.comm.on else (), common)
         self._senses = ObservationBuilder(sensors, self.briefings, common)
+        has_cameras = any(spec.kind == "camera" for specs in sensors.values() for spec in specs)
+        self._signal_lamps = SignalLampObserver(config.roads) if has_cameras else None
 
     @property
     def frame(self) -> Frame:
@@ -167,8 +170,11 @@ class EpisodeSimulation:
         for ego, messages in self._received.items():
             self._pending_messages[ego] += rename_senders(messages, self._config.pseudonyms)
         observers = tuple(ego for ego in self.active_egos if ego not in busy and ego not in self._failures)
-        is_scene_needed = self._roadside.is_due(frame.tick) or self._senses.needs_frame(observers)
-        self._scene = build_sensing_frame(frame, self._dimensions) if is_scene_needed else None
+        is_scene_needed = self._signal_lamps is not None or self._roadside.is_due(frame.tick)
+        if is_scene_needed or self._senses.needs_frame(observers):
+            self._scene = build_sensing_frame(frame, self._dimensions, self._signal_lamps)
+        else:
+            self._scene = None
         messages_by_observer = {ego: self._pending_messages[ego] for ego in observers}
         self._pending_messages |= dict.fromkeys(observers, ())
         observations = self._senses.build_observations(frame, self._scene, self._plans, messages_by_observer)

@@ -13,7 +13,9 @@ from typing import Self
 from jinja2 import Environment, StrictUndefined
 
 from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.episode.camera_archive import CameraTrack
 from mdrive_sumo.report.palette import CAV_COLOURS, format_custom_properties
+from mdrive_sumo.report.replay_cameras import pack_camera_images
 from mdrive_sumo.report.replay_data import pack_replay_data
 from mdrive_sumo.report.replay_marks import ReplayMark, find_marks
 from mdrive_sumo.roads import RoadMap
@@ -31,6 +33,7 @@ SCRIPTS = (
     "viewer_panel.js",
     "viewer_lists.js",
     "viewer_room.js",
+    "viewer_cameras.js",
     "viewer_input.js",
     "viewer_beside.js",
     "viewer.js",
@@ -74,13 +77,14 @@ def render_replay(
     roads: RoadMap,
     marks: Sequence[ReplayMark],
     result: ScenarioResult | None = None,
+    cameras: Sequence[CameraTrack] = (),
 ) -> str:
-    """Return the page, with the scores of `result`.
+    """Return the page, with the scores of `result` and the images of cameras.
 
     The same episode gives the same bytes; its content policy forbids every connection.
     """
     style, script = build_replay_style(), build_replay_script()
-    environment = Environment(autoescape=True, undefined=StrictUndefined, keep_trailing_newline=True)
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True)
     return environment.from_string(_read_static("viewer.html")).render(
         title=f"{scenario.id} · mdrive-sumo",
         style=style,
@@ -88,6 +92,7 @@ def render_replay(
         script=script,
         script_hash=hash_for_policy(script),
         data=pack_replay_data(episode, scenario, roads, marks, result),
+        camera_images=pack_camera_images(episode, cameras),
     )
 
 

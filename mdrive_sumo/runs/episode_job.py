@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -10,6 +10,7 @@ from pathlib import Path
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
+from mdrive_sumo.episode.camera_archive import CameraArchiveWriter
 from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver
 from mdrive_sumo.loop.open_world import open_world
@@ -43,6 +44,8 @@ class EpisodeJob:
     """Folder for the output of third-party agents; None discards it."""
     transcripts: Path | None = None
     """Folder for the transcripts of language models; None: none."""
+    cameras: Path | None = None
+    """File for the camera images that agents are given; None: none."""
     replayed_failures: tuple[Ending, ...] = ()
     """Agent failures of the recorded run, for re-execution."""
     think_times: tuple[ThinkTime, ...] = ()
@@ -100,7 +103,7 @@ def make_silent_job(job: EpisodeJob) -> EpisodeJob:
     """Return the job without output files, whose agents ask no language model but replay its answers."""
     transcript = transcript_path(job.transcripts, job.scenario) if job.transcripts else None
     agent = replay_language_model(job.agent, transcript)
-    return replace(job, agent=agent, recording=None, logs=None, transcripts=None)
+    return replace(job, agent=agent, recording=None, logs=None, transcripts=None, cameras=None)
 
 
 def replay_language_model(agent: AgentSpec, transcript: Path | None) -> AgentSpec:
@@ -163,9 +166,13 @@ def _drive(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord
         think_times=job.think_times,
     )
     logs = job.logs / scenario.id if job.logs is not None else None
-    with _open_drivers(job, scenario, config, logs) as drivers, open_world(config) as world:
+    with (
+        _open_drivers(job, scenario, config, logs) as drivers,
+        open_world(config) as world,
+        CameraArchiveWriter(job.cameras) if job.cameras else nullcontext() as cameras,
+    ):
         try:
-            return run_episode(config, world, drivers)
+            return run_episode(config, world, drivers, cameras.add if cameras else None)
         except InputError as error:  # the scenario has been checked before: it is about the agent's declaration
             if job.agent.box is not None:
                 raise RejectedError(str(error)) from None

@@ -32,6 +32,7 @@ from mdrive_sumo.v2x.messages import TYPES
 EPISODES_FOLDER = "episodes"
 LOGS_FOLDER = "logs"
 TRANSCRIPTS_FOLDER = "transcripts"
+CAMERAS_FOLDER = "cameras"
 SIMULATION_LIMIT_S = 600.0
 """Wall clock of one episode without its agents [s]; only a simulator that hangs takes longer."""
 
@@ -77,6 +78,10 @@ class PreparedRun:
         """Return the path at which the run keeps the recording of an episode."""
         return recording_path(self.folder, key[0], self._folder_seed(key[1]))
 
+    def find_camera_images(self, key: EpisodeKey) -> Path:
+        """Return the path at which the run keeps the camera images of an episode, if it does."""
+        return seed_folder(self.folder / CAMERAS_FOLDER, self._folder_seed(key[1])) / f"{key[0]}.zip"
+
     def find_transcripts(self, seed: int) -> Path:
         """Return the folder of the transcripts of a seed."""
         return seed_folder(self.folder / TRANSCRIPTS_FOLDER, self._folder_seed(seed))
@@ -99,6 +104,7 @@ class PreparedRun:
             options=config.options,
             recording=self.find_recording((scenario.id, seed)) if config.record else None,
             transcripts=self.find_transcripts(seed),
+            cameras=self.find_camera_images((scenario.id, seed)) if config.record_cameras else None,
             logs=None if config.is_builtin else logs,
             checksum=self.suite.compute_file_checksum(scenario.id),
         )

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scoring import ScenarioResult
 
-RECORDING, LOGS, TRANSCRIPTS = "recording.npz", "logs", "transcripts"
+RECORDING, CAMERAS, LOGS, TRANSCRIPTS = "recording.npz", "cameras.zip", "logs", "transcripts"
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +29,7 @@ def run_with_output_files(function: Callable[[EpisodeJob], ScenarioResult], job:
             recording=folder / RECORDING if job.recording else None,
             logs=folder / LOGS if job.logs else None,
             transcripts=folder / TRANSCRIPTS if job.transcripts else None,
+            cameras=folder / CAMERAS if job.cameras else None,
         )
         result = function(local)
         paths = sorted(path for path in folder.rglob("*") if path.is_file())
@@ -41,7 +42,7 @@ def store_output_files(job: EpisodeJob, output: TransferableResult) -> ScenarioR
     for name, data in output.files.items():
         first, _, rest = name.partition("/")
         folder = folders[first] if rest else None
-        path = folder / rest if folder else job.recording
+        path = folder / rest if folder else {RECORDING: job.recording, CAMERAS: job.cameras}[name]
         assert path is not None, f"{name}: a file of a kind that the job does not ask for"
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_name(path.name + ".part")

@@ -56,6 +56,8 @@ class RunConfig:
     """Start anew instead of continuing what the folder holds."""
     fail_fast: bool = False
     """Stop at the first failure of an agent."""
+    record_cameras: bool = False
+    """Keep the camera images that agents are given."""
     command: tuple[str, ...] = ()
     """The command as the user typed it, for the report."""
 
@@ -83,7 +85,7 @@ class RunConfig:
         """Return what identifies the run, as the journal's fingerprint holds it. Raises InputError for no locator.
 
         Where it runs (`workers`, `scheduler`, `out`) and how it was started (`fresh`, `fail_fast`, `command`) change no
-        result.
+        result, nor do images for people to look at (`record_cameras`).
         """
         return {
             "suite": self.suite,

@@ -21,6 +21,7 @@ from mdrive_sumo.sensing.objects_sensor import ObjectsSensor
 from mdrive_sumo.sensing.raster_sensor import RasterSensor
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
+from mdrive_sumo.sensing.signal_lamps import SignalLampObserver
 
 SINGLE: Mapping[str, Callable[[SensorSpec, SensorSetup], Any]] = MappingProxyType(
     {
@@ -187,10 +188,16 @@ def _sense_or_void(sense: Callable[[], Objects]) -> Objects:
         raise WorldError(f"objects sensor: {type(error).__name__}: {error}") from error
 
 
-def build_sensing_frame(frame: Frame, sizes: Mapping[str, tuple[float, float]]) -> SensingFrame:
-    """Return all road users of the frame, CAVs first; sizes: (length, width) [m] by CAV id."""
+def build_sensing_frame(
+    frame: Frame, sizes: Mapping[str, tuple[float, float]], lamps: SignalLampObserver | None = None
+) -> SensingFrame:
+    """Return all road users of the frame, CAVs first; sizes: (length, width) [m] by CAV id.
+
+    lamps: what lights brake lamps and indicators, if there are cameras; it wants every frame of an episode.
+    """
     boxes = Objects.from_egos(frame.egos, sizes).concat(frame.actors)
-    return SensingFrame(frame.tick, boxes, frame.egos, frame.signals)
+    shining = lamps.observe(frame.tick, boxes) if lamps is not None else {}
+    return SensingFrame(frame.tick, boxes, frame.egos, frame.signals, signal_lamps=shining)
 
 
 def _read_signal(signals: Mapping[str, str], light: str) -> str:

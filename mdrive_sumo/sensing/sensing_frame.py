@@ -19,6 +19,7 @@ from mdrive_sumo.scenario.weather import Weather
 from mdrive_sumo.v2x.messages import format_track_name
 
 if TYPE_CHECKING:
+    from mdrive_sumo.sensing.camera.instances import SceneInstances
     from mdrive_sumo.sensing.sight_batch import SightBatch
 
 LOW_M = 2.5
@@ -38,6 +39,10 @@ class SensingFrame:
     """Poses and ranges [m] of the sensors that may look at the scene, see `visibility.announce_eye`."""
     sight_batches: list["SightBatch"] = field(default_factory=list, compare=False, repr=False)
     """What these eyes see, as far as it was asked for. A pure cache."""
+    signal_lamps: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
+    """`SignalLamp`s of vehicles that shine, by true id; only cameras see them."""
+    rendered: list["SceneInstances"] = field(default_factory=list, compare=False, repr=False)
+    """What cameras draw of this frame. A pure cache."""
 
     @cached_property
     def directions(self) -> tuple[Float, Float]:

@@ -75,6 +75,11 @@ class Canvas:
         """Replace everything by an earlier picture."""
         self._agg.restore_region(background)
 
+    def paint_picture(self, picture: Pixels) -> None:
+        """Replace everything by a picture (height, width, 3)."""
+        pixels = np.asarray(self._agg.buffer_rgba())
+        pixels[..., :3], pixels[..., 3] = picture, 255
+
     def to_array(self) -> Pixels:
         """Return a copy (height, width, 3) of the picture."""
         return np.asarray(self._agg.buffer_rgba())[..., :3].copy()

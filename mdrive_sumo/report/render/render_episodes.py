@@ -7,6 +7,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.report.render.canvas import GAP_PX, Pixels, join_pictures
 from mdrive_sumo.report.render.chase_view_painter import ChaseViewPainter
+from mdrive_sumo.report.render.driver_view_painter import DriverViewPainter
 from mdrive_sumo.report.render.frame_painter import FramePainter
 from mdrive_sumo.report.render.frame_times import choose_telling_cav, choose_ticks, find_telling_tick
 from mdrive_sumo.report.render.picture_files import PICTURE, check_output, write_gif, write_mp4, write_png
@@ -51,9 +52,10 @@ def _make_painter(episode: RenderedEpisode, size: tuple[int, int], options: Rend
     follow = options.follow
     if follow is not None and follow not in names:
         raise InputError(f"render: follow: {describe_unknown(follow, names)}")
-    if options.view == "chase":
+    if options.view != "top":
         chosen = follow or choose_telling_cav(episode.record, episode.result)
-        return ChaseViewPainter(episode, size, options.messages, names.index(chosen))
+        painter = ChaseViewPainter if options.view == "chase" else DriverViewPainter
+        return painter(episode, size, options.messages, names.index(chosen))
     return TopViewPainter(episode, size, options.messages, None if follow is None else names.index(follow))
 
 

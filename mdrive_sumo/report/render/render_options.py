@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-ViewName = Literal["top", "chase"]
+ViewName = Literal["top", "chase", "driver"]
 DEFAULT_SIZE = {".png": (1280, 720), ".gif": (800, 450), ".mp4": (1280, 720)}
 """Width and height [px] by ending."""
 DEFAULT_FPS = {".gif": 10, ".mp4": 20}
@@ -15,7 +15,7 @@ class RenderOptions:
 
     view: ViewName = "top"
     follow: str | None = None
-    """Id of a CAV. None: the whole scene; in the chase view the CAV of the first infraction."""
+    """Id of a CAV. None: the whole scene; in the chase and driver views the CAV of the first infraction."""
     tick: int | None = None
     """Of a picture."""
     first: int | None = None

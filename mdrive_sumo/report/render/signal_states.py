@@ -23,7 +23,13 @@ class SignalStates:
     def find_colour(self, light: str, tick: int) -> str:
         """Return the colour of a light "tls:index" in a tick."""
         name, _, index = light.rpartition(":")
-        last = bisect_right(self._ticks[name], tick) - 1
-        state = self._states[name][last] if last >= 0 else ""
-        letter = state[int(index) : int(index) + 1]
+        letter = self._find_state(name, tick)[int(index) : int(index) + 1]
         return LIGHT[COLOUR_OF_LETTER.get(letter, "muted")]
+
+    def find_states(self, tick: int) -> dict[str, str]:
+        """Return the state (SUMO letters) of every light "tls" in a tick."""
+        return {name: self._find_state(name, tick) for name in list(self._ticks)}
+
+    def _find_state(self, name: str, tick: int) -> str:
+        last = bisect_right(self._ticks[name], tick) - 1
+        return self._states[name][last] if last >= 0 else ""

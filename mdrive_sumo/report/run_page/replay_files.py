@@ -6,6 +6,7 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import load_episode
+from mdrive_sumo.episode.camera_archive import load_camera_tracks
 from mdrive_sumo.report.replay_marks import find_marks
 from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.runs.evaluate import report_write_errors
@@ -68,7 +69,9 @@ def build_replay(run: PreparedRun, result: ScenarioResult) -> str:
     scenario = next(scenario for scenario in run.scenarios if scenario.id == result.id)
     episode = load_episode(run.find_recording(result.key))
     varied, roads = load_varied_scenario(run.suite, scenario, result.seed)
-    return render_replay(episode, varied, roads, find_marks(episode, result), result)
+    images = run.find_camera_images(result.key)
+    cameras = load_camera_tracks(images) if images.is_file() else ()
+    return render_replay(episode, varied, roads, find_marks(episode, result), result, cameras)
 
 
 def write_replays(folder: Path, run: PreparedRun, results: Iterable[ScenarioResult]) -> Iterator[Path]:

@@ -30,6 +30,7 @@ class Viewer {
     this.panel = new Panel(replay, { seek, select: (ego) => this.select(ego), follow: (ego) => this.follow(ego === this.followed ? -1 : ego) });
     this.lists = new Lists(replay, talk, { seek, open: (name) => this.openList(name), redraw: () => this.changed() });
     this.lists.show("events");
+    this.cameras = new Cameras();
     $("duration").textContent = ` / ${replay.seconds(replay.lastTick).toFixed(2)} s`;
     this.theme = readTheme();
     this.bounds = sceneBounds(replay);
@@ -205,6 +206,7 @@ class Viewer {
     this.timeline.show(this.time, this.selected);
     this.panel.show(Math.floor(this.time), this.selected, this.followed);
     this.lists.update(Math.floor(this.time), this.selected);
+    this.cameras.show(Math.floor(this.time), this.selected);
     this.showState();
     return unsettled;
   }

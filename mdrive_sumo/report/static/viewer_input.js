@@ -67,6 +67,7 @@ function listenToKeys(viewer) {
     s: () => viewer.toggleStrips(),
     h: () => $("panel-fold").click(),
     y: () => $("layers-fold").click(),
+    c: () => viewer.cameras.toggle(),
     "+": () => zoomBy(viewer, KEY_ZOOM),
     "=": () => zoomBy(viewer, KEY_ZOOM),
     "-": () => zoomBy(viewer, 1 / KEY_ZOOM),

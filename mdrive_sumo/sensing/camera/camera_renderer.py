@@ -1,8 +1,7 @@
 """CameraRenderer: draws a static scene and the road users of a tick with OpenGL, without a display."""
 
 import math
-import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -12,26 +11,31 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.contract import SemanticClass, SensorSpec
-from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.sensing.camera.camera_model import FAR_M, CameraModel, CameraView, ImageKind
-from mdrive_sumo.sensing.camera.instances import INSTANCE, INSTANCE_FORMAT, Instances
+from mdrive_sumo.sensing.camera.draw_commands import CommandRuns, list_chunk_commands, list_instance_commands
+from mdrive_sumo.sensing.camera.gl_context import RecentObjects, create_context
+from mdrive_sumo.sensing.camera.instances import (
+    FAR_M_OF_FOCAL,
+    FAR_MODEL,
+    INSTANCE_FORMAT,
+    MODEL_VERTICES,
+    SceneInstances,
+)
 from mdrive_sumo.sensing.camera.lighting import Lighting
-from mdrive_sumo.sensing.camera.meshes import VERTEX, VERTEX_FORMAT, Material, Mesh, build_mesh, build_quads
-from mdrive_sumo.sensing.camera.shaders import SKY_FRAGMENT, SKY_VERTEX, write_fragment_shader, write_vertex_shader
-from mdrive_sumo.sensing.camera.static_scene import Chunks, StaticScene
+from mdrive_sumo.sensing.camera.meshes import VERTEX_FORMAT, Material, Mesh, Surface, build_mesh, build_quads
+from mdrive_sumo.sensing.camera.shaders import FOG_STEPS, VIEW_FLOATS, write_shaders, write_sky_shaders
+from mdrive_sumo.sensing.camera.static_scene import GROUND_LAYERS, StaticScene
 
 if TYPE_CHECKING:
     import moderngl
 
-LAYER_OFFSET = 4.0
-"""Depth units by which each layer of the ground lies behind the one above it: all are at height 0."""
-TERRAIN_M = (5.0, 20.0, 80.0, 300.0, 1200.0)
-"""[m] Half sides of the squares that make up the terrain around the camera."""
-TERRAIN_QUADS = 8 * len(TERRAIN_M) - 4
+TERRAIN_M = (-1200.0, -200.0, -30.0, 30.0, 200.0, 1200.0)
+"""[m] Edges of the squares of terrain around the camera: depths in small triangles are exact."""
 TERRAIN = (96, 118, 74)
-MOST_INSTANCES = 256
-"""Of one draw call."""
+MOST_SCENES, MOST_TARGETS = 2, 32
+"""Networks and kinds and sizes of images whose objects are kept: a worker may drive many."""
 _TEXTURES = {
     ImageKind.RGB: (3, "f1"),
     ImageKind.SEMANTIC: (1, "u1"),
@@ -50,11 +54,37 @@ class Picture:
     model: CameraModel
     view: CameraView
     scene: StaticScene
-    instances: Sequence[tuple[Mesh, Instances]]
+    instances: SceneInstances
     light: Lighting
     heading: Float
     """(2,) direction of the head lamps."""
+    without: int | None = None
+    """Row of the road user that carries the camera."""
     exposure: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class _ProgramKey:
+    kind: ImageKind
+    surface: Surface = Surface.PLAIN
+    is_instanced: bool = False
+    has_lamps: bool = False
+
+
+class _VertexArrays:
+    """A buffer with vertices, and how each program reads it."""
+
+    def __init__(self, renderer: "CameraRenderer", vertices: Any, instances: Any = None) -> None:
+        self._renderer = renderer
+        self._content: list[Any] = [(vertices, VERTEX_FORMAT, *_VERTEX_NAMES)]
+        if instances is not None:
+            self._content.append((instances, INSTANCE_FORMAT, *_INSTANCE_NAMES))
+        self._arrays: dict[_ProgramKey, Any] = {}
+
+    def get(self, key: _ProgramKey) -> Any:
+        if key not in self._arrays:
+            self._arrays[key] = self._renderer.build_vertex_array(key, self._content)
+        return self._arrays[key]
 
 
 class CameraRenderer:
@@ -62,19 +92,22 @@ class CameraRenderer:
 
     def __init__(self) -> None:
         """Raises InputError without moderngl or a driver."""
-        self._context = _create_context()
-        self._context.front_face = "cw"  # row 0 is the top: the image is drawn upside down
-        self._programs: dict[tuple[ImageKind, bool], moderngl.Program] = {}
-        self._targets: dict[tuple[ImageKind, int, int], moderngl.Framebuffer] = {}
-        self._arrays: dict[tuple[int, int], tuple[Any, moderngl.VertexArray]] = {}
-        """By ids of program and mesh, with the mesh, so that its id stays its own."""
-        self._places = self._context.buffer(reserve=MOST_INSTANCES * INSTANCE.itemsize, dynamic=True)
-        self._terrain = self._context.buffer(reserve=6 * TERRAIN_QUADS * VERTEX.itemsize, dynamic=True)
-        self._sky = self._context.program(vertex_shader=SKY_VERTEX.strip(), fragment_shader=SKY_FRAGMENT.strip())
+        context = self._context = create_context()
+        context.front_face = "cw"  # row 0 is the top: the image is drawn upside down
+        self._programs: dict[_ProgramKey, moderngl.Program] = {}
+        self._targets = RecentObjects[tuple[ImageKind, int, int]](MOST_TARGETS, self._build_target)
+        self._scenes = RecentObjects[StaticScene](MOST_SCENES, self._build_scene)
+        self._view = context.buffer(reserve=4 * VIEW_FLOATS, dynamic=True)
+        self._view.bind_to_uniform_block(0)
+        self._commands = _GrowingBuffer(context)
+        self._instances = _GrowingBuffer(context)
+        self._models = RecentObjects[Any](1, self._build_models)
+        terrain = self._terrain = context.buffer(reserve=_build_terrain().nbytes, dynamic=True)
+        self._terrain_arrays = _VertexArrays(self, terrain)
+        vertex, fragment = write_sky_shaders()
+        self._sky = context.program(vertex_shader=vertex, fragment_shader=fragment)
         corners = np.array(((-1, -1), (3, -1), (-1, 3)), dtype=np.float32)
-        self._sky_corners = self._context.simple_vertex_array(
-            self._sky, self._context.buffer(corners.tobytes()), "corner"
-        )
+        self._sky_corners = context.simple_vertex_array(self._sky, context.buffer(corners.tobytes()), "corner")
 
     @property
     def driver(self) -> str:
@@ -85,9 +118,10 @@ class CameraRenderer:
         """Return an image: (H, W, 3) uint8 for rgb, else (H, W): uint8 classes, float32 [m], uint32 1 + row."""
         model = picture.model
         components, dtype = _TEXTURES[model.kind]
-        target = self._get_target(model)
+        target = self._targets.get((model.kind, model.width, model.height))
         target.use()
         self._prepare_target(target, model.kind)
+        self._view.write(_pack_view(picture).tobytes())
         self._draw_instances(picture)
         self._draw_static(picture)
         if model.kind is ImageKind.RGB:
@@ -97,83 +131,92 @@ class CameraRenderer:
         target.read_into(image, components=components, alignment=1, dtype=dtype)
         return image
 
-    def _get_target(self, model: CameraModel) -> "moderngl.Framebuffer":
-        key = model.kind, model.width, model.height
-        if key not in self._targets:
-            size, (components, dtype) = (model.width, model.height), _TEXTURES[model.kind]
-            colour = self._context.texture(size, 4 if components == 3 else components, dtype=dtype)
-            self._targets[key] = self._context.framebuffer([colour], self._context.depth_renderbuffer(size))
-        return self._targets[key]
+    def build_vertex_array(self, key: _ProgramKey, content: list[Any]) -> Any:
+        """Return how a program reads buffers."""
+        return self._context.vertex_array(self._get_program(key), content, skip_errors=True)
+
+    def _get_program(self, key: _ProgramKey) -> Any:
+        if key not in self._programs:
+            vertex, fragment = write_shaders(key.kind, key.surface, key.is_instanced, key.has_lamps)
+            program: Any = self._context.program(vertex_shader=vertex, fragment_shader=fragment)
+            program["View"].binding = 0
+            self._programs[key] = program
+        return self._programs[key]
+
+    def _build_target(self, key: tuple[ImageKind, int, int]) -> "moderngl.Framebuffer":
+        kind, *size = key
+        components, dtype = _TEXTURES[kind]
+        colour = self._context.texture(size, 4 if components == 3 else components, dtype=dtype)
+        return self._context.framebuffer([colour], self._context.depth_renderbuffer(size))
+
+    def _build_scene(self, scene: StaticScene) -> _VertexArrays:
+        return _VertexArrays(self, self._context.buffer(scene.vertices.tobytes()))
+
+    def _build_models(self, instances: Any) -> _VertexArrays:
+        return _VertexArrays(self, self._context.buffer(MODEL_VERTICES.tobytes()), instances)
 
     def _prepare_target(self, target: "moderngl.Framebuffer", kind: ImageKind) -> None:
         background = {ImageKind.SEMANTIC: float(SemanticClass.SKY), ImageKind.DEPTH: FAR_M}.get(kind, 0.0)
         _clear(target, kind, background)
         self._context.enable(self._context.DEPTH_TEST | self._context.CULL_FACE)
-        self._context.polygon_offset = 0.0, 0.0
+
+    def _draw_instances(self, picture: Picture) -> None:
+        """Draw the road users and lamps that may be in the picture."""
+        instances, view = picture.instances, picture.view
+        visible = picture.model.may_show(view, instances.centre + picture.scene.origin[:2], instances.radius)
+        if picture.without is not None:
+            visible &= instances.row != picture.without
+        chosen = np.flatnonzero(visible)
+        if not len(chosen):
+            return
+        away = instances.centre[chosen] + picture.scene.origin[:2] - view.place[:2]
+        is_far = portable.hypot(away[:, 0], away[:, 1]) > FAR_M_OF_FOCAL * picture.model.focal_px
+        models = np.where(is_far, FAR_MODEL[instances.model[chosen]], instances.model[chosen])
+        order = np.argsort(models, kind="stable")
+        buffer = self._instances.write(instances.rows[chosen[order]].tobytes())
+        self._draw_runs(picture, self._models.get(buffer), list_instance_commands(models[order]), True)
 
     def _draw_static(self, picture: Picture) -> None:
-        """Draw solids, then the ground from top to bottom: a pixel is shaded once."""
-        scene, context = picture.scene, self._context
-        program = self._prepare_program(picture, instanced=False)
-        vertices = self._load_array(program, scene.vertices)
-        for first, count in _list_runs(scene.solids, picture):
-            vertices.render(vertices=count, first=first)
-        for depth, layer in enumerate(reversed(scene.ground)):
-            context.polygon_offset = 0.0, LAYER_OFFSET * depth
-            for first, count in _list_runs(layer, picture):
-                vertices.render(vertices=count, first=first)
-        context.polygon_offset = 0.0, LAYER_OFFSET * len(scene.ground)
-        self._terrain.write(_build_terrain(picture).tobytes())
-        self._load_array(program, self._terrain).render()
-        context.polygon_offset = 0.0, 0.0
+        scene = picture.scene
+        visible = picture.model.may_show(picture.view, scene.chunks.centre + scene.origin[:2], scene.chunks.radius)
+        self._draw_runs(picture, self._scenes.get(scene), list_chunk_commands(scene.chunks, visible), False)
+        self._terrain.write(_place_terrain(picture).tobytes())
+        self._terrain_arrays.get(_choose_program(picture, Surface.ROUGH, False)).render()
+
+    def _draw_runs(self, picture: Picture, arrays: _VertexArrays, runs: CommandRuns, is_instanced: bool) -> None:
+        """Draw parts of a buffer, with one call for each surface."""
+        if not len(runs.commands):
+            return
+        buffer = self._commands.write(runs.commands.tobytes())
+        for surface, first, count in runs.surfaces:
+            arrays.get(_choose_program(picture, surface, is_instanced)).render_indirect(
+                buffer, count=count, first=first
+            )
 
     def _draw_sky(self, picture: Picture) -> None:
         """Fill what nothing has covered."""
-        model, light = picture.model, picture.light
+        model, program = picture.model, self._sky
         self._context.disable(self._context.CULL_FACE)
         self._context.depth_func = "<="
         spread = np.diag((1.0, -model.width / 2 / model.focal_px, -model.height / 2 / model.focal_px))
-        _set(self._sky, "rays", picture.view.axes @ spread)
-        for name, value in (("zenith", light.zenith), ("horizon", light.horizon), ("exposure", picture.exposure)):
-            self._sky[name].value = value
+        rays: Any = program["rays"]
+        rays.write(np.ascontiguousarray((picture.view.axes @ spread).T, dtype=np.float32).tobytes())
         self._sky_corners.render()
         self._context.depth_func = "<"
 
-    def _draw_instances(self, picture: Picture) -> None:
-        program = self._prepare_program(picture, instanced=True)
-        origin = picture.scene.origin
-        for mesh, all_places in picture.instances:
-            centre, radius = all_places["place"][:, :2] + origin[:2], all_places["size"][:, 0].astype(np.float64)
-            places = all_places[picture.model.may_show(picture.view, centre, radius)]
-            for part in (places[i : i + MOST_INSTANCES] for i in range(0, len(places), MOST_INSTANCES)):
-                self._places.orphan()
-                self._places.write(part.tobytes())
-                self._load_array(program, mesh, self._places).render(instances=len(part))
 
-    def _load_array(self, program: Any, mesh: Any, rows: Any = None) -> Any:
-        """Return the vertex array of a mesh, or of a buffer with vertices; it is kept with its mesh."""
-        key = id(program), id(mesh)
-        if key not in self._arrays:
-            buffer = self._context.buffer(mesh.tobytes()) if isinstance(mesh, np.ndarray) else mesh
-            content: list[tuple[Any, ...]] = [(buffer, VERTEX_FORMAT, *_VERTEX_NAMES)]
-            if rows is not None:
-                content.append((rows, INSTANCE_FORMAT, *_INSTANCE_NAMES))
-            self._arrays[key] = mesh, self._context.vertex_array(program, content, skip_errors=True)
-        return self._arrays[key][1]
+class _GrowingBuffer:
+    """A buffer that is written anew for each image."""
 
-    def _prepare_program(self, picture: Picture, instanced: bool) -> Any:
-        kind = picture.model.kind
-        if (kind, instanced) not in self._programs:
-            self._programs[kind, instanced] = self._context.program(
-                vertex_shader=write_vertex_shader(instanced), fragment_shader=write_fragment_shader(kind)
-            )
-        program = self._programs[kind, instanced]
-        _set(program, "clip", picture.model.build_clip_matrix(picture.view, picture.scene.origin))
-        _set(program, "eye", picture.view.place - picture.scene.origin)
-        _set(program, "ahead", picture.view.axes[:, 0])
-        if kind is ImageKind.RGB:
-            _set_light(program, picture)
-        return program
+    def __init__(self, context: Any) -> None:
+        self._context, self._buffer = context, context.buffer(reserve=16384, dynamic=True)
+
+    def write(self, content: bytes) -> Any:
+        if len(content) > self._buffer.size:
+            self._buffer = self._context.buffer(reserve=2 * len(content), dynamic=True)
+        self._buffer.orphan()
+        self._buffer.write(content)
+        return self._buffer
 
 
 @lru_cache(maxsize=1)
@@ -188,23 +231,11 @@ def check_renderer(sensors: Iterable[SensorSpec]) -> None:
         load_renderer()
 
 
-def _create_context() -> Any:
-    try:
-        import moderngl
-    except ImportError:
-        raise InputError(
-            'camera: expected the package moderngl, which renders images, found none; pip install "mdrive-sumo[camera]"'
-        ) from None
-    os.environ.setdefault("LP_NUM_THREADS", "0")  # Mesa's software renderer: a worker process has one core
-    try:
-        create: Any = moderngl.create_context  # its stub takes no name of a backend
-        return create(standalone=True, require=330, backend="egl")
-    except Exception as error:  # noqa: BLE001 - moderngl raises bare Exception without a driver
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(
-            "camera: expected an OpenGL driver that renders without a display (EGL; on Debian the packages libegl1 and "
-            f"libgl1-mesa-dri), found none: {reason}"
-        ) from None
+def _choose_program(picture: Picture, surface: Surface, is_instanced: bool) -> _ProgramKey:
+    """Return the program of a surface; labels and depths look the same on all."""
+    if picture.model.kind is not ImageKind.RGB:
+        return _ProgramKey(picture.model.kind, is_instanced=is_instanced)
+    return _ProgramKey(ImageKind.RGB, surface, is_instanced, picture.light.lamps)
 
 
 def _clear(target: Any, kind: ImageKind, value: float) -> None:
@@ -218,49 +249,40 @@ def _clear(target: Any, kind: ImageKind, value: float) -> None:
     texture.write(np.full(texture.width * texture.height, value, dtype=dtype).tobytes(), alignment=1)
 
 
-def _set(program: Any, name: str, value: Float) -> None:
-    """Set a vector or matrix; names that a kind of image does not use are left out. GLSL wants columns first."""
-    if name in program:
-        program[name].write(np.ascontiguousarray(value.T, dtype=np.float32).tobytes())
-
-
-def _set_light(program: Any, picture: Picture) -> None:
-    light = picture.light
+def _pack_view(picture: Picture) -> npt.NDArray[np.float32]:
+    """Return the uniform block of the shaders: the matrix, columns first, and rows of four."""
+    light, exposure, origin = picture.light, picture.exposure, picture.scene.origin
     level = math.sqrt(1.0 - light.elevation * light.elevation)
-    _set(program, "ground", picture.scene.origin)
-    _set(program, "heading", picture.heading)
-    _set(program, "to_sun", np.array((0.6 * level, -0.8 * level, light.elevation)))
-    for name in ("sun", "ambient", "horizon", "fog_per_m", "wet"):
-        program[name].value = getattr(light, name)
-    program["lamps"].value = float(light.lamps)
-    program["exposure"].value = picture.exposure
+    fog = light.fog_per_m / FOG_STEPS
+    rows = (
+        (*(picture.view.place - origin), 0.0),
+        (*picture.view.axes[:, 0], light.wet),
+        (*origin, exposure),
+        (0.6 * level, -0.8 * level, light.elevation, 0.0),
+        (*light.sun, 0.0),
+        (*light.ambient, 0.0),
+        (*(exposure * value for value in light.horizon), fog),
+        (*(exposure * value for value in light.zenith), 0.0),
+        (*picture.heading, 0.0, 0.0),
+    )
+    clip = picture.model.build_clip_matrix(picture.view, origin)
+    return np.concatenate((clip.T.reshape(-1), np.array(rows).reshape(-1))).astype(np.float32)
 
 
-def _build_terrain(picture: Picture) -> Mesh:
-    """Return a square of grass around the camera, in pieces that grow with the distance.
-
-    Software renderers compute the depth of a piece from its corners. Those of one large piece lie so far outside the
-    image that rounding put the grass in front of the road.
-    """
-    (x, y, _), quads = picture.view.place - picture.scene.origin, list[Sequence[tuple[float, float, float]]]()
-    for inner, outer in pairwise((0.0, *TERRAIN_M)):
-        sides = ((-outer, -inner), (-inner, inner), (inner, outer))
-        for left, right in sides:
-            for low, high in sides:
-                is_hole = inner > 0.0 and left == low == -inner
-                if left < right and low < high and not is_hole:
-                    corners = ((left, low), (right, low), (right, high), (left, high))
-                    quads.append([(x + dx, y + dy, 0.0) for dx, dy in corners])
-    return build_mesh(build_quads(np.array(quads)), TERRAIN, SemanticClass.TERRAIN, Material.ROUGH)
+@lru_cache(maxsize=1)
+def _build_terrain() -> Mesh:
+    """Return squares of grass around a camera at the origin."""
+    quads = [
+        ((west, south, 0.0), (east, south, 0.0), (east, north, 0.0), (west, north, 0.0))
+        for west, east in pairwise(TERRAIN_M)
+        for south, north in pairwise(TERRAIN_M)
+    ]
+    triangles = build_quads(np.array(quads))
+    return build_mesh(triangles, TERRAIN, SemanticClass.TERRAIN, Material.ROUGH, GROUND_LAYERS + 1)
 
 
-def _list_runs(chunks: Chunks, picture: Picture) -> list[tuple[int, int]]:
-    """Return first and number of vertices of the visible chunks; neighbours are drawn together."""
-    runs: list[tuple[int, int]] = []
-    visible = np.flatnonzero(chunks.find_visible(picture.model, picture.view, picture.scene.origin))
-    for first, count in zip(chunks.first[visible].tolist(), chunks.count[visible].tolist(), strict=True):
-        if runs and sum(runs[-1]) == first:
-            runs[-1] = runs[-1][0], runs[-1][1] + count
-        else:
-            runs.append((first, count))
-    return runs
+def _place_terrain(picture: Picture) -> Mesh:
+    """Return the terrain around the camera."""
+    terrain = _build_terrain().copy()
+    terrain["position"][:, :2] += (picture.view.place - picture.scene.origin)[:2].astype(np.float32)
+    return terrain

@@ -11,7 +11,7 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.sensing.camera.camera_model import CameraModel, CameraMount, CameraView, ImageKind
 from mdrive_sumo.sensing.camera.camera_renderer import Picture, load_renderer
-from mdrive_sumo.sensing.camera.instances import build_instances
+from mdrive_sumo.sensing.camera.instances import load_instances
 from mdrive_sumo.sensing.camera.lighting import LIGHT_OF_WEATHER, LIGHTS
 from mdrive_sumo.sensing.camera.static_scene import load_static_scene
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
@@ -50,10 +50,11 @@ class CameraSensor:
         if scene.tick % self._every_ticks:
             return None
         static = load_static_scene(self._fitting.roads)
-        instances = build_instances(scene, static.lamps, eye.carrier_row, static.origin)
+        instances = load_instances(scene, static)
         heading = np.array(portable.cos_sin(eye.yaw))
+        without, light, exposure = eye.carrier_row, self._light, self._exposure
         pictures = [
-            self._renderer.draw(Picture(self._model, view, static, instances, self._light, heading, self._exposure))
+            self._renderer.draw(Picture(self._model, view, static, instances, light, heading, without, exposure))
             for view in self._list_views(scene, eye)
         ]
         return self._finish(scene, self._spoil(scene.tick, pictures))

@@ -14,7 +14,8 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 
 VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 4), ("kind", "u1", 4)])
-"""A corner of a triangle: position [m], unit normal, RGB and padding, semantic class and material and padding."""
+"""A corner of a triangle: position [m], unit normal, RGB and padding, and semantic class, material, layer of the ground
+(0 for solids, 1 for the topmost), padding."""
 VERTEX_FORMAT = "3f4 3f4 4f1 4u1"
 """The same for moderngl."""
 Mesh: TypeAlias = npt.NDArray[np.void]
@@ -35,14 +36,37 @@ class Material(IntEnum):
     """Asphalt, grass: brightness varies from place to place."""
     HEADLAMP = 4
     TAIL_LAMP = 5
-    SIGNAL = 6
+    BRAKE_LAMP = 6
+    """The third one of a car, which is dark when it does not brake."""
+    SIGNAL = 7
     """Shines in the colour of the instance."""
-    STRIPES = 7
+    STRIPES = 8
     """Red and white, as on barriers."""
+    LEFT_INDICATOR = 9
+    RIGHT_INDICATOR = 10
 
 
-def build_mesh(triangles: Float, colour: Colour, semantic: SemanticClass, material: Material = Material.PLAIN) -> Mesh:
-    """Return triangles (T, 3, 3) [m], counter-clockwise from outside, as a mesh."""
+class Surface(IntEnum):
+    """Materials that one program of the renderer draws."""
+
+    FACADE = 0
+    STRIPES = 1
+    PLAIN = 2
+    ROUGH = 3
+
+
+SURFACE_OF_MATERIAL = {
+    **dict.fromkeys(Material, Surface.PLAIN),
+    Material.FACADE: Surface.FACADE,
+    Material.STRIPES: Surface.STRIPES,
+    Material.ROUGH: Surface.ROUGH,
+}
+
+
+def build_mesh(
+    triangles: Float, colour: Colour, semantic: SemanticClass, material: Material = Material.PLAIN, layer: int = 0
+) -> Mesh:
+    """Return triangles (T, 3, 3) [m], counter-clockwise from outside, as a mesh. layer: of the ground; 1 is the top."""
     edges = triangles[:, 1:] - triangles[:, :1]
     normals = np.cross(edges[:, 0], edges[:, 1])
     normals /= np.maximum(np.sqrt(portable.square(normals).sum(-1, keepdims=True)), 1e-12)
@@ -50,7 +74,7 @@ def build_mesh(triangles: Float, colour: Colour, semantic: SemanticClass, materi
     mesh["position"] = triangles.reshape(-1, 3)
     mesh["normal"] = np.repeat(normals, 3, axis=0)
     mesh["colour"] = (*colour, 255)
-    mesh["kind"] = (semantic, material, 0, 0)
+    mesh["kind"] = (semantic, material, layer, 0)
     return mesh
 
 
@@ -97,15 +121,18 @@ def build_block(low: Corner, high: Corner) -> Float:
     return build_frustum((low, (high[0], high[1], low[2])), ((low[0], low[1], high[2]), high))
 
 
-def build_wheel(x: float, y: tuple[float, float], radius: float, corners: int = 10) -> Float:
-    """Return the triangles (T, 3, 3) of a wheel that stands on the ground at x between two values of y [m]."""
-    angles = np.arange(corners) * (2 * math.pi / corners) - math.pi / 2
-    cos, sin = portable.cos_sin(angles)
-    ring = np.column_stack((x + radius * cos, radius + radius * sin))
-    right, left = (np.column_stack((ring[:, 0], np.full(corners, side), ring[:, 1])) for side in y)
-    tread = np.stack((right, np.roll(right, -1, axis=0), np.roll(left, -1, axis=0), left), axis=1)[:, ::-1]
-    discs = [
-        np.stack((np.tile((x, side, radius), (corners, 1)), ring_3d, np.roll(ring_3d, -1, axis=0)), axis=1)
-        for ring_3d, side in ((right, y[0]), (left[::-1], y[1]))
-    ]
+def build_wheel(x: float, y: tuple[float, float], radius: float, corners: int = 12) -> Float:
+    """Return the triangles (T, 3, 3) of a wheel that stands on the ground at x between two values of y [m]: its
+    tread, its right side and its left side."""
+    discs = [build_disc((x, y[0], radius), radius, corners), build_disc((x, y[1], radius), radius, corners)[:, ::-1]]
+    right, left = discs[0][:, 1], discs[1][:, 1]
+    tread = np.stack((right, left, np.roll(left, -1, axis=0), np.roll(right, -1, axis=0)), axis=1)
     return np.concatenate((build_quads(tread), *discs))
+
+
+def build_disc(middle: Corner, radius: float, corners: int) -> Float:
+    """Return the triangles (corners, 3, 3) of an upright disc around a point, which faces right (-y) [m]."""
+    angles = np.arange(corners + 1) * (2 * math.pi / corners) - math.pi / 2
+    cos, sin = portable.cos_sin(angles)
+    ring = np.array(middle) + np.column_stack((radius * cos, np.zeros(corners + 1), radius * sin))
+    return np.stack((np.broadcast_to(np.array(middle), (corners, 3)), ring[:-1], ring[1:]), axis=1)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -10,7 +10,7 @@ import shapely
 
 from mdrive_sumo.contract.semantic_classes import SemanticClass
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Bool, Float, Int
+from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.drawing.map_geometry import (
     MapGeometry,
@@ -20,8 +20,8 @@ from mdrive_sumo.roads.drawing.map_geometry import (
     list_signal_heads,
 )
 from mdrive_sumo.roads.drawing.road_paint import build_road_paint
-from mdrive_sumo.sensing.camera.camera_model import CameraModel, CameraView
 from mdrive_sumo.sensing.camera.meshes import (
+    SURFACE_OF_MATERIAL,
     Colour,
     Material,
     Mesh,
@@ -45,14 +45,18 @@ HOUSING_M = (0.3, 0.36, 1.0)
 HOUSING_LOW_M, HOUSING_GAP_M = 2.7, 0.5
 OUTSIDE_M = 0.9
 """[m] Distance of a traffic light's pole from the edge of its lane."""
+GROUND_LAYERS = 5
+"""Of roads, pavements and paint; the terrain lies below them."""
 GREY: Colour = (120, 122, 124)
 RED: Colour = (190, 30, 38)
 
 
 @dataclass(frozen=True, slots=True)
 class Chunks:
-    """Parts of a static scene that are drawn together; arrays (K,)."""
+    """Parts of a static scene that are drawn or left out as a whole; arrays (K,), in the order of drawing."""
 
+    surface: Int
+    """`Surface`, ascending."""
     first: Int
     """Index of the first vertex."""
     count: Int
@@ -61,10 +65,6 @@ class Chunks:
     """(K, 2) [m], relative to the origin."""
     radius: Float
     """[m]"""
-
-    def find_visible(self, model: CameraModel, view: CameraView, origin: Float) -> Bool:
-        """Return which chunks (K,) may be in the picture."""
-        return model.may_show(view, self.centre + origin[:2], self.radius)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,31 +86,20 @@ class StaticScene:
     origin: Float
     """(3,) [m] of the vertices in the world: single precision is too coarse for large coordinates."""
     vertices: Mesh
-    ground: tuple[Chunks, ...]
-    """Layers at height 0, from bottom to top."""
-    solids: Chunks
+    chunks: Chunks
     lamps: SignalLamps
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=2)
 def load_static_scene(roads: RoadMap) -> StaticScene:
-    """Return the scene of a network."""
+    """Return the scene of a network; those of the last two are kept."""
     whole = shapely.MultiPoint(np.concatenate([lane.centre.xy for lane in roads.driving])).buffer(1000.0).envelope
     geometry, heads = build_map_geometry(roads, whole), list_signal_heads(roads, whole)
     middle = shapely.get_coordinates(whole.centroid)[0].round()
     origin = np.array((*middle, 0.0))
-    layers = [_move(mesh, origin) for mesh in _build_ground(geometry)]
-    solids = _move(join_meshes(list(_build_solids(geometry, heads))), origin)
-    parts = [_cut_into_chunks(mesh) for mesh in (*layers, solids)]
-    first = np.cumsum([0, *(len(mesh) for mesh, _ in parts[:-1])])
-    chunks = [replace(found, first=found.first + start) for (_, found), start in zip(parts, first, strict=True)]
-    return StaticScene(
-        origin,
-        join_meshes([mesh for mesh, _ in parts]),
-        tuple(chunks[:-1]),
-        chunks[-1],
-        _build_lamps(heads, origin),
-    )
+    # Solids first, then the ground from top to bottom: a pixel is shaded about once.
+    mesh = _move(join_meshes([*_build_solids(geometry, heads), *_build_ground(geometry)]), origin)
+    return StaticScene(origin, *_cut_into_chunks(mesh), _build_lamps(heads, origin))
 
 
 def _move(mesh: Mesh, origin: Float) -> Mesh:
@@ -119,15 +108,18 @@ def _move(mesh: Mesh, origin: Float) -> Mesh:
 
 
 def _build_ground(geometry: MapGeometry) -> Iterator[Mesh]:
-    """Yield the layers of the ground from bottom to top."""
+    """Yield the layers of the ground from top to bottom."""
     road, walk, line = SemanticClass.ROAD, SemanticClass.SIDEWALK, SemanticClass.ROAD_LINE
-    kerbs = _build_kerbs(geometry)
     paint = build_road_paint(geometry, LINE_M, STOP_LINE_M)
-    yield build_mesh(triangulate_polygons(geometry.pavements, 0.0), (158, 156, 150), walk, Material.ROUGH)
-    yield build_mesh(triangulate_polygons(geometry.aprons, 0.0), (104, 104, 106), road, Material.ROUGH)
-    yield build_mesh(triangulate_polygons(geometry.asphalt, 0.0), (84, 85, 88), road, Material.ROUGH)
-    yield build_mesh(triangulate_polygons(kerbs, 0.0), (196, 194, 188), walk)
-    yield build_mesh(triangulate_polygons(paint, 0.0), (226, 226, 222), line)
+    layers: tuple[tuple[Sequence[shapely.Polygon], Colour, SemanticClass, Material], ...] = (
+        (paint, (226, 226, 222), line, Material.PLAIN),
+        (_build_kerbs(geometry), (196, 194, 188), walk, Material.PLAIN),
+        (geometry.asphalt, (84, 85, 88), road, Material.ROUGH),
+        (geometry.aprons, (104, 104, 106), road, Material.ROUGH),
+        (geometry.pavements, (158, 156, 150), walk, Material.ROUGH),
+    )
+    for layer, (shapes, colour, semantic, material) in enumerate(layers, start=1):
+        yield build_mesh(triangulate_polygons(shapes, 0.0), colour, semantic, material, layer)
 
 
 def _build_kerbs(geometry: MapGeometry) -> list[shapely.Polygon]:
@@ -216,13 +208,16 @@ def _build_lamps(heads: Sequence[SignalHead], origin: Float) -> SignalLamps:
 
 
 def _cut_into_chunks(mesh: Mesh) -> tuple[Mesh, Chunks]:
-    """Return the triangles ordered by the square of their middle, and the squares."""
+    """Return the triangles ordered by surface, layer, and square of their middle, and the parts so found."""
     corners = mesh["position"].reshape(-1, 3, 3).astype(np.float64)
     if not len(corners):
         none = np.zeros(0, dtype=np.int64)
-        return mesh, Chunks(none, none, np.zeros((0, 2)), np.zeros(0))
+        return mesh, Chunks(none, none, none, np.zeros((0, 2)), np.zeros(0))
+    kind = mesh["kind"][::3].astype(np.int64)
+    surface = np.array([SURFACE_OF_MATERIAL[material] for material in Material])[kind[:, 1]]
     cell = np.floor(corners[:, :, :2].mean(axis=1) / CHUNK_M).astype(np.int64)
-    _, number, sizes = np.unique(cell, axis=0, return_inverse=True, return_counts=True)
+    key = np.column_stack((surface, kind[:, 2], cell))
+    found, number, sizes = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     order = np.argsort(number.reshape(-1), kind="stable")
     ends = np.cumsum(sizes)
     ordered = corners[order][:, :, :2]
@@ -230,4 +225,4 @@ def _cut_into_chunks(mesh: Mesh) -> tuple[Mesh, Chunks]:
     centre = np.array([(group.min(axis=0) + group.max(axis=0)) / 2 for group in groups])
     radius = np.array([portable.hypot(*(group - middle).T).max() for group, middle in zip(groups, centre, strict=True)])
     rows = (3 * order[:, None] + np.arange(3)).reshape(-1)
-    return mesh[rows], Chunks(3 * (ends - sizes), 3 * sizes, centre, radius)
+    return mesh[rows], Chunks(found[:, 0], 3 * (ends - sizes), 3 * sizes, centre, radius)

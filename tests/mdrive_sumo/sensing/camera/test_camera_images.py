@@ -12,10 +12,11 @@ from testing.camera_scenes import Box, build_scene, find_eye, load_town, needs_o
 from mdrive_sumo.contract import SemanticClass, SensorSpec
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.roads.drawing.map_geometry import build_map_geometry
 from mdrive_sumo.sensing.camera.camera_model import FAR_M, CameraModel
 from mdrive_sumo.sensing.camera.camera_sensor import read_camera_model
-from mdrive_sumo.sensing.camera.instances import build_instances
+from mdrive_sumo.sensing.camera.instances import MESHES, load_instances
 from mdrive_sumo.sensing.camera.static_scene import load_static_scene
 from mdrive_sumo.sensing.lidar_world import assume_heights
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, derive_track_name
@@ -65,11 +66,12 @@ def list_triangles(roads: RoadMap, scene: SensingFrame) -> Float:
     """All triangles (T, 3, 3) [m] that are drawn, in the world."""
     static = load_static_scene(roads)
     found = [static.vertices["position"].astype(np.float64).reshape(-1, 3, 3)]
-    for mesh, places in build_instances(scene, static.lamps, 0, static.origin):
-        for place in places:
+    instances = load_instances(scene, static)
+    for place, model in zip(instances.rows, instances.model.tolist(), strict=True):
+        if place["tag"] != 1:  # the own car is not shown
             cos, sin = place["turn"]
             turn = np.array(((cos, sin, 0.0), (-sin, cos, 0.0), (0.0, 0.0, 1.0)))
-            solid = (mesh["position"] * place["size"]).astype(np.float64) @ turn + place["place"]
+            solid = (MESHES[model]["position"] * place["size"]).astype(np.float64) @ turn + place["place"]
             found.append(solid.reshape(-1, 3, 3))
     return np.concatenate(found) + static.origin
 
@@ -192,3 +194,23 @@ def test_semantic_classes_and_sky() -> None:
     heights = assume_heights(scene.boxes.kind, scene.boxes.length)
     assert heights[1] == pytest.approx(1.75)
     assert find_eye(scene).carrier_row == 0
+
+
+@pytest.mark.parametrize("network", ["main_street", "old_town", "freeway", "roundabout"])
+def test_ground_has_the_class_of_the_topmost_layer(network: str) -> None:
+    """Layers lie at one height: a rounding error of their depths would show one through another."""
+    roads = load_road_map(find_network_folder(network))
+    asphalt = shapely.union_all(list(build_map_geometry(roads, shapely.box(-5e3, -5e3, 5e3, 5e3)).asphalt))
+    options = {"kind": "semantic", "width": 160, "height": 90, "x": 0.4, "z": 1.4}
+    model = get_model(**options)
+    rows, columns = np.mgrid[50:90, 0:160]
+    rays = np.stack((np.ones(rows.shape), 79.5 - columns, 44.5 - rows), axis=-1) / (1.0, model.focal_px, model.focal_px)
+    for pose in find_street(roads, 8, 5):
+        view = model.find_view(*pose)
+        directions = rays @ view.axes.T
+        ground = view.place + directions * (view.place[2] / -directions[..., 2:])
+        inside = shapely.contains_xy(asphalt.buffer(-0.4), ground[..., 0], ground[..., 1])
+        shown = take_image(build_scene([place_car(*pose)]), roads, **options).pixels[50:90]
+        is_ground = np.isin(shown, [SemanticClass.TERRAIN, SemanticClass.SIDEWALK, SemanticClass.ROAD])
+        assert (inside & is_ground).sum() > 500
+        assert (shown[inside & is_ground] == SemanticClass.ROAD).all()
