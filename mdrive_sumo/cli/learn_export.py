@@ -30,4 +30,7 @@ def command(system: str, checkpoint: Path, out: Path, data: tuple[Path, ...], wo
     loaded = load_checkpoint(checkpoint, system)
     found = export_network(loaded, out, load_arrays(data, SYSTEMS[system], workers) if data else None)
     size = found.network.stat().st_size / 1e6
-    click.echo(f"{found.network}  {size:.2f} MB, differs from PyTorch by {1e3 * found.difference:.3f} mm at most")
+    click.echo(
+        f"{found.network}  {size:.2f} MB, differs from PyTorch by {1e3 * found.difference:.3f} mm at most, by"
+        f" {1e3 * found.rounding:.3f} mm before its weights were rounded"
+    )

@@ -1,5 +1,6 @@
 """export_network: a trained network as ONNX with half-precision weights, checked against PyTorch."""
 
+import copy
 import hashlib
 import warnings
 from collections.abc import Mapping
@@ -13,6 +14,7 @@ import onnx
 import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor, nn
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from mdrive_sumo.agents.learned.network_inputs import describe_inputs, describe_outputs
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS, SystemSpec
@@ -52,11 +54,14 @@ Arrays = Mapping[str, npt.NDArray[Any]]
 
 @dataclass(frozen=True, slots=True)
 class ExportedNetwork:
-    """Paths of the two files, and the largest difference from PyTorch [m]."""
+    """The two files, and the largest differences [m] of plan and control from PyTorch's."""
 
     network: Path
     manifest: Path
     difference: float
+    """With the rounded weights of the file."""
+    rounding: float
+    """With the weights of the checkpoint."""
 
 
 def export_network(checkpoint: Checkpoint, folder: Path, arrays: Arrays | None = None) -> ExportedNetwork:
@@ -69,7 +74,7 @@ def export_network(checkpoint: Checkpoint, folder: Path, arrays: Arrays | None =
     network = build_network(checkpoint.system)
     network.load_state_dict(checkpoint.average)
     network.eval()
-    _halve_weights(network)
+    halved = _halve_weights(network)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{checkpoint.system}.onnx"
     samples = [_take_sample(spec, build_synthetic_arrays(spec, 1, seed=i), 0) for i in range(CHECKED_SAMPLES)]
@@ -77,18 +82,35 @@ def export_network(checkpoint: Checkpoint, folder: Path, arrays: Arrays | None =
         rows = np.linspace(0, len(arrays["own"]) - 1, CHECKED_REAL_SAMPLES).astype(int)
         samples += [_take_sample(spec, arrays, row) for row in rows.tolist()]
     inputs, outputs = list(samples[0]), list(describe_outputs(spec))
-    _write_onnx(_Positional(network, inputs, outputs).eval(), samples[0], outputs, path)
-    difference = max(_compare(network, path, sample) for sample in samples)
+    _write_onnx(_Positional(halved, inputs, outputs).eval(), samples[0], outputs, path)
+    difference = max(_compare(halved, path, sample) for sample in samples)
+    rounding = max(_compare(network, path, sample) for sample in samples)
     _check(path, difference)
     manifest = _build_manifest(checkpoint, path, network, samples[0])
     write_manifest(manifest, path.with_suffix(".json"))
-    return ExportedNetwork(path, path.with_suffix(".json"), difference)
+    return ExportedNetwork(path, path.with_suffix(".json"), difference, rounding)
 
 
-def _halve_weights(network: nn.Module) -> None:
-    """Round the weights to half precision, which is what the file holds, and compute on with them in single."""
-    for each in network.parameters():
-        each.data = each.data.half().float()
+def _halve_weights(network: nn.Module) -> nn.Module:
+    """Return a copy with all numbers rounded to half precision, as the file holds them; it computes in single.
+
+    Normalisation is folded into the convolutions first, as the exporter would do after rounding.
+    """
+    halved = copy.deepcopy(network)
+    for module in halved.modules():
+        if isinstance(module, nn.Sequential):
+            _fold_normalisation(module)
+    for each in (*halved.parameters(), *halved.buffers()):
+        if each.is_floating_point():
+            each.data = each.data.half().float()
+    return halved
+
+
+def _fold_normalisation(layers: nn.Sequential) -> None:
+    for i in range(len(layers) - 1):
+        convolution, normalisation = layers[i], layers[i + 1]
+        if isinstance(convolution, nn.Conv2d) and isinstance(normalisation, nn.BatchNorm2d):
+            layers[i], layers[i + 1] = fuse_conv_bn_eval(convolution, normalisation), nn.Identity()
 
 
 def _take_sample(spec: SystemSpec, arrays: Arrays, row: int) -> dict[str, Tensor]:
