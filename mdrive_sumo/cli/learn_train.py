@@ -1,5 +1,6 @@
 """`mdrive-sumo learn train`."""
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,7 +75,11 @@ def _run_smoke_test(system: str, data: tuple[Path, ...], out: Path, workers: int
 def _load(system: str, folders: tuple[Path, ...], workers: int) -> dict[str, Any]:
     from mdrive_sumo.learning.sample_reader import load_arrays
 
-    return load_arrays(folders, SYSTEMS[system], workers)
+    began = time.monotonic()
+    arrays = load_arrays(folders, SYSTEMS[system], workers)
+    gigabytes = sum(each.nbytes for each in arrays.values()) / 1e9
+    click.echo(f"{len(arrays['own'])} samples, {gigabytes:.1f} GB, read in {time.monotonic() - began:.0f} s")
+    return arrays
 
 
 def _train(system: str, data: tuple[Path, ...], out: Path, options: dict[str, Any]) -> None:

@@ -1,6 +1,7 @@
 """run_training: data in, checkpoint, curves and a first evaluation out."""
 
 import json
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ import torch
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.held_out import find_held_out
-from mdrive_sumo.learning.sample_kinds import compute_shares
+from mdrive_sumo.learning.sample_kinds import compute_shares, name_kinds
 from mdrive_sumo.learning.training.checkpoint import CHECKPOINT_NAME, load_checkpoint, load_whole_checkpoint
 from mdrive_sumo.learning.training.trainer import Trainer
 from mdrive_sumo.learning.training.training_data import TrainingData
@@ -50,7 +51,8 @@ def run_training(run: TrainingRun, report: Report) -> Path:
     _prepare(trainer, run, report)
     data, shares, validation = _prepare_data(run, device)
     trainer.summary |= _describe_run(run, device, int(np.count_nonzero(shares)))
-    report(f"{run.system}: {trainer.summary['samples']} samples in the memory of {data.place}")
+    kinds = ", ".join(f"{kind} {count}" for kind, count in trainer.summary["kinds"].items())
+    report(f"{run.system}: {trainer.summary['samples']} samples in the memory of {data.place}: {kinds}")
     trainer.train(data, shares, run.folder, validation.glance)
     found = validation.describe(trainer.average.network)
     trainer.summary["validation"] = found
@@ -96,6 +98,7 @@ def _describe_run(run: TrainingRun, device: torch.device, samples: int) -> dict[
     where = torch.cuda.get_device_name(device) if device.type == "cuda" else "CPU"
     return {
         "samples": samples,
+        "kinds": dict(sorted(Counter(name_kinds(run.data).tolist()).items())),
         "sources": list(run.sources),
         "options": asdict(run.options),
         "device": where,
