@@ -7,9 +7,9 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import box_corners
+from mdrive_sumo.core.geometry import box_corners, wrap_angle
 from mdrive_sumo.generate.hard.family_parts import WALKER_SIZES, build_crossing_actor
-from mdrive_sumo.generate.pedestrian_crossing import compute_route_pose
+from mdrive_sumo.generate.pedestrian_crossing import LANE_M, compute_route_pose
 from mdrive_sumo.generate.spawn_points import BLIND_SPEED
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.props import PROPS
@@ -40,6 +40,8 @@ HIDES_M = (0.7, 1.4)
 """[m] Between a parked vehicle and the person that steps out behind it."""
 TURN_OFF_M = 14.0
 """[m] A cyclist ahead leaves the road over this distance."""
+SWERVE_M, BEND_RAD = 14, 0.6
+"""[m], [rad] A route that turns by more than this within this distance before an obstacle leaves no room to swerve."""
 ZEBRA_SHARE = 0.6
 """Share of road users that cross on a zebra crossing where the CAV's route has one."""
 TRIES = 12
@@ -189,6 +191,25 @@ def _build_parked_vehicle(lane: Lane, name: str, rng: random.Random) -> Actor:
         x=round(x + offset * portable.sin(yaw), 3), y=round(y - offset * portable.cos(yaw), 3), yaw=round(yaw, 4)
     )
     return Actor(id=name, kind=size.kind, model=model, length=size.length, width=size.width, start=pose)
+
+
+def fit_to_lane_width(actor: Actor, roads: RoadMap) -> Actor:
+    """Return an obstacle, moved to the right in a lane narrower than the 3.5 m for which `generate` places it.
+
+    There it leaves as much of the lane and its neighbour free as in a lane of 3.5 m.
+    """
+    at = actor.start
+    lane = roads.driving[roads.find_nearest_lanes(np.array([[at.x, at.y]])).lane[0]]
+    missing = max(LANE_M - lane.width, 0.0)
+    x, y = at.x + missing * portable.sin(at.yaw), at.y - missing * portable.cos(at.yaw)
+    return actor.model_copy(update={"start": Pose(x=round(x, 3), y=round(y, 3), yaw=at.yaw)})
+
+
+def is_behind_bend(actor: Actor, ego: Ego) -> bool:
+    """Return whether the CAV's route turns much shortly before an obstacle: there is no room to swerve."""
+    station = round(shapely.line_locate_point(shapely.LineString(ego.xy), shapely.Point(actor.start.x, actor.start.y)))
+    yaws = ego.yaw[max(station - SWERVE_M, 0) : station + 1].tolist()
+    return max(abs(wrap_angle(yaw - yaws[-1])) for yaw in yaws) > BEND_RAD
 
 
 def select_free_actors(roads: RoadMap, egos: Sequence[Ego], actors: Sequence[Actor]) -> tuple[Actor, ...]:

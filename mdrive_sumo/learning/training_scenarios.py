@@ -24,6 +24,8 @@ from mdrive_sumo.learning.roadside_actors import (
     build_crossing_users,
     build_leading_cyclist,
     build_parked_vehicles,
+    fit_to_lane_width,
+    is_behind_bend,
     select_free_actors,
 )
 from mdrive_sumo.learning.training_situations import SITUATIONS, SituationPlan
@@ -147,7 +149,9 @@ def _build_actors(
 ) -> tuple[Actor, ...]:
     """Return the scripted actors that have room. Raises InputError if none of those that the plan is about has."""
     cavs = tuple(egos.values())
-    made = list(place_actors(plan.obstacles, egos, roads, rng))
+    made = [fit_to_lane_width(actor, roads) for actor in place_actors(plan.obstacles, egos, roads, rng)]
+    if any(is_behind_bend(actor, next(iter(egos.values()))) for actor in made):
+        raise InputError(f"network {roads.name}: expected obstacles on a straight, found one behind a bend")
     walkers: list[tuple[KindName, bool]] = [("pedestrian", k < plan.hidden_walkers) for k in range(plan.walkers)]
     cyclists: list[tuple[KindName, bool]] = [("cyclist", False)] * plan.crossing_cyclists
     kinds = walkers + cyclists
