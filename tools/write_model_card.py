@@ -97,6 +97,7 @@ def _format_training(training: Mapping[str, Any], measured: Mapping[str, Any]) -
     options: Mapping[str, Any] = training.get("options", {})
     rows = [
         ("data", f"{training.get('samples', '?')} samples: {', '.join(training.get('sources', ()))}"),
+        ("kinds", ", ".join(f"{kind} {count}" for kind, count in training.get("kinds", {}).items()) or "?"),
         (
             "steps",
             f"{training.get('steps', '?')} of {options.get('batch', '?')} samples, seed {options.get('seed', '?')}",

@@ -1,5 +1,6 @@
 """`mdrive-sumo learn train`."""
 
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ class RoundOptions:
 @click.option("--out", type=FOLDER, required=True, help="Folder for checkpoint, curves and validation.")
 @click.option("--steps", type=click.IntRange(1, 10_000_000), default=8000, show_default=True)
 @click.option("--batch", type=click.IntRange(1, 65_536), default=256, show_default=True, help="Samples of one step.")
-@click.option("--learning-rate", type=click.FloatRange(1e-7, 1.0), default=1.5e-3, show_default=True)
+@click.option("--learning-rate", type=click.FloatRange(1e-7, 1.0), default=1e-3, show_default=True)
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True)
 @click.option("--max-minutes", type=click.FloatRange(0.01, 1e5), help="End by then, with the learning rate run out.")
 @click.option("--resume", is_flag=True, help="Go on from the checkpoint in --out.")
@@ -74,7 +75,11 @@ def _run_smoke_test(system: str, data: tuple[Path, ...], out: Path, workers: int
 def _load(system: str, folders: tuple[Path, ...], workers: int) -> dict[str, Any]:
     from mdrive_sumo.learning.sample_reader import load_arrays
 
-    return load_arrays(folders, SYSTEMS[system], workers)
+    began = time.monotonic()
+    arrays = load_arrays(folders, SYSTEMS[system], workers)
+    gigabytes = sum(each.nbytes for each in arrays.values()) / 1e9
+    click.echo(f"{len(arrays['own'])} samples, {gigabytes:.1f} GB, read in {time.monotonic() - began:.0f} s")
+    return arrays
 
 
 def _train(system: str, data: tuple[Path, ...], out: Path, options: dict[str, Any]) -> None:

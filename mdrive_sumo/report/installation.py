@@ -38,6 +38,8 @@ PACKAGES = (
     ("ribs", "generate --hard", "search"),
     ("moderngl", "agents with cameras, render --view driver", "camera"),
     ("onnxruntime", "learned agents", "learned"),
+    ("torch", "learn train, learn export", "learn"),
+    ("onnx", "learn train, learn export", "learn"),
 )
 """Distribution, the commands that need it, the extra that brings it ("" = the core install)."""
 

@@ -78,16 +78,17 @@ def test_a_run_validates_on_drives_that_it_has_not_seen(tmp_path: Path) -> None:
     arrays = build_synthetic_arrays(SYSTEMS["tcp"], 60, seed=0)
     arrays["episode"] = (np.arange(60) // 3).astype(np.int32)
     lines: list[str] = []
-    run = TrainingRun("tcp", replace(OPTIONS, steps=2), "cpu", tmp_path, arrays, sources=("made up",))
+    run = TrainingRun("tcp", replace(OPTIONS, steps=4), "cpu", tmp_path, arrays, sources=("made up",))
     path = run_training(run, lines.append)
     found = json.loads((tmp_path / "validation.json").read_text())
     assert found["samples"] == 3 and found["plan"]["ade_3s_m"] > 0
+    assert len([name for _, name, _ in read_curves(tmp_path / "curves.csv") if name == "validation/ade_3s_m"]) == 3
     summary = load_checkpoint(path).summary
     assert summary["samples"] == 57 and summary["sources"] == ["made up"] and summary["device"] == "CPU"
     assert any("constant velocity 0.000 m" in line for line in lines)
     lines.clear()
     run_training(replace(run, is_resumed=True), lines.append)
-    assert "going on from step 2" in lines[0]
+    assert "going on from step 4" in lines[0]
 
 
 def test_a_loss_that_is_no_number_ends_training(tmp_path: Path) -> None:

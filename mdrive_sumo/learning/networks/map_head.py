@@ -16,14 +16,12 @@ class MapHead(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.queries = nn.Parameter(torch.randn(MAP_QUERIES, WIDTH))
-        self.look = nn.ModuleList([AttentionLayer(), AttentionLayer()])
+        self.look = AttentionLayer()
         self.lines = Mlp(WIDTH, WIDTH, 2 * LANE_POINTS + 1)
 
     def forward(self, tokens: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return queries (batch, MAP_QUERIES, WIDTH), lines (..., LANE_POINTS, 2) [m, ego frame] and logits (...)."""
-        queries = self.queries.expand(tokens.shape[0], -1, -1)
-        for layer in self.look:
-            queries = layer(queries, tokens)
+        queries = self.look(self.queries.expand(tokens.shape[0], -1, -1), tokens)
         answer = self.lines(queries)
         lines = answer[..., :-1].unflatten(-1, (LANE_POINTS, 2)) * MAP_SCALE_M
         return queries, lines, answer[..., -1]

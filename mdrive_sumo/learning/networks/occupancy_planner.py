@@ -10,14 +10,20 @@ PACES = (1.0, 0.85, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0)
 """Candidates: the same path, driven at so much of the planned speed."""
 FOOTPRINT_M = ((2.2, 0.8), (2.2, -0.8), (0.0, 0.9), (0.0, -0.9), (-2.2, 0.8), (-2.2, -0.8), (3.5, 0.0))
 """Points of the car's box, ahead and left [m], and one before it."""
-CLEAR = 0.4
-"""Probability of occupancy up to which a place counts as free."""
+CLEAR = 0.6
+"""Probability of occupancy up to which a place counts as free; training weights occupied cells fourfold, so a true
+probability of 0.27."""
+SHARPNESS = 0.003
+"""Difference in cost at which the better candidate counts e times as much."""
 SLOWNESS_COST = 0.12
 """Cost of a candidate of pace 0; of the mean probability above CLEAR along the plan."""
 
 
 class OccupancyPlanner(nn.Module):
-    """Pick the candidate with the least cost: what it would hit, and how much it falls behind the plan."""
+    """Take the candidate with the least cost: what it would hit, and how much it falls behind the plan.
+
+    Nearly equal ones are averaged, so that rounding does not decide; all lie on one path.
+    """
 
     spread: Tensor
     slowness: Tensor
@@ -45,8 +51,8 @@ class OccupancyPlanner(nn.Module):
         headings = torch.matmul(self.spread, find_headings(whole)[:, None])
         hits = [measure_hits(candidates[:, i], headings[:, i], occupancy) for i in range(len(PACES))]
         cost = torch.stack(hits, dim=1) + self.slowness
-        best = torch.argmin(cost, dim=1)
-        return candidates.gather(1, best[:, None, None, None].expand(-1, 1, PLAN_POINTS, 2))[:, 0]
+        share = torch.softmax(-cost / SHARPNESS, dim=1)
+        return (candidates * share[:, :, None, None]).sum(dim=1)
 
 
 def find_headings(points: Tensor) -> Tensor:

@@ -1,5 +1,7 @@
 """TcpNetwork: counterpart of TCP: a trajectory branch that guides a control branch, from the front camera."""
 
+import math
+
 import torch
 from torch import Tensor, nn
 
@@ -90,5 +92,5 @@ class ControlBranch(nn.Module):
 
 def attend(query: Tensor, tokens: Tensor) -> Tensor:
     """Return the mean (batch, n) of tokens (batch, T, n), weighted by how well they fit a query (batch, n)."""
-    scores = torch.matmul(tokens, query[..., None])[..., 0] * (tokens.shape[-1] ** -0.5)
+    scores = torch.matmul(tokens, query[..., None])[..., 0] / math.sqrt(tokens.shape[-1])
     return torch.matmul(torch.softmax(scores, dim=-1)[:, None], tokens)[:, 0]

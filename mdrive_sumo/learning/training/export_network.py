@@ -1,10 +1,12 @@
 """export_network: a trained network as ONNX with half-precision weights, checked against PyTorch."""
 
+import copy
 import hashlib
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +14,7 @@ import onnx
 import torch
 from onnx import TensorProto, helper, numpy_helper
 from torch import Tensor, nn
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from mdrive_sumo.agents.learned.network_inputs import describe_inputs, describe_outputs
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS, SystemSpec
@@ -29,7 +32,7 @@ LEAST_SHARED = 64
 """Constants with fewer numbers stay in single precision."""
 MOST_DIFFERENCE_M = 1e-2
 """[m] Between plans of the exported network and of PyTorch's, with the same half-precision weights; also of control."""
-CHECKED_SAMPLES = 4
+CHECKED_SAMPLES, CHECKED_REAL_SAMPLES = 4, 20
 
 
 class _Positional(nn.Module):
@@ -46,50 +49,78 @@ class _Positional(nn.Module):
         return tuple(answer[name] for name in self.outputs)
 
 
+Arrays = Mapping[str, npt.NDArray[Any]]
+
+
 @dataclass(frozen=True, slots=True)
 class ExportedNetwork:
-    """Paths of the two files, and the largest difference from PyTorch [m]."""
+    """The two files, and the largest differences [m] of plan and control from PyTorch's."""
 
     network: Path
     manifest: Path
     difference: float
+    """With the rounded weights of the file."""
+    rounding: float
+    """With the weights of the checkpoint."""
 
 
-def export_network(checkpoint: Checkpoint, folder: Path) -> ExportedNetwork:
+def export_network(checkpoint: Checkpoint, folder: Path, arrays: Arrays | None = None) -> ExportedNetwork:
     """Write DIR/SYSTEM.onnx and DIR/SYSTEM.json from a checkpoint's averaged weights.
 
+    arrays: samples of a data set to compare answers on, beside made-up ones.
     Raises InputError if the file is too large or answers otherwise than PyTorch.
     """
     spec = SYSTEMS[checkpoint.system]
     network = build_network(checkpoint.system)
     network.load_state_dict(checkpoint.average)
     network.eval()
-    _halve_weights(network)
+    halved = _halve_weights(network)
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"{checkpoint.system}.onnx"
-    samples = [_take_sample(spec, i) for i in range(CHECKED_SAMPLES)]
+    samples = [_take_sample(spec, build_synthetic_arrays(spec, 1, seed=i), 0) for i in range(CHECKED_SAMPLES)]
+    if arrays is not None:
+        rows = np.linspace(0, len(arrays["own"]) - 1, CHECKED_REAL_SAMPLES).astype(int)
+        samples += [_take_sample(spec, arrays, row) for row in rows.tolist()]
     inputs, outputs = list(samples[0]), list(describe_outputs(spec))
-    _write_onnx(_Positional(network, inputs, outputs).eval(), samples[0], outputs, path)
-    difference = max(_compare(network, path, sample) for sample in samples)
+    _write_onnx(_Positional(halved, inputs, outputs).eval(), samples[0], outputs, path)
+    difference = max(_compare(halved, path, sample) for sample in samples)
+    rounding = max(_compare(network, path, sample) for sample in samples)
     _check(path, difference)
     manifest = _build_manifest(checkpoint, path, network, samples[0])
     write_manifest(manifest, path.with_suffix(".json"))
-    return ExportedNetwork(path, path.with_suffix(".json"), difference)
+    return ExportedNetwork(path, path.with_suffix(".json"), difference, rounding)
 
 
-def _halve_weights(network: nn.Module) -> None:
-    """Round the weights to half precision, which is what the file holds, and compute on with them in single."""
-    for each in network.parameters():
-        each.data = each.data.half().float()
+def _halve_weights(network: nn.Module) -> nn.Module:
+    """Return a copy with all numbers rounded to half precision, as the file holds them; it computes in single.
+
+    Normalisation is folded into the convolutions first, as the exporter would do after rounding.
+    """
+    halved = copy.deepcopy(network)
+    for module in halved.modules():
+        if isinstance(module, nn.Sequential):
+            _fold_normalisation(module)
+    for each in (*halved.parameters(), *halved.buffers()):
+        if each.is_floating_point():
+            each.data = each.data.half().float()
+    return halved
 
 
-def _take_sample(spec: SystemSpec, seed: int) -> dict[str, Tensor]:
-    """Return made-up inputs in the network's order, with a batch of one."""
-    arrays = build_synthetic_arrays(spec, 1, seed)
-    generator = torch.Generator().manual_seed(seed)
+def _fold_normalisation(layers: nn.Sequential) -> None:
+    for i in range(len(layers) - 1):
+        convolution, normalisation = layers[i], layers[i + 1]
+        if isinstance(convolution, nn.Conv2d) and isinstance(normalisation, nn.BatchNorm2d):
+            layers[i], layers[i + 1] = fuse_conv_bn_eval(convolution, normalisation), nn.Identity()
+
+
+def _take_sample(spec: SystemSpec, arrays: Arrays, row: int) -> dict[str, Tensor]:
+    """Return the inputs of a sample in the network's order, with a batch of one; memory is made up."""
+    generator = torch.Generator().manual_seed(row)
     empty = build_empty_memory(1, torch.device("cpu"))
     return {
-        name: torch.rand(empty[name].shape, generator=generator) if name in empty else torch.from_numpy(arrays[name])
+        name: torch.rand(empty[name].shape, generator=generator)
+        if name in empty
+        else torch.from_numpy(arrays[name][row : row + 1])
         for name in describe_inputs(spec)
     }
 

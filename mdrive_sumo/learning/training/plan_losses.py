@@ -2,18 +2,19 @@
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 EGO_HALF_M = (2.5, 1.1)
 """Half length and width of the car with a margin of 0.2 m."""
 CAR_HALF_WIDTH_M = 0.9
+AXIS_WEIGHTS = (1.0, 2.0)
+"""Of errors ahead and to the side: half a metre to the side is another lane's edge, half a metre ahead is nothing."""
 CONTROL_WEIGHTS = (1.0, 1.0, 4.0)
 """Of throttle, brake, steer: steering is small, and decides where the car goes."""
 
 
 def compute_plan_loss(plan: Tensor, expert: Tensor) -> Tensor:
-    """Return the mean L1 distance [m] of plans (batch, n, 2)."""
-    return functional.l1_loss(plan.float(), expert)
+    """Return the mean L1 distance [m] of plans (batch, n, 2), weighted by AXIS_WEIGHTS."""
+    return ((plan.float() - expert).abs() * expert.new_tensor(AXIS_WEIGHTS)).mean()
 
 
 def compute_control_loss(control: Tensor, expert: Tensor) -> Tensor:

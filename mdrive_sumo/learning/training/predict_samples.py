@@ -25,7 +25,10 @@ class Predictions:
 def predict_samples(
     network: nn.Module, data: TrainingData, rows: npt.NDArray[np.int64], batch: int = 128, *, blind: bool = False
 ) -> Predictions:
-    """Return the answers of a network to samples, in single precision, with memory as in training. blind: all images are black."""
+    """Return the answers of a network to samples, in single precision, with memory as in training.
+
+    blind: all images are black.
+    """
     network.eval()
     plans: list[Tensor] = []
     controls: list[Tensor] = []

@@ -1,7 +1,8 @@
 """run_training: data in, checkpoint, curves and a first evaluation out."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,17 +14,14 @@ import torch
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.held_out import find_held_out
-from mdrive_sumo.learning.plan_metrics import describe_plans, measure_controls
-from mdrive_sumo.learning.sample_kinds import compute_shares
+from mdrive_sumo.learning.sample_kinds import compute_shares, name_kinds
 from mdrive_sumo.learning.training.checkpoint import CHECKPOINT_NAME, load_checkpoint, load_whole_checkpoint
-from mdrive_sumo.learning.training.predict_samples import predict_samples
 from mdrive_sumo.learning.training.trainer import Trainer
 from mdrive_sumo.learning.training.training_data import TrainingData
 from mdrive_sumo.learning.training.training_options import TrainingOptions
+from mdrive_sumo.learning.training.validation import Arrays, Validation
 
 VALIDATION_NAME = "validation.json"
-MOST_VALIDATED = 20_000
-Arrays = Mapping[str, npt.NDArray[Any]]
 Report = Callable[[str], None]
 
 
@@ -51,19 +49,12 @@ def run_training(run: TrainingRun, report: Report) -> Path:
     device = find_device(run.device)
     trainer = Trainer(run.system, run.options, device, report)
     _prepare(trainer, run, report)
-    shares = compute_shares(run.data)
-    held_out = find_held_out(run.data) if run.validation is None else np.zeros(0, np.int64)
-    shares[held_out] = 0.0
-    data = TrainingData(SYSTEMS[run.system], run.data, device)
+    data, shares, validation = _prepare_data(run, device)
     trainer.summary |= _describe_run(run, device, int(np.count_nonzero(shares)))
-    report(f"{run.system}: {trainer.summary['samples']} samples in the memory of {data.place}")
-    trainer.train(data, shares, run.folder)
-    if run.validation is None:
-        found = validate(trainer, data, run.data, held_out)
-    else:
-        del data  # makes room on the GPU
-        judged = TrainingData(SYSTEMS[run.system], run.validation, device)
-        found = validate(trainer, judged, run.validation, np.arange(len(run.validation["own"])))
+    kinds = ", ".join(f"{kind} {count}" for kind, count in trainer.summary["kinds"].items())
+    report(f"{run.system}: {trainer.summary['samples']} samples in the memory of {data.place}: {kinds}")
+    trainer.train(data, shares, run.folder, validation.glance)
+    found = validation.describe(trainer.average.network)
     trainer.summary["validation"] = found
     (run.folder / VALIDATION_NAME).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     report(
@@ -90,27 +81,27 @@ def _prepare(trainer: Trainer, run: TrainingRun, report: Report) -> None:
         trainer.begin_with(load_checkpoint(run.initial, run.system))
 
 
+def _prepare_data(run: TrainingRun, device: torch.device) -> tuple[TrainingData, npt.NDArray[np.float64], Validation]:
+    """Return the samples, how often each is drawn, and what is validated on."""
+    spec, shares = SYSTEMS[run.system], compute_shares(run.data)
+    if run.validation is not None:
+        rows = np.arange(len(run.validation["own"]))
+        judged = TrainingData(spec, run.validation, device)  # first: it is read often, and small
+        return TrainingData(spec, run.data, device), shares, Validation(judged, run.validation, rows)
+    rows = find_held_out(run.data)
+    shares[rows] = 0.0
+    data = TrainingData(spec, run.data, device)
+    return data, shares, Validation(data, run.data, rows)
+
+
 def _describe_run(run: TrainingRun, device: torch.device, samples: int) -> dict[str, Any]:
     where = torch.cuda.get_device_name(device) if device.type == "cuda" else "CPU"
     return {
         "samples": samples,
+        "kinds": dict(sorted(Counter(name_kinds(run.data).tolist()).items())),
         "sources": list(run.sources),
         "options": asdict(run.options),
         "device": where,
         "torch": str(torch.__version__),
         "initial": "" if run.initial is None else str(run.initial),
     }
-
-
-def validate(trainer: Trainer, data: TrainingData, arrays: Arrays, rows: npt.NDArray[np.int64]) -> dict[str, Any]:
-    """Return the open-loop metrics of the averaged weights on rows of `arrays`, with and without images."""
-    rows = rows[:: max(1, -(-len(rows) // MOST_VALIDATED))]
-    network = trainer.average.network
-    seen = predict_samples(network, data, rows)
-    blind = predict_samples(network, data, rows, blind=True)
-    labels = {name: arrays[name][rows] for name in ("own", "expert_plan", "expert_control")}
-    found = describe_plans(seen.plans, labels)
-    found["blackout"] = describe_plans(blind.plans, labels)["plan"]
-    if seen.controls is not None:
-        found["control_l1"] = measure_controls(seen.controls, labels["expert_control"])
-    return found

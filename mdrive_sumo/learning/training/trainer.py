@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.networks.build_network import build_network, count_parameters
@@ -24,6 +24,8 @@ from mdrive_sumo.learning.training.training_options import TrainingOptions
 
 MOST_GRADIENT = 5.0
 """Longer gradients are shortened to it."""
+GLANCES = 10
+"""Looks at the validation data in a run, for the curves."""
 
 
 class Trainer:
@@ -74,15 +76,23 @@ class Trainer:
         save_weights(checkpoint, folder)
         return save_checkpoint(checkpoint, folder)
 
-    def train(self, data: TrainingData, shares: npt.NDArray[np.float64], folder: Path) -> dict[str, float]:
+    def train(
+        self,
+        data: TrainingData,
+        shares: npt.NDArray[np.float64],
+        folder: Path,
+        glance: Callable[[nn.Module], Mapping[str, float]] | None = None,
+    ) -> dict[str, float]:
         """Train until the steps or the minutes are used up; returns the last losses.
 
-        shares: (M,) how often each sample is drawn, 0: never. Raises InputError when the loss is no number, and when
+        shares: (M,) how often each sample is drawn, 0: never. glance: measures the averaged network, GLANCES times.
+        Raises InputError when the loss is no number, and when
         the GPU is too small; the last checkpoint stays.
         """
         curves = TrainingCurves(folder, self.step)
         drawn = torch.from_numpy(shares).to(self.device)
         began, saved = time.monotonic() - self.elapsed_s, time.monotonic()
+        glances = int(self.options.find_progress(self.step, self.elapsed_s) * GLANCES)
         losses: dict[str, float] = {}
         parts: Mapping[str, Tensor] = {}
         while (progress := self.options.find_progress(self.step, self.elapsed_s)) < 1.0:
@@ -93,6 +103,9 @@ class Trainer:
                 losses = self._check(parts, folder)
                 curves.add(self.step, {f"loss/{name}": value for name, value in losses.items()})
                 self._tell(losses, progress)
+            if glance is not None and int(progress * GLANCES) > glances:
+                glances = int(progress * GLANCES)
+                curves.add(self.step, glance(self.average.network))
             if time.monotonic() - saved > self.options.save_every_s:
                 self._check(parts, folder)
                 self.save(folder)
@@ -115,13 +128,13 @@ class Trainer:
             parts = self._compute_losses(data, rows)
             self.optimizer.zero_grad(set_to_none=True)
             parts["total"].backward()
+            torch.nn.utils.clip_grad_norm_(self.network.parameters(), MOST_GRADIENT)
+            self.optimizer.step()
         except torch.cuda.OutOfMemoryError:
             raise InputError(
                 f"training {self.system}: the GPU's memory is too small for a batch of {self.options.batch}: "
                 f"give --batch {max(1, self.options.batch // 2)}, and --resume if a checkpoint was written"
             ) from None
-        torch.nn.utils.clip_grad_norm_(self.network.parameters(), MOST_GRADIENT)
-        self.optimizer.step()
         self.average.update(self.step)
         return parts
 

@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass
 
+from mdrive_sumo.core import portable
+
 WARM_UP_STEPS = 200
 """Steps over which the learning rate rises from 0."""
 
@@ -13,7 +15,7 @@ class TrainingOptions:
 
     steps: int = 8000
     batch: int = 256
-    learning_rate: float = 1.5e-3
+    learning_rate: float = 1e-3
     weight_decay: float = 0.02
     seed: int = 0
     average_decay: float = 0.998
@@ -30,4 +32,4 @@ class TrainingOptions:
     def find_learning_rate(self, step: int, progress: float) -> float:
         """Return the learning rate: a warm-up, then half a cosine down to 2 % of the highest."""
         warm = min(1.0, (step + 1) / min(WARM_UP_STEPS, max(1, self.steps // 10)))
-        return self.learning_rate * warm * (0.02 + 0.98 * 0.5 * (1.0 + math.cos(math.pi * progress)))
+        return self.learning_rate * warm * (0.02 + 0.98 * 0.5 * (1.0 + portable.cos_sin(math.pi * progress)[0]))
