@@ -8,10 +8,10 @@ from server.api import schemas
 from server.api.caller import Caller
 from server.api.comparison import compare_submissions
 from server.api.cross_play_board import read_cross_play
-from server.api.cross_play_schemas import CrossPlayOut
 from server.api.dependencies import AdminCaller, OptionalCaller, Services, ServicesDep
 from server.api.matrix import read_matrix
 from server.api.problems import document_problems
+from server.api.schemas.cross_play import CrossPlayOut
 from server.api.search import search_names
 from server.enums import ChallengeTrack
 
