@@ -87,7 +87,7 @@ class Trainer:
 
         shares: (M,) how often each sample is drawn, 0: never. glance: measures the averaged network, GLANCES times.
         Raises InputError when the loss is no number, and when
-        the GPU is too small; the last checkpoint stays.
+        the GPU is too small; the last checkpoint stays. The first step does not count as time.
         """
         curves = TrainingCurves(folder, self.step)
         drawn = torch.from_numpy(shares).to(self.device)
@@ -98,6 +98,9 @@ class Trainer:
         while (progress := self.options.find_progress(self.step, self.elapsed_s)) < 1.0:
             parts = self._take_step(data, drawn, progress)
             self.step += 1
+            if not losses:  # the first step loads and chooses the GPU's programs: 10 s on a busy machine
+                losses = self._check(parts, folder)
+                began = time.monotonic() - self.elapsed_s
             self.elapsed_s = time.monotonic() - began
             if self.step % self.options.log_every == 0 or self.step == 1:
                 losses = self._check(parts, folder)
