@@ -70,7 +70,7 @@ def provide_private_files(spec: BoxSpec, slot: int) -> dict[str, Path]:
     system = {inner for inner in seen if spec.rootfs is None and inner not in spec.readonly.values()} - set(shared)
     hidden = frozenset(path.resolve() for path in spec.hidden)
     trees = {inner: _find_tree(seen[inner], hidden) for inner in seen if inner not in shared and inner not in system}
-    copies = {inner: _provide(tree, place) for inner, tree in trees.items()}
+    copies = _provide_trees(trees, place)
     if system:
         root = _provide_system(spec, place)
         copies |= {inner: root / inner[1:] for inner in system if (root / inner[1:]).exists()}
@@ -183,6 +183,41 @@ def _provide(tree: FileTree, place: Path) -> Path:
         _fill(copy, tree.size_bytes, lambda target: _copy_tree(tree, target))
     os.utime(copy)
     return copy
+
+
+def _provide_trees(trees: Mapping[str, FileTree], place: Path) -> dict[str, Path]:
+    """Return where the slot's copies are, by path in the box. Trees in one folder of the box are copied as that folder.
+
+    A mount less for each: bubblewrap reads the list of all mounts after each one, which took 8 ms of a box's start.
+    """
+    by_folder: dict[str, dict[str, FileTree]] = {}
+    for inner, tree in trees.items():
+        folder, _, name = inner.rpartition("/")
+        by_folder.setdefault(folder, {})[name] = tree
+    copies: dict[str, Path] = {}
+    for folder, members in by_folder.items():
+        if folder and len(members) > 1:
+            copies[folder] = _provide_folder(members, place)
+        else:
+            copies |= {f"{folder}/{name}": _provide(tree, place) for name, tree in members.items()}
+    return copies
+
+
+def _provide_folder(members: Mapping[str, FileTree], place: Path) -> Path:
+    """Return the slot's copy of a folder with these trees under these names; makes it unless it is there."""
+    rows = sorted((name, tree.key) for name, tree in members.items())
+    copy = place / hashlib.blake2b(repr(rows).encode(), digest_size=12).hexdigest()
+    if not copy.exists():
+        _fill(copy, sum(tree.size_bytes for tree in members.values()), lambda target: _copy_folder(members, target))
+    os.utime(copy)
+    return copy
+
+
+def _copy_folder(members: Mapping[str, FileTree], target: Path) -> None:
+    target.mkdir()
+    target.chmod(0o755)
+    for name, tree in members.items():
+        _copy_tree(tree, target / name)
 
 
 def _provide_system(spec: BoxSpec, place: Path) -> Path:
