@@ -21,7 +21,7 @@ from mdrive_sumo.core.errors import InputError
 pytestmark = [
     needs_bubblewrap,
     pytest.mark.slow,
-    pytest.mark.skipif(platform.machine() != "x86_64", reason="the program uses numbers of x86-64"),
+    pytest.mark.skipif(platform.machine() != "x86_64", reason="needs x86-64"),
     pytest.mark.skipif(os.geteuid() != 0, reason="needs root"),
 ]
 
@@ -120,7 +120,7 @@ def test_without_boxes_every_channel_carries_every_bit(shared: Path) -> None:
     assert clear >= set(CHANNELS) - NOISY, set(CHANNELS) - NOISY - clear
 
 
-@pytest.mark.skipif(shutil.which("runsc") is None, reason="needs gVisor")
+@pytest.mark.skipif(shutil.which("runsc") is None, reason="needs gVisor's runsc")
 def test_boxes_of_gvisor_exchange_no_bit(shared: Path) -> None:
     with open_pair(shared, backend="gvisor", copies=MEMORY) as pair:
         assert find_open_channels(pair) == {}
