@@ -151,6 +151,33 @@ def test_a_slots_copies_are_kept_for_the_next_box_and_renewed_with_the_files(tmp
     assert [path.name for path in place.rglob("*")] == ["mdrive-sumo-files-0"]
 
 
+def test_files_of_one_folder_are_one_mount_unless_something_else_is_mounted_there(tmp_path: Path) -> None:
+    """Each mount costs the box's start; a mount inside a read-only one would fail."""
+    shown, place = reachable(tmp_path) / "shown", tmp_path / "copies"
+    place.mkdir()
+    for name in ("a", "b", "live"):
+        (shown / name).mkdir(parents=True)
+        (shown / name / "text").write_text(name)
+    look = "cat /kit/x/*/text; while read row; do case $row in *' /kit'*) echo :;; esac; done </proc/self/mountinfo; "
+    look += "(: >/kit/x/mine); (: >/kit/x/a/mine)"
+    parts = {shown / "a": "/kit/x/a", shown / "b": "/kit/x/b"}
+    for more, expected in (({}, b"ab:\n"), ({shown / "live": "/kit/x/live"}, b"ablive:\n:\n:\n")):
+        live = frozenset(more.values())
+        command = ("/bin/sh", "-c", look)
+        with open_box(BoxSpec(command, parts | more, slot=SLOT, copies=place, limits=SMALL, live=live)) as box:
+            box.ready(PATIENCE_S)
+            box.close()
+        log = box.log()
+        assert (
+            log.startswith(expected)
+            and log.count(b"Read-only file system") == 2
+            and log.count(b":\n") == expected.count(b":")
+        ), log
+        inodes = {path.stat().st_ino for name in ("a", "b") for path in (shown / name).iterdir()}
+        assert inodes.isdisjoint(path.stat().st_ino for path in place.rglob("text"))
+    remove_idle_files(place)
+
+
 @pytest.mark.parametrize("is_finished", [True, False])
 def test_a_half_removed_copy_is_never_used(is_finished: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A process that is killed while it removes copies leaves no copy under its name."""
