@@ -58,7 +58,8 @@ def arrange_tables(values: Float) -> PortableTables:
     quarter = np.concatenate((cosines, sines[-2::-1]))
     half = np.concatenate((quarter, -quarter[-2::-1]))
     turn = np.concatenate((half, half[-2:0:-1]))
-    return PortableTables(*constants.tolist(), turn, np.roll(turn, TURN_STEPS // 4), tangents)
+    steps, radians = constants.tolist()
+    return PortableTables(steps, radians, turn, np.roll(turn, TURN_STEPS // 4), tangents)
 
 
 def compute_pi() -> int:
