@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from mdrive_sumo.agent_process.frame_reader import NAMES, view_bytes
 from mdrive_sumo.core.errors import InputError
 
 PREFIX = "mdrive-frames-"
-NAMES = ("0", "1")
 ALIGNMENT = 64
 LEAST_BYTES = 2**16
 """Smallest size of a file that holds an array [bytes]."""
@@ -61,7 +61,7 @@ class FrameFolder:
         offset, end = self._end, self._end + array.nbytes
         if end > len(self._maps[self._turn]):
             self._grow(end)
-        self._maps[self._turn][offset:end] = _view_bytes(array)
+        self._maps[self._turn][offset:end] = view_bytes(array)
         self._end = -(-end // ALIGNMENT) * ALIGNMENT
         return offset * len(NAMES) + self._turn
 
@@ -86,33 +86,6 @@ class FrameFolder:
         for file in self._files:
             os.close(file)
         self._files, self._maps = [], []
-
-
-class FrameReader:
-    """Reads frames in the agent's process."""
-
-    def __init__(self, path: Path) -> None:
-        """Raises OSError."""
-        self._files = [os.open(path / name, os.O_RDONLY | os.O_CLOEXEC) for name in NAMES]
-        self._maps: list[npt.NDArray[np.uint8]] = [np.zeros(0, np.uint8) for _ in NAMES]
-
-    def load(self, array: npt.NDArray[Any], place: int) -> None:
-        """Fill an array with the stored values: a copy, which an agent may keep. Raises OSError."""
-        offset, turn = divmod(place, len(NAMES))
-        end = offset + array.nbytes
-        if end > len(self._maps[turn]):
-            self._map(turn, end)
-        _view_bytes(array)[:] = self._maps[turn][offset:end]
-
-    def _map(self, turn: int, end: int) -> None:
-        size = os.fstat(self._files[turn]).st_size
-        if size < end:
-            raise OSError(f"expected a frame of at least {end} bytes, found {size}")
-        self._maps[turn] = np.frombuffer(mmap.mmap(self._files[turn], size, prot=mmap.PROT_READ), np.uint8)
-
-
-def _view_bytes(array: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-    return array.reshape(-1).view(np.uint8)
 
 
 def _remove_abandoned_folders(place: Path) -> None:

@@ -5,11 +5,15 @@ a request are in the folder FRAMES. It imports nothing heavier than numpy and ms
 else.
 """
 
+# ruff: noqa: E402
+import gc
+
+gc.disable()  # nothing of what is imported here becomes garbage: looking for it took a twentieth of the start
+
 import ctypes
 import os
 import pickle
 import signal
-import socket
 import sys
 from collections.abc import Callable, Mapping
 from io import TextIOWrapper
@@ -18,12 +22,14 @@ from typing import Any, cast
 
 from mdrive_sumo.agent_process import wire_protocol
 from mdrive_sumo.agent_process.agent_lookup import load_agent_class
-from mdrive_sumo.agent_process.frame_file import FrameReader
+from mdrive_sumo.agent_process.frame_reader import FrameReader
 from mdrive_sumo.contract import Agent, read_label
 
 PR_SET_PDEATHSIG = 1
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 HEAP_ARRAY_BYTES, KEPT_BYTES = 2**22, 2**24
+AT_ONCE = 2**16
+"""Read at once [bytes]: an observation without large arrays is a few thousand."""
 Handler = Callable[[str, Any], Any]
 
 
@@ -36,16 +42,15 @@ def main() -> None:
         _keep_freed_memory(libc)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     cast(TextIOWrapper, sys.stdout).reconfigure(line_buffering=True)  # the agent's output survives its end
-    os.set_inheritable(int(fd), False)
-    line, reader = socket.socket(fileno=int(fd)), FrameReader(Path(frames))
+    line, reader = int(fd), FrameReader(frames)
+    os.set_inheritable(line, False)
     handle = _handle_carla_agent(locator) if style == "carla" else _handle_agent(locator, style)
     sys.argv = sys.argv[:1]
-    while (size := _read_exactly(line, wire_protocol.LENGTH.size)) is not None:
-        data = _read_exactly(line, wire_protocol.LENGTH.unpack(size)[0])
-        if data is None:
-            return
+    gc.freeze()
+    gc.enable()
+    while (data := _read_request(line)) is not None:
         request = wire_protocol.decode(data, reader.load)
-        line.sendall(_answer_request(handle, request))
+        _write_all(line, _answer_request(handle, request))
 
 
 def _keep_freed_memory(libc: ctypes.CDLL) -> None:
@@ -59,16 +64,39 @@ def _keep_freed_memory(libc: ctypes.CDLL) -> None:
         libc.mallopt(M_TRIM_THRESHOLD, KEPT_BYTES)
 
 
-def _read_exactly(line: socket.socket, size: int) -> bytearray | None:
-    """Read `size` bytes; None at the end of the stream."""
+def _read_request(line: int) -> memoryview | None:
+    """Return one request without its length; None at the end of the stream.
+
+    Usually one system call: requests and answers alternate, so nothing follows a request. The module `socket` would be
+    loaded for two functions of it.
+    """
+    data, head = os.read(line, AT_ONCE), wire_protocol.LENGTH.size
+    while data and len(data) < head:
+        more = os.read(line, AT_ONCE)
+        data = data + more if more else b""
+    if not data:
+        return None
+    size = head + wire_protocol.LENGTH.unpack_from(data)[0]
+    return memoryview(data)[head:] if len(data) == size else _read_rest(line, data, size)
+
+
+def _read_rest(line: int, begin: bytes, size: int) -> memoryview | None:
+    """Return a request of which `begin` has been read; size: with its length [bytes]."""
     data = bytearray(size)
-    view = memoryview(data)
-    while view:
-        count = line.recv_into(view)
+    data[: len(begin)] = begin
+    left = memoryview(data)[len(begin) :]
+    while left:
+        count = os.readv(line, [left])
         if not count:
             return None
-        view = view[count:]
-    return data
+        left = left[count:]
+    return memoryview(data)[wire_protocol.LENGTH.size :]
+
+
+def _write_all(line: int, data: bytes) -> None:
+    left = memoryview(data)
+    while left:
+        left = left[os.write(line, left) :]
 
 
 def _answer_request(handle: Handler, request: Mapping[str, Any]) -> bytes:

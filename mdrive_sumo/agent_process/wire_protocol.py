@@ -60,7 +60,7 @@ def encode(message: object) -> bytes:
     return cast(bytes, msgpack.packb(to_plain(message), use_bin_type=True))
 
 
-def decode(data: bytes | bytearray, load: Callable[[Array, int], None] | None = None) -> Any:
+def decode(data: bytes | bytearray | memoryview, load: Callable[[Array, int], None] | None = None) -> Any:
     """Return the value that `encode` has written; sequences become tuples. Raises WireError.
 
     load: fills an array with the values stored at an offset.

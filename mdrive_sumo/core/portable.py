@@ -27,12 +27,9 @@ Operand = TypeVar("Operand", float, Float)
 FEW = 10
 """Elements up to which numbers one by one are faster than array operations (measured with NumPy 2.4: 8 to 15)."""
 
-_COS = tables.build_cosines()
-_SIN = _COS[-tables.TURN_STEPS // 4 :] + _COS[: -tables.TURN_STEPS // 4]
-_ATAN = tables.build_arc_tangents()
-_COS_TABLE, _SIN_TABLE, _ATAN_TABLE = np.array(_COS), np.array(_SIN), np.array(_ATAN)
-_STEPS, _MASK = tables.steps_per_radian(), tables.TURN_STEPS - 1
-_RADIANS = tables.radians_per_step()
+_STEPS, _RADIANS, _COS_TABLE, _SIN_TABLE, _ATAN_TABLE = tables.load_tables()
+_COS, _SIN, _ATAN = _COS_TABLE.tolist(), _SIN_TABLE.tolist(), _ATAN_TABLE.tolist()
+_MASK = tables.TURN_STEPS - 1
 _SIN_1, _SIN_3 = _RADIANS, _RADIANS * _RADIANS * _RADIANS / 6
 """sin(r) = r (_SIN_1 - r² _SIN_3) for an angle of r steps, |r| <= 1/2: the next term is below 1e-16 of it."""
 _COS_2 = _RADIANS * _RADIANS * (0.5 - 0.828 * (_RADIANS / 2) * (_RADIANS / 2) / 24)

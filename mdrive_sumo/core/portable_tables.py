@@ -3,10 +3,21 @@
 Fixed-point numbers with `BITS` binary places; the last few are wrong by the truncation of some thousand steps, which
 is far below the 53 bits of a float. The division of two integers rounds correctly, so every entry is the float nearest
 to the true value.
+
+Computing them takes 10 ms, a tenth of the start of an agent's process. So they are a file of the package, which
+`python -m mdrive_sumo.core.portable_tables` writes anew and a test compares with the computed ones.
 """
 
-from fractions import Fraction
+from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
+
+Float = npt.NDArray[np.float64]
+
+FILE = Path(__file__).with_suffix(".f64")
+"""64-bit floats, little-endian, in the order of `compute_file_values`."""
 BITS = 128
 ONE = 1 << BITS
 TURN_STEPS = 1 << 14
@@ -15,17 +26,45 @@ ATAN_STEPS = 1 << 8
 """Steps of the table of the arc tangent from 0 to 1."""
 
 
+class PortableTables(NamedTuple):
+    """Tables and constants, as `portable` uses them."""
+
+    steps_per_radian: float
+    radians_per_step: float
+    cosines: Float
+    """(TURN_STEPS,) cos(2 pi i / TURN_STEPS)."""
+    sines: Float
+    """(TURN_STEPS,) sin(2 pi i / TURN_STEPS)."""
+    arc_tangents: Float
+    """(ATAN_STEPS + 1,) atan(i / ATAN_STEPS)."""
+
+
+def load_tables() -> PortableTables:
+    """Return the tables of the package's file. Raises OSError."""
+    values = np.fromfile(FILE, "<f8").astype(np.float64, copy=False)
+    return arrange_tables(values)
+
+
+def compute_file_values() -> list[float]:
+    """Return the two constants, cosines and sines of an eighth of a turn, and the arc tangents."""
+    cosines, sines = _rotate_through_an_eighth()
+    return [steps_per_radian(), radians_per_step(), *cosines, *sines, *build_arc_tangents()]
+
+
+def arrange_tables(values: Float) -> PortableTables:
+    """Return the tables that the values of a file stand for: an eighth of a turn is computed, the rest is symmetry."""
+    eighth = TURN_STEPS // 8 + 1
+    constants, cosines, sines, tangents = np.split(values, (2, 2 + eighth, 2 + 2 * eighth))
+    quarter = np.concatenate((cosines, sines[-2::-1]))
+    half = np.concatenate((quarter, -quarter[-2::-1]))
+    turn = np.concatenate((half, half[-2:0:-1]))
+    steps, radians = constants.tolist()
+    return PortableTables(steps, radians, turn, np.roll(turn, TURN_STEPS // 4), tangents)
+
+
 def compute_pi() -> int:
     """Return pi (Machin's formula)."""
     return 4 * (4 * _arc_tangent_of_inverse(5) - _arc_tangent_of_inverse(239))
-
-
-def build_cosines() -> list[float]:
-    """Return cos(2 pi i / TURN_STEPS) for i in [0, TURN_STEPS): an eighth by rotation, the rest by symmetry."""
-    cosines, sines = _rotate_through_an_eighth()
-    quarter = cosines + sines[-2::-1]
-    half = quarter + [-value for value in quarter[-2::-1]]
-    return half + half[-2:0:-1]
 
 
 def build_arc_tangents() -> list[float]:
@@ -39,6 +78,8 @@ def build_arc_tangents() -> list[float]:
 
 def steps_per_radian() -> float:
     """Return TURN_STEPS / (2 pi), rounded once."""
+    from fractions import Fraction  # only here: it loads decimal arithmetic
+
     return float(Fraction(TURN_STEPS * ONE, 2 * compute_pi()))
 
 
@@ -95,3 +136,7 @@ def _arc_tangent_of_inverse(n: int) -> int:
         power //= n * n
         degree, sign = degree + 2, -sign
     return total
+
+
+if __name__ == "__main__":
+    np.array(compute_file_values(), "<f8").tofile(FILE)

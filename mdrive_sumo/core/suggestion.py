@@ -1,7 +1,6 @@
 """Sentences about a name that does not exist: the names that do, and the one that was probably meant."""
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 
 from mdrive_sumo.core.truncation import truncate
 
@@ -14,6 +13,8 @@ def suggest_name(name: str, known: Iterable[str]) -> str:
 
     Returns "" if none is similar.
     """
+    from difflib import get_close_matches  # only here: every agent's process imports this module
+
     by_text = {one.casefold(): one for one in known}
     found = get_close_matches(name.casefold(), by_text, n=1, cutoff=LEAST_SIMILARITY)
     return f"; did you mean {by_text[found[0]]!r}?" if found else ""

@@ -69,6 +69,8 @@ def sources(spec: BoxSpec) -> dict[str, Path]:
 def find_hidden_paths(spec: BoxSpec) -> tuple[str, ...]:
     """Return where in the box the hidden folders would be seen."""
     folders = [path.resolve() for path in spec.hidden if path.is_dir()]
+    if not folders:
+        return ()
     shown = {inner: outer.resolve() for inner, outer in sources(spec).items() if not outer.is_symlink()}
     places = [
         str(PurePosixPath(inner) / path.relative_to(outer))

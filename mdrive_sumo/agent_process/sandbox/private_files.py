@@ -10,17 +10,16 @@ import atexit
 import hashlib
 import os
 import shutil
-import stat
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import bubblewrap
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
-from mdrive_sumo.agent_process.sandbox.runtime_files import is_interpreter_prefix, is_unused, list_runtime_paths
+from mdrive_sumo.agent_process.sandbox.file_trees import FileTree, copy_tree, find_tree
+from mdrive_sumo.agent_process.sandbox.runtime_files import list_runtime_paths
 from mdrive_sumo.agent_process.sandbox.user_slots import take
 from mdrive_sumo.core.errors import InputError
 
@@ -32,26 +31,6 @@ KEPT_S = 600.0
 UNFINISHED = "."
 """First letter of the names of copies that are being made or removed."""
 MEBIBYTE = 1024**2
-MODE = 0o777
-"""Permissions that a copy keeps; set-uid bits are not among them."""
-
-Skip = Callable[[Path], bool]
-"""Whether a path, relative to the top of the tree, is left out."""
-
-
-@dataclass(frozen=True, slots=True)
-class FileTree:
-    """A file or folder of the host as a box shall have it."""
-
-    source: Path
-    skip: Skip
-    key: str
-    """Changes with every change of names, sizes, permissions and times in it."""
-    size_bytes: int
-
-
-_TREES: dict[Path, tuple[tuple[int, ...], FileTree]] = {}
-"""Trees of this process, with what identified their top: reading thousands of names for each box takes too long."""
 
 _PROVIDED: set[tuple[Path, int]] = set()
 """Folders and slots in which this process made or used copies."""
@@ -69,8 +48,8 @@ def provide_private_files(spec: BoxSpec, slot: int) -> dict[str, Path]:
     shared = {inner: outer for inner, outer in seen.items() if outer.is_symlink() or inner in spec.live}
     system = {inner for inner in seen if spec.rootfs is None and inner not in spec.readonly.values()} - set(shared)
     hidden = frozenset(path.resolve() for path in spec.hidden)
-    trees = {inner: _find_tree(seen[inner], hidden) for inner in seen if inner not in shared and inner not in system}
-    copies = {inner: _provide(tree, place) for inner, tree in trees.items()}
+    trees = {inner: find_tree(seen[inner], hidden) for inner in seen if inner not in shared and inner not in system}
+    copies = _provide_trees(trees, place, seen)
     if system:
         root = _provide_system(spec, place)
         copies |= {inner: root / inner[1:] for inner in system if (root / inner[1:]).exists()}
@@ -128,61 +107,50 @@ def _make_place(folder: Path, slot: int) -> Path:
     return place
 
 
-def _find_tree(source: Path, hidden: frozenset[Path]) -> FileTree:
-    """Return the tree at a path, read once in a process as long as its top stays the same."""
-    top = source.stat()
-    identity = (top.st_dev, top.st_ino, top.st_ctime_ns, top.st_mtime_ns, hash(hidden))
-    known = _TREES.get(source)
-    if known is not None and known[0] == identity:
-        return known[1]
-    interpreter = is_interpreter_prefix(source)
-
-    def skip(relative: Path) -> bool:
-        return (interpreter and is_unused(relative)) or (source / relative).parent.resolve() in hidden
-
-    tree = _read_tree(source, skip if interpreter or hidden else _skip_nothing)
-    _TREES[source] = identity, tree
-    return tree
-
-
-def _skip_nothing(_relative: Path) -> bool:
-    return False
-
-
-def _read_tree(source: Path, skip: Skip) -> FileTree:
-    digest, size = hashlib.blake2b(str(source).encode(), digest_size=12), 0
-    for relative, found in _walk(source, skip):
-        row = (os.fsencode(relative), found.st_mode, found.st_size, found.st_mtime_ns)
-        digest.update(repr(row).encode())
-        size += found.st_size
-    return FileTree(source, skip, digest.hexdigest(), size)
-
-
-def _walk(source: Path, skip: Skip) -> Iterator[tuple[Path, os.stat_result]]:
-    """Yield every path below the source, folders before their content; just "." for a single file."""
-    if not source.is_dir():
-        yield Path(), source.stat()
-        return
-    waiting = [Path()]
-    while waiting:
-        folder = waiting.pop()
-        with os.scandir(source / folder) as entries:
-            for entry in sorted(entries, key=lambda each: each.name):
-                relative = folder / entry.name
-                if skip(relative):
-                    continue
-                yield relative, entry.stat(follow_symlinks=False)
-                if entry.is_dir(follow_symlinks=False):
-                    waiting.append(relative)
-
-
 def _provide(tree: FileTree, place: Path) -> Path:
     """Return the slot's copy of a tree; makes it unless it is there."""
     copy = place / tree.key
     if not copy.exists():
-        _fill(copy, tree.size_bytes, lambda target: _copy_tree(tree, target))
+        _fill(copy, tree.size_bytes, lambda target: copy_tree(tree, target))
     os.utime(copy)
     return copy
+
+
+def _provide_trees(trees: Mapping[str, FileTree], place: Path, seen: Iterable[str]) -> dict[str, Path]:
+    """Return where the slot's copies are, by path in the box. Trees in one folder of the box are copied as that folder.
+
+    A mount less for each: bubblewrap reads the list of all mounts after each one, which took 10 ms of a box's start.
+    seen: all paths that the box sees; nothing else can be mounted in a folder that is one read-only mount.
+    """
+    by_folder: dict[str, dict[str, FileTree]] = {}
+    for inner, tree in trees.items():
+        folder, _, name = inner.rpartition("/")
+        by_folder.setdefault(folder, {})[name] = tree
+    copies: dict[str, Path] = {}
+    for folder, members in by_folder.items():
+        inside = {inner for inner in seen if inner.startswith(f"{folder}/")}
+        if folder and len(members) > 1 and inside == {f"{folder}/{name}" for name in members}:
+            copies[folder] = _provide_folder(members, place)
+        else:
+            copies |= {f"{folder}/{name}": _provide(tree, place) for name, tree in members.items()}
+    return copies
+
+
+def _provide_folder(members: Mapping[str, FileTree], place: Path) -> Path:
+    """Return the slot's copy of a folder with these trees under these names; makes it unless it is there."""
+    rows = sorted((name, tree.key) for name, tree in members.items())
+    copy = place / hashlib.blake2b(repr(rows).encode(), digest_size=12).hexdigest()
+    if not copy.exists():
+        _fill(copy, sum(tree.size_bytes for tree in members.values()), lambda target: _copy_folder(members, target))
+    os.utime(copy)
+    return copy
+
+
+def _copy_folder(members: Mapping[str, FileTree], target: Path) -> None:
+    target.mkdir()
+    target.chmod(0o755)
+    for name, tree in members.items():
+        copy_tree(tree, target / name)
 
 
 def _provide_system(spec: BoxSpec, place: Path) -> Path:
@@ -192,7 +160,7 @@ def _provide_system(spec: BoxSpec, place: Path) -> Path:
     key = hashlib.blake2b(repr(stamp).encode(), digest_size=12).hexdigest()
     copy = place / f"system-{key}"
     if not copy.exists():
-        trees = {path: _find_tree(path, frozenset()) for path in paths if not path.is_symlink()}
+        trees = {path: find_tree(path, frozenset()) for path in paths if not path.is_symlink()}
         size = sum(tree.size_bytes for tree in trees.values())
         _fill(copy, size, lambda target: _copy_system(paths, trees, target))
     os.utime(copy)
@@ -216,7 +184,7 @@ def _copy_system(paths: tuple[Path, ...], trees: Mapping[Path, FileTree], target
         if path.is_symlink():
             inside.symlink_to(path.readlink())
         else:
-            _copy_tree(trees[path], inside)
+            copy_tree(trees[path], inside)
 
 
 def _fill(copy: Path, size_bytes: int, write: Callable[[Path], None]) -> None:
@@ -233,32 +201,6 @@ def _fill(copy: Path, size_bytes: int, write: Callable[[Path], None]) -> None:
             (Path(made) / "copy").rename(copy)
         except OSError as error:
             raise InputError(f"sandbox: the files of a box cannot be copied: {error}") from error
-
-
-def _copy_tree(tree: FileTree, target: Path) -> None:
-    if tree.source.is_dir():
-        target.mkdir(exist_ok=True)
-        _copy_attributes(tree.source.stat(), target)
-    for relative, found in _walk(tree.source, tree.skip):
-        _copy_entry(tree.source / relative, target / relative, found)
-
-
-def _copy_entry(source: Path, target: Path, found: os.stat_result) -> None:
-    """Sockets, pipes and devices are left out."""
-    if stat.S_ISLNK(found.st_mode):
-        target.symlink_to(source.readlink())
-    elif stat.S_ISDIR(found.st_mode):
-        target.mkdir(exist_ok=True)
-        target.chmod(stat.S_IMODE(found.st_mode) & MODE | stat.S_IRWXU)
-    elif stat.S_ISREG(found.st_mode):
-        shutil.copyfile(source, target)
-        _copy_attributes(found, target)
-
-
-def _copy_attributes(found: os.stat_result, target: Path) -> None:
-    """Times too: Python compares those of a source with its compiled file."""
-    target.chmod(stat.S_IMODE(found.st_mode) & MODE)
-    os.utime(target, ns=(found.st_atime_ns, found.st_mtime_ns))
 
 
 def _remove_unused(place: Path, used: set[str]) -> None:

@@ -21,7 +21,7 @@ from mdrive_sumo.core.errors import InputError
 pytestmark = [
     needs_bubblewrap,
     pytest.mark.slow,
-    pytest.mark.skipif(platform.machine() != "x86_64", reason="the program uses numbers of x86-64"),
+    pytest.mark.skipif(platform.machine() != "x86_64", reason="needs x86-64"),
     pytest.mark.skipif(os.geteuid() != 0, reason="needs root"),
 ]
 
@@ -120,7 +120,7 @@ def test_without_boxes_every_channel_carries_every_bit(shared: Path) -> None:
     assert clear >= set(CHANNELS) - NOISY, set(CHANNELS) - NOISY - clear
 
 
-@pytest.mark.skipif(shutil.which("runsc") is None, reason="needs gVisor")
+@pytest.mark.skipif(shutil.which("runsc") is None, reason="needs gVisor's runsc")
 def test_boxes_of_gvisor_exchange_no_bit(shared: Path) -> None:
     with open_pair(shared, backend="gvisor", copies=MEMORY) as pair:
         assert find_open_channels(pair) == {}
@@ -149,6 +149,33 @@ def test_a_slots_copies_are_kept_for_the_next_box_and_renewed_with_the_files(tmp
     assert look()[0] == b"two, longer"
     remove_idle_files(place)
     assert [path.name for path in place.rglob("*")] == ["mdrive-sumo-files-0"]
+
+
+def test_files_of_one_folder_are_one_mount_unless_something_else_is_mounted_there(tmp_path: Path) -> None:
+    """Each mount costs the box's start; a mount inside a read-only one would fail."""
+    shown, place = reachable(tmp_path) / "shown", tmp_path / "copies"
+    place.mkdir()
+    for name in ("a", "b", "live"):
+        (shown / name).mkdir(parents=True)
+        (shown / name / "text").write_text(name)
+    look = "cat /kit/x/*/text; while read row; do case $row in *' /kit'*) echo :;; esac; done </proc/self/mountinfo; "
+    look += "(: >/kit/x/mine); (: >/kit/x/a/mine)"
+    parts = {shown / "a": "/kit/x/a", shown / "b": "/kit/x/b"}
+    for more, expected in (({}, b"ab:\n"), ({shown / "live": "/kit/x/live"}, b"ablive:\n:\n:\n")):
+        live = frozenset(more.values())
+        command = ("/bin/sh", "-c", look)
+        with open_box(BoxSpec(command, parts | more, slot=SLOT, copies=place, limits=SMALL, live=live)) as box:
+            box.ready(PATIENCE_S)
+            box.close()
+        log = box.log()
+        assert (
+            log.startswith(expected)
+            and log.count(b"Read-only file system") == 2
+            and log.count(b":\n") == expected.count(b":")
+        ), log
+        inodes = {path.stat().st_ino for name in ("a", "b") for path in (shown / name).iterdir()}
+        assert inodes.isdisjoint(path.stat().st_ino for path in place.rglob("text"))
+    remove_idle_files(place)
 
 
 @pytest.mark.parametrize("is_finished", [True, False])

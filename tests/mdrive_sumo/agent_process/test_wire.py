@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mdrive_sumo.agent_process import frame_file, wire_protocol
+from mdrive_sumo.agent_process.frame_reader import FrameReader
 from mdrive_sumo.contract import Briefing, Message, Objects, Observation, OwnState, PointCloud, VehicleFacts
 
 OWN = OwnState(1.0, 2.0, 0.5, 3.0, 0.0, 0.0, 0.0)
@@ -40,7 +41,7 @@ def test_an_observation_arrives_as_it_was() -> None:
 
 
 def test_large_arrays_travel_through_the_frame_file(folder: frame_file.FrameFolder) -> None:
-    reader = frame_file.FrameReader(folder.path)
+    reader = FrameReader(folder.path)
     for tick in range(4):
         first = seen(tick, CLOUD + tick)
         folder.begin()
@@ -51,7 +52,7 @@ def test_large_arrays_travel_through_the_frame_file(folder: frame_file.FrameFold
 
 
 def test_an_agent_may_keep_what_it_was_shown(folder: frame_file.FrameFolder) -> None:
-    reader, kept = frame_file.FrameReader(folder.path), []
+    reader, kept = FrameReader(folder.path), []
     for tick in range(5):
         folder.begin()
         data = wire_protocol.encode_frame({"value": seen(tick, CLOUD + tick)}, folder.store)[
@@ -62,7 +63,7 @@ def test_an_agent_may_keep_what_it_was_shown(folder: frame_file.FrameFolder) -> 
 
 
 def test_the_frame_before_can_be_read_while_the_next_is_written(folder: frame_file.FrameFolder) -> None:
-    reader, places = frame_file.FrameReader(folder.path), []
+    reader, places = FrameReader(folder.path), []
     for value in (1.0, 2.0):
         folder.begin()
         places.append(folder.store(np.full(1000, value)))
@@ -75,13 +76,13 @@ def test_several_arrays_of_a_frame_lie_beside_each_other(folder: frame_file.Fram
     arrays = [np.full((1000 + i, 3), i, dtype=np.float64) for i in range(5)]
     folder.begin()
     data = wire_protocol.encode_frame({"value": arrays}, folder.store)[wire_protocol.LENGTH.size :]
-    found = wire_protocol.decode(data, frame_file.FrameReader(folder.path).load)["value"]
+    found = wire_protocol.decode(data, FrameReader(folder.path).load)["value"]
     assert all(np.array_equal(a, b) for a, b in zip(arrays, found, strict=True))
 
 
 @pytest.mark.slow
 def test_a_frame_may_grow(folder: frame_file.FrameFolder) -> None:
-    reader = frame_file.FrameReader(folder.path)
+    reader = FrameReader(folder.path)
     for size in (5_000, 500_000, 50, 3_000_000):
         folder.begin()
         first, second = np.full(size, 7.0), np.full(size, 8.0)
@@ -102,7 +103,7 @@ def test_a_full_disk_is_an_error_of_ours(folder: frame_file.FrameFolder, monkeyp
 
 
 def test_a_place_beyond_the_frame_is_an_error(folder: frame_file.FrameFolder) -> None:
-    reader = frame_file.FrameReader(folder.path)
+    reader = FrameReader(folder.path)
     with pytest.raises(OSError, match="expected a frame of at least"):
         reader.load(np.zeros(10), 1 << 40)
     array = {"": "array", "dtype": "<f8", "shape": (9,), "offset": 0}
@@ -140,7 +141,7 @@ def test_only_the_owner_writes(folder: frame_file.FrameFolder) -> None:
     modes = {path.name: path.stat().st_mode & 0o777 for path in folder.path.iterdir()}
     assert set(modes) == {"0", "1"}
     assert all(mode & 0o022 == 0 for mode in modes.values())
-    reader = frame_file.FrameReader(folder.path)
+    reader = FrameReader(folder.path)
     with pytest.raises(OSError, match="Bad file descriptor"):
         os.pwrite(reader._files[0], b"x", 0)
 
@@ -151,7 +152,7 @@ def test_a_briefing_arrives_as_it_was(folder: frame_file.FrameFolder) -> None:
     first = Briefing("a", 1, 0.05, 60.0, facts, xy, *(np.arange(400.0) for _ in range(4)))
     folder.begin()
     data = wire_protocol.encode_frame({"value": first}, folder.store)[wire_protocol.LENGTH.size :]
-    found = wire_protocol.decode(data, frame_file.FrameReader(folder.path).load)["value"]
+    found = wire_protocol.decode(data, FrameReader(folder.path).load)["value"]
     assert np.array_equal(found.route_xy, xy) and found.vehicle == facts
 
 

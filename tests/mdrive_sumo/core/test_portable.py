@@ -159,12 +159,19 @@ def test_arguments_broadcast() -> None:
 
 
 def test_tables_are_the_nearest_floats() -> None:
-    cosines, tangents = portable_tables.build_cosines(), portable_tables.build_arc_tangents()
+    tables = portable_tables.load_tables()
+    cosines, sines, tangents = tables.cosines.tolist(), tables.sines.tolist(), tables.arc_tangents.tolist()
     assert (len(cosines), len(tangents)) == (portable_tables.TURN_STEPS, portable_tables.ATAN_STEPS + 1)
     with localcontext(prec=DIGITS + 20):
         for i in range(0, len(cosines), 97):
             assert cosines[i] == float(decimal_cos(2 * PI * i / len(cosines)))
+            assert abs(sines[i] - float(decimal_sin(2 * PI * i / len(cosines)))) < 1e-16
         assert [tangents[i] for i in (0, 1, 77, 256)] == [float(decimal_atan2(i, 256)) for i in (0, 1, 77, 256)]
+
+
+def test_the_file_of_the_tables_holds_what_is_computed() -> None:
+    computed = np.array(portable_tables.compute_file_values(), "<f8")
+    assert portable_tables.FILE.read_bytes() == computed.tobytes()
 
 
 def test_the_bits_are_known() -> None:
