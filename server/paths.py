@@ -12,9 +12,6 @@ from pathlib import Path
 
 from server.settings import ServerSettings
 
-JOINT_CAV = "all"
-"""Replaces the CAV's id in the log of a joint agent."""
-
 
 def archive_path(settings: ServerSettings, sha256: str) -> Path:
     """Return the path of an archive."""
@@ -42,7 +39,7 @@ def replay_path(settings: ServerSettings, submission: str, scenario: str, seed: 
 
 
 def log_path(settings: ServerSettings, submission: str, scenario: str, seed: int, cav: str) -> Path:
-    """Return the path of the log of one CAV's agent; `JOINT_CAV` for a joint agent."""
+    """Return the path of the log of one CAV's agent; `all` for a joint agent."""
     return recordings_folder(settings, submission, seed) / log_name(scenario, cav)
 
 

@@ -49,18 +49,19 @@ def command(ctx: click.Context, agents: str, **options: Any) -> None:
     study = CrossPlayStudy({name: given.prepare_agent(name) for name in names}, given.all_seeds, given.out)
     rows = drive_with_display(ctx, study)
     summary = summarise_cross_play(rows)
-    about = given.describe(rows[0].results[0].run.suite)
+    about = given.describe(rows)
     pages = {
         "cross-play.json": cross_play_json(about, rows, summary),
         "cross-play.csv": cross_play_csv(summary),
         "cross-play.md": cross_play_markdown(about, rows, summary),
     }
-    paths = [*given.write_pages(pages), *draw_cross_play(summary, about.suite, given.out / "cross-play")]
+    pictures = draw_cross_play(summary, about.suite, given.out / "cross-play")
     tables = (
         format_text_table(STRANGERS_HEADER, make_strangers_table(summary)),
         format_text_table(*make_matrix(summary)),
     )
-    given.end_study(ctx, tables, paths, (one for row in rows for one in row.results), summary.void)
+    results = (one for row in rows for one in row.results)
+    given.end_study(ctx, results, pages, pictures, tables, summary.void)
 
 
 def list_all_agents() -> str:

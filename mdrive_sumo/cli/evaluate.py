@@ -3,7 +3,7 @@
 import shlex
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from mdrive_sumo.runs.evaluate import RESULTS_FILE, Progress, StoppedAtFailure, 
 from mdrive_sumo.runs.journal import JOURNAL_FILE
 from mdrive_sumo.runs.other_agents import parse_other_agents
 from mdrive_sumo.runs.prepared_run import CAMERAS_FOLDER, EPISODES_FOLDER, LOGS_FOLDER, PreparedRun, prepare
-from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
+from mdrive_sumo.runs.run_config import ConfigValue, RunConfig, load_agent_config
 from mdrive_sumo.scoring import Results, ScoreMode
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation
 from mdrive_sumo.study.reference_runs import evaluate_captured_cooperation
@@ -121,22 +121,10 @@ def command(
     input, 130 interrupted.
     """
     agent_options = load_agent_config(agent_config) if agent_config else {}
-    first, count = options.pop("seed"), options.pop("seeds")
     if transcript is not None:
         agent_options["transcript"] = str(transcript.resolve())
-    if ((executor := options.pop("executor")) == "dask") != bool(options["scheduler"]):
-        raise InputError(f"--executor {executor}: expected --scheduler with dask and only then")
-    config = RunConfig(
-        agent=AgentSpec(options.pop("agent"), agent_options),
-        others=parse_other_agents(options.pop("others"), options.pop("penetration")),
-        options=read_episode_options(options),
-        seed=first,
-        more_seeds=tuple(range(first + 1, first + count)),
-        record=not no_record,
-        chosen_mode=ScoreMode(score_mode) if score_mode else None,
-        command=("mdrive-sumo", *sys.argv[1:]),
-        **options,
-    )
+    mode = ScoreMode(score_mode) if score_mode else None
+    config = _read_config(agent_options, options, record=not no_record, chosen_mode=mode)
     run = prepare(config)
     whole = evaluate_with_display(ctx, run, evaluate_run)
     shares = with_references(ctx, whole, config) if captured else None
@@ -148,6 +136,26 @@ def command(
     if failures:
         click.echo("\n" + failures)
     ctx.exit(1 if whole.void or failures else 0)
+
+
+def _read_config(agent_options: Mapping[str, ConfigValue], options: dict[str, Any], **known: Any) -> RunConfig:
+    """Return the configuration that the options of the command line ask for. Raises InputError.
+
+    known: fields of the configuration. `options` loses those that are no fields.
+    """
+    first, count = options.pop("seed"), options.pop("seeds")
+    if ((executor := options.pop("executor")) == "dask") != bool(options["scheduler"]):
+        raise InputError(f"--executor {executor}: expected --scheduler with dask and only then")
+    return RunConfig(
+        agent=AgentSpec(options.pop("agent"), agent_options),
+        others=parse_other_agents(options.pop("others"), options.pop("penetration")),
+        options=read_episode_options(options),
+        seed=first,
+        more_seeds=tuple(range(first + 1, first + count)),
+        command=("mdrive-sumo", *sys.argv[1:]),
+        **known,
+        **options,
+    )
 
 
 def with_references(ctx: click.Context, results: Results, config: RunConfig) -> CapturedCooperation:

@@ -26,12 +26,12 @@ def command(ctx: click.Context, **options: Any) -> None:
     study = GainStudy({name: given.prepare_agent(name) for name in AGENTS}, given.all_seeds, given.out)
     rows = drive_with_display(ctx, study)
     summary = summarise_gain(rows)
-    about = given.describe(rows[0].results[0].run.suite)
+    about = given.describe(rows)
     pages = {
         "gain.json": gain_json(about, rows, summary),
         "gain.csv": gain_csv(summary),
         "gain.md": gain_markdown(about, rows, summary),
     }
-    paths = given.write_pages(pages)
     table = format_text_table(GAIN_HEADER, make_gain_table(summary))
-    given.end_study(ctx, [table], paths, (one for row in rows for one in row.results), summary.void)
+    results = (one for row in rows for one in row.results)
+    given.end_study(ctx, results, pages, (), [table], summary.void)

@@ -60,15 +60,16 @@ def command(ctx: click.Context, agents: str, others: str, levels: str, **options
     )
     rows = drive_with_display(ctx, study)
     summary = summarise_penetration(rows)
-    about = given.describe(rows[0].results[0].run.suite)
+    about = given.describe(rows)
     pages = {
         "penetration.json": penetration_json(about, rows, summary),
         "penetration.csv": penetration_csv(summary),
         "penetration.md": penetration_markdown(about, rows, summary),
     }
-    paths = [*given.write_pages(pages), *draw_penetration(summary, about.suite, given.out / "penetration")]
+    pictures = draw_penetration(summary, about.suite, given.out / "penetration")
     table = format_text_table(PENETRATION_HEADER, make_penetration_table(summary))
-    given.end_study(ctx, [table], paths, (one for row in rows for one in row.results), summary.void)
+    results = (one for row in rows for one in row.results)
+    given.end_study(ctx, results, pages, pictures, [table], summary.void)
 
 
 def _parse_levels(text: str) -> tuple[int, ...]:

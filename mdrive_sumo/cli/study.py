@@ -1,6 +1,5 @@
 """`mdrive-sumo study`: what cooperation is worth."""
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,17 +13,14 @@ from mdrive_sumo.cli.gain import command as gain_command
 from mdrive_sumo.cli.paper import command as paper_command
 from mdrive_sumo.cli.penetration import command as penetration_command
 from mdrive_sumo.cli.scenario_option import scenario_option
-from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
-from mdrive_sumo.cli.study_options import parse_agent_names
+from mdrive_sumo.cli.study_display import drive_with_display
+from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.loop import EpisodeOptions
-from mdrive_sumo.runs.agent_spec import AgentSpec
-from mdrive_sumo.runs.evaluate import report_write_errors
-from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
-from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
+from mdrive_sumo.runs.run_config import ConfigValue, load_agent_config
 from mdrive_sumo.study.conditions import (
     FACTORS,
     GRIDS,
@@ -36,7 +32,7 @@ from mdrive_sumo.study.conditions import (
     parse_pose_levels,
 )
 from mdrive_sumo.study.plots import draw_curves, make_curves
-from mdrive_sumo.study.study_files import StudyDescription, study_json, study_markdown, table_of
+from mdrive_sumo.study.study_files import study_json, study_markdown, table_of
 from mdrive_sumo.study.study_runs import BEST, Study
 from mdrive_sumo.study.study_summary import StudyLine, summarise_rows
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
@@ -90,57 +86,35 @@ def comm_command(ctx: click.Context, **options: object) -> None:
 
     Exit codes: 0 every scenario has a score, 1 some are void or an agent failed, 2 unusable input, 130 interrupted.
     """
-    options_given = _StudyOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
-    varied = options_given.varied()
-    found = make_conditions(options_given.base(), varied, options_given.grid)
-    study = options_given.study(found)
-    rows = drive_with_display(ctx, study)
-    told = summarise_rows(rows)
-    about = StudyDescription(
-        suite=rows[0].results[0].run.suite,
-        scenario=options_given.scenario,
-        grid=options_given.grid,
-        factors=varied,
-        seeds=study.seeds,
-        command=("mdrive-sumo", *sys.argv[1:]),
-    )
-    pictures = _draw(told, varied, found[0], options_given.out)
-    _write(options_given.out / "study.json", study_json(about, told))
-    _write(
-        options_given.out / "study.md",
-        study_markdown(about, told, [path for path in pictures if path.suffix == ".png"]),
-    )
-    click.echo(format_text_table(*table_of(told, brief=True)))
-    click.echo(
-        "\n"
-        + "\n".join(str(path) for path in (options_given.out / "study.json", options_given.out / "study.md", *pictures))
-    )
-    failed = warn_about_failures((one for row in rows if not row.reused for one in row.results), options_given.out)
-    ctx.exit(1 if failed or any(line.void for line in told) else 0)
+    given = _ChannelStudyOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
+    varied = given.varied()
+    conditions = make_conditions(given.base(), varied, given.grid)
+    rows = drive_with_display(ctx, given.study(conditions))
+    lines = summarise_rows(rows)
+    about = given.describe(rows, given.grid, varied)
+    pictures = _draw(lines, varied, conditions[0], given.out)
+    pages = {
+        "study.json": study_json(about, lines),
+        "study.md": study_markdown(about, lines, [path for path in pictures if path.suffix == ".png"]),
+    }
+    table = format_text_table(*table_of(lines, brief=True))
+    results = (one for row in rows if not row.reused for one in row.results)
+    given.end_study(ctx, results, pages, pictures, [table], sum(line.void for line in lines))
 
 
 @dataclass(frozen=True, slots=True)
-class _StudyOptions:
+class _ChannelStudyOptions(StudyOptions):
     """The options of `study comm`."""
 
-    suite: str
-    scenario: str
     agents: str
     agent_config: tuple[str, ...]
     agent_clock: str
-    comm: str
     latency: str | None
     loss: str | None
     pose_error: str | None
     rotation_error: str | None
     grid: str
-    seed: int
-    seeds: int
     captured: bool
-    no_record: bool
-    fresh: bool
-    out: Path
-    workers: int
 
     def base(self) -> CommSettings:
         """Return the base channel. Raises InputError."""
@@ -164,53 +138,35 @@ class _StudyOptions:
         """Return the study; creates every agent once. Raises InputError."""
         names = parse_agent_names(self.agents)
         configs = self._parse_agent_configs(names)
-        agents = {name: self._prepare_agent(name, configs.get(name)) for name in names}
-        best = agents.get(BEST) or self._prepare_agent(BEST, None) if self.captured else None
-        seeds = tuple(range(self.seed, self.seed + self.seeds))
-        return Study(agents, best, found, make_off_condition() if self.captured else None, seeds, self.out)
+        agents = {name: self.prepare_agent(name, configs.get(name)) for name in names}
+        best = agents.get(BEST) or self.prepare_agent(BEST) if self.captured else None
+        return Study(agents, best, found, make_off_condition() if self.captured else None, self.all_seeds, self.out)
 
-    def _parse_agent_configs(self, names: Sequence[str]) -> dict[str, Path]:
-        found: dict[str, Path] = {}
+    def make_episode_options(self) -> EpisodeOptions:
+        """Return the conditions of every episode: the base channel, the agents' clock. Raises InputError."""
+        return EpisodeOptions(self.base(), parse_clock(self.agent_clock))
+
+    def _parse_agent_configs(self, names: Sequence[str]) -> dict[str, dict[str, ConfigValue]]:
+        found: dict[str, dict[str, ConfigValue]] = {}
         for text in self.agent_config:
             name, _, path = text.partition("=")
             if name not in names or not path:
                 raise InputError(f"study: --agent-config: expected AGENT=FILE with one of --agents, found {text!r}")
-            found[name] = Path(path)
+            found[name] = load_agent_config(Path(path))
         return found
-
-    def _prepare_agent(self, agent: str, config: Path | None) -> PreparedRun:
-        return prepare(
-            RunConfig(
-                suite=self.suite,
-                scenario=self.scenario,
-                agent=AgentSpec(agent, load_agent_config(config) if config else {}),
-                seed=self.seed,
-                options=EpisodeOptions(self.base(), parse_clock(self.agent_clock)),
-                record=not self.no_record,
-                workers=self.workers,
-                out=self.out,
-                fresh=self.fresh,
-                command=("mdrive-sumo", *sys.argv[1:]),
-            )
-        )
 
 
 def _draw(
-    told: Sequence[StudyLine], varied: Mapping[str, Sequence[Level]], base: ChannelCondition, out: Path
+    lines: Sequence[StudyLine], varied: Mapping[str, Sequence[Level]], base: ChannelCondition, out: Path
 ) -> list[Path]:
-    first = told[0].row.results
+    first = lines[0].row.results
     title = (
         f"{first[0].run.suite}: mean of {len(first[0].scenarios)} scenarios"
         f"{f' with {len(first)} seeds' if len(first) > 1 else ''}, shaded: 95 % bootstrap intervals"
     )
     pictures: list[Path] = []
     for name in varied:
-        found = make_curves(told, FACTORS[name], base)
+        found = make_curves(lines, FACTORS[name], base)
         if found:
             pictures += draw_curves(found, FACTORS[name], title, out / name)
     return pictures
-
-
-def _write(path: Path, text: str) -> None:
-    with report_write_errors(path):
-        path.write_text(text, encoding="utf-8")

@@ -1,10 +1,10 @@
 """Options that studies of agents share: suite, channel, seeds, folder."""
 
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, Protocol
 
 import click
 
@@ -17,8 +17,9 @@ from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
-from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.runs.run_config import ConfigValue, RunConfig
 from mdrive_sumo.scoring import Results
+from mdrive_sumo.study.conditions import Level
 from mdrive_sumo.study.study_files import StudyDescription
 from mdrive_sumo.v2x.comm_settings import PRESETS
 
@@ -49,6 +50,15 @@ def study_options(*, suite: str, seed: int, seeds: int) -> Callable[[Callable[..
     return decorate
 
 
+class DrivenRow(Protocol):
+    """A row of a study."""
+
+    @property
+    def results(self) -> Sequence[Results]:
+        """The results of its runs, one for each seed."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class StudyOptions:
     """What the user asked for."""
@@ -68,40 +78,57 @@ class StudyOptions:
         """Every seed of the study."""
         return tuple(range(self.seed, self.seed + self.seeds))
 
-    def prepare_agent(self, name: str) -> PreparedRun:
+    def make_episode_options(self) -> EpisodeOptions:
+        """Return the conditions of every episode. Raises InputError."""
+        return EpisodeOptions(parse_comm_options(self.comm))
+
+    def prepare_agent(self, name: str, agent_config: Mapping[str, ConfigValue] | None = None) -> PreparedRun:
         """Return the run of an agent with the first seed. Raises InputError."""
         config = RunConfig(
             suite=self.suite,
             scenario=self.scenario,
-            agent=AgentSpec(name),
+            agent=AgentSpec(name, agent_config or {}),
             seed=self.seed,
-            options=EpisodeOptions(parse_comm_options(self.comm)),
+            options=self.make_episode_options(),
             record=not self.no_record,
             workers=self.workers,
             out=self.out,
             fresh=self.fresh,
-            command=("mdrive-sumo", *sys.argv[1:]),
+            command=_get_command(),
         )
         return prepare(config)
 
-    def describe(self, suite: str) -> StudyDescription:
-        """Return the study for its files. suite: the name of the suite that was driven."""
-        return StudyDescription(suite, self.scenario, "", {}, self.all_seeds, ("mdrive-sumo", *sys.argv[1:]))
-
-    def write_pages(self, pages: dict[str, str]) -> list[Path]:
-        """Write pages into the folder, by file name, and return the paths. Raises InputError."""
-        for name, text in pages.items():
-            with report_write_errors(self.out / name):
-                (self.out / name).write_text(text, encoding="utf-8")
-        return [self.out / name for name in pages]
+    def describe(
+        self, rows: Sequence[DrivenRow], grid: str = "", factors: Mapping[str, Sequence[Level]] | None = None
+    ) -> StudyDescription:
+        """Return the study for its files. grid and factors: of a channel study."""
+        suite = rows[0].results[0].run.suite
+        return StudyDescription(suite, self.scenario, grid, factors or {}, self.all_seeds, _get_command())
 
     def end_study(
-        self, ctx: click.Context, tables: Sequence[str], paths: Sequence[Path], results: Iterable[Results], void: int
+        self,
+        ctx: click.Context,
+        results: Iterable[Results],
+        pages: Mapping[str, str],
+        pictures: Sequence[Path],
+        tables: Sequence[str],
+        void: int,
     ) -> NoReturn:
-        """Print tables, paths and a line for each failed agent; exit with 1 if one failed or scenarios are void."""
-        click.echo("\n\n".join((*tables, "\n".join(map(str, paths)))))
+        """Write pages, by file name; print tables, paths and a line for each failed agent; exit.
+
+        The exit code is 1 if an agent failed or scenarios are void, else 0. Raises InputError.
+        """
+        paths = [self.out / name for name in pages]
+        for path, text in zip(paths, pages.values(), strict=True):
+            with report_write_errors(path):
+                path.write_text(text, encoding="utf-8")
+        click.echo("\n\n".join((*tables, "\n".join(map(str, (*paths, *pictures))))))
         failed = warn_about_failures(results, self.out)
         ctx.exit(1 if failed or void else 0)
+
+
+def _get_command() -> tuple[str, ...]:
+    return ("mdrive-sumo", *sys.argv[1:])
 
 
 def parse_agent_names(text: str, fewest: int = 1) -> Sequence[str]:

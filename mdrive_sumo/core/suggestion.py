@@ -3,6 +3,8 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+from mdrive_sumo.core.truncation import truncate
+
 LEAST_SIMILARITY = 0.6
 """Of two names that may be the same one mistyped, in [0, 1]: the default of `difflib`."""
 
@@ -29,4 +31,4 @@ def describe_unknown(name: str, known: Iterable[str], also: str = "") -> str:
 
 def shorten_name(name: str, max_length: int = 60) -> str:
     """Return a name in quotes, cut to a length."""
-    return repr(name if len(name) <= max_length else name[: max_length - 3] + "...")
+    return repr(truncate(name, max_length))

@@ -1,5 +1,7 @@
-"""Tables as aligned plain text and as Markdown. Needs nothing else, so `doctor` can use it on a broken installation."""
+"""Tables as plain text, Markdown and CSV. Needs nothing else, so `doctor` can use it on a broken installation."""
 
+import csv
+import io
 import re
 from collections.abc import Iterable, Sequence
 
@@ -21,6 +23,15 @@ def format_markdown_table(header: TableRow, rows: Iterable[TableRow], left: int 
     rule = ["---" if i < left else "---:" for i in range(len(header))]
     body = [[escape_markdown(cell) for cell in row] for row in rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in (header, rule, *body))
+
+
+def format_csv_table(header: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
+    """Return a CSV table (RFC 4180, but with line feeds)."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def escape_markdown(text: str) -> str:

@@ -4,6 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from mdrive_sumo.core.truncation import truncate
+
 ABSENT = "nothing"
 """What is found at a place that one of the two values does not have."""
 MAX_CHARACTERS = 60
@@ -40,7 +42,7 @@ def find_tree_differences(
 def format_leaf(value: object) -> str:
     """Return a value as a sentence shows it, shortened."""
     text = str(value) if isinstance(value, bool | int | float) or value is None else repr(value)
-    return text if len(text) <= MAX_CHARACTERS else text[: MAX_CHARACTERS - 3] + "..."
+    return truncate(text, MAX_CHARACTERS)
 
 
 def _compare_mappings(

@@ -47,7 +47,6 @@ COLOR_BY_KIND = {
     Kind.CYCLIST: (0.94, 0.89, 0.26),
     Kind.STATIC: (0.35, 0.35, 0.35),
 }
-JSON_TYPES = {"string": "string", "integer": "integer", "number": "number", "boolean": "boolean"}
 JSON_TOPICS = {"/v2x/messages": "messages", "/signals": "signals"}
 """Topic -> the table (`export_tables`) whose rows are its messages, each in its tick."""
 

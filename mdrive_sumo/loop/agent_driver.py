@@ -6,6 +6,7 @@ from typing import Protocol
 from mdrive_sumo.contract import Agent, Briefing, Observation, Reply, ReplyError, SensorSpec, check_reply, read_label
 from mdrive_sumo.core.errors import MdriveError, WorldError
 from mdrive_sumo.core.state import FailureReason
+from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.vehicle.control import CONTROLLERS
 
 CONTROLLER_NAMES = frozenset(CONTROLLERS)
@@ -110,4 +111,4 @@ def describe_error(error: BaseException) -> str:
 def shorten(text: str, max_length: int = 200) -> str:
     """Return a text as one short printable line: a participant's text goes to logs, terminals and pages."""
     line = "".join(c if c.isprintable() else "?" for c in " ".join(text[: 4 * max_length].split()))
-    return line if len(line) <= max_length else line[: max_length - 3] + "..."
+    return truncate(line, max_length)

@@ -81,15 +81,6 @@ def prepare_open_loop(
         hidden = list_hidden_folders(reference.suite.folder, reference.folder, RUNS_FOLDER)
         located = box_agent(located, hidden, out)
     _, labels = declare_labels(located, is_sandboxed=located.box is not None)
-    recordings = {
-        f"recording of {name}, seed {seed}": compute_file_checksum(path)
-        for (name, seed), path in reference.recordings.items()
-    }
-    fingerprint = {
-        **compute_fingerprint(config, reference.suite, reference.scenarios),
-        "reference": reference.name,
-        **recordings,
-    }
     info = OpenLoopRunInfo(
         agent=agent.name,
         labels=labels,
@@ -101,7 +92,17 @@ def prepare_open_loop(
         versions=read_versions(),
         options=options.to_dict(),
     )
-    return OpenLoopRun(reference, located, options, out, workers, info, fingerprint)
+    return OpenLoopRun(reference, located, options, out, workers, info, _compute_fingerprint(config, reference))
+
+
+def _compute_fingerprint(config: RunConfig, reference: Reference) -> Fingerprint:
+    """Return what identifies an evaluation: that of a run, and the recordings."""
+    recordings = {
+        f"recording of {name}, seed {seed}": compute_file_checksum(path)
+        for (name, seed), path in reference.recordings.items()
+    }
+    run = compute_fingerprint(config, reference.suite, reference.scenarios)
+    return {**run, "reference": reference.name, **recordings}
 
 
 def _name_folder(config: RunConfig, reference: Reference) -> Path:

@@ -11,7 +11,8 @@ from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.report.actor_plot import KIND_COLOURS, MIN_SIZE_M
-from mdrive_sumo.report.map_plot import draw_map, fit_view
+from mdrive_sumo.report.map_plot import draw_map
+from mdrive_sumo.report.map_view import fit_view
 from mdrive_sumo.report.palette import CAV_COLOURS
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario

@@ -1,56 +1,21 @@
 """Draw the geometry of a road network with matplotlib: surfaces, markings, crossings, signs and buildings."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
-import numpy as np
 import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.patches import PathPatch, RegularPolygon
 from matplotlib.path import Path
-from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.report.map_view import MapView
 from mdrive_sumo.report.palette import LIGHT
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.drawing.map_geometry import MapGeometry, build_map_geometry
 
 GROUND, PAVEMENT, APRON, ASPHALT, PAINT = (LIGHT[name] for name in ("ground", "footway", "apron", "road", "line"))
 BUILDING, BUILDING_EDGE = LIGHT["building"], LIGHT["building-edge"]
-
-
-@dataclass(frozen=True, slots=True)
-class MapView:
-    """The rectangle that a plot shows [m]."""
-
-    left: float
-    low: float
-    right: float
-    high: float
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height [m]."""
-        return self.right - self.left, self.high - self.low
-
-    def contains(self, shape: BaseGeometry) -> bool:
-        """Return whether a part of the shape is visible."""
-        return shape.intersects(self.box)
-
-    @property
-    def box(self) -> shapely.Polygon:
-        """The rectangle as a polygon."""
-        return shapely.box(self.left, self.low, self.right, self.high)
-
-
-def fit_view(xy: Float, margin_m: float = 16.0, min_side_m: float = 60.0) -> MapView:
-    """Return a view around points (N, 2) [m] with a margin; neither side is shorter than 45 % of the other."""
-    centre = (xy.min(0) + xy.max(0)) / 2
-    half = np.maximum((xy.max(0) - xy.min(0)) / 2 + margin_m, min_side_m / 2)
-    half = np.maximum(half, half.max() * 0.45)
-    (left, low), (right, high) = centre - half, centre + half
-    return MapView(float(left), float(low), float(right), float(high))
 
 
 def draw_map(axes: Axes, roads: RoadMap, view: MapView) -> None:

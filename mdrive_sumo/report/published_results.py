@@ -10,8 +10,6 @@ from types import MappingProxyType
 AS_PUBLISHED = "CARLA, as published: not ranked"
 """Heading of published rows in a table."""
 MAIN_TABLE_LABEL = "tab:mdrive_results"
-LATENCY_TABLE_LABEL = "tab:latency_results"
-POSE_ERROR_TABLE_LABEL = "tab:pose_error_results"
 BUCKETS = ("InterDrive", "Interaction", "V2XPnP")
 """In the order of the paper's main table."""
 SUITES = ("interaction", "interdrive", "mdrive", "v2xpnp")
@@ -25,7 +23,6 @@ class PublishedMethod:
     """A row of the paper's main table: DS and SR [%] by bucket, and its average."""
 
     method: str
-    is_multi_agent: bool
     shares_perception: bool
     negotiates: bool
     scores: Mapping[str, tuple[float, float]]
@@ -34,10 +31,10 @@ class PublishedMethod:
 
 
 def _make_method(method: str, flags: str, *numbers: float) -> PublishedMethod:
-    """flags: m multi-agent, p perception sharing, n negotiation. numbers: DS, SR of each bucket and the average."""
+    """flags: p perception sharing, n negotiation. numbers: DS, SR of each bucket and the average."""
     pairs = list(zip(numbers[::2], numbers[1::2], strict=True))
     scores: dict[str, tuple[float, float]] = dict(zip(BUCKETS, pairs[:-1], strict=True))
-    return PublishedMethod(method, "m" in flags, "p" in flags, "n" in flags, MappingProxyType(scores), pairs[-1])
+    return PublishedMethod(method, "p" in flags, "n" in flags, MappingProxyType(scores), pairs[-1])
 
 
 PUBLISHED_METHODS = (
@@ -45,9 +42,9 @@ PUBLISHED_METHODS = (
     _make_method("UniAD", "", 57.48, 26.40, 53.08, 31.10, 72.55, 68.48, 61.04, 41.99),
     _make_method("VAD", "", 57.49, 23.30, 48.83, 27.14, 67.20, 66.30, 57.84, 38.91),
     _make_method("LMDrive", "", 56.74, 27.10, 57.45, 29.08, 71.56, 69.57, 61.92, 41.92),
-    _make_method("CoDriving", "mp", 83.99, 66.10, 79.06, 70.53, 84.97, 82.84, 82.67, 73.16),
-    _make_method("CoLMDriver*", "mpn", 83.77, 75.10, 66.70, 53.65, 77.89, 73.13, 76.12, 67.29),
-    _make_method("CoLMDriver", "mpn", 85.29, 76.85, 67.91, 51.93, 78.27, 75.37, 77.16, 68.05),
+    _make_method("CoDriving", "p", 83.99, 66.10, 79.06, 70.53, 84.97, 82.84, 82.67, 73.16),
+    _make_method("CoLMDriver*", "pn", 83.77, 75.10, 66.70, 53.65, 77.89, 73.13, 76.12, 67.29),
+    _make_method("CoLMDriver", "pn", 85.29, 76.85, 67.91, 51.93, 78.27, 75.37, 77.16, 68.05),
 )
 """The paper's main table (`MAIN_TABLE_LABEL`), in its order."""
 
@@ -71,13 +68,13 @@ PUBLISHED_LATENCY = (
     PublishedDegradation("CoLMDriver", (79.43, 78.76), (82.57, 81.19), (0.935, 0.936), (71.43, 69.05)),
     PublishedDegradation("CoLMDriver*", (78.79, 72.84), (81.67, 74.12), (0.931, 0.943), (71.43, 64.29)),
 )
-"""`LATENCY_TABLE_LABEL`: 6 ticks of delay and real-time inference, 21 matched V2XPnP scenarios."""
+"""tab:latency_results: 6 ticks of delay and real-time inference, 21 matched V2XPnP scenarios."""
 PUBLISHED_POSE_ERROR = (
     PublishedDegradation("CoDriving", (92.85, 92.55), (97.10, 96.28), (0.942, 0.942), (88.10, 88.10)),
     PublishedDegradation("CoLMDriver", (79.43, 75.70), (82.57, 77.21), (0.935, 0.935), (71.43, 57.14)),
     PublishedDegradation("CoLMDriver*", (78.79, 70.63), (81.67, 73.10), (0.931, 0.934), (71.43, 57.14)),
 )
-"""`POSE_ERROR_TABLE_LABEL`: 0.6 m and 0.6 degrees, 21 matched V2XPnP scenarios."""
+"""tab:pose_error_results: 0.6 m and 0.6 degrees, 21 matched V2XPnP scenarios."""
 PUBLISHED_GAPS: Mapping[str, float] = MappingProxyType(
     {"static-avoidance": 3.54, "dynamic-avoidance": 35.12, "dynamic-coordination": 24.58}
 )

@@ -1,19 +1,15 @@
 """The replay of an episode: one self-contained HTML page that never accesses the network."""
 
-import base64
-import hashlib
 import html
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Self
 
-from jinja2 import Environment, StrictUndefined
-
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.episode.camera_archive import CameraTrack
+from mdrive_sumo.report.html_page import read_static, render_html_page
 from mdrive_sumo.report.palette import CAV_COLOURS, format_custom_properties
 from mdrive_sumo.report.replay_cameras import pack_camera_images
 from mdrive_sumo.report.replay_data import pack_replay_data
@@ -83,33 +79,22 @@ def render_replay(
 
     The same episode gives the same bytes; its content policy forbids every connection.
     """
-    style, script = build_replay_style(), build_replay_script()
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True)
-    return environment.from_string(_read_static("viewer.html")).render(
+    page = render_html_page(
+        "viewer.html",
         title=f"{scenario.id} · mdrive-sumo",
-        style=style,
-        style_hash=hash_for_policy(style),
-        script=script,
-        script_hash=hash_for_policy(script),
+        style=build_replay_style(),
+        script=build_replay_script(),
         data=pack_replay_data(episode, scenario, roads, marks, result),
         camera_images=pack_camera_images(episode, cameras),
     )
+    return page + "\n"
 
 
 def build_replay_style() -> str:
     """Return the style sheet of every replay page."""
-    return format_custom_properties() + _read_static("viewer.css")
+    return format_custom_properties() + read_static("viewer.css")
 
 
 def build_replay_script() -> str:
     """Return the script of every replay page."""
-    return "\n".join((f"const CAV_COLOURS = {json.dumps(CAV_COLOURS)};", *map(_read_static, SCRIPTS)))
-
-
-def _read_static(name: str) -> str:
-    return (files("mdrive_sumo.report") / "static" / name).read_text("utf-8")
-
-
-def hash_for_policy(text: str) -> str:
-    """Return the name of an inline script or style in a Content-Security-Policy (CSP level 3, section 2.3.1)."""
-    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+    return "\n".join((f"const CAV_COLOURS = {json.dumps(CAV_COLOURS)};", *map(read_static, SCRIPTS)))

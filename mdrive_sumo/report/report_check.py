@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 
 from mdrive_sumo.core.tree_difference import ABSENT
+from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.report.result_tables import CAPTURED_HEADER
 from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.scoring import Results
@@ -27,7 +28,7 @@ def find_report_differences(expected: Results, text: str) -> Iterator[str]:
     for (_, line), (number, found) in zip_longest(right, _list_figures(text), fillvalue=(0, ABSENT)):
         if line != found:
             place = f"line {number}" if number else "end"
-            yield f"{place}: expected {_shorten(line)}, found {_shorten(found)}"
+            yield f"{place}: expected {truncate(line, MAX_CHARACTERS)}, found {truncate(found, MAX_CHARACTERS)}"
 
 
 def _list_figures(text: str) -> Sequence[tuple[int, str]]:
@@ -39,7 +40,3 @@ def _list_figures(text: str) -> Sequence[tuple[int, str]]:
         if line.startswith(FIGURE_MARKS):
             lines.append((number, line.rsplit("|", 2)[0].rstrip() + " |" if is_captured else line))
     return lines
-
-
-def _shorten(line: str) -> str:
-    return line if len(line) <= MAX_CHARACTERS else line[: MAX_CHARACTERS - 3] + "..."

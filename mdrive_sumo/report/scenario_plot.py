@@ -14,7 +14,8 @@ from matplotlib.patches import Polygon
 from mdrive_sumo.core.geometry import Float, box_corners, build_polyline
 from mdrive_sumo.report.actor_plot import draw_actors
 from mdrive_sumo.report.label_placement import LabelBox, LabelRequest, place_labels
-from mdrive_sumo.report.map_plot import MapView, draw_map, fit_view
+from mdrive_sumo.report.map_plot import draw_map
+from mdrive_sumo.report.map_view import MapView, fit_view
 from mdrive_sumo.report.palette import CAV_COLOURS, LIGHT
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
 from mdrive_sumo.scoring import RunInfo
@@ -100,4 +101,4 @@ def format_setting(value: object) -> str:
         return ABSENT
     text = f"{value:g}" if isinstance(value, float) else str(value)
     text = text.removeprefix("sha256:")[:12] if text.startswith("sha256:") else text
-    return text if len(text) <= MAX_TEXT else text[: MAX_TEXT - 3] + "..."
+    return truncate(text, MAX_TEXT)

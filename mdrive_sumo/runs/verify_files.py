@@ -19,7 +19,6 @@ from mdrive_sumo.scoring import (
     find_scenario_faults,
     summarize_run,
 )
-from mdrive_sumo.scoring.labels import COMMUNICATION_LABELS
 from mdrive_sumo.scoring.results_check import find_repeated_episodes, name_place
 
 Scores = Mapping[EpisodeKey, Mapping[ScoreMode, ScenarioResult]]
@@ -135,11 +134,6 @@ def _expect_info(run: PreparedRun, found: RunInfo, mode: ScoreMode, facts: Mappi
 def _is_same_agent(run: PreparedRun, found: RunInfo) -> bool:
     """Return whether the agent of the results is that of the fingerprint, whose path is absolute."""
     return run.config.agent.name.rpartition("/")[2] == found.agent.rpartition("/")[2]
-
-
-def list_fact_labels(labels: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the labels of a run that no episode shows."""
-    return tuple(label for label in labels if label not in COMMUNICATION_LABELS)
 
 
 def _drop_times(value: Any) -> Any:

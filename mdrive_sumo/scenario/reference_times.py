@@ -11,10 +11,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
+from mdrive_sumo.scenario.scenario import Scenario, load_model
 from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.suite import NETWORKS_FOLDER, Suite
 
@@ -79,12 +78,7 @@ def read_reference_times(folder: Path) -> ReferenceTimesFile | None:
     path = folder / REFERENCE_TIMES_FILE
     if not path.is_file():
         return None
-    try:
-        return ReferenceTimesFile.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValidationError as error:
-        raise InputError(f"{path}: {describe_first_error(error)}") from None
+    return load_model(path, ReferenceTimesFile)
 
 
 def save_reference_times(suite: Suite, measured: Mapping[str, ReferenceTicks]) -> int:

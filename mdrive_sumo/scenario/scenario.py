@@ -7,10 +7,10 @@ box centre.
 import json
 import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 import numpy as np
-from pydantic import Field, PrivateAttr, ValidationError, model_validator
+from pydantic import BaseModel, Field, PrivateAttr, ValidationError, model_validator
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
@@ -21,6 +21,8 @@ from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.scenario.weather import WeatherName
 
 FORMAT = "mdrive-sumo/scenario/1"
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
 
 SpeedRule = Literal["protocol", "road"]
 TimeLimit = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
@@ -141,8 +143,13 @@ class Scenario(ScenarioPart):
 
 def load_scenario(path: Path) -> Scenario:
     """Load a scenario file. Raises InputError with one sentence."""
+    return load_model(path, Scenario)
+
+
+def load_model(path: Path, model: type[ModelT]) -> ModelT:
+    """Load a JSON file as a pydantic model. Raises InputError with one sentence."""
     try:
-        return Scenario.model_validate_json(path.read_bytes())
+        return model.model_validate_json(path.read_bytes())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:

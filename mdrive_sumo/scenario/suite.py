@@ -16,13 +16,13 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, overload
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
-from mdrive_sumo.scenario.scenario import Scenario, describe_first_error, load_scenario, save_scenario
+from mdrive_sumo.scenario.scenario import Scenario, load_model, load_scenario, save_scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.statistics import compute_suite_statistics
 
@@ -264,12 +264,7 @@ def save_suite(suite: Suite) -> None:
 
 
 def _suite_file(path: Path) -> SuiteFile:
-    try:
-        return SuiteFile.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValidationError as error:
-        raise InputError(f"{path}: {describe_first_error(error)}") from None
+    return load_model(path, SuiteFile)
 
 
 def _scenario(path: Path) -> Scenario:

@@ -1,16 +1,19 @@
 """The study of the gain as files: `gain.json` with all numbers, `gain.csv` for tables, `gain.md` to read."""
 
-import csv
-import io
 import json
-import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
 
-from mdrive_sumo.core.tables import TableRow, format_markdown_table
+from mdrive_sumo.core.tables import TableRow, format_csv_table, format_markdown_table
 from mdrive_sumo.study.gain import METRICS, PARTS, GainRow, GainSummary, judge
-from mdrive_sumo.study.study_files import StudyDescription, format_interval, run_to_dict
+from mdrive_sumo.study.study_files import (
+    StudyDescription,
+    describe_study,
+    format_csv_interval,
+    format_interval,
+    list_study_facts,
+    run_to_dict,
+)
 
 FORMAT = "mdrive-sumo/gain/1"
 SCORE_HEADER = ("scenarios", "sensing", "agent", "DS", "SR")
@@ -23,17 +26,7 @@ each. An interval that contains 0 shows no difference, neither a gain nor that t
 
 def gain_json(about: StudyDescription, rows: Sequence[GainRow], summary: GainSummary) -> str:
     """Return all numbers as JSON."""
-    run = rows[0].results[0].run
-    page: dict[str, Any] = {
-        "format": FORMAT,
-        "suite": about.suite,
-        "scenario": about.scenario,
-        "seeds": list(about.seeds),
-        "command": list(about.command),
-        "suite_checksum": run.suite_checksum,
-        "score_mode": run.score_mode,
-        "comm": run.comm,
-        "versions": run.versions,
+    page = describe_study(FORMAT, about, rows[0].results[0].run) | {
         "void": summary.void,
         "scores": [
             {"group": one.group, "scenarios": one.scenarios, "sensing": one.sensing, "agent": one.agent}
@@ -55,31 +48,19 @@ def gain_json(about: StudyDescription, rows: Sequence[GainRow], summary: GainSum
 
 def gain_csv(summary: GainSummary) -> str:
     """Return one line for each group, part and metric."""
-    page = io.StringIO()
-    writer = csv.writer(page, lineterminator="\n")
-    writer.writerow(("group", "scenarios", "part", "metric", "mean", "low", "high", "shown"))
-    for line in summary.gains:
-        for metric in METRICS:
-            gain = line.gain[metric]
-            numbers = (f"{value:.6f}" for value in (gain.mean, gain.low, gain.high))
-            writer.writerow((line.group, line.scenarios, line.part.name, metric, *numbers, judge(gain)))
-    return page.getvalue()
+    rows = (
+        (line.group, str(line.scenarios), line.part.name, metric, *format_csv_interval(gain), judge(gain))
+        for line in summary.gains
+        for metric, gain in ((name, line.gain[name]) for name in METRICS)
+    )
+    return format_csv_table(("group", "scenarios", "part", "metric", "mean", "low", "high", "shown"), rows)
 
 
 def gain_markdown(about: StudyDescription, rows: Sequence[GainRow], summary: GainSummary) -> str:
     """Return the study as a page."""
-    run = rows[0].results[0].run
-    facts = {
-        "suite": f"{about.suite}, checksum `{run.suite_checksum}`, scenarios `{about.scenario}`",
-        "left out as void": str(summary.void),
-        "seeds": ", ".join(map(str, about.seeds)),
-        "channel": ", ".join(f"{name} {value}" for name, value in run.comm.items()),
-        "command": f"`{shlex.join(about.command)}`",
-        "versions": ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items())),
-    }
     parts = (
         f"# {about.suite}: what sharing gains, and by what",
-        "\n".join(f"- {name}: {value}" for name, value in facts.items()),
+        list_study_facts(about, rows[0].results[0].run, summary.void),
         HOW_TO_READ,
         "\n".join(f"- **{part.name}**: {part.meaning}" for part in PARTS),
         format_markdown_table(GAIN_HEADER, make_gain_table(summary), left=2),

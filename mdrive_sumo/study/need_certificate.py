@@ -38,14 +38,13 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import wrap_angles
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.scenario import Ego, Scenario, describe_first_error
+from mdrive_sumo.scenario.scenario import Ego, Scenario, load_model
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from mdrive_sumo.sensing.visibility import BuildingEdges
@@ -159,12 +158,7 @@ def read_need(folder: Path) -> NeedCertificateFile | None:
     path = folder / NEED_FILE
     if not path.is_file():
         return None
-    try:
-        return NeedCertificateFile.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValidationError as error:
-        raise InputError(f"{path}: {describe_first_error(error)}") from None
+    return load_model(path, NeedCertificateFile)
 
 
 def save_need(folder: Path, content: NeedCertificateFile) -> None:

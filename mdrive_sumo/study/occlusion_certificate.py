@@ -12,17 +12,16 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.episode import EpisodeRecord, rebuild_frame
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.loop.pseudonyms import StationIds
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
+from mdrive_sumo.scenario.scenario import Scenario, load_model
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.sensing.observation_builder import build_sensing_frame
 from mdrive_sumo.sensing.sensing_frame import SensorPose
@@ -121,12 +120,7 @@ def read_certificates(folder: Path) -> OcclusionCertificateFile | None:
     path = folder / CERTIFICATE_FILE
     if not path.is_file():
         return None
-    try:
-        return OcclusionCertificateFile.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValidationError as error:
-        raise InputError(f"{path}: {describe_first_error(error)}") from None
+    return load_model(path, OcclusionCertificateFile)
 
 
 def save_certificates(folder: Path, content: OcclusionCertificateFile) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.core.tables import TableRow, format_markdown_table
 from mdrive_sumo.report.result_tables import CAPTURED_HEADER, describe_agent, format_captured
-from mdrive_sumo.scoring import Means, Results
+from mdrive_sumo.scoring import Means, Results, RunInfo
 from mdrive_sumo.study.study_summary import StudyLine
 from mdrive_sumo.v2x.comm_settings import describe_comm
 
@@ -83,7 +83,48 @@ def _line_to_dict(line: StudyLine) -> dict[str, Any]:
     }
 
 
+def describe_study(format_name: str, about: StudyDescription, run: RunInfo) -> dict[str, Any]:
+    """Return what the JSON of a study of agents begins with: format, question, and settings of its first run."""
+    return {
+        "format": format_name,
+        "suite": about.suite,
+        "scenario": about.scenario,
+        "seeds": list(about.seeds),
+        "command": list(about.command),
+        "suite_checksum": run.suite_checksum,
+        "score_mode": run.score_mode,
+        "comm": run.comm,
+        "versions": run.versions,
+    }
+
+
+def list_study_facts(about: StudyDescription, run: RunInfo, void: int) -> str:
+    """Return the facts above the tables of a study of agents, as a Markdown list."""
+    return format_facts(
+        {
+            "suite": f"{about.suite}, checksum `{run.suite_checksum}`, scenarios `{about.scenario}`",
+            "left out as void": str(void),
+            "seeds": ", ".join(map(str, about.seeds)),
+            "channel": ", ".join(f"{name} {value}" for name, value in run.comm.items()),
+            **_list_origin(about, run),
+        }
+    )
+
+
+def _list_origin(about: StudyDescription, run: RunInfo) -> dict[str, str]:
+    return {
+        "command": f"`{shlex.join(about.command)}`",
+        "versions": ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items())),
+    }
+
+
+def format_facts(facts: Mapping[str, str]) -> str:
+    """Return a Markdown list of names and values."""
+    return "\n".join(f"- {name}: {value}" for name, value in facts.items())
+
+
 def run_to_dict(results: Results) -> dict[str, Any]:
+    """Return the scores, digests and channel counts of a run."""
     kept = {"status", "reason", *Means.model_fields, "min_ttc", "scalars", "digest", "comm", "notes"}
     return {
         "seed": results.run.seed,
@@ -117,10 +158,9 @@ def _format_facts(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
         "base channel": channel,
         "agent clock": run.agent_clock,
         "score mode": run.score_mode,
-        "command": f"`{shlex.join(about.command)}`",
-        "versions": ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items())),
+        **_list_origin(about, run),
     }
-    return "\n".join(f"- {name}: {value}" for name, value in facts.items())
+    return format_facts(facts)
 
 
 def table_of(lines: Sequence[StudyLine], *, brief: bool = False) -> tuple[TableRow, list[TableRow]]:
@@ -174,7 +214,13 @@ def _format_mean(value: ConfidenceInterval | None, decimals: int = 1) -> str:
     return "" if value is None else f"{value.mean:.{decimals}f}"
 
 
+def format_csv_interval(value: ConfidenceInterval) -> tuple[str, str, str]:
+    """Return mean, low and high end for a CSV file."""
+    return f"{value.mean:.6f}", f"{value.low:.6f}", f"{value.high:.6f}"
+
+
 def format_interval(value: ConfidenceInterval | None, sign: str = "", decimals: int = 1) -> str:
+    """Return the mean with both ends in brackets; "" for None. sign: "+" to write the sign of positive numbers."""
     if value is None:
         return ""
     mean, low, high = (f"{number:{sign}.{decimals}f}" for number in (value.mean, value.low, value.high))

@@ -1,18 +1,22 @@
 """The studies of two agents as files: JSON with all numbers, CSV for tables, Markdown to read."""
 
-import csv
-import io
 import json
-import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 from mdrive_sumo.core.statistics import ConfidenceInterval
-from mdrive_sumo.core.tables import TableRow, format_markdown_table
+from mdrive_sumo.core.tables import TableRow, format_csv_table, format_markdown_table
 from mdrive_sumo.study.cross_play import CrossPlaySummary
 from mdrive_sumo.study.penetration import PenetrationSummary
-from mdrive_sumo.study.study_files import StudyDescription, format_interval, run_to_dict
+from mdrive_sumo.study.study_files import (
+    StudyDescription,
+    describe_study,
+    format_csv_interval,
+    format_interval,
+    list_study_facts,
+    run_to_dict,
+)
 from mdrive_sumo.study.two_agents import DS, METRICS, ROLES, TwoAgentRow
 
 CROSS_PLAY_FORMAT, PENETRATION_FORMAT = "mdrive-sumo/cross-play/1", "mdrive-sumo/penetration/1"
@@ -61,20 +65,22 @@ def penetration_json(about: StudyDescription, rows: Sequence[TwoAgentRow], summa
 def cross_play_csv(summary: CrossPlaySummary) -> str:
     """Return one line for each pair and metric."""
     rows = (
-        (*pair, metric, *_format_numbers(found[metric])) for pair, found in summary.cells.items() for metric in METRICS
+        (*pair, metric, *format_csv_interval(found[metric]))
+        for pair, found in summary.cells.items()
+        for metric in METRICS
     )
-    return _write_csv(("agent", "others", "metric", "mean", "low", "high"), rows)
+    return format_csv_table(("agent", "others", "metric", "mean", "low", "high"), rows)
 
 
 def penetration_csv(summary: PenetrationSummary) -> str:
     """Return one line for each agent, penetration, role and metric."""
     rows = (
-        (line.agent, str(line.penetration), role, metric, *_format_numbers(found[metric]))
+        (line.agent, str(line.penetration), role, metric, *format_csv_interval(found[metric]))
         for line in summary.lines
         for role, found in line.score.items()
         for metric in METRICS
     )
-    return _write_csv(("agent", "penetration", "role", "metric", "mean", "low", "high"), rows)
+    return format_csv_table(("agent", "penetration", "role", "metric", "mean", "low", "high"), rows)
 
 
 def cross_play_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], summary: CrossPlaySummary) -> str:
@@ -86,14 +92,14 @@ def cross_play_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], su
         "## All pairs, DS",
         format_markdown_table(*make_matrix(summary), left=1),
     )
-    return _join((title, _list_facts(about, rows, summary.void), CROSS_PLAY, *tables))
+    return _join((title, list_study_facts(about, rows[0].results[0].run, summary.void), CROSS_PLAY, *tables))
 
 
 def penetration_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], summary: PenetrationSummary) -> str:
     """Return the study as a page."""
     title = f"# {about.suite}: a share of the CAVs connected"
     table = format_markdown_table(PENETRATION_HEADER, make_penetration_table(summary), left=3)
-    return _join((title, _list_facts(about, rows, summary.void), PENETRATION, table))
+    return _join((title, list_study_facts(about, rows[0].results[0].run, summary.void), PENETRATION, table))
 
 
 def make_strangers_table(summary: CrossPlaySummary) -> list[TableRow]:
@@ -135,17 +141,7 @@ def make_penetration_table(summary: PenetrationSummary) -> list[TableRow]:
 
 
 def _describe(name: str, about: StudyDescription, rows: Sequence[TwoAgentRow]) -> dict[str, Any]:
-    run = rows[0].results[0].run
-    return {
-        "format": name,
-        "suite": about.suite,
-        "scenario": about.scenario,
-        "seeds": list(about.seeds),
-        "command": list(about.command),
-        "suite_checksum": run.suite_checksum,
-        "score_mode": run.score_mode,
-        "comm": run.comm,
-        "versions": run.versions,
+    return describe_study(name, about, rows[0].results[0].run) | {
         "rows": [
             {"agent": row.agent, "others": row.others, "penetration": row.penetration}
             | {"runs": [run_to_dict(one) for one in row.results]}
@@ -154,33 +150,8 @@ def _describe(name: str, about: StudyDescription, rows: Sequence[TwoAgentRow]) -
     }
 
 
-def _list_facts(about: StudyDescription, rows: Sequence[TwoAgentRow], void: int) -> str:
-    run = rows[0].results[0].run
-    facts = {
-        "suite": f"{about.suite}, checksum `{run.suite_checksum}`, scenarios `{about.scenario}`",
-        "left out as void": str(void),
-        "seeds": ", ".join(map(str, about.seeds)),
-        "channel": ", ".join(f"{name} {value}" for name, value in run.comm.items()),
-        "command": f"`{shlex.join(about.command)}`",
-        "versions": ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items())),
-    }
-    return "\n".join(f"- {name}: {value}" for name, value in facts.items())
-
-
 def _to_dict(found: Mapping[str, ConfidenceInterval]) -> dict[str, Any]:
     return {metric: asdict(interval) for metric, interval in found.items()}
-
-
-def _format_numbers(interval: ConfidenceInterval) -> tuple[str, str, str]:
-    return f"{interval.mean:.6f}", f"{interval.low:.6f}", f"{interval.high:.6f}"
-
-
-def _write_csv(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    page = io.StringIO()
-    writer = csv.writer(page, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return page.getvalue()
 
 
 def _join(parts: Sequence[str]) -> str:

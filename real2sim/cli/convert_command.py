@@ -7,16 +7,7 @@ import click
 
 from mdrive_sumo.core.errors import InputError
 from real2sim.cli.authored_commands import interdrive, mdrive, opendrive
-from real2sim.cli.log_options import (
-    LogCliOptions,
-    find_logs,
-    is_v2xpnp_folder,
-    log_options,
-    match_file,
-    match_folder,
-    run_conversion,
-)
-from real2sim.pipeline.log_source import LogSource
+from real2sim.cli.log_options import V2XPNP_FOLDER, log_options, match_file, match_folder, run_conversion
 
 map_option = click.option(
     "--map",
@@ -75,12 +66,10 @@ convert.add_command(opendrive)
 @click.pass_context
 def v2xpnp(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **options: Any) -> None:
     """Convert V2XPnP scenarios: folders of agent folders with YAML frames, or folders with such in them."""
-    cli_options = LogCliOptions(**options)
     if not maps:
         raise InputError("v2xpnp: expected the vector map, found no --map")
     names = tuple(agents.split(",")) if agents else None
-    paths = find_logs(cli_options.paths, is_v2xpnp_folder, "numbered agent folders")
-    run_conversion(ctx, [LogSource("v2xpnp", path, maps, names, cli_options.window) for path in paths], cli_options)
+    run_conversion(ctx, "v2xpnp", V2XPNP_FOLDER, options, maps=maps, agents=names)
 
 
 @convert.command()
@@ -88,9 +77,7 @@ def v2xpnp(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **opt
 @click.pass_context
 def scenarionet(ctx: click.Context, **options: Any) -> None:
     """Convert ScenarioNet descriptions (nuScenes, Waymo, nuPlan): pickles, or folders of them."""
-    cli_options = LogCliOptions(**options)
-    paths = find_logs(cli_options.paths, match_file("*.pkl"), "*.pkl")
-    run_conversion(ctx, [LogSource("scenarionet", path, window=cli_options.window) for path in paths], cli_options)
+    run_conversion(ctx, "scenarionet", match_file("*.pkl"), options)
 
 
 @convert.command()
@@ -98,9 +85,7 @@ def scenarionet(ctx: click.Context, **options: Any) -> None:
 @click.pass_context
 def commonroad(ctx: click.Context, **options: Any) -> None:
     """Convert CommonRoad scenarios: XML files, or folders of them."""
-    cli_options = LogCliOptions(**options)
-    paths = find_logs(cli_options.paths, match_file("*.xml"), "*.xml")
-    run_conversion(ctx, [LogSource("commonroad", path, window=cli_options.window) for path in paths], cli_options)
+    run_conversion(ctx, "commonroad", match_file("*.xml"), options)
 
 
 @convert.command()
@@ -108,9 +93,7 @@ def commonroad(ctx: click.Context, **options: Any) -> None:
 @click.pass_context
 def argoverse2(ctx: click.Context, **options: Any) -> None:
     """Convert Argoverse 2: folders of a forecasting scenario or a sensor log, or folders with such in them."""
-    cli_options = LogCliOptions(**options)
-    paths = find_logs(cli_options.paths, match_folder("*.parquet", "*.feather"), "*.parquet or *.feather")
-    run_conversion(ctx, [LogSource("argoverse2", path, window=cli_options.window) for path in paths], cli_options)
+    run_conversion(ctx, "argoverse2", match_folder("*.parquet", "*.feather"), options)
 
 
 @convert.command()
@@ -122,9 +105,5 @@ def interaction(ctx: click.Context, osm: Path | None, **options: Any) -> None:
 
     The logs last minutes: choose a part with --window, or cut them with --every.
     """
-    cli_options = LogCliOptions(**options)
     maps = (osm,) if osm else ()
-    paths = find_logs(cli_options.paths, match_file("vehicle_tracks_*.csv"), "vehicle_tracks_*.csv")
-    run_conversion(
-        ctx, [LogSource("interaction", path, maps, window=cli_options.window) for path in paths], cli_options
-    )
+    run_conversion(ctx, "interaction", match_file("vehicle_tracks_*.csv"), options, maps=maps)

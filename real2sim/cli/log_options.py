@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import get_terminal_size
@@ -113,8 +113,39 @@ class LogCliOptions:
     workers: int
 
 
-def run_conversion(ctx: click.Context, logs: Sequence[LogSource], cli_options: LogCliOptions) -> None:
-    """Convert the logs, print the results and exit with the exit code."""
+@dataclass(frozen=True, slots=True)
+class LogPattern:
+    """What the logs of a source look like in the file system."""
+
+    is_log: Callable[[Path], bool]
+    wanted: str
+    """What a folder without any log should have, for the error."""
+
+
+def run_conversion(
+    ctx: click.Context,
+    source: str,
+    pattern: LogPattern,
+    options: Mapping[str, Any],
+    *,
+    maps: tuple[Path, ...] = (),
+    agents: tuple[str, ...] | None = None,
+) -> None:
+    """Find and convert the logs of a source, print the results and exit with the exit code.
+
+    source: a key of `READERS`. options: those of `log_options`. maps, agents: see `LogSource`.
+    """
+    cli_options = LogCliOptions(**options)
+    paths = find_logs(cli_options.paths, pattern)
+    logs = [LogSource(source, path, maps, agents, cli_options.window) for path in paths]
+    batch = _convert(logs, cli_options)
+    click.echo(format_batch(batch, cli_options))
+    for sentence in batch.refused:
+        click.echo(f"Error: {sentence}", err=True)
+    ctx.exit(2 if batch.refused else 1 if batch.below_target else 0)
+
+
+def _convert(logs: Sequence[LogSource], cli_options: LogCliOptions) -> "BatchResult":
     from real2sim.logged_drive import load_confirmed_infractions
     from real2sim.pipeline.batch import BatchOptions, convert_logs
     from real2sim.pipeline.scenario_builder import ConversionOptions
@@ -130,11 +161,7 @@ def run_conversion(ctx: click.Context, logs: Sequence[LogSource], cli_options: L
         cli_options.workers,
         show_progress,
     )
-    batch = convert_logs(logs, cli_options.out, build_suite_file(cli_options.out, cli_options.name), order)
-    click.echo(format_batch(batch, cli_options))
-    for sentence in batch.refused:
-        click.echo(f"Error: {sentence}", err=True)
-    ctx.exit(2 if batch.refused else 1 if batch.below_target else 0)
+    return convert_logs(logs, cli_options.out, build_suite_file(cli_options.out, cli_options.name), order)
 
 
 def build_suite_file(out: Path, name: str | None) -> "SuiteFile":
@@ -176,12 +203,16 @@ def show_progress(done: int, total: int, text: str) -> None:
     click.echo("\r\x1b[K" + (line if done < total else ""), nl=False, err=True)
 
 
-def find_logs(paths: Sequence[Path], is_log: Callable[[Path], bool], wanted: str) -> list[Path]:
+def find_logs(paths: Sequence[Path], pattern: LogPattern) -> list[Path]:
     """Return every path that is a log, or else the logs below it; readers report files that are no logs.
 
-    Raises InputError for a folder without any log; `wanted` describes what was expected.
+    Raises InputError for a folder without any log.
     """
-    return [found for path in paths for found in _find_logs_in(path, is_log) or [_refuse_folder(path, wanted)]]
+    return [
+        found
+        for path in paths
+        for found in _find_logs_in(path, pattern.is_log) or [_refuse_folder(path, pattern.wanted)]
+    ]
 
 
 def _refuse_folder(path: Path, wanted: str) -> Path:
@@ -196,16 +227,19 @@ def _find_logs_in(path: Path, is_log: Callable[[Path], bool]) -> list[Path]:
     return [found for below in sorted(path.iterdir()) for found in _find_logs_in(below, is_log)]
 
 
-def match_file(pattern: str) -> Callable[[Path], bool]:
-    """Return a predicate for files of that name."""
-    return lambda path: path.is_file() and path.match(pattern) and path.name not in INDEX_FILES
+def match_file(name: str) -> LogPattern:
+    """Return the pattern of files of that name."""
+    return LogPattern(lambda path: path.is_file() and path.match(name) and path.name not in INDEX_FILES, name)
 
 
-def match_folder(*patterns: str) -> Callable[[Path], bool]:
-    """Return a predicate for folders that contain such a file."""
-    return lambda path: path.is_dir() and any(any(path.glob(pattern)) for pattern in patterns)
+def match_folder(*names: str) -> LogPattern:
+    """Return the pattern of folders that contain a file of such a name."""
+    return LogPattern(lambda path: path.is_dir() and any(any(path.glob(name)) for name in names), " or ".join(names))
 
 
-def is_v2xpnp_folder(path: Path) -> bool:
+def _is_v2xpnp_folder(path: Path) -> bool:
     """Return whether a path is a V2XPnP scenario: a folder of numbered folders."""
     return path.is_dir() and any(re.fullmatch(r"-?[0-9]+", p.name) for p in path.iterdir() if p.is_dir())
+
+
+V2XPNP_FOLDER = LogPattern(_is_v2xpnp_folder, "numbered agent folders")

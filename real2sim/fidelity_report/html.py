@@ -1,12 +1,12 @@
 """HTML of the report: text is escaped wherever it enters an element, so text of a log cannot break a page."""
 
-import base64
-import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
+
+from mdrive_sumo.report.html_page import render_html_page
 
 MarkupValue = str | int | float | None
 """Content of an element or value of an attribute: `Markup` is kept, other text is escaped, None is omitted."""
@@ -41,9 +41,7 @@ def render_table(
 def render_page(title: str, *content: MarkupValue) -> str:
     """Return a whole page. Its content security policy forbids scripts and requests; the style sheet is inlined."""
     style = (files("real2sim.fidelity_report") / "static" / "report.css").read_text("utf-8")
-    digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
-    template = _TEMPLATES.get_template("page.html")
-    return template.render(title=title, style=Markup(style), style_digest=digest, body=join_markup(content)) + "\n"
+    return render_html_page("page.html", title=title, style=style, body=join_markup(content)) + "\n"
 
 
 def link_entry(id_: str, number_by_id: Mapping[str, int]) -> Markup:

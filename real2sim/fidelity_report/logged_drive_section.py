@@ -2,12 +2,13 @@
 
 import numpy as np
 
+from mdrive_sumo.report.map_view import fit_view
 from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.formatting import format_figure
 from real2sim.fidelity_report.html import Markup, join_markup, render_table, tag
 from real2sim.fidelity_report.map_figures import MapFrame
 from real2sim.fidelity_report.report_entry import ReportEntry
-from real2sim.fidelity_report.svg import fit_view_box, render_path, render_picture, render_scale_bar, render_use
+from real2sim.fidelity_report.svg import render_path, render_picture, render_scale_bar, render_use
 from real2sim.logged_drive import LoggedCav, LoggedInfraction
 
 HEAD = ("CAV", "end", "route completion [%]", "infractions", "penalty factor")
@@ -56,7 +57,7 @@ def _draw_infraction(
 ) -> Markup:
     """Return the roads around the place, the CAV's track, and the boxes of all actors at that time."""
     svg = map_frame.svg_frame
-    view = fit_view_box(np.array([[one.x, one.y]]), 0.0, PICTURE_M, 0.7)
+    view = fit_view(np.array([[one.x, one.y]]), 0.0, PICTURE_M, 0.7)
     frame = round((one.from_s + one.to_s) / 2 / findings.recording.dt_s)
     boxes: list[Markup] = []
     way: Markup | None = None

@@ -9,6 +9,7 @@ from shapely.geometry.polygon import orient
 
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.report.label_placement import LabelBox, LabelRequest, place_labels
+from mdrive_sumo.report.map_view import MapView, fit_view
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.drawing.map_geometry import build_map_geometry
 from real2sim.fidelity_report.html import Markup, MarkupValue, join_markup, tag
@@ -16,8 +17,6 @@ from real2sim.fidelity_report.report_entry import ReportEntry
 from real2sim.fidelity_report.svg import (
     CM,
     SvgFrame,
-    ViewBox,
-    fit_view_box,
     render_path,
     render_picture,
     render_scale_bar,
@@ -41,13 +40,13 @@ class MapFrame:
     """The overview's view and its position on the page."""
 
     svg_frame: SvgFrame
-    view: ViewBox
+    view: MapView
 
 
 def fit_map_frame(entries: Sequence[ReportEntry]) -> MapFrame:
     """Return a view of everything that the log shows."""
     places = [entry.xy for entry in entries]
-    view = fit_view_box(np.concatenate(places) if places else np.zeros((0, 2)), MARGIN_M, LEAST_M)
+    view = fit_view(np.concatenate(places) if places else np.zeros((0, 2)), MARGIN_M, LEAST_M, 0.5)
     return MapFrame(SvgFrame(view.left, view.high), view)
 
 
@@ -205,7 +204,7 @@ def draw_actor_map(map_frame: MapFrame, entry: ReportEntry) -> Markup | None:
     """Return the raw and reconstructed path of one actor with the roads around it."""
     if not len(entry.xy):
         return None
-    view = fit_view_box(entry.xy, 4.0, LEAST_THING_M, 0.7)
+    view = fit_view(entry.xy, 4.0, LEAST_THING_M, 0.7)
     n = entry.number
     return render_picture(
         f"Path of No. {n}: dots are the log, the line is reconstructed",

@@ -6,44 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
+from mdrive_sumo.report.map_view import MapView
 from real2sim.fidelity_report.html import Markup, MarkupValue, tag
 from real2sim.tracks.kinematics import find_runs
 
 CM = 100.0
 NOSE = 0.35
 """Distance from the tip of a drawn vehicle to its shoulders, as a share of its width."""
-
-
-@dataclass(frozen=True, slots=True)
-class ViewBox:
-    """The visible area of a picture [m]."""
-
-    left: float
-    low: float
-    right: float
-    high: float
-
-    @property
-    def size(self) -> tuple[float, float]:
-        """Width and height [m]."""
-        return self.right - self.left, self.high - self.low
-
-    def is_near(self, xy: Float, margin: float = 0.0) -> bool:
-        """Return whether the bounding box of a line (N, 2) reaches the view."""
-        (x0, y0), (x1, y1) = xy.min(0) - margin, xy.max(0) + margin
-        return bool(x1 >= self.left and x0 <= self.right and y1 >= self.low and y0 <= self.high)
-
-
-def fit_view_box(xy: Float, margin: float, least: float, flattest: float = 0.5) -> ViewBox:
-    """Return a view around points (N, 2), at least `least` [m] wide and high, with an aspect ratio of at least
-    `flattest`."""
-    known = xy[np.isfinite(xy).all(1)]
-    known = known if len(known) else np.zeros((1, 2))
-    centre = (known.min(0) + known.max(0)) / 2
-    half = np.maximum((known.max(0) - known.min(0)) / 2 + margin, least / 2)
-    half = np.maximum(half, half.max() * flattest)
-    (left, low), (right, high) = centre - half, centre + half
-    return ViewBox(float(left), float(low), float(right), float(high))
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +54,7 @@ class SvgFrame:
         cos, sin = np.cos(yaw), np.sin(yaw)
         return self.area_path(np.column_stack((x + ahead * cos - left * sin, y + ahead * sin + left * cos)))
 
-    def view_box_attribute(self, view: ViewBox) -> str:
+    def view_box_attribute(self, view: MapView) -> str:
         """Return the viewBox attribute of a view."""
         x, y = self.to_cm(np.array([[view.left, view.high]]))[0]
         width, height = view.size
@@ -121,7 +90,7 @@ def render_picture(label: str, box: str, *content: MarkupValue, class_: str) -> 
     return tag("svg", tag("title", label), *content, viewBox=box, class_=class_, role="img", aria_label=label)
 
 
-def render_scale_bar(svg: SvgFrame, view: ViewBox, words: float = 0.017) -> Markup:
+def render_scale_bar(svg: SvgFrame, view: MapView, words: float = 0.017) -> Markup:
     """Return a bar of round length at the lower right; `words` is its font size as a share of the picture."""
     width, height = view.size
     length = next((m for m in (100.0, 50.0, 20.0, 10.0, 5.0) if m <= width / 5), 2.0)

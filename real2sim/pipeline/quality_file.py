@@ -6,10 +6,10 @@ It contains no wall-clock times and no paths: the same log and options give the 
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.scenario import describe_first_error
+from mdrive_sumo.scenario.scenario import load_model
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, natural_sort_key
 from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.fidelity_targets import FidelityTarget
@@ -113,12 +113,7 @@ def save_quality(quality: QualityFile, folder: Path) -> None:
 
 def load_quality(path: Path) -> QualityFile:
     """Read one quality.json; raises InputError."""
-    try:
-        return QualityFile.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValidationError as error:
-        raise InputError(f"{path}: {describe_first_error(error)}") from None
+    return load_model(path, QualityFile)
 
 
 def load_qualities(suite: Path) -> tuple[QualityFile, ...]:

@@ -1,5 +1,7 @@
 """Builds a scenario from a log: cleaning, network of its map, reconstruction, reactive traffic, measurement."""
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -71,25 +73,18 @@ def build_scenario(
 
     Runs SUMO in this process to measure how close the traffic stays to the log.
     """
-    recording = scene.recording
-    if recording is None:
-        raise InputError(f"{scene.id}: expected a log, found an authored scene")
-    check_on_map(recording)
-    cleaned, dt_s = clean_recording(recording), recording.dt_s
-    if not cleaned.tracks:
-        raise InputError(f"expected tracks of at least half a second, found none in {recording.frame_count} frames")
-    seen = vehicle_trajectories(cleaned.tracks)
+    recording, cleaned = _clean(scene)
+    dt_s = recording.dt_s
     if network is None:
         hd_map = add_observed_areas(recording.map, cleaned.tracks)
-        network = build_network(hd_map, list(seen.values()), suite / NETWORKS / scene.id, scene.id, dt_s)
+        seen = list(vehicle_trajectories(cleaned.tracks).values())
+        network = build_network(hd_map, seen, suite / NETWORKS / scene.id, scene.id, dt_s)
     roads = load_road_map(network.folder)
     tracks = cleaned.tracks if recording.exact else reconstruct_tracks(cleaned.tracks, dt_s)
     matches = {id_: match_track(motion, roads) for id_, motion in vehicle_trajectories(tracks).items()}
     cavs = select_cav_tracks(wish.cavs, cleaned, tracks, matches)
-    try:
+    with _report_invalid():
         fitted = fit_traffic(tracks, matches, roads, cavs, wish.mode, dt_s)
-    except ValidationError as error:
-        raise InputError(describe_first_error(error)) from None
     notes = describe_unused_cavs(wish.cavs, cavs, cleaned, tracks, matches)
     scenario = _assemble_scenario(replace(scene, notes=(*scene.notes, *notes)), recording, fitted, network.name)
     check_scenario(scenario, roads)
@@ -113,6 +108,27 @@ def build_scenario(
     return BuiltScenario(scenario, build_quality_file(steps), build_findings(steps), log)
 
 
+def _clean(scene: SourceScene) -> tuple[Recording, CleanedRecording]:
+    """Return the log of a scene as read and cleaned. Raises InputError if nothing is left of it."""
+    recording = scene.recording
+    if recording is None:
+        raise InputError(f"{scene.id}: expected a log, found an authored scene")
+    check_on_map(recording)
+    cleaned = clean_recording(recording)
+    if not cleaned.tracks:
+        raise InputError(f"expected tracks of at least half a second, found none in {recording.frame_count} frames")
+    return recording, cleaned
+
+
+@contextmanager
+def _report_invalid() -> Generator[None]:
+    """Raise InputError for the first value that a model refuses."""
+    try:
+        yield
+    except ValidationError as error:
+        raise InputError(describe_first_error(error)) from None
+
+
 def _assess(
     recording: Recording, cleaned: CleanedRecording, tracks: tuple[RecordedTrack, ...], roads: RoadMap
 ) -> ReconstructionQuality:
@@ -132,7 +148,7 @@ def _with_reactive_traffic(scenario: Scenario) -> Scenario:
 
 
 def _assemble_scenario(scene: SourceScene, recording: Recording, fitted: FittedTraffic, network: str) -> Scenario:
-    try:
+    with _report_invalid():
         return Scenario(
             id=scene.id,
             bucket=scene.bucket,
@@ -146,5 +162,3 @@ def _assemble_scenario(scene: SourceScene, recording: Recording, fitted: FittedT
             rsus=build_roadside_units(recording.views),
             notes=scene.notes,
         )
-    except ValidationError as error:
-        raise InputError(describe_first_error(error)) from None

@@ -151,13 +151,7 @@ def assess_reconstruction(converted: ReconstructedLog) -> ReconstructionQuality:
     static = [actor for actor in others if not actor.moving]
     movers = [track for track, actor in zip(converted.tracks, actors, strict=True) if actor in moving]
     error = _concatenate([position_errors(track, raw[track.id]) for track in movers if track.id in raw])
-    jerk = _concatenate(
-        [
-            kinematics.jerk_magnitudes(track.xy[run], dt_s)
-            for track in movers
-            for run in kinematics.find_runs(track.valid)
-        ]
-    )
+    jerk = _concatenate([jerks for track in movers for jerks in _list_jerks(track, dt_s)])
     return ReconstructionQuality(
         log=converted.log,
         frames=len(converted.tracks[0].valid) if converted.tracks else 0,
@@ -179,6 +173,11 @@ def assess_reconstruction(converted: ReconstructedLog) -> ReconstructionQuality:
         off_map={actor.id: _describe_off_map(actor) for actor in moving if actor.outside_frames},
         **_contacts_by_id(find_contacts(converted.tracks, COLLISION_SLACK_M), [track.id for track in converted.tracks]),
     )
+
+
+def _list_jerks(track: RecordedTrack, dt_s: float) -> list[Float]:
+    """Return the jerk magnitudes [m/s3] of each run of observed frames."""
+    return [kinematics.jerk_magnitudes(track.xy[run], dt_s) for run in kinematics.find_runs(track.valid)]
 
 
 def _contacts_by_id(found: TrackContacts, ids: Sequence[str]) -> dict[str, Any]:

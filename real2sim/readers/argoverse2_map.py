@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, Field
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.scenario.scenario import describe_first_error
+from mdrive_sumo.scenario.scenario import load_model
 from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.readers.checked_arrays import parse_points
 from real2sim.readers.drivable_areas import build_separate_areas
@@ -105,12 +105,7 @@ def find_single_file(folder: Path, *patterns: str) -> Path:
 
 
 def _load_archive(path: Path) -> Av2MapArchive:
-    try:
-        return Av2MapArchive.model_validate_json(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValidationError as error:
-        raise InputError(f"{path}: {describe_first_error(error)}") from None
+    return load_model(path, Av2MapArchive)
 
 
 def _build_lane(path: Path, id_: str, segment: Av2LaneSegment) -> MapLane | None:

@@ -7,17 +7,18 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import bootstrap_mean
-from server.api import schemas, submission_views
+from server.api import submission_views
 from server.api.caller import Caller
 from server.api.dependencies import Services
 from server.api.routes import results
+from server.api.schemas.scenarios import ComparisonOut, PairedDifferenceOut, ScenarioOut, ScenarioPairOut
 from server.store import standings
 
 TIE = 0.005
 """Driving scores closer than this are equal, as in `mdrive-sumo compare` [%]."""
 
 
-def compare_submissions(a: str, b: str, caller: Caller | None, services: Services) -> schemas.ComparisonOut:
+def compare_submissions(a: str, b: str, caller: Caller | None, services: Services) -> ComparisonOut:
     """Return B against A. Raises NotFound unless the caller may see both, InputError unless their phase is the same."""
     with services.store.read() as session:
         first, second = (submission_views.find_visible(session, caller, each) for each in (a, b))
@@ -32,7 +33,7 @@ def compare_submissions(a: str, b: str, caller: Caller | None, services: Service
     if may_see:
         of_a, of_b = (results.list_scenarios(each, caller, services).items for each in (a, b))
         pairs = _pair_scenarios(of_a, of_b)
-    return schemas.ComparisonOut(
+    return ComparisonOut(
         a=shown[0],
         b=shown[1],
         same_evaluator=len(digests) == 1,
@@ -41,12 +42,10 @@ def compare_submissions(a: str, b: str, caller: Caller | None, services: Service
     )
 
 
-def _pair_scenarios(
-    of_a: Sequence[schemas.ScenarioOut], of_b: Sequence[schemas.ScenarioOut]
-) -> list[schemas.ScenarioPairOut]:
+def _pair_scenarios(of_a: Sequence[ScenarioOut], of_b: Sequence[ScenarioOut]) -> list[ScenarioPairOut]:
     others = {(row.scenario, row.seed): row for row in of_b}
     pairs = [
-        schemas.ScenarioPairOut(
+        ScenarioPairOut(
             scenario=row.scenario,
             seed=row.seed,
             bucket=row.bucket,
@@ -63,14 +62,14 @@ def _pair_scenarios(
     return sorted(pairs, key=lambda pair: (pair.ds_difference, pair.scenario, pair.seed))
 
 
-def _compute_difference(pairs: Sequence[schemas.ScenarioPairOut]) -> schemas.PairedDifferenceOut:
+def _compute_difference(pairs: Sequence[ScenarioPairOut]) -> PairedDifferenceOut:
     by_scenario: dict[str, list[float]] = {}
     for pair in pairs:
         by_scenario.setdefault(pair.scenario, []).append(pair.ds_difference)
     means = np.array([fmean(by_scenario[name]) for name in sorted(by_scenario)], np.float64)
     interval = bootstrap_mean(means)
     better, worse = int(np.sum(means >= TIE)), int(np.sum(means <= -TIE))
-    return schemas.PairedDifferenceOut(
+    return PairedDifferenceOut(
         scenarios=len(means),
         ds=interval.mean,
         ds_low=interval.low,

@@ -10,8 +10,8 @@ from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
 from server.api import submission_views
 from server.api.caller import Caller
-from server.api.cross_play_schemas import CrossPlayAgentOut, CrossPlayCellOut, CrossPlayOut
 from server.api.problems import HiddenScenariosError
+from server.api.schemas.cross_play import CrossPlayAgentOut, CrossPlayCellOut, CrossPlayOut
 from server.enums import ChallengeTrack, JobState
 from server.store import cross_play, phases
 from server.store.queries import LeaderboardEntry

@@ -75,7 +75,7 @@ class LeaderboardCache:
             await asyncio.sleep(max(REFRESH_S, monotonic() - begun_s))
 
     async def get_json(self, key: BoardKey, now_us: int, stale_us: int = STALE_US) -> bytes:
-        """Return a `schemas.LeaderboardOut` as JSON. Raises NotFound and StoreUnavailable."""
+        """Return a `LeaderboardOut` as JSON. Raises NotFound and StoreUnavailable."""
         return await self.get(key, partial(_build_json, key=key), now_us, stale_us)
 
     async def get(

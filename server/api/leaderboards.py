@@ -6,8 +6,10 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.contract import SensingTrack
-from server.api import schemas, submission_views
-from server.api.schemas import to_datetime
+from server.api import submission_views
+from server.api.schemas.leaderboards import LeaderboardOut, RowOut
+from server.api.schemas.parameters import to_datetime
+from server.api.schemas.submissions import FiguresOut
 from server.enums import ChallengeTrack
 from server.store import phases, published_results, queries, tables
 
@@ -33,13 +35,13 @@ class PhaseParts:
     categories: tuple[str, ...]
 
 
-def read_leaderboard(session: Session, key: BoardKey) -> schemas.LeaderboardOut:
+def read_leaderboard(session: Session, key: BoardKey) -> LeaderboardOut:
     """Return a leaderboard. Raises NotFound for an unknown phase."""
     phase = phases.get(session, key.phase)
     entries = queries.find_leaderboard(session, phase.id, key.track, key.bucket, key.category, key.sensing_track)
     is_overall = key.bucket is None and key.category is None
     published = published_results.list_published(key.track, key.bucket, key.category)
-    return schemas.LeaderboardOut(
+    return LeaderboardOut(
         phase=key.phase,
         track=key.track,
         bucket=key.bucket,
@@ -50,7 +52,7 @@ def read_leaderboard(session: Session, key: BoardKey) -> schemas.LeaderboardOut:
             for entry in entries
             if is_overall or phase.public
         ],
-        published=[_to_row(entry, schemas.FiguresOut.model_validate(entry.figures)) for entry in published],
+        published=[_to_row(entry, FiguresOut.model_validate(entry.figures)) for entry in published],
     )
 
 
@@ -79,8 +81,8 @@ def list_boards(session: Session) -> list[tuple[int, int, BoardKey]]:
     return found
 
 
-def _to_row(entry: queries.LeaderboardEntry, figures: schemas.FiguresOut) -> schemas.RowOut:
-    return schemas.RowOut(
+def _to_row(entry: queries.LeaderboardEntry, figures: FiguresOut) -> RowOut:
+    return RowOut(
         rank=entry.rank,
         team=entry.team,
         method=entry.method,

@@ -7,22 +7,21 @@ from statistics import fmean
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from server.api import schemas, submission_views
+from server.api import submission_views
 from server.api.caller import Caller
 from server.api.problems import HiddenScenariosError
+from server.api.schemas.scenarios import MatrixCellOut, MatrixColumnOut, MatrixOut, MatrixRowOut
 from server.enums import ChallengeTrack, ScenarioVerdict
 from server.store import phases, queries
 from server.store.tables import JobOverviewRow, JobRow
 
 TEAMS_PER_PAGE = 20
 """Teams of one page: with 225 scenarios 4500 results, which are read one by one."""
-_Cells = Mapping[str, Mapping[str, schemas.MatrixCellOut]]
+_Cells = Mapping[str, Mapping[str, MatrixCellOut]]
 """Cells by scenario and submission."""
 
 
-def read_matrix(
-    session: Session, caller: Caller, phase_id: str, track: ChallengeTrack | None, page: int
-) -> schemas.MatrixOut:
+def read_matrix(session: Session, caller: Caller, phase_id: str, track: ChallengeTrack | None, page: int) -> MatrixOut:
     """Return the best shown submission of each team of a leaderboard, 20 teams per page.
 
     Raises NotFound for an unknown phase, HiddenScenariosError for those who may not see its scenarios.
@@ -34,7 +33,7 @@ def read_matrix(
     pages = max(1, -(-len(entries) // TEAMS_PER_PAGE))
     page = min(page, pages)
     columns = [
-        schemas.MatrixColumnOut(
+        MatrixColumnOut(
             team=entry.team,
             submission=entry.submission or "",
             method=entry.method,
@@ -45,10 +44,10 @@ def read_matrix(
         for entry in entries[(page - 1) * TEAMS_PER_PAGE : page * TEAMS_PER_PAGE]
     ]
     rows = _read_rows(session, [column.submission for column in columns])
-    return schemas.MatrixOut(phase=phase_id, track=track, page=page, pages=pages, columns=columns, rows=rows)
+    return MatrixOut(phase=phase_id, track=track, page=page, pages=pages, columns=columns, rows=rows)
 
 
-def _read_rows(session: Session, submissions: Sequence[str]) -> list[schemas.MatrixRowOut]:
+def _read_rows(session: Session, submissions: Sequence[str]) -> list[MatrixRowOut]:
     data = JobOverviewRow.data
     wanted = (
         select(
@@ -67,9 +66,7 @@ def _read_rows(session: Session, submissions: Sequence[str]) -> list[schemas.Mat
             labels[scenario] = bucket, category
     cells = {
         scenario: {
-            submission: schemas.MatrixCellOut(
-                ds=fmean(ds for ds, _ in found), failed=sum(failed for _, failed in found)
-            )
+            submission: MatrixCellOut(ds=fmean(ds for ds, _ in found), failed=sum(failed for _, failed in found))
             for submission, found in of_scenario.items()
         }
         for scenario, of_scenario in seeds.items()
@@ -79,9 +76,9 @@ def _read_rows(session: Session, submissions: Sequence[str]) -> list[schemas.Mat
 
 def _make_row(
     scenario: str, labels: tuple[str | None, str | None], cells: _Cells, submissions: Sequence[str]
-) -> schemas.MatrixRowOut:
+) -> MatrixRowOut:
     of_scenario = cells[scenario]
-    return schemas.MatrixRowOut(
+    return MatrixRowOut(
         scenario=scenario,
         bucket=labels[0],
         category=labels[1],

@@ -12,8 +12,8 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from mdrive_sumo.core.errors import InputError
-from server.api import schemas
 from server.api.hidden_paths import hide_paths
+from server.api.schemas.parameters import ID_PATTERN, PHASE_PATTERN, SCENARIO_PATTERN
 from server.archive import ArchiveRefused
 from server.clock import format_utc
 from server.store import NotFound, NotNow, OverLimit, StoreUnavailable
@@ -75,9 +75,9 @@ _DESCRIPTION_BY_STATUS: Mapping[int, str] = {
 
 
 _PATTERN_WORDS: Mapping[str, str] = {
-    schemas.ID_PATTERN: "an id of 32 hexadecimal digits",
-    schemas.PHASE_PATTERN: "the id of a phase: lower-case letters, digits and hyphens, at most 40",
-    schemas.SCENARIO_PATTERN: "the id of a scenario or CAV: letters, digits and ._+-, at most 80",
+    ID_PATTERN: "an id of 32 hexadecimal digits",
+    PHASE_PATTERN: "the id of a phase: lower-case letters, digits and hyphens, at most 40",
+    SCENARIO_PATTERN: "the id of a scenario or CAV: letters, digits and ._+-, at most 80",
 }
 """What is expected by a regular expression of `schemas`, in words."""
 

@@ -3,15 +3,16 @@
 from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
-from server.api import schemas, submission_views
+from server.api import submission_views
 from server.api.caller import Caller
+from server.api.schemas.leaderboards import FoundTeamOut, SearchOut
 from server.store.tables import SubmissionRow, TeamRow
 
 MAX_FOUND = 20
 """Teams, and submissions, of one answer."""
 
 
-def search_names(session: Session, caller: Caller | None, text: str) -> schemas.SearchOut:
+def search_names(session: Session, caller: Caller | None, text: str) -> SearchOut:
     """Return what contains the text in its name or has it as its id; upper and lower case are the same (ASCII).
 
     Teams are found by everyone only if a visible submission shows their name anyway.
@@ -29,8 +30,8 @@ def search_names(session: Session, caller: Caller | None, text: str) -> schemas.
     submissions = select(SubmissionRow).where(visible, method_names).order_by(*order)
     found_teams = session.scalars(teams.order_by(TeamRow.name).limit(MAX_FOUND + 1)).all()
     found = session.scalars(submissions.limit(MAX_FOUND + 1)).all()
-    return schemas.SearchOut(
-        teams=[schemas.FoundTeamOut(id=team.id, name=team.name) for team in found_teams[:MAX_FOUND]],
+    return SearchOut(
+        teams=[FoundTeamOut(id=team.id, name=team.name) for team in found_teams[:MAX_FOUND]],
         submissions=[submission_views.to_submission(session, caller, each) for each in found[:MAX_FOUND]],
         more=max(len(found_teams), len(found)) > MAX_FOUND,
     )

@@ -10,10 +10,11 @@ from starlette.concurrency import run_in_threadpool
 
 from mdrive_sumo.core.errors import InputError
 from server import environments, paths
-from server.api import schemas, submission_views
+from server.api import submission_views
 from server.api.agent_start import AGENT_START_S, check_uploaded_agent, starts_agents
 from server.api.caller import Caller
 from server.api.dependencies import Services
+from server.api.schemas.submissions import SubmissionOut
 from server.api.subprocess_runner import CallEndedError
 from server.api.upload import Upload, receive_upload
 from server.archive import ArchiveLimits, ArchiveRefused, Manifest, inspect_archive, verify_contents
@@ -31,7 +32,7 @@ FIELDS = frozenset(("phase", "track", "name"))
 
 async def receive_submission(
     request: Request, services: Services, caller: tuple[Caller, str], idempotency_key: str | None, at_us: int
-) -> schemas.SubmissionOut:
+) -> SubmissionOut:
     """Receive the upload of a request and accept it as a submission. Raises InputError and ProblemError.
 
     Cheap checks come first: the team's quotas, the archive's directory, its environment. Only then are its contents
@@ -58,7 +59,7 @@ class SubmissionService:
         self._services, self._upload, self._key, self._at_us = services, upload, idempotency_key, at_us
         self._caller, self._team = caller
 
-    def find_known(self) -> schemas.SubmissionOut | None:
+    def find_known(self) -> SubmissionOut | None:
         """Return the submission that the same upload made before; refuse what needs no look into the archive.
 
         Raises InputError. `submissions.accept` makes the final decision.
@@ -108,7 +109,7 @@ class SubmissionService:
                     AGENT_START_S, check_uploaded_agent, self._upload.file, manifest, settings, sensor_track_only
                 )
 
-    def accept(self, manifest: Manifest) -> schemas.SubmissionOut:
+    def accept(self, manifest: Manifest) -> SubmissionOut:
         """Move the checked archive to its place and insert the submission. Raises InputError."""
         with self._services.store.read() as session:
             phase = phases.get(session, self._field("phase"))

@@ -7,10 +7,10 @@ from sqlalchemy import ColumnElement, and_, or_, select, true
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.contract import SensingTrack
-from server.api import schemas
 from server.api.caller import Caller
 from server.api.hidden_paths import hide_paths
-from server.api.schemas import to_datetime
+from server.api.schemas.parameters import to_datetime
+from server.api.schemas.submissions import FiguresOut, QueueOut, SubmissionOut, SummaryOut
 from server.clock import HOUR_US
 from server.enums import ChallengeTrack, SubmissionState
 from server.store import NotFound, queries, standings, submissions, tables, teams
@@ -70,13 +70,13 @@ def get_phase(session: Session, submission: tables.SubmissionRow) -> tables.Phas
     return phase
 
 
-def to_submission(session: Session, caller: Caller | None, submission: tables.SubmissionRow) -> schemas.SubmissionOut:
+def to_submission(session: Session, caller: Caller | None, submission: tables.SubmissionRow) -> SubmissionOut:
     """Return the submission with the fields that the caller may see."""
     phase = get_phase(session, submission)
     finished = submission.finished_us
     more = _private_fields(session, phase, submission) if may_see_all(caller, submission) else {}
     exact = phase.public or (caller is not None and caller.is_admin)
-    return schemas.SubmissionOut(
+    return SubmissionOut(
         id=submission.id,
         team=teams.get(session, submission.team).name,
         phase=submission.phase,
@@ -104,9 +104,7 @@ def visible_reason(phase: tables.PhaseRow, state: SubmissionState, said: str) ->
     return _REJECTED if said and state is SubmissionState.REJECTED and not phase.public else hide_paths(said)
 
 
-def visible_summary(
-    phase: tables.PhaseRow, stored: Mapping[str, Any] | None, exact: bool = False
-) -> schemas.SummaryOut | None:
+def visible_summary(phase: tables.PhaseRow, stored: Mapping[str, Any] | None, exact: bool = False) -> SummaryOut | None:
     """Return the figures that may be disclosed: of hidden phases the rounded scores of the whole suite.
 
     exact: for admins, who may see everything.
@@ -114,21 +112,21 @@ def visible_summary(
     if stored is None:
         return None
     if not (phase.public or exact):
-        return schemas.SummaryOut(overall=visible_figures(phase, stored["overall"]), buckets={}, categories={})
-    return schemas.SummaryOut.model_validate({name: stored[name] for name in ("overall", "buckets", "categories")})
+        return SummaryOut(overall=visible_figures(phase, stored["overall"]), buckets={}, categories={})
+    return SummaryOut.model_validate({name: stored[name] for name in ("overall", "buckets", "categories")})
 
 
-def visible_figures(phase: tables.PhaseRow, figures: Mapping[str, Any]) -> schemas.FiguresOut:
+def visible_figures(phase: tables.PhaseRow, figures: Mapping[str, Any]) -> FiguresOut:
     """Return the overall figures that may be disclosed: of hidden phases DS to 0.1 and SR to 1 %, and no other.
 
     An agent knows the hidden scenario that it drives and can choose its score, so each figure carries what it has read
     to its team. docs/api.md derives how many bits are left.
     """
-    found = schemas.FiguresOut.model_validate(figures)
+    found = FiguresOut.model_validate(figures)
     if phase.public:
         return found
     sr = round(found.sr) if found.sr is not None else None
-    return schemas.FiguresOut(ds=visible_ds(phase, found.ds), sr=sr, scenarios=found.scenarios)
+    return FiguresOut(ds=visible_ds(phase, found.ds), sr=sr, scenarios=found.scenarios)
 
 
 def visible_ds(phase: tables.PhaseRow, ds: float) -> float:
@@ -166,13 +164,13 @@ def _private_fields(session: Session, phase: tables.PhaseRow, submission: tables
     }
 
 
-def _to_queue(session: Session, phase: tables.PhaseRow, submission: tables.SubmissionRow) -> schemas.QueueOut:
+def _to_queue(session: Session, phase: tables.PhaseRow, submission: tables.SubmissionRow) -> QueueOut:
     """Omit the estimate while hidden scenarios are queued: it would disclose when each of them ends."""
     before = queries.find_queue_position(session, submission.id)
     eta_s = None
     if phase.public and before.job_us is not None and not _has_hidden_work(session):
         eta_s = -(-before.jobs_ahead * before.job_us // 60_000_000) * 60
-    return schemas.QueueOut(position=before.position, eta_s=eta_s)
+    return QueueOut(position=before.position, eta_s=eta_s)
 
 
 def _has_hidden_work(session: Session) -> bool:

@@ -47,6 +47,20 @@ class QueuePosition:
     """Mean duration of the last jobs [us]; None before the first."""
 
 
+_STANDING_COLUMNS = (
+    StandingRow.team,
+    StandingRow.evaluator,
+    StandingRow.created_us,
+    TeamRow.name,
+    StandingRow.method,
+    StandingRow.track,
+    StandingRow.sensing_track,
+    StandingRow.submission,
+    StandingRow.ds,
+    StandingRow.figures,
+)
+
+
 def find_leaderboard(
     session: Session,
     phase: str,
@@ -61,20 +75,8 @@ def find_leaderboard(
     evaluator that finished one last are ranked; a team without one follows below, unranked.
     """
     tracks = DECENTRALISED if track is None else (track,)
-    columns = (
-        StandingRow.team,
-        StandingRow.evaluator,
-        StandingRow.created_us,
-        TeamRow.name,
-        StandingRow.method,
-        StandingRow.track,
-        StandingRow.sensing_track,
-        StandingRow.submission,
-        StandingRow.ds,
-        StandingRow.figures,
-    )
     found = session.execute(
-        select(*columns)
+        select(*_STANDING_COLUMNS)
         .join(TeamRow, TeamRow.id == StandingRow.team)
         .where(
             StandingRow.phase == phase,

@@ -6,9 +6,10 @@ from fastapi import APIRouter, Form, Request, Response
 from fastapi.responses import RedirectResponse
 
 from mdrive_sumo.agent_process import sandbox
-from server.api import schemas
 from server.api.dependencies import Now, ServicesDep
 from server.api.routes import teams as api
+from server.api.schemas.parameters import Id
+from server.api.schemas.teams import HideIn, NewTokenIn
 from server.enums import TokenScope
 from server.store import audit, teams, tokens
 from server.store.errors import check_text
@@ -81,10 +82,10 @@ def create_team(
 
 @router.post("/teams/{team}/hidden")
 def hide_team(
-    team: schemas.Id, visitor: AdminVisitor, services: ServicesDep, at_us: Now, hidden: Annotated[bool, Form()]
+    team: Id, visitor: AdminVisitor, services: ServicesDep, at_us: Now, hidden: Annotated[bool, Form()]
 ) -> Response:
     """Hide a team from the leaderboards, or show it again."""
-    api.hide_team(team, schemas.HideIn(hidden=hidden), visitor.caller, services, at_us)
+    api.hide_team(team, HideIn(hidden=hidden), visitor.caller, services, at_us)
     return RedirectResponse("/admin/teams", 303)
 
 
@@ -98,14 +99,14 @@ def issue_token(
     team: Text = "",
 ) -> Response:
     """Issue a token, which is shown only once."""
-    made = api.issue_token(schemas.NewTokenIn(scope=scope, team=team or None), visitor.caller, services, at_us)
+    made = api.issue_token(NewTokenIn(scope=scope, team=team or None), visitor.caller, services, at_us)
     return render_page(
         request, "admin_token.html", token=made.token, holder="the team" if team else f"the scope {scope}"
     )
 
 
 @router.get("/tokens/{token}/revoke")
-def confirm_revoke(request: Request, token: schemas.Id, _visitor: AdminVisitor, services: ServicesDep) -> Response:
+def confirm_revoke(request: Request, token: Id, _visitor: AdminVisitor, services: ServicesDep) -> Response:
     """Ask before a token is revoked."""
     with services.store.read() as session:
         found = tokens.get(session, token)
@@ -123,7 +124,7 @@ def confirm_revoke(request: Request, token: schemas.Id, _visitor: AdminVisitor, 
 
 
 @router.post("/tokens/{token}/revoke")
-def revoke_token(token: schemas.Id, visitor: AdminVisitor, services: ServicesDep, at_us: Now) -> Response:
+def revoke_token(token: Id, visitor: AdminVisitor, services: ServicesDep, at_us: Now) -> Response:
     """Revoke a token."""
     api.revoke_token(token, visitor.caller, services, at_us)
     return RedirectResponse("/admin/teams", 303)

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 from urllib.parse import urlencode
 
-from server.api import schemas
 from server.api.csv_format import to_csv
 from server.api.leaderboards import BoardKey
+from server.api.schemas.leaderboards import LeaderboardOut
 from server.web.scalar_columns import SCALAR_COLUMNS
 
 SCALAR_BY_NAME = {column.name: column for column in SCALAR_COLUMNS}
@@ -62,7 +62,7 @@ class BoardView:
         return [(name, str(value)) for name, value in given.items() if value]
 
 
-def format_csv(board: schemas.LeaderboardOut) -> str:
+def format_csv(board: LeaderboardOut) -> str:
     figures = (
         *("ds", "ds_low", "ds_high", "sr", "sr_low", "sr_high"),
         *("efficient_sr", "time_ratio", "timed", "rc", "ip", "scenarios"),

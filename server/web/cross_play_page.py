@@ -4,11 +4,11 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
-from server.api.cross_play_schemas import CrossPlayOut
 from server.api.csv_format import csv_headers, to_csv
 from server.api.dependencies import Services, ServicesDep
 from server.api.routes import overviews
-from server.api.schemas import PHASE_PATTERN
+from server.api.schemas.cross_play import CrossPlayOut
+from server.api.schemas.parameters import PHASE_PATTERN
 from server.store import phases
 from server.tracks import SENSING_LABELS, TRACK_LABELS
 from server.web.templating import render_page

@@ -11,11 +11,13 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
-from server.api import schemas, submission_views
+from server.api import submission_views
 from server.api.csv_format import csv_headers
 from server.api.dependencies import Services, get_now
 from server.api.leaderboard_cache import FRESH_US, STALE_US
 from server.api.leaderboards import BoardKey, PhaseParts, list_parts, read_leaderboard
+from server.api.schemas.leaderboards import LeaderboardOut, RowOut
+from server.api.schemas.submissions import FiguresOut
 from server.enums import ChallengeTrack
 from server.store import NotFound, phases, queries, teams
 from server.tracks import SENSING_LABELS, TRACK_LABELS
@@ -94,7 +96,7 @@ async def show_csv(request: Request) -> Response:
     if not tabs:
         raise NotFound("phase: no phases yet")
     view, _ = await _parse_view(request.query_params, services, tabs, at_us)
-    board = schemas.LeaderboardOut.model_validate_json(await services.leaderboards.get_json(view.key, at_us))
+    board = LeaderboardOut.model_validate_json(await services.leaderboards.get_json(view.key, at_us))
     headers = csv_headers(f"leaderboard-{board.phase}") | {"Cache-Control": "no-cache"}
     return Response(format_csv(board), media_type="text/csv", headers=headers)
 
@@ -176,7 +178,7 @@ def _list_tabs(session: Session) -> tuple[PhaseTab, ...]:
 class BoardLine:
     """A row of the table."""
 
-    row: schemas.RowOut
+    row: RowOut
     team_id: str
     sparkline: charts.Sparkline
 
@@ -218,7 +220,7 @@ def _render_page(
     return _RenderedBoard((before + anonymous + after).encode(), before.encode(), after.encode(), fragment.encode())
 
 
-def _make_lines(session: Session, key: BoardKey, rows: Sequence[schemas.RowOut]) -> list[BoardLine]:
+def _make_lines(session: Session, key: BoardKey, rows: Sequence[RowOut]) -> list[BoardLine]:
     ids = {team.name: team.id for team in teams.list_teams(session)}
     phase = phases.get(session, key.phase)
     exact = queries.find_score_histories(session, key.phase, key.track, [ids[row.team] for row in rows])
@@ -233,15 +235,15 @@ def _make_lines(session: Session, key: BoardKey, rows: Sequence[schemas.RowOut])
     ]
 
 
-def _sort_value(row: schemas.RowOut, sort: str) -> Any:
-    if sort in schemas.FiguresOut.model_fields:
+def _sort_value(row: RowOut, sort: str) -> Any:
+    if sort in FiguresOut.model_fields:
         return getattr(row.figures, sort)
     if (column := SCALAR_BY_NAME.get(sort)) is not None:
         return column.find_value(row.figures)
     return row.created if sort == "date" else getattr(row, sort)
 
 
-def _sort_key(row: schemas.RowOut, sort: str) -> tuple[bool, Any]:
+def _sort_key(row: RowOut, sort: str) -> tuple[bool, Any]:
     """Return a sort key that compares no unknown values."""
     value = _sort_value(row, sort)
     return value is not None, value.casefold() if isinstance(value, str) else value

@@ -5,10 +5,10 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
 
-from server.api import schemas
 from server.api.csv_format import csv_headers, to_csv
 from server.api.dependencies import Services, ServicesDep
 from server.api.routes import overviews
+from server.api.schemas.scenarios import MatrixOut
 from server.enums import ChallengeTrack
 from server.store import phases
 from server.tracks import TRACK_LABELS
@@ -64,6 +64,6 @@ def _render_matrix(request: Request, view: MatrixView, visitor: Visitor, service
     return render_page(request, "admin_matrix.html", public=public, tracks=TRACK_LABELS, **context)
 
 
-def _find_matrix(view: MatrixView, phase: str, visitor: Visitor, services: Services) -> schemas.MatrixOut:
+def _find_matrix(view: MatrixView, phase: str, visitor: Visitor, services: Services) -> MatrixOut:
     track = ChallengeTrack(view.track) if view.track else None
     return overviews.find_matrix(phase, track, view.page, visitor.caller, services)

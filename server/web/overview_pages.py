@@ -6,11 +6,12 @@ from fastapi import APIRouter, Query, Request, Response
 from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
-from server.api import schemas, submission_views
+from server.api import submission_views
 from server.api.caller import Caller
 from server.api.comparison import compare_submissions
 from server.api.dependencies import Services, ServicesDep
 from server.api.routes import overviews, results
+from server.api.schemas.parameters import Id
 from server.enums import SubmissionState
 from server.store import tables
 from server.tracks import TRACK_LABELS
@@ -26,10 +27,10 @@ MAX_CHOICES = 100
 @router.get("/submissions/{submission}/compare")
 async def compare(
     request: Request,
-    submission: schemas.Id,
+    submission: Id,
     visitor: OptionalVisitor,
     services: ServicesDep,
-    other: Annotated[schemas.Id | None, Query()] = None,
+    other: Annotated[Id | None, Query()] = None,
 ) -> Response:
     """Show a submission beside another one of its phase; without `other` only the choice."""
     caller = visitor.caller if visitor is not None else None
@@ -37,7 +38,7 @@ async def compare(
 
 
 @router.get("/submissions/{submission}/scenarios.csv")
-async def download(submission: schemas.Id, visitor: OptionalVisitor, services: ServicesDep) -> Response:
+async def download(submission: Id, visitor: OptionalVisitor, services: ServicesDep) -> Response:
     """Return the results of a submission as CSV."""
     caller = visitor.caller if visitor is not None else None
     answer = await results.download_scenarios(submission, caller, services)

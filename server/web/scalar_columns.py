@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from server.api.schemas import FiguresOut
+from server.api.schemas.submissions import FiguresOut
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from mdrive_sumo.core.state import End
-from server.api.schemas import EgoOut, ScenarioOut
+from server.api.schemas.scenarios import EgoOut, ScenarioOut
 from server.enums import ScenarioVerdict
 
 FAILURES = "failures"

@@ -2,10 +2,10 @@
 
 from fastapi import APIRouter, Request, Response
 
-from server.api import schemas
 from server.api.caller import Caller
 from server.api.dependencies import Services, ServicesDep
 from server.api.routes import results, submissions
+from server.api.schemas.parameters import Id, ScenarioId, Seed
 from server.store import NotFound
 from server.web import explanations, scenario_outcome
 from server.web.charts import make_latency_histogram
@@ -19,9 +19,9 @@ _SCENARIO_PATH = "/submissions/{submission}/scenarios/{scenario}/{seed}"
 @router.get(_SCENARIO_PATH)
 async def show(
     request: Request,
-    submission: schemas.Id,
-    scenario: schemas.ScenarioId,
-    seed: schemas.Seed,
+    submission: Id,
+    scenario: ScenarioId,
+    seed: Seed,
     visitor: OptionalVisitor,
     services: ServicesDep,
 ) -> Response:
@@ -53,9 +53,9 @@ def _render_page(
 
 @router.get(f"{_SCENARIO_PATH}/replay")
 def replay(
-    submission: schemas.Id,
-    scenario: schemas.ScenarioId,
-    seed: schemas.Seed,
+    submission: Id,
+    scenario: ScenarioId,
+    seed: Seed,
     visitor: OptionalVisitor,
     services: ServicesDep,
 ) -> Response:
@@ -65,9 +65,9 @@ def replay(
 
 @router.get(f"{_SCENARIO_PATH}/recording")
 def recording(
-    submission: schemas.Id,
-    scenario: schemas.ScenarioId,
-    seed: schemas.Seed,
+    submission: Id,
+    scenario: ScenarioId,
+    seed: Seed,
     visitor: OptionalVisitor,
     services: ServicesDep,
 ) -> Response:
@@ -77,10 +77,10 @@ def recording(
 
 @router.get(f"{_SCENARIO_PATH}/logs/{{cav}}")
 def log(
-    submission: schemas.Id,
-    scenario: schemas.ScenarioId,
-    seed: schemas.Seed,
-    cav: schemas.ScenarioId,
+    submission: Id,
+    scenario: ScenarioId,
+    seed: Seed,
+    cav: ScenarioId,
     visitor: AnyVisitor,
     services: ServicesDep,
 ) -> Response:

@@ -7,11 +7,15 @@ from fastapi import APIRouter, Form, Query, Request, Response
 from fastapi.responses import RedirectResponse
 from sqlalchemy import select
 
-from server.api import schemas, submission_views
+from server.api import submission_views
 from server.api.caller import Caller
 from server.api.dependencies import Now, Services, ServicesDep
 from server.api.problems import HiddenScenariosError
 from server.api.routes import results, submissions
+from server.api.schemas.parameters import Id
+from server.api.schemas.scenarios import ScenarioOut
+from server.api.schemas.submissions import ReasonIn, SubmissionOut
+from server.api.schemas.teams import ShowIn
 from server.enums import JobState
 from server.store import tables
 from server.store.errors import check_text
@@ -48,7 +52,7 @@ class ScenarioEvent:
 class SubmissionStatus:
     """Status of a submission, as far as the visitor may see it."""
 
-    submission: schemas.SubmissionOut
+    submission: SubmissionOut
     own: bool
     unfinished: bool
     done: int | None
@@ -80,7 +84,7 @@ class SubmissionStatus:
 @router.get("/submissions/{submission}")
 async def show(
     request: Request,
-    submission: schemas.Id,
+    submission: Id,
     visitor: OptionalVisitor,
     services: ServicesDep,
     verdict: VerdictFilter = "",
@@ -116,7 +120,7 @@ def _render_page(
 
 
 @router.get("/submissions/{submission}/progress")
-def progress(submission: schemas.Id, visitor: OptionalVisitor, services: ServicesDep, seen: SeenCount = 0) -> Response:
+def progress(submission: Id, visitor: OptionalVisitor, services: ServicesDep, seen: SeenCount = 0) -> Response:
     """Return the live part of the page; `seen`: finished scenarios at the last request."""
     status = read_status(services, visitor.caller if visitor else None, submission)
     text = render(
@@ -128,7 +132,7 @@ def progress(submission: schemas.Id, visitor: OptionalVisitor, services: Service
 
 
 @router.post("/submissions/{submission}/cancel")
-def cancel(submission: schemas.Id, visitor: AnyVisitor, services: ServicesDep, at_us: Now) -> Response:
+def cancel(submission: Id, visitor: AnyVisitor, services: ServicesDep, at_us: Now) -> Response:
     """Cancel the submission."""
     submissions.cancel_submission(submission, visitor.caller, services, at_us)
     return _redirect(submission)
@@ -136,29 +140,29 @@ def cancel(submission: schemas.Id, visitor: AnyVisitor, services: ServicesDep, a
 
 @router.post("/submissions/{submission}/shown")
 def choose(
-    submission: schemas.Id, visitor: AnyVisitor, services: ServicesDep, at_us: Now, shown: Annotated[bool, Form()]
+    submission: Id, visitor: AnyVisitor, services: ServicesDep, at_us: Now, shown: Annotated[bool, Form()]
 ) -> Response:
     """Choose whether it may be on the leaderboard."""
-    submissions.choose_submission(submission, schemas.ShowIn(shown=shown), visitor.caller, services, at_us)
+    submissions.choose_submission(submission, ShowIn(shown=shown), visitor.caller, services, at_us)
     return _redirect(submission)
 
 
 @router.post("/submissions/{submission}/disqualify")
 def disqualify(
-    submission: schemas.Id,
+    submission: Id,
     visitor: AdminVisitor,
     services: ServicesDep,
     at_us: Now,
     reason: Annotated[str, Form(max_length=1000)] = "",
 ) -> Response:
     """Disqualify it with a public reason."""
-    why = schemas.ReasonIn(reason=check_text(reason, "reason", 500))
+    why = ReasonIn(reason=check_text(reason, "reason", 500))
     submissions.disqualify_submission(submission, why, visitor.caller, services, at_us)
     return _redirect(submission)
 
 
 @router.post("/submissions/{submission}/rerun")
-def rerun(submission: schemas.Id, visitor: AdminVisitor, services: ServicesDep, at_us: Now) -> Response:
+def rerun(submission: Id, visitor: AdminVisitor, services: ServicesDep, at_us: Now) -> Response:
     """Run it again as a new submission."""
     return _redirect(submissions.rerun_submission(submission, visitor.caller, services, at_us).id)
 
@@ -190,7 +194,7 @@ def _to_event(data: Any) -> ScenarioEvent:
     return ScenarioEvent(data["scenario"], data["seed"], data.get("verdict"), data.get("reason"), data.get("ds"))
 
 
-def _list_scenarios(services: Services, caller: Caller | None, submission: str) -> list[schemas.ScenarioOut] | None:
+def _list_scenarios(services: Services, caller: Caller | None, submission: str) -> list[ScenarioOut] | None:
     """Return the scenarios, None if they are hidden."""
     try:
         return results.list_scenarios(submission, caller, services).items
@@ -198,7 +202,7 @@ def _list_scenarios(services: Services, caller: Caller | None, submission: str) 
         return None
 
 
-def _sort_rows(rows: list[schemas.ScenarioOut], order: str) -> list[schemas.ScenarioOut]:
+def _sort_rows(rows: list[ScenarioOut], order: str) -> list[ScenarioOut]:
     """Sort by name, or with the worst figures or largest usage first."""
     if order in ("ds", "rc", "ip"):
         return sorted(rows, key=lambda row: -1.0 if getattr(row, order) is None else getattr(row, order))

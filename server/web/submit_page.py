@@ -7,10 +7,10 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from starlette.concurrency import run_in_threadpool
 
 from mdrive_sumo.core.errors import InputError
-from server.api import schemas
 from server.api.dependencies import Now, Services, ServicesDep
 from server.api.problems import ProblemError
 from server.api.routes.phases import find_default_phase, list_phases, show_quota
+from server.api.schemas.parameters import Id
 from server.api.submission_service import receive_submission
 from server.api.upload import received_fields
 from server.store.errors import new_id
@@ -20,7 +20,7 @@ from server.web.templating import page_headers, render, render_page
 from server.web.visitor import TeamVisitor
 
 router = APIRouter()
-Key = Annotated[schemas.Id | None, Query()]
+Key = Annotated[Id | None, Query()]
 
 
 @router.get("/submit")

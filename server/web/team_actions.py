@@ -7,9 +7,10 @@ from fastapi.responses import RedirectResponse
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
-from server.api import schemas
 from server.api.dependencies import Now, ServicesDep
 from server.api.routes import webhook as api
+from server.api.schemas.parameters import Id
+from server.api.schemas.teams import NewWebhookIn
 from server.enums import TokenScope
 from server.store import NotFound, tables, teams, tokens
 from server.web.templating import render_page
@@ -18,11 +19,11 @@ from server.web.visitor import AnyVisitor, TeamVisitor, Visitor, delete_token_co
 router = APIRouter(prefix="/teams/{team}")
 MAX_TOKENS = 20
 """Valid tokens of a team: one that is stolen cannot make any number of others."""
-TokenField = Annotated[schemas.Id, Form()]
+TokenField = Annotated[Id, Form()]
 
 
 @router.post("/tokens")
-def issue(request: Request, team: schemas.Id, visitor: AnyVisitor, services: ServicesDep, at_us: Now) -> Response:
+def issue(request: Request, team: Id, visitor: AnyVisitor, services: ServicesDep, at_us: Now) -> Response:
     """Issue another token of the team, which is shown only once."""
     with services.store.write() as session:
         found = _find_own(session, visitor, team)
@@ -37,9 +38,7 @@ def issue(request: Request, team: schemas.Id, visitor: AnyVisitor, services: Ser
 
 
 @router.get("/tokens/{token}/revoke")
-def confirm(
-    request: Request, team: schemas.Id, token: schemas.Id, visitor: AnyVisitor, services: ServicesDep
-) -> Response:
+def confirm(request: Request, team: Id, token: Id, visitor: AnyVisitor, services: ServicesDep) -> Response:
     """Ask before a token is revoked."""
     with services.store.read() as session:
         found = _find_own(session, visitor, team)
@@ -57,7 +56,7 @@ def confirm(
 
 
 @router.post("/revoke")
-def revoke(team: schemas.Id, token: TokenField, visitor: AnyVisitor, services: ServicesDep, at_us: Now) -> Response:
+def revoke(team: Id, token: TokenField, visitor: AnyVisitor, services: ServicesDep, at_us: Now) -> Response:
     """Revoke a token of the visitor's team, or any for admins; revoking the browser's own token logs out."""
     with services.store.write() as session:
         _find_held(session, _find_own(session, visitor, team, token), token)
@@ -72,7 +71,7 @@ def revoke(team: schemas.Id, token: TokenField, visitor: AnyVisitor, services: S
 @router.post("/webhook")
 def set_webhook(
     request: Request,
-    team: schemas.Id,
+    team: Id,
     visitor: TeamVisitor,
     services: ServicesDep,
     at_us: Now,
@@ -80,7 +79,7 @@ def set_webhook(
 ) -> Response:
     """Set the webhook of the visitor's team; its secret is shown only once."""
     _require_same(visitor[1], team)
-    made = api.set_webhook(schemas.NewWebhookIn.model_construct(url=url), visitor, services, at_us)
+    made = api.set_webhook(NewWebhookIn.model_construct(url=url), visitor, services, at_us)
     use = "Your program verifies the header webhook-signature with it (Standard Webhooks)."
     back = f"/teams/{team}#webhook"
     return render_page(
@@ -89,7 +88,7 @@ def set_webhook(
 
 
 @router.post("/webhook/remove")
-def remove_webhook(team: schemas.Id, visitor: TeamVisitor, services: ServicesDep, at_us: Now) -> Response:
+def remove_webhook(team: Id, visitor: TeamVisitor, services: ServicesDep, at_us: Now) -> Response:
     """Remove the webhook of the visitor's team."""
     _require_same(visitor[1], team)
     api.remove_webhook(visitor, services, at_us)

@@ -8,10 +8,13 @@ from fastapi import APIRouter, Form, Query, Request, Response
 from fastapi.responses import RedirectResponse
 from sqlalchemy.orm import Session
 
-from server.api import schemas, submission_views
+from server.api import submission_views
 from server.api.dependencies import Now, ServicesDep
 from server.api.routes import submissions
 from server.api.routes import webhook as api
+from server.api.schemas.parameters import Id, TeamName
+from server.api.schemas.submissions import FiguresOut
+from server.api.schemas.teams import ShowIn
 from server.clock import format_utc
 from server.enums import SubmissionState
 from server.store import NotFound, phases, queries, quota, tables, teams, tokens
@@ -21,7 +24,7 @@ from server.web.templating import render_page
 from server.web.visitor import AnyVisitor, OptionalVisitor, Visitor
 
 router = APIRouter()
-SubmissionField = Annotated[schemas.Id, Form()]
+SubmissionField = Annotated[Id, Form()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +32,7 @@ class PhaseHistory:
     """A team's shown results in a phase, the oldest first."""
 
     phase: tables.PhaseRow
-    results: Sequence[tuple[tables.SubmissionRow, schemas.FiguresOut]]
+    results: Sequence[tuple[tables.SubmissionRow, FiguresOut]]
     chart: charts.HistoryChart | None
 
 
@@ -46,11 +49,11 @@ class QuotaLeft:
 @router.get("/teams/{team}")
 def show(
     request: Request,
-    team: schemas.TeamName,
+    team: TeamName,
     services: ServicesDep,
     at_us: Now,
     visitor: OptionalVisitor,
-    before: Annotated[schemas.Id | None, Query()] = None,
+    before: Annotated[Id | None, Query()] = None,
 ) -> Response:
     """Show the page of a team (name or id). Only members and admins see a hidden team."""
     with services.store.read() as session:
@@ -88,7 +91,7 @@ def show(
 
 @router.post("/teams/{team}/shown")
 def choose(
-    team: schemas.Id,
+    team: Id,
     submission: SubmissionField,
     shown: Annotated[bool, Form()],
     visitor: AnyVisitor,
@@ -96,7 +99,7 @@ def choose(
     at_us: Now,
 ) -> Response:
     """Choose whether a submission may be on the leaderboard."""
-    submissions.choose_submission(submission, schemas.ShowIn(shown=shown), visitor.caller, services, at_us)
+    submissions.choose_submission(submission, ShowIn(shown=shown), visitor.caller, services, at_us)
     return RedirectResponse(f"/teams/{team}#submissions", 303)
 
 

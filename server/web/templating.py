@@ -9,7 +9,7 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from server.api.schemas import FiguresOut
+from server.api.schemas.submissions import FiguresOut
 from server.clock import format_utc
 from server.web.static_files import static_url
 

@@ -11,6 +11,20 @@ from pathlib import Path
 AGENT = b"class Agent:\n    pass\n"
 ENV = b"environment: python3.11-numpy\n"
 GOOD: dict[str, bytes] = {"agents.py": AGENT, "model_env.yaml": ENV}
+DECLARING_AGENT = """
+import os
+from mdrive_sumo.contract import STANDSTILL, Reply, SensorSpec
+
+class Agent:
+    label = "{label}"
+    def __init__(self, config):
+        {made}
+    def sensors(self):
+        return ({sensors})
+    def start(self, briefing): pass
+    def act(self, seen):
+        return Reply(control=STANDSTILL)
+"""
 Info = zipfile.ZipInfo
 
 
@@ -25,6 +39,11 @@ def packed(files: Mapping[str, bytes], more: Callable[[zipfile.ZipFile], None] |
         if more is not None:
             more(archive)
     return file.getvalue()
+
+
+def declaring(sensors: str = "", label: str = "single", made: str = "pass") -> str:
+    """The source of an agent with these sensors; it stands still. made: what its constructor does."""
+    return DECLARING_AGENT.format(sensors=sensors, label=label, made=made)
 
 
 def with_entry(name: str, data: bytes = b"x", mode: int = stat.S_IFREG | 0o644) -> bytes:

@@ -17,7 +17,6 @@ from real2sim.recording import ObjectCategory, RecordedTrack
 from testing.map_faults import lane, lanes_map
 
 DT_S, FRAMES = 0.1, 101
-EASTBOUND = ("w0", "j0", "e0")
 
 
 def crossing(folder: Path) -> RoadMap:

@@ -13,12 +13,11 @@ from real2sim.clean import clean_recording
 from real2sim.fit import FittedTraffic, choose_cavs, fit_traffic
 from real2sim.match import match_track
 from real2sim.network import build_network
-from real2sim.readers.interaction import read_interaction
 from real2sim.recording import RecordedTrack, Recording
 from real2sim.tracks.reconstruct import reconstruct_tracks
-from tests.real2sim.network.test_network_builder_real import LOGS, READ
+from testing.real_logs import READ, SHORT_LOGS, read_window
 
-NAMES = (*(name for name in READ if name != "interaction"), "interaction-0", "interaction-60")
+NAMES = (*SHORT_LOGS, "interaction-0", "interaction-60")
 """Logs by name; of the long INTERACTION recording windows of 20 s, by the second in which they begin."""
 
 
@@ -34,9 +33,7 @@ class FittedLog:
 def recording(name: str) -> Recording:
     if not name.startswith("interaction"):
         return READ[name]()
-    begin = float(name.split("-")[1])
-    folder = LOGS / "interaction"
-    return read_interaction(folder, folder / "DR_USA_Intersection_EP0.osm", window=(begin, begin + 20.0))
+    return read_window(float(name.split("-")[1]))
 
 
 def fitted_log(name: str, folder: Path, mode: BackgroundMode = "reactive") -> FittedLog:

@@ -85,7 +85,6 @@ def build_comparison_report(
     if with_published:
         check_published_rows(agents)
     published = PUBLISHED_METHODS if with_published else ()
-    names = ", ".join(agent.name for agent in agents)
     made_by = f"Command: {shlex.join(command)}" if command else ""
     sections = (
         ReportSection("Scores", (build_main_table(agents, published), build_bucket_table(agents))),
@@ -102,12 +101,12 @@ def build_comparison_report(
         _make_scenario_section(agents),
         ReportSection("Provenance", (build_provenance_table(agents),), note=made_by),
     )
-    title = (
-        f"{agents[0].results.run.suite}: {names}"
-        if len(agents) <= 3
-        else f"{agents[0].results.run.suite}: {len(agents)} agents"
-    )
-    return ComparisonReport(title, list_facts(agents), list_warnings(agents), sections)
+    return ComparisonReport(_make_title(agents), list_facts(agents), list_warnings(agents), sections)
+
+
+def _make_title(agents: Sequence[ComparedAgent]) -> str:
+    names = ", ".join(agent.name for agent in agents) if len(agents) <= 3 else f"{len(agents)} agents"
+    return f"{agents[0].results.run.suite}: {names}"
 
 
 def _make_category_section(agents: Sequence[ComparedAgent]) -> ReportSection:

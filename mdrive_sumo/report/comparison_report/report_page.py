@@ -2,9 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib.resources import files
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport
@@ -19,19 +17,13 @@ from mdrive_sumo.report.comparison_report.report_table import (
 )
 from mdrive_sumo.report.comparison_report.scenario_tables import find_ds_class
 from mdrive_sumo.report.comparison_report.table_markdown import count_text_columns, has_marks
+from mdrive_sumo.report.html_page import PAGE_TEMPLATES, read_static
 from mdrive_sumo.report.palette import format_custom_properties
 
 TEMPLATE, STYLE = "comparison_report.html", "comparison_report.css"
 SHADES = 6
 MAX_OPEN_ROWS = 60
 """Longer tables are folded."""
-_TEMPLATES = Environment(
-    loader=PackageLoader("mdrive_sumo.report", "static"),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +40,8 @@ def render_report_page(report: ComparisonReport, images: dict[str, bytes], links
         f".shade-{i} {{ background: {pick_shade(i, SHADES)}; color: {'#111' if i >= SHADES // 2 else '#fff'}; }}\n"
         for i in range(SHADES)
     )
-    style = format_custom_properties() + (files("mdrive_sumo.report") / "static" / STYLE).read_text("utf-8") + shades
-    return _TEMPLATES.get_template(TEMPLATE).render(
+    style = format_custom_properties() + read_static(STYLE) + shades
+    return PAGE_TEMPLATES.get_template(TEMPLATE).render(
         report=report,
         style=Markup(style),
         links=links or ReportLinks({}, {}),

@@ -1,8 +1,6 @@
 """Report tables as CSV: one line of column keys, full precision, both ends of every interval."""
 
-import csv
-import io
-
+from mdrive_sumo.core.tables import format_csv_table
 from mdrive_sumo.report.comparison_report.report_table import CellValue, ReportTable
 
 DECIMALS = 6
@@ -19,9 +17,7 @@ def format_csv(table: ReportTable) -> str:
     header = ["section"] if has_sections else []
     for column, has_interval in zip(table.columns, with_intervals, strict=True):
         header += [column.key, *((f"{column.key}_low", f"{column.key}_high") if has_interval else ())]
-    file = io.StringIO()
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(header)
+    lines: list[list[str]] = []
     for row in table.rows:
         line = [row.section] if has_sections else []
         for cell, has_interval in zip(row.cells, with_intervals, strict=True):
@@ -29,8 +25,8 @@ def format_csv(table: ReportTable) -> str:
             if has_interval:
                 ends = (cell.interval.low, cell.interval.high) if cell.interval else (None, None)
                 line += [_format_value(end) for end in ends]
-        writer.writerow(line)
-    return file.getvalue()
+        lines.append(line)
+    return format_csv_table(header, lines)
 
 
 def _format_value(value: CellValue) -> str:

@@ -4,7 +4,7 @@ from mdrive_sumo.core.statistics import ConfidenceInterval
 from mdrive_sumo.core.tables import TableRow
 from mdrive_sumo.report.result_tables import SCORE_HEADER, describe_seeds, format_scores
 from mdrive_sumo.report.run_page.comparison_data import ComparisonData
-from mdrive_sumo.report.run_page.run_page import render_page
+from mdrive_sumo.report.run_page.run_page import render_overview
 from mdrive_sumo.runs.compare import RunComparison
 
 DIFFERENCE_HEADER: TableRow = ("", "score", "scenarios", "mean", "95 % from", "to", "better", "equal", "worse")
@@ -15,7 +15,7 @@ TIME_RATIO = "time ratio"
 def render_comparison_page(data: ComparisonData, *, replays_note: str = "") -> str:
     """Return the page. The same runs give the same bytes. replays_note: a sentence about which replays there are."""
     first = data.runs[0].stored.results.run
-    return render_page(
+    return render_overview(
         "comparison_page.html",
         title=f"{' and '.join(run.agent for run in data.runs)} on {first.suite} · mdrive-sumo",
         data=data,

@@ -2,13 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
-
-from jinja2 import Environment, StrictUndefined
 
 from mdrive_sumo.core.state import DT
+from mdrive_sumo.report.html_page import read_static, render_html_page
 from mdrive_sumo.report.palette import format_custom_properties
-from mdrive_sumo.report.replay_page import build_replay_script, build_replay_style, hash_for_policy
+from mdrive_sumo.report.replay_page import build_replay_script, build_replay_style
 from mdrive_sumo.runs.episode_difference import EpisodeDifference
 
 APART_M = 1.0
@@ -40,11 +38,8 @@ def render_in_step(
     parting: the first tick in which the CAVs differ; None if they never do. separation: the first in which a CAV is
     farther than `APART_M` from its place in the other.
     """
-    static = files("mdrive_sumo.report") / "static"
-    style = format_custom_properties() + (static / "in_step.css").read_text("utf-8")
-    script = (static / "in_step.js").read_text("utf-8")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    return environment.from_string((static / "in_step.html").read_text("utf-8")).render(
+    return render_html_page(
+        "in_step.html",
         title=f"{scenario}: {' and '.join(side.agent for side in sides)} in step · mdrive-sumo",
         scenario=scenario,
         seed_text=seed_text,
@@ -53,8 +48,8 @@ def render_in_step(
         separation=separation,
         apart_m=APART_M,
         tick_s=DT,
-        style=style,
-        script=script,
-        style_hashes=[hash_for_policy(text) for text in (style, build_replay_style())],
-        script_hashes=[hash_for_policy(text) for text in (script, build_replay_script())],
+        style=format_custom_properties() + read_static("in_step.css"),
+        script=read_static("in_step.js"),
+        frame_styles=(build_replay_style(),),
+        frame_scripts=(build_replay_script(),),
     )

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End
+from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.scoring import EgoResult, Infraction, ScenarioResult
 from mdrive_sumo.scoring.criteria import BLOCKED_TICKS
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS
@@ -84,8 +85,7 @@ def _describe(event: Infraction, ego: EgoResult, cavs: set[str], route_m: float 
     if event.kind in ENDINGS:
         return f"{ENDINGS[event.kind]}, {_describe_progress(ego, route_m)}"
     if event.kind == "agent-failed":
-        reason = " ".join(ego.reason.split())
-        short = reason if len(reason) <= MAX_REASON else reason[: MAX_REASON - 3] + "..."
+        short = truncate(" ".join(ego.reason.split()), MAX_REASON)
         return f"agent failed ({short}), {_describe_progress(ego, route_m)}"
     if event.kind.startswith("collision-"):
         speed = "" if event.impact_speed is None else f" at {event.impact_speed:.1f} m/s"

@@ -1,12 +1,9 @@
 """The run page: one self-contained HTML page of a run that never accesses the network."""
 
-from importlib.resources import files
 from typing import Any
 
-from jinja2 import Environment, FunctionLoader, StrictUndefined
-
+from mdrive_sumo.report.html_page import read_static, render_html_page
 from mdrive_sumo.report.palette import format_custom_properties
-from mdrive_sumo.report.replay_page import hash_for_policy
 from mdrive_sumo.report.result_tables import (
     INTERVAL_HEADER,
     build_interval_rows,
@@ -30,7 +27,7 @@ def render_run_page(data: RunPageData, *, replays_note: str = "") -> str:
         (name, str(means.scenarios), *format_scores(means), str(means.timed))
         for name, means in compute_category_means(results.scenarios).items()
     ]
-    return render_page(
+    return render_overview(
         "run_page.html",
         title=f"{results.run.suite}: {describe_agent(results)} · mdrive-sumo",
         data=data,
@@ -51,27 +48,10 @@ def render_run_page(data: RunPageData, *, replays_note: str = "") -> str:
     )
 
 
-def render_page(template: str, **values: Any) -> str:
-    """Return a page of `report/static` with the style and the script of pages that list scenarios.
-
-    Its content policy forbids every connection and every script but this.
-    """
-    style = format_custom_properties() + _read_static("overview.css")
-    script = _read_static("overview.js")
-    environment = Environment(
-        loader=FunctionLoader(_read_static),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template(template).render(
-        style=style, style_hash=hash_for_policy(style), script=script, script_hash=hash_for_policy(script), **values
-    )
-
-
-def _read_static(name: str) -> str:
-    return (files("mdrive_sumo.report") / "static" / name).read_text("utf-8")
+def render_overview(template: str, **values: Any) -> str:
+    """Return a page of `report/static` with the style and the script of pages that list scenarios."""
+    style = format_custom_properties() + read_static("overview.css")
+    return render_html_page(template, style=style, script=read_static("overview.js"), **values)
 
 
 def _describe_missing_recordings(data: RunPageData) -> str:

@@ -14,10 +14,11 @@ from fastapi.responses import StreamingResponse
 from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
-from server.api import schemas, submission_views
+from server.api import submission_views
 from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.dependencies import AnyCaller, Caller, Services, ServicesDep
 from server.api.problems import document_problems
+from server.api.schemas.parameters import Id
 from server.store import StoreUnavailable, events, tokens
 from server.store.quota import UNFINISHED
 
@@ -61,9 +62,7 @@ class EventBatch(NamedTuple):
         204: {"description": "It is finished, and you have seen all: do not come back."},
     },
 )
-async def follow(
-    submission: schemas.Id, caller: AnyCaller, services: ServicesDep, last_event_id: LastEventId = 0
-) -> Response:
+async def follow(submission: Id, caller: AnyCaller, services: ServicesDep, last_event_id: LastEventId = 0) -> Response:
     """Live events, for its team and admins. `state` says how the submission stands, `scenario` one result."""
     first = await run_in_threadpool(_read_events, services, caller, submission, last_event_id)
     if first.is_finished and not first.events:

@@ -6,9 +6,9 @@ from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
 
 from mdrive_sumo import __version__
-from server.api import schemas
 from server.api.dependencies import AdminCaller, Now, OperatorCaller, ServicesDep
 from server.api.problems import document_problems
+from server.api.schemas.administration import AuditOut, HealthOut
 from server.enums import JobState, SubmissionState
 from server.store import audit, queries, workers
 from server.store.row_check import find_row_differences
@@ -19,10 +19,10 @@ _TEXT = {"content": {"text/plain": {"schema": {"type": "string"}}}}
 
 
 @router.get("/health", responses=document_problems())
-async def health(services: ServicesDep) -> schemas.HealthOut:
+async def health(services: ServicesDep) -> HealthOut:
     """Return 200 while the server and its database answer."""
     await services.run_health_check(services.store.version)
-    return schemas.HealthOut(status="ok", version=__version__)
+    return HealthOut(status="ok", version=__version__)
 
 
 @router.get("/metrics", response_class=Response, responses=document_problems(401, 403) | {200: _TEXT})
@@ -49,10 +49,10 @@ def metrics(_caller: OperatorCaller, services: ServicesDep, at_us: Now) -> Respo
 
 
 @router.get("/audit", responses=document_problems(401, 403))
-def walk_audit_log(_caller: AdminCaller, services: ServicesDep) -> schemas.AuditOut:
+def walk_audit_log(_caller: AdminCaller, services: ServicesDep) -> AuditOut:
     """Verify the whole hash chain of the audit log, and compare rows with it, without the results of scenarios."""
     with services.store.read() as session:
         found = audit.verify_chain(session)
         rows = find_row_differences(session, with_results=False) if found.broken is None else iter(())
         differences = [str(row) for row in islice(rows, MAX_DIFFERENCES)]
-        return schemas.AuditOut(entries=found.entries, head=found.head, broken=found.broken, differences=differences)
+        return AuditOut(entries=found.entries, head=found.head, broken=found.broken, differences=differences)

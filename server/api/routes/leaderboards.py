@@ -7,11 +7,12 @@ from fastapi import APIRouter, Depends, Response
 
 from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
-from server.api import schemas, submission_views
+from server.api import submission_views
 from server.api.dependencies import Now, ServicesDep
 from server.api.leaderboards import BoardKey
 from server.api.problems import document_problems
-from server.api.schemas import to_datetime
+from server.api.schemas.leaderboards import HistoryOut, LeaderboardOut, PointOut
+from server.api.schemas.parameters import PartName, PhaseId, TeamName, to_datetime
 from server.enums import ChallengeTrack, SubmissionState
 from server.store import NotFound, phases, queries, teams
 
@@ -27,14 +28,14 @@ class TrackFilter:
 router = APIRouter(tags=["leaderboards"])
 
 
-@router.get("/leaderboards/{phase}", response_model=schemas.LeaderboardOut, responses=document_problems(404, 422))
+@router.get("/leaderboards/{phase}", response_model=LeaderboardOut, responses=document_problems(404, 422))
 async def show_leaderboard(
-    phase: schemas.PhaseId,
+    phase: PhaseId,
     services: ServicesDep,
     at_us: Now,
     tracks: Annotated[TrackFilter, Depends()],
-    bucket: schemas.PartName | None = None,
-    category: schemas.PartName | None = None,
+    bucket: PartName | None = None,
+    category: PartName | None = None,
 ) -> Response:
     """Return the overall leaderboard, or that of a bucket or a category; without a track, of all tracks but joint.
 
@@ -51,7 +52,7 @@ async def show_leaderboard(
 
 
 @router.get("/leaderboards/{phase}/teams/{team}", responses=document_problems(404, 422))
-def show_history(phase: schemas.PhaseId, team: schemas.TeamName, services: ServicesDep) -> schemas.HistoryOut:
+def show_history(phase: PhaseId, team: TeamName, services: ServicesDep) -> HistoryOut:
     """Return every finished submission of a team (name or id) that it shows."""
     with services.store.read() as session:
         found = teams.get(session, team)
@@ -60,7 +61,7 @@ def show_history(phase: schemas.PhaseId, team: schemas.TeamName, services: Servi
         of_phase = phases.get(session, phase)
         all_of_team = queries.list_history(session, found.id, of_phase.id)
         items = [
-            schemas.PointOut(
+            PointOut(
                 submission=each.id,
                 method=each.name,
                 track=ChallengeTrack(each.track),
@@ -70,4 +71,4 @@ def show_history(phase: schemas.PhaseId, team: schemas.TeamName, services: Servi
             for each in all_of_team
             if each.state == SubmissionState.DONE and each.shown and each.ds is not None
         ]
-        return schemas.HistoryOut(team=found.name, phase=phase, items=items)
+        return HistoryOut(team=found.name, phase=phase, items=items)

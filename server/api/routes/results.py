@@ -15,10 +15,12 @@ from sqlalchemy import ColumnElement, RowMapping, Text, cast, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from server import paths
-from server.api import replay_page, schemas, submission_views
+from server.api import replay_page, submission_views
 from server.api.csv_format import csv_headers, to_csv
 from server.api.dependencies import AnyCaller, Caller, OptionalCaller, Services, ServicesDep
 from server.api.problems import HiddenScenariosError, ProblemError, document_problems
+from server.api.schemas.parameters import Id, ScenarioId, Seed
+from server.api.schemas.scenarios import EgoOut, ScenarioOut, ScenariosOut
 from server.settings import ServerSettings
 from server.store import NotFound, tables
 from server.store.overviews import EMPTY_OVERVIEW
@@ -35,10 +37,10 @@ _SCENARIO_PATH = "/submissions/{submission}/scenarios/{scenario}/{seed}"
 
 @router.get(
     "/submissions/{submission}/scenarios",
-    response_model=schemas.ScenariosOut,
+    response_model=ScenariosOut,
     responses=document_problems(401, 403, 404, 422),
 )
-async def show_scenarios(submission: schemas.Id, caller: OptionalCaller, services: ServicesDep) -> Response:
+async def show_scenarios(submission: Id, caller: OptionalCaller, services: ServicesDep) -> Response:
     """Return results, verdicts and resource usage, by scenario and seed."""
     return await services.run_large_read(lambda: _scenarios_response(submission, caller, services))
 
@@ -61,24 +63,24 @@ def _scenarios_response(submission: str, caller: Caller | None, services: Servic
     response_class=Response,
     responses=document_problems(401, 403, 404, 422) | {200: {"content": {"text/csv": {"schema": {"type": "string"}}}}},
 )
-async def download_scenarios(submission: schemas.Id, caller: OptionalCaller, services: ServicesDep) -> Response:
+async def download_scenarios(submission: Id, caller: OptionalCaller, services: ServicesDep) -> Response:
     """Return the results by scenario and seed as CSV, one line each."""
     found = await services.run_large_read(lambda: list_scenarios(submission, caller, services))
     return Response(_format_csv(found.items), media_type="text/csv", headers=csv_headers(f"submission-{submission}"))
 
 
-def list_scenarios(submission: str, caller: Caller | None, services: Services) -> schemas.ScenariosOut:
+def list_scenarios(submission: str, caller: Caller | None, services: Services) -> ScenariosOut:
     """Return the scenarios of a submission for a page; it reads overviews only, never results."""
     found, own = _read_rows(submission, caller, services, tables.JobOverviewRow.data)
     files = _list_files(services.settings, submission, {row["seed"] for row in found})
-    items: list[schemas.ScenarioOut] = []
+    items: list[ScenarioOut] = []
     for row in found:  # stored by us, so that nothing needs to be validated
         overview: dict[str, Any] = row["data"] or EMPTY_OVERVIEW
         egos = overview["egos"]
-        listed = None if egos is None else [schemas.EgoOut.model_construct(None, **ego) for ego in egos]
+        listed = None if egos is None else [EgoOut.model_construct(None, **ego) for ego in egos]
         fields: dict[str, Any] = _describe_row(row, own, files[row["seed"]]) | overview | {"egos": listed}
-        items.append(schemas.ScenarioOut.model_construct(None, **fields))
-    return schemas.ScenariosOut.model_construct(items=items)
+        items.append(ScenarioOut.model_construct(None, **fields))
+    return ScenariosOut.model_construct(items=items)
 
 
 @router.get(
@@ -87,9 +89,9 @@ def list_scenarios(submission: str, caller: Caller | None, services: Services) -
     responses=document_problems(401, 403, 404, 422) | {200: {"content": {"application/octet-stream": {}}}},
 )
 def fetch_recording(
-    submission: schemas.Id,
-    scenario: schemas.ScenarioId,
-    seed: schemas.Seed,
+    submission: Id,
+    scenario: ScenarioId,
+    seed: Seed,
     caller: OptionalCaller,
     services: ServicesDep,
 ) -> FileResponse:
@@ -108,9 +110,9 @@ def fetch_recording(
     responses=document_problems(401, 403, 404, 422) | {200: {"content": {"text/html": {"schema": {"type": "string"}}}}},
 )
 def fetch_replay(
-    submission: schemas.Id,
-    scenario: schemas.ScenarioId,
-    seed: schemas.Seed,
+    submission: Id,
+    scenario: ScenarioId,
+    seed: Seed,
     caller: OptionalCaller,
     services: ServicesDep,
 ) -> FileResponse:
@@ -135,10 +137,10 @@ def fetch_replay(
     | {200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
 def fetch_log(
-    submission: schemas.Id,
-    scenario: schemas.ScenarioId,
-    seed: schemas.Seed,
-    cav: schemas.ScenarioId,
+    submission: Id,
+    scenario: ScenarioId,
+    seed: Seed,
+    cav: ScenarioId,
     caller: AnyCaller,
     services: ServicesDep,
 ) -> FileResponse:
@@ -150,7 +152,7 @@ def fetch_log(
     return FileResponse(path, media_type="text/plain; charset=utf-8", headers=_SANDBOX_HEADERS)
 
 
-def _format_csv(rows: Sequence[schemas.ScenarioOut]) -> str:
+def _format_csv(rows: Sequence[ScenarioOut]) -> str:
     fields = ("scenario", "seed", "bucket", "category", "state", "verdict", "reason")
     scores = ("ds", "sr", "efficient_sr", "time_ratio", "rc", "ip")
     usage = ("latency_p99_ms", "peak_memory_bytes", "cpu_s")

@@ -6,9 +6,12 @@ from fastapi import APIRouter, Query
 from sqlalchemy import select, tuple_
 
 from server import paths
-from server.api import schemas, submission_views
+from server.api import submission_views
 from server.api.dependencies import AdminCaller, AnyCaller, Now, OptionalCaller, ServicesDep
 from server.api.problems import document_problems
+from server.api.schemas.parameters import Id, PhaseId, TeamName
+from server.api.schemas.submissions import ReasonIn, SubmissionOut, SubmissionsOut
+from server.api.schemas.teams import ShowIn
 from server.store import NotNow, phases, submissions, tables, teams
 
 router = APIRouter(tags=["submissions"])
@@ -19,10 +22,10 @@ PAGE = 50
 def list_submissions(
     caller: AnyCaller,
     services: ServicesDep,
-    phase: schemas.PhaseId | None = None,
-    team: Annotated[schemas.TeamName | None, Query(description="Name or id; for admins.")] = None,
-    before: Annotated[schemas.Id | None, Query(description="`next` of the page before.")] = None,
-) -> schemas.SubmissionsOut:
+    phase: PhaseId | None = None,
+    team: Annotated[TeamName | None, Query(description="Name or id; for admins.")] = None,
+    before: Annotated[Id | None, Query(description="`next` of the page before.")] = None,
+) -> SubmissionsOut:
     """Return the submissions of the token's team, for admins of all teams; 50 per page."""
     wanted = select(tables.SubmissionRow).order_by(
         tables.SubmissionRow.created_us.desc(), tables.SubmissionRow.id.desc()
@@ -40,11 +43,11 @@ def list_submissions(
             wanted = wanted.where(place < tuple_(last.created_us, last.id))
         page = session.scalars(wanted.limit(PAGE + 1)).all()
         items = [submission_views.to_submission(session, caller, each) for each in page[:PAGE]]
-        return schemas.SubmissionsOut(items=items, next=page[PAGE - 1].id if len(page) > PAGE else None)
+        return SubmissionsOut(items=items, next=page[PAGE - 1].id if len(page) > PAGE else None)
 
 
 @router.get("/submissions/{submission}", responses=document_problems(401, 404, 422))
-def show_submission(submission: schemas.Id, caller: OptionalCaller, services: ServicesDep) -> schemas.SubmissionOut:
+def show_submission(submission: Id, caller: OptionalCaller, services: ServicesDep) -> SubmissionOut:
     """Return a submission: in full for its team and admins; the result for everyone if it is on a leaderboard."""
     with services.store.read() as session:
         return submission_views.to_submission(
@@ -53,9 +56,7 @@ def show_submission(submission: schemas.Id, caller: OptionalCaller, services: Se
 
 
 @router.post("/submissions/{submission}/cancel", responses=document_problems(401, 404, 409, 422))
-def cancel_submission(
-    submission: schemas.Id, caller: AnyCaller, services: ServicesDep, at_us: Now
-) -> schemas.SubmissionOut:
+def cancel_submission(submission: Id, caller: AnyCaller, services: ServicesDep, at_us: Now) -> SubmissionOut:
     """Cancel a submission. If nothing was driven yet, it counts against the daily quota only, not in total."""
     with services.store.write() as session:
         submission_views.find_own(session, caller, submission)
@@ -65,8 +66,8 @@ def cancel_submission(
 
 @router.put("/submissions/{submission}/shown", responses=document_problems(400, 401, 404, 408, 413, 422))
 def choose_submission(
-    submission: schemas.Id, wish: schemas.ShowIn, caller: AnyCaller, services: ServicesDep, at_us: Now
-) -> schemas.SubmissionOut:
+    submission: Id, wish: ShowIn, caller: AnyCaller, services: ServicesDep, at_us: Now
+) -> SubmissionOut:
     """Choose whether it may be on the leaderboard, which shows the best such submission of each team."""
     with services.store.write() as session:
         submission_views.find_own(session, caller, submission)
@@ -78,8 +79,8 @@ def choose_submission(
 
 @router.post("/submissions/{submission}/disqualify", responses=document_problems(400, 401, 403, 404, 408, 413, 422))
 def disqualify_submission(
-    submission: schemas.Id, why: schemas.ReasonIn, caller: AdminCaller, services: ServicesDep, at_us: Now
-) -> schemas.SubmissionOut:
+    submission: Id, why: ReasonIn, caller: AdminCaller, services: ServicesDep, at_us: Now
+) -> SubmissionOut:
     """Remove it from the leaderboard; its team sees the reason."""
     with services.store.write() as session:
         submissions.disqualify(session, submission, why.reason, at_us, caller.actor)
@@ -89,9 +90,7 @@ def disqualify_submission(
 
 
 @router.post("/submissions/{submission}/rerun", status_code=201, responses=document_problems(401, 403, 404, 409, 422))
-def rerun_submission(
-    submission: schemas.Id, caller: AdminCaller, services: ServicesDep, at_us: Now
-) -> schemas.SubmissionOut:
+def rerun_submission(submission: Id, caller: AdminCaller, services: ServicesDep, at_us: Now) -> SubmissionOut:
     """Evaluate the archive again as a new submission that counts nowhere until it is shown."""
     with services.store.read() as session:
         old = submissions.get(session, submission)

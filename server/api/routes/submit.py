@@ -4,9 +4,9 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Request
 
-from server.api import schemas
 from server.api.dependencies import Now, ServicesDep, TeamCaller
 from server.api.problems import document_problems
+from server.api.schemas.submissions import SubmissionOut
 from server.api.submission_service import receive_submission
 from server.api.upload import FILE_FIELD
 from server.enums import ChallengeTrack
@@ -46,7 +46,7 @@ IdempotencyKey = Annotated[
 )
 async def submit(
     request: Request, caller: TeamCaller, services: ServicesDep, at_us: Now, idempotency_key: IdempotencyKey = None
-) -> schemas.SubmissionOut:
+) -> SubmissionOut:
     """Submit an archive. The response comes at once, the result later: follow the events.
 
     The same archive in the same phase and track returns the finished result and uses no quota.

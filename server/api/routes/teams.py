@@ -2,10 +2,20 @@
 
 from fastapi import APIRouter
 
-from server.api import schemas
 from server.api.dependencies import AdminCaller, AnyCaller, Now, ServicesDep
 from server.api.problems import document_problems
-from server.api.schemas import to_datetime
+from server.api.schemas.parameters import Id, TeamName, to_datetime
+from server.api.schemas.teams import (
+    HideIn,
+    IssuedTokenOut,
+    MeOut,
+    NewTeamIn,
+    NewTokenIn,
+    TeamOut,
+    TeamsOut,
+    TokenOut,
+    TokensOut,
+)
 from server.enums import TokenScope
 from server.store import tables, teams, tokens
 
@@ -13,32 +23,30 @@ router = APIRouter(tags=["teams and tokens"])
 
 
 @router.get("/me", responses=document_problems(401))
-def who_am_i(caller: AnyCaller, services: ServicesDep) -> schemas.MeOut:
+def who_am_i(caller: AnyCaller, services: ServicesDep) -> MeOut:
     """Return the holder of this token, e.g. to test it."""
     if caller.team is None:
-        return schemas.MeOut(scope=caller.scope, team=None)
+        return MeOut(scope=caller.scope, team=None)
     with services.store.read() as session:
-        return schemas.MeOut(scope=caller.scope, team=to_team(teams.get(session, caller.team)))
+        return MeOut(scope=caller.scope, team=to_team(teams.get(session, caller.team)))
 
 
 @router.get("/teams", responses=document_problems(401, 403))
-def list_teams(_caller: AdminCaller, services: ServicesDep) -> schemas.TeamsOut:
+def list_teams(_caller: AdminCaller, services: ServicesDep) -> TeamsOut:
     """Return all teams by name."""
     with services.store.read() as session:
-        return schemas.TeamsOut(items=[to_team(each) for each in teams.list_teams(session)])
+        return TeamsOut(items=[to_team(each) for each in teams.list_teams(session)])
 
 
 @router.post("/teams", status_code=201, responses=document_problems(400, 401, 403, 408, 413, 422))
-def create_team(new: schemas.NewTeamIn, caller: AdminCaller, services: ServicesDep, at_us: Now) -> schemas.TeamOut:
+def create_team(new: NewTeamIn, caller: AdminCaller, services: ServicesDep, at_us: Now) -> TeamOut:
     """Create a team."""
     with services.store.write() as session:
         return to_team(teams.create(session, new.name, at_us, caller.actor))
 
 
 @router.put("/teams/{name}/hidden", responses=document_problems(400, 401, 403, 404, 408, 413, 422))
-def hide_team(
-    name: schemas.TeamName, wish: schemas.HideIn, caller: AdminCaller, services: ServicesDep, at_us: Now
-) -> schemas.TeamOut:
+def hide_team(name: TeamName, wish: HideIn, caller: AdminCaller, services: ServicesDep, at_us: Now) -> TeamOut:
     """Hide a team (name or id) from the leaderboards, or show it again."""
     with services.store.write() as session:
         found = teams.get(session, name)
@@ -48,38 +56,36 @@ def hide_team(
 
 
 @router.get("/teams/{name}/tokens", responses=document_problems(401, 403, 404, 422))
-def list_tokens(name: schemas.TeamName, _caller: AdminCaller, services: ServicesDep) -> schemas.TokensOut:
+def list_tokens(name: TeamName, _caller: AdminCaller, services: ServicesDep) -> TokensOut:
     """Return the tokens of a team (name or id), revoked ones included."""
     with services.store.read() as session:
         found = teams.get(session, name)
-        return schemas.TokensOut(items=[_to_token(each) for each in tokens.list_tokens(session, found)])
+        return TokensOut(items=[_to_token(each) for each in tokens.list_tokens(session, found)])
 
 
 @router.post("/tokens", status_code=201, responses=document_problems(400, 401, 403, 404, 408, 413, 422))
-def issue_token(
-    new: schemas.NewTokenIn, caller: AdminCaller, services: ServicesDep, at_us: Now
-) -> schemas.IssuedTokenOut:
+def issue_token(new: NewTokenIn, caller: AdminCaller, services: ServicesDep, at_us: Now) -> IssuedTokenOut:
     """Issue a token. Its text is in this response only."""
     with services.store.write() as session:
         holder = teams.get(session, new.team) if new.team is not None else None
-        return schemas.IssuedTokenOut(token=tokens.issue(session, holder, new.scope, at_us, caller.actor))
+        return IssuedTokenOut(token=tokens.issue(session, holder, new.scope, at_us, caller.actor))
 
 
 @router.delete("/tokens/{token}", status_code=204, responses=document_problems(401, 403, 404, 422))
-def revoke_token(token: schemas.Id, caller: AdminCaller, services: ServicesDep, at_us: Now) -> None:
+def revoke_token(token: Id, caller: AdminCaller, services: ServicesDep, at_us: Now) -> None:
     """Revoke a token."""
     with services.store.write() as session:
         tokens.revoke(session, token, at_us, caller.actor)
 
 
-def to_team(found: tables.TeamRow) -> schemas.TeamOut:
+def to_team(found: tables.TeamRow) -> TeamOut:
     """Return a team as the API shows it."""
-    return schemas.TeamOut(id=found.id, name=found.name, created=to_datetime(found.created_us), hidden=found.hidden)
+    return TeamOut(id=found.id, name=found.name, created=to_datetime(found.created_us), hidden=found.hidden)
 
 
-def _to_token(found: tables.TokenRow) -> schemas.TokenOut:
+def _to_token(found: tables.TokenRow) -> TokenOut:
     revoked = to_datetime(found.revoked_us) if found.revoked_us is not None else None
-    return schemas.TokenOut(
+    return TokenOut(
         id=found.id,
         team=found.team,
         scope=TokenScope(found.scope),

@@ -4,10 +4,10 @@ from http import HTTPStatus
 
 from fastapi import APIRouter
 
-from server.api import schemas
 from server.api.dependencies import Now, Services, ServicesDep, TeamCaller
 from server.api.problems import ProblemError, document_problems
-from server.api.schemas import to_datetime
+from server.api.schemas.parameters import to_datetime
+from server.api.schemas.teams import DeliveryOut, NewWebhookIn, WebhookOut, WebhookSecretOut
 from server.api.webhook_address import check_url
 from server.enums import DeliveryState
 from server.store import webhooks
@@ -18,17 +18,17 @@ LISTED = 10
 
 
 @router.get("/webhook", responses=document_problems(401, 403))
-def show_webhook(caller: TeamCaller, services: ServicesDep) -> schemas.WebhookOut:
+def show_webhook(caller: TeamCaller, services: ServicesDep) -> WebhookOut:
     """Return your team's webhook and its latest notifications."""
     with services.store.read() as session:
         found = webhooks.find_webhook(session, caller[1])
         sent = webhooks.list_deliveries(session, caller[1], LISTED)
-        return schemas.WebhookOut(
+        return WebhookOut(
             enabled=services.settings.webhooks.enabled,
             url=found.url if found is not None else None,
             created=to_datetime(found.created_us) if found is not None else None,
             deliveries=[
-                schemas.DeliveryOut(
+                DeliveryOut(
                     id=each.id,
                     submission=each.submission,
                     state=DeliveryState(each.state),
@@ -41,9 +41,7 @@ def show_webhook(caller: TeamCaller, services: ServicesDep) -> schemas.WebhookOu
 
 
 @router.put("/webhook", responses=document_problems(400, 401, 403, 408, 413, 422))
-def set_webhook(
-    new: schemas.NewWebhookIn, caller: TeamCaller, services: ServicesDep, at_us: Now
-) -> schemas.WebhookSecretOut:
+def set_webhook(new: NewWebhookIn, caller: TeamCaller, services: ServicesDep, at_us: Now) -> WebhookSecretOut:
     """Set your team's webhook, or replace it. Its secret is new, and in this response only.
 
     The address begins with https:// and is public, unless the operator allows its host.
@@ -52,7 +50,7 @@ def set_webhook(
     url = str(check_url(new.url, services.settings.webhooks.allowed_hosts))
     with services.store.write() as session:
         secret = webhooks.set_webhook(session, caller[1], url, at_us, caller[0].actor)
-    return schemas.WebhookSecretOut(url=url, secret=secret)
+    return WebhookSecretOut(url=url, secret=secret)
 
 
 @router.delete("/webhook", status_code=204, responses=document_problems(401, 403))

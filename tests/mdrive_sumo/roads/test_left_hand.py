@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from testing.busy_log import Crowd, busy_truth
+from testing.real_logs import READ
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
@@ -22,7 +23,6 @@ from real2sim.pipeline.quality_file import QualityFile
 from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
 from real2sim.recording import RecordedTrack, Recording
 from real2sim.source_scene import SourceScene
-from tests.real2sim.network.test_network_builder_real import READ
 
 pytestmark = pytest.mark.slow
 

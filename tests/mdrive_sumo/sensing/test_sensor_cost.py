@@ -1,7 +1,5 @@
 """Prices of sensors: sums, limits, and what a participant reads."""
 
-from collections.abc import Mapping
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,8 +8,6 @@ from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.open_agents import MAX_ARRAY_SENSORS
 from mdrive_sumo.sensing.sensor_cost import BUDGET_MS, check_sensor_budget, price_sensor
-
-Options = Mapping[str, float | str | bool]
 
 
 def bev(**options: float | str | bool) -> SensorSpec:

@@ -23,8 +23,6 @@ from real2sim.pipeline.log_source import LogSource, read_log
 from real2sim.pipeline.quality_file import load_quality
 from real2sim.pipeline.suite_summary import format_summary, summarize_suite
 
-SCENE = "scenarionet_nuscenes/sd_nuscenes_scene-0757.pkl"
-
 
 @pytest.mark.slow
 def test_summary_of_a_suite(suite: Path) -> None:

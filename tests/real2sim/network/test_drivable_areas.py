@@ -1,6 +1,5 @@
 """Drivable areas: what readers find, and that every parked car of a log stands on asphalt."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +13,8 @@ from shapely.geometry.base import BaseGeometry
 from testing.argoverse2_samples import archive, draw_line, write_map
 from testing.map_faults import lane, lanes_map
 from testing.network_samples import EAST, moved
+from testing.real_logs import READ
 from testing.scenarionet_samples import description, read, straight
-from testing.shared_material import SHARED_DATA
 
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import Kind
@@ -23,17 +22,10 @@ from mdrive_sumo.roads import NetworkFile, list_packaged_networks
 from mdrive_sumo.roads.network_file import NETWORK_FILE, DrivableArea, read_network_file
 from real2sim.hd_map import HdMap, LaneKind, MapArea, MapLane
 from real2sim.network.drivable_areas import add_observed_areas, collect_drivable_areas
-from real2sim.readers.argoverse2 import read_argoverse2
 from real2sim.readers.argoverse2_map import read_argoverse2_map
 from real2sim.readers.drivable_areas import build_nested_areas, is_ring
-from real2sim.readers.scenarionet import read_scenarionet
-from real2sim.recording import ObjectCategory, RecordedTrack, Recording
+from real2sim.recording import ObjectCategory, RecordedTrack
 
-LOGS = SHARED_DATA / "real_logs"
-READ: dict[str, Callable[[], Recording]] = {
-    "scene-0103": lambda: read_scenarionet(LOGS / "scenarionet_nuscenes/sd_nuscenes_v1.0-mini_scene-0103.pkl"),
-    "av2-forecasting": lambda: read_argoverse2(LOGS / "argoverse2/forecasting"),
-}
 BOX: Float = np.array(((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)))
 
 

@@ -1,6 +1,6 @@
 """The maps of the real logs as networks, and every vehicle of theirs on them."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from testing.map_faults import all_links, lane, plant
+from testing.real_logs import READ
 from testing.sampling import sampled
-from testing.shared_material import SHARED_DATA
 
 from mdrive_sumo.core.geometry import Float, build_polyline
 from mdrive_sumo.core.state import Kind
@@ -20,26 +20,10 @@ from real2sim.network import NetworkReport, build_network
 from real2sim.network.lane_directions import reverse_lane, vote_directions
 from real2sim.network.lane_links import rebuild_links
 from real2sim.network.lane_segment import LaneSegment, clip_polyline
-from real2sim.readers.argoverse2 import read_argoverse2
-from real2sim.readers.commonroad import read_commonroad
-from real2sim.readers.interaction import read_interaction
-from real2sim.readers.scenarionet import read_scenarionet
 from real2sim.recording import Recording
 
 pytestmark = pytest.mark.slow
 
-LOGS = SHARED_DATA / "real_logs"
-SENSOR = "3b3570b4-7b0b-3268-a571-b0889dbf40b6"
-READ: dict[str, Callable[[], Recording]] = {
-    "scene-0103": lambda: read_scenarionet(LOGS / "scenarionet_nuscenes/sd_nuscenes_v1.0-mini_scene-0103.pkl"),
-    "scene-0757": lambda: read_scenarionet(LOGS / "scenarionet_nuscenes/sd_nuscenes_scene-0757.pkl"),
-    "scene-1100": lambda: read_scenarionet(LOGS / "scenarionet_nuscenes/sd_nuscenes_v1.0-mini_scene-1100.pkl"),
-    "av2-forecasting": lambda: read_argoverse2(LOGS / "argoverse2/forecasting"),
-    "av2-sensor": lambda: read_argoverse2(LOGS / "argoverse2/sensor" / SENSOR),
-    "peach": lambda: read_commonroad(LOGS / "commonroad/USA_Peach-4_8_T-1.xml"),
-    "us101": lambda: read_commonroad(LOGS / "commonroad/USA_US101-3_3_T-1.xml"),
-    "interaction": lambda: read_interaction(LOGS / "interaction", LOGS / "interaction/DR_USA_Intersection_EP0.osm"),
-}
 SAMPLE = ("us101", "interaction")
 LEFT_HAND = ("scene-1100",)
 

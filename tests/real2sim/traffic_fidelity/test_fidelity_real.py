@@ -1,49 +1,30 @@
 """The figures of issue C on every real log, and on INTERACTION in windows of 20 s over the whole recording."""
 
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import pytest
+from testing.real_logs import READ, SHORT_LOGS, read_window
 from testing.sampling import sampled
-from testing.shared_material import SHARED_DATA
 
 from real2sim.clean import clean_recording
 from real2sim.hd_map import LaneKind
 from real2sim.quality import ReconstructedLog, ReconstructionQuality, assess_reconstruction
 from real2sim.quality.lane_segment_index import LaneSegmentIndex
-from real2sim.readers.argoverse2 import read_argoverse2
-from real2sim.readers.commonroad import read_commonroad
-from real2sim.readers.interaction import read_interaction
-from real2sim.readers.scenarionet import read_scenarionet
 from real2sim.recording import Recording
 from real2sim.tracks.reconstruct import reconstruct_tracks
 
-LOGS = SHARED_DATA / "real_logs"
-SENSOR = "3b3570b4-7b0b-3268-a571-b0889dbf40b6"
-FOLDER = LOGS / "interaction"
-
-
-def window(start: int) -> Callable[[], Recording]:
-    return lambda: read_interaction(FOLDER, FOLDER / "DR_USA_Intersection_EP0.osm", (start, start + 20))
-
-
-READ: dict[str, Callable[[], Recording]] = {
-    "scene-0103": lambda: read_scenarionet(LOGS / "scenarionet_nuscenes/sd_nuscenes_v1.0-mini_scene-0103.pkl"),
-    "scene-0757": lambda: read_scenarionet(LOGS / "scenarionet_nuscenes/sd_nuscenes_scene-0757.pkl"),
-    "scene-1100": lambda: read_scenarionet(LOGS / "scenarionet_nuscenes/sd_nuscenes_v1.0-mini_scene-1100.pkl"),
-    "av2-forecasting": lambda: read_argoverse2(LOGS / "argoverse2/forecasting"),
-    "av2-sensor": lambda: read_argoverse2(LOGS / "argoverse2/sensor" / SENSOR),
-    "peach": lambda: read_commonroad(LOGS / "commonroad/USA_Peach-4_8_T-1.xml"),
-    "us101": lambda: read_commonroad(LOGS / "commonroad/USA_US101-3_3_T-1.xml"),
-    **{f"interaction-{start}": window(start) for start in range(0, 300, 20)},
+READERS: dict[str, Callable[[], Recording]] = {
+    **{name: READ[name] for name in SHORT_LOGS},
+    **{f"interaction-{start}": partial(read_window, start) for start in range(0, 300, 20)},
 }
 SAMPLE = ("peach", "interaction-260")
 
 
 @cache
 def converted(name: str) -> tuple[ReconstructionQuality, Recording]:
-    recording = READ[name]()
+    recording = READERS[name]()
     cleaned = clean_recording(recording)
     tracks = reconstruct_tracks(cleaned.tracks, cleaned.dt_s)
     raw = {track.id: track for track in cleaned.tracks}
@@ -57,7 +38,7 @@ def converted(name: str) -> tuple[ReconstructionQuality, Recording]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sampled(READ, SAMPLE))
+@pytest.mark.parametrize("name", sampled(READERS, SAMPLE))
 def test_the_figures_of_the_issue_hold(name: str, shared_data: Path) -> None:
     quality, _ = converted(name)
     assert quality.moving_vehicles >= 3
@@ -69,7 +50,7 @@ def test_the_figures_of_the_issue_hold(name: str, shared_data: Path) -> None:
     assert quality.jerk_p95 <= 5.0
 
 
-@pytest.mark.parametrize("name", sampled(READ, SAMPLE))
+@pytest.mark.parametrize("name", sampled(READERS, SAMPLE))
 def test_nothing_is_lost_without_a_reason(name: str, shared_data: Path) -> None:
     """Sources with one view name every thing once: each name is a track, part of one, or listed as lost."""
     quality, recording = converted(name)

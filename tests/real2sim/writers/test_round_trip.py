@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from testing.busy_log import ACTORS, QUIET, Crowd, busy_truth, make_busy_log
+from testing.real_logs import READ
 from testing.round_trip import Trip, as_truth, motions_of, there_and_back, windowed
 
 from mdrive_sumo.core.geometry import Bool
@@ -21,7 +22,6 @@ from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 from real2sim.writers.v2xpnp_map import write_vector_map
-from tests.real2sim.network.test_network_builder_real import READ
 
 pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 

@@ -9,6 +9,7 @@ import pytest
 from testing.busy_log import BUSY, QUIET, WAYS, Crowd, make_busy_log
 from testing.convert_command import run
 from testing.local_executor import LocalExecutor
+from testing.real_logs import READ
 from testing.round_trip import as_truth
 
 from mdrive_sumo.core.state import End
@@ -24,7 +25,6 @@ from real2sim.source_scene import SourceScene
 from real2sim.writers.observation_noise import ObservationNoise
 from real2sim.writers.v2xpnp import write_v2xpnp
 from real2sim.writers.v2xpnp_map import write_vector_map
-from tests.real2sim.network.test_network_builder_real import READ
 from tests.real2sim.writers.test_round_trip import real
 
 pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]

@@ -13,7 +13,7 @@ from testing.web_page import Visit
 
 from mdrive_sumo.scoring.metrics import list_scalar_metrics
 from server.api import submission_views
-from server.api.schemas import FiguresOut
+from server.api.schemas.submissions import FiguresOut
 from server.store import jobs, standings, submissions, tables
 from server.store.phases import set_phases
 

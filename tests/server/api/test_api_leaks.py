@@ -18,7 +18,7 @@ from testing.suite_fakes import make_suite
 from mdrive_sumo.core.errors import InputError
 from server import paths
 from server.api.app import prepare_storage
-from server.api.schemas import to_datetime
+from server.api.schemas.parameters import to_datetime
 from server.clock import DAY_US
 from server.enums import MIN_HIDDEN_SCENARIOS, ScenarioVerdict
 from server.phase_suites import LoadedPhaseSuites

@@ -13,8 +13,8 @@ from mdrive_sumo.core.state import End
 from mdrive_sumo.scoring import EgoResult
 from server.api.caller import Caller
 from server.api.cross_play_board import read_cross_play
-from server.api.cross_play_schemas import CrossPlayOut
 from server.api.problems import HiddenScenariosError
+from server.api.schemas.cross_play import CrossPlayOut
 from server.enums import JobState, ScenarioVerdict, TokenScope
 from server.evaluation.job_task import AgentRejection, JobResult, JobTask
 from server.store import audit, phases, submissions, teams

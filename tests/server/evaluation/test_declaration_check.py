@@ -5,7 +5,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 import pytest
-from testing.archive_samples import packed
+from testing.archive_samples import declaring, packed
 from testing.sandbox_runs import needs_bubblewrap
 from testing.small_environment import describe_small_environment
 
@@ -17,19 +17,6 @@ from server.evaluation.declaration_check import check_declaration
 from server.evaluation.phase_separation import PhaseSeparation
 from server.settings import SandboxSettings, ServerSettings
 
-AGENT = """
-from mdrive_sumo.contract import STANDSTILL, Reply, SensorSpec
-
-class Agent:
-    label = "single"
-    def __init__(self, config):
-        {made}
-    def sensors(self):
-        return ({sensors})
-    def start(self, briefing): pass
-    def act(self, seen):
-        return Reply(control=STANDSTILL)
-"""
 Check = Callable[..., bool]
 
 
@@ -44,7 +31,7 @@ def check(tmp_path: Path) -> Iterator[Check]:
             about.mkdir(parents=True)
             describe_small_environment(about)
         archive = tmp_path / "upload.part"
-        source = AGENT.format(made=made, sensors=sensors)
+        source = declaring(sensors, made=made)
         archive.write_bytes(
             packed({"agents.py": source.encode(), "model_env.yaml": b"environment: python3.11-numpy\n"})
         )

@@ -4,27 +4,13 @@ import os
 from pathlib import Path
 
 import pytest
-from testing.archive_samples import GOOD, packed, written
+from testing.archive_samples import GOOD, declaring, packed, written
 from testing.participant_fakes import Run, command_line
 from testing.sandbox_runs import needs_bubblewrap
 
 from server.archive import ArchiveLimits, ArchiveRefused, check_archive
 from server.participant.packaging import write_archive as pack
 
-OWN = """
-import os
-from mdrive_sumo.contract import STANDSTILL, Reply, SensorSpec
-
-class Agent:
-    label = "{label}"
-    def __init__(self, config):
-        {made}
-    def sensors(self):
-        return ({sensors})
-    def start(self, briefing): pass
-    def act(self, seen):
-        return Reply(control=STANDSTILL)
-"""
 JOINT = """
 from leaderboard.autoagents.autonomous_agent import AutonomousAgent
 
@@ -36,10 +22,6 @@ class Mine(AutonomousAgent):
         return [{"type": "%s", "id": "x"}]
 """
 boxed = needs_bubblewrap
-
-
-def own(sensors: str = "", label: str = "single", made: str = "pass") -> str:
-    return OWN.format(sensors=sensors, label=label, made=made)
 
 
 @pytest.fixture
@@ -80,15 +62,15 @@ def test_init_agent_overwrites_nothing(run: Run, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("agents", "expected"),
     [
-        (own('SensorSpec("privileged"),'), "found the privileged one, which is not allowed"),
-        (own(label="privileged"), "found the privileged one, which is not allowed"),
-        (own('SensorSpec("rgb"),'), "found another name of a camera"),
-        (own('SensorSpec("radar"),'), "sensor 'radar': expected one of"),
+        (declaring('SensorSpec("privileged"),'), "found the privileged one, which is not allowed"),
+        (declaring(label="privileged"), "found the privileged one, which is not allowed"),
+        (declaring('SensorSpec("rgb"),'), "found another name of a camera"),
+        (declaring('SensorSpec("radar"),'), "sensor 'radar': expected one of"),
         (JOINT % "sensor.camera.dvs", "found another name of a camera"),
         pytest.param(JOINT % "sensor.other.radar", "expected one of", marks=pytest.mark.full),
-        pytest.param(own(label="best"), "label: expected one of", marks=pytest.mark.full),
+        pytest.param(declaring(label="best"), "label: expected one of", marks=pytest.mark.full),
         pytest.param(
-            own(made="raise ValueError('no weights')"),
+            declaring(made="raise ValueError('no weights')"),
             "agent: cannot be created: ValueError: no weights",
             marks=pytest.mark.full,
         ),
@@ -114,7 +96,7 @@ def test_what_is_rejected_is_told_in_a_sentence(run: Run, tmp_path: Path, agents
 
 @pytest.mark.slow
 def test_the_agent_is_run_in_another_process(run: Run, tmp_path: Path) -> None:
-    found = run("check", agent_in(tmp_path, own(made="raise ValueError(f'pid {os.getpid()}.')")))
+    found = run("check", agent_in(tmp_path, declaring(made="raise ValueError(f'pid {os.getpid()}.')")))
     assert "ValueError: pid" in found.output
     assert f"pid {os.getpid()}." not in found.output
 
@@ -132,13 +114,13 @@ def test_in_the_sandbox_an_agent_sees_its_archive_and_nothing_else(run: Run, tmp
     secret = tmp_path / "secret"
     secret.write_text("s")
     looks = f'raise ValueError(f\'{{sorted(os.listdir("/agent"))}} {{os.path.exists("{secret}")}}\')'
-    found = run("check", agent_in(tmp_path, own(made=looks)), "--sandbox")
+    found = run("check", agent_in(tmp_path, declaring(made=looks)), "--sandbox")
     assert "ValueError: ['agents.py', 'model_env.yaml'] False" in found.output
     assert "replaces python3.11-numpy; see --environments" in found.output
 
 
 def test_an_environment_that_is_not_built_is_no_silent_other_one(run: Run, tmp_path: Path) -> None:
-    found = run("check", agent_in(tmp_path, own()), "--environments", tmp_path)
+    found = run("check", agent_in(tmp_path, declaring()), "--environments", tmp_path)
     assert found.exit_code == 2
     assert "environment python3.11-numpy: not built in" in found.output
 
@@ -164,7 +146,7 @@ def test_links_are_not_packed(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_sensors_beyond_the_budget_are_named_before_anything_is_submitted(run: Run, tmp_path: Path) -> None:
     many = "*(SensorSpec('bev', id=str(i), options={'size': 1024}) for i in range(8)),"
-    found = run("check", agent_in(tmp_path, own(many)))
+    found = run("check", agent_in(tmp_path, declaring(many)))
     assert found.exit_code == 2
     assert "sensors: expected a price of at most 40 ms a tick for each car" in found.output
     assert "found 242.9 ms for 8 sensors" in found.output

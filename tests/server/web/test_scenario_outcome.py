@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from server.api.schemas import ScenarioOut
+from server.api.schemas.scenarios import ScenarioOut
 from server.web.scenario_outcome import (
     FAILURES,
     describe_infractions,

@@ -12,7 +12,7 @@ from testing.store_samples import NOON
 from testing.web_page import PAPER, Visit, driven, first_table, links
 
 from mdrive_sumo.scoring.metrics import list_scalar_metrics
-from server.api.schemas import FiguresOut
+from server.api.schemas.submissions import FiguresOut
 from server.clock import DAY_US
 from server.enums import TokenScope
 from server.store import Store, phases, teams, tokens

@@ -12,7 +12,7 @@ from testing.store_samples import PHASE
 from testing.web_page import Visit
 
 from server.api.leaderboard_cache import STALE_US
-from server.api.schemas import to_datetime
+from server.api.schemas.parameters import to_datetime
 from server.store import tables
 from tests.server.api.test_api_leaks import MARKERS, SCENARIO, TIMES, Phase
 

@@ -1,7 +1,7 @@
 """Response bodies of the board of cross-play."""
 
 from mdrive_sumo.contract import SensingTrack
-from server.api.schemas import ResponseModel
+from server.api.schemas.parameters import ResponseModel
 from server.enums import ChallengeTrack
 
 

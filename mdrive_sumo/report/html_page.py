@@ -1,0 +1,52 @@
+"""Self-contained HTML pages: templates of `report/static` with the style and the script inlined."""
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from importlib.resources import files
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+PAGE_TEMPLATES = Environment(
+    loader=PackageLoader("mdrive_sumo.report", "static"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+def render_html_page(
+    template: str,
+    *,
+    title: str,
+    style: str,
+    script: str = "",
+    frame_styles: Sequence[str] = (),
+    frame_scripts: Sequence[str] = (),
+    **values: Any,
+) -> str:
+    """Return a page that extends `page.html`, or `page.html` itself with `body`.
+
+    Its content policy forbids every connection, and every style and script but its own and those of pages in its
+    frames.
+    """
+    return PAGE_TEMPLATES.get_template(template).render(
+        title=title,
+        style=style,
+        script=script,
+        style_hashes=[_hash_for_policy(text) for text in (style, *frame_styles)],
+        script_hashes=[_hash_for_policy(text) for text in (script, *frame_scripts) if text],
+        **values,
+    )
+
+
+def read_static(name: str) -> str:
+    """Return the text of a file of `report/static`."""
+    return (files("mdrive_sumo.report") / "static" / name).read_text("utf-8")
+
+
+def _hash_for_policy(text: str) -> str:
+    """Return the name of an inline script or style in a Content-Security-Policy (CSP level 3, section 2.3.1)."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
