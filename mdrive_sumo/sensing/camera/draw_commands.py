@@ -47,7 +47,8 @@ def list_instance_commands(models: Int) -> CommandRuns:
         MODEL_FIRST[found],
     )
     commands[:, 3] = np.cumsum(number[found]) - number[found]
-    return CommandRuns(commands, _find_surfaces(MODEL_SURFACE[found]))
+    order = np.argsort(MODEL_SURFACE[found], kind="stable")
+    return CommandRuns(commands[order], _find_surfaces(MODEL_SURFACE[found[order]]))
 
 
 def _find_surfaces(surface: Int) -> tuple[tuple[Surface, int, int], ...]:

@@ -54,7 +54,7 @@ MODEL_VERTICES = join_meshes(MESHES)
 MODEL_FIRST: Int = np.cumsum([0, *map(len, MESHES)])
 """Index of the first vertex of each model, and the number of all."""
 MODEL_SURFACE: Int = np.array([SURFACE_OF_MATERIAL[Material(int(mesh["kind"][0, 1]))] for mesh in MESHES])
-"""Ascending: a model consists of one surface."""
+"""Of each model: it consists of one."""
 LAMP_MODEL = len(RoadUserModel)
 FAR_MODEL: Int = np.arange(len(MESHES))
 """Which mesh stands for one that is far away."""

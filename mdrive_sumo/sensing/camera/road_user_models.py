@@ -46,16 +46,16 @@ BUS_LENGTH_M, TRAILER_LENGTH_M = 10.0, 14.5
 
 
 class RoadUserModel(IntEnum):
-    """Which model a road user is drawn with."""
+    """Which model a road user is drawn with; labels of training data hold the numbers."""
 
-    OBSTACLE = 0
-    CAR = 1
-    VAN = 2
-    TRUCK = 3
-    BUS = 4
-    MOTORCYCLE = 5
-    CYCLIST = 6
-    PEDESTRIAN = 7
+    CAR = 0
+    VAN = 1
+    TRUCK = 2
+    BUS = 3
+    MOTORCYCLE = 4
+    CYCLIST = 5
+    PEDESTRIAN = 6
+    OBSTACLE = 7
 
 
 def choose_models(boxes: RoadUsers) -> Int:
@@ -139,11 +139,11 @@ _VEHICLES = {
 }
 MODELS: Mapping[RoadUserModel, Mesh] = MappingProxyType(
     {
-        RoadUserModel.OBSTACLE: _to_unit(_build_obstacle()),
         **{model: _to_unit(build(True)) for model, build in _VEHICLES.items()},
         RoadUserModel.MOTORCYCLE: _to_unit((_build_two_wheeler(0.31, 0.24, 0.24), _TWO_WHEELER_M)),
         RoadUserModel.CYCLIST: _to_unit((_build_two_wheeler(0.35, 0.06, 0.2), _TWO_WHEELER_M)),
         RoadUserModel.PEDESTRIAN: _to_unit(_build_pedestrian()),
+        RoadUserModel.OBSTACLE: _to_unit(_build_obstacle()),
     }
 )
 """The mesh of every model in its unit box; a normal (nx, ny, nz) in metres becomes n / size of the road user's box."""
