@@ -26,7 +26,7 @@ PROBE_OPTIONS = EpisodeOptions(comm=PRESETS["realistic"])
 """Realistic sensing, realistic channel."""
 PERFECT_OPTIONS = replace(PROBE_OPTIONS, sensing=SensingProfile.PERFECT)
 PROBE_MODE = ScoreMode.HARD
-MOST_UNAIDED, MOST_MEAN_UNAIDED = 62.0, 52.0
+MOST_UNAIDED, MOST_MEAN_UNAIDED = 62.0, 55.0
 """Score that agents without messages may reach with seed 0, and on average: where they do better, cooperation is not
 what is missing. The aim is a mean of 40 over the suite; other candidates balance what lies above it."""
 MOST_GIVEN, MOST_MEAN_GIVEN = 97.0, 94.0
