@@ -7,6 +7,7 @@ does not depend on how fast or busy the machine is.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,18 +47,18 @@ class SelectionProblem:
 
 def solve_selection(problem: SelectionProblem) -> tuple[int, ...]:
     """Return the chosen items in ascending order. Raises InputError if the solver finds none."""
-    from scipy.optimize import Bounds, LinearConstraint, milp  # only here: a second of imports
+    from scipy.optimize import Bounds, milp  # only here: a second of imports
 
     columns = _Columns(problem)
     integral = np.zeros(columns.width)
     integral[: columns.missing_items] = 1
     upper = np.where(integral > 0, 1.0, np.inf)
-    rows, least, most = _build_rows(problem, columns)
+    limits: Any = (np.zeros(columns.width), upper)  # SciPy takes arrays, but has no types that say so
     found = milp(
         _build_prices(problem, columns),
         integrality=integral,
-        bounds=Bounds(np.zeros(columns.width), upper),
-        constraints=LinearConstraint(rows, least, most),
+        bounds=Bounds(*limits),
+        constraints=_build_rows(problem, columns),
         options={"mip_rel_gap": RELATIVE_GAP, "node_limit": NODE_LIMIT},
     )
     if found.x is None:

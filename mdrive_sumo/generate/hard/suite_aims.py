@@ -133,5 +133,5 @@ def compute_interval(differences: Sequence[float]) -> tuple[float, float]:
     mean = math.fsum(differences) / n
     if n < 2:
         return mean, math.inf
-    variance = math.fsum((one - mean) ** 2 for one in differences) / (n - 1)
+    variance = math.fsum((one - mean) * (one - mean) for one in differences) / (n - 1)
     return mean, NORMAL_95 * math.sqrt(variance / n)
