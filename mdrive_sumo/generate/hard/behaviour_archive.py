@@ -1,7 +1,7 @@
 """MAP-Elites over the parameters of one family: an archive of the best candidate of every kind of behaviour.
 
 Behaviour is measured by three numbers (`DESCRIPTORS`); the objective is what the rules lose. The first candidates are
-those of an earlier suite or a Latin hypercube; later ones vary and cross elites (iso+line operator). Archive and
+those of an earlier suite and a Latin hypercube; later ones vary and cross elites (iso+line operator). Archive and
 operator are those of pyribs. Candidates are proposed and recorded in whole batches, so neither the order in which they
 are evaluated nor the number of workers changes anything.
 """
@@ -121,7 +121,7 @@ class FamilySearch:
     """The search in one family. Needs pyribs."""
 
     def __init__(self, family: ScenarioFamily, seed: SearchSeed, start: Sequence[FamilyCandidate] = ()) -> None:
-        """`start`: the first batch, of any size, instead of a Latin hypercube."""
+        """`start`: the first batch, of any size, before the Latin hypercube."""
         self.family, self._seed, self._start = family, seed, tuple(start)
         self.evaluations: list[CandidateEvaluation] = []
         """All recorded candidates, in the order in which they were proposed."""
@@ -132,9 +132,7 @@ class FamilySearch:
         self._has_certified = False
         self._emitter = _open_emitter(self._parents, len(family.parameters), number)
         self._first = _draw_latin_hypercube(
-            len(family.parameters),
-            0 if self._start else FIRST_CANDIDATES,
-            random.Random(seed.derive(family.category, "first")),
+            len(family.parameters), FIRST_CANDIDATES, random.Random(seed.derive(family.category, "first"))
         )
 
     @property
@@ -147,8 +145,9 @@ class FamilySearch:
         begin = len(self.evaluations)
         if self._start and not begin:
             return self._start
-        if begin + BATCH <= len(self._first):
-            points = self._first[begin : begin + BATCH]
+        new = begin - len(self._start)
+        if new + BATCH <= len(self._first):
+            points = self._first[new : new + BATCH]
         elif self._parents.empty:
             draw = random.Random(self._seed.derive(self.family.category, "again", str(begin)))
             points = _draw_latin_hypercube(len(self.family.parameters), BATCH, draw)

@@ -32,8 +32,9 @@ what is missing. The aim is a mean of 40 over the suite; other candidates balanc
 MOST_GIVEN, MOST_MEAN_GIVEN = 97.0, 94.0
 """Score that the best rules that see and talk may reach. Near 100: where agents without messages are lost, a scenario
 that messages nearly solve shows what they are worth; the choice sees to the mean."""
-MOST_MEAN_WAITING = 60.0
-"""Mean that waiting by one's number may reach; the aim is 20 over the suite, which no candidate of three CAVs meets."""
+MOST_MEAN_WAITING = 50.0
+"""Mean that waiting by one's number may reach; the aim is 20 over the suite. Of random points, those with three CAVs
+score 41 to 57, those with eight or more 15 to 28: in a longer row more CAVs are behind one that still waits."""
 
 
 @dataclass(frozen=True, slots=True)
