@@ -1,12 +1,14 @@
 """`mdrive-sumo generate --hard` in the process of a test, with the toy as its only family. No tests in here."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
 
 from mdrive_sumo.cli import generate_hard, main
-from mdrive_sumo.generate.hard import candidate_evaluation, families, hard_selection
+from mdrive_sumo.generate.hard import candidate_evaluation, candidate_probes, families, hard_selection
+from mdrive_sumo.generate.hard.candidate_probes import PROBES
 from testing.local_executor import run_in_process
 from testing.toy_family import TOY, TOY_FAMILY
 
@@ -15,10 +17,9 @@ def use_toy_family(patch: pytest.MonkeyPatch) -> None:
     """Search the toy in this process; a car that stands stands in for all probed agents, because it is cheap."""
     run_in_process(patch)
     patch.setattr(families, "FAMILIES", {TOY: TOY_FAMILY})
-    cheap = (("stationary", candidate_evaluation.PROBE_OPTIONS),)
+    cheap = tuple(replace(probe, agent="stationary") for probe in PROBES)
     patch.setattr(candidate_evaluation, "BLIND_AGENT", "stationary")
-    patch.setattr(candidate_evaluation, "UNAIDED_DRIVES", cheap)
-    patch.setattr(candidate_evaluation, "PROBED_DRIVES", cheap)
+    patch.setattr(candidate_probes, "PROBES", cheap)
     patch.setattr(generate_hard, "KNOWN_SUITES", ("interdrive",))
     patch.setattr(hard_selection, "CHECK_SEEDS", 2)
 

@@ -1,11 +1,8 @@
 """A scenario family for tests of the adversarial search: one CAV, a few metres. No tests in here."""
 
-from mdrive_sumo.generate.hard.candidate_evaluation import (
-    CandidateEvaluation,
-    CandidateFigures,
-    CandidateTask,
-    RejectionStage,
-)
+from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation, CandidateFigures, CandidateTask
+from mdrive_sumo.generate.hard.candidate_probes import PROBES, TALKING_NAMES
+from mdrive_sumo.generate.hard.candidate_rejection import RejectionStage
 from mdrive_sumo.generate.hard.elite_check import EliteCheck
 from mdrive_sumo.generate.hard.family import BUCKET, FamilyCandidate, FamilyParameter, ScenarioFamily
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
@@ -78,8 +75,7 @@ def evaluate_by_formula(task: CandidateTask) -> CandidateEvaluation:
         return blank.model_copy(update={"stage": RejectionStage.BUILD, "reason": "start"})
     figures = CandidateFigures(
         reference_ticks={"0": 40},
-        score=90.0 - 10.0 * a + b / 10.0,
-        unaided_score=20.0,
+        scores=make_scores(90.0 - 10.0 * a + b / 10.0),
         network="town_crossing",
         road_users=1 + round(b * 4),
         mean_speed=a * 2.0,
@@ -87,6 +83,12 @@ def evaluate_by_formula(task: CandidateTask) -> CandidateEvaluation:
         is_certified=b > 10.0,
     )
     return blank.model_copy(update={"figures": figures})
+
+
+def make_scores(score: float, unaided: float = 20.0, **scores: float) -> dict[str, float]:
+    """Return figures of all agents: of those that talk, of those without messages, and others by name."""
+    found = {probe.name: score if probe.name in TALKING_NAMES else unaided for probe in PROBES}
+    return {**found, "omniscient": 98.0, **scores}
 
 
 def make_check(name: str, *scores: float) -> EliteCheck:

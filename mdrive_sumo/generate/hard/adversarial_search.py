@@ -16,19 +16,15 @@ from mdrive_sumo.generate.hard.behaviour_archive import BATCH, FamilySearch, Sea
 from mdrive_sumo.generate.hard.candidate_evaluation import (
     KNOWN_SUITES,
     MOST_BLIND,
-    MOST_UNAIDED,
-    PROBE_MODE,
-    PROBED_DRIVES,
-    UNAIDED_DRIVES,
     CandidateEvaluation,
     CandidateTask,
     evaluate_candidate,
     make_failed_evaluation,
 )
+from mdrive_sumo.generate.hard.candidate_probes import describe_probes
 from mdrive_sumo.generate.hard.elite_check import EliteCheck
-from mdrive_sumo.generate.hard.family import ScenarioFamily
+from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
 from mdrive_sumo.generate.hard.hard_recipe import HARD_GENERATOR
-from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.executor import Key
 from mdrive_sumo.runs.journal import Fingerprint, Journal
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
@@ -44,34 +40,32 @@ class SearchSettings:
 
     families: tuple[ScenarioFamily, ...]
     budget: int
-    """Candidates per family, rounded up to whole batches."""
+    """New candidates per family, rounded up to whole batches."""
     seed: SearchSeed
     workers: int
     known_suites: tuple[str, ...] = KNOWN_SUITES
     """Suites whose scenarios must not be repeated."""
+    start: Mapping[str, tuple[FamilyCandidate, ...]] = field(default_factory=dict[str, tuple[FamilyCandidate, ...]])
+    """Candidates of an earlier suite, by family, that come before all others and do not count against the budget."""
 
     @property
     def batches(self) -> int:
-        """Batches per family."""
+        """Batches of new candidates per family."""
         return -(-self.budget // BATCH)
 
     @property
     def fingerprint(self) -> Fingerprint:
         """What makes two searches the same: neither budget nor families, which only extend a search."""
         return {
-            "search": "mdrive-sumo/hard-search/1",
+            "search": "mdrive-sumo/hard-search/2",
             "generator": HARD_GENERATOR,
             "seed": self.seed.seed,
             "split": self.seed.split,
             "secret": self.seed.derive("fingerprint") if self.seed.secret else "",
             "known": ",".join(self.known_suites),
-            "probe": f"{_describe_drives(PROBED_DRIVES)} {PROBE_MODE}",
-            "unaided": f"{_describe_drives(UNAIDED_DRIVES)} {MOST_BLIND:g} {MOST_UNAIDED:g}",
+            "start": self.seed.start,
+            "probes": f"<{MOST_BLIND:g} {describe_probes()}",
         }
-
-
-def _describe_drives(drives: Sequence[tuple[str, EpisodeOptions]]) -> str:
-    return " ".join(f"{agent}/{options.sensing}" for agent, options in drives)
 
 
 class SearchProgress(Protocol):
@@ -138,9 +132,19 @@ class _FamilyQueue:
     waiting: list[CandidateTask] = field(default_factory=list[CandidateTask])
     """Those that no worker process has yet."""
 
+    @property
+    def all_batches(self) -> int:
+        """Batches to record, with that of the start."""
+        return self.settings.batches + self.search.has_start
+
+    @property
+    def given(self) -> int:
+        """New candidates that worker processes have had, below 0 while those of the start wait."""
+        return (self.batches + 1 - self.search.has_start) * BATCH - len(self.waiting)
+
     def advance(self) -> None:
         """Record complete batches and propose the next one, until one is incomplete or none is left."""
-        while self.batches < self.settings.batches:
+        while self.batches < self.all_batches:
             if not self.batch:
                 known = self.settings.known_suites
                 self.batch = [CandidateTask(self.search.family, one, known) for one in self.search.propose_batch()]
@@ -169,8 +173,11 @@ def run_search(
     A family waits for its own batch alone, so that no worker process idles while another family's batch ends.
     only_kept: evaluate nothing; a family ends with the first batch that the journal does not hold completely.
     """
-    queues = [_FamilyQueue(FamilySearch(family, settings.seed), settings, journal) for family in settings.families]
-    progress.begin(len(queues) * settings.batches * BATCH, len(journal.evaluations))
+    starts = {family.category: settings.start.get(family.category, ()) for family in settings.families}
+    searches = [FamilySearch(family, settings.seed, starts[family.category]) for family in settings.families]
+    queues = [_FamilyQueue(search, settings, journal) for search in searches]
+    total = len(queues) * settings.batches * BATCH + sum(map(len, starts.values()))
+    progress.begin(total, len(journal.evaluations))
     for queue in queues:
         queue.advance()
     if not only_kept:
@@ -193,7 +200,7 @@ def _evaluate(
     running: dict[Key, tuple[_FamilyQueue, CandidateTask]] = {}
     while True:
         while pool.free_slots and (ready := [queue for queue in queues if queue.waiting]):
-            queue = min(ready, key=lambda one: (one.batches + 1) * BATCH - len(one.waiting))
+            queue = min(ready, key=lambda one: one.given)
             task = queue.waiting.pop(0)
             key = task.candidate.scenario_id
             running[key] = queue, task

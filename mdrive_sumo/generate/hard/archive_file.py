@@ -8,7 +8,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.generate.hard.behaviour_archive import DESCRIPTORS, FamilySearch, find_cell, list_behaviour
-from mdrive_sumo.generate.hard.candidate_evaluation import LEAST_GAP, PROBED_AGENTS, CandidateEvaluation
+from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation
+from mdrive_sumo.generate.hard.candidate_probes import PROBE_SEEDS
 from mdrive_sumo.runs.evaluate import report_write_errors
 
 ARCHIVE_FILE = "archive.json"
@@ -35,7 +36,9 @@ class ArchiveElite(_FilePart):
     """Index along each descriptor."""
     behaviour: tuple[float, ...]
     gap: float
-    """Points that the probed agent loses against `omniscient`."""
+    """Points that the best rules that talk lose against `omniscient`, mean over the seeds."""
+    scores: Mapping[str, float]
+    """Mean scores (mode `hard`) by agent."""
     is_certified: bool
     """Whether the certificate of need holds."""
     network: str
@@ -61,9 +64,9 @@ class FamilyArchive(_FilePart):
 class HardArchiveFile(_FilePart):
     """`archive.json`."""
 
-    format: Literal["mdrive-sumo/hard-archive/2"] = "mdrive-sumo/hard-archive/2"
-    probed_agents: tuple[str, ...] = PROBED_AGENTS
-    least_gap: float = LEAST_GAP
+    format: Literal["mdrive-sumo/hard-archive/3"] = "mdrive-sumo/hard-archive/3"
+    seeds: tuple[int, ...] = PROBE_SEEDS
+    """Of the scores."""
     descriptors: tuple[ArchiveDescriptor, ...]
     families: tuple[FamilyArchive, ...]
 
@@ -108,6 +111,7 @@ def _describe_elite(elite: CandidateEvaluation, is_chosen: bool) -> ArchiveElite
         cell=find_cell(figures),
         behaviour=list_behaviour(figures),
         gap=round(figures.gap, 3),
+        scores={name: round(score, 3) for name, score in figures.scores.items()},
         is_certified=figures.is_certified,
         network=figures.network,
         values=elite.values,

@@ -1,9 +1,9 @@
 """MAP-Elites over the parameters of one family: an archive of the best candidate of every kind of behaviour.
 
-Behaviour is measured by three numbers (`DESCRIPTORS`); the objective is the gap that the probed agent leaves. The first
-candidates are a Latin hypercube; later ones vary and cross elites (iso+line operator). Archive and operator are
-those of pyribs. Candidates are proposed and recorded in whole batches, so neither the order in which they are evaluated
-nor the number of workers changes anything.
+Behaviour is measured by three numbers (`DESCRIPTORS`); the objective is what the rules lose. The first candidates are
+those of an earlier suite and a Latin hypercube; later ones vary and cross elites (iso+line operator). Archive and
+operator are those of pyribs. Candidates are proposed and recorded in whole batches, so neither the order in which they
+are evaluated nor the number of workers changes anything.
 """
 
 import hashlib
@@ -92,8 +92,11 @@ def find_cell(figures: CandidateFigures) -> tuple[int, ...]:
 
 
 def compute_objective(figures: CandidateFigures) -> float:
-    """Return what a cell maximises: the gap; a candidate whose certificate holds is worth more than any other."""
-    return figures.gap + FULL_SCORE * figures.is_certified
+    """Return what a cell maximises: points lost by the best rules that talk, the best agent without messages, and one
+    that waits by its number, each a third. All three have aims (issue K), and the gap alone is largest where messages
+    are worth nothing. A candidate whose certificate holds is worth more than any other."""
+    lost = FULL_SCORE - (figures.score + figures.unaided_score + figures.waiting_score) / 3.0
+    return lost + FULL_SCORE * figures.is_certified
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,18 +107,22 @@ class SearchSeed:
     split: str = "public"
     secret: str = ""
     """Known to the organiser of a hidden split only; part of every seed."""
+    start: str = ""
+    """Checksum of the suite that the search starts from: other candidates have other ids."""
 
     def derive(self, *purpose: str) -> str:
         """Return a seed for a purpose; the secret cannot be derived from it."""
-        text = "/".join((str(HARD_GENERATOR), self.split, self.secret, str(self.seed), *purpose))
+        start = (self.start,) if self.start else ()
+        text = "/".join((str(HARD_GENERATOR), self.split, self.secret, str(self.seed), *start, *purpose))
         return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
 
 
 class FamilySearch:
-    """The search in one family. Needs pyribs. Raises InputError without it."""
+    """The search in one family. Needs pyribs."""
 
-    def __init__(self, family: ScenarioFamily, seed: SearchSeed) -> None:
-        self.family, self._seed = family, seed
+    def __init__(self, family: ScenarioFamily, seed: SearchSeed, start: Sequence[FamilyCandidate] = ()) -> None:
+        """`start`: the first batch, of any size, before the Latin hypercube."""
+        self.family, self._seed, self._start = family, seed, tuple(start)
         self.evaluations: list[CandidateEvaluation] = []
         """All recorded candidates, in the order in which they were proposed."""
         number = derive_seed(0, seed.derive(family.category, "emitter"))
@@ -128,11 +135,19 @@ class FamilySearch:
             len(family.parameters), FIRST_CANDIDATES, random.Random(seed.derive(family.category, "first"))
         )
 
+    @property
+    def has_start(self) -> bool:
+        """Whether the first batch is that of an earlier suite."""
+        return bool(self._start)
+
     def propose_batch(self) -> tuple[FamilyCandidate, ...]:
         """Return the next candidates; all of them must be recorded before the next batch."""
         begin = len(self.evaluations)
-        if begin + BATCH <= len(self._first):
-            points = self._first[begin : begin + BATCH]
+        if self._start and not begin:
+            return self._start
+        new = begin - len(self._start)
+        if new + BATCH <= len(self._first):
+            points = self._first[new : new + BATCH]
         elif self._parents.empty:
             draw = random.Random(self._seed.derive(self.family.category, "again", str(begin)))
             points = _draw_latin_hypercube(len(self.family.parameters), BATCH, draw)
@@ -190,12 +205,13 @@ class FamilySearch:
 
 
 def check_search_library() -> None:
-    """Raise InputError without pyribs."""
-    if importlib.util.find_spec("ribs") is None:
-        raise InputError(
-            "generate --hard: expected the package ribs, which searches, found none;"
-            " install it with pip install 'mdrive-sumo[search]'"
-        )
+    """Raise InputError without pyribs, which searches, or SciPy, which chooses."""
+    for package in ("ribs", "scipy"):
+        if importlib.util.find_spec(package) is None:
+            raise InputError(
+                f"generate --hard: expected the package {package}, which the search needs, found none;"
+                " install it with pip install 'mdrive-sumo[search]'"
+            )
 
 
 def _open_archive(dimensions: int, seed: int) -> "GridArchive":

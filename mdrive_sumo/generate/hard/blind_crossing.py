@@ -125,7 +125,7 @@ FAMILY = ScenarioFamily(
         FamilyParameter("vans", 0.0, 8.0, "", "number of vans parked at the corner, where there is a kerb for them"),
         FamilyParameter("corner_gap_m", 0.0, 8.0, "m", "distance of the first van from the mouth of the side road"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit hangs above the junction (from 0.5 on)"),
-        FamilyParameter("cavs", 2.0, 6.0, "", "number of CAVs"),
+        FamilyParameter("cavs", 2.0, 10.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 60.0, "", "number of reactive vehicles"),
     ),
     build=build_blind_crossing,

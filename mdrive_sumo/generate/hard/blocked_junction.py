@@ -185,7 +185,7 @@ FAMILY = ScenarioFamily(
         FamilyParameter("gap_m", 0.8, 4.0, "m", "distance of the first blocking vehicle from the side of CAV 0"),
         FamilyParameter("blocking", 1.0, 5.0, "", "number of blocking vehicles"),
         FamilyParameter("mast", 0.0, 1.0, "", "whether a roadside unit hangs above the junction (from 0.5 on)"),
-        FamilyParameter("cavs", 2.0, 6.0, "", "number of CAVs"),
+        FamilyParameter("cavs", 2.0, 10.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 120.0, "", "number of reactive vehicles beside the queue"),
     ),
     build=build_blocked_junction,

@@ -14,8 +14,8 @@ from mdrive_sumo.generate.hard.road_traffic import CARS, build_moving_actor, bui
 from mdrive_sumo.scenario.scenario import Scenario
 
 PARAMETERS = (
-    FamilyParameter("eastward", 1.0, 3.0, "", "number of CAVs that drive east, rounded"),
-    FamilyParameter("westward", 1.0, 3.0, "", "number of CAVs that drive west, rounded"),
+    FamilyParameter("eastward", 1.0, 5.0, "", "number of CAVs that drive east, rounded"),
+    FamilyParameter("westward", 1.0, 5.0, "", "number of CAVs that drive west, rounded"),
     FamilyParameter("witnesses", 0.0, 1.0, "", "number of CAVs that see the ambulance, rounded"),
     FamilyParameter("rsu", 0.0, 1.0, "", "whether there is a road-side unit (from 0.5 on, or without witnesses)"),
     FamilyParameter("arrival", 5.0, 8.0, "s", "time after which the ambulance is due at the crossing"),

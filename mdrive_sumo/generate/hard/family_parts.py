@@ -40,7 +40,8 @@ BODY_SIZES: Mapping[str, tuple[float, float]] = {
 """Length and width [m] of vehicles by model; widths without mirrors."""
 WALKER_SIZES: Mapping[KindName, tuple[float, float]] = {"pedestrian": (0.5, 0.5), "cyclist": (1.8, 0.6)}
 """Length and width [m] of crossing road users."""
-LEAST_CAVS = 2
+LEAST_CAVS, MOST_CAVS = 2, 12
+"""Of a scenario of the hard tier (issue K)."""
 Lanes = tuple[str, ...]
 """SUMO lane ids in driving order, junction lanes included; a lane change lists both lanes. `roads.find_lane_path`
 finds them from the first to the last lane."""
@@ -240,10 +241,11 @@ def build_scenario(
 ) -> Scenario:
     """Return the scenario of a candidate.
 
-    Raises ProposalRejected if it is not sound: fewer than two CAVs, off the road, or road users inside each other.
+    Raises ProposalRejected if it is not sound: fewer than 2 or more than 12 CAVs, off the road, or road users inside
+    each other.
     """
-    if len(egos) < LEAST_CAVS:
-        raise ProposalRejected(PipelineStage.SOUNDNESS, f"expected {LEAST_CAVS} CAVs or more, found {len(egos)}")
+    if not LEAST_CAVS <= len(egos) <= MOST_CAVS:
+        raise ProposalRejected(PipelineStage.SOUNDNESS, f"expected {LEAST_CAVS} to {MOST_CAVS} CAVs, found {len(egos)}")
     scenario = Scenario(
         id=candidate.scenario_id,
         bucket=BUCKET,

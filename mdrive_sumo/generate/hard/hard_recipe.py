@@ -17,7 +17,7 @@ from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily, ch
 from mdrive_sumo.generate.hard.time_limits import set_time_limits
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error, load_scenario, save_scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
-from mdrive_sumo.scenario.suite import SCENARIO_FILE
+from mdrive_sumo.scenario.suite import RECIPE_FILE, SCENARIO_FILE, load_suite
 
 HARD_GENERATOR = 3
 """Version of the families, incremented whenever the same recipe would make another scenario."""
@@ -59,6 +59,22 @@ def load_hard_recipe(path: Path) -> HardRecipe:
     if recipe.generator != HARD_GENERATOR:
         raise InputError(f"{path}: expected version {HARD_GENERATOR} of the families, found {recipe.generator}")
     return recipe
+
+
+def load_start(suite: str) -> tuple[dict[str, tuple[FamilyCandidate, ...]], str]:
+    """Return the candidates of a suite of the hard tier by family, and its checksum. Raises InputError.
+
+    They are those of this version of the families that are within today's bounds of the parameters.
+    """
+    found: dict[str, list[FamilyCandidate]] = {}
+    opened = load_suite(suite)
+    for scenario in opened.scenarios:
+        recipe = load_hard_recipe(opened.folder / scenario.id / RECIPE_FILE)
+        (family,) = find_families((recipe.family,))
+        candidate = FamilyCandidate(recipe.id, recipe.values, recipe.seed)
+        check_candidate(family, candidate)
+        found.setdefault(recipe.family, []).append(candidate)
+    return {name: tuple(candidates) for name, candidates in found.items()}, opened.checksum()
 
 
 def find_families(names: Sequence[str] = ()) -> tuple[ScenarioFamily, ...]:

@@ -13,7 +13,7 @@ from mdrive_sumo.generate.hard.road_traffic import CARS, MIXED, build_platoons
 from mdrive_sumo.scenario.scenario import Scenario
 
 PARAMETERS = (
-    FamilyParameter("northward", 2.0, 4.0, "", "number of CAVs on the minor road, rounded"),
+    FamilyParameter("northward", 2.0, 8.0, "", "number of CAVs on the minor road, rounded"),
     FamilyParameter("eastward", 0.0, 1.0, "", "number of CAVs in the eastward traffic, rounded"),
     FamilyParameter("westward", 0.0, 1.0, "", "number of CAVs in the westward traffic, rounded"),
     FamilyParameter("rsu", 0.0, 1.0, "", "whether there is a road-side unit (from 0.5 on, or without CAVs there)"),

@@ -13,9 +13,9 @@ from mdrive_sumo.generate.hard.road_traffic import CARS, build_platoons
 from mdrive_sumo.scenario.scenario import Scenario
 
 PARAMETERS = (
-    FamilyParameter("eastward", 1.0, 4.0, "", "number of CAVs in the eastward platoon, rounded"),
-    FamilyParameter("northward", 1.0, 4.0, "", "number of CAVs in the platoon on the minor road, rounded"),
-    FamilyParameter("westward", 0.0, 4.0, "", "number of CAVs in the westward platoon, rounded"),
+    FamilyParameter("eastward", 1.0, 5.0, "", "number of CAVs in the eastward platoon, rounded"),
+    FamilyParameter("northward", 1.0, 5.0, "", "number of CAVs in the platoon on the minor road, rounded"),
+    FamilyParameter("westward", 0.0, 5.0, "", "number of CAVs in the westward platoon, rounded"),
     FamilyParameter("arrival", 4.0, 6.0, "s", "time after which the eastward platoon is due at the crossing"),
     FamilyParameter("north_offset", -2.0, 2.0, "s", "how much later the platoon on the minor road is due"),
     FamilyParameter("west_offset", -3.0, 3.0, "s", "how much later the westward platoon is due"),

@@ -200,7 +200,7 @@ FAMILY = ScenarioFamily(
         ),
         FamilyParameter("cyclists", 1.0, 4.0, "", "number of cyclists, rounded"),
         FamilyParameter("headway_s", 1.0, 3.0, "s", "time between two cyclists"),
-        FamilyParameter("cavs", 2.0, 5.0, "", "number of CAVs"),
+        FamilyParameter("cavs", 2.0, 8.0, "", "number of CAVs"),
         FamilyParameter("vehicles", 0.0, 100.0, "", "number of reactive vehicles"),
     ),
     build=build_side_street_cyclist,

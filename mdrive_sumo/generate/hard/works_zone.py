@@ -29,8 +29,8 @@ BARRIER_PITCH_M = 8.0
 GOAL_M = 40.0
 """[m] Distance of the goals behind the works zone."""
 PARAMETERS = (
-    FamilyParameter("eastward", 1.0, 2.0, "", "number of CAVs that drive east, rounded"),
-    FamilyParameter("westward", 1.0, 2.0, "", "number of CAVs that drive west, rounded"),
+    FamilyParameter("eastward", 1.0, 4.0, "", "number of CAVs that drive east, rounded"),
+    FamilyParameter("westward", 1.0, 4.0, "", "number of CAVs that drive west, rounded"),
     FamilyParameter("arrival", 3.0, 6.0, "s", "time after which the first eastward CAV is due at the works zone"),
     FamilyParameter("offset", -2.5, 2.5, "s", "how much later the first westward CAV is due"),
     FamilyParameter("east_speed", 13.0, 20.0, "m/s", "start speed of eastward CAVs"),

@@ -1,5 +1,6 @@
 """`mdrive-sumo generate --hard`: interrupted, hidden, with bad input and in worker processes."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -68,6 +69,20 @@ def test_an_interrupted_command_continues_to_the_same_suite(
     assert archives[0] == archives[1]
 
 
+def test_a_search_starts_from_an_earlier_suite(formula: None, tmp_path: Path) -> None:
+    order = ("generate", "--hard", "--budget", BATCH, "--count", 3, "--out")
+    assert run_command(*order, tmp_path / "old").exit_code == 0
+    again = run_command(*order, tmp_path / "new", "--start-from", tmp_path / "old")
+    assert again.exit_code == 0 and f"1/{BATCH + 3}  " in again.output
+    old = {home.name for home in load_recipes(str(tmp_path / "old"))}
+    lines = (tmp_path / "new.search" / "journal.jsonl").read_text().splitlines()[1:]
+    found = [json.loads(line)["result"] for line in lines]
+    driven = [one["id"] for one in found if "evaluation" in one]
+    assert set(driven[:3]) == old and len(set(driven)) == BATCH + 3
+    other = run_command(*order, tmp_path / "other", "--search-folder", tmp_path / "new.search")
+    assert other.exit_code == 2 and "found one with another start" in other.output
+
+
 def test_hidden_scenarios_are_others_and_files_do_not_hold_the_secret(formula: None, tmp_path: Path) -> None:
     (tmp_path / "secret").write_text(SECRET)
     order = ("generate", "--hard", "--budget", BATCH, "--count", 2, "--out")
@@ -94,7 +109,9 @@ BAD_INPUT: list[tuple[tuple[object, ...], str]] = [
     (("--proposer", "template"), "--proposer goes not with --hard"),
     (("--split", "hidden"), "expected --seed-file together with --split hidden"),
     (("--budget", 0), "0 is not in the range"),
-    (("--mean-score", 101), "101.0 is not in the range"),
+    (("--start-from", "interdrive"), "recipe.json: "),
+    (("--start-from", "hardd"), "hardd"),
+    (("--start-from", "hard"), "family: expected one of toy, found 'blind-crossing'"),
 ]
 
 
@@ -105,10 +122,12 @@ def test_bad_input(more: tuple[object, ...], problem: str, tmp_path: Path) -> No
     assert not list(tmp_path.iterdir())
 
 
-def test_without_pyribs_there_is_one_sentence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+@pytest.mark.parametrize("missing", ["ribs", "scipy"])
+def test_without_a_package_there_is_one_sentence(missing: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == missing else name)
     found = run_command("generate", "--hard", "--out", tmp_path / "suite")
-    assert found.exit_code == 2 and "pip install 'mdrive-sumo[search]'" in found.output
+    assert found.exit_code == 2 and f"expected the package {missing}" in found.output
+    assert "pip install 'mdrive-sumo[search]'" in found.output
 
 
 @pytest.mark.full  # the cheap siblings shuffle and interrupt in one process
