@@ -172,7 +172,9 @@ class _DetourSearch:
         shift = np.abs(_to_frenet(self._path.xy, self._path.yaw, detour.path.xy[cells])[2])
         shifted = cells[shift > self._parameters.shifted_m]
         corners = compute_footprints(detour.path, briefing.vehicle.length, briefing.vehicle.width, shifted)
-        near = slice(max(int(detour.first_s) - 10, 0), int(detour.last_s) + 20)
+        # The path goes on beyond the goal, the route does not: its last point stands for the road there.
+        first = min(max(int(detour.first_s) - 10, 0), len(briefing.route_xy) - 1)
+        near = slice(first, int(detour.last_s) + 20)
         i, _, left = _to_frenet(briefing.route_xy[near], briefing.route_yaw[near], corners)
         room = _take_minimum_of_neighbours(briefing.route_room[near])[i] - self._parameters.edge_clearance_m
         return bool(((left <= room[..., 0]) & (-left <= room[..., 1])).all())

@@ -15,7 +15,7 @@ from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.planning.detour import compute_box_extents, find_detour
 from mdrive_sumo.planning.parameters import DETOUR
 from mdrive_sumo.planning.path_overlap import compute_footprints, find_cells
-from mdrive_sumo.planning.reference_path import SPACING_M, build_path
+from mdrive_sumo.planning.reference_path import PATH, SPACING_M, build_path
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.briefing_builder import build_briefing
 from mdrive_sumo.sensing.route_room import compute_route_room
@@ -155,3 +155,12 @@ def test_no_detour_at_a_speed_too_high_for_the_transition() -> None:
     car = box(me.route_xy, 20, 0.0, 4.5, 1.8)[None]
     assert find_detour(path, 0.0, 3.0, car, me) is not None
     assert find_detour(path, 0.0, 10.0, car, me) is None
+
+
+def test_what_stands_far_beyond_the_goal_is_no_failure() -> None:
+    """The path runs out beyond the route, far on fast roads: a detour there has no point of the route within 10 m."""
+    me = told(1e6, 1)
+    path = build_path(me.route_xy, CAR.rear_to_centre, 0.0, replace(PATH, run_out_m=60.0))
+    behind = np.array([[(158.0, -0.5), (159.0, -0.5), (159.0, 0.5), (158.0, 0.5)]])
+    detour = find_detour(path, 138.0, 0.0, behind, me)
+    assert detour is None or detour.first_s > 131.0
