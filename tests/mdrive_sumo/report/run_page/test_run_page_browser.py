@@ -48,10 +48,16 @@ def test_filters_show_what_fits_and_stay_in_the_address(page: Any, page_file: Pa
     assert page.evaluate(SHOWN) == ["s0"]
     assert page.url.endswith("#kind=collision-vehicle")
     page.goto(f"{page_file.as_uri()}#crashed=1")
+    wait_for_rows(page, 1)  # the page hears of a new address a little later
     assert page.evaluate(SHOWN) == ["s2"] and page.is_checked("#crashed")
     assert page.inner_text("#count") == "1 of 3 scenarios, 2 of 6 episodes"
     page.goto(f"{page_file.as_uri()}#bucket=Tiny&category=deed&kind=nonsense")
-    assert len(page.evaluate(SHOWN)) == 3
+    wait_for_rows(page, 3)
+
+
+def wait_for_rows(page: Any, count: int) -> None:
+    """Wait until the table shows so many scenarios."""
+    page.wait_for_function(f"({SHOWN}).length === {count}")
 
 
 @needs_browser
@@ -148,6 +154,15 @@ def in_both(tab: Any, tick: int) -> list[list[float]]:
         tab.wait_for_timeout(25)
 
 
+def in_both_at_rest(tab: Any, tick: int) -> list[list[float]]:
+    """As `in_both`, once the views no longer change: orders reach the replays as messages."""
+    found: list[list[float]] = []
+    while (now := in_both(tab, tick)) != found:
+        found = now
+        tab.wait_for_timeout(200)
+    return found
+
+
 @needs_browser
 def test_both_replays_follow_one_time(step: Any) -> None:
     assert "They part at t = 1.00 s (tick 20): CAV cav_0 has y" in step.inner_text("#parting")
@@ -175,7 +190,7 @@ def test_both_replays_follow_one_time(step: Any) -> None:
 @needs_browser
 def test_what_happens_in_one_replay_happens_in_both(step: Any) -> None:
     first = step.frame_locator("iframe").first
-    before = in_both(step, 0)
+    before = in_both_at_rest(step, 0)
     first.locator(".event").first.click()
     in_both(step, TICKS // 4)
     first.locator("#map").press("ArrowRight")
@@ -183,9 +198,9 @@ def test_what_happens_in_one_replay_happens_in_both(step: Any) -> None:
     first.locator("body").press("g")
     in_both(step, PARTED)
     first.locator("body").press("+")
-    assert in_both(step, PARTED)[1][3] > before[1][3]
+    assert in_both_at_rest(step, PARTED)[1][3] > before[1][3]
     step.click("#fit")
-    assert in_both(step, PARTED)[1][1:] == before[1][1:]
+    assert in_both_at_rest(step, PARTED)[1][1:] == before[1][1:]
 
 
 @needs_browser
