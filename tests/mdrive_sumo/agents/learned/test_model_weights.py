@@ -17,7 +17,11 @@ from mdrive_sumo.agents.learned.model_weights import CPU_PROVIDER, has_packaged_
 from mdrive_sumo.agents.learned.network_inputs import Inputs, describe_inputs
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.agents.learned.tcp import TcpAgent
+from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs import agent_spec
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.prepared_run import check_agent_name
 
 TCP = SYSTEMS["tcp"]
 
@@ -156,3 +160,10 @@ def test_an_agent_is_offered_when_both_files_are_packaged(tmp_path: Path, monkey
     assert has_packaged_weights("tcp") and TcpAgent({}).label == "single"
     path.with_suffix(".json").unlink()
     assert not has_packaged_weights("tcp")
+
+
+def test_a_name_without_packaged_weights_says_how_to_drive_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(agent_spec, "AGENTS", {name: made for name, made in AGENTS.items() if name != "vad"})
+    said = r"agent 'vad': expected its weights .* mdrive_sumo\.agents\.learned\.vad:VadAgent"
+    with pytest.raises(InputError, match=said):
+        check_agent_name(AgentSpec("vad", {}))
