@@ -3,8 +3,7 @@
 A rule, not learned, and named so in docs/learning.md. Imitation suffers from inertia: in the data a standing car mostly
 goes on standing, so a network may never start again (Codevilla et al., Exploring the Limitations of Behavior Cloning,
 ICCV 2019). Published agents creep as well (TransFuser after 55 s); here a CAV that stands for 30 s counts as blocked.
-The rule looks at red lights and at nothing else: it may push a car into a
-standing one at walking pace.
+The rule looks at closed lights and at nothing else: it may push a car into a standing one at walking pace.
 """
 
 from dataclasses import dataclass
@@ -26,13 +25,13 @@ class CreepParameters:
     """Parameters of `CreepRule`. Design choices."""
 
     standing_s: float = 6.0
-    """A car that has stood for so long, by the wish of its network, creeps"""
+    """[s] A car that its network has kept standing for so long creeps."""
     duration_s: float = 1.0
-    """for so long"""
+    """[s] Duration of one creep."""
     speed: float = 1.5
-    """at this speed [m/s] along its route,"""
+    """[m/s] Speed along the route while it creeps."""
     light_m: float = 15.0
-    """unless the stop line of a closed light is so near ahead [m]."""
+    """[m] It does not creep with the stop line of a closed light nearer ahead than this."""
     still_speed: float = 0.3
     """[m/s] A slower car stands: own speeds may have errors."""
     still_plan_m: float = 1.0

@@ -86,8 +86,8 @@ class Trainer:
         """Train until the steps or the minutes are used up; returns the last losses.
 
         shares: (M,) how often each sample is drawn, 0: never. glance: measures the averaged network, GLANCES times.
-        Raises InputError when the loss is no number, and when
-        the GPU is too small; the last checkpoint stays. The first step does not count as time.
+        Raises InputError when the loss is no number, and when the GPU is too small; the last checkpoint stays. The
+        first step does not count as time.
         """
         curves = TrainingCurves(folder, self.step)
         drawn = torch.from_numpy(shares).to(self.device)
