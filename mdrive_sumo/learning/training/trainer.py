@@ -113,10 +113,13 @@ class Trainer:
                 self._check(parts, folder)
                 self.save(folder)
                 saved = time.monotonic()
-        losses = self._check(parts, folder) or losses
+        curves.close()
+        return self._finish(self._check(parts, folder) or losses, folder)
+
+    def _finish(self, losses: dict[str, float], folder: Path) -> dict[str, float]:
+        """Summarise the run, write its last checkpoint, and return the losses."""
         self.summary |= {"steps": self.step, "minutes": self.elapsed_s / 60.0, "losses": losses}
         self.save(folder)
-        curves.close()
         return losses
 
     def _tell(self, losses: Mapping[str, float], progress: float) -> None:
