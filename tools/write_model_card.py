@@ -105,6 +105,10 @@ def _format_training(training: Mapping[str, Any], measured: Mapping[str, Any]) -
         ("device", f"{training.get('device', '?')}, PyTorch {training.get('torch', '?')}"),
         ("time", f"{training['minutes']:.1f} minutes" if "minutes" in training else "?"),
     ]
+    if begun := training.get("begun_with"):
+        sources = ", ".join(begun["sources"])
+        said = f"{begun['steps']} steps on {begun['samples']} samples ({sources}), {begun['minutes']:.1f} minutes"
+        rows.append(("weights it began with", said))
     text = _format_table(("", ""), rows)
     if commands := measured.get("commands"):
         text += "\n\nTo train it again:\n\n```sh\n" + "\n".join(commands) + "\n```"

@@ -16,6 +16,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scoring import Means, Results, compute_bucket_means, compute_overall, load_results
 
@@ -34,6 +35,10 @@ DESCRIPTION_BY_AGENT: Mapping[str, str] = {
     "perception-swap:disconet": "the same, another detector",
     "perception-swap:fcooper": "the same, another detector",
     "perception-swap:cobevt": "the same, another detector",
+    "tcp": "counterpart of TCP, trained on mdrive-sumo data: sees through one front camera",
+    "lmdrive": "counterpart of LMDrive, the same data: four cameras, LiDAR, instructions in English",
+    "uniad": "counterpart of UniAD, the same data: six cameras",
+    "vad": "counterpart of VAD, the same data: six cameras, lanes of its route",
     "idm": "alone, perfect detector: keeps its distance and yields",
     "single": "alone: plans in space and time around what it sees",
     "sharing": "the same planner, which also receives CAMs and CPMs",
@@ -42,8 +47,11 @@ DESCRIPTION_BY_AGENT: Mapping[str, str] = {
     "omniscient": "privileged, every state and plan: the upper bound",
 }
 """Rows of the tables, in this order."""
-README_AGENTS = ("constant-speed", "take-turns", "idm", "single", "sharing", "sharing+negotiation", "omniscient")
-
+README_AGENTS = (
+    "constant-speed", "take-turns", *SYSTEMS, "idm", "single", "sharing", "sharing+negotiation", "omniscient",
+)  # fmt: skip
+ALL_SEEDS = [0, 1, 2]
+"""Of the tables; a row of fewer says which."""
 
 SCORES = ("ds", "sr", "efficient_sr", "time_ratio")
 
@@ -112,8 +120,15 @@ def format_baselines(rows: Mapping[str, Any], agents: Iterable[str]) -> str:
         scores = rows[agent]["scores"]
         cells = [f"{scores[name]['ds']:.2f} / {scores[name]['sr']:.2f}" for name in (*BUCKETS, "overall")]
         cells += [_format_score(scores["overall"], name) for name in ("efficient_sr", "time_ratio")]
-        lines.append(f"| `{agent}` | {DESCRIPTION_BY_AGENT[agent]} | {' | '.join(cells)} |")
+        lines.append(f"| `{agent}` | {_describe_row(agent, rows[agent])} | {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def _describe_row(agent: str, row: Mapping[str, Any]) -> str:
+    """Return what an agent does, and its seeds if they are not all."""
+    seeds = row["seeds"]
+    lacking = "" if seeds == ALL_SEEDS else f" (seed{'s' * (len(seeds) > 1)} {', '.join(map(str, seeds))} only)"
+    return DESCRIPTION_BY_AGENT[agent] + lacking
 
 
 def format_times(rows: Mapping[str, Any], agents: Iterable[str]) -> str:

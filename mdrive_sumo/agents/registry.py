@@ -8,7 +8,6 @@ from mdrive_sumo.agents.colmdriver_rule import ColmdriverRuleAgent
 from mdrive_sumo.agents.constant_speed import ConstantSpeedAgent
 from mdrive_sumo.agents.idm import IdmAgent
 from mdrive_sumo.agents.learned.lmdrive import LmdriveAgent
-from mdrive_sumo.agents.learned.model_weights import has_packaged_weights
 from mdrive_sumo.agents.learned.tcp import TcpAgent
 from mdrive_sumo.agents.learned.uniad import UniadAgent
 from mdrive_sumo.agents.learned.vad import VadAgent
@@ -24,7 +23,7 @@ from mdrive_sumo.contract.agent_options import AgentFactory
 LEARNED_AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
     {"tcp": TcpAgent, "lmdrive": LmdriveAgent, "uniad": UniadAgent, "vad": VadAgent}
 )
-"""Counterparts of the paper's systems, of which `AGENTS` has those whose weights are in the package."""
+"""Counterparts of the paper's systems."""
 AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
     {
         "stationary": StationaryAgent,
@@ -36,7 +35,7 @@ AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
         "colmdriver-rule": ColmdriverRuleAgent,
         "colmdriver": ColmdriverAgent,
         "sharing+negotiation": SharingNegotiationAgent,
-        **{name: agent for name, agent in LEARNED_AGENTS.items() if has_packaged_weights(name)},
+        **LEARNED_AGENTS,
         "perception-swap:attfuse": AttFuseAgent,
         "perception-swap:disconet": DiscoNetAgent,
         "perception-swap:fcooper": FCooperAgent,

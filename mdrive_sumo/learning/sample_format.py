@@ -1,7 +1,7 @@
 """The format of training data: WebDataset shards (tar files), one sample per CAV and decision, and `dataset.json`.
 
 A sample is the files of one shard whose names begin with its key: `KEY.labels.npz`, `KEY.RIG-CAMERA.jpg`,
-`KEY.instruction.txt`, `KEY.about.json`. docs/learning.md has the table.
+`KEY.instruction.txt`, `KEY.about.json`. docs/training.md has the table.
 """
 
 import math
@@ -93,7 +93,7 @@ class CollectedScenario(BaseModel):
     """CAV ticks driven, at 20 Hz."""
     samples: int = 0
     dropped: int = 0
-    """Samples left out because the CAV failed soon after, see docs/learning.md."""
+    """Samples left out because the CAV failed soon after, see docs/training.md."""
 
 
 class ShardEntry(BaseModel):
@@ -122,7 +122,7 @@ class DatasetFile(BaseModel):
     expert: str
     rigs: tuple[str, ...]
     perturbation: float
-    """Rate of perturbations, 1: as in docs/learning.md, 0: none."""
+    """Rate of perturbations, 1: as in docs/training.md, 0: none."""
     driver: str
     """Checksum of the weights of the learner that drove; "": the expert drove."""
     mix: float

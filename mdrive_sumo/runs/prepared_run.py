@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mdrive_sumo.agent_process.agent_file import describe_missing_class
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file
-from mdrive_sumo.agents.registry import AGENTS, LEARNED_AGENTS
+from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.loop.agent_driver import AgentFailure
@@ -223,11 +223,6 @@ def check_agent_name(agent: AgentSpec) -> None:
         return
     if name.endswith(".py") and ":" not in name:
         raise InputError(f"agent {name!r}: expected path.py:Class, {describe_missing_class(Path(name))}")
-    if name in LEARNED_AGENTS:
-        raise InputError(
-            f"agent {name!r}: expected its weights in the package, found none; drive weights of your own with --agent "
-            f"{LEARNED_AGENTS[name].__module__}:{LEARNED_AGENTS[name].__name__} --agent-config FILE (docs/learning.md)"
-        )
     if ":" not in name or is_family:
         suggestion = suggest_name(name, AGENTS)
         known = f"{', '.join(AGENTS)}, module:Class or path.py:Class"

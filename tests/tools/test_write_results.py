@@ -54,6 +54,15 @@ def test_the_tables_show_undefined_numbers_as_a_dash() -> None:
     assert times[3] == f"| `idm` | {'50.00 / 1.50 | ' * 4}3 of 3 | 0 |"
 
 
+def test_a_row_of_fewer_seeds_says_which() -> None:
+    rows = build_rows(
+        [run(0), *(run(seed, agent="single") for seed in (0, 1, 2)), run(0, agent="vad"), run(2, agent="vad")]
+    )
+    cells = [line.split(" | ")[1] for line in format_baselines(rows, ("idm", "single", "vad")).splitlines()[2:]]
+    assert [cell.endswith("only)") for cell in cells] == [True, False, True]
+    assert "(seed 0 only)" in cells[0] and "(seeds 0, 2 only)" in cells[2]
+
+
 @pytest.mark.parametrize(
     ("second", "says"),
     [

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
 
 WEIGHTS_FOLDER = Path(__file__).parent / "weights"
-"""Packaged weights: NAME.onnx and NAME.json for each system that has been trained."""
+"""Packaged weights: NAME.onnx and NAME.json for each system."""
 GPU_PROVIDER, CPU_PROVIDER = "CUDAExecutionProvider", "CPUExecutionProvider"
 ERRORS_ONLY = 3
 """Severity of what ONNX Runtime prints."""
@@ -42,11 +42,6 @@ class DrivingNetwork:
         names = [output.name for output in self.session.get_outputs()]
         batch = {name: np.ascontiguousarray(value[None]) for name, value in inputs.items()}
         return dict(zip(names, (value[0] for value in self.session.run(names, batch)), strict=True))
-
-
-def has_packaged_weights(system: str) -> bool:
-    """Return whether the package has weights of a system: only then it is offered as an agent."""
-    return all((WEIGHTS_FOLDER / f"{system}{suffix}").is_file() for suffix in (".onnx", ".json"))
 
 
 def load_network(spec: SystemSpec, path: Path | None = None, use_gpu: bool = True) -> DrivingNetwork:

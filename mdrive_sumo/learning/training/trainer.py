@@ -69,6 +69,7 @@ class Trainer:
 
     def save(self, folder: Path) -> Path:
         """Write a checkpoint, and its weights apart, and return its path."""
+        self.summary |= {"steps": self.step, "minutes": self.elapsed_s / 60.0}
         checkpoint = Checkpoint(
             self.system, self.step, self.elapsed_s, self.network.state_dict(), self.average.network.state_dict(),
             self.optimizer.state_dict(), self.generator.get_state(), self.summary,
@@ -118,7 +119,7 @@ class Trainer:
 
     def _finish(self, losses: dict[str, float], folder: Path) -> dict[str, float]:
         """Summarise the run, write its last checkpoint, and return the losses."""
-        self.summary |= {"steps": self.step, "minutes": self.elapsed_s / 60.0, "losses": losses}
+        self.summary["losses"] = losses
         self.save(folder)
         return losses
 

@@ -38,6 +38,8 @@ LINE_M, STOP_LINE_M = 0.15, 0.4
 KERB_M = 0.16
 CHUNK_M = 64.0
 """[m] Side of the squares by which triangles are drawn or left out."""
+SURROUNDINGS_M = 1000.0
+"""[m] Around the lanes; buildings farther away are left out."""
 POLE_M = 0.12
 SIGN_HEIGHT_M, SIGN_RADIUS_M = 2.3, 0.42
 HOUSING_M = (0.3, 0.36, 1.0)
@@ -93,13 +95,22 @@ class StaticScene:
 @lru_cache(maxsize=2)
 def load_static_scene(roads: RoadMap) -> StaticScene:
     """Return the scene of a network; those of the last two are kept."""
-    whole = shapely.MultiPoint(np.concatenate([lane.centre.xy for lane in roads.driving])).buffer(1000.0).envelope
+    whole = find_surroundings(np.concatenate([lane.centre.xy for lane in roads.driving]))
     geometry, heads = build_map_geometry(roads, whole), list_signal_heads(roads, whole)
     middle = shapely.get_coordinates(whole.centroid)[0].round()
     origin = np.array((*middle, 0.0))
     # Solids first, then the ground from top to bottom: a pixel is shaded about once.
     mesh = _move(join_meshes([*_build_solids(geometry, heads), *_build_ground(geometry)]), origin)
     return StaticScene(origin, *_cut_into_chunks(mesh), _build_lamps(heads, origin))
+
+
+def find_surroundings(points: Float) -> shapely.Polygon:
+    """Return the box around points (N, 2) [m] and all that may be seen from them.
+
+    A buffer of the points has the same envelope; of the thousands of a large network it takes minutes and gigabytes.
+    """
+    least, most = points.min(axis=0) - SURROUNDINGS_M, points.max(axis=0) + SURROUNDINGS_M
+    return shapely.box(*least.tolist(), *most.tolist())
 
 
 def _move(mesh: Mesh, origin: Float) -> Mesh:

@@ -11,10 +11,9 @@ from testing.short_suite import make_short_suite
 from testing.tiny_network import TinyNetwork, save_tiny_weights
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
-from mdrive_sumo.agents.registry import AGENTS, LEARNED_AGENTS
+from mdrive_sumo.agents.registry import LEARNED_AGENTS
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.state import End
-from mdrive_sumo.runs import agent_spec, open_agents, prepared_run
 from mdrive_sumo.scoring import load_results
 
 pytestmark = [pytest.mark.slow, needs_opengl]
@@ -24,14 +23,6 @@ SCENARIO = "i07_ins_ss_town"
 
 def invoke(*words: str | Path) -> Result:
     return CliRunner().invoke(main, [str(word) for word in words])
-
-
-@pytest.fixture
-def offered(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Offer all four agents, as they are once their weights are packaged."""
-    run_in_process(monkeypatch)
-    for module in (agent_spec, open_agents, prepared_run):
-        monkeypatch.setattr(module, "AGENTS", {**AGENTS, **LEARNED_AGENTS})
 
 
 def evaluate(folder: Path, agent: str, system: str, network: TinyNetwork) -> Result:
@@ -44,9 +35,9 @@ def evaluate(folder: Path, agent: str, system: str, network: TinyNetwork) -> Res
                   folder / "run")  # fmt: skip
 
 
-@pytest.mark.usefixtures("offered")
 @pytest.mark.parametrize("name", LEARNED_AGENTS)
-def test_it_arrives_and_the_run_verifies(tmp_path: Path, name: str) -> None:
+def test_it_arrives_and_the_run_verifies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    run_in_process(monkeypatch)
     ended = evaluate(tmp_path, name, name, TinyNetwork(speed=5.0, ahead_per_grey=0.002))
     assert ended.exit_code == 0, ended.output
     results = load_results(tmp_path / "run" / "results.json")
@@ -65,7 +56,15 @@ def test_it_drives_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.M
     assert {ego.outcome for ego in results.scenarios[0].egos} == {End.ARRIVED}
 
 
-@pytest.mark.usefixtures("offered")
+@pytest.mark.parametrize("name", LEARNED_AGENTS)
+def test_packaged_weights_follow_the_route(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    run_in_process(monkeypatch)
+    suite = make_short_suite(tmp_path / "suite", SCENARIO)
+    ended = invoke("eval", "--suite", suite, "--agent", name, "--workers", 1, "--out", tmp_path / "run")
+    assert ended.exit_code == 0, ended.output
+    assert load_results(tmp_path / "run" / "results.json").scenarios[0].rc == 100.0
+
+
 def test_damaged_weights_end_the_command_with_one_sentence(tmp_path: Path) -> None:
     weights = save_tiny_weights(tmp_path, SYSTEMS["tcp"])
     weights.write_bytes(b"damaged")

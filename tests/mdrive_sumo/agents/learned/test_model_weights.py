@@ -12,18 +12,15 @@ import pytest
 from testing.onnx_writer import Array, Node, write_model
 from testing.tiny_network import TinyNetwork, save_tiny_weights
 
-from mdrive_sumo.agents.learned import model_weights
-from mdrive_sumo.agents.learned.model_weights import CPU_PROVIDER, has_packaged_weights, load_network
+from mdrive_sumo.agents.learned.model_weights import CPU_PROVIDER, load_network
 from mdrive_sumo.agents.learned.network_inputs import Inputs, describe_inputs
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.agents.learned.tcp import TcpAgent
-from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.runs import agent_spec
-from mdrive_sumo.runs.agent_spec import AgentSpec
-from mdrive_sumo.runs.prepared_run import check_agent_name
 
 TCP = SYSTEMS["tcp"]
+MOST_BYTES = 3_000_000
+"""Of the weights of one system in the wheel (issue L)."""
 
 
 def change_manifest(path: Path, **values: Any) -> None:
@@ -153,17 +150,10 @@ def test_a_graphics_card_is_used_if_there_is_one(tmp_path: Path, monkeypatch: py
     assert asked == [["CUDAExecutionProvider", CPU_PROVIDER], [CPU_PROVIDER]]
 
 
-def test_an_agent_is_offered_when_both_files_are_packaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(model_weights, "WEIGHTS_FOLDER", tmp_path)
-    assert not has_packaged_weights("tcp")
-    path = save_tiny_weights(tmp_path, TCP)
-    assert has_packaged_weights("tcp") and TcpAgent({}).label == "single"
-    path.with_suffix(".json").unlink()
-    assert not has_packaged_weights("tcp")
-
-
-def test_a_name_without_packaged_weights_says_how_to_drive_ones_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(agent_spec, "AGENTS", {name: made for name, made in AGENTS.items() if name != "vad"})
-    said = r"agent 'vad': expected its weights .* mdrive_sumo\.agents\.learned\.vad:VadAgent"
-    with pytest.raises(InputError, match=said):
-        check_agent_name(AgentSpec("vad", {}))
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_packaged_weights_are_small_and_load(system: str) -> None:
+    network = load_network(SYSTEMS[system], use_gpu=False)
+    assert network.manifest.bytes <= MOST_BYTES
+    for name, least in (("samples", 10_000), ("steps", 1000)):
+        found = network.manifest.training[name]
+        assert isinstance(found, int) and found > least

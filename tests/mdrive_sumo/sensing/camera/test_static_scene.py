@@ -1,0 +1,27 @@
+"""The static scene of a network: what it holds, and that large networks are no trouble."""
+
+import numpy as np
+import pytest
+import shapely
+
+from mdrive_sumo.roads import find_network_folder, load_road_map
+from mdrive_sumo.sensing.camera.static_scene import SURROUNDINGS_M, find_surroundings, load_static_scene
+
+
+def test_surroundings_are_the_envelope_of_a_buffer() -> None:
+    points = np.random.default_rng(1).uniform(-300.0, 700.0, (12, 2))
+    buffered = shapely.MultiPoint(points).buffer(SURROUNDINGS_M).envelope
+    assert find_surroundings(points).bounds == pytest.approx(buffered.bounds)
+
+
+def test_many_points_cost_nothing() -> None:
+    """A buffer of them takes minutes and ten gigabytes."""
+    along = np.linspace(0.0, 5000.0, 200_000)
+    assert find_surroundings(np.column_stack((along, along))).bounds == pytest.approx(
+        (-SURROUNDINGS_M, -SURROUNDINGS_M, 5000.0 + SURROUNDINGS_M, 5000.0 + SURROUNDINGS_M)
+    )
+
+
+def test_the_largest_network_has_a_scene() -> None:
+    scene = load_static_scene(load_road_map(find_network_folder("hard_corridor_arterial")))
+    assert len(scene.vertices["position"]) > 1000 and np.isfinite(scene.vertices["position"]).all()

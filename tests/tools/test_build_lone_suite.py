@@ -1,0 +1,25 @@
+"""A CAV has the road to itself; everything else of its scenario stays."""
+
+from pathlib import Path
+
+import pytest
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scenario.suite import load_suite, save_suite
+from tools.build_lone_suite import build_lone_scenario, build_lone_suite
+
+
+def test_only_the_first_cav_stays() -> None:
+    scenario = max(load_suite("interaction").scenarios, key=lambda one: len(one.actors))
+    assert len(scenario.egos) > 1 and scenario.actors
+    lone = build_lone_scenario(scenario)
+    assert lone.egos == scenario.egos[:1]
+    assert not lone.actors and not lone.background.vehicles and not lone.rsus
+    assert (lone.network, lone.weather, lone.id) == (scenario.network, scenario.weather, scenario.id)
+
+
+def test_the_suite_loads_and_is_never_overwritten(tmp_path: Path) -> None:
+    save_suite(build_lone_suite("interdrive", tmp_path / "lone"))
+    assert [len(one.egos) for one in load_suite(str(tmp_path / "lone"))] == [1] * 46
+    with pytest.raises(InputError, match="expected a folder that does not exist yet"):
+        build_lone_suite("interdrive", tmp_path / "lone")
