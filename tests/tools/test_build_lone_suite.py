@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.scenario.suite import load_suite, save_suite
-from tools.build_lone_suite import build_lone_scenario, build_lone_suite
+from mdrive_sumo.roads import find_network_folder
+from mdrive_sumo.scenario.suite import load_suite
+from tools.build_lone_suite import build_lone_scenario, write_lone_suite
 
 
 def test_only_the_first_cav_stays() -> None:
@@ -18,8 +19,10 @@ def test_only_the_first_cav_stays() -> None:
     assert (lone.network, lone.weather, lone.id) == (scenario.network, scenario.weather, scenario.id)
 
 
-def test_the_suite_loads_and_is_never_overwritten(tmp_path: Path) -> None:
-    save_suite(build_lone_suite("interdrive", tmp_path / "lone"))
-    assert [len(one.egos) for one in load_suite(str(tmp_path / "lone"))] == [1] * 46
+def test_the_suite_has_its_networks_and_is_never_overwritten(tmp_path: Path) -> None:
+    write_lone_suite("mdrive", tmp_path / "lone")
+    suite = load_suite(str(tmp_path / "lone"))
+    assert [len(one.egos) for one in suite] == [1] * 225
+    assert all(find_network_folder(one.network, suite.folder) for one in suite)
     with pytest.raises(InputError, match="expected a folder that does not exist yet"):
-        build_lone_suite("interdrive", tmp_path / "lone")
+        write_lone_suite("mdrive", tmp_path / "lone")
