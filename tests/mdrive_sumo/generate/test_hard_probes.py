@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from testing.toy_family import TOY_FAMILY
@@ -55,7 +56,8 @@ def use_scores(monkeypatch: pytest.MonkeyPatch, scores: Mapping[str, Sequence[fl
         return SimpleNamespace(ds=scores.get(name, LOW)[seed])
 
     monkeypatch.setattr(candidate_probes, "score_episode", score)
-    return CandidateScores(None, None, {})  # pyright: ignore[reportArgumentType]
+    unused: Any = None  # scenario and roads: only the replaced drives get them
+    return CandidateScores(unused, unused, {})
 
 
 def test_means_over_three_seeds_are_kept(monkeypatch: pytest.MonkeyPatch, driven: list[tuple[str, int]]) -> None:
@@ -136,9 +138,9 @@ class TestDriven:
     def test_one_seed_that_is_not_solved_rejects(self, monkeypatch: pytest.MonkeyPatch) -> None:
         drive, seeds = candidate_evaluation.drive_with, list[int]()
 
-        def drive_badly(agent: str, scenario: object, roads: object, seed: int = 0, **options: object) -> object:
+        def drive_badly(agent: str, scenario: Any, roads: Any, seed: int = 0, **options: Any) -> object:
             seeds.append(seed)
-            return drive("stationary" if seed == 3 else agent, scenario, roads, seed, **options)  # pyright: ignore
+            return drive("stationary" if seed == 3 else agent, scenario, roads, seed, **options)
 
         monkeypatch.setattr(candidate_evaluation, "drive_with", drive_badly)
         found = evaluate_candidate(TASK)
