@@ -42,8 +42,10 @@ MAIN = SectionText(
     " leads on average, CoLMDriver on InterDrive.",
     "The protocol: the same scores, penalties, time limits and bucket means, on scenarios with the same statistics.",
     "The rows: the paper drives networks that were trained on camera images and point clouds, in CARLA's physics;"
-    " here, planners with a model of a detector drive in SUMO's traffic. Only differences between rows of one simulator"
-    " say anything, and no row is the reimplementation of a method of the paper.",
+    " here, planners with a model of a detector drive in SUMO's traffic, and so do compact networks that see simple"
+    " renderings (tcp, vad, uniad, lmdrive: counterparts of TCP, VAD, UniAD and LMDrive, trained on mdrive-sumo data)."
+    " Only differences between rows of one simulator say anything, and no row is the reimplementation of a method of"
+    " the paper.",
 )
 CATEGORY_FIGURE = SectionText(
     "Category figure (RQ1)",
@@ -113,7 +115,9 @@ NO_COUNTERPART: Mapping[str, str] = MappingProxyType(
         "fig:codriving_failure": "one failure as an example; mdrive-sumo view RUN shows those of the runs in runs/",
         "fig:mdrive_human_experiments": "needs people; see the section on RQ4",
         "fig:various_weather_conditions, fig:real2sim_demo": "renderings of CARLA; nothing to measure",
-        "tab:sensors, tab:controllers": "cameras and controllers of the paper's models, which do not drive here",
+        "tab:sensors, tab:controllers": (
+            "descriptions; the cameras are presets of the sensor camera, the controllers follow plans here too"
+        ),
     }
 )
 """Tables and figures of the paper without a counterpart in the study, and why."""
