@@ -22,6 +22,7 @@ from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, read_ma
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import bootstrap_stratified_clustered_mean
 from mdrive_sumo.scoring import Results, ScenarioResult, compute_overall, load_results
+from tools.seed_runs import check_seed_runs
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs" / "models"
@@ -35,7 +36,13 @@ PLAN_ROWS = (
 
 
 def summarise_runs(runs: Sequence[Results]) -> dict[str, Any]:
-    """Return scores of the runs of one condition, one a seed, with the 95 % interval of DS, and the failures."""
+    """Return scores of the runs of one condition, one a seed, with the 95 % interval of DS, and the failures.
+
+    Raises InputError for runs that do not belong together, and for scenarios without a score.
+    """
+    check_seed_runs(runs)
+    if void := sum(results.void for results in runs):
+        raise InputError(f"agent {runs[0].run.agent}: expected a score of every scenario, found {void} without")
     scenarios = [scenario for results in runs for scenario in results.scenarios]
     means = compute_overall(scenarios).bucket_mean
     interval = bootstrap_stratified_clustered_mean(_group_scores(scenarios))
@@ -54,13 +61,10 @@ def summarise_runs(runs: Sequence[Results]) -> dict[str, Any]:
 
 
 def _group_scores(scenarios: Iterable[ScenarioResult]) -> list[np.ndarray[Any, np.dtype[np.float64]]]:
-    """Return DS (scenarios, seeds) for each bucket. Raises InputError if a scenario lacks a seed."""
+    """Return DS (scenarios, seeds) for each bucket."""
     scores: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for one in scenarios:
         scores[one.bucket][one.id].append(one.ds)
-    counts = {len(values) for bucket in scores.values() for values in bucket.values()}
-    if len(counts) != 1:
-        raise InputError(f"runs: expected each scenario as often as the others, found {sorted(counts)} times")
     return [np.array(list(bucket.values())) for _, bucket in sorted(scores.items())]
 
 
@@ -158,10 +162,14 @@ def update_measured(system: str, options: argparse.Namespace) -> dict[str, Any]:
     measured: dict[str, Any] = json.loads(path.read_text("utf-8")) if path.is_file() else {}
     if options.open_loop:
         measured["open_loop"] = json.loads(options.open_loop.read_text("utf-8"))
+        if (found := measured["open_loop"]["system"]) != system:
+            raise InputError(f"{options.open_loop}: expected a measurement of {system}, found one of {found}")
     runs: dict[str, list[Results]] = defaultdict(list)
     for text in options.run:
         condition, _, folder = text.partition("=")
-        runs[condition].append(load_results(Path(folder) / "results.json"))
+        runs[condition].append(results := load_results(Path(folder) / "results.json"))
+        if results.run.agent != system:
+            raise InputError(f"{folder}: expected a run of {system}, found one of {results.run.agent}")
     for condition, found in runs.items():
         measured.setdefault("closed_loop", {})[condition] = summarise_runs(found)
     if options.train:
@@ -181,7 +189,13 @@ def list_cards() -> list[str]:
 def build_card(system: str) -> str:
     """Return the card of a system from the files in the repository. Raises InputError."""
     measured = json.loads((FOLDER / f"{system}.json").read_text("utf-8"))
-    return format_card(system, measured, read_manifest(WEIGHTS_FOLDER / f"{system}.json"))
+    manifest = read_manifest(WEIGHTS_FOLDER / f"{system}.json")
+    if (found := measured["open_loop"]["sha256"]) != manifest.sha256:
+        raise InputError(
+            f"{system}: expected measurements of the packaged weights {manifest.sha256:.16}..., found those of"
+            f" {found:.16}...; measure them anew"
+        )
+    return format_card(system, measured, manifest)
 
 
 def main() -> None:

@@ -19,6 +19,7 @@ from typing import Any
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scoring import Means, Results, compute_bucket_means, compute_overall, load_results
+from tools.seed_runs import check_seed_runs
 
 ROOT = Path(__file__).parents[1]
 BASELINES = Path("docs/results/baselines.json")
@@ -94,22 +95,13 @@ def _round_scores(means: Means) -> dict[str, float | None]:
 
 
 def _check_runs(runs: Sequence[Results]) -> None:
-    """Raise InputError unless the runs differ in their seed alone."""
+    """Raise InputError unless the runs are of all buckets and differ in their seed alone."""
     first = runs[0]
-    seeds = [results.run.seed for results in runs]
-    if len(set(seeds)) < len(seeds):
-        raise InputError(f"agent {first.run.agent}: expected one run a seed, found the seeds {sorted(seeds)}")
     if missing := [bucket for bucket in BUCKETS if bucket not in first.buckets]:
         raise InputError(
             f"agent {first.run.agent}: expected a run of --suite mdrive, found none of bucket {missing[0]}"
         )
-    for results in runs[1:]:
-        for name in sorted({*type(first.run).model_fields} - {"seed", "command"}):
-            ours, theirs = getattr(first.run, name), getattr(results.run, name)
-            if ours != theirs:
-                raise InputError(f"agent {first.run.agent}: expected runs with one {name}, found {ours} and {theirs}")
-        if {one.id for one in results.scenarios} != {one.id for one in first.scenarios}:
-            raise InputError(f"agent {first.run.agent}: expected runs of the same scenarios, found others")
+    check_seed_runs(runs)
 
 
 def format_baselines(rows: Mapping[str, Any], agents: Iterable[str]) -> str:

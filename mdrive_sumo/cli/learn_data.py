@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from mdrive_sumo.cli.finite_range import FiniteRange
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.learning.collection import collect_dataset
@@ -30,7 +31,7 @@ from mdrive_sumo.learning.sample_format import CollectedScenario, DatasetFile, S
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="Of everything drawn.")
 @click.option(
     "--perturb",
-    type=click.FloatRange(0.0, 10.0),
+    type=FiniteRange(0.0, 10.0),
     default=1.0,
     show_default=True,
     help="Rate of perturbations of the expert's driving; 1: one every 4 to 8 s, 0: none.",
@@ -42,7 +43,7 @@ from mdrive_sumo.learning.sample_format import CollectedScenario, DatasetFile, S
     help="DAgger: this learner drives, the expert is asked about its states.",
 )
 @click.option(
-    "--mix", type=click.FloatRange(0.0, 1.0), default=0.2, show_default=True, help="DAgger: share the expert drives."
+    "--mix", type=FiniteRange(0.0, 1.0), default=0.2, show_default=True, help="DAgger: share the expert drives."
 )
 @click.option(
     "--round",

@@ -8,6 +8,7 @@ import click
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.runs.evaluate import report_write_errors
 
 
 @click.command("evaluate")
@@ -33,6 +34,10 @@ def command(system: str, data: tuple[Path, ...], weights: Path | None, out: Path
     from mdrive_sumo.learning.sample_reader import load_arrays
 
     spec = SYSTEMS[system]
+    if out is not None:
+        with report_write_errors(out):  # before minutes of work
+            out.parent.mkdir(parents=True, exist_ok=True)
+            out.touch()
     found = evaluate_weights(spec, weights, load_arrays(data, spec, workers))
     found["data"] = [str(each) for each in data]
     rows = [

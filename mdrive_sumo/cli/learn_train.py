@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
+from mdrive_sumo.cli.finite_range import FiniteRange
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.learning.require_torch import require_torch
 
@@ -26,14 +27,18 @@ class RoundOptions:
 @click.command("train")
 @click.argument("system", type=click.Choice(tuple(SYSTEMS)))
 @click.option("--data", multiple=True, type=FOLDER, help="Data set of `learn data`; may repeat.")
-@click.option("--val", multiple=True, type=FOLDER, help="Data set to validate on  [default: one drive of 20 of --data]")
+@click.option(
+    "--val", multiple=True, type=FOLDER, help="Data set to validate on  [default: one scenario of 20 of --data]"
+)
 @click.option("--device", type=click.Choice(("cuda", "cpu")), default="cuda", show_default=True)
 @click.option("--out", type=FOLDER, required=True, help="Folder for checkpoint, curves and validation.")
 @click.option("--steps", type=click.IntRange(1, 10_000_000), default=8000, show_default=True)
 @click.option("--batch", type=click.IntRange(1, 65_536), default=256, show_default=True, help="Samples of one step.")
-@click.option("--learning-rate", type=click.FloatRange(1e-7, 1.0), default=1e-3, show_default=True)
+@click.option("--learning-rate", type=FiniteRange(1e-7, 1.0), default=1e-3, show_default=True)
 @click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True)
-@click.option("--max-minutes", type=click.FloatRange(0.01, 1e5), help="End by then, with the learning rate run out.")
+@click.option(
+    "--max-minutes", type=FiniteRange(0.01, 1e5), help="End by then, with the learning rate run out; each round."
+)
 @click.option("--resume", is_flag=True, help="Go on from the checkpoint in --out.")
 @click.option(
     "--init", type=click.Path(path_type=Path), metavar="CHECKPOINT", help="Begin with the weights of another training."
@@ -47,8 +52,8 @@ class RoundOptions:
 def command(system: str, smoke: bool, data: tuple[Path, ...], out: Path, **options: Any) -> None:
     """Train a system on data of `learn data`, and validate it.
 
-    Writes checkpoint.pt, curves.csv, curves.png, validation.json, and a folder for TensorBoard if it is installed.
-    Needs the extra `learn`.
+    Writes checkpoint.pt, weights.pt, curves.csv, curves.png, validation.json, and a folder for TensorBoard if it is
+    installed (--smoke: into OUT/smoke). Needs the extra `learn`.
     """
     require_torch("learn train")
     if smoke:
@@ -63,7 +68,7 @@ def _run_smoke_test(system: str, data: tuple[Path, ...], out: Path, workers: int
     from mdrive_sumo.learning.training.smoke_test import COMPARED, STEPS, run_smoke_test
 
     arrays = _load(system, data, workers) if data else None
-    found = run_smoke_test(system, out, arrays)
+    found = run_smoke_test(system, out / "smoke", arrays)
     click.echo(
         f"{system}: mean loss of the first {COMPARED} of {STEPS} steps {found.first:.3f}, of the last {found.last:.3f}"
     )
@@ -83,10 +88,14 @@ def _load(system: str, folders: tuple[Path, ...], workers: int) -> dict[str, Any
 
 
 def _train(system: str, data: tuple[Path, ...], out: Path, options: dict[str, Any]) -> None:
-    from mdrive_sumo.learning.training.run_training import TrainingRun, find_device, run_training
+    from mdrive_sumo.learning.training.dagger import name_round
+    from mdrive_sumo.learning.training.run_training import TrainingRun, check_unused, find_device, run_training
     from mdrive_sumo.learning.training.training_options import TrainingOptions
 
     find_device(options["device"])  # before the data is read
+    if not options["resume"]:
+        check_unused(out)
+        check_unused(name_round(out, 0))
     rounds = RoundOptions(options["rounds"], options["scenarios"], options["workers"])
     training = TrainingOptions(
         steps=options["steps"], batch=options["batch"], learning_rate=options["learning_rate"], seed=options["seed"],

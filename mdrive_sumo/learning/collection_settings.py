@@ -12,6 +12,8 @@ from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.learning.learner_driver import find_driver_system
 from mdrive_sumo.learning.recorded_rigs import find_recorded_rig
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import load_suite
@@ -57,7 +59,10 @@ class CollectionSettings:
 
     @property
     def fingerprint(self) -> Fingerprint:
-        """What makes two collections the same, as the journal keeps it."""
+        """What makes two collections the same, as the journal keeps it: samples of two versions never mix."""
+        from mdrive_sumo.learning.training_scenarios import VERSION  # here: it imports the generators
+
+        learner = () if self.driver is None else (AgentSpec(find_driver_system(self.driver).name),)
         return {
             "collection": "mdrive-sumo/training-data/1",
             "split": self.split,
@@ -69,6 +74,9 @@ class CollectionSettings:
             "mix": str(self.mix),
             "round": self.round,
             "suite": self.suite,
+            "generator": VERSION,
+            "code": compute_code_checksum(),
+            **read_versions(learner),
         }
 
     def derive_episode_seed(self, index: int) -> int:

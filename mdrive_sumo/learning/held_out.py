@@ -8,14 +8,19 @@ import numpy.typing as npt
 from mdrive_sumo.core.errors import InputError
 
 HELD_OUT = 20
-"""One of so many cars' drives is held out where no validation data is given."""
+"""One of so many scenarios is held out where no validation data is given."""
 
 
 def find_held_out(arrays: Mapping[str, npt.NDArray[np.generic]]) -> npt.NDArray[np.int64]:
-    """Return the rows that are held out, whole drives of a car. Raises InputError if there are none."""
-    held_out = np.flatnonzero(arrays["episode"].astype(np.int64) % HELD_OUT == HELD_OUT - 1)
-    if not len(held_out):
-        raise InputError(
-            f"data set: expected {HELD_OUT} drives of a car or more to hold one out, found fewer; give --val"
-        )
+    """Return the rows that are held out: all cars of the last of every HELD_OUT scenarios, by their index.
+
+    Rounds of DAgger drive the scenarios of the first data set again, which the same index holds out there. Of fewer
+    scenarios the last is held out. Raises InputError if there is only one.
+    """
+    scenarios = arrays["scenario"].astype(np.int64)
+    held_out = np.flatnonzero(scenarios % HELD_OUT == HELD_OUT - 1)
+    if not len(held_out) and len(scenarios):
+        held_out = np.flatnonzero(scenarios == scenarios.max())
+    if len(held_out) == len(scenarios):
+        raise InputError("data set: expected two scenarios or more to hold one out, found fewer; give --val")
     return held_out

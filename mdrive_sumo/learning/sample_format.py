@@ -149,6 +149,11 @@ def split_key(key: str) -> tuple[str, int]:
     return drive, int(tick)
 
 
+def find_scenario_index(drive: str) -> int:
+    """Return the index of the scenario of a CAV's drive, EPISODE_CAV. Raises ValueError for a text that names none."""
+    return int(drive.partition("_")[0].rpartition("-")[2])
+
+
 def build_training_data_schema() -> dict[str, Any]:
     """Return the published schema: JSON Schema of `dataset.json` and `about.json`, and the arrays of `labels.npz`."""
     arrays = {

@@ -18,6 +18,7 @@ from mdrive_sumo.learning.sample_format import (
     MAX_LANES,
     SampleAbout,
     ShardEntry,
+    find_scenario_index,
     split_key,
 )
 from mdrive_sumo.learning.shard_reading import StoredSample, iterate_shard, load_dataset_file
@@ -63,7 +64,7 @@ def read_samples(folder: Path, spec: SystemSpec | None = None) -> Iterator[Train
     Raises InputError for a data set that lacks the system's rig and for a broken shard, with shard and key.
     """
     for path, entry in _list_shards(folder, spec):
-        for stored in iterate_shard(path, entry.samples, entry.bytes):
+        for stored in iterate_shard(path, entry):
             yield decode_sample(stored, spec)
 
 
@@ -91,8 +92,9 @@ def load_arrays(folders: Path | Sequence[Path], spec: SystemSpec, workers: int =
     Images by `ImageInput.name` (M, cameras, H, W, 3) uint8; `KEPT` as in `sample_format.LABELS`, occupancy packed;
     `lidar` and `instruction` (M, INSTRUCTION_WORDS) int64 if the system uses them; `boxes` (M, MAX_BOXES, 9), `futures`
     (M, MAX_BOXES, PLAN_POINTS, 3) and `lane_graph` (M, MAX_LANES, LANE_POINTS, 2), NaN where there is nothing;
-    `episode` (M,) int32, the number of the CAV's drive; `previous` (M,) int32, the row of the same CAV's sample 0.4 s
-    earlier or -1. workers: processes that decode shards. Raises InputError as `read_samples`, also without samples.
+    `scenario` (M,) int32, its index; `episode` (M,) int32, the number of the CAV's drive; `previous` (M,) int32, the
+    row of the same CAV's sample 0.4 s earlier or -1. workers: processes that decode shards. Raises InputError as
+    `read_samples`, also without samples.
     """
     listed = [folders] if isinstance(folders, Path) else list(folders)
     jobs = [DecodingJob(path, entry, spec) for folder in listed for path, entry in _list_shards(folder, spec)]
@@ -110,8 +112,7 @@ def load_arrays(folders: Path | Sequence[Path], spec: SystemSpec, workers: int =
                 arrays[name] = np.empty((total, *part.shape[1:]), part.dtype)
             arrays[name][rows] = part
     shard_of_row = np.repeat(np.arange(len(jobs)), np.diff(first_rows)).tolist()
-    arrays["episode"], arrays["previous"] = link_samples(keys, shard_of_row)
-    return arrays
+    return arrays | link_samples(keys, shard_of_row)
 
 
 def _decode_shards(jobs: Sequence[DecodingJob], workers: int) -> Iterator[tuple[int, tuple[list[str], Arrays]]]:
@@ -139,7 +140,7 @@ def decode_shard(job: DecodingJob) -> tuple[list[str], Arrays]:
     """Return keys and arrays of the samples of one shard, see `load_arrays`. Raises InputError."""
     keys: list[str] = []
     arrays: Arrays = {}
-    for row, stored in enumerate(iterate_shard(job.path, job.entry.samples, job.entry.bytes)):
+    for row, stored in enumerate(iterate_shard(job.path, job.entry)):
         keys.append(stored.key)
         for name, value in _build_row(decode_sample(stored, job.spec), job.spec).items():
             if name not in arrays:
@@ -168,23 +169,24 @@ def _pad(values: npt.NDArray[Any], shape: tuple[int, ...]) -> npt.NDArray[Any]:
     return padded
 
 
-def link_samples(keys: Sequence[str], shards: Sequence[int]) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-    """Return the number of the drive (M,) of each key, and the row (M,) of its previous sample or -1.
+def link_samples(keys: Sequence[str], shards: Sequence[int]) -> Arrays:
+    """Return `scenario`, `episode` and `previous` of `load_arrays`.
 
     shards: (M,) keys of different data sets may be equal, those of one shard are not. Raises InputError.
     """
     rows: dict[tuple[int, str, int], int] = {}
     drives: dict[tuple[int, str], int] = {}
-    episode, previous = np.empty(len(keys), np.int32), np.empty(len(keys), np.int32)
+    scenario, episode, previous = (np.empty(len(keys), np.int32) for _ in range(3))
     for row, (key, shard) in enumerate(zip(keys, shards, strict=True)):
         try:
             drive, tick = split_key(key)
+            scenario[row] = find_scenario_index(drive)
         except ValueError:
             raise InputError(f"sample {key!r:.80}: expected a key EPISODE_CAV_TICK, found another") from None
         rows[shard, drive, tick] = row
         episode[row] = drives.setdefault((shard, drive), len(drives))
         previous[row] = rows.get((shard, drive, tick - REMEMBERED_TICKS), -1)
-    return episode, previous
+    return {"scenario": scenario, "episode": episode, "previous": previous}
 
 
 def _list_shards(folder: Path, spec: SystemSpec | None) -> list[tuple[Path, ShardEntry]]:

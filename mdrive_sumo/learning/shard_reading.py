@@ -14,6 +14,7 @@ import numpy.typing as npt
 from PIL import UnidentifiedImageError
 from pydantic import ValidationError
 
+from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.image_files import decode_image
 from mdrive_sumo.learning.sample_format import (
@@ -27,9 +28,11 @@ from mdrive_sumo.learning.sample_format import (
     DatasetFile,
     LabelArray,
     SampleAbout,
+    ShardEntry,
 )
 from mdrive_sumo.scenario.scenario import describe_first_error
 
+REMEDY = "`learn data` makes the shard again"
 _NPZ_ERRORS = (
     zipfile.BadZipFile, zlib.error, ValueError, OSError, EOFError, KeyError, SyntaxError, NotImplementedError,
 )  # fmt: skip
@@ -126,16 +129,18 @@ def load_dataset_file(folder: Path) -> DatasetFile:
         raise InputError(f"{path}: {describe_first_error(error)}") from None
 
 
-def iterate_shard(path: Path, samples: int, size: int) -> Iterator[StoredSample]:
+def iterate_shard(path: Path, entry: ShardEntry) -> Iterator[StoredSample]:
     """Yield the samples of a shard in order. Raises InputError for a shard that is not as `dataset.json` says.
 
-    samples, size: number of samples, and bytes of the file.
+    Its checksum is compared last, so that what is missing is named before.
     """
     found = 0
-    for found, sample in enumerate(_group_members(path, size), start=1):  # noqa: B007 - counted
+    for found, sample in enumerate(_group_members(path, entry.bytes), start=1):  # noqa: B007 - counted
         yield sample
-    if found != samples:
-        raise InputError(f"{path}: expected {samples} samples, found {found}; `learn data` makes the shard again")
+    if found != entry.samples:
+        raise InputError(f"{path}: expected {entry.samples} samples, found {found}; {REMEDY}")
+    if (checksum := compute_file_checksum(path)) != entry.checksum:
+        raise InputError(f"{path}: expected the checksum {entry.checksum:.23}..., found {checksum:.23}...; {REMEDY}")
 
 
 def _group_members(path: Path, size: int) -> Iterator[StoredSample]:
@@ -156,7 +161,7 @@ def _read_members(path: Path, size: int) -> Iterator[tuple[str, bytes]]:
     last = "its beginning"
     try:
         if (found := path.stat().st_size) != size:
-            raise InputError(f"{path}: expected {size} bytes, found {found}; `learn data` makes the shard again")
+            raise InputError(f"{path}: expected {size} bytes, found {found}; {REMEDY}")
         with tarfile.open(path, mode="r:") as shard:
             for member in shard:
                 file = shard.extractfile(member)

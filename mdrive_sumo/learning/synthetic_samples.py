@@ -37,6 +37,7 @@ def build_synthetic_arrays(spec: SystemSpec, samples: int, seed: int) -> Arrays:
         "expert_plan": plan,
         "expert_control": np.stack((speed / 20.0, 0.5 - speed / 24.0, 0.0 * speed), axis=-1),
         "perturbed": np.zeros(samples, np.uint8),
+        "scenario": (rows // EPISODE_SAMPLES).astype(np.int32),
         "episode": (rows // EPISODE_SAMPLES).astype(np.int32),
         "previous": np.where(rows % EPISODE_SAMPLES < 2, -1, rows - 2).astype(np.int32),
     }

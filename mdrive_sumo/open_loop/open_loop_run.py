@@ -89,7 +89,7 @@ def prepare_open_loop(
         suite_checksum=reference.suite.checksum(),
         seeds=tuple(sorted({seed for _, seed in reference.recordings})),
         reference=reference.name,
-        versions=read_versions(),
+        versions=read_versions((agent,)),
         options=options.to_dict(),
     )
     return OpenLoopRun(reference, located, options, out, workers, info, _compute_fingerprint(config, reference))

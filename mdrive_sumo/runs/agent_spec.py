@@ -12,9 +12,9 @@ from typing import Any
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, find_carla_file, split_locator
 from mdrive_sumo.agent_process.child_process import AgentBox
-from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.agents.registry import AGENTS, LEARNED_AGENTS
 from mdrive_sumo.contract import Agent
-from mdrive_sumo.core.checksum import compute_file_checksum
+from mdrive_sumo.core.checksum import compute_file_checksum, compute_files_checksum
 
 AgentFactory = Callable[[Mapping[str, Any]], Agent]
 LOCAL_LIMITS = AgentLimits(reply_bytes=2**20, episode_bytes=2**30)
@@ -53,6 +53,11 @@ class AgentSpec:
         """Whether it is one of `agents.AGENTS`, which run in the worker process."""
         return isinstance(self.agent, str) and self.agent in AGENTS
 
+    @property
+    def is_learned(self) -> bool:
+        """Whether it is a built-in agent that ONNX Runtime computes for."""
+        return isinstance(self.agent, str) and self.agent in LEARNED_AGENTS
+
     def resolve(self) -> "AgentSpec":
         """Return the agent as any process finds it: the path of a file is absolute. Raises InputError."""
         if not isinstance(self.agent, str) or self.is_builtin:
@@ -67,8 +72,14 @@ class AgentSpec:
         return json.dumps(dict(self.config), sort_keys=True, separators=(",", ":"))
 
     def config_hash(self) -> str:
-        """Return the checksum of the options; "" if there are none."""
-        return "sha256:" + hashlib.sha256(self.config_text().encode()).hexdigest() if self.config else ""
+        """Return the checksum of the options and of the files that they name; "" if there are none."""
+        text = self.config_text() + self.files_checksum()
+        return "sha256:" + hashlib.sha256(text.encode()).hexdigest() if self.config else ""
+
+    def files_checksum(self) -> str:
+        """Return the checksum of the files that options name, such as weights; "" if they name none."""
+        files = {name: Path(value) for name, value in self.config.items() if _is_file(value)}
+        return compute_files_checksum(files) if files else ""
 
     def code_checksum(self) -> str:
         """Return the checksum of the agent's source; "" for a built-in agent.
@@ -92,6 +103,14 @@ class AgentSpec:
             return file
         place, _ = split_locator(self.agent)
         return Path(place) if place.endswith(".py") else None
+
+
+def _is_file(value: Any) -> bool:
+    """Return whether an option's value names a file; a path that the system cannot have names none."""
+    try:
+        return isinstance(value, str) and Path(value).is_file()
+    except OSError:
+        return False
 
 
 def pickle_agent(agent: AgentFactory) -> bytes:

@@ -12,7 +12,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.runs.setting_differences import SettingDifference, find_setting_differences
-from mdrive_sumo.scoring import Results, ScenarioResult
+from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult
 from mdrive_sumo.scoring.summary import compute_means
 
 if TYPE_CHECKING:
@@ -150,13 +150,19 @@ def _find_warnings(a: Results, b: Results) -> list[str]:
         "suite": (a.run.suite, b.run.suite),
         "suite checksum": (a.run.suite_checksum, b.run.suite_checksum),
         "seeds": (_list_seeds(a), _list_seeds(b)),
-        "versions": (a.run.versions, b.run.versions),
+        "versions": select_shared_versions(a.run, b.run),
     }
     found = [f"A and B differ in {what}: {x} and {y}" for what, (x, y) in compared.items() if x != y]
     tracks = (a.run.sensing_track, b.run.sensing_track)
     if all(tracks) and len(set(tracks)) > 1:
         found.append(f"A is in the {tracks[0]} track and B in the {tracks[1]} track, which are ranked apart")
     return found
+
+
+def select_shared_versions(a: RunInfo, b: RunInfo) -> tuple[dict[str, str], dict[str, str]]:
+    """Return the versions of the packages that both runs depend on: not ONNX Runtime, if one of the agents learned."""
+    shared = a.versions.keys() & b.versions.keys()
+    return {name: a.versions[name] for name in sorted(shared)}, {name: b.versions[name] for name in sorted(shared)}
 
 
 def average_seeds(results: Iterable[ScenarioResult]) -> dict[str, ScenarioResult]:

@@ -1,19 +1,24 @@
 """The fingerprint of a run: everything that makes two runs the same run, and that their results depend on."""
 
 import hashlib
-from importlib.metadata import version
+from collections.abc import Iterable, Iterator
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
 
+from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.core.checksum import compute_files_checksum
 from mdrive_sumo.roads import find_network_folder
 from mdrive_sumo.roads.network_file import read_network_file
+from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites
 
 PACKAGES = ("mdrive-sumo", "libsumo", "numpy")
+ONNX_RUNTIME = ("onnxruntime", "onnxruntime-gpu")
+"""Packages that hold it: one of them is installed."""
 
 
 def compute_fingerprint(config: RunConfig, suite: Suite, scenarios: tuple[Scenario, ...]) -> Fingerprint:
@@ -26,20 +31,44 @@ def compute_fingerprint(config: RunConfig, suite: Suite, scenarios: tuple[Scenar
         "networks": compute_networks_checksum(suite, scenarios),
         "agent_code": config.agent.code_checksum(),
         **({"others_code": config.others.agent.code_checksum()} if config.others else {}),
+        **dict(_hash_option_files(config)),
         "code": compute_code_checksum(),
-        **read_versions(),
+        **read_versions(config.agents),
     }
 
 
-def read_versions() -> dict[str, str]:
-    """Return the versions of the packages that results depend on, by name."""
-    return {"python": python_version()} | {package: version(package) for package in PACKAGES}
+def _hash_option_files(config: RunConfig) -> Iterator[tuple[str, str]]:
+    """Yield key and checksum of each agent whose options name files, such as weights of a training of one's own."""
+    for key, agent in zip(("agent_files", "others_files"), config.agents, strict=False):
+        if checksum := agent.files_checksum():
+            yield key, checksum
+
+
+def read_versions(agents: Iterable[AgentSpec] = ()) -> dict[str, str]:
+    """Return the versions of the packages that results depend on, by name; that of ONNX Runtime if an agent learned."""
+    versions = {"python": python_version()} | {package: version(package) for package in PACKAGES}
+    if any(agent.is_learned for agent in agents):
+        versions[ONNX_RUNTIME[0]] = _read_onnx_runtime_version()
+    return versions
+
+
+def _read_onnx_runtime_version() -> str:
+    for package in ONNX_RUNTIME:
+        try:
+            return version(package)
+        except PackageNotFoundError:
+            continue
+    return ""
 
 
 def compute_code_checksum() -> str:
-    """Return the checksum of this library: episodes of two states of its code never mix in one run."""
+    """Return the checksum of this library: episodes of two states of its code never mix in one run.
+
+    Packaged weights are part of it, by their manifests, which hold the checksums that loading compares.
+    """
     root = Path(__file__).parents[1]
-    return compute_files_checksum({str(path.relative_to(root)): path for path in root.rglob("*.py")})
+    files = [*root.rglob("*.py"), *WEIGHTS_FOLDER.glob("*.json")]
+    return compute_files_checksum({str(path.relative_to(root)): path for path in files})
 
 
 def compute_networks_checksum(suite: Suite, scenarios: tuple[Scenario, ...]) -> str:

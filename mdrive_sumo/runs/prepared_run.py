@@ -186,7 +186,7 @@ def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], decl
         "seed": config.seed,
         "seeds": config.seeds if config.more_seeds else (),
         "score_mode": config.score_mode,
-        "versions": read_versions(),
+        "versions": read_versions(config.agents),
         "command": config.command,
         **config.options.to_dict(),
         "comm": describe_comm(config.options.comm),

@@ -25,7 +25,7 @@ class StoredRun:
     def describe_version_changes(self) -> str:
         """Return what differs between the run and this installation, as far as results depend on it; "" if nothing."""
         networks = compute_networks_checksum(self.run.suite, self.run.scenarios)
-        now = read_versions() | {"code": compute_code_checksum(), "networks": networks}
+        now = read_versions(self.run.config.agents) | {"code": compute_code_checksum(), "networks": networks}
         then = self.run.fingerprint
         changes = [
             name if name in ("code", "networks") else f"{name} {then.get(name)}"

@@ -183,7 +183,7 @@ class RunInfo(_Part):
     declared_label: str = ""
     """What the agent says of itself; nothing depends on it."""
     agent_config: str = ""
-    """Hash of the agent's configuration."""
+    """Hash of the agent's configuration, the files that it names included."""
     others: str = Field(default="", exclude_if=lambda others: not others)
     """The agent of the CAVs that are not under test (`--others`); absent in a run of one agent."""
     penetration: int | None = Field(default=None, exclude_if=lambda penetration: penetration is None)

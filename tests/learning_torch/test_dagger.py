@@ -23,9 +23,9 @@ SPEC = SYSTEMS["tcp"]
 
 
 def load(folders: tuple[Path, ...]) -> Arrays:
-    """Forty samples for each folder, one a drive."""
+    """Forty samples for each folder, one a scenario."""
     arrays = build_synthetic_arrays(SPEC, 40 * len(folders), seed=0)
-    return arrays | {"episode": np.arange(40 * len(folders), dtype=np.int32)}
+    return arrays | {"scenario": np.arange(40 * len(folders), dtype=np.int32)}
 
 
 def test_each_round_drives_with_the_weights_of_the_one_before(tmp_path: Path) -> None:
@@ -42,7 +42,9 @@ def test_each_round_drives_with_the_weights_of_the_one_before(tmp_path: Path) ->
     assert checkpoint.summary["sources"] == [str(tmp_path / name) for name in ("first", *(name for _, name in driven))]
     assert checkpoint.summary["samples"] == 120 - 6
     assert checkpoint.summary["options"]["learning_rate"] == LATER_RATE * run.options.learning_rate
-    assert checkpoint.summary["initial"].endswith("round-1/checkpoint.pt")
+    earlier = checkpoint.summary["begun_with"]
+    assert earlier["checkpoint"].endswith("round-1/checkpoint.pt") and earlier["steps"] == 2
+    assert earlier["begun_with"]["checkpoint"].endswith("round-0/checkpoint.pt")
     lines: list[str] = []
     train_in_rounds(replace(run, is_resumed=True), data, 3, lines.append)
     assert sum("going on from step 2" in line for line in lines) == 3

@@ -1,6 +1,7 @@
 """Exported networks are small, answer as PyTorch does, and fit the agents."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,6 +45,33 @@ def test_a_difference_from_pytorch_is_refused(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(exporting, "MOST_DIFFERENCE_M", 1e-12)
     with pytest.raises(InputError, match="expected plans within 1e-12 m of PyTorch's, found a difference of"):
         export_network(make_checkpoint("tcp"), tmp_path)
+
+
+@pytest.mark.parametrize("row", [None, 1])
+def test_answers_that_are_no_numbers_are_refused(
+    row: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also if only the control, or only a later sample, is none: `max` passes over NaN."""
+    checkpoint = make_checkpoint("tcp")
+    if row is None:
+        checkpoint.average["control.answer.2.bias"].fill_(float("nan"))
+    else:
+        compare, seen = exporting._compare, list[float]()
+
+        def find_no_number(*arguments: Any) -> float:
+            seen.append(compare(*arguments))
+            return float("nan") if len(seen) == 1 + row else seen[-1]
+
+        monkeypatch.setattr(exporting, "_compare", find_no_number)
+    with pytest.raises(InputError, match=r"expected plans within 0\.01 m of PyTorch's, found a difference of nan m"):
+        export_network(checkpoint, tmp_path)
+
+
+def test_weights_of_another_network_are_refused(tmp_path: Path) -> None:
+    checkpoint = make_checkpoint("tcp")
+    del checkpoint.average["control.answer.2.bias"]
+    with pytest.raises(InputError, match=r"expected weights of the network of this version .* Missing key"):
+        export_network(checkpoint, tmp_path)
 
 
 def test_a_large_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,8 +15,8 @@ from mdrive_sumo.learning.training.run_training import Arrays
 
 
 def load(_: object, spec: SystemSpec, __: int) -> Arrays:
-    """Twenty drives of two samples."""
-    return build_synthetic_arrays(spec, 40, seed=0) | {"episode": np.arange(40, dtype=np.int32) // 2}
+    """Twenty scenarios of two samples."""
+    return build_synthetic_arrays(spec, 40, seed=0) | {"scenario": np.arange(40, dtype=np.int32) // 2}
 
 
 def run(*arguments: str) -> Result:
@@ -30,7 +30,7 @@ def made_up_data(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("system", ["tcp", "vad"])
 def test_from_data_to_weights_that_are_measured(system: str, tmp_path: Path) -> None:
-    out, weights, metrics = tmp_path / "run", tmp_path / "weights", tmp_path / "open-loop.json"
+    out, weights, metrics = tmp_path / "run", tmp_path / "weights", tmp_path / "new" / "open-loop.json"
     steps = ("--steps", "2", "--batch", "2", "--device", "cpu")
     trained = run("train", system, "--data", str(tmp_path), "--out", str(out), *steps)
     assert trained.exit_code == 0, trained.output
@@ -48,6 +48,27 @@ def test_from_data_to_weights_that_are_measured(system: str, tmp_path: Path) -> 
     assert ("control_l1" in found) == SYSTEMS[system].answers_control
 
 
+def test_a_training_is_not_overwritten(tmp_path: Path) -> None:
+    steps = ("--data", str(tmp_path), "--out", str(tmp_path), "--steps", "2", "--batch", "2", "--device", "cpu")
+    assert run("train", "tcp", *steps).exit_code == 0
+    before = (tmp_path / "checkpoint.pt").read_bytes()
+    again = run("train", "tcp", *steps)
+    assert again.exit_code == 2 and "expected no training in --out, found one; --resume goes on" in again.output
+    assert run("train", "tcp", "--smoke", "--device", "cpu", "--out", str(tmp_path)).exit_code == 0
+    assert (tmp_path / "checkpoint.pt").read_bytes() == before
+
+
+def test_numbers_are_numbers(tmp_path: Path) -> None:
+    result = run("train", "tcp", "--data", str(tmp_path), "--out", str(tmp_path), "--learning-rate", "nan")
+    assert result.exit_code == 2 and "expected a number, found 'nan'" in result.output
+
+
+def test_metrics_that_cannot_be_written_are_noticed_first(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    result = run("evaluate", "tcp", "--data", str(tmp_path), "--out", str(tmp_path / "file" / "metrics.json"))
+    assert result.exit_code == 2 and "cannot be written" in result.output
+
+
 def test_training_needs_data(tmp_path: Path) -> None:
     result = run("train", "tcp", "--device", "cpu", "--out", str(tmp_path))
     assert result.exit_code == 2
@@ -56,5 +77,5 @@ def test_training_needs_data(tmp_path: Path) -> None:
 
 def test_weights_of_another_system_are_refused(tmp_path: Path) -> None:
     assert run("train", "tcp", "--smoke", "--device", "cpu", "--out", str(tmp_path)).exit_code == 0
-    result = run("export", "vad", "--checkpoint", str(tmp_path), "--out", str(tmp_path))
+    result = run("export", "vad", "--checkpoint", str(tmp_path / "smoke"), "--out", str(tmp_path))
     assert result.exit_code == 2 and "expected a checkpoint of 'vad', found one of 'tcp'" in result.output

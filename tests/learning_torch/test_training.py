@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,7 +40,7 @@ def test_the_smoke_test_lowers_the_loss(tmp_path: Path) -> None:
     result = CliRunner().invoke(main, ["learn", "train", "tcp", "--smoke", "--device", "cpu", "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
     assert "mean loss of the first 10 of 50 steps" in result.output
-    assert (tmp_path / "curves.png").is_file()
+    assert (tmp_path / "smoke" / "curves.png").is_file()
 
 
 @pytest.mark.parametrize("system", ["vad", "uniad", "lmdrive"])
@@ -76,7 +77,7 @@ def test_training_ends_itself_in_time(tmp_path: Path) -> None:
 
 def test_a_run_validates_on_drives_that_it_has_not_seen(tmp_path: Path) -> None:
     arrays = build_synthetic_arrays(SYSTEMS["tcp"], 60, seed=0)
-    arrays["episode"] = (np.arange(60) // 3).astype(np.int32)
+    arrays["scenario"] = (np.arange(60) // 3).astype(np.int32)
     lines: list[str] = []
     run = TrainingRun("tcp", replace(OPTIONS, steps=4), "cpu", tmp_path, arrays, sources=("made up",))
     path = run_training(run, lines.append)
@@ -89,6 +90,56 @@ def test_a_run_validates_on_drives_that_it_has_not_seen(tmp_path: Path) -> None:
     lines.clear()
     run_training(replace(run, is_resumed=True), lines.append)
     assert "going on from step 4" in lines[0]
+    assert load_checkpoint(path).summary["losses"] == summary["losses"] != {}
+
+
+def make_run(folder: Path) -> TrainingRun:
+    arrays = build_synthetic_arrays(SYSTEMS["tcp"], 30, seed=0)
+    return TrainingRun("tcp", replace(OPTIONS, steps=2), "cpu", folder, arrays, sources=("data/a",))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sources": ("data/b",)}, r"sources: expected \['data/a'\], as the training began, found \['data/b'\]"),
+        ({"options": replace(OPTIONS, steps=4, seed=9)}, "--seed: expected 0, as the training began, found 9"),
+        ({"options": replace(OPTIONS, steps=4, batch=4)}, "--batch: expected 2, as the training began, found 4"),
+        ({"data": build_synthetic_arrays(SYSTEMS["tcp"], 20, seed=0)}, "kinds: expected {'cruise': "),
+    ],
+)
+def test_a_resumed_run_is_the_run_that_began(change: dict[str, Any], message: str, tmp_path: Path) -> None:
+    run = make_run(tmp_path)
+    run_training(run, str)
+    with pytest.raises(InputError, match=message):
+        run_training(replace(run, is_resumed=True, **change), str)
+    longer = replace(run, is_resumed=True, options=replace(OPTIONS, steps=4, learning_rate=1e-4))
+    assert load_checkpoint(run_training(longer, str)).step == 4
+
+
+def test_a_run_is_not_begun_over_another(tmp_path: Path) -> None:
+    run_training(make_run(tmp_path), str)
+    with pytest.raises(InputError, match="expected no training in --out, found one; --resume goes on with it"):
+        run_training(make_run(tmp_path), str)
+
+
+def test_a_run_goes_on_on_another_kind_of_device(tmp_path: Path) -> None:
+    """The state of a GPU's random numbers has another size."""
+    trainer, data = make_trainer()
+    trainer.save(tmp_path)
+    checkpoint = load_whole_checkpoint(tmp_path, "tcp")
+    checkpoint.generator = torch.zeros(16, dtype=torch.uint8)
+    trainer.resume(checkpoint)
+    trainer.train(data, np.ones(4), tmp_path)
+    assert trainer.step == OPTIONS.steps
+
+
+def test_weights_of_another_version_do_not_go_on(tmp_path: Path) -> None:
+    trainer, _ = make_trainer()
+    trainer.save(tmp_path)
+    checkpoint = load_whole_checkpoint(tmp_path, "tcp")
+    checkpoint.network["no such layer"] = torch.zeros(1)
+    with pytest.raises(InputError, match=r"expected weights of the network of this version .* Unexpected key"):
+        trainer.resume(checkpoint)
 
 
 def test_a_loss_that_is_no_number_ends_training(tmp_path: Path) -> None:
@@ -105,9 +156,8 @@ def test_a_gpu_that_is_too_small_says_what_to_do(tmp_path: Path, monkeypatch: py
         raise torch.cuda.OutOfMemoryError
 
     monkeypatch.setattr(training, "compute_losses", refuse)
-    trainer, data = make_trainer()
-    with pytest.raises(InputError, match="memory is too small for a batch of 2: give --batch 1"):
-        trainer.train(data, np.ones(4), tmp_path)
+    with pytest.raises(InputError, match=r"memory is too small for a batch of 2: give --batch 1, and --init .*weights"):
+        run_training(make_run(tmp_path), str)
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no checkpoint", b"PK\x03\x04"])

@@ -21,7 +21,8 @@ MANIFEST = WeightsManifest(
 )
 PLANS = {"ade_1s_m": 0.1, "fde_3s_m": 1.25}
 OPEN_LOOP = {
-    "samples": 7, "data": ["val"], "plan": PLANS, "constant_velocity": PLANS, "blackout": PLANS,
+    "system": "tcp", "sha256": "0" * 64, "samples": 7, "data": ["val"],
+    "plan": PLANS, "constant_velocity": PLANS, "blackout": PLANS,
     "by_kind": {"brake": {"samples": 7, "ade_3s_m": 0.5}}, "decision_ms": {"median": 4.0, "p99": 9.0},
     "control_l1": {"throttle": 0.1, "brake": 0.2, "steer": 0.01},
 }  # fmt: skip
@@ -50,9 +51,38 @@ def test_a_condition_is_the_mean_over_its_seeds_with_an_interval() -> None:
     assert found["ds_interval"][0] < 75.0 < found["ds_interval"][1]
 
 
-def test_seeds_of_other_scenarios_are_refused() -> None:
-    with pytest.raises(InputError, match=r"expected each scenario as often as the others, found \[1, 2\] times"):
-        summarise_runs([make_results(0, {"a": 50.0, "b": 100.0}), make_results(1, {"a": 60.0})])
+def test_runs_that_do_not_belong_together_are_refused() -> None:
+    first = make_results(0, {"a": 50.0, "b": 100.0})
+    with pytest.raises(InputError, match="agent tcp: expected runs of the same scenarios, found others"):
+        summarise_runs([first, make_results(1, {"a": 60.0})])
+    with pytest.raises(InputError, match=r"agent tcp: expected one run a seed, found the seeds \[0, 0\]"):
+        summarise_runs([first, first])
+    other = first.model_copy(update={"run": first.run.model_copy(update={"seed": 1, "agent": "idm"})})
+    with pytest.raises(InputError, match="expected runs with one agent, found tcp and idm"):
+        summarise_runs([first, other])
+    with pytest.raises(InputError, match="expected a score of every scenario, found 2 without"):
+        summarise_runs([first.model_copy(update={"void": 2})])
+
+
+def test_measurements_of_another_system_or_other_weights_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(write_model_card, "FOLDER", tmp_path)
+    monkeypatch.setattr(write_model_card, "load_results", load_unchecked_results)
+    save_results(make_results(0, {"a": 50.0}), tmp_path / "results.json")
+    (tmp_path / "open.json").write_text(json.dumps(OPEN_LOOP))
+    empty = argparse.Namespace(open_loop=None, run=[], train=[], note=[])
+    for options, message in (
+        ({"open_loop": tmp_path / "open.json"}, "expected a measurement of vad, found one of tcp"),
+        ({"run": [f"as packaged={tmp_path}"]}, "expected a run of vad, found one of tcp"),
+    ):
+        with pytest.raises(InputError, match=message):
+            update_measured("vad", argparse.Namespace(**{**vars(empty), **options}))
+    (tmp_path / "tcp.json").write_text(json.dumps({"open_loop": OPEN_LOOP}))
+    with pytest.raises(
+        InputError, match=r"tcp: expected measurements of the packaged weights \w+\.\.\., found those of 000"
+    ):
+        build_card("tcp")
 
 
 def test_a_card_says_what_was_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

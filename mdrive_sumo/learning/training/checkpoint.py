@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from torch import nn
 
 from mdrive_sumo.core.errors import InputError
 
@@ -72,6 +73,17 @@ def load_whole_checkpoint(path: Path, system: str) -> Checkpoint:
     if not checkpoint.optimizer:
         raise InputError(f"{path}: expected a {CHECKPOINT_NAME} to go on from, found weights only; give --init instead")
     return checkpoint
+
+
+def take_weights(network: nn.Module, weights: dict[str, Any], system: str) -> None:
+    """Load the weights of a checkpoint into a network. Raises InputError if they are those of another network."""
+    try:
+        network.load_state_dict(weights)
+    except RuntimeError as error:
+        raise InputError(
+            f"checkpoint of {system!r}: expected weights of the network of this version of mdrive-sumo, found others"
+            f" ({' '.join(str(error).split())[:160]}); train it again"
+        ) from None
 
 
 def _shorten(error: Exception) -> str:

@@ -33,7 +33,7 @@ def train_in_rounds(run: TrainingRun, data: DaggerData, rounds: int, report: Rep
     folders = data.folders
     checkpoint = run.initial
     for number in range(rounds):
-        folder = run.folder / f"round-{number}"
+        folder = name_round(run.folder, number)
         options = run.options
         if number:
             assert checkpoint is not None
@@ -50,6 +50,11 @@ def train_in_rounds(run: TrainingRun, data: DaggerData, rounds: int, report: Rep
     final = run.folder / CHECKPOINT_NAME
     shutil.copyfile(checkpoint, final)
     return final
+
+
+def name_round(folder: Path, number: int) -> Path:
+    """Return the folder of a round in that of the training."""
+    return folder / f"round-{number}"
 
 
 def _name(folders: tuple[Path, ...]) -> tuple[str, ...]:

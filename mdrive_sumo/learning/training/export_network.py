@@ -3,7 +3,7 @@
 import copy
 import hashlib
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_m
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.networks.build_network import build_network, count_parameters
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
-from mdrive_sumo.learning.training.checkpoint import Checkpoint
+from mdrive_sumo.learning.training.checkpoint import Checkpoint, take_weights
 from mdrive_sumo.learning.training.training_data import build_empty_memory
 
 OPSET = 17
@@ -72,7 +72,7 @@ def export_network(checkpoint: Checkpoint, folder: Path, arrays: Arrays | None =
     """
     spec = SYSTEMS[checkpoint.system]
     network = build_network(checkpoint.system)
-    network.load_state_dict(checkpoint.average)
+    take_weights(network, checkpoint.average, checkpoint.system)
     network.eval()
     halved = _halve_weights(network)
     folder.mkdir(parents=True, exist_ok=True)
@@ -83,8 +83,8 @@ def export_network(checkpoint: Checkpoint, folder: Path, arrays: Arrays | None =
         samples += [_take_sample(spec, arrays, row) for row in rows.tolist()]
     inputs, outputs = list(samples[0]), list(describe_outputs(spec))
     _write_onnx(_Positional(halved, inputs, outputs).eval(), samples[0], outputs, path)
-    difference = max(_compare(halved, path, sample) for sample in samples)
-    rounding = max(_compare(network, path, sample) for sample in samples)
+    difference = _find_largest(_compare(halved, path, sample) for sample in samples)
+    rounding = _find_largest(_compare(network, path, sample) for sample in samples)
     _check(path, difference)
     manifest = _build_manifest(checkpoint, path, network, samples[0])
     write_manifest(manifest, path.with_suffix(".json"))
@@ -169,7 +169,12 @@ def _compare(network: nn.Module, path: Path, sample: Mapping[str, Tensor]) -> fl
         expected = network(dict(sample))
     found = run_onnx(path, {name: each.numpy() for name, each in sample.items()})
     names = [name for name in ("plan", "control") if name in expected]
-    return max(float(np.abs(found[i] - expected[name].numpy()).max()) for i, name in enumerate(names))
+    return _find_largest(float(np.abs(found[i] - expected[name].numpy()).max()) for i, name in enumerate(names))
+
+
+def _find_largest(differences: Iterable[float]) -> float:
+    """Return the largest number; NaN if one is none, which `max` would pass over."""
+    return float(np.max(list(differences)))
 
 
 def _check(path: Path, difference: float) -> None:

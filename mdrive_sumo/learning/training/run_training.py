@@ -15,13 +15,21 @@ from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.held_out import find_held_out
 from mdrive_sumo.learning.sample_kinds import compute_shares, name_kinds
-from mdrive_sumo.learning.training.checkpoint import CHECKPOINT_NAME, load_checkpoint, load_whole_checkpoint
+from mdrive_sumo.learning.training.checkpoint import (
+    CHECKPOINT_NAME,
+    WEIGHTS_NAME,
+    Checkpoint,
+    load_checkpoint,
+    load_whole_checkpoint,
+)
 from mdrive_sumo.learning.training.trainer import Trainer
 from mdrive_sumo.learning.training.training_data import TrainingData
 from mdrive_sumo.learning.training.training_options import TrainingOptions
 from mdrive_sumo.learning.training.validation import Arrays, Validation
 
 VALIDATION_NAME = "validation.json"
+TOLD_OF_EARLIER = ("samples", "sources", "steps", "minutes", "begun_with")
+"""What the summary keeps of a training that it began with."""
 Report = Callable[[str], None]
 
 
@@ -46,6 +54,17 @@ class TrainingRun:
 
 def run_training(run: TrainingRun, report: Report) -> Path:
     """Train, validate and return the path of the checkpoint. Raises InputError."""
+    try:
+        return _run(run, report)
+    except torch.cuda.OutOfMemoryError:
+        batch = run.options.batch
+        raise InputError(
+            f"training {run.system}: the GPU's memory is too small for a batch of {batch}: give --batch"
+            f" {max(1, batch // 2)}, and --init {run.folder / WEIGHTS_NAME} if that was written"
+        ) from None
+
+
+def _run(run: TrainingRun, report: Report) -> Path:
     device = find_device(run.device)
     trainer = Trainer(run.system, run.options, device, report)
     _prepare(trainer, run, report)
@@ -75,10 +94,37 @@ def find_device(name: str) -> torch.device:
 def _prepare(trainer: Trainer, run: TrainingRun, report: Report) -> None:
     path = run.folder / CHECKPOINT_NAME
     if run.is_resumed and path.is_file():
-        trainer.resume(load_whole_checkpoint(path, run.system))
+        checkpoint = load_whole_checkpoint(path, run.system)
+        _check_resumed(path, checkpoint, run)
+        trainer.resume(checkpoint)
         report(f"{path}: going on from step {trainer.step}")
-    elif run.initial is not None:
-        trainer.begin_with(load_checkpoint(run.initial, run.system))
+        return
+    check_unused(run.folder)
+    if run.initial is not None:
+        checkpoint = load_checkpoint(run.initial, run.system)
+        trainer.begin_with(checkpoint)
+        told = {name: checkpoint.summary[name] for name in TOLD_OF_EARLIER if name in checkpoint.summary}
+        trainer.summary["begun_with"] = {"checkpoint": str(run.initial)} | told
+
+
+def check_unused(folder: Path) -> None:
+    """Raise InputError if a folder holds a training already, which would be lost."""
+    if (path := folder / CHECKPOINT_NAME).exists():
+        raise InputError(f"{path}: expected no training in --out, found one; --resume goes on with it")
+
+
+def _check_resumed(path: Path, checkpoint: Checkpoint, run: TrainingRun) -> None:
+    """Raise InputError unless a checkpoint is of a run on the same data, with the options that make it the same."""
+    before, now = checkpoint.summary, _describe_data(run) | {"options": asdict(run.options)}
+    pairs = {name: (before.get(name), now[name]) for name in ("sources", "kinds")}
+    options = before.get("options", {})
+    pairs |= {f"--{name}": (options.get(name), now["options"][name]) for name in ("seed", "batch")}
+    for what, (then, here) in pairs.items():
+        if then != here:
+            raise InputError(
+                f"{path}: {what}: expected {then}, as the training began, found {here}; --init begins another training"
+                " with its weights"
+            )
 
 
 def _prepare_data(run: TrainingRun, device: torch.device) -> tuple[TrainingData, npt.NDArray[np.float64], Validation]:
@@ -96,12 +142,16 @@ def _prepare_data(run: TrainingRun, device: torch.device) -> tuple[TrainingData,
 
 def _describe_run(run: TrainingRun, device: torch.device, samples: int) -> dict[str, Any]:
     where = torch.cuda.get_device_name(device) if device.type == "cuda" else "CPU"
-    return {
+    return _describe_data(run) | {
         "samples": samples,
-        "kinds": dict(sorted(Counter(name_kinds(run.data).tolist()).items())),
-        "sources": list(run.sources),
         "options": asdict(run.options),
         "device": where,
         "torch": str(torch.__version__),
-        "initial": "" if run.initial is None else str(run.initial),
+    }
+
+
+def _describe_data(run: TrainingRun) -> dict[str, Any]:
+    return {
+        "kinds": dict(sorted(Counter(name_kinds(run.data).tolist()).items())),
+        "sources": list(run.sources),
     }

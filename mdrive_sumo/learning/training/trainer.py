@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.networks.build_network import build_network, count_parameters
 from mdrive_sumo.learning.training.augment import MEMORY_DROPOUT, augment_inputs
-from mdrive_sumo.learning.training.checkpoint import Checkpoint, save_checkpoint, save_weights
+from mdrive_sumo.learning.training.checkpoint import Checkpoint, save_checkpoint, save_weights, take_weights
 from mdrive_sumo.learning.training.compute_losses import compute_losses
 from mdrive_sumo.learning.training.moving_average import MovingAverage
 from mdrive_sumo.learning.training.recall import recall_previous
@@ -54,18 +54,21 @@ class Trainer:
         self.summary: dict[str, Any] = {"parameters": count_parameters(self.network)}
 
     def resume(self, checkpoint: Checkpoint) -> None:
-        """Go on from a checkpoint."""
-        self.network.load_state_dict(checkpoint.network)
-        self.average.network.load_state_dict(checkpoint.average)
+        """Go on from a checkpoint, on the same kind of device to the same bits. Raises InputError."""
+        take_weights(self.network, checkpoint.network, self.system)
+        take_weights(self.average.network, checkpoint.average, self.system)
         self.optimizer.load_state_dict(checkpoint.optimizer)
-        self.generator.set_state(checkpoint.generator)
         self.step, self.elapsed_s = checkpoint.step, checkpoint.elapsed_s
         self.summary = checkpoint.summary
+        if checkpoint.generator.shape == self.generator.get_state().shape:
+            self.generator.set_state(checkpoint.generator)
+        else:  # of another kind of device, whose random numbers are others
+            self.generator.manual_seed(self.options.seed + self.step)
 
     def begin_with(self, checkpoint: Checkpoint) -> None:
-        """Take the averaged weights of a checkpoint, and nothing else."""
-        self.network.load_state_dict(checkpoint.average)
-        self.average.network.load_state_dict(checkpoint.average)
+        """Take the averaged weights of a checkpoint, and nothing else. Raises InputError."""
+        take_weights(self.network, checkpoint.average, self.system)
+        take_weights(self.average.network, checkpoint.average, self.system)
 
     def save(self, folder: Path) -> Path:
         """Write a checkpoint, and its weights apart, and return its path."""
@@ -119,7 +122,8 @@ class Trainer:
 
     def _finish(self, losses: dict[str, float], folder: Path) -> dict[str, float]:
         """Summarise the run, write its last checkpoint, and return the losses."""
-        self.summary["losses"] = losses
+        if losses:  # none if the run was over when it was resumed
+            self.summary["losses"] = losses
         self.save(folder)
         return losses
 
@@ -131,17 +135,11 @@ class Trainer:
         for group in self.optimizer.param_groups:
             group["lr"] = self.options.find_learning_rate(self.step, progress)
         rows = torch.multinomial(drawn, self.options.batch, replacement=True, generator=self.generator)
-        try:
-            parts = self._compute_losses(data, rows)
-            self.optimizer.zero_grad(set_to_none=True)
-            parts["total"].backward()
-            torch.nn.utils.clip_grad_norm_(self.network.parameters(), MOST_GRADIENT)
-            self.optimizer.step()
-        except torch.cuda.OutOfMemoryError:
-            raise InputError(
-                f"training {self.system}: the GPU's memory is too small for a batch of {self.options.batch}: "
-                f"give --batch {max(1, self.options.batch // 2)}, and --resume if a checkpoint was written"
-            ) from None
+        parts = self._compute_losses(data, rows)
+        self.optimizer.zero_grad(set_to_none=True)
+        parts["total"].backward()
+        torch.nn.utils.clip_grad_norm_(self.network.parameters(), MOST_GRADIENT)
+        self.optimizer.step()
         self.average.update(self.step)
         return parts
 

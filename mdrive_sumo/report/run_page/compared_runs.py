@@ -7,6 +7,7 @@ from string import ascii_uppercase
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.result_tables import describe_agent
+from mdrive_sumo.runs.compare import select_shared_versions
 from mdrive_sumo.runs.stored_run import StoredRun, load_stored_run
 
 MAX_RUNS = len(ascii_uppercase)
@@ -50,7 +51,7 @@ def _check_comparable(first: ComparedRun, other: ComparedRun) -> None:
     compared = {
         "suite": (f"{a.suite} {a.suite_checksum[7:19]}", f"{b.suite} {b.suite_checksum[7:19]}"),
         "score mode": (a.score_mode, b.score_mode),
-        "versions": (_format_versions(a.versions), _format_versions(b.versions)),
+        "versions": tuple(map(_format_versions, select_shared_versions(a, b))),
     }
     remedies = {
         "suite": "runs of one suite can be compared",

@@ -64,14 +64,22 @@ SURFACE_OF_MATERIAL = {
 
 
 def build_mesh(
-    triangles: Float, colour: Colour, semantic: SemanticClass, material: Material = Material.PLAIN, layer: int = 0
+    triangles: Float,
+    colour: Colour,
+    semantic: SemanticClass,
+    material: Material = Material.PLAIN,
+    layer: int = 0,
+    origin: Float | None = None,
 ) -> Mesh:
-    """Return triangles (T, 3, 3) [m], counter-clockwise from outside, as a mesh. layer: of the ground; 1 is the top."""
+    """Return triangles (T, 3, 3) [m], counter-clockwise from outside, as a mesh.
+
+    layer: of the ground; 1 is the top. origin: (3,) what the mesh is relative to, None: the same as the triangles.
+    """
     edges = triangles[:, 1:] - triangles[:, :1]
     normals = np.cross(edges[:, 0], edges[:, 1])
     normals /= np.maximum(np.sqrt(portable.square(normals).sum(-1, keepdims=True)), 1e-12)
     mesh = np.zeros(3 * len(triangles), dtype=VERTEX)
-    mesh["position"] = triangles.reshape(-1, 3)
+    mesh["position"] = (triangles if origin is None else triangles - origin).reshape(-1, 3)
     mesh["normal"] = np.repeat(normals, 3, axis=0)
     mesh["colour"] = (*colour, 255)
     mesh["kind"] = (semantic, material, layer, 0)

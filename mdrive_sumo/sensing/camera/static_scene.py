@@ -1,9 +1,10 @@
 """StaticScene: what stands still in a network (ground, markings, buildings, signs, poles) as meshes in chunks."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import TypeAlias
 
 import numpy as np
 import shapely
@@ -47,10 +48,16 @@ HOUSING_M = (0.3, 0.36, 1.0)
 HOUSING_LOW_M, HOUSING_GAP_M = 2.7, 0.5
 OUTSIDE_M = 0.9
 """[m] Distance of a traffic light's pole from the edge of its lane."""
+GRID_M = 8192.0
+"""[m] Vertices are first rounded to single precision relative to a multiple of it: large coordinates lose no digits."""
 GROUND_LAYERS = 5
 """Of roads, pavements and paint; the terrain lies below them."""
 GREY: Colour = (120, 122, 124)
 RED: Colour = (190, 30, 38)
+
+
+MeshBuilder: TypeAlias = Callable[..., Mesh]
+"""`build_mesh`, relative to the scene's multiple of GRID_M."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,9 +106,11 @@ def load_static_scene(roads: RoadMap) -> StaticScene:
     geometry, heads = build_map_geometry(roads, whole), list_signal_heads(roads, whole)
     middle = shapely.get_coordinates(whole.centroid)[0].round()
     origin = np.array((*middle, 0.0))
+    corner = GRID_M * np.round(origin / GRID_M)
+    build = partial(build_mesh, origin=corner)
     # Solids first, then the ground from top to bottom: a pixel is shaded about once.
-    mesh = _move(join_meshes([*_build_solids(geometry, heads), *_build_ground(geometry)]), origin)
-    return StaticScene(origin, *_cut_into_chunks(mesh), _build_lamps(heads, origin))
+    mesh = join_meshes([*_build_solids(geometry, heads, build), *_build_ground(geometry, build)])
+    return StaticScene(origin, *_cut_into_chunks(_move(mesh, origin - corner)), _build_lamps(heads, origin))
 
 
 def find_surroundings(points: Float) -> shapely.Polygon:
@@ -113,12 +122,12 @@ def find_surroundings(points: Float) -> shapely.Polygon:
     return shapely.box(*least.tolist(), *most.tolist())
 
 
-def _move(mesh: Mesh, origin: Float) -> Mesh:
-    mesh["position"] -= origin.astype(np.float32)
+def _move(mesh: Mesh, by: Float) -> Mesh:
+    mesh["position"] -= by.astype(np.float32)
     return mesh
 
 
-def _build_ground(geometry: MapGeometry) -> Iterator[Mesh]:
+def _build_ground(geometry: MapGeometry, build: MeshBuilder) -> Iterator[Mesh]:
     """Yield the layers of the ground from top to bottom."""
     road, walk, line = SemanticClass.ROAD, SemanticClass.SIDEWALK, SemanticClass.ROAD_LINE
     paint = build_road_paint(geometry, LINE_M, STOP_LINE_M)
@@ -130,7 +139,7 @@ def _build_ground(geometry: MapGeometry) -> Iterator[Mesh]:
         (geometry.pavements, (158, 156, 150), walk, Material.ROUGH),
     )
     for layer, (shapes, colour, semantic, material) in enumerate(layers, start=1):
-        yield build_mesh(triangulate_polygons(shapes, 0.0), colour, semantic, material, layer)
+        yield build(triangulate_polygons(shapes, 0.0), colour, semantic, material, layer)
 
 
 def _build_kerbs(geometry: MapGeometry) -> list[shapely.Polygon]:
@@ -141,32 +150,32 @@ def _build_kerbs(geometry: MapGeometry) -> list[shapely.Polygon]:
     return [part for part in shapely.get_parts(strips).tolist() if isinstance(part, shapely.Polygon)]
 
 
-def _build_solids(geometry: MapGeometry, heads: Sequence[SignalHead]) -> Iterator[Mesh]:
+def _build_solids(geometry: MapGeometry, heads: Sequence[SignalHead], build: MeshBuilder) -> Iterator[Mesh]:
     for shape in geometry.buildings:
         ring = shapely.get_coordinates(shapely.orient_polygons(shape).exterior)[:-1]
         walls, roof = extrude_outline(ring, 0.0, BUILDING_M)
         tone = int(abs(ring[0].sum())) % 3
         colour = ((186, 170, 150), (168, 164, 160), (190, 150, 128))[tone]
-        yield build_mesh(walls, colour, SemanticClass.BUILDING, Material.FACADE)
-        yield build_mesh(roof, (120, 110, 104), SemanticClass.BUILDING)
+        yield build(walls, colour, SemanticClass.BUILDING, Material.FACADE)
+        yield build(roof, (120, 110, 104), SemanticClass.BUILDING)
     for mark in geometry.stop_signs:
         if mark.sign is not None:
-            yield from _build_stop_sign(mark)
+            yield from _build_stop_sign(mark, build)
     for head in heads:
-        yield from _build_signal(head)
+        yield from _build_signal(head, build)
 
 
-def _build_pole(x: float, y: float, height: float) -> Mesh:
+def _build_pole(x: float, y: float, height: float, build: MeshBuilder) -> Mesh:
     half = POLE_M / 2
-    return build_mesh(build_block((x - half, y - half, 0.0), (x + half, y + half, height)), GREY, SemanticClass.POLE)
+    return build(build_block((x - half, y - half, 0.0), (x + half, y + half, height)), GREY, SemanticClass.POLE)
 
 
-def _build_stop_sign(mark: StopMark) -> Iterator[Mesh]:
+def _build_stop_sign(mark: StopMark, build: MeshBuilder) -> Iterator[Mesh]:
     """Yield the pole and both sides of an octagon that faces the lane."""
     assert mark.sign is not None
     across = (mark.line[1] - mark.line[0]) / portable.hypot(*(mark.line[1] - mark.line[0]))
     x, y = mark.sign.tolist()
-    yield _build_pole(x, y, SIGN_HEIGHT_M)
+    yield _build_pole(x, y, SIGN_HEIGHT_M, build)
     cos, sin = portable.cos_sin((np.arange(8) + 0.5) * math.pi / 4)
     ring = np.column_stack(
         (
@@ -178,7 +187,7 @@ def _build_stop_sign(mark: StopMark) -> Iterator[Mesh]:
     for side, colour, order in ((-ahead, RED, 1), (ahead, GREY, -1)):
         corners = (ring + side)[::order]
         fan = np.stack((np.broadcast_to(corners[:1], (6, 3)), corners[1:-1], corners[2:]), axis=1)
-        yield build_mesh(fan, colour, SemanticClass.TRAFFIC_SIGN)
+        yield build(fan, colour, SemanticClass.TRAFFIC_SIGN)
 
 
 def _place_housings(head: SignalHead) -> Iterator[tuple[float, float]]:
@@ -194,15 +203,15 @@ def _find_right(yaw: float) -> Float:
     return np.array((sin, -cos))
 
 
-def _build_signal(head: SignalHead) -> Iterator[Mesh]:
+def _build_signal(head: SignalHead, build: MeshBuilder) -> Iterator[Mesh]:
     depth, width, height = HOUSING_M
     cos, sin = portable.cos_sin(head.yaw)
     turn = np.array(((cos, sin, 0.0), (-sin, cos, 0.0), (0.0, 0.0, 1.0)))
     low = (-depth / 2, -width / 2, HOUSING_LOW_M)
     block = build_block(low, (depth / 2, width / 2, HOUSING_LOW_M + height))
     for x, y in _place_housings(head):
-        yield _build_pole(x, y, HOUSING_LOW_M)
-        yield build_mesh(block @ turn + (x, y, 0.0), (34, 36, 36), SemanticClass.TRAFFIC_LIGHT)
+        yield _build_pole(x, y, HOUSING_LOW_M, build)
+        yield build(block @ turn + (x, y, 0.0), (34, 36, 36), SemanticClass.TRAFFIC_LIGHT)
 
 
 def _build_lamps(heads: Sequence[SignalHead], origin: Float) -> SignalLamps:

@@ -13,7 +13,7 @@ from testing.processes import wait_for
 from testing.training_data import SilentProgress, collect_here, copy_dataset, make_settings
 
 from mdrive_sumo.core.errors import InputError, WorldError
-from mdrive_sumo.learning import collection, drive_episode
+from mdrive_sumo.learning import collection, collection_settings, drive_episode, training_scenarios
 from mdrive_sumo.learning.collection import collect_dataset
 from mdrive_sumo.learning.sample_format import DATASET_FILE, LABELS_SUFFIX, DatasetFile
 from mdrive_sumo.learning.sample_reader import read_samples
@@ -130,6 +130,17 @@ def test_a_folder_with_another_data_set_is_refused(
     with pytest.raises(InputError, match="found one with another") as caught:
         collect_here(make_settings(short_suite, **changes), folder)
     assert part in str(caught.value)
+
+
+def test_samples_of_two_versions_never_mix(
+    short_suite: Path, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copy_dataset(dataset, tmp_path / "set")
+    monkeypatch.setattr(training_scenarios, "VERSION", 99)
+    monkeypatch.setattr(collection_settings, "compute_code_checksum", lambda: "sha256:of a later version")
+    with pytest.raises(InputError, match="found one with another") as caught:
+        collect_here(make_settings(short_suite), folder, 5)
+    assert "generator 1 (now 99)" in str(caught.value) and "code" in str(caught.value)
 
 
 def test_fresh_starts_anew(short_suite: Path, dataset: Path, tmp_path: Path) -> None:

@@ -89,6 +89,7 @@ MISTAKES: dict[str, tuple[tuple[str, ...], str]] = {
     "split": (("--split", "test"), "--split"),
     "no scenarios": (("--scenarios", "0"), "'--scenarios'"),
     "rate": (("--perturb", "-1"), "'--perturb'"),
+    "no number": (("--perturb", "nan"), "'--perturb': expected a number, found 'nan'"),
     "no weights": (("--driver", "none.onnx"), "none.onnx: expected a file with weights (ONNX), found none"),
     "no driver": (("--mix", "0.5"), "--mix and --round go only with --driver"),
     "suite": (("--suite", "nothing"), "suite 'nothing': expected a folder or one of"),

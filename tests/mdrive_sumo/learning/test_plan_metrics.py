@@ -65,14 +65,20 @@ def test_the_description_compares_with_constant_velocity() -> None:
     assert measure_controls(arrays["expert_control"], arrays["expert_control"])["steer"] == 0.0
 
 
-def test_whole_drives_are_held_out() -> None:
-    episode = np.repeat(np.arange(40), 5).astype(np.int32)
-    held_out = find_held_out({"episode": episode})
-    assert sorted(set(episode[held_out].tolist())) == [19, 39] and len(held_out) == 10
-    with pytest.raises(
-        InputError, match="expected 20 drives of a car or more to hold one out, found fewer; give --val"
-    ):
-        find_held_out({"episode": episode[:50]})
+def test_whole_scenarios_are_held_out() -> None:
+    scenario = np.repeat(np.arange(40), 5).astype(np.int32)
+    held_out = find_held_out({"scenario": scenario})
+    assert sorted(set(scenario[held_out].tolist())) == [19, 39] and len(held_out) == 10
+    assert find_held_out({"scenario": scenario[:50]}).tolist() == [45, 46, 47, 48, 49], "the last of fewer than 20"
+    with pytest.raises(InputError, match="expected two scenarios or more to hold one out, found fewer; give --val"):
+        find_held_out({"scenario": scenario[:5]})
+
+
+def test_a_later_round_holds_out_the_same_scenarios() -> None:
+    first, both = np.arange(40, dtype=np.int32), np.concatenate((np.arange(40), np.arange(60))).astype(np.int32)
+    held_out = set(first[find_held_out({"scenario": first})].tolist())
+    trained = set(np.delete(both, find_held_out({"scenario": both})).tolist())
+    assert held_out and not held_out & trained
 
 
 def test_motion_is_told_in_the_earlier_frame() -> None:

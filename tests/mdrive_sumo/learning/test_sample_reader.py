@@ -26,7 +26,7 @@ Files = dict[str, bytes]
 
 
 def rewrite(folder: Path, change: Callable[[Files], None], adapt: bool = True) -> None:
-    """Write the first shard again with changed files; adapt: and `dataset.json` with its size."""
+    """Write the first shard again with changed files; adapt: and `dataset.json` with its size and checksum."""
     path = folder / SHARD
     files: Files = {}
     with tarfile.open(path) as shard:
@@ -41,7 +41,11 @@ def rewrite(folder: Path, change: Callable[[Files], None], adapt: bool = True) -
             member.size = len(data)
             shard.addfile(member, io.BytesIO(data))
     if adapt:
-        change_dataset(folder, lambda about: about["shards"][0].update(bytes=path.stat().st_size))
+        change_dataset(folder, lambda about: about["shards"][0].update(describe(path)))
+
+
+def describe(path: Path) -> dict[str, Any]:
+    return {"bytes": path.stat().st_size, "checksum": compute_file_checksum(path)}
 
 
 def change_dataset(folder: Path, change: Callable[[dict[str, Any]], None]) -> None:
@@ -132,6 +136,7 @@ def test_previous_rows_are_the_same_cars_0_4_s_earlier(dataset: Path, tmp_path: 
         else:
             assert keys[before % count] == (drive, tick - 8) and before // count == row // count
     drives = dict.fromkeys(keys[row % count][0] + str(row // count) for row in range(2 * count))
+    assert set(arrays["scenario"].tolist()) == {0, 1}
     assert arrays["episode"].tolist() == [
         list(drives).index(keys[row % count][0] + str(row // count)) for row in range(2 * count)
     ]
@@ -148,6 +153,16 @@ def cut_with_its_size(folder: Path) -> None:
     cut(folder)
     size = (folder / SHARD).stat().st_size
     change_dataset(folder, lambda about: about["shards"][0].update(bytes=size))
+
+
+def flip_a_bit(folder: Path) -> None:
+    """In the middle of an image, which still decodes."""
+    path = folder / SHARD
+    with tarfile.open(path) as shard:
+        image = next(member for member in shard if member.name.endswith(".jpg"))
+    data = bytearray(path.read_bytes())
+    data[image.offset_data + image.size // 2] ^= 1
+    path.write_bytes(data)
 
 
 def remove_file(suffix: str) -> Callable[[Path], None]:
@@ -183,6 +198,7 @@ BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda folder: (folder / SHARD).write_bytes(b"x" * (folder / SHARD).stat().st_size),
         rf"{SHARD}: expected a tar file, found after its beginning",
     ),
+    "a bit": (flip_a_bit, rf"{SHARD}: expected the checksum sha256:\w+\.\.\., found sha256:"),
     "a sample less": (lambda folder: rewrite(folder, remove_first_sample), rf"{SHARD}: expected \d+ samples, found"),
     "no labels": (remove_file("labels.npz"), SHARD_AND_KEY + "expected a file .*labels.npz, found none"),
     "no image": (remove_file("tcp-front.jpg"), SHARD_AND_KEY + "expected a file .*tcp-front.jpg, found none"),

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 import shapely
 
+from mdrive_sumo.contract.semantic_classes import SemanticClass
 from mdrive_sumo.roads import find_network_folder, load_road_map
-from mdrive_sumo.sensing.camera.static_scene import SURROUNDINGS_M, find_surroundings, load_static_scene
+from mdrive_sumo.sensing.camera.meshes import build_mesh
+from mdrive_sumo.sensing.camera.static_scene import GRID_M, SURROUNDINGS_M, find_surroundings, load_static_scene
 
 
 def test_surroundings_are_the_envelope_of_a_buffer() -> None:
@@ -25,3 +27,12 @@ def test_many_points_cost_nothing() -> None:
 def test_the_largest_network_has_a_scene() -> None:
     scene = load_static_scene(load_road_map(find_network_folder("hard_corridor_arterial")))
     assert len(scene.vertices["position"]) > 1000 and np.isfinite(scene.vertices["position"]).all()
+
+
+def test_large_coordinates_lose_no_digits() -> None:
+    """Networks of converted maps may keep coordinates of UTM, in millions of metres."""
+    place = np.array((690_000.0, 5_330_000.0, 0.0))
+    corner = GRID_M * np.round(place / GRID_M)
+    triangle = np.array([[(0.0, 0.0, 0.0), (0.15, 0.0, 0.0), (0.0, 0.15, 0.0)]])
+    mesh = build_mesh(place + triangle, (0, 0, 0), SemanticClass.ROAD, origin=corner)
+    np.testing.assert_allclose(mesh["position"] - (place - corner), triangle[0], atol=1e-3)

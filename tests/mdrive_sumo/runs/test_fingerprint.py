@@ -1,0 +1,60 @@
+"""What makes two runs the same: the code, the versions, and the files that options name, such as weights."""
+
+from pathlib import Path
+
+import pytest
+
+from mdrive_sumo.runs import fingerprint as module
+from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.compare import select_shared_versions
+from mdrive_sumo.runs.fingerprint import compute_code_checksum, compute_fingerprint, read_versions
+from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.scoring import RunInfo
+
+
+def test_other_weights_at_the_same_path_are_another_run(tmp_path: Path) -> None:
+    weights = tmp_path / "tcp.onnx"
+    weights.write_bytes(b"one")
+    suite = load_suite("interdrive")
+    config = RunConfig(agent=AgentSpec("tcp", {"weights": str(weights), "creep": 0}))
+    first, options = compute_fingerprint(config, suite, suite.scenarios[:1]), config.agent.config_hash()
+    assert compute_fingerprint(config, suite, suite.scenarios[:1]) == first
+    weights.write_bytes(b"two")
+    second = compute_fingerprint(config, suite, suite.scenarios[:1])
+    assert {name for name in second if second[name] != first[name]} == {"agent_files"}
+    assert config.agent.config_hash() != options, "results tell them apart, too"
+
+
+def test_options_without_files_are_no_files(tmp_path: Path) -> None:
+    for value in ("", "gpt", str(tmp_path), "x" * 5000, "nul\0", 1):
+        assert AgentSpec("tcp", {"weights": value}).files_checksum() == ""
+    assert AgentSpec("single").config_hash() == ""
+
+
+def test_packaged_weights_are_part_of_the_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = compute_code_checksum()
+    assert compute_code_checksum() == before
+    monkeypatch.setattr(module, "WEIGHTS_FOLDER", tmp_path)
+    assert compute_code_checksum() != before
+
+
+def test_onnx_runtime_counts_where_it_computes() -> None:
+    assert "onnxruntime" not in read_versions((AgentSpec("single"), AgentSpec("path.py:Class")))
+    assert read_versions((AgentSpec("single"), AgentSpec("vad")))["onnxruntime"].count(".") == 2
+
+
+def test_a_learned_and_another_agent_have_the_same_versions() -> None:
+    rule = RunInfo(
+        agent="single",
+        suite="x",
+        suite_checksum="",
+        seed=0,
+        score_mode="mdrive",
+        versions={"python": "3", "numpy": "2"},
+    )
+    learned = rule.model_copy(update={"versions": {**rule.versions, "onnxruntime": "1"}})
+    here, there = select_shared_versions(rule, learned)
+    assert here == there == rule.versions
+    here, there = select_shared_versions(learned, learned.model_copy(update={"versions": {"onnxruntime": "2"}}))
+    assert here != there
