@@ -1,5 +1,6 @@
 """`mdrive-sumo eval-open`."""
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -110,6 +111,9 @@ def command(
         click.echo(f"Error: {error}", err=True)
         ctx.exit(1)
     click.echo(format_open_loop(results))
+    skipped = sum((Counter(one.skipped) for one in results.scenarios), Counter[str]())
+    if skipped:
+        click.echo("\nnot compared: " + ", ".join(f"{count} frames with {why}" for why, count in skipped.items()))
     click.echo(f"\n{open_run.folder / OPEN_LOOP_FILE}  all numbers")
     failures = format_open_loop_failures(results)
     if failures:

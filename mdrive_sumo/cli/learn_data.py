@@ -12,9 +12,9 @@ from mdrive_sumo.cli.finite_range import FiniteRange
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.learning.collection import collect_dataset
-from mdrive_sumo.learning.collection_settings import EXPERTS, SPLITS, CollectionSettings
+from mdrive_sumo.learning.collection_settings import EXPERTS, CollectionSettings
 from mdrive_sumo.learning.recorded_rigs import RIG_NAMES, parse_rig_names
-from mdrive_sumo.learning.sample_format import CollectedScenario, DatasetFile, ShardEntry
+from mdrive_sumo.learning.sample_format import SPLITS, CollectedScenario, DatasetFile, ShardEntry
 
 
 @click.command("data")

@@ -45,6 +45,8 @@ def command(system: str, data: tuple[Path, ...], weights: Path | None, out: Path
         for name, key in ((system, "plan"), ("constant velocity", "constant_velocity"), ("blind", "blackout"))
     ]
     click.echo(format_text_table(("plans", *found["plan"]), rows))
-    click.echo(f"{found['samples']} samples; {found['decision_ms']['median']:.1f} ms a decision on one core")
+    kinds = [(name, str(one["samples"]), f"{one['ade_3s_m']:.3f}") for name, one in found["by_kind"].items()]
+    click.echo("\n" + format_text_table(("the expert", "samples", "ade_3s_m"), kinds))
+    click.echo(f"\n{found['samples']} samples; {found['decision_ms']['median']:.1f} ms a decision on one core")
     if out is not None:
         out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

@@ -1,5 +1,6 @@
 """`mdrive-sumo learn export`."""
 
+import json
 from pathlib import Path
 
 import click
@@ -32,5 +33,7 @@ def command(system: str, checkpoint: Path, out: Path, data: tuple[Path, ...], wo
     size = found.network.stat().st_size / 1e6
     click.echo(
         f"{found.network}  {size:.2f} MB, differs from PyTorch by {1e3 * found.difference:.3f} mm at most, by"
-        f" {1e3 * found.rounding:.3f} mm before its weights were rounded"
+        f" {1e3 * found.rounding:.3f} mm before its weights were rounded\n"
+        f"`eval --agent {system} --agent-config FILE` drives with it, FILE holds"
+        f" {json.dumps({'weights': str(found.network)})}"
     )

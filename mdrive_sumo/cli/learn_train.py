@@ -10,6 +10,7 @@ import click
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli.finite_range import FiniteRange
 from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.require_torch import require_torch
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -61,7 +62,20 @@ def command(system: str, smoke: bool, data: tuple[Path, ...], out: Path, **optio
         return
     if not data:
         raise click.UsageError("--data: expected at least one data set of `learn data`, found none")
-    _train(system, data, out, options)
+    try:
+        _train(system, data, out, options)
+    except KeyboardInterrupt:
+        where = "--resume goes on with" if is_begun(out) else "nothing is kept in"
+        click.echo(f"interrupted; {where} {out}", err=True)
+        raise click.exceptions.Exit(130) from None
+
+
+def is_begun(out: Path) -> bool:
+    """Return whether a folder holds a training, in rounds or not."""
+    from mdrive_sumo.learning.training.checkpoint import CHECKPOINT_NAME
+    from mdrive_sumo.learning.training.dagger import name_round
+
+    return any((folder / CHECKPOINT_NAME).is_file() for folder in (out, name_round(out, 0)))
 
 
 def _run_smoke_test(system: str, data: tuple[Path, ...], out: Path, workers: int) -> None:
@@ -88,14 +102,14 @@ def _load(system: str, folders: tuple[Path, ...], workers: int) -> dict[str, Any
 
 
 def _train(system: str, data: tuple[Path, ...], out: Path, options: dict[str, Any]) -> None:
-    from mdrive_sumo.learning.training.dagger import name_round
-    from mdrive_sumo.learning.training.run_training import TrainingRun, check_unused, find_device, run_training
+    from mdrive_sumo.learning.training.run_training import TrainingRun, find_device, run_training
     from mdrive_sumo.learning.training.training_options import TrainingOptions
 
     find_device(options["device"])  # before the data is read
-    if not options["resume"]:
-        check_unused(out)
-        check_unused(name_round(out, 0))
+    if is_begun(out) and not options["resume"]:
+        raise InputError(f"--out {out}: expected no training there, found one; --resume goes on with it")
+    if options["resume"] and not is_begun(out):
+        raise InputError(f"--resume: expected a training to go on with in {out}, found none")
     rounds = RoundOptions(options["rounds"], options["scenarios"], options["workers"])
     training = TrainingOptions(
         steps=options["steps"], batch=options["batch"], learning_rate=options["learning_rate"], seed=options["seed"],

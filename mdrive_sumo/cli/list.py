@@ -1,8 +1,10 @@
 """`mdrive-sumo list`."""
 
+import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -12,6 +14,7 @@ from mdrive_sumo.contract.agent_options import AgentFactory
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import TableRow, format_text_table
 from mdrive_sumo.generate.validation import is_hard_suite
+from mdrive_sumo.open_loop import OPEN_LOOP_FILE
 from mdrive_sumo.report.agent_failures import list_agent_failures
 from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
@@ -180,13 +183,25 @@ def _make_run_row(run: ListedRun) -> TableRow:
         return (name, *("?",) * (len(RUNS_HEADER) - 2), f"unreadable: {run.problem}")
     facts = run.fingerprint
     seeds = str(facts.get("seeds", facts.get("seed", "?")))
-    known = (name, Path(str(facts.get("suite", "?"))).name, str(facts.get("agent", "?")).rpartition("/")[2], seeds)
+    known = (name, Path(str(facts.get("suite", "?"))).name, _describe_agent(facts), seeds)
     if run.results is None:
-        return (*known, str(run.finished), "-", "-", "interrupted")
+        state = "finished, open loop" if (run.folder / OPEN_LOOP_FILE).is_file() else "interrupted"
+        return (*known, str(run.finished), "-", "-", state)
     means = run.results.overall.scenario_mean
     failed = len({(one.result.id, one.result.seed) for one in list_agent_failures(run.results)})
     states = [f"{count} {what}" for count, what in ((run.results.void, "void"), (failed, "agent failed")) if count]
     return (*known, str(run.finished), f"{means.ds:.2f}", f"{means.sr:.2f}", ", ".join(states) or "finished")
+
+
+def _describe_agent(fingerprint: Mapping[str, Any]) -> str:
+    """Return the agent with its options, of paths the last part."""
+    name = str(fingerprint.get("agent", "?")).rpartition("/")[2]
+    try:
+        options = json.loads(fingerprint.get("agent_config") or "{}")
+    except ValueError:
+        return name
+    words = [f"{key} {str(value).rpartition('/')[2]}" for key, value in sorted(options.items())]
+    return f"{name} ({', '.join(words)})" if words else name
 
 
 LISTS: Mapping[str, Callable[[str], str]] = {

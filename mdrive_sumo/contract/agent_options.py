@@ -1,6 +1,5 @@
 """Options of built-in agents: type aliases, and validation of a configuration."""
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -20,6 +19,8 @@ class Option:
     default: float
     low: float
     high: float
+    is_switch: bool = False
+    """Only `low` and `high` are valid, and False and True for them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +55,17 @@ def read_choice(agent: str, config: Config, name: str, choice: Choice) -> str:
 
 def _number(agent: str, name: str, config: Config, option: Option) -> float:
     value = config.get(name, option.default)
-    wanted = f"agent {agent}: option {name}: expected a number in [{option.low:g}, {option.high:g}]"
-    if isinstance(value, bool):
+    values = (
+        f"{option.low:g} or {option.high:g}" if option.is_switch else f"a number in [{option.low:g}, {option.high:g}]"
+    )
+    wanted = f"agent {agent}: option {name}: expected {values}"
+    if isinstance(value, bool) and not option.is_switch:
         raise InputError(f"{wanted}, found {value}")
     try:
         number = float(value)
     except ValueError:
         raise InputError(f"{wanted}, found {value!r}") from None
-    if not (math.isfinite(number) and option.low <= number <= option.high):
+    is_valid = number in (option.low, option.high) if option.is_switch else option.low <= number <= option.high
+    if not is_valid:  # nor is NaN
         raise InputError(f"{wanted}, found {number:g}")
     return number

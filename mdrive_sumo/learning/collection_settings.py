@@ -11,6 +11,7 @@ from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.learning.learner_driver import find_driver_system
 from mdrive_sumo.learning.recorded_rigs import find_recorded_rig
+from mdrive_sumo.learning.sample_format import SPLITS
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
@@ -20,7 +21,6 @@ from mdrive_sumo.scenario.suite import load_suite
 
 EXPERTS = ("omniscient", "sharing+negotiation", "single")
 """Built-in agents that answer with plans; the best first."""
-SPLITS = ("train", "val")
 TRAINING_NETWORKS = "train_"
 """Beginning of the names of all networks for training."""
 

@@ -9,10 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.agents.learned.model_weights import DrivingNetwork, load_network
-from mdrive_sumo.agents.learned.network_inputs import Inputs, black_out_images, describe_inputs
+from mdrive_sumo.agents.learned.network_inputs import Inputs, black_out_images, compute_motion, describe_inputs
 from mdrive_sumo.agents.learned.system_spec import SystemSpec
-from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.learning.plan_metrics import describe_plans, measure_controls
 
 Arrays = Mapping[str, npt.NDArray[Any]]
@@ -51,8 +49,8 @@ def _predict(
         if spec.uses_memory:
             is_next = row > 0 and memory is not None and arrays["episode"][row] == arrays["episode"][row - 1]
             inputs["memory"] = memory if is_next and memory is not None else np.zeros(memory_shape, np.float32)
-            states = arrays["own"][[row - 1 if is_next else row, row]]
-            inputs["motion"] = measure_motion(states[0], states[1])
+            poses = arrays["own"][[row - 1 if is_next else row, row], :3].astype(np.float64)
+            inputs["motion"] = compute_motion(poses[0], poses[1])
         began = time.perf_counter()
         outputs = network.run(inputs)
         seconds[row] = time.perf_counter() - began
@@ -60,10 +58,3 @@ def _predict(
         controls[row] = outputs.get("control", controls[row])
         memory = outputs.get("bev")
     return plans, controls, seconds
-
-
-def measure_motion(then: npt.NDArray[np.float32], now: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Return the motion (3,) dx, dy [m, the car's frame then], change of yaw [rad] between states (6,)."""
-    cos, sin = portable.cos_sin(float(then[2]))
-    dx, dy = (now[:2].astype(np.float64) - then[:2]).tolist()
-    return np.array((cos * dx + sin * dy, cos * dy - sin * dx, wrap_angle(float(now[2] - then[2]))), np.float32)

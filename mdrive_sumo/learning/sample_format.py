@@ -22,12 +22,14 @@ from mdrive_sumo.agents.learned.system_spec import (
 
 FORMAT = "mdrive-sumo/training-data/1"
 DATASET_FILE = "dataset.json"
+SPLITS = ("train", "val")
 SHARD_SCENARIOS = 4
 """Scenarios of one shard: with six cameras about 100 MB, and what a killed worker loses."""
 LABELS_SUFFIX, INSTRUCTION_SUFFIX, ABOUT_SUFFIX, IMAGE_ENDING = "labels.npz", "instruction.txt", "about.json", ".jpg"
 BOX_COLUMNS = ("x", "y", "yaw", "length", "width", "speed", "class", "is_visible", "id")
 """Columns of `boxes`; class is a `RoadUserModel`, id a number that is unique and constant in its episode."""
-MAX_LANES, LANE_POINTS = 40, 10
+VISIBLE = BOX_COLUMNS.index("is_visible")
+MAX_BOXES, MAX_LANES, LANE_POINTS = 48, 40, 10
 OCCUPANCY_LAYERS = 1 + PLAN_POINTS
 OCCUPANCY_SHAPE = OCCUPANCY_LAYERS, LIDAR_CELLS, LIDAR_CELLS
 OCCUPANCY_BYTES = math.prod(OCCUPANCY_SHAPE) // 8

@@ -15,6 +15,7 @@ from mdrive_sumo.learning.recorded_rigs import find_recorded_rig, list_stored_im
 from mdrive_sumo.learning.sample_format import (
     BOX_COLUMNS,
     LANE_POINTS,
+    MAX_BOXES,
     MAX_LANES,
     SampleAbout,
     ShardEntry,
@@ -26,7 +27,6 @@ from mdrive_sumo.runs.process_pool import ProcessPool
 from mdrive_sumo.runs.worker_process import WorkerFailure
 
 Arrays = dict[str, npt.NDArray[Any]]
-MAX_BOXES = 48
 """The nearest ones of a sample are kept by `load_arrays`."""
 REMEMBERED_TICKS = 8
 """A sample's `previous` one is two decisions earlier: 0.4 s."""

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 
+from mdrive_sumo.agents.learned.ego_frame import convert_to_frame
 from mdrive_sumo.agents.learned.system_spec import PLAN_INTERVAL_S, PLAN_POINTS
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
@@ -72,7 +73,7 @@ class SceneLabels:
             "boxes": boxes.astype(np.float32),
             "futures": later.astype(np.float32),
             "occupancy": self._rasterize(tick, columns[known], now[known], later[known], own),
-            "lane_graph": to_ego_points(lanes, own).astype(np.float32),
+            "lane_graph": convert_to_frame(lanes, own).astype(np.float32),
         }
 
     def _find_futures(self, tick: int, columns: Int, own: Float) -> Float:
@@ -117,13 +118,6 @@ def _build_eye(pose: Float, row: int) -> SensorPose:
     return SensorPose(x, y, yaw, row)
 
 
-def to_ego_points(points: Float, own: Float) -> Float:
-    """Return points (..., 2) [m] of the world in the ego frame of a pose (3,) x, y, yaw."""
-    cos, sin = portable.cos_sin(float(own[2]))
-    x, y = points[..., 0] - own[0], points[..., 1] - own[1]
-    return np.stack((cos * x + sin * y, cos * y - sin * x), axis=-1)
-
-
 def to_ego_poses(poses: Float, own: Float) -> Float:
     """Return poses (..., 3) x, y, yaw of the world in the ego frame of a pose (3,); yaw in [-pi, pi)."""
-    return np.concatenate((to_ego_points(poses[..., :2], own), wrap_angles(poses[..., 2:] - own[2])), axis=-1)
+    return np.concatenate((convert_to_frame(poses[..., :2], own), wrap_angles(poses[..., 2:] - own[2])), axis=-1)

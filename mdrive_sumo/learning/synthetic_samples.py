@@ -15,9 +15,9 @@ from mdrive_sumo.agents.learned.system_spec import (
     ROUTE_STEP_M,
     SystemSpec,
 )
+from mdrive_sumo.learning.sample_format import BOX_COLUMNS, LANE_POINTS, MAX_BOXES, MAX_LANES
 
 Arrays = dict[str, npt.NDArray[np.generic]]
-BOXES, LANES, LANE_POINTS = 48, 40, 10
 EPISODE_SAMPLES = 10
 """Consecutive samples of one car."""
 
@@ -67,15 +67,15 @@ def _build_inputs(spec: SystemSpec, speed: npt.NDArray[np.float32], random: np.r
 
 def _build_scene(samples: int, times: npt.NDArray[np.float32], random: np.random.Generator) -> Arrays:
     """Return road users that drive straight, where they are, and lanes; all at random places."""
-    boxes = np.full((samples, BOXES, 9), np.nan, np.float32)
-    futures = np.full((samples, BOXES, PLAN_POINTS, 3), np.nan, np.float32)
+    boxes = np.full((samples, MAX_BOXES, len(BOX_COLUMNS)), np.nan, np.float32)
+    futures = np.full((samples, MAX_BOXES, PLAN_POINTS, 3), np.nan, np.float32)
     there = random.integers(3, 8)
     boxes[:, :there, :2] = random.uniform(-20.0, 30.0, (samples, there, 2))
     boxes[:, :there, 2:] = 0.0, 4.5, 1.9, 5.0, 0.0, 1.0, 0.0
     futures[:, :there] = boxes[:, :there, None, :3]
     futures[:, :there, :, 0] += 5.0 * times
     occupied = random.random((samples, 1 + PLAN_POINTS, LIDAR_CELLS, LIDAR_CELLS)) < 0.02
-    lanes = np.full((samples, LANES, LANE_POINTS, 2), np.nan, np.float32)
+    lanes = np.full((samples, MAX_LANES, LANE_POINTS, 2), np.nan, np.float32)
     lanes[:, :2] = np.stack((np.linspace(-10, 30, LANE_POINTS), np.zeros(LANE_POINTS)), axis=-1)
     lanes[:, 1, :, 1] = 3.5
     packed = np.packbits(occupied.reshape(samples, -1), axis=1)

@@ -28,6 +28,7 @@ from mdrive_sumo.learning.roadside_actors import (
     is_behind_bend,
     select_free_actors,
 )
+from mdrive_sumo.learning.sample_format import SPLITS
 from mdrive_sumo.learning.training_situations import SITUATIONS, SituationPlan
 from mdrive_sumo.learning.training_spawn_points import build_training_cavs, draw_start_speeds
 from mdrive_sumo.learning.training_traffic import TrafficRequest, build_training_traffic, locate_departure
@@ -42,7 +43,6 @@ from mdrive_sumo.vehicle import dynamics
 VERSION = 1
 """Of this generator, part of every seed; incremented whenever the same arguments would make another scenario."""
 BUCKET = "Training"
-SPLITS = ("train", "val")
 VALIDATION_PREFIX = "train_val_"
 TEMPLATE, TEMPLATE_SHARE = "template", 0.15
 """Kind and share of scenarios that the templates of the Interaction categories propose, on training networks."""

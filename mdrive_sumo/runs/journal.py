@@ -116,6 +116,9 @@ def open_journal(folder: Path, fingerprint: Fingerprint, *, fresh: bool) -> Gene
         if fresh:
             os.ftruncate(descriptor, 0)
         found = read_journal(path)
+        if _is_unused(path, found, fingerprint):
+            os.ftruncate(descriptor, 0)
+            found = read_journal(path)
         if found.lines:
             _check_header(path, found.lines[0], fingerprint)
         os.ftruncate(descriptor, found.good_bytes)
@@ -126,6 +129,11 @@ def open_journal(folder: Path, fingerprint: Fingerprint, *, fresh: bool) -> Gene
         yield journal
     finally:
         os.close(descriptor)
+
+
+def _is_unused(path: Path, found: JournalText, fingerprint: Fingerprint) -> bool:
+    """Return whether the journal is that of another command for which nothing was done, such as a refused agent."""
+    return len(found.lines) == 1 and _read_header_fingerprint(path, found.lines[0]) != fingerprint
 
 
 def _open(path: Path) -> int:

@@ -76,6 +76,8 @@ def list_settings(info: RunInfo, folder: Path | None = None) -> dict[str, Any]:
 def _list_agent_settings(info: RunInfo, fingerprint: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     if code := fingerprint.get("agent_code"):
         yield "agent code", code
+    if files := fingerprint.get("agent_files"):
+        yield "agent files", files
     try:
         options = json.loads(fingerprint.get("agent_config", ""))
     except (ValueError, TypeError, RecursionError):

@@ -5,13 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from click.testing import CliRunner, Result
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS, SystemSpec
 from mdrive_sumo.cli import main
 from mdrive_sumo.learning import sample_reader
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
-from mdrive_sumo.learning.training.run_training import Arrays
+from mdrive_sumo.learning.training import run_training as running
+from mdrive_sumo.learning.training.run_training import Arrays, TrainingRun
+from mdrive_sumo.learning.training.trainer import Trainer
 
 
 def load(_: object, spec: SystemSpec, __: int) -> Arrays:
@@ -53,9 +56,24 @@ def test_a_training_is_not_overwritten(tmp_path: Path) -> None:
     assert run("train", "tcp", *steps).exit_code == 0
     before = (tmp_path / "checkpoint.pt").read_bytes()
     again = run("train", "tcp", *steps)
-    assert again.exit_code == 2 and "expected no training in --out, found one; --resume goes on" in again.output
+    assert again.exit_code == 2 and "expected no training there, found one; --resume goes on" in again.output
     assert run("train", "tcp", "--smoke", "--device", "cpu", "--out", str(tmp_path)).exit_code == 0
     assert (tmp_path / "checkpoint.pt").read_bytes() == before
+
+
+def test_nothing_is_resumed_where_nothing_is(tmp_path: Path) -> None:
+    result = run("train", "tcp", "--data", str(tmp_path), "--out", str(tmp_path), "--device", "cpu", "--resume")
+    assert result.exit_code == 2 and "--resume: expected a training to go on with" in result.output
+
+
+def test_ctrl_c_says_how_to_go_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(training: TrainingRun, _: object) -> Path:
+        Trainer("tcp", training.options, torch.device("cpu")).save(training.folder)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(running, "run_training", interrupt)
+    result = run("train", "tcp", "--data", str(tmp_path), "--out", str(tmp_path / "out"), "--device", "cpu")
+    assert result.exit_code == 130 and "interrupted; --resume goes on with" in result.output
 
 
 def test_numbers_are_numbers(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Training: losses fall, an interrupted run goes on as if nothing had happened, bad input ends in one sentence."""
 
 import json
+import signal
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -93,6 +94,10 @@ def test_a_run_validates_on_drives_that_it_has_not_seen(tmp_path: Path) -> None:
     assert load_checkpoint(path).summary["losses"] == summary["losses"] != {}
 
 
+def silent(_: str) -> None:
+    """No progress."""
+
+
 def make_run(folder: Path) -> TrainingRun:
     arrays = build_synthetic_arrays(SYSTEMS["tcp"], 30, seed=0)
     return TrainingRun("tcp", replace(OPTIONS, steps=2), "cpu", folder, arrays, sources=("data/a",))
@@ -109,17 +114,17 @@ def make_run(folder: Path) -> TrainingRun:
 )
 def test_a_resumed_run_is_the_run_that_began(change: dict[str, Any], message: str, tmp_path: Path) -> None:
     run = make_run(tmp_path)
-    run_training(run, str)
+    run_training(run, silent)
     with pytest.raises(InputError, match=message):
-        run_training(replace(run, is_resumed=True, **change), str)
+        run_training(replace(run, is_resumed=True, **change), silent)
     longer = replace(run, is_resumed=True, options=replace(OPTIONS, steps=4, learning_rate=1e-4))
-    assert load_checkpoint(run_training(longer, str)).step == 4
+    assert load_checkpoint(run_training(longer, silent)).step == 4
 
 
 def test_a_run_is_not_begun_over_another(tmp_path: Path) -> None:
-    run_training(make_run(tmp_path), str)
-    with pytest.raises(InputError, match="expected no training in --out, found one; --resume goes on with it"):
-        run_training(make_run(tmp_path), str)
+    run_training(make_run(tmp_path), silent)
+    with pytest.raises(InputError, match="expected no training there, found one; --resume goes on with it"):
+        run_training(make_run(tmp_path), silent)
 
 
 def test_a_run_goes_on_on_another_kind_of_device(tmp_path: Path) -> None:
@@ -131,6 +136,22 @@ def test_a_run_goes_on_on_another_kind_of_device(tmp_path: Path) -> None:
     trainer.resume(checkpoint)
     trainer.train(data, np.ones(4), tmp_path)
     assert trainer.step == OPTIONS.steps
+
+
+def test_ctrl_c_keeps_a_whole_checkpoint(tmp_path: Path) -> None:
+    trainer, data = make_trainer(options=replace(OPTIONS, steps=1000, log_every=1))
+    lines: list[str] = []
+
+    def interrupt(line: str) -> None:
+        lines.append(line)
+        if len(lines) == 3:
+            signal.raise_signal(signal.SIGINT)
+
+    trainer._report = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        trainer.train(data, np.ones(4), tmp_path)
+    assert load_whole_checkpoint(tmp_path, "tcp").step == trainer.step == 3
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
 def test_weights_of_another_version_do_not_go_on(tmp_path: Path) -> None:
@@ -157,7 +178,7 @@ def test_a_gpu_that_is_too_small_says_what_to_do(tmp_path: Path, monkeypatch: py
 
     monkeypatch.setattr(training, "compute_losses", refuse)
     with pytest.raises(InputError, match=r"memory is too small for a batch of 2: give --batch 1, and --init .*weights"):
-        run_training(make_run(tmp_path), str)
+        run_training(make_run(tmp_path), silent)
 
 
 @pytest.mark.parametrize("content", [None, b"", b"no checkpoint", b"PK\x03\x04"])

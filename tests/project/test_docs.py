@@ -26,6 +26,7 @@ from mdrive_sumo.contract import (
 from mdrive_sumo.report.installation import SYSTEM_LIBRARIES
 from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion
 from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.sensing.camera.camera_sensor import read_camera_model
 from mdrive_sumo.vehicle.control import CONTROLLERS
 from tools.write_results import README as README_PAGE
 from tools.write_results import RESULTS_PAGE, format_speed, render_pages, replace_block
@@ -123,6 +124,18 @@ def test_example_of_a_scripted_road_user_is_one() -> None:
     actor = Actor.model_validate_json(found.group(1))
     assert isinstance(actor.motion, PathMotion)
     assert actor.referenced_cav_ids == ("0",)
+
+
+def test_example_of_an_agent_with_cameras_declares_them(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "sensors.md").read_text()
+    (found,) = (code for code in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "class Eyes" in code)
+    path = tmp_path / "eyes.py"
+    path.write_text(found)
+    specs = runpy.run_path(str(path))["Eyes"]({}).sensors()
+    assert [(spec.id, str(read_camera_model(spec).kind)) for spec in specs] == [
+        ("depth", "depth"),
+        ("classes", "semantic"),
+    ]
 
 
 @pytest.fixture

@@ -9,8 +9,13 @@ from mdrive_sumo.core.geometry import Float
 
 def convert_to_ego(points: Float, own: OwnState) -> Float:
     """Return world points (N, 2) [m] in the ego frame."""
-    cos, sin = portable.cos_sin(own.yaw)
-    x, y = points[:, 0] - own.x, points[:, 1] - own.y
+    return convert_to_frame(points, np.array((own.x, own.y, own.yaw)))
+
+
+def convert_to_frame(points: Float, pose: Float) -> Float:
+    """Return world points (..., 2) [m] in the frame of a pose (3,): x, y [m], yaw [rad]."""
+    cos, sin = portable.cos_sin(float(pose[2]))
+    x, y = points[..., 0] - pose[0], points[..., 1] - pose[1]
     return np.stack((cos * x + sin * y, cos * y - sin * x), axis=-1)
 
 

@@ -28,7 +28,9 @@ from mdrive_sumo.contract.agent_options import Choice, Config, Option, read_choi
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 
-OPTIONS: Mapping[str, Option] = MappingProxyType({"blackout": Option(0, 0, 1), "creep": Option(1, 0, 1)})
+OPTIONS: Mapping[str, Option] = MappingProxyType(
+    {"blackout": Option(0, 0, 1, is_switch=True), "creep": Option(1, 0, 1, is_switch=True)}
+)
 PROVIDERS = Choice("auto", ("auto", "cpu"))
 WEIGHTS = "weights"
 
@@ -38,7 +40,7 @@ class NetworkMemory:
     """What a system with memory keeps of its last decision: the output `bev` and where the car was."""
 
     bev: npt.NDArray[np.float32]
-    own: OwnState
+    pose: Float
 
 
 class LearnedAgent:
@@ -90,7 +92,7 @@ class LearnedAgent:
         plan = outputs["plan"].astype(np.float64)
         creeping = self._creep_rule.find_creep_plan(plan, seen, navigation) if self._numbers["creep"] else None
         if self._spec.uses_memory:
-            self._memory = NetworkMemory(outputs["bev"], seen.own)
+            self._memory = NetworkMemory(outputs["bev"], _get_pose(seen.own))
         has_control = self._spec.answers_control and creeping is None
         control = outputs["control"].astype(np.float64) if has_control else None
         points = np.concatenate((np.zeros((1, 2)), plan if creeping is None else creeping))
@@ -110,7 +112,7 @@ class LearnedAgent:
         if self._memory is None:
             shape = self._network.manifest.memory_shape
             return {"memory": np.zeros(shape, np.float32), "motion": np.zeros(3, np.float32)}
-        return {"memory": self._memory.bev, "motion": compute_motion(self._memory.own, own)}
+        return {"memory": self._memory.bev, "motion": compute_motion(self._memory.pose, _get_pose(own))}
 
     def _build_reply(self, seen: Observation, decided: DecidedPlan) -> Reply:
         """Return the reply of this tick."""
@@ -119,6 +121,10 @@ class LearnedAgent:
     def _sample_plan(self, seen: Observation, decided: DecidedPlan) -> Float:
         """Return the points (PLAN_POINTS, 2) [m, world frame] of the plan from now on."""
         return decided.sample((seen.tick - decided.tick) * self._briefing.tick_s)
+
+
+def _get_pose(own: OwnState) -> Float:
+    return np.array((own.x, own.y, own.yaw))
 
 
 def _read_weights_path(agent: str, config: Config) -> Path | None:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.agents.learned.ego_frame import convert_to_ego
+from mdrive_sumo.agents.learned.ego_frame import convert_to_frame
 from mdrive_sumo.agents.learned.instructions import encode_instruction
 from mdrive_sumo.agents.learned.lidar_histogram import build_lidar_histogram
 from mdrive_sumo.agents.learned.navigation import Navigation
@@ -19,8 +19,8 @@ from mdrive_sumo.agents.learned.system_spec import (
     ROUTE_POINTS,
     SystemSpec,
 )
-from mdrive_sumo.contract import Observation, OwnState
-from mdrive_sumo.core.geometry import wrap_angle
+from mdrive_sumo.contract import Observation
+from mdrive_sumo.core.geometry import Float, wrap_angle
 
 Inputs = dict[str, npt.NDArray[Any]]
 LIDAR_ID = "top"
@@ -57,10 +57,9 @@ def black_out_images(spec: SystemSpec, inputs: Inputs) -> Inputs:
     return inputs | {image.name: np.zeros_like(inputs[image.name]) for image in spec.images}
 
 
-def compute_motion(before: OwnState, own: OwnState) -> npt.NDArray[np.float32]:
-    """Return the input `motion` (3,): where the car is in its earlier ego frame, dx, dy [m], and its turn [rad]."""
-    from_before = convert_to_ego(np.array(((own.x, own.y),)), before)[0]
-    return np.array((*from_before, wrap_angle(own.yaw - before.yaw)), dtype=np.float32)
+def compute_motion(before: Float, pose: Float) -> npt.NDArray[np.float32]:
+    """Return the input `motion` (3,) between two poses (3,): dx, dy [m] in the earlier ego frame, turn [rad]."""
+    return np.array((*convert_to_frame(pose[:2], before), wrap_angle(float(pose[2] - before[2]))), dtype=np.float32)
 
 
 def describe_inputs(spec: SystemSpec, memory_shape: tuple[int, ...] = ()) -> Mapping[str, tuple[tuple[int, ...], str]]:

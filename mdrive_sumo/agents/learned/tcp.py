@@ -19,7 +19,7 @@ class TcpAgent(LearnedAgent):
     """
 
     system = "tcp"
-    options: ClassVar[Mapping[str, Option]] = MappingProxyType({**OPTIONS, "fusion": Option(1, 0, 1)})
+    options: ClassVar[Mapping[str, Option]] = MappingProxyType({**OPTIONS, "fusion": Option(1, 0, 1, is_switch=True)})
 
     def start(self, briefing: Briefing) -> None:
         """Prepare the blend besides."""

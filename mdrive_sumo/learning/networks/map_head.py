@@ -4,9 +4,9 @@ import torch
 from torch import Tensor, nn
 
 from mdrive_sumo.learning.networks.blocks import WIDTH, AttentionLayer, Mlp
+from mdrive_sumo.learning.sample_format import LANE_POINTS
 
 MAP_QUERIES = 12
-LANE_POINTS = 10
 MAP_SCALE_M = 10.0
 
 

@@ -86,7 +86,9 @@ def _run(run: TrainingRun, report: Report) -> Path:
 def find_device(name: str) -> torch.device:
     """Return the device. Raises InputError if it is missing."""
     if name == "cuda" and not torch.cuda.is_available():
-        raise InputError(f"--device cuda: expected a GPU that PyTorch {torch.__version__} can use, found none")
+        raise InputError(
+            f"--device cuda: expected a GPU that PyTorch {torch.__version__} can use, found none; --device cpu is slow"
+        )
     torch.backends.cudnn.benchmark = True  # all batches have one shape
     return torch.device(name)
 
@@ -99,18 +101,13 @@ def _prepare(trainer: Trainer, run: TrainingRun, report: Report) -> None:
         trainer.resume(checkpoint)
         report(f"{path}: going on from step {trainer.step}")
         return
-    check_unused(run.folder)
+    if path.exists():
+        raise InputError(f"{path}: expected no training there, found one; --resume goes on with it")
     if run.initial is not None:
         checkpoint = load_checkpoint(run.initial, run.system)
         trainer.begin_with(checkpoint)
         told = {name: checkpoint.summary[name] for name in TOLD_OF_EARLIER if name in checkpoint.summary}
         trainer.summary["begun_with"] = {"checkpoint": str(run.initial)} | told
-
-
-def check_unused(folder: Path) -> None:
-    """Raise InputError if a folder holds a training already, which would be lost."""
-    if (path := folder / CHECKPOINT_NAME).exists():
-        raise InputError(f"{path}: expected no training in --out, found one; --resume goes on with it")
 
 
 def _check_resumed(path: Path, checkpoint: Checkpoint, run: TrainingRun) -> None:

@@ -9,6 +9,7 @@ from mdrive_sumo.learning.networks.agents_head import BOX_NUMBERS
 from mdrive_sumo.learning.networks.bev_grid import AHEAD_M, BEV_AREA_M, BEV_CELL_M, BEV_CELLS, LEFT_M
 from mdrive_sumo.learning.networks.map_head import MAP_SCALE_M
 from mdrive_sumo.learning.networks.occupancy_head import TIMES
+from mdrive_sumo.learning.sample_format import VISIBLE
 
 OCCUPIED_WEIGHT = 4.0
 """Of occupied cells, which are few."""
@@ -39,7 +40,7 @@ def compute_agents_loss(centres: Tensor, numbers: Tensor, boxes: Tensor, futures
     row = torch.floor((AHEAD_M - boxes[..., 0]) / BEV_CELL_M)
     column = torch.floor((LEFT_M - boxes[..., 1]) / BEV_CELL_M)
     is_inside = (row >= 0) & (row < BEV_CELLS) & (column >= 0) & (column < BEV_CELLS)  # false where NaN
-    is_target = is_inside & (boxes[..., 7] > 0.5)
+    is_target = is_inside & (boxes[..., VISIBLE] > 0.5)
     cell = torch.where(is_target, row * BEV_CELLS + column, 0.0).long()
     heat = torch.zeros_like(centres[:, 0].flatten(1), dtype=torch.float32)
     heat.scatter_reduce_(1, cell, is_target.float(), "amax")

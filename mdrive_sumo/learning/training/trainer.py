@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +19,31 @@ from mdrive_sumo.learning.training.checkpoint import Checkpoint, save_checkpoint
 from mdrive_sumo.learning.training.compute_losses import compute_losses
 from mdrive_sumo.learning.training.moving_average import MovingAverage
 from mdrive_sumo.learning.training.recall import recall_previous
+from mdrive_sumo.learning.training.stop_request import StopRequest
 from mdrive_sumo.learning.training.training_curves import TrainingCurves
 from mdrive_sumo.learning.training.training_data import TrainingData
 from mdrive_sumo.learning.training.training_options import TrainingOptions
 
 MOST_GRADIENT = 5.0
 """Longer gradients are shortened to it."""
+TELL_EVERY_S = 30.0
+"""A step of a large network takes this long on a processor; progress is told no more rarely."""
 GLANCES = 10
 """Looks at the validation data in a run, for the curves."""
+
+
+@dataclass
+class _Session:
+    """One call of `Trainer.train`; times of the monotonic clock [s]."""
+
+    folder: Path
+    curves: TrainingCurves
+    began: float
+    saved: float
+    told: float
+    losses: dict[str, float] = field(default_factory=dict[str, float])
+    parts: Mapping[str, Tensor] = field(default_factory=dict[str, Tensor])
+    """Losses of the last step, on the device."""
 
 
 class Trainer:
@@ -90,35 +108,47 @@ class Trainer:
         """Train until the steps or the minutes are used up; returns the last losses.
 
         shares: (M,) how often each sample is drawn, 0: never. glance: measures the averaged network, GLANCES times.
-        Raises InputError when the loss is no number, and when the GPU is too small; the last checkpoint stays. The
-        first step does not count as time.
+        Raises InputError when the loss is no number; the last checkpoint stays. Raises KeyboardInterrupt after Ctrl-C,
+        with a new checkpoint. The first step does not count as time.
         """
-        curves = TrainingCurves(folder, self.step)
+        now = time.monotonic()
+        session = _Session(folder, TrainingCurves(folder, self.step), now - self.elapsed_s, saved=now, told=now)
         drawn = torch.from_numpy(shares).to(self.device)
-        began, saved = time.monotonic() - self.elapsed_s, time.monotonic()
         glances = int(self.options.find_progress(self.step, self.elapsed_s) * GLANCES)
-        losses: dict[str, float] = {}
-        parts: Mapping[str, Tensor] = {}
-        while (progress := self.options.find_progress(self.step, self.elapsed_s)) < 1.0:
-            parts = self._take_step(data, drawn, progress)
-            self.step += 1
-            if not losses:  # the first step loads and chooses the GPU's programs: 10 s on a busy machine
-                losses = self._check(parts, folder)
-                began = time.monotonic() - self.elapsed_s
-            self.elapsed_s = time.monotonic() - began
-            if self.step % self.options.log_every == 0 or self.step == 1:
-                losses = self._check(parts, folder)
-                curves.add(self.step, {f"loss/{name}": value for name, value in losses.items()})
-                self._tell(losses, progress)
-            if glance is not None and int(progress * GLANCES) > glances:
-                glances = int(progress * GLANCES)
-                curves.add(self.step, glance(self.average.network))
-            if time.monotonic() - saved > self.options.save_every_s:
-                self._check(parts, folder)
-                self.save(folder)
-                saved = time.monotonic()
-        curves.close()
-        return self._finish(self._check(parts, folder) or losses, folder)
+        with StopRequest() as stop:
+            while (progress := self.options.find_progress(self.step, self.elapsed_s)) < 1.0 and not stop.is_made:
+                session.parts = self._take_step(data, drawn, progress)
+                self.step += 1
+                self._keep_time(session)
+                self._tell_progress(session, progress)
+                if glance is not None and int(progress * GLANCES) > glances:
+                    glances = int(progress * GLANCES)
+                    session.curves.add(self.step, glance(self.average.network))
+                if time.monotonic() - session.saved > self.options.save_every_s:
+                    self._check(session.parts, folder)
+                    self.save(folder)
+                    session.saved = time.monotonic()
+        session.curves.close()
+        losses = self._finish(self._check(session.parts, folder) or session.losses, folder)
+        if stop.is_made and progress < 1.0:
+            raise KeyboardInterrupt
+        return losses
+
+    def _keep_time(self, session: _Session) -> None:
+        if not session.losses:  # the first step loads and chooses the GPU's programs: 10 s on a busy machine
+            session.losses = self._check(session.parts, session.folder)
+            session.began = time.monotonic() - self.elapsed_s
+        self.elapsed_s = time.monotonic() - session.began
+
+    def _tell_progress(self, session: _Session, progress: float) -> None:
+        is_logged = self.step % self.options.log_every == 0 or self.step == 1
+        if not is_logged and time.monotonic() - session.told < TELL_EVERY_S:
+            return
+        session.losses, session.told = self._check(session.parts, session.folder), time.monotonic()
+        parts = "  ".join(f"{name} {value:.3f}" for name, value in session.losses.items())
+        self._report(f"step {self.step} ({progress:.0%}, {self.elapsed_s:.0f} s): {parts}")
+        if is_logged:
+            session.curves.add(self.step, {f"loss/{name}": value for name, value in session.losses.items()})
 
     def _finish(self, losses: dict[str, float], folder: Path) -> dict[str, float]:
         """Summarise the run, write its last checkpoint, and return the losses."""
@@ -126,10 +156,6 @@ class Trainer:
             self.summary["losses"] = losses
         self.save(folder)
         return losses
-
-    def _tell(self, losses: Mapping[str, float], progress: float) -> None:
-        parts = "  ".join(f"{name} {value:.3f}" for name, value in losses.items())
-        self._report(f"step {self.step} ({progress:.0%}, {self.elapsed_s:.0f} s): {parts}")
 
     def _take_step(self, data: TrainingData, drawn: Tensor, progress: float) -> Mapping[str, Tensor]:
         for group in self.optimizer.param_groups:

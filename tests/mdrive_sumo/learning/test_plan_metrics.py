@@ -8,7 +8,6 @@ from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning import require_torch as requirements
-from mdrive_sumo.learning.evaluate_weights import measure_motion
 from mdrive_sumo.learning.held_out import find_held_out
 from mdrive_sumo.learning.plan_metrics import describe_plans, measure_controls, measure_plans, predict_constant_velocity
 from mdrive_sumo.learning.sample_kinds import SHARES, compute_shares, name_kinds
@@ -79,12 +78,6 @@ def test_a_later_round_holds_out_the_same_scenarios() -> None:
     held_out = set(first[find_held_out({"scenario": first})].tolist())
     trained = set(np.delete(both, find_held_out({"scenario": both})).tolist())
     assert held_out and not held_out & trained
-
-
-def test_motion_is_told_in_the_earlier_frame() -> None:
-    then, now = np.zeros(6, np.float32), np.zeros(6, np.float32)
-    then[:3], now[:3] = (10.0, 5.0, np.pi / 2), (9.0, 8.0, np.pi / 2 + 0.1)
-    assert measure_motion(then, now) == pytest.approx((3.0, 1.0, 0.1), abs=1e-5)
 
 
 @pytest.mark.parametrize("command", ["train", "export"])

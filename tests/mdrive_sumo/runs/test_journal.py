@@ -50,6 +50,7 @@ def test_fresh_forgets(tmp_path: Path) -> None:
     write(tmp_path, "a")
     with open_journal(tmp_path, {**PRINT, "seed": 1}, fresh=True) as journal:
         assert journal.results == ()
+        journal.add_result({"id": "a"})
     with pytest.raises(InputError, match="seed 1"):
         read(tmp_path)
 
@@ -94,6 +95,15 @@ def test_a_journal_of_another_command_is_refused_and_left_alone(tmp_path: Path) 
     ):
         pass
     assert (tmp_path / JOURNAL_FILE).read_bytes() == before
+
+
+def test_a_journal_in_which_nothing_was_done_gives_way_to_another_command(tmp_path: Path) -> None:
+    """Such as that of an agent that was refused when its first episode began."""
+    with open_journal(tmp_path, PRINT, fresh=False):
+        pass
+    with open_journal(tmp_path, {**PRINT, "agent": "omniscient"}, fresh=False):
+        pass
+    assert read_fingerprint(tmp_path)["agent"] == "omniscient"
 
 
 def test_a_file_that_is_no_journal_is_refused(tmp_path: Path) -> None:

@@ -76,8 +76,7 @@ def test_blacked_out_images_leave_everything_else() -> None:
 
 
 def test_motion_is_told_in_the_earlier_frame() -> None:
-    before = OwnState(10.0, 5.0, math.pi / 2, 5.0, 0.0, 0.0, 0.0)
-    found = compute_motion(before, OwnState(9.0, 7.0, -math.pi + 0.1, 5.0, 0.0, 0.0, 0.0))
+    found = compute_motion(np.array((10.0, 5.0, math.pi / 2)), np.array((9.0, 7.0, -math.pi + 0.1)))
     assert found.tolist() == pytest.approx([2.0, 1.0, math.pi / 2 + 0.1], abs=1e-6)
 
 
