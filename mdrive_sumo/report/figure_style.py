@@ -14,7 +14,8 @@ from mdrive_sumo.core.errors import InputError
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette (Color Universal Design, 2008), safe for colour blindness."""
-MARKERS = "os^Dv<>"
+MARKERS = "os^Dv<>P"
+"""One more than colours: 56 pairs differ."""
 STYLE: Mapping[Any, Any] = {
     "font.size": 10,
     "axes.spines.top": False,
