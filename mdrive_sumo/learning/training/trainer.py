@@ -17,9 +17,9 @@ from mdrive_sumo.learning.networks.build_network import build_network, count_par
 from mdrive_sumo.learning.training.augment import MEMORY_DROPOUT, augment_inputs
 from mdrive_sumo.learning.training.checkpoint import Checkpoint, save_checkpoint, save_weights, take_weights
 from mdrive_sumo.learning.training.compute_losses import compute_losses
+from mdrive_sumo.learning.training.deferred_interrupt import DeferredInterrupt
 from mdrive_sumo.learning.training.moving_average import MovingAverage
 from mdrive_sumo.learning.training.recall import recall_previous
-from mdrive_sumo.learning.training.stop_request import StopRequest
 from mdrive_sumo.learning.training.training_curves import TrainingCurves
 from mdrive_sumo.learning.training.training_data import TrainingData
 from mdrive_sumo.learning.training.training_options import TrainingOptions
@@ -115,8 +115,8 @@ class Trainer:
         session = _Session(folder, TrainingCurves(folder, self.step), now - self.elapsed_s, saved=now, told=now)
         drawn = torch.from_numpy(shares).to(self.device)
         glances = int(self.options.find_progress(self.step, self.elapsed_s) * GLANCES)
-        with StopRequest() as stop:
-            while (progress := self.options.find_progress(self.step, self.elapsed_s)) < 1.0 and not stop.is_made:
+        with DeferredInterrupt() as interrupt:
+            while (progress := self.options.find_progress(self.step, self.elapsed_s)) < 1.0 and not interrupt.is_due:
                 session.parts = self._take_step(data, drawn, progress)
                 self.step += 1
                 self._keep_time(session)
@@ -130,7 +130,7 @@ class Trainer:
                     session.saved = time.monotonic()
         session.curves.close()
         losses = self._finish(self._check(session.parts, folder) or session.losses, folder)
-        if stop.is_made and progress < 1.0:
+        if interrupt.is_due and progress < 1.0:
             raise KeyboardInterrupt
         return losses
 
