@@ -69,8 +69,11 @@ def _in_process(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_agent_of_the_reference_plans_nearly_what_it_drove(reference: Path, tmp_path: Path) -> None:
     done = run("eval-open", "--reference", reference, "--agent", "single", "--out", tmp_path / "a", "--workers", "1")
     assert done.exit_code == 0, done.output
-    found = json.loads((tmp_path / "a" / "open_loop.json").read_text())["overall"]
+    whole = json.loads((tmp_path / "a" / "open_loop.json").read_text())
+    found = whole["overall"]
     assert found["frames"] > 20
+    skipped = whole["scenarios"][0]["skipped"]["no 3 s to compare"]
+    assert f"{skipped} frames with no 3 s to compare" in done.stdout
     assert found["ade"] < 2.0 and found["ade"] < found["fde"]
     assert 0.0 < found["ap50"] <= 100.0
     again = run("eval-open", "--reference", reference, "--agent", "single", "--out", tmp_path / "a", "--workers", "1")
@@ -90,6 +93,8 @@ def test_an_agent_of_a_file_that_stands_and_then_fails(reference: Path, tmp_path
     assert whole["overall"]["ade"] > 1.0
     failures = whole["scenarios"][0]["failures"]
     assert failures and all("too fast" in why for why in failures.values())
+    listed = run("list", "runs", tmp_path / "b").stdout.splitlines()[-1]
+    assert "still.py:Still (most 5.0)" in listed and listed.endswith("finished, open loop")
 
 
 def test_recorded_frames_are_those_of_the_episode(reference: Path) -> None:
