@@ -6,7 +6,7 @@ import platform
 import random
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -93,24 +93,32 @@ def open_pair(shared: Path, **more: Any) -> Iterator[Pair]:
         yield Pair(*(stack.enter_context(open_box(spec)) for spec in specs))
 
 
-def find_open_channels(pair: Pair) -> dict[str, dict[int, set[str]]]:
+def find_open_channels(pair: Pair, channels: Collection[str] = CHANNELS) -> dict[str, dict[int, set[str]]]:
     """The channels through which the receiver saw different things for different bits."""
-    seen = {channel: {0: set[str](), 1: set[str]()} for channel in CHANNELS}
-    for channel in CHANNELS:
+    seen = {channel: {0: set[str](), 1: set[str]()} for channel in channels}
+    for channel in channels:
         for bit in BITS:
             seen[channel][bit].add(pair.carry(channel, bit))
     return {channel: found for channel, found in seen.items() if found[0] != found[1]}
 
 
+def confirm_open_channels(pair: Pair) -> set[str]:
+    """The channels that are found open three times: once is what other work on the machine does to the noisy ones."""
+    found = set(find_open_channels(pair))
+    for _ in range(2):
+        found &= set(find_open_channels(pair, found))
+    return found
+
+
 def test_boxes_with_files_of_their_own_exchange_no_bit(shared: Path) -> None:
     with open_pair(shared, copies=MEMORY) as pair:
-        assert find_open_channels(pair) == {}
+        assert confirm_open_channels(pair) == set()
     remove_idle_files(MEMORY, (SLOT, SLOT + 1))
 
 
 def test_boxes_that_share_files_have_no_lock_watch_or_residency(shared: Path) -> None:
     with open_pair(shared) as pair:
-        assert set(find_open_channels(pair)) <= BOUND
+        assert confirm_open_channels(pair) <= BOUND
 
 
 def test_without_boxes_every_channel_carries_every_bit(shared: Path) -> None:
@@ -123,7 +131,7 @@ def test_without_boxes_every_channel_carries_every_bit(shared: Path) -> None:
 @pytest.mark.skipif(shutil.which("runsc") is None, reason="needs gVisor's runsc")
 def test_boxes_of_gvisor_exchange_no_bit(shared: Path) -> None:
     with open_pair(shared, backend="gvisor", copies=MEMORY) as pair:
-        assert find_open_channels(pair) == {}
+        assert confirm_open_channels(pair) == set()
     remove_idle_files(MEMORY, (SLOT, SLOT + 1))
 
 
