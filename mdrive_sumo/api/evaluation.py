@@ -35,6 +35,7 @@ def evaluate(
     workers: int | None = None,
     scheduler: str = "",
     record: bool = True,
+    record_cameras: bool = False,
     out: str | Path | None = None,
     fresh: bool = False,
     sandbox: bool = False,
@@ -51,6 +52,8 @@ def evaluate(
     score_mode: by default that of the suite, `mdrive` or `hard` (docs/scoring.md).
     seeds: a number of seeds (3 means 0, 1 and 2) or the seeds themselves. workers: processes, by
     default one per core. scheduler: address of a Dask scheduler whose workers drive instead.
+    record: whether to keep recordings, without which there is no replay. record_cameras: whether to keep the colour
+    images of the agent's cameras for it.
     out: the run folder, which holds all seeds; by default a folder below `runs/` that the arguments determine. A folder
     that holds the same run, finished or interrupted, is continued; `fresh` drops it.
     sandbox: whether an agent of a file runs in boxes that hide the suite; otherwise results are labelled `unsandboxed`.
@@ -76,6 +79,7 @@ def evaluate(
         workers=workers or count_available_cores(),
         scheduler=scheduler,
         record=record,
+        record_cameras=record_cameras,
         out=None if out is None else Path(out),
         fresh=fresh,
         sandbox=sandbox,

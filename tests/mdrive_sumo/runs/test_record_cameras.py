@@ -12,6 +12,7 @@ from testing.local_executor import run_in_process
 from testing.mixed_run import SCENARIO, drive_mixed_run
 from testing.study_talker import Talker
 
+import mdrive_sumo as md
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import SensorSpec
@@ -32,6 +33,13 @@ class CameraTalker(Talker):
         image = {"width": WIDTH, "height": HEIGHT, "fov_deg": FOV_DEG, "every_ticks": 4}
         pose = {"x": DRIVER.x, "y": DRIVER.y, "z": DRIVER.z}
         return (*super().sensors(), SensorSpec("camera", "eyes", options={**image, **pose}))
+
+
+def test_the_python_front_door_keeps_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_in_process(monkeypatch)
+    md.evaluate("interdrive", "tcp", scenario="i01*", record_cameras=True, workers=1, out=tmp_path, progress=False)
+    (archive,) = (tmp_path / "cameras").iterdir()
+    assert len(load_camera_tracks(archive)) == 2
 
 
 def drive(folder: Path, *options: str) -> Path:
