@@ -1,7 +1,7 @@
 """The fingerprint of a run: everything that makes two runs the same run, and that their results depend on."""
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
@@ -17,6 +17,8 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites
 
 PACKAGES = ("mdrive-sumo", "libsumo", "numpy")
+FILES_KEYS = ("agent_files", "others_files")
+"""Where a fingerprint has the checksums of the files that options of the agents of a run name, in their order."""
 ONNX_RUNTIME = ("onnxruntime", "onnxruntime-gpu")
 """Packages that hold it: one of them is installed."""
 
@@ -31,17 +33,16 @@ def compute_fingerprint(config: RunConfig, suite: Suite, scenarios: tuple[Scenar
         "networks": compute_networks_checksum(suite, scenarios),
         "agent_code": config.agent.code_checksum(),
         **({"others_code": config.others.agent.code_checksum()} if config.others else {}),
-        **dict(_hash_option_files(config)),
+        **hash_option_files(config),
         "code": compute_code_checksum(),
         **read_versions(config.agents),
     }
 
 
-def _hash_option_files(config: RunConfig) -> Iterator[tuple[str, str]]:
-    """Yield key and checksum of each agent whose options name files, such as weights of a training of one's own."""
-    for key, agent in zip(("agent_files", "others_files"), config.agents, strict=False):
-        if checksum := agent.files_checksum():
-            yield key, checksum
+def hash_option_files(config: RunConfig) -> dict[str, str]:
+    """Return the checksum of each agent whose options name files, such as weights of a training of one's own."""
+    checksums = {key: agent.files_checksum() for key, agent in zip(FILES_KEYS, config.agents, strict=False)}
+    return {key: checksum for key, checksum in checksums.items() if checksum}
 
 
 def read_versions(agents: Iterable[AgentSpec] = ()) -> dict[str, str]:

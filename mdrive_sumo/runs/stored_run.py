@@ -5,7 +5,13 @@ from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
-from mdrive_sumo.runs.fingerprint import compute_code_checksum, compute_networks_checksum, read_versions
+from mdrive_sumo.runs.fingerprint import (
+    FILES_KEYS,
+    compute_code_checksum,
+    compute_networks_checksum,
+    hash_option_files,
+    read_versions,
+)
 from mdrive_sumo.runs.journal import JOURNAL_FILE, JournalText, read_run_journal
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.run_config import RunConfig
@@ -32,6 +38,9 @@ class StoredRun:
             for name in now
             if now[name] != then.get(name)
         ]
+        files = hash_option_files(self.run.config)
+        if any(key in then and then[key] != files.get(key) for key in FILES_KEYS):
+            changes.append("file that an option of the agent names")
         return ", ".join(changes)
 
 

@@ -3,14 +3,19 @@
 from pathlib import Path
 
 import pytest
+from testing.tiny_network import save_tiny_weights
 
+from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.runs import fingerprint as module
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.compare import select_shared_versions
 from mdrive_sumo.runs.fingerprint import compute_code_checksum, compute_fingerprint, read_versions
+from mdrive_sumo.runs.journal import JournalText
+from mdrive_sumo.runs.prepared_run import prepare
 from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.runs.stored_run import StoredRun
 from mdrive_sumo.scenario.suite import load_suite
-from mdrive_sumo.scoring import RunInfo
+from mdrive_sumo.scoring import RunInfo, ScenarioResult, summarize_run
 
 
 def test_other_weights_at_the_same_path_are_another_run(tmp_path: Path) -> None:
@@ -24,6 +29,22 @@ def test_other_weights_at_the_same_path_are_another_run(tmp_path: Path) -> None:
     second = compute_fingerprint(config, suite, suite.scenarios[:1])
     assert {name for name in second if second[name] != first[name]} == {"agent_files"}
     assert config.agent.config_hash() != options, "results tell them apart, too"
+
+
+def test_verify_says_that_weights_have_changed(tmp_path: Path) -> None:
+    weights = save_tiny_weights(tmp_path, SYSTEMS["tcp"])
+    config = RunConfig(scenario="i01*", agent=AgentSpec("tcp", {"weights": str(weights)}), out=tmp_path / "run")
+    run = prepare(config)
+    result = ScenarioResult.model_validate(
+        {
+            "id": "i01", "bucket": "InterDrive", "category": "c", "seed": 0, "status": "ok", "reason": "", "ds": 0.0,
+            "sr": 0.0, "rc": 0.0, "ip": 1.0, "min_ttc": None, "digest": "", "ticks": 1, "egos": (),
+        }
+    )  # fmt: skip
+    stored = StoredRun(run, summarize_run(run.info, [result]), JournalText((), "", 0, False))
+    assert stored.describe_version_changes() == ""
+    weights.write_bytes(b"others")
+    assert stored.describe_version_changes() == "file that an option of the agent names"
 
 
 def test_options_without_files_are_no_files(tmp_path: Path) -> None:
