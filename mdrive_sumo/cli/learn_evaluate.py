@@ -34,11 +34,11 @@ def command(system: str, data: tuple[Path, ...], weights: Path | None, out: Path
     from mdrive_sumo.learning.sample_reader import load_arrays
 
     spec = SYSTEMS[system]
+    arrays = load_arrays(data, spec, workers)
     if out is not None:
         with report_write_errors(out):  # before minutes of work
             out.parent.mkdir(parents=True, exist_ok=True)
-            out.touch()
-    found = evaluate_weights(spec, weights, load_arrays(data, spec, workers))
+    found = evaluate_weights(spec, weights, arrays)
     found["data"] = [str(each) for each in data]
     rows = [
         (name, *(f"{found[key][metric]:.3f}" for metric in found["plan"]))
@@ -49,4 +49,5 @@ def command(system: str, data: tuple[Path, ...], weights: Path | None, out: Path
     click.echo("\n" + format_text_table(("the expert", "samples", "ade_3s_m"), kinds))
     click.echo(f"\n{found['samples']} samples; {found['decision_ms']['median']:.1f} ms a decision on one core")
     if out is not None:
-        out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        with report_write_errors(out):
+            out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")

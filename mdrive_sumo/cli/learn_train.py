@@ -65,17 +65,23 @@ def command(system: str, smoke: bool, data: tuple[Path, ...], out: Path, **optio
     try:
         _train(system, data, out, options)
     except KeyboardInterrupt:
-        where = "--resume goes on with" if is_begun(out) else "nothing is kept in"
+        where = "--resume goes on with" if _is_begun(out) else "nothing is kept in"
         click.echo(f"interrupted; {where} {out}", err=True)
         raise click.exceptions.Exit(130) from None
 
 
-def is_begun(out: Path) -> bool:
+def _is_begun(out: Path) -> bool:
     """Return whether a folder holds a training, in rounds or not."""
     from mdrive_sumo.learning.training.checkpoint import CHECKPOINT_NAME
+
+    return any((folder / CHECKPOINT_NAME).is_file() for folder in _list_starts(out))
+
+
+def _list_starts(out: Path) -> tuple[Path, Path]:
+    """Return the folders of a training: without rounds, and of the first round."""
     from mdrive_sumo.learning.training.dagger import name_round
 
-    return any((folder / CHECKPOINT_NAME).is_file() for folder in (out, name_round(out, 0)))
+    return out, name_round(out, 0)
 
 
 def _run_smoke_test(system: str, data: tuple[Path, ...], out: Path, workers: int) -> None:
@@ -102,13 +108,15 @@ def _load(system: str, folders: tuple[Path, ...], workers: int) -> dict[str, Any
 
 
 def _train(system: str, data: tuple[Path, ...], out: Path, options: dict[str, Any]) -> None:
+    from mdrive_sumo.learning.training.checkpoint import check_unused
     from mdrive_sumo.learning.training.run_training import TrainingRun, find_device, run_training
     from mdrive_sumo.learning.training.training_options import TrainingOptions
 
     find_device(options["device"])  # before the data is read
-    if is_begun(out) and not options["resume"]:
-        raise InputError(f"--out {out}: expected no training there, found one; --resume goes on with it")
-    if options["resume"] and not is_begun(out):
+    if not options["resume"]:
+        for folder in _list_starts(out):
+            check_unused(folder)
+    elif not _is_begun(out):
         raise InputError(f"--resume: expected a training to go on with in {out}, found none")
     rounds = RoundOptions(options["rounds"], options["scenarios"], options["workers"])
     training = TrainingOptions(

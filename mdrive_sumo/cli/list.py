@@ -183,7 +183,7 @@ def _make_run_row(run: ListedRun) -> TableRow:
         return (name, *("?",) * (len(RUNS_HEADER) - 2), f"unreadable: {run.problem}")
     facts = run.fingerprint
     seeds = str(facts.get("seeds", facts.get("seed", "?")))
-    known = (name, Path(str(facts.get("suite", "?"))).name, _describe_agent(facts), seeds)
+    known = (name, Path(str(facts.get("suite", "?"))).name, _name_agent(facts), seeds)
     if run.results is None:
         state = "finished, open loop" if (run.folder / OPEN_LOOP_FILE).is_file() else "interrupted"
         return (*known, str(run.finished), "-", "-", state)
@@ -193,7 +193,7 @@ def _make_run_row(run: ListedRun) -> TableRow:
     return (*known, str(run.finished), f"{means.ds:.2f}", f"{means.sr:.2f}", ", ".join(states) or "finished")
 
 
-def _describe_agent(fingerprint: Mapping[str, Any]) -> str:
+def _name_agent(fingerprint: Mapping[str, Any]) -> str:
     """Return the agent with its options, of paths the last part."""
     name = str(fingerprint.get("agent", "?")).rpartition("/")[2]
     try:

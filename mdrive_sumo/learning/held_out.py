@@ -14,8 +14,9 @@ HELD_OUT = 20
 def find_held_out(arrays: Mapping[str, npt.NDArray[np.generic]]) -> npt.NDArray[np.int64]:
     """Return the rows that are held out: all cars of the last of every HELD_OUT scenarios, by their index.
 
-    Rounds of DAgger drive the scenarios of the first data set again, which the same index holds out there. Of fewer
-    scenarios the last is held out. Raises InputError if there is only one.
+    Rounds of DAgger drive the scenarios of the first data set again; the same indices are held out there. Of fewer than
+    HELD_OUT scenarios the last one is held out, which a longer round would train on. Raises InputError if there is only
+    one.
     """
     scenarios = arrays["scenario"].astype(np.int64)
     held_out = np.flatnonzero(scenarios % HELD_OUT == HELD_OUT - 1)

@@ -29,7 +29,9 @@ LABELS_SUFFIX, INSTRUCTION_SUFFIX, ABOUT_SUFFIX, IMAGE_ENDING = "labels.npz", "i
 BOX_COLUMNS = ("x", "y", "yaw", "length", "width", "speed", "class", "is_visible", "id")
 """Columns of `boxes`; class is a `RoadUserModel`, id a number that is unique and constant in its episode."""
 VISIBLE = BOX_COLUMNS.index("is_visible")
-MAX_BOXES, MAX_LANES, LANE_POINTS = 48, 40, 10
+MAX_BOXES = 48
+"""The nearest ones of a sample, which `load_arrays` keeps."""
+MAX_LANES, LANE_POINTS = 40, 10
 OCCUPANCY_LAYERS = 1 + PLAN_POINTS
 OCCUPANCY_SHAPE = OCCUPANCY_LAYERS, LIDAR_CELLS, LIDAR_CELLS
 OCCUPANCY_BYTES = math.prod(OCCUPANCY_SHAPE) // 8

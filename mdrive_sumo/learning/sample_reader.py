@@ -27,7 +27,6 @@ from mdrive_sumo.runs.process_pool import ProcessPool
 from mdrive_sumo.runs.worker_process import WorkerFailure
 
 Arrays = dict[str, npt.NDArray[Any]]
-"""The nearest ones of a sample are kept by `load_arrays`."""
 REMEMBERED_TICKS = 8
 """A sample's `previous` one is two decisions earlier: 0.4 s."""
 SHARD_LIMIT_S = 3600.0
@@ -145,8 +144,7 @@ def decode_shard(job: DecodingJob) -> tuple[list[str], Arrays]:
         for name, value in _build_row(decode_sample(stored, job.spec), job.spec).items():
             if name not in arrays:
                 arrays[name] = np.empty((job.entry.samples, *value.shape), value.dtype)
-            if row < job.entry.samples:
-                arrays[name][row] = value
+            arrays[name][row] = value
     return keys, arrays
 
 

@@ -132,11 +132,12 @@ def load_dataset_file(folder: Path) -> DatasetFile:
 def iterate_shard(path: Path, entry: ShardEntry) -> Iterator[StoredSample]:
     """Yield the samples of a shard in order. Raises InputError for a shard that is not as `dataset.json` says.
 
-    Its checksum is compared last, so that what is missing is named before.
+    It never yields more samples than that. The checksum is compared last, so that what is missing is named before.
     """
     found = 0
-    for found, sample in enumerate(_group_members(path, entry.bytes), start=1):  # noqa: B007 - counted
-        yield sample
+    for found, sample in enumerate(_group_members(path, entry.bytes), start=1):
+        if found <= entry.samples:
+            yield sample
     if found != entry.samples:
         raise InputError(f"{path}: expected {entry.samples} samples, found {found}; {REMEDY}")
     if (checksum := compute_file_checksum(path)) != entry.checksum:

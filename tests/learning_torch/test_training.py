@@ -177,7 +177,10 @@ def test_a_gpu_that_is_too_small_says_what_to_do(tmp_path: Path, monkeypatch: py
         raise torch.cuda.OutOfMemoryError
 
     monkeypatch.setattr(training, "compute_losses", refuse)
-    with pytest.raises(InputError, match=r"memory is too small for a batch of 2: give --batch 1, and --init .*weights"):
+    with pytest.raises(
+        InputError,
+        match=r"memory is too small for a batch of 2: give --batch 1 and another --out, and --init .*weights",
+    ):
         run_training(make_run(tmp_path), silent)
 
 

@@ -32,6 +32,12 @@ class Checkpoint:
     version: int = CHECKPOINT_VERSION
 
 
+def check_unused(folder: Path) -> None:
+    """Raise InputError if a folder holds a training, which a new one would replace."""
+    if (path := folder / CHECKPOINT_NAME).exists():
+        raise InputError(f"{path}: expected no training there, found one; --resume goes on with it")
+
+
 def save_weights(checkpoint: Checkpoint, folder: Path) -> Path:
     """Write DIR/weights.pt, enough to export, or to begin another training with."""
     return save_checkpoint(replace(checkpoint, network={}, optimizer={}, generator=None), folder, WEIGHTS_NAME)

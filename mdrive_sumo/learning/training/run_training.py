@@ -19,6 +19,7 @@ from mdrive_sumo.learning.training.checkpoint import (
     CHECKPOINT_NAME,
     WEIGHTS_NAME,
     Checkpoint,
+    check_unused,
     load_checkpoint,
     load_whole_checkpoint,
 )
@@ -60,7 +61,7 @@ def run_training(run: TrainingRun, report: Report) -> Path:
         batch = run.options.batch
         raise InputError(
             f"training {run.system}: the GPU's memory is too small for a batch of {batch}: give --batch"
-            f" {max(1, batch // 2)}, and --init {run.folder / WEIGHTS_NAME} if that was written"
+            f" {max(1, batch // 2)} and another --out, and --init {run.folder / WEIGHTS_NAME} if that was written"
         ) from None
 
 
@@ -101,8 +102,7 @@ def _prepare(trainer: Trainer, run: TrainingRun, report: Report) -> None:
         trainer.resume(checkpoint)
         report(f"{path}: going on from step {trainer.step}")
         return
-    if path.exists():
-        raise InputError(f"{path}: expected no training there, found one; --resume goes on with it")
+    check_unused(run.folder)
     if run.initial is not None:
         checkpoint = load_checkpoint(run.initial, run.system)
         trainer.begin_with(checkpoint)

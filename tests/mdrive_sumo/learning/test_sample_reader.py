@@ -200,6 +200,10 @@ BROKEN: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "a bit": (flip_a_bit, rf"{SHARD}: expected the checksum sha256:\w+\.\.\., found sha256:"),
     "a sample less": (lambda folder: rewrite(folder, remove_first_sample), rf"{SHARD}: expected \d+ samples, found"),
+    "a sample more": (
+        lambda folder: change_dataset(folder, lambda about: about["shards"][0].update(samples=1)),
+        rf"{SHARD}: expected 1 samples, found \d+",
+    ),
     "no labels": (remove_file("labels.npz"), SHARD_AND_KEY + "expected a file .*labels.npz, found none"),
     "no image": (remove_file("tcp-front.jpg"), SHARD_AND_KEY + "expected a file .*tcp-front.jpg, found none"),
     "no about": (remove_file("about.json"), SHARD_AND_KEY + "expected a file .*about.json, found none"),

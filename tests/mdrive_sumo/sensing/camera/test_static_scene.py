@@ -6,6 +6,7 @@ import shapely
 
 from mdrive_sumo.contract.semantic_classes import SemanticClass
 from mdrive_sumo.roads import find_network_folder, load_road_map
+from mdrive_sumo.sensing.camera import static_scene
 from mdrive_sumo.sensing.camera.meshes import build_mesh
 from mdrive_sumo.sensing.camera.static_scene import GRID_M, SURROUNDINGS_M, find_surroundings, load_static_scene
 
@@ -27,6 +28,16 @@ def test_many_points_cost_nothing() -> None:
 def test_the_largest_network_has_a_scene() -> None:
     scene = load_static_scene(load_road_map(find_network_folder("hard_corridor_arterial")))
     assert len(scene.vertices["position"]) > 1000 and np.isfinite(scene.vertices["position"]).all()
+
+
+def test_a_scene_does_not_depend_on_what_it_is_rounded_relative_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    roads = load_road_map(find_network_folder("train_tee"))
+    expected = load_static_scene.__wrapped__(roads)
+    monkeypatch.setattr(static_scene, "GRID_M", 16.0)  # the scene's origin lies some of them away
+    found = load_static_scene.__wrapped__(roads)
+    assert np.abs(np.round(found.origin[:2] / 16.0)).min() >= 1
+    assert found.vertices["kind"].tolist() == expected.vertices["kind"].tolist()
+    np.testing.assert_allclose(found.vertices["position"], expected.vertices["position"], atol=1e-3)
 
 
 def test_large_coordinates_lose_no_digits() -> None:
