@@ -1,4 +1,4 @@
-"""Build the shipped `interaction` suite: `python -m tools.build_interaction_suite [FOLDER]`.
+"""Build the shipped `interaction` suite: `python -m tools.build_interaction_suite FOLDER [--dry-run]`.
 
 For every category a pool of valid scenarios is searched, and those are kept whose means match the paper. The selection
 of a category is stored in FOLDER.work when it is complete, so that an interrupted search continues. The suite keeps the
@@ -6,10 +6,11 @@ recipes, so that `mdrive-sumo generate --rebuild interaction` needs no search.
 """
 
 import random
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+
+import click
 
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.generated_suite import check_output_folder, write_generated_suite
@@ -20,6 +21,7 @@ from mdrive_sumo.generate.selection import select_scenarios
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import SuiteFile
+from tools.tool_command import HELP, ToolCommand, dry_run_option
 
 ABOUT = SuiteFile(
     name="interaction",
@@ -81,28 +83,42 @@ def _number_recipe(recipe: Recipe, k: int) -> Recipe:
     )
 
 
+def list_tasks() -> list[CategoryTask]:
+    """Return the paper's categories with the number of their scenarios."""
+    return [CategoryTask(name, facts.paper.count) for name, facts in CATEGORIES.items() if facts.paper is not None]
+
+
 def build_interaction_suite(folder: Path) -> None:
     """Search and write the whole suite; raise RuntimeError if a category fails, InputError."""
     check_output_folder(folder)
     work = folder.with_name(f"{folder.name}.work")
-    tasks = [CategoryTask(name, facts.paper.count) for name, facts in CATEGORIES.items() if facts.paper is not None]
+    tasks = list_tasks()
     with ProcessPool[CategoryTask, list[Recipe]](select_recipes, WORKERS, LIMIT_S) as pool:
         for task, found in pool.run([task for task in tasks if not (work / task.category).is_dir()]):
             if isinstance(found, WorkerFailure):
                 raise RuntimeError(f"{task.category}: {found.reason}")
             for recipe in found:
                 save_recipe(recipe, work / task.category / f"{recipe.id}.json")
-            sys.stdout.write(f"{task.category}: {len(found)}\n")
-            sys.stdout.flush()
+            click.echo(f"{task.category}: {len(found)}")
     recipes = [load_recipe(path) for task in tasks for path in sorted((work / task.category).iterdir())]
     write_generated_suite(ABOUT, [(recipe, build_scenario(recipe)) for recipe in recipes], folder)
 
 
-def main(folders: list[str]) -> None:
-    """Write the suite to the given folder, or to its place in the package."""
-    folder = Path(folders[0]) if folders else Path(__file__).parents[1] / "mdrive_sumo" / "scenarios" / "interaction"
-    build_interaction_suite(folder)
+@click.command(cls=ToolCommand, context_settings=HELP)
+@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@dry_run_option
+def main(folder: Path, dry_run: bool) -> None:
+    """Search the suite `interaction` and write it to the new or empty FOLDER; takes half an hour."""
+    if not dry_run:
+        build_interaction_suite(folder)
+        return
+    check_output_folder(folder)
+    for task in list_tasks():
+        click.echo(f"{task.category}: {task.count} scenarios would be searched")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    # A worker cannot import a function of `__main__`: the search is that of the module of this name.
+    from tools.build_interaction_suite import main as command
+
+    command()

@@ -1,4 +1,4 @@
-"""Writes the built-in `interdrive` suite from its recipe: `python -m tools.build_interdrive_suite`.
+"""Write the built-in `interdrive` suite from its recipe: `python -m tools.build_interdrive_suite [--dry-run]`.
 
 The recipe (`scenarios/interdrive/recipe.toml`) says for every CAV which lanes it takes, as steps joined by ">":
 
@@ -9,18 +9,22 @@ a lane on the way; its number, if it has one, is the arc length at which the lan
 zero count from the lane's end. What lies between two steps is found by routing.
 """
 
-import sys
+import shutil
+import tempfile
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
+
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, Route, build_lane_route, find_lane_path, find_network_folder, load_road_map
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
-from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite, seal_suite
+from mdrive_sumo.scenario.suite import Suite, SuiteFile, list_packaged_suites, load_suite, save_suite, seal_suite
+from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
 
 RECIPE_FILE = "recipe.toml"
 BUCKET = "InterDrive"
@@ -117,10 +121,15 @@ def write_suite(folder: Path) -> Suite:
     return suite
 
 
-def main() -> None:
-    """Write the suite of the package."""
-    folder = Path(__file__).parents[1] / "mdrive_sumo" / "scenarios" / "interdrive"
-    sys.stdout.write(f"{folder}: {len(write_suite(folder).scenarios)} scenarios\n")
+@click.command(cls=ToolCommand, context_settings=HELP)
+@dry_run_option
+def main(dry_run: bool) -> None:
+    """Write the packaged suite `interdrive` anew from its recipe, `recipe.toml` in its folder."""
+    folder = list_packaged_suites()["interdrive"]
+    with tempfile.TemporaryDirectory() as scratch:
+        shutil.copy(folder / RECIPE_FILE, scratch)
+        write_suite(Path(scratch))
+        replace_changed_files(Path(scratch), folder, dry_run=dry_run)
 
 
 if __name__ == "__main__":

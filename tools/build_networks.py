@@ -5,9 +5,13 @@ buildings and signs. The same netconvert release produces the same bytes: dates 
 """
 
 import gzip
-import sys
+import shutil
+import tempfile
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from pathlib import Path
+
+import click
 
 from mdrive_sumo.roads import find_network_folder, list_packaged_networks
 from mdrive_sumo.roads.netconvert import run_netconvert, strip_xml_comments
@@ -18,6 +22,7 @@ from mdrive_sumo.roads.network_file import (
     compute_net_checksum,
     read_network_file,
 )
+from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
 
 
 def compile_recipe(folder: Path) -> bytes:
@@ -43,12 +48,18 @@ def _read_offset(net: bytes) -> tuple[float, float]:
     return float(x), float(y)
 
 
-def main(names: list[str]) -> None:
-    """Build the named networks, or all shipped ones."""
-    for name in names or list_packaged_networks():
-        about = build_network(find_network_folder(name))
-        sys.stdout.write(f"{about.name} {about.checksum}\n")
+@click.command(cls=ToolCommand, context_settings=HELP)
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@dry_run_option
+def main(names: Sequence[str], dry_run: bool) -> None:
+    """Compile the named packaged networks from their recipes, or all of them."""
+    folders = [find_network_folder(name) for name in names or list_packaged_networks()]
+    for folder in folders:
+        with tempfile.TemporaryDirectory() as scratch:
+            draft = Path(shutil.copytree(folder, Path(scratch, folder.name)))
+            build_network(draft)
+            replace_changed_files(draft, folder, dry_run=dry_run)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

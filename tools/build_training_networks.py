@@ -5,12 +5,15 @@ like those of the other networks (networks/README.md), which `tools.build_networ
 """
 
 import random
-import sys
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+
+import click
 
 from mdrive_sumo.roads import load_road_map
 from tools.build_networks import build_network
+from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
 from tools.training_networks.junctions import (
     JunctionPlan,
     add_turn_lane_connections,
@@ -230,12 +233,16 @@ def build_training_network(name: str, root: Path = NETWORKS_FOLDER) -> None:
         draft.add_stop_signs(folder, lengths)
 
 
-def main(names: list[str]) -> None:
-    """Build the named networks, or all for training."""
+@click.command(cls=ToolCommand, context_settings=HELP)
+@click.argument("names", nargs=-1, metavar="[NAME]...", type=click.Choice(tuple(PLANS)))
+@dry_run_option
+def main(names: Sequence[str], dry_run: bool) -> None:
+    """Write and compile the named networks for training, or all of them."""
     for name in names or PLANS:
-        build_training_network(name)
-        sys.stdout.write(f"{name}\n")
+        with tempfile.TemporaryDirectory() as scratch:
+            build_training_network(name, Path(scratch))
+            replace_changed_files(Path(scratch, name), NETWORKS_FOLDER / name, dry_run=dry_run)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -24,6 +24,7 @@ import mdrive_sumo
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import Observation, Reply
 from mdrive_sumo.contract.agent_options import Config
+from tools.tool_command import HELP
 
 SCENARIOS = (
     "i05_ins_c_skewed_left",
@@ -125,7 +126,7 @@ def limit_features(variant: dict[str, str]) -> dict[str, str]:
     return names | ({"NPY_DISABLE_CPU_FEATURES": " ".join(known)} if known else {})
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(context_settings=HELP)
 def main() -> None:
     """Compare digests of episodes between platforms."""
 

@@ -6,22 +6,26 @@ uniformly in the area of OpenCOOD's LiDAR configurations (281.6 m x 76.8 m aroun
 vehicle `hidden` of all are not visible at all; partners see those for a detector that fuses. Detections have no
 confidence in this project: the nearer one is ranked first. Average precision is that of protocol 13.3: bird's-eye
 intersection over union of the boxes, greedy matching, all-point interpolation.
+
+    python -m tools.detector_calibration [PROFILE]...
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
+import click
 import numpy as np
 import numpy.typing as npt
 import shapely
 
 from mdrive_sumo.contract import Objects
-from mdrive_sumo.contract.detector_profiles import DetectionProfile, PublishedPrecision
+from mdrive_sumo.contract.detector_profiles import PROFILES, PUBLISHED, DetectionProfile, PublishedPrecision
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.sensing.detection_noise import EPOCH_TICKS, add_errors, draw_detected
 from mdrive_sumo.sensing.false_positives import CAR_M, draw_false_positives
+from tools.tool_command import HELP, ToolCommand
 
 FRAMES = 800
 CARS = 12
@@ -146,3 +150,18 @@ def _bisect(rising: Callable[[float], float], low: float, high: float) -> float:
         middle = (low + high) / 2
         low, high = (low, middle) if rising(middle) > 0.0 else (middle, high)
     return (low + high) / 2
+
+
+@click.command(cls=ToolCommand, context_settings=HELP)
+@click.argument("profiles", nargs=-1, type=click.Choice(tuple(PUBLISHED)), metavar="[PROFILE]...")
+def main(profiles: Sequence[str]) -> None:
+    """Fit recall and spread of the named profiles, or of all, to the published figures, and print them."""
+    for name in profiles or PUBLISHED:
+        stored = PROFILES[name]
+        hidden = HIDDEN_FROM_ONE if name == "lidar-single" else 0.0  # partners see what one vehicle does not
+        fitted = fit_profile(stored, PUBLISHED[name], 0, hidden)
+        click.echo(f"{name}: recall {fitted.recall}, spread {fitted.spread}; stored {stored.recall}, {stored.spread}")
+
+
+if __name__ == "__main__":
+    main()

@@ -21,6 +21,7 @@ from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.sensing.camera.camera_sensor import CameraSensor
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
 from mdrive_sumo.sensing.signal_lamps import SignalLamp
+from tools.tool_command import HELP, ToolCommand
 
 NETWORK = "city_crossing"
 STOP_M = 24.0
@@ -47,9 +48,9 @@ OTHERS: Sequence[tuple[float, float, float, float, float, Kind, SignalLamp]] = (
 """Ahead and to the left of the CAV [m], yaw relative to it, length, width [m], kind, lamps."""
 
 
-@click.command()
+@click.command(cls=ToolCommand, context_settings=HELP)
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
-def draw(folder: Path) -> None:
+def main(folder: Path) -> None:
     """Write rig-NAME.png for every rig, and lights.png."""
     roads = load_road_map(find_network_folder(NETWORK))
     scene = _build_scene(_find_lane(roads), roads)
@@ -136,4 +137,4 @@ def _save(path: Path, images: Sequence[Pixels], labels: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    draw()
+    main()

@@ -1,19 +1,22 @@
 """Write the model cards of the learned systems: docs/models/NAME.md, from what was measured.
 
-    python -m tools.write_model_card SYSTEM [--open-loop FILE] [--run CONDITION=RUN]... [--train COMMAND] [--note TEXT]
+    python -m tools.write_model_card SYSTEM [--open-loop FILE] [--run CONDITION=RUN]... [--train COMMAND]
+        [--note TEXT] [--dry-run]
 
 FILE is what `mdrive-sumo learn evaluate --out` wrote; RUN is a folder of `mdrive-sumo eval --agent SYSTEM`, several
 of one condition are its seeds. Each option replaces its part of docs/models/SYSTEM.json, from which, and from the
 manifest of the packaged weights, the card is written. Without arguments all cards are written again; a test compares.
 """
 
-import argparse
 import json
+import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 
 from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
@@ -23,6 +26,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import bootstrap_stratified_clustered_mean
 from mdrive_sumo.scoring import Results, ScenarioResult, compute_overall, load_results
 from tools.seed_runs import check_seed_runs
+from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs" / "models"
@@ -156,28 +160,41 @@ def _format_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
 
 
-def update_measured(system: str, options: argparse.Namespace) -> dict[str, Any]:
-    """Return what was measured, with the parts that options replace. Raises InputError."""
+@dataclass(frozen=True, slots=True)
+class NewMeasurements:
+    """What replaces parts of a system's file of measurements; an empty part leaves what is stored."""
+
+    open_loop: Path | None = None
+    """File that `mdrive-sumo learn evaluate --out` wrote."""
+    runs: Sequence[str] = ()
+    """Each CONDITION=FOLDER of a run; several of one condition are its seeds."""
+    commands: Sequence[str] = ()
+    """How the weights were trained, in order."""
+    notes: Sequence[str] = ()
+
+
+def update_measured(system: str, new: NewMeasurements) -> dict[str, Any]:
+    """Return what is stored of a system with the new measurements. Raises InputError."""
     path = FOLDER / f"{system}.json"
     measured: dict[str, Any] = json.loads(path.read_text("utf-8")) if path.is_file() else {}
-    if options.open_loop:
-        measured["open_loop"] = json.loads(options.open_loop.read_text("utf-8"))
+    if new.open_loop is not None:
+        measured["open_loop"] = json.loads(new.open_loop.read_text("utf-8"))
         if (found := measured["open_loop"]["system"]) != system:
-            raise InputError(f"{options.open_loop}: expected a measurement of {system}, found one of {found}")
+            raise InputError(f"{new.open_loop}: expected a measurement of {system}, found one of {found}")
     runs: dict[str, list[Results]] = defaultdict(list)
-    for text in options.run:
-        condition, _, folder = text.partition("=")
+    for text in new.runs:
+        condition, equals, folder = text.partition("=")
+        if not equals:
+            raise InputError(f"--run: expected CONDITION=RUN, found {text!r}")
         runs[condition].append(results := load_results(Path(folder) / "results.json"))
         if results.run.agent != system:
             raise InputError(f"{folder}: expected a run of {system}, found one of {results.run.agent}")
     for condition, found in runs.items():
         measured.setdefault("closed_loop", {})[condition] = summarise_runs(found)
-    if options.train:
-        measured["commands"] = options.train
-    if options.note:
-        measured["notes"] = options.note
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(measured, indent=1) + "\n", encoding="utf-8")
+    if new.commands:
+        measured["commands"] = list(new.commands)
+    if new.notes:
+        measured["notes"] = list(new.notes)
     return measured
 
 
@@ -186,9 +203,13 @@ def list_cards() -> list[str]:
     return [system for system in SYSTEMS if (FOLDER / f"{system}.json").is_file()]
 
 
-def build_card(system: str) -> str:
-    """Return the card of a system from the files in the repository. Raises InputError."""
-    measured = json.loads((FOLDER / f"{system}.json").read_text("utf-8"))
+def load_measured(system: str) -> dict[str, Any]:
+    """Return what is stored of a system."""
+    return json.loads((FOLDER / f"{system}.json").read_text("utf-8"))
+
+
+def build_card(system: str, measured: Mapping[str, Any]) -> str:
+    """Return the card of a system. Raises InputError for measurements of other weights than the packaged ones."""
     manifest = read_manifest(WEIGHTS_FOLDER / f"{system}.json")
     if (found := measured["open_loop"]["sha256"]) != manifest.sha256:
         raise InputError(
@@ -198,22 +219,25 @@ def build_card(system: str) -> str:
     return format_card(system, measured, manifest)
 
 
-def main() -> None:
-    """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("system", nargs="?", choices=tuple(SYSTEMS))
-    parser.add_argument("--open-loop", type=Path, metavar="FILE")
-    parser.add_argument("--run", action="append", default=[], metavar="CONDITION=RUN")
-    parser.add_argument("--train", action="append", default=[], metavar="COMMAND", help="one of the commands, in order")
-    parser.add_argument("--note", action="append", default=[], metavar="TEXT")
-    options = parser.parse_args()
-    try:
-        if options.system:
-            update_measured(options.system, options)
-        for system in [options.system] if options.system else list_cards():
-            (FOLDER / f"{system}.md").write_text(build_card(system), encoding="utf-8")
-    except (InputError, OSError) as error:
-        parser.error(str(error))
+@click.command(cls=ToolCommand, context_settings=HELP)
+@click.argument("system", required=False, type=click.Choice(tuple(SYSTEMS)))
+@click.option("--open-loop", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="A new measurement.")
+@click.option("--run", "runs", multiple=True, metavar="CONDITION=RUN", help="A run folder; may be repeated.")
+@click.option(
+    "--train", "commands", multiple=True, metavar="COMMAND", help="One of the commands of training, in order."
+)
+@click.option("--note", "notes", multiple=True, metavar="TEXT", help="A line of the card; may be repeated.")
+@dry_run_option
+def main(system: str | None, *, dry_run: bool, **new: Any) -> None:
+    """Write the card of SYSTEM with new measurements, or all cards from what is stored."""
+    if system is None and any(new.values()):
+        raise InputError("expected a SYSTEM with these options, found none")
+    with tempfile.TemporaryDirectory() as scratch:
+        for name in [system] if system else list_cards():
+            measured = update_measured(name, NewMeasurements(**new)) if system else load_measured(name)
+            Path(scratch, f"{name}.json").write_text(json.dumps(measured, indent=1) + "\n", "utf-8")
+            Path(scratch, f"{name}.md").write_text(build_card(name, measured), "utf-8")
+        replace_changed_files(Path(scratch), FOLDER, dry_run=dry_run)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Write the tables of measured numbers in README.md and docs/results.md.
 
-    python -m tools.write_results RUN... [--bench FILE]
+    python -m tools.write_results RUN... [--bench FILE] [--dry-run]
 
 RUN is a folder that `mdrive-sumo eval --suite mdrive --agent NAME --seed N` wrote. All runs of an agent, one a seed,
 replace its row in `docs/results/baselines.json` by their means; `--bench` copies the figures of `make bench` to
@@ -8,18 +8,21 @@ replace its row in `docs/results/baselines.json` by their means; `--bench` copie
 with the pages.
 """
 
-import argparse
 import json
 import operator
 import re
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import click
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scoring import Means, Results, compute_bucket_means, compute_overall, load_results
 from tools.seed_runs import check_seed_runs
+from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
 
 ROOT = Path(__file__).parents[1]
 BASELINES = Path("docs/results/baselines.json")
@@ -172,10 +175,11 @@ def replace_block(text: str, name: str, table: str) -> str:
     return pattern.sub(lambda found: f"{found[1]}{table}\n{found[2]}", text)
 
 
-def render_pages(root: Path) -> dict[Path, str]:
-    """Return the text that each page with measured tables should have, from the JSON files below `root`."""
-    rows = json.loads((root / BASELINES).read_text("utf-8"))
-    speed = json.loads((root / SPEED).read_text("utf-8"))
+def render_pages(root: Path, rows: Mapping[str, Any], speed: Mapping[str, Any]) -> dict[Path, str]:
+    """Return the text that each page with measured tables below `root` should have.
+
+    rows, speed: contents of `BASELINES` and `SPEED`.
+    """
     readme, results = ((root / page).read_text("utf-8") for page in (README, RESULTS_PAGE))
     results = replace_block(results, "baselines", format_baselines(rows, DESCRIPTION_BY_AGENT))
     results = replace_block(results, "times", format_times(rows, DESCRIPTION_BY_AGENT))
@@ -185,23 +189,34 @@ def render_pages(root: Path) -> dict[Path, str]:
     }
 
 
-def main() -> None:
-    """Update the JSON files from the given runs, then write the pages."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("runs", nargs="*", type=Path, metavar="RUN", help="run folder with results.json")
-    parser.add_argument("--bench", type=Path, metavar="FILE", help="bench.json of `make bench`")
-    options = parser.parse_args()
-    rows = json.loads((ROOT / BASELINES).read_text("utf-8")) if (ROOT / BASELINES).is_file() else {}
-    try:
-        rows |= build_rows([load_results(folder / "results.json") for folder in options.runs])
-    except InputError as error:
-        parser.error(str(error))
-    ordered = {name: rows[name] for name in DESCRIPTION_BY_AGENT if name in rows}
-    (ROOT / BASELINES).write_text(json.dumps(ordered, indent=1) + "\n")
-    if options.bench:
-        (ROOT / SPEED).write_text(json.dumps(json.loads(options.bench.read_text("utf-8")), indent=1) + "\n")
-    for page, text in render_pages(ROOT).items():
-        (ROOT / page).write_text(text, "utf-8")
+def build_pages(runs: Sequence[Path], bench: Path | None) -> dict[Path, str]:
+    """Return the text of the JSON files with the figures of the runs and of `bench`, and of the pages made of them.
+
+    Raises InputError.
+    """
+    stored: dict[str, Any] = json.loads((ROOT / BASELINES).read_text("utf-8"))
+    stored |= build_rows([load_results(folder / "results.json") for folder in runs])
+    rows = {name: stored[name] for name in DESCRIPTION_BY_AGENT if name in stored}
+    speed = json.loads((bench or ROOT / SPEED).read_text("utf-8"))
+    measured = {BASELINES: rows} | ({SPEED: speed} if bench else {})
+    figures = {path: json.dumps(value, indent=1) + "\n" for path, value in measured.items()}
+    return figures | render_pages(ROOT, rows, speed)
+
+
+@click.command(cls=ToolCommand, context_settings=HELP)
+@click.argument("runs", nargs=-1, type=click.Path(path_type=Path, exists=True, file_okay=False), metavar="[RUN]...")
+@click.option(
+    "--bench", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="File that `make bench` wrote."
+)
+@dry_run_option
+def main(runs: Sequence[Path], bench: Path | None, dry_run: bool) -> None:
+    """Write the tables of README.md and docs/results.md, with the rows of the RUN folders (`results.json`) anew."""
+    with tempfile.TemporaryDirectory() as scratch:
+        for name, text in build_pages(runs, bench).items():
+            path = Path(scratch, name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, "utf-8")
+        replace_changed_files(Path(scratch), ROOT, dry_run=dry_run)
 
 
 if __name__ == "__main__":

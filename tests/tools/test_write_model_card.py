@@ -1,6 +1,5 @@
 """Model cards say what was measured; those of the repository are up to date."""
 
-import argparse
 import json
 from pathlib import Path
 
@@ -10,7 +9,15 @@ from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, load_unchecked_results, save_results, summarize_run
 from tools import write_model_card
-from tools.write_model_card import build_card, format_card, list_cards, summarise_runs, update_measured
+from tools.write_model_card import (
+    NewMeasurements,
+    build_card,
+    format_card,
+    list_cards,
+    load_measured,
+    summarise_runs,
+    update_measured,
+)
 
 MANIFEST = WeightsManifest(
     system="tcp",
@@ -71,18 +78,17 @@ def test_measurements_of_another_system_or_other_weights_are_refused(
     monkeypatch.setattr(write_model_card, "load_results", load_unchecked_results)
     save_results(make_results(0, {"a": 50.0}), tmp_path / "results.json")
     (tmp_path / "open.json").write_text(json.dumps(OPEN_LOOP))
-    empty = argparse.Namespace(open_loop=None, run=[], train=[], note=[])
-    for options, message in (
-        ({"open_loop": tmp_path / "open.json"}, "expected a measurement of vad, found one of tcp"),
-        ({"run": [f"as packaged={tmp_path}"]}, "expected a run of vad, found one of tcp"),
+    for new, message in (
+        (NewMeasurements(open_loop=tmp_path / "open.json"), "expected a measurement of vad, found one of tcp"),
+        (NewMeasurements(runs=[f"as packaged={tmp_path}"]), "expected a run of vad, found one of tcp"),
+        (NewMeasurements(runs=[str(tmp_path)]), "--run: expected CONDITION=RUN, found '/"),
     ):
         with pytest.raises(InputError, match=message):
-            update_measured("vad", argparse.Namespace(**{**vars(empty), **options}))
-    (tmp_path / "tcp.json").write_text(json.dumps({"open_loop": OPEN_LOOP}))
+            update_measured("vad", new)
     with pytest.raises(
         InputError, match=r"tcp: expected measurements of the packaged weights \w+\.\.\., found those of 000"
     ):
-        build_card("tcp")
+        build_card("tcp", {"open_loop": OPEN_LOOP})
 
 
 def test_a_card_says_what_was_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,10 +96,9 @@ def test_a_card_says_what_was_measured(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.setattr(write_model_card, "load_results", load_unchecked_results)  # scenarios without CAVs
     save_results(make_results(0, {"a": 50.0, "b": 100.0}), tmp_path / "results.json")
     (tmp_path / "open.json").write_text(json.dumps(OPEN_LOOP))
-    options = argparse.Namespace(
-        open_loop=tmp_path / "open.json", run=[f"as packaged={tmp_path}"], train=["learn train tcp"], note=["slow"]
-    )
-    card = format_card("tcp", update_measured("tcp", options), MANIFEST)
+    new = NewMeasurements(tmp_path / "open.json", [f"as packaged={tmp_path}"], ["learn train tcp"], ["slow"])
+    measured = update_measured("tcp", new)
+    card = format_card("tcp", measured, MANIFEST)
     for text in (
         "Counterpart of TCP, trained on mdrive-sumo data",
         "| parameters | 1,234,567 |",
@@ -107,9 +112,11 @@ def test_a_card_says_what_was_measured(tmp_path: Path, monkeypatch: pytest.Monke
         "- slow",
     ):
         assert text in card
-    assert json.loads((tmp_path / "tcp.json").read_text())["closed_loop"]["as packaged"]["ds"] == 75.0
+    assert measured["closed_loop"]["as packaged"]["ds"] == 75.0
 
 
 def test_the_cards_of_the_repository_are_up_to_date() -> None:
     for system in list_cards():
-        assert (write_model_card.FOLDER / f"{system}.md").read_text("utf-8") == build_card(system)
+        assert (write_model_card.FOLDER / f"{system}.md").read_text("utf-8") == build_card(
+            system, load_measured(system)
+        )

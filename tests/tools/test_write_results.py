@@ -94,8 +94,7 @@ def test_the_command_replaces_the_row_and_both_pages(tmp_path: Path, monkeypatch
         save_results(run(seed, 90.0 + seed, agent="take-turns"), tmp_path / f"run{seed}" / "results.json")
     monkeypatch.setattr(write_results, "ROOT", tmp_path)
     monkeypatch.setattr(write_results, "load_results", load_unchecked_results)  # the scores are made up
-    monkeypatch.setattr("sys.argv", ["write_results", *(str(tmp_path / f"run{seed}") for seed in (0, 1, 2))])
-    write_results.main()
+    write_results.main([str(tmp_path / f"run{seed}") for seed in (0, 1, 2)], standalone_mode=False)
     row = json.loads((tmp_path / write_results.BASELINES).read_text())["take-turns"]
     assert (row["seeds"], row["scores"]["overall"]["ds"]) == ([0, 1, 2], 91.0)
     for page in (write_results.README, write_results.RESULTS_PAGE):

@@ -1,4 +1,4 @@
-"""Build the V2XPnP bucket: `python -m tools.synthetic_recordings [--count N] [--seed S] [--out DIR]`.
+"""Build the V2XPnP bucket: `python -m tools.synthetic_recordings --out DIR [--count N] [--seed S] [--dry-run]`.
 
 Synthetic recordings in the V2XPnP format, not the V2XPnP data set: drives in SUMO on two maps of our own are recorded
 by CAVs and roadside units, written in the format with its noise (logs and maps stay in OUT.work), and converted like
@@ -6,15 +6,15 @@ by CAVs and roadside units, written in the format with its noise (logs and maps 
 those whose means come nearest to the paper's table are kept. Recordings in which a CAV cannot arrive are dropped.
 """
 
-import argparse
 import json
 import math
 import shutil
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
+
+import click
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.validation import FULL_SCORE
@@ -36,6 +36,7 @@ from tools.synthetic_recordings.convert_recording import (
     record_log,
 )
 from tools.synthetic_recordings.record_drive import RECORDING_SITES
+from tools.tool_command import HELP, ToolCommand, dry_run_option
 
 COUNT = 67
 SHARES = {("crossing", 2): 28, ("crossing", 1): 7, ("corridor", 2): 26, ("corridor", 1): 6}
@@ -46,26 +47,25 @@ LIMIT_S = 600.0
 R = TypeVar("R")
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Write the suite to --out, which must be new."""
-    asked = argparse.ArgumentParser(description="Synthetic recordings in the V2XPnP format, as a suite.")
-    asked.add_argument("--count", type=int, default=COUNT)
-    asked.add_argument("--seed", type=int, default=0)
-    asked.add_argument("--out", type=Path, default=Path("v2xpnp"))
-    asked.add_argument("--workers", type=int, default=2)
-    options = asked.parse_args(arguments)
-    try:
-        build_suite(options.out, options.count, options.seed, options.workers)
-    except InputError as error:
-        sys.exit(f"Error: {error}")
+@click.command(cls=ToolCommand, context_settings=HELP)
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="New folder of the suite; logs: OUT.work.")
+@click.option("--count", default=COUNT, show_default=True, type=click.IntRange(1), help="Scenarios of the suite.")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0))
+@click.option("--workers", default=2, show_default=True, type=click.IntRange(1), help="Processes.")
+@dry_run_option
+def main(out: Path, count: int, seed: int, workers: int, dry_run: bool) -> None:
+    """Record drives in SUMO, convert them, and write those that fit as a suite; takes half an hour."""
+    if not dry_run:
+        build_suite(out, count, seed, workers)
+        return
+    _check_new(out)
+    for (site, cavs), number in split_count(count).items():
+        click.echo(f"{site}, {cavs} CAVs: {number} of {math.ceil(DRIVES_PER_SCENARIO * number)} drives would be kept")
 
 
 def build_suite(out: Path, count: int, seed: int, workers: int) -> None:
     """Record, convert, select and write; raise InputError."""
-    work = out.with_name(out.name + ".work")
-    for folder in (out, work):
-        if folder.exists():
-            raise InputError(f"{folder}: expected a new folder, found something there")
+    work = _check_new(out)
     wanted = split_count(count)
     tasks = _build_tasks(wanted, seed, work, out)
     logs = {task.name for task, log in _run_all(record_log, tasks, workers) if isinstance(log, Path)}
@@ -95,6 +95,15 @@ def write_selection(out: Path, outcomes: Sequence[RecordingOutcome], wanted: dic
     save_suite(Suite(ABOUT, out, ()))
     save_suite(seal_suite(load_suite(str(out))))
     _print_summary(chosen, outcomes)
+
+
+def _check_new(out: Path) -> Path:
+    """Return the folder of logs and maps; raise InputError if it or `out` exists."""
+    work = out.with_name(f"{out.name}.work")
+    for folder in (out, work):
+        if folder.exists():
+            raise InputError(f"{folder}: expected a new folder, found something there")
+    return work
 
 
 def split_count(count: int) -> dict[tuple[str, int], int]:
@@ -138,7 +147,7 @@ def _run_all(
     with ProcessPool(function, workers, LIMIT_S) as pool:
         for n, (task, answer) in enumerate(pool.run(tasks), 1):
             message = answer.reason if isinstance(answer, WorkerFailure) else answer if isinstance(answer, str) else ""
-            sys.stderr.write(f"{function.__name__} {n}/{len(tasks)} {task.name} {message}\n")
+            click.echo(f"{function.__name__} {n}/{len(tasks)} {task.name} {message}", err=True)
             yield task, message if isinstance(answer, WorkerFailure) else answer
 
 
@@ -158,4 +167,4 @@ def _print_summary(chosen: Sequence[SelectionCandidate], outcomes: Sequence[Reco
         "omniscient_without_infraction": sum(one.examined.omniscient_ds == FULL_SCORE for one in kept),
         "hidden_until_late": sum(one.examined.is_occluded for one in kept),
     }
-    sys.stdout.write(json.dumps(about, indent=1) + "\n")
+    click.echo(json.dumps(about, indent=1))

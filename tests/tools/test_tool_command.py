@@ -1,0 +1,108 @@
+"""Tools are commands like the others: they have help, end with a sentence, and write nothing in a dry run."""
+
+import os
+import pkgutil
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+from testing.paths import ROOT
+
+import tools
+from mdrive_sumo.scenario.suite import list_packaged_suites
+from tools.tool_command import replace_changed_files
+
+MODULES = [f"tools.{module.name}" for module in pkgutil.iter_modules(tools.__path__)]
+PARTS = {"tools.seed_runs", "tools.tool_command", "tools.training_networks"}
+"""Modules of tools that are no commands."""
+COMMANDS = sorted({*MODULES} - PARTS)
+NOT_WRITING = {"tools.compare_platforms", "tools.detector_calibration", "tools.draw_camera_pictures"}
+"""Commands that write at most to a path that the user names."""
+
+
+def load_command(name: str) -> click.Command:
+    module = import_module(name)
+    return import_module(f"{name}.build_suite").main if hasattr(module, "__path__") else module.main
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_tool_has_help_and_a_dry_run(name: str) -> None:
+    told = CliRunner().invoke(load_command(name), ["--help"])
+    assert told.exit_code == 0 and "Usage:" in told.output
+    assert ("--dry-run" in told.output) is (name not in NOT_WRITING)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_wrong_options_of_a_tool_are_refused(name: str) -> None:
+    told = CliRunner().invoke(load_command(name), ["--no-such-option"])
+    assert told.exit_code == 2 and "No such option" in told.output
+
+
+def test_a_tool_ends_with_a_sentence(tmp_path: Path) -> None:
+    for name, arguments, sentence in (
+        ("tools.build_lone_suite", [str(tmp_path)], "expected a folder that does not exist yet"),
+        ("tools.build_networks", ["--dry-run", "no_such_network"], "network 'no_such_network'"),
+        ("tools.synthetic_recordings", ["--dry-run", "--out", str(tmp_path)], "expected a new folder"),
+        ("tools.build_interaction_suite", ["--dry-run", str(ROOT / "docs")], "expected a new or empty folder"),
+        ("tools.write_model_card", ["--note", "fast"], "expected a SYSTEM with these options, found none"),
+        ("tools.write_results", ["--dry-run", str(tmp_path)], "results.json"),
+    ):
+        told = CliRunner().invoke(load_command(name), arguments)
+        assert told.exit_code == 2 and sentence in told.output, (name, told.output)
+
+
+@pytest.mark.parametrize("name", ["tools.write_results", "tools.write_model_card"])
+def test_a_dry_run_finds_the_written_pages_up_to_date(name: str) -> None:
+    told = CliRunner().invoke(load_command(name), ["--dry-run"])
+    assert told.exit_code == 0 and told.output.endswith(": 0 files would change\n")
+
+
+def test_a_dry_run_names_what_would_change_and_writes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    built, target = tmp_path / "built", tmp_path / "target"
+    for folder, text in ((built, "new"), (target, "old")):
+        (folder / "inner").mkdir(parents=True)
+        (folder / "inner" / "a").write_text(text)
+        (folder / "same").write_text("same")
+    replace_changed_files(built, target, dry_run=True)
+    assert (target / "inner" / "a").read_text() == "old"
+    assert capsys.readouterr().out == f"would change: {target / 'inner' / 'a'}\n{target}: 1 files would change\n"
+    replace_changed_files(built, target, dry_run=False)
+    assert (target / "inner" / "a").read_text() == "new"
+
+
+def test_a_dry_run_of_a_suite_says_how_many_scenarios(tmp_path: Path) -> None:
+    told = CliRunner().invoke(load_command("tools.synthetic_recordings"), ["--dry-run", "--out", str(tmp_path / "new")])
+    assert told.exit_code == 0 and "crossing, 2 CAVs: 28 of 56 drives would be kept" in told.output
+    told = CliRunner().invoke(load_command("tools.build_interaction_suite"), ["--dry-run", str(tmp_path / "new")])
+    assert told.exit_code == 0 and "roundabout: 10 scenarios would be searched" in told.output
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_the_built_suite_is_found_unchanged() -> None:
+    command = [sys.executable, "-m", "tools.build_interdrive_suite", "--dry-run"]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300, check=True)
+    assert told.stdout == f"{list_packaged_suites()['interdrive']}: 0 files would change\n"
+
+
+@pytest.mark.slow
+def test_workers_find_the_function_of_a_tool_that_is_run_as_a_program(tmp_path: Path) -> None:
+    """`python -m` names the module `__main__`, which a worker cannot import; here one category, one scenario."""
+    script = (
+        "import runpy, sys, tools.build_interaction_suite as tool\n"
+        "from mdrive_sumo.generate.category_requirements import Category\n"
+        "tool.list_tasks = lambda: [tool.CategoryTask(Category.LANE_CHANGE, 1)]\n"
+        "sys.argv = ['tool', sys.argv[1]]\n"
+        "runpy.run_module('tools.build_interaction_suite', run_name='__main__', alter_sys=True)\n"
+    )
+    command = [sys.executable, "-W", "ignore::RuntimeWarning:runpy", "-c", script, str(tmp_path / "suite")]
+    told = subprocess.run(command, cwd=ROOT, env=dict(os.environ), capture_output=True, text=True, timeout=600)
+    assert told.returncode == 0, told.stderr
+    assert told.stdout == "lane-change: 1\n"
+    assert (tmp_path / "suite" / "lane-change_01" / "scenario.json").is_file()
