@@ -16,15 +16,23 @@ class VehicleFacts:
     """The car that the agent drives: sizes [m], mass [kg], steering [rad], limits [m/s, m/s2]."""
 
     length: float
+    """Of the box [m]."""
     width: float
+    """Of the box [m]."""
     wheelbase: float
+    """Distance between the axles [m]."""
     rear_to_centre: float
     """Distance [m] from the rear axle forward to the box centre."""
     mass: float
+    """[kg]"""
     max_steer_angle: float
+    """Of the front wheels [rad]: `Control.steer` = 1."""
     max_speed: float
+    """[m/s]"""
     max_acceleration: float
+    """[m/s2]"""
     max_deceleration: float
+    """[m/s2], positive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +40,7 @@ class StopSign:
     """A stop sign on the route: arc length [m] along the route of its line."""
 
     s: float
+    """Arc length of its line along the route [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +48,9 @@ class TrafficLight:
     """A traffic light on the route: id of the light and arc length [m] along the route of its stop line."""
 
     id: str
+    """Its key in `Observation.signals`."""
     s: float
+    """Arc length of its stop line along the route [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +66,7 @@ class Briefing:
     time_limit_s: float
     """Time [s] after which the CAV is timed out: its own limit in the scenario, or that of protocol 7.6."""
     vehicle: VehicleFacts
+    """The car that the agent drives."""
     route_xy: Float
     """(N, 2) points every metre [m]; the first is the start, the last is the goal."""
     route_yaw: Float
@@ -66,7 +78,9 @@ class Briefing:
     route_speed_limit: Float
     """(N,) speed limit at each point [m/s]."""
     stop_signs: tuple[StopSign, ...] = ()
+    """On the route, in its order."""
     traffic_lights: tuple[TrafficLight, ...] = ()
+    """On the route, in its order."""
     route_room: Float = field(default_factory=lambda: np.zeros((0, 2)))
     """(N, 2) free width [m] to the left and to the right of each route point across the assigned lane: up to the edge
     of all lanes and junctions together, oncoming lanes included, at most 10 m. No rows if it was not measured."""

@@ -23,12 +23,19 @@ class OwnState:
     """
 
     x: float
+    """Of the box centre in the world frame [m]."""
     y: float
+    """Of the box centre in the world frame [m]."""
     yaw: float
+    """Heading [rad], counter-clockwise from +x."""
     speed: float
+    """Along the heading [m/s]."""
     acceleration: float
+    """Along the heading [m/s2]."""
     yaw_rate: float
+    """[rad/s], positive to the left."""
     steer_angle: float
+    """Of the front wheels [rad], positive to the left."""
     position_sigma: float = 0.0
     """Standard deviation of the errors of x and of y [m]; 0: exact."""
     yaw_sigma: float = 0.0
@@ -42,7 +49,9 @@ class Plan:
     """Where the box centre shall be: points (N, 2) [m] in the world frame, the first one lies `interval_s` ahead."""
 
     points: Float
+    """(N, 2) positions of the box centre [m] in the world frame, N from 1 to `MAX_PLAN_POINTS`."""
     interval_s: float
+    """Time between two points, and from now to the first one [s]."""
     controller: str = "tracker"
     """Which controller follows the plan: a name in `mdrive_sumo.vehicle.control.CONTROLLERS`."""
 
@@ -52,11 +61,15 @@ class Control:
     """Pedals and wheel: throttle and brake in [0, 1], steer in [-1, 1], left positive (full lock = max_steer_angle)."""
 
     throttle: float
+    """In [0, 1]."""
     brake: float
+    """In [0, 1]."""
     steer: float
+    """In [-1, 1], positive to the left; 1 is `VehicleFacts.max_steer_angle`."""
 
 
 STANDSTILL = Control(throttle=0.0, brake=1.0, steer=0.0)
+"""Full brake, wheels straight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +82,7 @@ class Message:
     type: str
     """"cam", "cpm", "mcm", "text", or a name of the agent's own, at most 16 characters."""
     payload: bytes
+    """Encoded content; its length is what the channel counts."""
     sender: str = ""
     """Pseudonym of the CAV or RSU that sent the message."""
     tick: int = 0
@@ -82,6 +96,7 @@ class Note:
     kind: str
     """A short name, e.g. "llm-exchange"; results count the notes of every kind."""
     text: str
+    """What the replay shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +106,11 @@ class Privileged:
     ego_ids: tuple[str, ...]
     """Pseudonym of every active CAV, the receiver included, sorted."""
     states: tuple[OwnState, ...]
+    """Exact state of each CAV, in the order of `ego_ids`."""
     routes: tuple[Float, ...]
     """(N, 2) route points of each CAV [m]."""
     plans: tuple[Plan | None, ...]
+    """What each CAV planned in the previous tick; None for one that gave a control."""
     objects: Objects
     """Every actor that is not a CAV, at any distance."""
     rooms: tuple[Float, ...] = ()
@@ -132,20 +149,27 @@ class Observation(_DeferredObjects):
     """What one CAV sees of one frame. Fields of sensors that were not declared are None or empty."""
 
     tick: int
+    """Number of the tick, 0 at the start; a tick lasts `Briefing.tick_s`."""
     own: OwnState
+    """The CAV's own state as its instruments estimate it."""
     objects: Objects | None = None
+    """Detections of the `objects` sensor, nearest first; computed when first read."""
     signals: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """State letter ("r", "y", "g", "G") by id of the traffic lights of the briefing."""
     messages: tuple[Message, ...] = ()
     """Messages that arrived since the last observation of this agent, in order of arrival."""
     privileged: Privileged | None = None
+    """Every state and plan; only for agents that declare the `privileged` sensor, which labels the run."""
     lidar: Mapping[str, PointCloud] = field(default_factory=lambda: MappingProxyType({}))
     """Scans by sensor id; a slower sensor is missing in ticks without a scan."""
     bev: Mapping[str, Raster] = field(default_factory=lambda: MappingProxyType({}))
+    """Bird's-eye rasters by sensor id."""
     gnss: Gnss | None = None
+    """Position by satellite, with errors."""
     imu: Imu | None = None
+    """Acceleration, angular rate and compass, with errors."""
     speedometer: float | None = None
-    """[m/s]"""
+    """Measured speed [m/s]."""
     cameras: Mapping[str, CameraImage] = field(default_factory=lambda: MappingProxyType({}))
     """Images by sensor id; a slower camera is missing in ticks without an image."""
 
@@ -155,9 +179,13 @@ class Reply:
     """An agent's answer: a control or a plan (exactly one), what it says to others, and what it has detected."""
 
     control: Control | None = None
+    """Pedals and wheel for this tick."""
     plan: Plan | None = None
+    """Where to drive; the controller that the plan names follows it."""
     messages: tuple[Message, ...] = ()
+    """What the channel carries to others, at most `MAX_MESSAGES`."""
     notes: tuple[Note, ...] = ()
+    """Entries for the recording, at most `MAX_NOTES`."""
     detections: Detections | None = None
     """Scored in open loop, without effect otherwise; None unless the agent has looked in this tick."""
 

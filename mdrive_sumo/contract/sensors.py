@@ -23,11 +23,13 @@ class SensorSpec:
     """
 
     kind: str
+    """Kind of sensor, e.g. "objects"."""
     id: str = ""
     """Name of its output; several sensors of kind lidar, camera or bev need different ones."""
     range_m: float = 100.0
     """How far an "objects" sensor reaches [m]; the others have fixed or optional ranges."""
     options: Mapping[str, float | str | bool] = field(default_factory=lambda: NO_OPTIONS)
+    """Options of the kind by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +77,11 @@ class Raster:
     """A bird's-eye view centred on the car, which looks up (row 0 is ahead, column 0 is left)."""
 
     layers: tuple[str, ...]
+    """Name of each layer of `pixels`."""
     pixels: npt.NDArray[np.uint8]
     """(layers, H, W), 0 or 255."""
     metres_per_pixel: float
+    """Edge of a pixel on the road [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +104,11 @@ class Gnss:
     """Where a satellite receiver at the box centre takes itself to be (WGS 84)."""
 
     latitude_deg: float
+    """[deg], positive to the north."""
     longitude_deg: float
+    """[deg], positive to the east."""
     altitude_m: float
+    """[m]; roads are flat, at altitude 0."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,13 +71,15 @@ class RoadUsers:
     """Oriented boxes of road users and obstacles as a struct of arrays; every array has one row (N,) per box."""
 
     ids: tuple[str, ...]
+    """Name of each box."""
     kind: npt.NDArray[np.uint8]
     """Values of `Kind`."""
     x: Float
     """World frame, box centre [m]."""
     y: Float
+    """World frame, box centre [m]."""
     yaw: Float
-    """[rad]"""
+    """Heading [rad], counter-clockwise from +x."""
     speed: Float
     """Along yaw [m/s]."""
     length: Float
