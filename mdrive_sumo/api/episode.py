@@ -68,7 +68,7 @@ class Episode:
         """Return one row per tick and road user that is present: poses in the world frame [m, rad, m/s].
 
         The columns throttle, brake and steer are the controls applied after the tick; NaN for road users that are not
-        CAVs. Needs pandas (`mdrive-sumo[notebook]`).
+        CAVs. Needs pandas (extra `notebook`).
         """
         record = self.record
         ticks, columns = np.nonzero(record.valid)

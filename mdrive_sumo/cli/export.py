@@ -4,13 +4,14 @@ from pathlib import Path
 
 import click
 
+from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.export.export_formats import EXPORT_FORMATS
 
 
 def _describe_formats() -> str:
     """Return the paragraph of the help text that lists the formats."""
     rows = [f"  {name:13} {entry.description}{' *' if entry.package else ''}" for name, entry in EXPORT_FORMATS.items()]
-    return "\n".join(("\b", *rows, "  * needs pip install 'mdrive-sumo[export]'"))
+    return "\n".join(("\b", *rows, f"  * needs {format_installation('export')}"))
 
 
 @click.command("export", epilog=_describe_formats())

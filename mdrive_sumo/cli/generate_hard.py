@@ -39,7 +39,7 @@ NOT_HARD = ("proposer", "endpoint", "model", "explain")
 def hard_options(function: Callable[..., None]) -> Callable[..., None]:
     """Add the options of the adversarial search to a command."""
     options = (
-        click.option("--hard", is_flag=True, help="Search the hard tier (needs mdrive-sumo[search])."),
+        click.option("--hard", is_flag=True, help="Search the hard tier (needs the extra `search`)."),
         click.option("--family", "families", multiple=True, metavar="F", help="hard: only this family; may repeat."),
         click.option(
             "--budget",

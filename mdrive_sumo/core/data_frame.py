@@ -4,6 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.installation_command import format_installation
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -27,6 +28,6 @@ def _import_pandas() -> "ModuleType":
         import pandas
     except ModuleNotFoundError:
         raise InputError(
-            "to_frame: expected the package pandas, found none; run `pip install 'mdrive-sumo[notebook]'`"
+            f"to_frame: expected the package pandas, found none; run `{format_installation('notebook')}`"
         ) from None
     return pandas

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.installation_command import format_installation
 
 if TYPE_CHECKING:  # `export --help` lists the formats without loading NumPy and pydantic
     from mdrive_sumo.export.scored_recording import ScoredRecording
@@ -31,7 +32,7 @@ class ExportFormat:
         if self.package and importlib.util.find_spec(self.package) is None:
             raise InputError(
                 f"export: expected the package of the module {self.package}, found none:"
-                " pip install 'mdrive-sumo[export]'"
+                f" {format_installation('export')}"
             )
         module, _, function = self.writer.partition(":")
         return getattr(importlib.import_module(module), function)

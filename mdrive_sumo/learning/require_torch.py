@@ -3,6 +3,7 @@
 from importlib.util import find_spec
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.installation_command import format_installation
 
 NEEDED = ("torch", "onnx")
 
@@ -13,5 +14,5 @@ def require_torch(command: str, *more: str) -> None:
     if missing:
         raise InputError(
             f"{command}: expected {', '.join((*NEEDED, *more))} to be installed, found no {' and no '.join(missing)};"
-            " pip install 'mdrive-sumo[learn,learned]'"
+            f" {format_installation('learn', 'learned')}"
         )

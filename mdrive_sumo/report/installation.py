@@ -11,6 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import GAPS, SandboxLayer
+from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.tables import format_text_table
 
 SIMULATOR_CHECK = "import libsumo; libsumo.getVersion()"
@@ -44,7 +45,7 @@ PACKAGES = (
 """Distribution, the commands that need it, the extra that brings it ("" = the core install)."""
 
 
-GL_REMEDY = "pip install 'mdrive-sumo[camera]'; on Debian and Ubuntu: apt-get install libegl1 libgl1-mesa-dri"
+GL_REMEDY = f"{format_installation('camera')}; on Debian and Ubuntu: apt-get install libegl1 libgl1-mesa-dri"
 RENDERER_CHECK = "from mdrive_sumo.sensing.camera.camera_renderer import load_renderer; print(load_renderer().driver)"
 
 
@@ -75,7 +76,7 @@ def examine_installation() -> tuple[InstallationCheck, ...]:
         *(_package(*row) for row in PACKAGES),
         _simulator(),
         _renderer(),
-        _program("netconvert", "convert", "pip install 'mdrive-sumo[convert]'"),
+        _program("netconvert", "convert", format_installation("convert")),
         _program("bwrap", "serve, submit --dry-run", "on Debian and Ubuntu: apt-get install bubblewrap"),
         _program("ffmpeg", "render --out x.mp4", "on Debian and Ubuntu: apt-get install ffmpeg"),
     )
@@ -99,8 +100,8 @@ def _version(name: str) -> str:
 
 
 def _package(name: str, needed_for: str, extra: str) -> InstallationCheck:
-    what = f"mdrive-sumo[{extra}]" if extra else name
-    return InstallationCheck(name, _version(name), needed_for, f"pip install '{what}'", is_required=not extra)
+    remedy = format_installation(extra) if extra else f"pip install '{name}'"
+    return InstallationCheck(name, _version(name), needed_for, remedy, is_required=not extra)
 
 
 def _simulator() -> InstallationCheck:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.installation_command import format_installation
 
 LIMIT_S = 600
 MEMORY_BYTES = 2 * 2**30
@@ -63,5 +64,5 @@ def find_netconvert() -> Path:
         if (wheel := Path(folder) / "bin" / "netconvert").is_file():
             return wheel
     if (found := shutil.which("netconvert")) is None:
-        raise InputError("netconvert: expected SUMO's programs, found none (pip install 'mdrive-sumo[convert]')")
+        raise InputError(f"netconvert: expected SUMO's programs, found none ({format_installation('convert')})")
     return Path(found)

@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager
 from typing import TypeVar
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.runs.executor import Executor
 from mdrive_sumo.runs.process_pool import ProcessPool
 
@@ -36,4 +37,6 @@ def check_scheduler_address(scheduler: str) -> None:
     if ADDRESS.fullmatch(scheduler) is None:
         raise InputError(f"--scheduler: expected tcp://HOST:PORT of a Dask scheduler, found {scheduler!r:.80}")
     if importlib.util.find_spec("distributed") is None:
-        raise InputError("--executor dask: expected the package distributed; install mdrive-sumo[dask]")
+        raise InputError(
+            f"--executor dask: expected the package distributed, found none; {format_installation('dask')}"
+        )

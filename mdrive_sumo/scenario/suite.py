@@ -101,7 +101,7 @@ class Suite:
         return exact or replace(self, scenarios=self.select(key))
 
     def to_frame(self) -> "pd.DataFrame":
-        """Return one row per scenario, indexed by scenario id. Needs pandas (`mdrive-sumo[notebook]`)."""
+        """Return one row per scenario, indexed by scenario id. Needs pandas (extra `notebook`)."""
         return build_data_frame(map(_describe_scenario, self.scenarios)).set_index("scenario")
 
     @property

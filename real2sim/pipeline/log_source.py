@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.installation_command import format_installation
 from real2sim.readers.checked_arrays import MAX_COORDINATE_M
 from real2sim.readers.time_window import TimeWindow
 from real2sim.recording import Recording
@@ -34,7 +35,7 @@ def read_log(log: LogSource) -> Recording:
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         raise InputError(
-            f"{log.source}: expected the package {package}, found none (pip install 'mdrive-sumo[convert]')"
+            f"{log.source}: expected the package {package}, found none ({format_installation('convert')})"
         ) from None
 
 

@@ -9,6 +9,7 @@ import click
 
 from mdrive_sumo.agent_process.sandbox import examine_layers
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import format_optional
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
@@ -100,7 +101,7 @@ def _default_sandbox() -> "SandboxSettings":
     try:
         from server.settings import SandboxSettings  # needs the packages of the server
     except ImportError as error:
-        raise InputError(f"a dry run needs {error.name}: pip install 'mdrive-sumo[server]'") from None
+        raise InputError(f"a dry run needs {error.name}: {format_installation('server')}") from None
     return SandboxSettings()
 
 

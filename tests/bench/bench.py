@@ -22,6 +22,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Reply
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.episode import save_episode
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
@@ -53,7 +54,7 @@ def grid(folder: Path) -> RoadMap:
     """A 4 x 4 grid with 120 m blocks and two lanes a direction, as in spec/sumo_pitfalls."""
     netgenerate = shutil.which("netgenerate", path=str(BIN))
     if netgenerate is None:
-        raise InputError("bench: expected netgenerate (pip install 'mdrive-sumo[convert]'), found none")
+        raise InputError(f"bench: expected netgenerate ({format_installation('convert')}), found none")
     subprocess.run(
         [netgenerate, "--grid", "--grid.number", "6", "--grid.length", "120", "-L", "2", "--no-turnarounds",
          "-o", "grid.net.xml"],

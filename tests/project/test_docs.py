@@ -23,6 +23,7 @@ from mdrive_sumo.contract import (
     VehicleFacts,
     check_reply,
 )
+from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.report.installation import SYSTEM_LIBRARIES
 from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion
 from mdrive_sumo.scenario.suite import load_suite
@@ -33,12 +34,13 @@ from tools.write_results import RESULTS_PAGE, build_pages, format_speed, replace
 
 PAGES = sorted({*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")})
 README = (ROOT / "README.md").read_text()
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 
 
 def test_every_command_is_in_the_page_of_commands() -> None:
     page = (ROOT / "docs" / "cli.md").read_text()
     described = set(re.findall(r"^\| `mdrive-sumo ([a-z][a-z-]*)", page, re.MULTILINE))
-    plugged = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["mdrive_sumo.commands"]
+    plugged = PROJECT["entry-points"]["mdrive_sumo.commands"]
     assert {*COMMANDS, *plugged} == described
 
 
@@ -56,6 +58,14 @@ def test_readme_uses_names_of_the_python_front_door() -> None:
 def test_tables_of_measured_numbers_are_those_that_the_program_writes(page: Path) -> None:
     """After a new measurement: `python -m tools.write_results RUN...`."""
     assert (ROOT / page).read_text("utf-8") == build_pages((), None)[page]
+
+
+@pytest.mark.parametrize("page", [*PAGES, *sorted(ROOT.glob("docs/tutorials/*.ipynb"))], ids=lambda path: path.name)
+def test_commands_that_install_extras_work_today(page: Path) -> None:
+    """A release changes `SOURCE`, and this test names the pages to follow."""
+    for source, extras in re.findall(r"pip install \'([^\'\[ ]*)\[([\w,]+)\]\'", page.read_text("utf-8")):
+        assert f"pip install '{source}[{extras}]'" == format_installation(*extras.split(","))
+        assert set(extras.split(",")) <= PROJECT["optional-dependencies"].keys()
 
 
 def test_a_page_without_the_block_of_a_table_is_refused() -> None:

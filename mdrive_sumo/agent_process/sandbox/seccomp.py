@@ -19,6 +19,7 @@ from mdrive_sumo.agent_process.sandbox.refused_calls import (
     REFUSED_ARGUMENTS,
 )
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.installation_command import format_installation
 
 LOW_32 = 0xFFFFFFFF
 """The kernel looks at 32 bits of most arguments; so must the filter."""
@@ -35,7 +36,7 @@ def compiled() -> bytes:
     try:
         import pyseccomp as seccomp
     except (ImportError, RuntimeError, OSError) as error:
-        cure = "pip install 'mdrive-sumo[server]', on Debian and Ubuntu: apt-get install libseccomp2"
+        cure = f"{format_installation('server')}, on Debian and Ubuntu: apt-get install libseccomp2"
         raise InputError(f"sandbox: expected the package pyseccomp and libseccomp, found: {error}; {cure}") from error
     rules = seccomp.SyscallFilter(seccomp.ALLOW)
     rules.set_attr(seccomp.Attr.ACT_BADARCH, seccomp.ERRNO(errno.EPERM))

@@ -15,6 +15,7 @@ import numpy as np
 from mdrive_sumo.agents.learned.network_inputs import Inputs, describe_inputs, describe_outputs
 from mdrive_sumo.agents.learned.system_spec import SystemSpec
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.installation_command import format_installation
 
 if TYPE_CHECKING:
     from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest
@@ -53,7 +54,7 @@ def load_network(spec: SystemSpec, path: Path | None = None, use_gpu: bool = Tru
     if importlib.util.find_spec("onnxruntime") is None:
         raise InputError(
             f"agent {spec.name}: expected ONNX Runtime to run its network, found none installed;"
-            " pip install 'mdrive-sumo[learned]'"
+            f" {format_installation('learned')}"
         )
     from mdrive_sumo.agents.learned.weights_manifest import read_manifest
 

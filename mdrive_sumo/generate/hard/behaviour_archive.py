@@ -17,6 +17,7 @@ import numpy as np
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation, CandidateFigures
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily
@@ -210,7 +211,7 @@ def check_search_library() -> None:
         if importlib.util.find_spec(package) is None:
             raise InputError(
                 f"generate --hard: expected the package {package}, which the search needs, found none;"
-                " install it with pip install 'mdrive-sumo[search]'"
+                f" {format_installation('search')}"
             )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Hashable
 from typing import Any, Generic, TypeVar
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.installation_command import format_installation
 
 DEVICE_VARIABLE = "GLCONTEXT_DEVICE_INDEX"
 """Environment variable with the number of the EGL device that renders, from 0; read by the package glcontext."""
@@ -20,7 +21,7 @@ def create_context() -> Any:
         import moderngl
     except ImportError:
         raise InputError(
-            'camera: expected the package moderngl, which renders images, found none; pip install "mdrive-sumo[camera]"'
+            f"camera: expected the package moderngl, which renders images, found none; {format_installation('camera')}"
         ) from None
     device = os.environ.get(DEVICE_VARIABLE, "0")
     if not device.isdecimal():

@@ -145,7 +145,7 @@ def test_a_missing_extra_is_named(name: str, run_folder: Path, tmp_path: Path, m
         return
     done = call(run_folder, "--format", name, "--out", tmp_path / "out")
     assert (done.exit_code, done.stderr.count("\n")) == (2, 1)
-    assert f"{EXPORT_FORMATS[name].package}, found none: pip install 'mdrive-sumo[export]'" in done.stderr
+    assert f"{EXPORT_FORMATS[name].package}, found none: pip install '.[export]'" in done.stderr
 
 
 def write_ids(recordings: object, folder: Path) -> None:

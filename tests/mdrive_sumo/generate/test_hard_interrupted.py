@@ -127,7 +127,7 @@ def test_without_a_package_there_is_one_sentence(missing: str, monkeypatch: pyte
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == missing else name)
     found = run_command("generate", "--hard", "--out", tmp_path / "suite")
     assert found.exit_code == 2 and f"expected the package {missing}" in found.output
-    assert "pip install 'mdrive-sumo[search]'" in found.output
+    assert "pip install '.[search]'" in found.output
 
 
 @pytest.mark.full  # the cheap siblings shuffle and interrupt in one process

@@ -86,4 +86,4 @@ def test_missing_pytorch_is_one_sentence(command: str, monkeypatch: pytest.Monke
     options = ["--checkpoint", "x.pt"] if command == "export" else []
     result = CliRunner().invoke(main, ["learn", command, "tcp", "--out", str(tmp_path), *options])
     assert result.exit_code == 2
-    assert "to be installed, found no torch; pip install 'mdrive-sumo[learn,learned]'" in result.output
+    assert "to be installed, found no torch; pip install '.[learn,learned]'" in result.output

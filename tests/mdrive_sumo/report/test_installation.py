@@ -23,7 +23,7 @@ def test_the_test_environment_lacks_nothing_that_the_core_needs() -> None:
 def test_what_is_missing_is_named_with_its_command_and_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(installation, "PACKAGES", (("no-such-package", "convert", "convert"),))
     table = installation.format_installation_table(installation.examine_installation())
-    assert "missing for convert: no-such-package (pip install 'mdrive-sumo[convert]')" in table
+    assert "missing for convert: no-such-package (pip install '.[convert]')" in table
 
 
 def test_a_broken_simulator_is_found_without_breaking_the_doctor(monkeypatch: pytest.MonkeyPatch) -> None:

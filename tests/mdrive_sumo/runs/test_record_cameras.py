@@ -106,10 +106,10 @@ def test_without_a_renderer_the_drivers_view_is_one_sentence(
     run_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail() -> None:
-        raise InputError('camera: expected the package moderngl, found none; pip install "mdrive-sumo[camera]"')
+        raise InputError('camera: expected the package moderngl, found none; pip install ".[camera]"')
 
     monkeypatch.setattr(driver_view_painter, "load_renderer", fail)
     done = call("render", run_folder, "--view", "driver", "--out", tmp_path / "x.png")
     assert done.exit_code == 2
-    assert 'pip install "mdrive-sumo[camera]"' in done.output
+    assert 'pip install ".[camera]"' in done.output
     assert not (tmp_path / "x.png").exists()

@@ -35,7 +35,7 @@ def test_netconvert_missing_names_the_extra(
     monkeypatch.delitem(sys.modules, "sumo", raising=False)
     monkeypatch.setenv("PATH", "")
     sentence = refused(tmp_path, "v2xpnp", small[0], "--map", small[1])
-    assert "netconvert: expected SUMO's programs, found none (pip install 'mdrive-sumo[convert]')" in sentence
+    assert "netconvert: expected SUMO's programs, found none (pip install '.[convert]')" in sentence
 
 
 @pytest.mark.usefixtures("in_process")
@@ -53,7 +53,7 @@ def test_a_missing_package_names_the_extra(
     (tmp_path / "log").mkdir()
     (tmp_path / file).write_text(CONTENT.get(source, "nothing"))
     sentence = refused(tmp_path, source, tmp_path / "log")
-    assert "mdrive-sumo[convert]" in sentence
+    assert ".[convert]" in sentence
     assert module.partition(".")[0] in sentence
 
 
@@ -64,7 +64,7 @@ def test_a_missing_package_of_a_worker_names_the_extra(tmp_path: Path, monkeypat
     frame.write_text("vehicles: [")
     monkeypatch.syspath_prepend(tmp_path / "missing")  # workers get the path of their parent
     sentence = refused(tmp_path, "v2xpnp", tmp_path / "log", "--map", tmp_path / "map.pkl")
-    assert "mdrive-sumo[convert]" in sentence
+    assert ".[convert]" in sentence
     assert "yaml" in sentence
 
 
