@@ -89,6 +89,22 @@ def test_commands_that_install_extras_work_today(page: Path) -> None:
         assert set(extras.split(",")) <= PROJECT["optional-dependencies"].keys()
 
 
+def test_every_cited_section_of_the_protocol_is_in_the_docs() -> None:
+    """The page restates the protocol: readers of docstrings have no other document."""
+    page = (ROOT / "docs" / "protocol.md").read_text("utf-8")
+    sections = set(re.findall(r"^#{2,3} (\d+(?:\.\d+)?) ", page, re.MULTILINE)) | set(
+        re.findall(r"^\| (K\d+) ", page, re.MULTILINE)
+    )
+    folders = ("mdrive_sumo", "real2sim", "server", "tools", "tests", "docs")
+    files = [path for folder in folders for kind in ("*.py", "*.md") for path in (ROOT / folder).rglob(kind)]
+    cited = {
+        found[1]
+        for path in files
+        for found in re.finditer(r"protocol (?:section )?(K?\d+(?:\.\d+)?)\b", path.read_text("utf-8"))
+    }
+    assert len(cited) > 30 and cited <= sections, cited - sections
+
+
 def test_a_page_without_the_block_of_a_table_is_refused() -> None:
     with pytest.raises(ValueError, match="expected a block 'speed', found none"):
         replace_block("# Results\n", "speed", "| a |")
