@@ -1,7 +1,7 @@
 """CAM, CPM, MCM and text: the messages of V2X stations and their encoding.
 
 The meaning follows ETSI: CAM (EN 302 637-2) has the sender's own state, CPM (TS 103 324) its detections and free sight,
-MCM (TR 103 578) its plan, desired trajectory, requests and answers. The bytes are our own, not ASN.1:
+MCM (TS 103 561) its plan, desired trajectory, requests and answers. The bytes are our own, not ASN.1:
 little-endian, positions in steps of 1 cm, angles of 0.01 degrees, speeds of 1 cm/s. As in ETSI's messages everything is
 relative to the sender's reference pose, which alone is in the world frame: an error of the sender's pose shifts and
 rotates the whole content. Arguments and results here are in the world frame, SI units, box centres.
