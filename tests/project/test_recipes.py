@@ -26,7 +26,7 @@ PAGES = sorted((ROOT / "docs" / "how-to").glob("*.md"))
 PACKAGES = ("mdrive_sumo", "real2sim", "server")
 LIMIT_S = 120
 BLOCK = re.compile(
-    r"^(?:New file `([^`]+)`|In `([^`]+)`, (after|before) `([^`]+)`):\n\n```\w+\n(.*?)^```$", re.MULTILINE | re.DOTALL
+    r"^(?:New file `([^`]+)`|In `([^`]+)`, (after|before) `([^`]+)`( \([^)]+\))?):\n\n```\w+\n(.*?)^```$", re.MULTILINE | re.DOTALL
 )
 """A line that says where, then the code: a new file, or lines to insert."""
 
@@ -39,6 +39,8 @@ class CodeBlock(NamedTuple):
     side: str
     anchor: str
     """The line that the block is inserted after or before, without its indentation."""
+    where: str
+    """Which of several such lines, in words."""
     text: str
 
 
@@ -55,6 +57,7 @@ def apply_block(folder: Path, block: CodeBlock) -> None:
     path = folder / block.file
     lines = path.read_text("utf-8").splitlines(keepends=True)
     places = [number for number, line in enumerate(lines) if line.strip() == block.anchor]
+    assert bool(block.where) is (len(places) > 1), f"{block.file}: {len(places)} lines {block.anchor!r}: say which"
     if len(places) > 1:
         places = [number for number in places if measure_indent(lines[number]) == measure_indent(block.text)]
     (place,) = (number + (block.side == "after") for number in places)
