@@ -53,9 +53,13 @@ class ReferencePose:
     """The sender's reference pose [m, rad] as the sender estimates it, its tick, and how uncertain it is."""
 
     x: float
+    """Of the box centre in the world frame [m]."""
     y: float
+    """Of the box centre in the world frame [m]."""
     yaw: float
+    """Heading [rad], counter-clockwise from +x."""
     tick: int
+    """When the sender had this pose."""
     position_sigma: float = 0.0
     """Standard deviation of the errors of x and of y [m]."""
     yaw_sigma: float = 0.0
@@ -67,11 +71,17 @@ class Cam:
     """Cooperative awareness message: pose, motion and size of the sender."""
 
     pose: ReferencePose
+    """Where the sender is."""
     speed: float
+    """Along the heading [m/s]."""
     acceleration: float
+    """Along the heading [m/s2]."""
     yaw_rate: float
+    """[rad/s], positive to the left."""
     length: float
+    """Of the box [m]."""
     width: float
+    """Of the box [m]."""
     speed_sigma: float = 0.0
     """Standard deviation of the error of the speed [m/s]."""
 
@@ -81,7 +91,9 @@ class Cpm:
     """Collective perception message: detections and free sight of the sender."""
 
     pose: ReferencePose
+    """Where the sender is."""
     range_m: float
+    """How far its sensor reaches [m]."""
     objects: Objects
     """Track names are the sender's own; `free_m` is its free sight in equal sectors, see `Objects`."""
     age: npt.NDArray[np.uint8]
@@ -98,9 +110,13 @@ class Mcm:
     """Manoeuvre coordination message: planned and desired trajectory, requests to other stations, and answers."""
 
     pose: ReferencePose
+    """Where the sender is."""
     speed: float
+    """Along the heading [m/s]."""
     intention: Intention
+    """What the sender does with its speed."""
     direction: Direction
+    """Where the sender goes."""
     interval_s: float
     """Between the points of the trajectories; the first point lies one interval after the pose's tick."""
     planned: Float

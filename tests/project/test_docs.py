@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 from testing.paths import ROOT
 
-import mdrive_sumo
+import mdrive_sumo as md
 from mdrive_sumo.cli import COMMANDS, main
 from mdrive_sumo.cli.schema import SCHEMAS
 from mdrive_sumo.contract import (
@@ -51,7 +51,7 @@ def test_readme_is_a_first_impression_and_not_a_manual() -> None:
 def test_readme_uses_names_of_the_python_front_door() -> None:
     used = set(re.findall(r"\bmd\.(\w+)", README))
     assert used
-    assert used <= set(mdrive_sumo.__all__)
+    assert used <= set(md.__all__)
 
 
 @pytest.mark.parametrize("page", [README_PAGE, RESULTS_PAGE], ids=str)
@@ -220,6 +220,16 @@ def test_readme_agent_answers_with_a_plan_and_stops_for_an_obstacle(example: Pat
     assert free.plan is not None
     assert free.plan.points[-1] == pytest.approx([10.0, 0.0])  # 10 points of 0.2 s at 5 m/s
     assert agent.act(seen_with_obstacle_at(8.0)).control == STANDSTILL
+
+
+@pytest.mark.slow
+def test_the_agent_of_the_guide_talks_and_drives(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "write-an-agent.md").read_text("utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    (tmp_path / "courteous.py").write_text(code)
+    episode = md.simulate("i12_ins_sl_old_town", agent=f"{tmp_path / 'courteous.py'}:Courteous")
+    assert episode.result.ds == pytest.approx(49.0, abs=0.1)  # the page says so
+    assert set(episode.messages_to_frame()["type"]) == {"cam"}
 
 
 @pytest.mark.slow

@@ -26,7 +26,8 @@ PAGES = sorted((ROOT / "docs" / "how-to").glob("*.md"))
 PACKAGES = ("mdrive_sumo", "real2sim", "server")
 LIMIT_S = 120
 BLOCK = re.compile(
-    r"^(?:New file `([^`]+)`|In `([^`]+)`, (after|before) `([^`]+)`( \([^)]+\))?):\n\n```\w+\n(.*?)^```$", re.MULTILINE | re.DOTALL
+    r"^(?:New file `([^`]+)`|In `([^`]+)`, (after|before) `([^`]+)`( \([^)]+\))?):\n\n```\w+\n(.*?)^```$",
+    re.MULTILINE | re.DOTALL,
 )
 """A line that says where, then the code: a new file, or lines to insert."""
 
