@@ -2,6 +2,7 @@
 
 const FIT_MARGIN_PX = 34; // for labels and goals at the edge
 const OPEN_LAYERS_PX = 880; // a stage as wide as this has room for the open list of layers
+const PANEL_BESIDE_MAP_PX = 860; // up to this width the style sheet puts the panel below the map
 const PLACES_EVERY_TICKS = 20;
 
 /** [x0, y0, x1, y1] around all routes and all places of the CAVs [m]. */
@@ -18,13 +19,20 @@ function sceneBounds(replay) {
   return bounds;
 }
 
-/** Parts of the stage beside and below the list of layers: { left, top, width, height } in px of the style sheet. */
+/** Parts of the stage that neither the list of layers (left) nor camera images (right) cover, in px of the style sheet. */
 function freeAreas() {
   const stage = $("stage").getBoundingClientRect();
-  const card = $("layers").getBoundingClientRect();
-  const below = { left: stage.left, top: card.bottom, width: stage.width, height: stage.bottom - card.bottom };
-  const beside = { left: card.right, top: stage.top, width: stage.right - card.right, height: stage.height };
-  return [beside, below];
+  const layers = $("layers").getBoundingClientRect();
+  const none = { left: stage.right, bottom: stage.top };
+  const images = $("cameras");
+  const cameras = images && !images.hidden ? images.getBoundingClientRect() : none;
+  const area = (left, top, right) => ({ left, top, width: right - left, height: stage.bottom - top });
+  return [
+    area(layers.right, stage.top, cameras.left),
+    area(layers.right, cameras.bottom, stage.right),
+    area(stage.left, layers.bottom, cameras.left),
+    area(stage.left, Math.max(layers.bottom, cameras.bottom), stage.right),
+  ].filter(({ width, height }) => width > 0 && height > 0);
 }
 
 /** Puts the middle of the view where the scene can be largest; with `fit` also shows all of it. */
@@ -33,8 +41,8 @@ function arrangeScene(viewer, fit) {
   const ratio = devicePixelRatio;
   const room = (area) => [area.width, area.height].map((side) => Math.max((side - 2 * FIT_MARGIN_PX) * ratio, 1));
   const scaleIn = (area) => view.scaleFor(bounds, ...room(area));
-  const [best, other] = freeAreas().sort((a, b) => scaleIn(b) - scaleIn(a));
-  const area = best.width > 0 && best.height > 0 ? best : other;
+  const [area] = freeAreas().sort((a, b) => scaleIn(b) - scaleIn(a));
+  if (!area) return; // a window in which nothing can be seen
   view.middleX = Math.round((area.left + area.width / 2) * ratio);
   view.middleY = Math.round((area.top + area.height / 2) * ratio);
   viewer.stage = { width: area.width * ratio, height: area.height * ratio };
@@ -55,7 +63,8 @@ function listenToFold(viewer, id, className, isOpen) {
 
 function listenToFolds(viewer) {
   listenToFold(viewer, "layers-fold", "layers-folded", $("stage").clientWidth >= OPEN_LAYERS_PX);
-  listenToFold(viewer, "panel-fold", "panel-folded", true);
+  // Beside another replay the panel lies below the map, and would cover a third of it.
+  listenToFold(viewer, "panel-fold", "panel-folded", window.name !== BESIDE || innerWidth > PANEL_BESIDE_MAP_PX);
   const observer = new ResizeObserver(() => viewer.resize());
-  for (const id of ["stage", "layers"]) observer.observe($(id));
+  for (const card of ["stage", "layers", "cameras"].map($)) if (card) observer.observe(card);
 }

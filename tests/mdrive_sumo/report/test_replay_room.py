@@ -5,11 +5,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from testing.chromium import COVERED
 from testing.viewer_crossing import crossing, record, scenario, some_marks
 
 from mdrive_sumo.core.state import End
+from mdrive_sumo.episode.camera_archive import CameraTrack, encode_image
 from mdrive_sumo.report.palette import CAV_COLOURS
 from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
@@ -47,6 +49,21 @@ def test_no_cav_is_hidden_behind_a_panel(page: Any, size: tuple[int, int]) -> No
         wait(page, SETTLED)
         assert page.evaluate(COVERED) == []
     assert page.evaluate(stage) > stage_px  # the panel is folded
+
+
+@needs_browser
+def test_camera_images_hide_no_cav(browser: Any, tmp_path: Path) -> None:
+    """The card of images lies over the map: the scene is fitted beside or below it."""
+    images = {tick: encode_image(np.full((120, 200, 3), 90, dtype=np.uint8)) for tick in (0, 40)}
+    replay = record(TICKS, egos=4)
+    tracks = [CameraTrack(ego, name, images) for ego in replay.ego_ids for name in ("front", "rear")]
+    path = tmp_path / "cameras.html"
+    path.write_text(render_replay(replay, scenario(4), crossing(), (), None, tracks), encoding="utf-8")
+    for tab in opened(browser, path.as_uri(), (1440, 900)):
+        tab.wait_for_selector("#cameras-list .camera:not([hidden])")
+        wait(tab, SETTLED)
+        assert tab.evaluate("document.getElementById('cameras').clientWidth") > 200
+        assert tab.evaluate(COVERED) == []
 
 
 @needs_browser

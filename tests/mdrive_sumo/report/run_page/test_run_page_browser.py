@@ -164,6 +164,17 @@ def in_both_at_rest(tab: Any, tick: int) -> list[list[float]]:
 
 
 @needs_browser
+def test_the_map_has_most_of_each_side(step: Any) -> None:
+    """The panel of a replay begins folded beside another one: below the map it would cover a third."""
+    for frame in step.frames[1:]:
+        frame.wait_for_function("window.viewer && document.body.classList.contains('panel-folded')")
+        assert frame.evaluate("document.getElementById('panel').offsetHeight") < 60
+        assert frame.evaluate("document.getElementById('stage').clientHeight / innerHeight") > 0.8
+        frame.click("#panel-fold")
+        assert frame.is_visible("#events")
+
+
+@needs_browser
 def test_both_replays_follow_one_time(step: Any) -> None:
     assert "They part at t = 1.00 s (tick 20): CAV cav_0 has y" in step.inner_text("#parting")
     step.keyboard.press("g")
@@ -190,9 +201,10 @@ def test_both_replays_follow_one_time(step: Any) -> None:
 @needs_browser
 def test_what_happens_in_one_replay_happens_in_both(step: Any) -> None:
     first = step.frame_locator("iframe").first
-    before = in_both_at_rest(step, 0)
+    first.locator("#panel-fold").click()
     first.locator(".event").first.click()
-    in_both(step, TICKS // 4)
+    first.locator("#panel-fold").click()
+    before = in_both_at_rest(step, TICKS // 4)
     first.locator("#map").press("ArrowRight")
     in_both(step, TICKS // 4 + 1)
     first.locator("body").press("g")
