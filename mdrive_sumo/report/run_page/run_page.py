@@ -16,6 +16,7 @@ from mdrive_sumo.report.result_tables import (
     list_void,
 )
 from mdrive_sumo.report.run_page.run_page_data import RunPageData
+from mdrive_sumo.report.score_terms import SCORE_TERMS
 from mdrive_sumo.scoring import compute_category_means
 
 
@@ -44,6 +45,7 @@ def render_run_page(data: RunPageData, *, replays_note: str = "") -> str:
         outcomes=count_outcomes(results),
         infractions=count_infractions(results),
         void=len(list_void(results)),
+        terms=SCORE_TERMS,
         replays_note=_describe_missing_recordings(data) or replays_note,
     )
 

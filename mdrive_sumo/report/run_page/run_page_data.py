@@ -6,12 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+from markupsafe import Markup
+
 from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.report.agent_failures import list_agent_failures, read_tail
 from mdrive_sumo.report.run_page.losses import CavLosses, explain_losses
 from mdrive_sumo.report.run_page.provenance import Fact, list_provenance
 from mdrive_sumo.report.run_page.replay_files import name_replay_file
+from mdrive_sumo.report.run_page.scenario_sketch import draw_scenario_sketch
 from mdrive_sumo.report.run_report import REPORT_FILE
+from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.journal import JOURNAL_FILE
 from mdrive_sumo.runs.prepared_run import find_agent_log
@@ -79,6 +83,8 @@ class ScenarioRow:
     """Mean over the seeds; a void episode counts 0."""
     cells: tuple[EpisodeCell, ...]
     """In the order of the run's seeds."""
+    sketch: Markup
+    """Roads and routes as a small SVG image."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +146,9 @@ def _build_row(
     by_seed = {stored.run.find_key(result)[1]: result for result in results}
     cells = (_build_cell(stored, by_seed[seed], lengths, replays, page) for seed in stored.run.config.seeds)
     ds = compute_mean(result.ds for result in results)
-    return ScenarioRow(first.id, first.bucket, first.category, scenario.description, ds, tuple(cells))
+    roads = load_road_map(find_network_folder(scenario.network, stored.run.suite.find_folder(scenario.id)))
+    sketch = draw_scenario_sketch(scenario, roads)
+    return ScenarioRow(first.id, first.bucket, first.category, scenario.description, ds, tuple(cells), sketch)
 
 
 def _build_cell(
