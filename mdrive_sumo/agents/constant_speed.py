@@ -57,6 +57,10 @@ class ConstantSpeedAgent:
             self._limits = np.minimum(self._limits, compute_legal_speeds(path, briefing))
         self._tick_s, self._tick = briefing.tick_s, -1
 
+    def skip(self, seen: Observation) -> None:
+        """Note a tick in which something else than a plan of this agent drives: its reference does not move on."""
+        self._tick = seen.tick
+
     def act(self, seen: Observation) -> Reply:
         """Return a plan that accelerates until the speed is reached."""
         if self._tick < 0 and self._starts_at_speed:
