@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.statistics import TOO_FEW, ConfidenceInterval
 
 CellValue = str | float | bool | None
 """None: undefined. A truth value is a property that an agent has or lacks, such as perception sharing."""
@@ -187,13 +187,19 @@ def format_cell(cell: ReportCell, column: ReportColumn) -> str:
 
 
 def format_cell_interval(cell: ReportCell, column: ReportColumn) -> str:
-    """Return what follows a cell's number: " ± 1.20" or " [80.00, 88.00]"; "" without an interval."""
+    """Return what follows a cell's number: " ± 1.20" or " [80.00, 88.00]"; "" without an interval.
+
+    Both ends are missed more than half a width: " [too few]" says why there are none.
+    """
     interval = cell.interval
-    if interval is None:
+    if interval is None or (interval.ends is None and column.intervals is IntervalStyle.HALF_WIDTH):
         return ""
+    if interval.ends is None:
+        return f" [{TOO_FEW}]"
+    low, high = interval.ends
     if column.intervals is IntervalStyle.ENDS:
-        return f" [{_format_number(interval.low, column)}, {_format_number(interval.high, column)}]"
-    return f" ± {(interval.high - interval.low) / 2:.{column.decimals}f}"
+        return f" [{_format_number(low, column)}, {_format_number(high, column)}]"
+    return f" ± {(high - low) / 2:.{column.decimals}f}"
 
 
 def _format_number(value: float, column: ReportColumn) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.comparison_report.published_rows import order_buckets
 from mdrive_sumo.report.comparison_report.report_table import (
@@ -30,8 +31,9 @@ OVERALL_NOTE = (
 )
 SEEDS_NOTE = (
     "±: half of the 95 % bootstrap interval of a mean over several seeds; scenarios are drawn anew, then seeds."
+    f" {TOO_FEW_NOTE}"
 )
-INTERVAL_NOTE = "95 % bootstrap intervals: scenarios are drawn anew, then the seeds of each."
+INTERVAL_NOTE = f"95 % bootstrap intervals: scenarios are drawn anew, then the seeds of each. {TOO_FEW_NOTE}"
 TRACK_NOTE = (
     "Agents of the sensor track have no lists of objects, only what a car carries; they are ranked apart from the"
     " object track, to which all other agents belong."
