@@ -56,7 +56,8 @@ def test_a_comparison_pairs_scenarios(server: Server) -> None:
     assert (paired["scenarios"], paired["better"], paired["equal"], paired["worse"]) == (3, 1, 1, 1)
     assert paired["ds"] == pytest.approx((10 + 0 - 24.9995) / 3)
     assert paired["ds_low"] is paired["ds_high"] is None, "three scenarios are too few"
-    assert "3 scenarios that both have: too few for an interval" in Visit(server).get(f"/submissions/{a}/compare?other={b}").words
+    page = Visit(server).get(f"/submissions/{a}/compare?other={b}")
+    assert "3 scenarios that both have: too few for an interval" in page.words
     back = server.get(f"/submissions/{b}/compare/{a}")["paired"]
     assert (back["ds"], back["better"], back["worse"]) == (pytest.approx(-paired["ds"]), 1, 1)
     assert server.get(f"/submissions/{a}/compare/{b}", "red")["a"]["archive_sha256"], "each as its own page shows it"
