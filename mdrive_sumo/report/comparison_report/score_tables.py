@@ -103,7 +103,7 @@ def _make_main_row(agent: ComparedAgent, buckets: Sequence[str]) -> ReportRow:
         cells += make_score_cells(agent.results.buckets[bucket], intervals.get(bucket), with_times=is_one)
     if not is_one:
         cells += make_score_cells(agent.results.overall.bucket_mean, intervals.get(BUCKET_MEAN), with_times=True)
-    return make_row(cells, agent.section, is_ranked=agent.is_ranked, track=agent.track)
+    return make_row(cells, agent.section, is_ranked=agent.is_ranked, rank_group=agent.rank_group)
 
 
 def _make_published_row(method: PublishedMethod, buckets: Sequence[str]) -> ReportRow:
@@ -168,4 +168,4 @@ def _make_bucket_row(agent: ComparedAgent, group: str, intervals: MeanIntervals)
         means.rc,
         means.ip,
     )
-    return make_row(cells, group, is_ranked=agent.is_ranked, track=agent.track)
+    return make_row(cells, group, is_ranked=agent.is_ranked, rank_group=agent.rank_group)

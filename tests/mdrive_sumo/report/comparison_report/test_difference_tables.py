@@ -25,13 +25,14 @@ CASES = {"i01": 10.0, "i02": 55.0, "cone": 80.0, "walker": 15.0, "left": 90.0, "
 def subtract(first: Results, second: Results) -> AgentDifference:
     """Return first minus second."""
     agents = make_agents_of_results([first, second])
-    (found,) = compute_differences(agents, second.run.agent)
+    (found,) = compute_differences(agents, next(one.name for one in agents if one.results.run == second.run))
     return found
 
 
 def test_one_seed_is_what_compare_finds() -> None:
-    found = subtract(make_sample_runs()["sharing"], make_agent_run("single", SINGLE))
-    expected = compare(make_agent_run("single", SINGLE), make_sample_runs()["sharing"])
+    sharing = make_agent_run("sharing", SHARING, exchanged=("cam", "cpm"))
+    found = subtract(sharing, make_agent_run("single", SINGLE))
+    expected = compare(make_agent_run("single", SINGLE), sharing)
     for ours, theirs in ((found.ds, expected.ds), (found.sr, expected.sr)):
         assert ours is not None and astuple(ours) == pytest.approx(astuple(theirs), abs=1e-9)
     assert found.scenarios == len(expected.pairs) and (found.wins, found.losses) == (2, 0)
