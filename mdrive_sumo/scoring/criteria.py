@@ -130,8 +130,8 @@ def find_end(progress: RouteProgress, tick: int, limit_ticks: int) -> End | None
     """Return how a CAV ends in `tick`, after `update_progress` of the same tick; None if it does not.
 
     Completing the route ends a CAV one tick later; until then its collisions count, and another end comes first: a CAV
-    that reaches its goal in the tick in which its time runs out has timed out (protocol 6, 7.6). Its route completion is
-    100 % all the same, so DS and SR are those of an arrival. Of several other ends in one tick, deviation precedes
+    that reaches its goal in the tick in which its time runs out has timed out (protocol 6, 7.6). Its route completion
+    is 100 % all the same, so DS and SR are those of an arrival. Of several other ends in one tick, deviation precedes
     blocking, and blocking precedes the time-out, which the original reports only without another reason.
     """
     if progress.arrived_tick is not None and tick > progress.arrived_tick:
