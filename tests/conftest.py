@@ -40,6 +40,12 @@ def shared_data() -> Path:
     return SHARED_DATA
 
 
+@pytest.fixture
+def intervals_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let any number of scenarios give an interval: for tests of its arithmetic on values made by hand."""
+    monkeypatch.setattr("mdrive_sumo.core.statistics.MIN_UNITS", 1)
+
+
 def accepted_reasons() -> tuple[str, ...]:
     """Reasons that do not fail this session."""
     if not os.environ.get("MDRIVE_STRICT_SKIPS"):

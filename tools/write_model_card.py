@@ -23,7 +23,7 @@ from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, read_manifest
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.statistics import bootstrap_stratified_clustered_mean
+from mdrive_sumo.core.statistics import TOO_FEW, bootstrap_stratified_clustered_mean
 from mdrive_sumo.scoring import Results, ScenarioResult, compute_overall, load_results
 from tools.seed_runs import check_seed_runs
 from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
@@ -56,7 +56,7 @@ def summarise_runs(runs: Sequence[Results]) -> dict[str, Any]:
         "seeds": sorted(seed for results in runs for seed in results.run.all_seeds),
         "episodes": len(scenarios),
         "ds": round(means.ds, 2),
-        "ds_interval": [round(interval.low, 2), round(interval.high, 2)],
+        "ds_interval": [round(end, 2) for end in interval.ends or ()],
         "rc": round(means.rc, 2),
         "sr": round(means.sr, 2),
         "infractions": dict(kinds.most_common(FAILURES)),
@@ -142,7 +142,7 @@ def _format_closed_loop(found: Mapping[str, Any]) -> str:
     rows = [
         (
             condition, one["suite"], ", ".join(map(str, one["seeds"])), f"{one['ds']:.2f}",
-            f"{one['ds_interval'][0]:.2f} to {one['ds_interval'][1]:.2f}", f"{one['rc']:.2f}", f"{one['sr']:.2f}",
+            " to ".join(f"{end:.2f}" for end in one["ds_interval"]) or TOO_FEW, f"{one['rc']:.2f}", f"{one['sr']:.2f}",
         )
         for condition, one in found.items()
     ]  # fmt: skip

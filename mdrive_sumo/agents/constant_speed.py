@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
@@ -52,10 +50,14 @@ class ConstantSpeedAgent:
         lateral, braking = CONSTANT_SPEED.lateral_acceleration, CONSTANT_SPEED.braking
         self._follower = PathFollower(path)
         self._starts_at_speed = briefing.desired_speed is None
-        self._limits = compute_curve_speeds(path, cruise_speed, lateral, braking)
-        if self._speed is None and briefing.desired_speed is None:
-            self._limits = np.minimum(self._limits, compute_legal_speeds(path, briefing))
+        follows_limits = self._speed is None and briefing.desired_speed is None
+        legal = compute_legal_speeds(path, briefing) if follows_limits else None
+        self._limits = compute_curve_speeds(path, cruise_speed, lateral, braking, legal)
         self._tick_s, self._tick = briefing.tick_s, -1
+
+    def skip(self, seen: Observation) -> None:
+        """Note a tick in which something else than a plan of this agent drives: its reference does not move on."""
+        self._tick = seen.tick
 
     def act(self, seen: Observation) -> Reply:
         """Return a plan that accelerates until the speed is reached."""

@@ -3,8 +3,6 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from mdrive_sumo.contract import Briefing, Objects, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
@@ -15,7 +13,7 @@ from mdrive_sumo.planning.driving_options import MAX_SPEED, ROAD_RANGE_M
 from mdrive_sumo.planning.obstacle_avoidance import ObstacleAvoidance
 from mdrive_sumo.planning.path_follower import PathFollower
 from mdrive_sumo.planning.planning_scale import find_cruise_speed, find_planning_scale
-from mdrive_sumo.planning.reference_path import SPACING_M, build_path, compute_curve_speeds
+from mdrive_sumo.planning.reference_path import build_path, compute_curve_speeds, compute_legal_speeds
 from mdrive_sumo.planning.stop_lines import StopLines, build_stop_lines
 
 OPTIONS = {
@@ -88,10 +86,9 @@ class IdmAgent:
     def _compute_speed_limits(self) -> Float:
         """Return the legal and comfortable speed (M,) [m/s] at the points of the path."""
         path, parameters = self._follower.path, self._parameters
-        stations = np.arange(len(path.xy)) * SPACING_M
-        legal = np.interp(stations, self._briefing.route_s, self._briefing.route_speed_limit)
         lateral, braking = parameters.lateral_acceleration, parameters.braking
-        return np.minimum(compute_curve_speeds(path, self._cruise_speed, lateral, braking), legal)
+        legal = compute_legal_speeds(path, self._briefing)
+        return compute_curve_speeds(path, self._cruise_speed, lateral, braking, legal)
 
     def act(self, seen: Observation) -> Reply:
         """Return the plan that follows from the last decision."""

@@ -145,11 +145,11 @@ class OmniscientAgent:
         """Find the paths of all CAVs and the order of planning."""
         briefing = self._briefing
         if self._road is not None:
-            self._fleet, order = plan_on_roads(known, briefing, self._scale, self._compute_curve_speeds)
+            self._fleet, order = plan_on_roads(known, briefing, self._scale, self._compute_speeds)
         else:
             self._fleet, order = self._plan_for_protocol(known)
         self._path: ReferencePath = self._fleet.path_by_ego[briefing.ego_id]
-        self._speeds = np.minimum(self._compute_curve_speeds(self._path), compute_legal_speeds(self._path, briefing))
+        self._speeds = self._compute_speeds(self._path, compute_legal_speeds(self._path, briefing))
         self._lights = build_stop_lines(self._path, briefing, include_signs=False)
         self._rank = order.index(briefing.ego_id)
         self._earlier = order[: self._rank]
@@ -161,15 +161,15 @@ class OmniscientAgent:
         fleet = FleetPaths(plan_joint_detours(known, briefing), (briefing.vehicle.length, briefing.vehicle.width))
         until_s = briefing.time_limit_s - self._parameters.time_reserve_s
         problems = {
-            ego: build_free_road_problem(path, self._compute_curve_speeds(path), (0.0, 0.0), 0.0, until_s)
+            ego: build_free_road_problem(path, self._compute_speeds(path), (0.0, 0.0), 0.0, until_s)
             for ego, path in fleet.path_by_ego.items()
         }
         return fleet, find_planning_order(fleet, problems)
 
-    def _compute_curve_speeds(self, path: ReferencePath) -> Float:
-        """Return the comfortable speed (M,) [m/s] at the points of a path."""
-        parameters = self._parameters
-        return compute_curve_speeds(path, self._scale.top_speed, parameters.lateral_acceleration, parameters.braking)
+    def _compute_speeds(self, path: ReferencePath, legal: Float | None = None) -> Float:
+        """Return the comfortable speed (M,) [m/s] at the points of a path. legal: (M,) limits [m/s] that hold too."""
+        lateral, braking = self._parameters.lateral_acceleration, self._parameters.braking
+        return compute_curve_speeds(path, self._scale.top_speed, lateral, braking, legal)
 
     def _is_sign_obeyed(self, line: float, speed: float) -> bool:
         """Return whether the car stands close before the line of a stop sign or has passed it."""

@@ -54,6 +54,7 @@ class TakeTurnsAgent(ConstantSpeedAgent):
         """Return standstill until the departure, then the plan of `constant-speed`."""
         if seen.tick >= self._departure_tick:
             return super().act(seen)
+        self.skip(seen)  # otherwise the first plan would advance by the whole wait
         due = seen.tick > 0 and seen.tick % self._nudge_ticks == 0
         self._is_nudging = (due or self._is_nudging) and seen.own.speed < NUDGE_SPEED
         return Reply(control=NUDGE if self._is_nudging else STANDSTILL)

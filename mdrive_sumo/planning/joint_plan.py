@@ -17,12 +17,12 @@ from mdrive_sumo.planning.fleet_paths import FleetPaths
 from mdrive_sumo.planning.joint_detours import plan_joint_detours
 from mdrive_sumo.planning.planning_order import find_planning_order
 from mdrive_sumo.planning.planning_scale import PlanningScale
-from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
+from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath, interpolate_legal_speeds
 from mdrive_sumo.planning.speed_lattice import FINE, LatticeParameters, choose_lattice
 from mdrive_sumo.planning.speed_profile import SpeedProfileProblem, build_free_road_problem
 
-SpeedsOfPath = Callable[[ReferencePath], Float]
-"""Highest comfortable speed (M,) [m/s] at the points of a path."""
+SpeedsOfPath = Callable[[ReferencePath, Float], Float]
+"""Highest comfortable speed (M,) [m/s] at the points of a path with speed limits (M,) [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +80,8 @@ def _build_problem(problem: _JointProblem, ego: str, path: ReferencePath) -> Spe
     """Return the problem of one CAV on a free road, with coarse steps: only the order counts."""
     row = problem.known.ego_ids.index(ego)
     state, lattice = problem.known.states[row], choose_lattice(problem.scale.top_speed, LatticeParameters(10.0, 0.0))
-    stations = np.linspace(0.0, path.length, len(path.xy))
     route_s = np.linspace(0.0, path.goal_s, len(problem.known.routes[row]))
-    legal = np.interp(stations, route_s, problem.known.speed_limits[row])
-    speeds = np.minimum(problem.compute_speeds(path), legal)
+    speeds = problem.compute_speeds(path, interpolate_legal_speeds(path, route_s, problem.known.speed_limits[row]))
     start = path.project(state.x, state.y, 0.0), max(state.speed, 0.0)
     return build_free_road_problem(path, speeds, start, 0.0, find_road_horizon(speeds, start[0]), lattice)
 

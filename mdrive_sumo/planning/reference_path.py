@@ -145,19 +145,29 @@ def _compute_body_yaw(yaw: Float, rear_to_centre: float, start_yaw: float | None
     return np.array(body)
 
 
-def compute_curve_speeds(path: ReferencePath, cruise_speed: float, lateral: float, braking: float) -> Float:
-    """Return the highest speed (M,) [m/s] at each point that keeps to `cruise_speed`, `lateral`, `braking` [m/s2]."""
+def compute_curve_speeds(
+    path: ReferencePath, cruise_speed: float, lateral: float, braking: float, legal: Float | None = None
+) -> Float:
+    """Return the highest speed (M,) [m/s] at each point that keeps to `cruise_speed`, `lateral`, `braking` [m/s2].
+
+    legal: (M,) speed limits [m/s] at the points, which hold too. A lower one holds where it begins: the speeds before
+    it let a car brake in time, as before a bend.
+    """
     bend = np.minimum(cruise_speed, np.sqrt(lateral / np.maximum(np.abs(path.curvature), 1e-6)))
-    speeds = bend.tolist()
+    speeds = (bend if legal is None else np.minimum(bend, legal)).tolist()
     for i in range(len(speeds) - 2, -1, -1):
         speeds[i] = min(speeds[i], math.sqrt(portable.square(speeds[i + 1]) + 2 * braking * SPACING_M))
     return np.array(speeds)
 
 
 def compute_legal_speeds(path: ReferencePath, briefing: Briefing) -> Float:
-    """Return the speed limit (M,) [m/s] of the route at the points of the path."""
-    stations = np.linspace(0.0, path.length, len(path.xy))
-    return np.interp(stations, briefing.route_s, briefing.route_speed_limit)
+    """Return the speed limit (M,) [m/s] of the route at the points of the path, from the point on where it begins."""
+    return interpolate_legal_speeds(path, briefing.route_s, briefing.route_speed_limit)
+
+
+def interpolate_legal_speeds(path: ReferencePath, route_s: Float, limits: Float) -> Float:
+    """As `compute_legal_speeds`, of limits (N,) [m/s] at arc lengths (N,) [m] of a route."""
+    return np.interp(np.arange(len(path.xy)) * SPACING_M, route_s, limits)
 
 
 def convert_route_station(path: ReferencePath, briefing: Briefing, route_s: float) -> float:

@@ -60,8 +60,8 @@ class SpaceTimePlanner:
     def _compute_speed_limits(self) -> Float:
         """Return the legal and comfortable speed (M,) [m/s] at the points of the path."""
         lateral, braking = self._parameters.lateral_acceleration, self._parameters.braking
-        comfortable = compute_curve_speeds(self.path, self._cruise_speed, lateral, braking)
-        return np.minimum(comfortable, compute_legal_speeds(self.path, self._briefing))
+        legal = compute_legal_speeds(self.path, self._briefing)
+        return compute_curve_speeds(self.path, self._cruise_speed, lateral, braking, legal)
 
     def replace_path(self, path: ReferencePath) -> None:
         """Continue along another path, which begins as the present one does."""

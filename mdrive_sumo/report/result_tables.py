@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
-from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE, format_interval_cells
 from mdrive_sumo.core.tables import TableRow, format_text_table
 from mdrive_sumo.scoring import Means, Results, RunInfo, ScenarioResult, compute_mean_intervals
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation
@@ -65,11 +65,7 @@ def build_interval_rows(results: Results) -> list[TableRow]:
     if len(results.run.all_seeds) == 1:
         return []
     found = compute_mean_intervals(results)
-    return [(one.group, *_format_interval(one.ds), *_format_interval(one.sr)) for one in found]
-
-
-def _format_interval(interval: ConfidenceInterval) -> TableRow:
-    return (f"{interval.mean:.2f}", f"{interval.low:.2f}", f"{interval.high:.2f}")
+    return [(one.group, *format_interval_cells(one.ds), *format_interval_cells(one.sr)) for one in found]
 
 
 def describe_agent(results: Results) -> str:
@@ -189,7 +185,7 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
             "",
             format_text_table(*build_score_rows(results, captured)),
             "",
-            *((format_text_table(INTERVAL_HEADER, rows), "") if (rows := build_interval_rows(results)) else ()),
+            *_format_intervals(build_interval_rows(results)),
             *((format_text_table(ROLE_HEADER, rows), "") if (rows := build_role_rows(results)) else ()),
             *(f"{name:<13}{value}" for name, value in facts),
             *(
@@ -199,6 +195,14 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
             ),
         )
     )
+
+
+def _format_intervals(rows: list[TableRow]) -> list[str]:
+    """Return the lines of the table of intervals; none without rows."""
+    if not rows:
+        return []
+    note = [TOO_FEW_NOTE] if any("-" in row for row in rows) else []
+    return [format_text_table(INTERVAL_HEADER, rows), *note, ""]
 
 
 def _listed(counts: Mapping[str, int]) -> str:

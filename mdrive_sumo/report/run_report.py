@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE
 from mdrive_sumo.core.tables import TableRow, escape_markdown, format_markdown_table
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import (
@@ -52,8 +53,9 @@ BESIDE = """\
 No score depends on these: means over the scenarios in which each is defined. Minimum PET: least time from when a CAV
 or another road user leaves a place until the other takes it, at most 5 s. Comfort: share of the CAVs' time in which
 accelerations, jerks and yaw rate are within nuPlan's bounds. Messages: payload that all stations send in a second."""
-INTERVALS = """\
-Means over seeds with 95 % bootstrap intervals: scenarios are drawn anew, then seeds within each."""
+INTERVALS = f"""\
+Means over seeds with 95 % bootstrap intervals: scenarios are drawn anew, then seeds within each.
+{TOO_FEW_NOTE}"""
 ROLES = """\
 Scores by agent: means over scenarios of means over the CAVs that the agent drives, whatever the score mode."""
 MEANS = ("bucket mean", "scenario mean")

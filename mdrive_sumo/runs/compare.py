@@ -9,7 +9,7 @@ import numpy as np
 
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean
+from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean, describe_too_few, format_interval_cells
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.runs.setting_differences import SettingDifference, find_setting_differences
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult
@@ -210,6 +210,7 @@ def comparison_table(comparison: RunComparison) -> str:
             *_format_settings(comparison),
             "",
             means,
+            *filter(None, (describe_too_few(comparison.ds.units),)),
             f"B is better in {wins}, as good in {ties}, worse in {losses}",
             "",
             format_text_table(header, rows),
@@ -240,9 +241,7 @@ def _format_score(value: float | None) -> str:
 
 
 def _format_interval(name: str, interval: ConfidenceInterval | None) -> Sequence[str]:
-    if interval is None:
-        return (name, "-", "-", "-")
-    return (name, f"{interval.mean:+.2f}", f"{interval.low:+.2f}", f"{interval.high:+.2f}")
+    return (name, *format_interval_cells(interval, "+.2f"))
 
 
 def _format_left_out(left_out: Sequence[str]) -> tuple[str, ...]:

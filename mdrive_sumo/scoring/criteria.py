@@ -129,14 +129,14 @@ def update_progress(
 def find_end(progress: RouteProgress, tick: int, limit_ticks: int) -> End | None:
     """Return how a CAV ends in `tick`, after `update_progress` of the same tick; None if it does not.
 
-    Completing the route ends a CAV one tick later; until then its collisions count. A CAV that has completed its route
-    counts as arrived in any case. Of several other ends in one tick, deviation precedes blocking, and blocking precedes
-    the time-out, which the original reports only without another reason.
+    Completing the route ends a CAV one tick later; until then its collisions count, and another end comes first: a CAV
+    that reaches its goal in the tick in which its time runs out has timed out (protocol 6, 7.6). Its route completion
+    is 100 % all the same, so DS and SR are those of an arrival. Of several other ends in one tick, deviation precedes
+    blocking, and blocking precedes the time-out, which the original reports only without another reason.
     """
-    end = _find_failure(progress, tick, limit_ticks)
-    if progress.arrived_tick is None:
-        return end
-    return End.ARRIVED if end is not None or tick > progress.arrived_tick else None
+    if progress.arrived_tick is not None and tick > progress.arrived_tick:
+        return End.ARRIVED
+    return _find_failure(progress, tick, limit_ticks)
 
 
 def compute_completion_percent(progress: RouteProgress, reference: RouteReference) -> float:

@@ -57,6 +57,8 @@ class ResampledScore:
 
     mean: float
     resampled: Float
+    units: int
+    """Number of scenarios; of buckets that are drawn apart the number in the smallest."""
 
     def subtract(self, other: "ResampledScore") -> ConfidenceInterval:
         """Return mean and interval of the differences self - other, paired by scenario and seed.
@@ -64,7 +66,7 @@ class ResampledScore:
         other: over the same scenarios and seeds. The result is that of `compute_difference_interval`, whose draws
         this saves where each of many agents is compared with each.
         """
-        return make_interval(self.mean - other.mean, self.resampled - other.resampled)
+        return make_interval(self.mean - other.mean, self.resampled - other.resampled, self.units)
 
 
 def resample_score(table: ResultTable, name: str, *, by_bucket: bool = False) -> ResampledScore | None:
@@ -80,7 +82,8 @@ def resample_score(table: ResultTable, name: str, *, by_bucket: bool = False) ->
     if not groups:
         return None
     resampled = resample_stratified_clustered_mean(groups) if by_bucket else resample_clustered_mean(groups[0])
-    return ResampledScore(float(np.mean([values.mean() for values in groups])), resampled)
+    mean = float(np.mean([values.mean() for values in groups]))
+    return ResampledScore(mean, resampled, min(len(values) for values in groups))
 
 
 def _list_differences(

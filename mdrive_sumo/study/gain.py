@@ -175,10 +175,3 @@ def _bootstrap(
 def _tabulate(table: ResultTable, names: Sequence[str], metric: str) -> np.ndarray:
     """Return a metric (scenarios, seeds)."""
     return np.array([[getattr(one, metric) for _, one in sorted(table[name].items())] for name in names])
-
-
-def judge(gain: ConfidenceInterval) -> str:
-    """Return in words what an interval carries."""
-    if gain.low > 0:
-        return "gain"
-    return "loss" if gain.high < 0 else "no difference shown"

@@ -4,8 +4,9 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE, judge_interval
 from mdrive_sumo.core.tables import TableRow, format_csv_table, format_markdown_table
-from mdrive_sumo.study.gain import METRICS, PARTS, GainRow, GainSummary, judge
+from mdrive_sumo.study.gain import METRICS, PARTS, GainRow, GainSummary
 from mdrive_sumo.study.study_files import (
     StudyDescription,
     describe_study,
@@ -18,10 +19,10 @@ from mdrive_sumo.study.study_files import (
 FORMAT = "mdrive-sumo/gain/1"
 SCORE_HEADER = ("scenarios", "sensing", "agent", "DS", "SR")
 GAIN_HEADER = ("scenarios", "part", "DS", "SR", "shown by DS", "shown by SR")
-HOW_TO_READ = """\
+HOW_TO_READ = f"""\
 Numbers are points of DS and SR (percent), means over scenarios and seeds. In brackets are 95 % bootstrap
 confidence intervals of paired differences: scenarios are drawn anew, with more than one seed also the seeds within
-each. An interval that contains 0 shows no difference, neither a gain nor that there is none."""
+each. An interval that contains 0 shows no difference, neither a gain nor that there is none. {TOO_FEW_NOTE}"""
 
 
 def gain_json(about: StudyDescription, rows: Sequence[GainRow], summary: GainSummary) -> str:
@@ -35,7 +36,7 @@ def gain_json(about: StudyDescription, rows: Sequence[GainRow], summary: GainSum
         ],
         "gains": [
             {"group": one.group, "scenarios": one.scenarios, "part": one.part.name}
-            | {metric: asdict(one.gain[metric]) | {"shown": judge(one.gain[metric])} for metric in METRICS}
+            | {metric: asdict(one.gain[metric]) | {"shown": judge_interval(one.gain[metric])} for metric in METRICS}
             for one in summary.gains
         ],
         "rows": [
@@ -49,7 +50,7 @@ def gain_json(about: StudyDescription, rows: Sequence[GainRow], summary: GainSum
 def gain_csv(summary: GainSummary) -> str:
     """Return one line for each group, part and metric."""
     rows = (
-        (line.group, str(line.scenarios), line.part.name, metric, *format_csv_interval(gain), judge(gain))
+        (line.group, str(line.scenarios), line.part.name, metric, *format_csv_interval(gain), judge_interval(gain))
         for line in summary.gains
         for metric, gain in ((name, line.gain[name]) for name in METRICS)
     )
@@ -77,7 +78,7 @@ def make_gain_table(summary: GainSummary) -> list[TableRow]:
             f"{line.group} ({line.scenarios})",
             line.part.name,
             *(format_interval(line.gain[metric], "+") for metric in METRICS),
-            *(judge(line.gain[metric]) for metric in METRICS),
+            *(judge_interval(line.gain[metric]) for metric in METRICS),
         )
         for line in summary.gains
     ]

@@ -75,7 +75,7 @@ def _draw_curve(axes: Axes, curve: FactorCurve, what: tuple[str, Mapping[Level, 
     colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
     known = [(places[level], value) for level, line in curve.lines.items() if (value := _get_interval(line, name))]
     x, values = [at for at, _ in known], [value for _, value in known]
-    axes.fill_between(x, [v.low for v in values], [v.high for v in values], color=colour, alpha=0.15, linewidth=0)
+    shade_intervals(axes, x, values, colour)
     silent = any(line.row.reused for line in curve.lines.values())
     label = curve.agent + (" (no messages)" if silent else "")
     width = max(2.6 - 0.5 * i, 1.2)  # later curves are thinner: where curves coincide all of them are seen
@@ -92,6 +92,14 @@ def _draw_curve(axes: Axes, curve: FactorCurve, what: tuple[str, Mapping[Level, 
     )
     if curve.off and (value := _get_interval(curve.off, name)):
         axes.axhline(value.mean, color=colour, linestyle=":", label=f"{curve.agent}, channel off")
+
+
+def shade_intervals(axes: Axes, x: Sequence[float], values: Sequence[ConfidenceInterval], colour: str) -> None:
+    """Shade the intervals at the places x; nothing where one is over too few scenarios."""
+    ends = [value.ends for value in values]
+    known = [pair for pair in ends if pair is not None]
+    if len(known) == len(ends):
+        axes.fill_between(x, [low for low, _ in known], [high for _, high in known], color=colour, alpha=0.15, lw=0)
 
 
 def _get_interval(line: StudyLine, name: str) -> ConfidenceInterval | None:

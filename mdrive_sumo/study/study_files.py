@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.statistics import TOO_FEW, TOO_FEW_NOTE, ConfidenceInterval
 from mdrive_sumo.core.tables import TableRow, format_markdown_table
 from mdrive_sumo.report.result_tables import CAPTURED_HEADER, describe_agent, format_captured
 from mdrive_sumo.scoring import Means, Results, RunInfo
@@ -25,14 +25,14 @@ GRID_TEXT = {
     "one-at-a-time": "one factor at a time is changed, the others are the base channel's",
     "full": "all combinations of the factors' values",
 }
-HOW_TO_READ = """\
+HOW_TO_READ = f"""\
 DS and SR are means over scenarios and seeds in percent. In brackets are 95 % bootstrap confidence intervals:
 scenarios are drawn anew, with more than one seed also the seeds within each. `DS - base` and `SR - base` are
 the differences to the same agent over the base channel, paired by scenario and seed: an interval without 0
 tells an effect. `off` is the agent with the channel switched off. Scenarios that are void with any seed are
 left out. Efficient SR counts the successes within 2 x `omniscient`'s time; the time ratio is the time needed
 divided by `omniscient`'s, over the scenarios in which every CAV arrives with every seed (`timed`). An agent that
-sends no messages (*) is driven over the base channel only: no channel can change it."""
+sends no messages (*) is driven over the base channel only: no channel can change it. {TOO_FEW_NOTE}"""
 CAPTURED = """\
 Captured cooperation is (agent - agent with the channel off) / (omniscient - agent with the channel off), on
 the scenario mean of DS; blank where perfect cooperation gains less than 2 DS."""
@@ -215,13 +215,17 @@ def _format_mean(value: ConfidenceInterval | None, decimals: int = 1) -> str:
 
 
 def format_csv_interval(value: ConfidenceInterval) -> tuple[str, str, str]:
-    """Return mean, low and high end for a CSV file."""
-    return f"{value.mean:.6f}", f"{value.low:.6f}", f"{value.high:.6f}"
+    """Return mean, low and high end for a CSV file; no ends for too few scenarios."""
+    low, high = (f"{end:.6f}" for end in value.ends) if value.ends else ("", "")
+    return f"{value.mean:.6f}", low, high
 
 
 def format_interval(value: ConfidenceInterval | None, sign: str = "", decimals: int = 1) -> str:
-    """Return the mean with both ends in brackets; "" for None. sign: "+" to write the sign of positive numbers."""
+    """Return the mean with both ends in brackets; "" for None. sign: "+" to write the sign of positive numbers.
+
+    The brackets of too few scenarios say so instead.
+    """
     if value is None:
         return ""
-    mean, low, high = (f"{number:{sign}.{decimals}f}" for number in (value.mean, value.low, value.high))
-    return f"{mean} [{low}, {high}]"
+    ends = ", ".join(f"{end:{sign}.{decimals}f}" for end in value.ends) if value.ends else TOO_FEW
+    return f"{value.mean:{sign}.{decimals}f} [{ends}]"

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE, ConfidenceInterval
 from mdrive_sumo.core.tables import TableRow, format_csv_table, format_markdown_table
 from mdrive_sumo.study.cross_play import CrossPlaySummary
 from mdrive_sumo.study.penetration import PenetrationSummary
@@ -22,9 +22,10 @@ from mdrive_sumo.study.two_agents import DS, METRICS, ROLES, TwoAgentRow
 CROSS_PLAY_FORMAT, PENETRATION_FORMAT = "mdrive-sumo/cross-play/1", "mdrive-sumo/penetration/1"
 STRANGERS_HEADER = ("agent", "DS with strangers", "SR with strangers", "DS - with its own", "SR - with its own")
 PENETRATION_HEADER = ("agent", "penetration", "role", "DS", "SR", "DS - 0 %", "SR - 0 %")
-BRACKETS = """\
+BRACKETS = f"""\
 In brackets are 95 % bootstrap confidence intervals: scenarios are drawn anew, with more than one seed also the seeds
-within each. Differences are paired by scenario and seed; an interval that contains 0 shows no difference."""
+within each. Differences are paired by scenario and seed; an interval that contains 0 shows no difference.
+{TOO_FEW_NOTE}"""
 CROSS_PLAY = f"""\
 Each agent drives one CAV of every scenario, drawn by the seed, among CAVs of another agent. Numbers are DS and SR of
 that CAV [%]. A row is the agent under test, a column the agent of the others. "With strangers" is the mean over the

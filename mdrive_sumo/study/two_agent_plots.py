@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from mdrive_sumo.report.figure_style import COLOURS, MARKERS, open_figure, save_figure
 from mdrive_sumo.study.cross_play import CrossPlaySummary
 from mdrive_sumo.study.penetration import PenetrationLine, PenetrationSummary
-from mdrive_sumo.study.plots import SCORES
+from mdrive_sumo.study.plots import SCORES, shade_intervals
 from mdrive_sumo.study.two_agents import ALL, DS, OTHER, TESTED
 
 LINE_STYLES = {ALL: "-", TESTED: "--", OTHER: ":"}
@@ -59,7 +59,7 @@ def _draw_role(axes: Axes, lines: Sequence[PenetrationLine], what: tuple[str, st
     found = [(line.penetration, line.score[role][metric]) for line in lines if role in line.score]
     x, colour = [level for level, _ in found], COLOURS[i % len(COLOURS)]
     if role == ALL:
-        axes.fill_between(x, [v.low for _, v in found], [v.high for _, v in found], color=colour, alpha=0.15, lw=0)
+        shade_intervals(axes, x, [value for _, value in found], colour)
     axes.plot(
         x,
         [value.mean for _, value in found],

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from statistics import fmean
-from typing import Any
 
 from sqlalchemy.orm import Session
 
@@ -14,10 +13,9 @@ from server.api.problems import HiddenScenariosError
 from server.api.schemas.cross_play import CrossPlayAgentOut, CrossPlayCellOut, CrossPlayOut
 from server.enums import ChallengeTrack, JobState
 from server.store import cross_play, phases
+from server.store.cross_play import CrossPlayScore
 from server.store.queries import LeaderboardEntry
 from server.store.tables import CrossPlayJobRow
-
-_Results = Sequence[dict[str, Any]]
 
 
 def read_cross_play(session: Session, caller: Caller | None, phase_id: str) -> CrossPlayOut:
@@ -61,20 +59,23 @@ def _make_agent(
         sr=fmean(cell.sr or 0.0 for cell in known) if known else None,
         partners=len(known),
         failed=sum(cell.failed for cell in cells),
+        stopped_others=sum(cell.stopped_others for cell in cells),
         cells=cells,
     )
 
 
 def _make_cell(entry: LeaderboardEntry, other: LeaderboardEntry, jobs: Sequence[CrossPlayJobRow]) -> CrossPlayCellOut:
-    """Return one cell: an episode in which an agent of the others failed says nothing about the agent under test."""
-    results: _Results = [job.result for job in jobs if job.others == other.submission and job.result is not None]
-    counted = [result for result in results if not result["others_failed"]]
+    """Return one cell over the episodes that say something about the agent under test."""
+    found = [job.result for job in jobs if job.others == other.submission and job.result is not None]
+    results = [CrossPlayScore(**result) for result in found]
+    counted = [result for result in results if result.counts]
     return CrossPlayCellOut(
         others=other.submission or "",
-        ds=fmean(result["ds"] for result in counted) if counted else None,
-        sr=fmean(result["sr"] for result in counted) if counted else None,
+        ds=fmean(result.ds for result in counted) if counted else None,
+        sr=fmean(result.sr for result in counted) if counted else None,
         episodes=len(counted),
-        failed=sum(bool(result["tested_failed"]) for result in counted),
+        failed=sum(bool(result.tested_failed) for result in counted),
+        stopped_others=sum(result.by_messages for result in counted),
         left_out=len(results) - len(counted),
         is_own_team=entry.team == other.team,
     )

@@ -13,9 +13,10 @@ from sqlalchemy.orm import Session
 from mdrive_sumo.runs.executor import Executor
 from mdrive_sumo.runs.worker_process import WorkerFailure
 from mdrive_sumo.scoring import ScenarioResult
+from mdrive_sumo.scoring.metrics.endings import AGENT_FAILED_FACTOR
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS, compute_mean
 from server.enums import ChallengeTrack, ScenarioVerdict
-from server.evaluation.job_task import AgentRejection, JobResult, JobTask, OtherArchive
+from server.evaluation.job_task import BY_MESSAGES, AgentRejection, JobResult, JobTask, OtherArchive
 from server.evaluation.phase_separation import PhaseSeparation
 from server.phase_suites import PhaseSuites
 from server.settings import ServerSettings
@@ -180,19 +181,26 @@ def _describe_failure(outcome: JobResult | WorkerFailure) -> str:
 
 def _read_score(outcome: JobResult | WorkerFailure) -> CrossPlayScore:
     assert not isinstance(outcome, WorkerFailure | AgentRejection), "checked before"
-    return compute_score(ScenarioResult.model_validate(outcome.result))
+    by_messages = bool((outcome.usage or {}).get(BY_MESSAGES))
+    return compute_score(ScenarioResult.model_validate(outcome.result), by_messages=by_messages)
 
 
-def compute_score(result: ScenarioResult) -> CrossPlayScore:
-    """Return the score of the CAV under test, and whose agents failed: each side by its own CAVs."""
+def compute_score(result: ScenarioResult, *, by_messages: bool = False) -> CrossPlayScore:
+    """Return the score of the CAV under test, and whose agents failed: each side by its own CAVs.
+
+    by_messages: whether messages of the agent under test made one of the others fail. Then its score is that of a
+    failure of its own, with the same factor, and no success: it must gain nothing by stopping its partners.
+    """
     tested = [ego for ego in result.egos if not ego.is_other]
     failed = {
         is_other: next((one.reason for one in result.egos if one.is_other is is_other and one.outcome == FAILED), "")
         for is_other in (False, True)
     }
+    factor = AGENT_FAILED_FACTOR if by_messages else 1.0
     return CrossPlayScore(
-        ds=compute_mean(ego.ds for ego in tested),
-        sr=compute_mean(100.0 * (ego.ds > SUCCESS_DS) for ego in tested),
+        ds=compute_mean(factor * ego.ds for ego in tested),
+        sr=compute_mean(100.0 * (factor * ego.ds > SUCCESS_DS) for ego in tested),
         tested_failed=failed[False],
         others_failed=failed[True],
+        by_messages=by_messages,
     )

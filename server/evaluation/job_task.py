@@ -69,6 +69,10 @@ class JobTask:
         return self.data / "recordings" / self.submission / str(self.seed)
 
 
+BY_MESSAGES = "others_failed_by_messages"
+"""In the usage of a job of cross-play: messages of the agent under test made an agent of the others fail."""
+
+
 @dataclass(frozen=True, slots=True)
 class AgentRejection:
     """The agent requires what is not allowed; the whole submission is rejected with this reason."""

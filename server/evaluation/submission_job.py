@@ -23,7 +23,8 @@ from mdrive_sumo.scenario.suite import list_packaged_suites
 from server.archive import ArchiveRefused
 from server.environments import load_environment
 from server.evaluation.archive_cache import unpack_archive
-from server.evaluation.job_task import AgentRejection, JobResult, JobTask
+from server.evaluation.job_task import BY_MESSAGES, AgentRejection, JobResult, JobTask
+from server.evaluation.message_blame import is_failure_by_messages
 from server.store.jobs import JobOutcome
 from server.store.overviews import MAX_RESULT_BYTES, count_bytes
 from server.submitted_agent import SubmittedAgent, find_verdict
@@ -84,8 +85,9 @@ def _find_other_tasks(task: JobTask) -> list[JobTask]:
 
 def _run_agents(task: JobTask, agent: SubmittedAgent, other: SubmittedAgent | None = None) -> JobResult:
     start_s = time.monotonic()
+    job = _make_job(task, agent, other)
     try:
-        result = run_job(_make_job(task, agent, other))
+        result = run_job(job)
     except RejectedError as error:
         return AgentRejection(str(error))
     if task.sensor_track_only and result.sensing_track == SensingTrack.OBJECT:
@@ -97,9 +99,10 @@ def _run_agents(task: JobTask, agent: SubmittedAgent, other: SubmittedAgent | No
     if (size := count_bytes(content)) > MAX_RESULT_BYTES:
         return AgentRejection(f"{task.scenario}: expected a result of at most {MAX_RESULT_BYTES} bytes, found {size}")
     verdict, reason = find_verdict(result)
+    blamed = {BY_MESSAGES: True} if other is not None and is_failure_by_messages(job, result, task.stage) else {}
     wall_s = round(time.monotonic() - start_s, 3)
     layers = _find_task_layers(task)
-    used = {"wall_s": wall_s, "layers": list(layers), **collect_usage(task.stage)}
+    used = {"wall_s": wall_s, "layers": list(layers), **collect_usage(task.stage), **blamed}
     return JobOutcome(verdict, content, reason, used)
 
 

@@ -42,7 +42,8 @@ def _compute_figures(means: Means, groups: Sequence[Sequence[ScenarioResult]]) -
     figures: FiguresData = {name: getattr(means, name) for name in ("ds", "sr", "rc", "ip", "time_ratio")}
     for name in INTERVAL_SCORES:
         found = bootstrap_stratified_mean([_mean_by_scenario(group, name) for group in groups])
-        figures[f"{name}_low"], figures[f"{name}_high"] = round(found.low, 6), round(found.high, 6)
+        low, high = (round(end, 6) for end in found.ends) if found.ends else (None, None)
+        figures[f"{name}_low"], figures[f"{name}_high"] = low, high
     results = [one for group in groups for one in group]
     is_referenced = all(one.efficient_sr is not None for one in results)
     figures["efficient_sr"] = means.efficient_sr if is_referenced else None  # else over other scenarios than SR

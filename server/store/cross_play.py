@@ -32,7 +32,15 @@ class CrossPlayScore:
     tested_failed: str
     """Why the agent under test failed; "" if it did not. It keeps its score."""
     others_failed: str
-    """Why an agent of the others failed; "" if none did. The job then says nothing about the agent under test."""
+    """Why an agent of the others failed; "" if none did."""
+    by_messages: bool = False
+    """Whether messages of the agent under test made it fail: then the job counts. Otherwise it says nothing about the
+    agent under test."""
+
+    @property
+    def counts(self) -> bool:
+        """Whether the job says something about the agent under test."""
+        return not self.others_failed or self.by_messages
 
 
 def list_agents(session: Session, phase: str) -> list[LeaderboardEntry]:

@@ -48,9 +48,10 @@ def _find_board(phase: str, visitor: Visitor | None, services: Services) -> Cros
 
 def _format_csv(board: CrossPlayOut) -> str:
     names = {agent.submission: (agent.team, agent.method) for agent in board.agents}
-    header = ("team", "method", "others_team", "others_method", "ds", "sr", "episodes", "failed", "left_out")
+    figures = ("ds", "sr", "episodes", "failed", "stopped_others", "left_out")
+    header = ("team", "method", "others_team", "others_method", *figures)
     rows = (
-        (*names[agent.submission], *names[cell.others], cell.ds, cell.sr, cell.episodes, cell.failed, cell.left_out)
+        (*names[agent.submission], *names[cell.others], *(getattr(cell, name) for name in figures))
         for agent in board.agents
         for cell in agent.cells
         if not cell.is_own_team

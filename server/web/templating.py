@@ -9,6 +9,7 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from mdrive_sumo.core.statistics import MIN_UNITS
 from server.api.schemas.submissions import FiguresOut
 from server.clock import format_utc
 from server.web.static_files import static_url
@@ -69,9 +70,10 @@ def format_ratio(value: float | None) -> str:
 
 
 def format_interval(figures: FiguresOut, name: str) -> str:
-    """Format the interval of `ds` or `sr` as [80.1, 90.2]; "" if unknown, as for a single scenario."""
+    """Format the interval of `ds` or `sr` as [80.1, 90.2]; "" if unknown, as for too few scenarios."""
     low, high = getattr(figures, f"{name}_low"), getattr(figures, f"{name}_high")
-    return "" if low is None or high is None or figures.scenarios == 1 else f"[{low:.1f}, {high:.1f}]"
+    is_few = figures.scenarios is not None and figures.scenarios < MIN_UNITS  # in summaries of older versions
+    return "" if low is None or high is None or is_few else f"[{low:.1f}, {high:.1f}]"
 
 
 def format_time(moment: datetime | int | None) -> str:

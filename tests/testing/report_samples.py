@@ -106,12 +106,16 @@ BEST: Scores = dict.fromkeys(SINGLE, (100.0, 100.0))
 
 
 def make_sample_runs() -> dict[str, Results]:
-    """Return runs by the name of their folder: single, sharing with and without its channel, and omniscient."""
+    """Return runs by the name of their folder: single, sharing with and without its channel, and omniscient.
+
+    All with two seeds.
+    """
+    seeds = (0, 1)
     return {
-        "single": make_agent_run("single", SINGLE, seeds=(0, 1)),
-        "sharing": make_agent_run("sharing", SHARING, exchanged=("cam", "cpm")),
-        "off": make_agent_run("sharing", SINGLE, channel="off"),
-        "omniscient": make_agent_run("omniscient", BEST, labels=("privileged",)),
+        "single": make_agent_run("single", SINGLE, seeds),
+        "sharing": make_agent_run("sharing", SHARING, seeds, exchanged=("cam", "cpm")),
+        "off": make_agent_run("sharing", SINGLE, seeds, channel="off"),
+        "omniscient": make_agent_run("omniscient", BEST, seeds, labels=("privileged",)),
     }
 
 

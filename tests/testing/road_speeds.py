@@ -39,6 +39,17 @@ def motorway(radius: float = math.inf, limit: float = LIMIT) -> RoadMap:
     return RoadMap("motorway", Path("/nowhere"), lanes, (), (), (), (), (), "none")
 
 
+def slow_zone(begin_m: int, limit: float, before: float) -> RoadMap:
+    """One lane whose limit [m/s] is lower from a place on: m_0 before it, z_0 behind."""
+    line = centre_line()
+    parts = {"m_0": (line[: begin_m + 1], before), "z_0": (line[begin_m:], limit)}
+    lanes = {
+        name: Lane(name, name[0], 0, WIDTH_M, speed, Polyline(xy), False, (), "", "", {})
+        for name, (xy, speed) in parts.items()
+    }
+    return RoadMap("motorway", Path("/nowhere"), lanes, (), (), (), (), (), "none")
+
+
 def fast_ego(name: str, xy: Float, speed: float, limit_s: float | None = None) -> Ego:
     """A CAV that starts at speed [m/s] on its route (N, 2)."""
     return ego(name, xy).model_copy(update={"start_speed": speed, "time_limit_s": limit_s, "lanes": ("m_0",)})

@@ -171,7 +171,7 @@ def driven(server: Server, who: str, ds: float, sensing: str = "", **fields: str
     answer = server.send(who, another_zip(server.now_us // S), **fields)
     assert answer.status_code == 201, answer.text
     mine = answer.json()["id"]
-    figures: Any = {"ds": ds, "sr": 100 - ds, "rc": ds, "ip": 0.5, "ds_low": ds - 5, "ds_high": ds + 5, "scenarios": 9}
+    figures: Any = {"ds": ds, "sr": 100 - ds, "rc": ds, "ip": 0.5, "ds_low": ds - 5, "ds_high": ds + 5, "scenarios": 12}
     figures |= {"efficient_sr": (100 - ds) / 2, "time_ratio": 1 + ds / 50, "timed": 7}
     figures |= {
         "scalars": {"mean_speed": ds / 10, "comfort": 99.0, "min_ttc": None, "min_pet": 1.2, "message_rate": ds}

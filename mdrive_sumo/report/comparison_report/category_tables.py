@@ -83,7 +83,7 @@ def _build_group_table(
             (agent.name, *(compute(group) for group in found.values() for _, compute in SCORES.values())),
             agent.section,
             is_ranked=agent.is_ranked,
-            track=agent.track,
+            rank_group=agent.rank_group,
         )
         for agent, found in zip(agents, means, strict=True)
     ]
@@ -105,7 +105,7 @@ def build_category_table(agents: Sequence[ComparedAgent], score: str = "h", name
                 agent.name,
                 agent.name,
                 best=BestValue.HIGHEST if agent.is_ranked else BestValue.NONE,
-                track=agent.track,
+                rank_group=agent.rank_group,
             )
             for agent in agents
         ),

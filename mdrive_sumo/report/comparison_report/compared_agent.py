@@ -4,22 +4,25 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.comparison_report.drive_conditions import (
+    COMM,
+    DriveConditions,
+    find_differing_conditions,
+    list_conditions,
+)
 from mdrive_sumo.report.comparison_report.report_runs import ReportRun, check_report_runs
 from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, compare_settings, format_setting
 from mdrive_sumo.scoring import MeanIntervals, Results, ScenarioResult, compute_mean_intervals, summarize_run
 from mdrive_sumo.scoring.labels import JOINT, NEGOTIATION, PRIVILEGED, SHARING, SHARING_TYPES
-from mdrive_sumo.v2x.comm_settings import PRESETS, describe_comm
 
 SINGLE_AGENT, MULTI_AGENT = "Single-agent", "Multi-agent"
 SENSOR_SINGLE, SENSOR_MULTI = "Sensor track: single-agent", "Sensor track: multi-agent"
 UPPER_BOUND = "Privileged: an upper bound, not ranked"
 SECTIONS = (SINGLE_AGENT, MULTI_AGENT, SENSOR_SINGLE, SENSOR_MULTI, UPPER_BOUND)
 """Headings of a table's rows, the first two as in the paper's main table: these agents are given lists of objects."""
-_COMM = "comm "
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,8 @@ class ComparedAgent:
     results: Results
     """Of all its runs and seeds."""
     runs: tuple[ReportRun, ...]
+    conditions: DriveConditions
+    """Those under which it was driven."""
 
     @cached_property
     def intervals(self) -> Mapping[str, MeanIntervals]:
@@ -53,6 +58,11 @@ class ComparedAgent:
         """The track in which it is ranked: "sensor", or "" for the object track and for results without a track."""
         sensor = SensingTrack.SENSOR.value
         return sensor if self.results.run.sensing_track == sensor else ""
+
+    @property
+    def rank_group(self) -> str:
+        """Places are given among agents with the same text: of one track, driven under the same conditions."""
+        return f"{self.track} {self.conditions.rank_group}"
 
     @property
     def is_ranked(self) -> bool:
@@ -90,10 +100,11 @@ def make_compared_agents(runs: Iterable[ReportRun]) -> tuple[ComparedAgent, ...]
         else:
             _check_new_seeds(same, run)
             same.append(run)
-    names = name_agents([group[0] for group in groups])
+    conditions = list_conditions(groups)
+    names = name_agents([group[0] for group in groups], conditions)
     agents = [
-        ComparedAgent(name, pool_results([run.results for run in group]), tuple(group))
-        for name, group in zip(names, groups, strict=True)
+        ComparedAgent(name, pool_results([run.results for run in group]), tuple(group), its_conditions)
+        for name, group, its_conditions in zip(names, groups, conditions, strict=True)
     ]
     return tuple(sorted(agents, key=lambda agent: SECTIONS.index(agent.section)))
 
@@ -125,40 +136,31 @@ def pool_results(results: Sequence[Results]) -> Results:
     return summarize_run(info, sorted(scenarios, key=lambda scenario: (scenario.seed, scenario.id)))
 
 
-def name_agents(runs: Sequence[ReportRun]) -> list[str]:
-    """Return a name for each run: its agent, and in brackets the settings in which runs of the same agent differ."""
-    names = [_name_agent(run, runs, hidden=(LIBRARY_CODE,)) for run in runs]
+def name_agents(runs: Sequence[ReportRun], conditions: Sequence[DriveConditions]) -> list[str]:
+    """Return a name for each run: its agent, and in brackets the conditions in which any runs differ.
+
+    Runs of the same agent are also named by the agent's own settings that differ.
+    """
+    names = [_name_agent(i, runs, conditions, hidden=(LIBRARY_CODE,)) for i in range(len(runs))]
     if len(set(names)) < len(names):
-        names = [_name_agent(run, runs) for run in runs]
+        names = [_name_agent(i, runs, conditions) for i in range(len(runs))]
     return [name if (before := names[:i].count(name)) == 0 else f"{name} #{before + 1}" for i, name in enumerate(names)]
 
 
-def _name_agent(run: ReportRun, runs: Sequence[ReportRun], hidden: Sequence[str] = ()) -> str:
+def _name_agent(
+    i: int, runs: Sequence[ReportRun], conditions: Sequence[DriveConditions], hidden: Sequence[str] = ()
+) -> str:
+    run = runs[i]
     agent = run.results.run.agent
+    parts = conditions[i].format(find_differing_conditions(conditions))
     same_agent = (other.settings for other in runs if other.results.run.agent == agent)
     differing = {one.name for other in same_agent for one in compare_settings(run.settings, other)} - {*hidden}
-    parts = [*_describe_channel(run, differing)]
     parts += [
         f"{name.removeprefix('agent config ')} {format_setting(run.settings.get(name))}"
         for name in run.settings
-        if name in differing and not name.startswith(_COMM)
+        if name in differing and name not in conditions[i].values and not name.startswith(COMM)
     ]
     return f"{agent} ({', '.join(parts)})" if parts else agent
-
-
-def _describe_channel(run: ReportRun, differing: Iterable[str]) -> Iterable[str]:
-    """Yield the channel as a preset if it is one, else the settings of it that differ."""
-    names = [name.removeprefix(_COMM) for name in differing if name.startswith(_COMM)]
-    if not names:
-        return
-    comm: Mapping[str, Any] = run.results.run.comm
-    preset = str(comm.get("preset", ""))
-    if not comm.get("on", True):
-        yield "channel off"
-    elif preset in PRESETS and {**comm} == describe_comm(PRESETS[preset]):
-        yield f"channel {preset}"
-    else:
-        yield from (f"{name} {format_setting(comm[name])}" for name in comm if name in names)
 
 
 def describe_code(run: ReportRun) -> str:

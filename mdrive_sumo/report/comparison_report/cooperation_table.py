@@ -56,11 +56,11 @@ def build_cooperation_table(agents: Sequence[ComparedAgent], name: str = "cooper
         ReportColumn("bucket_mean", "bucket mean", decimals=1, best=BestValue.HIGHEST),
         ReportColumn("scenario_mean", "scenario mean", decimals=1, best=BestValue.HIGHEST),
     ]
-    track_by_name = {agent.name: agent.track for agent in agents}
+    group_by_name = {agent.name: agent.rank_group for agent in agents}
     rows = [
         make_row(
             (name, *map(_to_percent, (*(one.buckets.get(b) for b in buckets), one.bucket_mean, one.scenario_mean))),
-            track=track_by_name[name],
+            rank_group=group_by_name[name],
         )
         for name, one in captured.items()
     ]

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE, ConfidenceInterval
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.comparison_report.published_rows import order_buckets
@@ -30,7 +30,7 @@ from mdrive_sumo.scoring.paired_intervals import (
 DIFFERENCE_NOTE = (
     "Differences agent minus other, paired by scenario and, where both have it, by seed; 95 % bootstrap intervals:"
     " scenarios are drawn anew, then the seeds of each. Void scenarios are left out. An interval without 0 is a"
-    " difference beyond chance; intervals are not widened for the number of comparisons."
+    f" difference beyond chance; intervals are not widened for the number of comparisons. {TOO_FEW_NOTE}"
 )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent, describe_code
+from mdrive_sumo.report.comparison_report.drive_conditions import SEEDS, find_differing_conditions
 from mdrive_sumo.report.comparison_report.report_runs import SHORT_CHECKSUM, ReportRun
 from mdrive_sumo.report.comparison_report.report_table import ReportTable, make_row, make_text_columns
 from mdrive_sumo.report.result_tables import describe_missing_reference
@@ -78,12 +79,9 @@ def list_warnings(agents: Sequence[ComparedAgent]) -> tuple[str, ...]:
     """Return a sentence about everything that limits the comparison of the agents."""
     runs = [run for agent in agents for run in agent.runs]
     codes = sorted({code for run in runs if (code := describe_code(run))})
-    seeds = {agent.seeds for agent in agents}
     warnings = [
+        _describe_differing_conditions(agents),
         f"The runs were driven with different code of the library: {', '.join(codes)}." if len(codes) > 1 else "",
-        "The agents were driven with different seeds; differences are paired by the seeds that both have."
-        if len(seeds) > 1
-        else "",
     ]
     for agent in agents:
         void = _shorten([scenario.key for scenario in agent.results.scenarios if scenario.status == "void"])
@@ -93,6 +91,32 @@ def list_warnings(agents: Sequence[ComparedAgent]) -> tuple[str, ...]:
         if any(scenario.status == "ok" and scenario.efficient_sr is None for scenario in agent.results.scenarios):
             warnings.append(f"{agent.name}: reference times: {describe_missing_reference(agent.results)}.")
     return tuple(warning for warning in warnings if warning)
+
+
+def _describe_differing_conditions(agents: Sequence[ComparedAgent]) -> str:
+    """Return a sentence on the conditions in which the agents differ; "" if they differ in none."""
+    names = find_differing_conditions([agent.conditions for agent in agents])
+    if not names:
+        return ""
+    parts = [f"{name}: {_list_values(agents, name)}." for name in names]
+    paired = ["Differences are paired by the seeds that both have."] if SEEDS in names else []
+    return " ".join(
+        (
+            "The agents were driven under different conditions, so that places are given only among agents with the"
+            " same ones.",
+            *parts,
+            *paired,
+        )
+    )
+
+
+def _list_values(agents: Sequence[ComparedAgent], name: str) -> str:
+    """Return "realistic for idm, single; perfect for sharing"."""
+    agents_by_value: dict[str, dict[str, None]] = {}
+    for agent in agents:
+        if name in agent.conditions.values:
+            agents_by_value.setdefault(agent.conditions.values[name], {})[agent.results.run.agent] = None
+    return "; ".join(f"{value} for {', '.join(known)}" for value, known in agents_by_value.items())
 
 
 def _shorten(keys: Sequence[EpisodeKey], limit: int = 5) -> str:

@@ -84,9 +84,9 @@ def _draw_differences(differences: Sequence[AgentDifference], figure: Figure) ->
     for i, one in enumerate(differences):
         if one.ds is None:
             continue
-        is_clear = one.ds.low > 0 or one.ds.high < 0
-        axes.plot([one.ds.low, one.ds.high], [i, i], color=COLOURS[0], linewidth=2.2, solid_capstyle="butt")
-        face = COLOURS[0] if is_clear else "#ffffff"
+        if one.ds.ends is not None:
+            axes.plot(one.ds.ends, [i, i], color=COLOURS[0], linewidth=2.2, solid_capstyle="butt")
+        face = COLOURS[0] if one.ds.is_clear else "#ffffff"
         axes.plot(one.ds.mean, i, "o", color=COLOURS[0], markerfacecolor=face, markersize=6)
     axes.set_yticks(range(len(differences)), [f"{one.agent}  −  {one.other}" for one in differences])
     axes.set(xlabel="difference of DS [percentage points], 95 % interval; filled: without 0")

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.statistics import TOO_FEW, ConfidenceInterval
 
 CellValue = str | float | bool | None
 """None: undefined. A truth value is a property that an agent has or lacks, such as perception sharing."""
@@ -41,8 +41,8 @@ class ReportColumn:
     has_sign: bool = False
     """Whether positive numbers have a plus sign: differences."""
     intervals: IntervalStyle = IntervalStyle.HALF_WIDTH
-    track: str = ""
-    """Where columns are agents: those of different tracks are ranked apart."""
+    rank_group: str = ""
+    """Where columns are agents: those of different groups are ranked apart, as `ComparedAgent.rank_group` has them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,13 +63,13 @@ class ReportCell:
 class ReportRow:
     """A row; `section` is the heading of the rows that it stands with. Rows that are not ranked have no marks.
 
-    track: where rows are agents, those of different tracks are ranked apart.
+    rank_group: where rows are agents, those of different groups are ranked apart.
     """
 
     cells: tuple[ReportCell, ...]
     section: str = ""
     is_ranked: bool = True
-    track: str = ""
+    rank_group: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ class ReportTable:
 
     def _mark_columns(self, rows: Sequence[ReportRow]) -> tuple[ReportRow, ...]:
         columns = [
-            _rank([(row.cells[i], row.track if row.is_ranked else None) for row in rows], column)
+            _rank([(row.cells[i], row.rank_group if row.is_ranked else None) for row in rows], column)
             for i, column in enumerate(self.columns)
         ]
         return tuple(
@@ -136,26 +136,26 @@ class ReportTable:
         ranked = [i for i, column in enumerate(self.columns) if column.best is not BestValue.NONE]
         if not ranked or not row.is_ranked:
             return row
-        cells = _rank([(row.cells[i], self.columns[i].track) for i in ranked], self.columns[ranked[0]])
+        cells = _rank([(row.cells[i], self.columns[i].rank_group) for i in ranked], self.columns[ranked[0]])
         by_place = dict(zip(ranked, cells, strict=True))
         return replace(row, cells=tuple(by_place.get(i, cell) for i, cell in enumerate(row.cells)))
 
 
 def _rank(cells: Sequence[tuple[ReportCell, str | None]], column: ReportColumn) -> list[ReportCell]:
-    """Return cells, each given with its track (None: not ranked), with their ranks within the track: 1, 2, 2, 4, ...
+    """Return cells, each given with its group (None: not ranked), with their ranks within the group: 1, 2, 2, 4, ...
 
     Ranks follow the values as the table shows them.
     """
     if column.best is BestValue.NONE:
         return [cell for cell, _ in cells]
-    shown = [None if track is None else _sort_key(cell, column) for cell, track in cells]
-    tracks = [track for _, track in cells]
-    by_track: dict[str | None, list[float]] = defaultdict(list)
-    for track, key in zip(tracks, shown, strict=True):
+    shown = [None if group is None else _sort_key(cell, column) for cell, group in cells]
+    groups = [group for _, group in cells]
+    by_group: dict[str | None, list[float]] = defaultdict(list)
+    for group, key in zip(groups, shown, strict=True):
         if key is not None:
-            by_track[track].append(key)
+            by_group[group].append(key)
     return [
-        replace(cell, rank=_find_rank(key, by_track[track])) for (cell, track), key in zip(cells, shown, strict=True)
+        replace(cell, rank=_find_rank(key, by_group[group])) for (cell, group), key in zip(cells, shown, strict=True)
     ]
 
 
@@ -187,13 +187,19 @@ def format_cell(cell: ReportCell, column: ReportColumn) -> str:
 
 
 def format_cell_interval(cell: ReportCell, column: ReportColumn) -> str:
-    """Return what follows a cell's number: " ± 1.20" or " [80.00, 88.00]"; "" without an interval."""
+    """Return what follows a cell's number: " ± 1.20" or " [80.00, 88.00]"; "" without an interval.
+
+    Both ends are missed more than half a width: " [too few]" says why there are none.
+    """
     interval = cell.interval
-    if interval is None:
+    if interval is None or (interval.ends is None and column.intervals is IntervalStyle.HALF_WIDTH):
         return ""
+    if interval.ends is None:
+        return f" [{TOO_FEW}]"
+    low, high = interval.ends
     if column.intervals is IntervalStyle.ENDS:
-        return f" [{_format_number(interval.low, column)}, {_format_number(interval.high, column)}]"
-    return f" ± {(interval.high - interval.low) / 2:.{column.decimals}f}"
+        return f" [{_format_number(low, column)}, {_format_number(high, column)}]"
+    return f" ± {(high - low) / 2:.{column.decimals}f}"
 
 
 def _format_number(value: float, column: ReportColumn) -> str:
@@ -201,11 +207,11 @@ def _format_number(value: float, column: ReportColumn) -> str:
 
 
 def make_row(
-    values: Iterable[CellValue | ReportCell], section: str = "", *, is_ranked: bool = True, track: str = ""
+    values: Iterable[CellValue | ReportCell], section: str = "", *, is_ranked: bool = True, rank_group: str = ""
 ) -> ReportRow:
     """Return a row of values or cells."""
     cells = (value if isinstance(value, ReportCell) else ReportCell(value) for value in values)
-    return ReportRow(tuple(cells), section, is_ranked, track)
+    return ReportRow(tuple(cells), section, is_ranked, rank_group)
 
 
 def make_text_columns(labels: Mapping[str, str]) -> tuple[ReportColumn, ...]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.comparison_report.published_rows import order_buckets
 from mdrive_sumo.report.comparison_report.report_table import (
@@ -30,8 +31,9 @@ OVERALL_NOTE = (
 )
 SEEDS_NOTE = (
     "±: half of the 95 % bootstrap interval of a mean over several seeds; scenarios are drawn anew, then seeds."
+    f" {TOO_FEW_NOTE}"
 )
-INTERVAL_NOTE = "95 % bootstrap intervals: scenarios are drawn anew, then the seeds of each."
+INTERVAL_NOTE = f"95 % bootstrap intervals: scenarios are drawn anew, then the seeds of each. {TOO_FEW_NOTE}"
 TRACK_NOTE = (
     "Agents of the sensor track have no lists of objects, only what a car carries; they are ranked apart from the"
     " object track, to which all other agents belong."
@@ -101,7 +103,7 @@ def _make_main_row(agent: ComparedAgent, buckets: Sequence[str]) -> ReportRow:
         cells += make_score_cells(agent.results.buckets[bucket], intervals.get(bucket), with_times=is_one)
     if not is_one:
         cells += make_score_cells(agent.results.overall.bucket_mean, intervals.get(BUCKET_MEAN), with_times=True)
-    return make_row(cells, agent.section, is_ranked=agent.is_ranked, track=agent.track)
+    return make_row(cells, agent.section, is_ranked=agent.is_ranked, rank_group=agent.rank_group)
 
 
 def _make_published_row(method: PublishedMethod, buckets: Sequence[str]) -> ReportRow:
@@ -166,4 +168,4 @@ def _make_bucket_row(agent: ComparedAgent, group: str, intervals: MeanIntervals)
         means.rc,
         means.ip,
     )
-    return make_row(cells, group, is_ranked=agent.is_ranked, track=agent.track)
+    return make_row(cells, group, is_ranked=agent.is_ranked, rank_group=agent.rank_group)

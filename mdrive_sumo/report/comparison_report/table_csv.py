@@ -23,8 +23,8 @@ def format_csv(table: ReportTable) -> str:
         for cell, has_interval in zip(row.cells, with_intervals, strict=True):
             line.append(_format_value(cell.value))
             if has_interval:
-                ends = (cell.interval.low, cell.interval.high) if cell.interval else (None, None)
-                line += [_format_value(end) for end in ends]
+                ends = cell.interval.ends if cell.interval else None
+                line += [_format_value(end) for end in ends or (None, None)]
         lines.append(line)
     return format_csv_table(header, lines)
 

@@ -1,6 +1,6 @@
 """The comparison page: several runs against the first of them, in one self-contained HTML page."""
 
-from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE, format_interval_cells
 from mdrive_sumo.core.tables import TableRow
 from mdrive_sumo.report.result_tables import SCORE_HEADER, describe_seeds, format_scores
 from mdrive_sumo.report.run_page.comparison_data import ComparisonData
@@ -27,6 +27,7 @@ def render_comparison_page(data: ComparisonData, *, replays_note: str = "") -> s
             (run.letter, run.agent, *format_scores(run.stored.results.overall.scenario_mean)) for run in data.runs
         ],
         difference_header=DIFFERENCE_HEADER,
+        too_few_note=TOO_FEW_NOTE if any(one.ds.ends is None for one in data.comparisons) else "",
         difference_rows=[
             row
             for run, comparison in zip(data.runs[1:], data.comparisons, strict=True)
@@ -50,17 +51,11 @@ def _list_differences(name: str, comparison: RunComparison) -> list[TableRow]:
             name if i == 0 else "",
             score,
             str(comparison.timed if score == TIME_RATIO else len(comparison.pairs)),
-            *_format_interval(interval),
+            *format_interval_cells(interval, "+.2f"),
             *(counts if i == 0 else ("", "", "")),
         )
         for i, (score, interval) in enumerate(intervals.items())
     ]
-
-
-def _format_interval(interval: ConfidenceInterval | None) -> TableRow:
-    if interval is None:
-        return ("-", "-", "-")
-    return (f"{interval.mean:+.2f}", f"{interval.low:+.2f}", f"{interval.high:+.2f}")
 
 
 def _describe_missing_recordings(data: ComparisonData) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE
 from mdrive_sumo.report.comparison_report.report_table import (
     CellValue,
     IntervalStyle,
@@ -19,7 +20,6 @@ from mdrive_sumo.scoring.paired_intervals import (
     group_by_scenario,
 )
 from mdrive_sumo.study.conditions import ChannelCondition
-from mdrive_sumo.study.paper.paper_plan import MIN_STRATUM
 from mdrive_sumo.study.study_runs import StudyRow
 
 SCORES: Mapping[str, tuple[str, int]] = {"ds": ("DS", 2), "rc": ("RC", 2), "ip": ("IS", 3), "sr": ("SR", 2)}
@@ -72,7 +72,7 @@ def _build_row(agent: str, clean: StudyRow, perturbed: StudyRow) -> ReportRow:
         means = [compute_score_interval(table, score) for table in (first, second)]
         difference = compute_difference_interval(second, first, score)
         cells += [None if mean is None else mean.mean for mean in means]
-        has_interval = score in INTERVALS and len(first) >= MIN_STRATUM
+        has_interval = score in INTERVALS
         cells.append(
             ReportCell(None)
             if difference is None
@@ -97,7 +97,7 @@ def _describe(ours: Sequence[ReportRow]) -> str:
     if not ours:
         return "No agent of this study exchanges messages."
     return (
-        "Brackets: 95 % bootstrap interval of the difference, paired by scenario and seed, none over fewer than five"
-        " scenarios; one that contains 0 shows no effect. Published differences are those of the printed scores; the"
+        "Brackets: 95 % bootstrap interval of the difference, paired by scenario and seed; one that contains 0 shows no"
+        f" effect. {TOO_FEW_NOTE} Published differences are those of the printed scores; the"
         " paper prints some that deviate by 0.01."
     )

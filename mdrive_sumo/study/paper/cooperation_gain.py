@@ -99,7 +99,7 @@ def compute_role_gaps(runs: Mapping[str, Results]) -> tuple[RoleGap, ...]:
             for role, members in roles.items()
         }
         multi, single = means[AgentRole.MULTI], means[AgentRole.SINGLE]
-        gap = make_interval(float(multi[0] - single[0]), (multi - single)[1:])
+        gap = make_interval(float(multi[0] - single[0]), (multi - single)[1:], len(common))
         gaps.append(RoleGap(group, len(common), float(multi[0]), float(single[0]), gap))
     return tuple(gaps)
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE, judge_interval
 from mdrive_sumo.report.comparison_report.report_table import (
     IntervalStyle,
     ReportCell,
@@ -12,20 +12,12 @@ from mdrive_sumo.report.comparison_report.report_table import (
     make_text_columns,
 )
 from mdrive_sumo.report.published_results import PUBLISHED_GAPS
-from mdrive_sumo.study.gain import judge
 from mdrive_sumo.study.paper.cooperation_gain import PAIRS, PairGain, RoleGap
-from mdrive_sumo.study.paper.paper_plan import MIN_STRATUM
 
-TOO_FEW = "too few scenarios"
 SHOWN_NOTE = (
     "Brackets: 95 % bootstrap intervals over scenarios. The last column says what the interval carries: an interval"
-    " that contains 0 shows no difference, neither a gain nor that there is none."
+    f" that contains 0 shows no difference, neither a gain nor that there is none. {TOO_FEW_NOTE}"
 )
-
-
-def judge_gain(gain: ConfidenceInterval, scenarios: int) -> str:
-    """Return in words what an interval carries; nothing if it is over fewer than `MIN_STRATUM` scenarios."""
-    return judge(gain) if scenarios >= MIN_STRATUM else TOO_FEW
 
 
 def build_pair_table(gains: Sequence[PairGain]) -> ReportTable:
@@ -44,8 +36,8 @@ def build_pair_table(gains: Sequence[PairGain]) -> ReportTable:
                 float(one.scenarios),
                 ReportCell(one.ds.mean, one.ds),
                 ReportCell(one.sr.mean, one.sr),
-                judge_gain(one.ds, one.scenarios),
-                judge_gain(one.sr, one.scenarios),
+                judge_interval(one.ds),
+                judge_interval(one.sr),
             ),
             f"{PAIRS[one.agent, one.base]}: {one.agent} - {one.base}",
         )
@@ -73,7 +65,7 @@ def build_gap_table(gaps: Sequence[RoleGap]) -> ReportTable:
                 one.multi,
                 one.single,
                 ReportCell(one.gap.mean, one.gap),
-                judge_gain(one.gap, one.scenarios),
+                judge_interval(one.gap),
                 PUBLISHED_GAPS.get(one.group),
             )
         )

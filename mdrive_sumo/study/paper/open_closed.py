@@ -8,6 +8,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.rank_correlation import compute_kendall, compute_spearman
 from mdrive_sumo.core.statistics import (
+    RESAMPLES,
     ConfidenceInterval,
     draw_resample_counts,
     make_interval,
@@ -131,12 +132,12 @@ def _correlate(
         closed = np.array([[getattr(driven[agent][key], score) for agent in agents] for key in keys])
         y = sum_resamples(counts, closed) / counts.sum(axis=1, keepdims=True)
         rho, tau = (correlate(x[usable], y[usable]) for correlate in (compute_spearman, compute_kendall))
-        yield RankCorrelation(metric, score, agents, _summarize(rho, len(counts)), _summarize(tau, len(counts)))
+        yield RankCorrelation(metric, score, agents, _summarize(rho, len(keys)), _summarize(tau, len(keys)))
 
 
-def _summarize(values: Float, resamples: int) -> ConfidenceInterval | None:
+def _summarize(values: Float, units: int) -> ConfidenceInterval | None:
     """Return the first value with the interval of the others; None if it or most of the others are undefined."""
     defined = values[1:][~np.isnan(values[1:])]
-    if not len(values) or np.isnan(values[0]) or len(defined) < MIN_DEFINED_SHARE * (resamples - 1):
+    if not len(values) or np.isnan(values[0]) or len(defined) < MIN_DEFINED_SHARE * RESAMPLES:
         return None
-    return make_interval(float(values[0]), defined)
+    return make_interval(float(values[0]), defined, units)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE, ConfidenceInterval
 from mdrive_sumo.report.comparison_report.report_figure import ReportFigure
 from mdrive_sumo.report.comparison_report.report_table import (
     BestValue,
@@ -17,7 +17,6 @@ from mdrive_sumo.report.comparison_report.report_table import (
 )
 from mdrive_sumo.report.figure_style import COLOURS, MARKERS
 from mdrive_sumo.study.paper.open_closed import OPEN_METRICS, OpenClosedComparison, OpenClosedLine
-from mdrive_sumo.study.paper.paper_plan import MIN_STRATUM
 
 METRIC_LABELS = {
     "ap50": "AP50 [%] ↑",
@@ -77,23 +76,21 @@ def build_correlation_table(comparison: OpenClosedComparison) -> ReportTable:
                 METRIC_LABELS[one.metric][:-2],
                 one.score.upper(),
                 float(len(one.agents)),
-                *(_make_cell(found, comparison.scenarios) for found in (one.spearman, one.kendall)),
+                *(_make_cell(found) for found in (one.spearman, one.kendall)),
             )
         )
         for one in comparison.correlations
     ]
     note = (
         "+1: the agents have the same order in both loops, best first; 0: open loop does not tell; -1: the reverse."
-        " Brackets: 95 % bootstrap intervals over scenarios, none over fewer than five; the agents stay the same."
+        f" Brackets: 95 % bootstrap intervals over scenarios; the agents stay the same. {TOO_FEW_NOTE}"
         " -: too few agents, or all tied."
     )
     return ReportTable("rank_correlation", "Rank correlation of open and closed loop", columns, tuple(rows), note)
 
 
-def _make_cell(found: ConfidenceInterval | None, scenarios: int) -> ReportCell:
-    if found is None:
-        return ReportCell(None)
-    return ReportCell(found.mean, found if scenarios >= MIN_STRATUM else None)
+def _make_cell(found: ConfidenceInterval | None) -> ReportCell:
+    return ReportCell(None if found is None else found.mean, found)
 
 
 def make_open_closed_figure(comparison: OpenClosedComparison) -> ReportFigure:

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
+from mdrive_sumo.core.statistics import judge_interval
 from mdrive_sumo.scoring import Means, Results, ScenarioResult
-from mdrive_sumo.study.paper.gain_tables import judge_gain
 from mdrive_sumo.study.paper.paper_agents import find_role
 from mdrive_sumo.study.paper.paper_facts import PaperRequest
 from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
@@ -27,9 +27,9 @@ def build_paper_json(numbers: PaperNumbers, request: PaperRequest, about: Mappin
         "score_mode": run.score_mode,
         "closed": {name: _describe_run(results) for name, results in numbers.closed.items()},
         "open": {name: results.overall.model_dump() for name, results in numbers.open.items()},
-        "gaps": [asdict(one) | {"shown": judge_gain(one.gap, one.scenarios)} for one in numbers.gaps],
+        "gaps": [asdict(one) | {"shown": judge_interval(one.gap)} for one in numbers.gaps],
         "gains": [
-            asdict(one) | {f"shown_{score}": judge_gain(getattr(one, score), one.scenarios) for score in ("ds", "sr")}
+            asdict(one) | {f"shown_{score}": judge_interval(getattr(one, score)) for score in ("ds", "sr")}
             for one in numbers.gains
         ],
         "open_closed": asdict(numbers.comparison)

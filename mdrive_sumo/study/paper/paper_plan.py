@@ -22,8 +22,8 @@ QUICK_LOG_SCENARIOS = 2
 STANDARD_SHARE = 4
 """A standard study drives one of so many scenarios of each category, so that it takes half an hour on two cores."""
 MIN_STRATUM = 5
-"""Least number of scenarios of an interactivity level or InterDrive group in a standard study: an interval over fewer
-says nothing."""
+"""Least number of scenarios of an interactivity level or InterDrive group in a standard study. An interval needs more
+(`core.statistics.MIN_UNITS`), for which a standard study would take twice its half hour."""
 
 
 class PaperScale(StrEnum):

@@ -16,8 +16,10 @@ class CrossPlayCellOut(ResponseModel):
     episodes: int
     failed: int
     """Episodes in which the agent under test failed; they count."""
+    stopped_others: int
+    """Episodes in which its messages made an agent of the others fail; they count, with DS x 0.6 and no success."""
     left_out: int
-    """Episodes in which an agent of the others failed; they do not count."""
+    """Episodes in which an agent of the others failed for another reason; they do not count."""
     is_own_team: bool
     """Agents of one team are no strangers and are not driven together."""
 
@@ -38,6 +40,7 @@ class CrossPlayAgentOut(ResponseModel):
     partners: int
     """Over how many of them."""
     failed: int
+    stopped_others: int
     cells: list[CrossPlayCellOut]
     """In the order of the agents."""
 

@@ -78,9 +78,9 @@ class PairedDifferenceOut(ResponseModel):
     scenarios: int
     """Each counts once, with the mean over its seeds."""
     ds: float
-    ds_low: float
-    ds_high: float
-    """95 % bootstrap interval of `ds`: the scenarios are resampled."""
+    ds_low: float | None
+    ds_high: float | None
+    """95 % bootstrap interval of `ds`: the scenarios are resampled. None for too few of them."""
     better: int
     """Scenarios in which B has at least 0.005 more."""
     equal: int

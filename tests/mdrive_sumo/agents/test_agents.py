@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 from testing.agents_driving import Box, all_arrived, crossing_route, drive, field
+from testing.planning import briefing, own, seen, things
 from testing.sampling import sampled
 
 from mdrive_sumo.agents.registry import AGENTS
@@ -15,7 +16,7 @@ from mdrive_sumo.agents.take_turns import find_slot
 from mdrive_sumo.contract import LABELS, MAX_PLAN_POINTS, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline
-from mdrive_sumo.core.state import TICKS_PER_SECOND, End
+from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.planning.parameters import AVOIDANCE
 from mdrive_sumo.roads.network_file import StopSignBox
@@ -222,6 +223,20 @@ def test_take_turns_needs_no_sensor_and_no_message_to_avoid_every_conflict() -> 
     moved = np.hypot(episode.x - episode.x[0], episode.y - episode.y[0])[:, :4] > 1.0
     starts = [int(np.flatnonzero(moved[:, i])[0]) for i in range(4)]
     assert np.diff(starts) == pytest.approx(np.full(3, starts[3] - starts[0]) / 3, abs=15)
+
+
+def test_a_wait_does_not_move_the_plan_of_take_turns_on() -> None:
+    """After its wait it plans as `constant-speed` does from a standstill: a plan of one tick, not of the whole wait."""
+    waiting, blind = (AGENTS[name]({}) for name in ("take-turns", "constant-speed"))
+    for agent in (waiting, blind):
+        agent.start(briefing(name="1"))
+    first = next(tick for tick in range(2000) if waiting.act(seen(tick, own(), things())).plan is not None)
+    blind.act(seen(0, own(), things()))
+    for tick in range(1, 30):
+        plans = [agent.act(seen(tick + late, own(), things())).plan for agent, late in ((waiting, first), (blind, 0))]
+        assert plans[0] is not None and plans[1] is not None
+        assert plans[0].points.tolist() == plans[1].points.tolist()
+    assert first == round(0.115 * 60.0 / DT)
 
 
 def test_two_cavs_of_one_turn_drive_at_the_same_time() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from testing.agents_driving import Box, all_arrived
-from testing.road_speeds import LIMIT, centre_line, drive_fast, fast_ego, find_speeds, motorway
+from testing.road_speeds import LIMIT, centre_line, drive_fast, fast_ego, find_speeds, motorway, slow_zone
 
 from mdrive_sumo.core.state import DT, End
 
@@ -22,6 +22,24 @@ def test_agents_start_at_speed_and_drive_the_limit(agent: str) -> None:
     change = np.diff(speed) / DT
     assert change.min() > -1.5
     assert change.max() < 3.2
+
+
+@pytest.mark.parametrize("agent", ["constant-speed", *SLOW])
+def test_agents_brake_before_a_lower_limit_begins(agent: str) -> None:
+    """From 20 to 3 m/s: with 2 m/s2 that takes 98 m, with the 4 m/s2 of `constant-speed` 49 m.
+
+    Those that only follow a path are a step of their plan (0.2 s) late, as before bends.
+    """
+    begin_m, before, limit = 300, 20.0, 3.0
+    car = fast_ego("0", ROAD[100:321], 19.0).model_copy(update={"lanes": ("m_0", "z_0")})
+    episode = drive_fast(agent, [car], roads=slow_zone(begin_m, limit, before))
+    assert all_arrived(episode)
+    here = episode.valid[:, 0]
+    x, speed = episode.x[here, 0], episode.speed[here, 0]
+    assert speed[x > begin_m].max() < limit + (2.0 if agent in ("constant-speed", "idm") else 0.6)
+    assert speed[x > begin_m + 3.0].max() < limit + 0.6
+    assert speed[x < begin_m - 110.0].max() > before - 0.5, "it does not brake before it must"
+    assert np.diff(speed).min() / DT > -5.5
 
 
 @pytest.mark.slow

@@ -44,10 +44,10 @@ def test_many_rows_at_once_and_values_that_differ_in_the_last_bit() -> None:
 
 
 def test_resample_counts_give_the_interval_of_a_mean() -> None:
-    values = np.array([0.0, 1.0, 5.0, 9.0, 10.0])
+    values = np.array([0.0, 1.0, 5.0, 9.0, 10.0] * 2)
     counts = draw_resample_counts(len(values))
-    assert counts.shape == (1 + RESAMPLES, 5)
-    assert counts[0].tolist() == [1.0] * 5 and set(counts.sum(axis=1)) == {5.0}
-    found, expected = make_interval(5.0, sum_resamples(counts, values)[1:] / 5), bootstrap_mean(values)
-    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
+    assert counts.shape == (1 + RESAMPLES, 10)
+    assert counts[0].tolist() == [1.0] * 10 and set(counts.sum(axis=1)) == {10.0}
+    found, expected = make_interval(5.0, sum_resamples(counts, values)[1:] / 10, 10), bootstrap_mean(values)
+    assert found.ends is not None and found.ends == pytest.approx(expected.ends)
     assert sum_resamples(counts, np.stack((values, -values), axis=-1)).sum() == 0

@@ -66,6 +66,26 @@ def test_curve_speeds_keep_within_both_limits() -> None:
     assert (-np.diff(speeds**2) / 2 / SPACING_M).max() <= 2.0 + 1e-9
 
 
+def test_speeds_brake_before_a_lower_limit_and_rise_only_where_a_higher_one_begins() -> None:
+    path = straight_path()
+    limits = np.where((path.xy[:, 0] >= 30.0) & (path.xy[:, 0] < 50.0), 3.0, 20.0)
+    speeds = compute_curve_speeds(path, 25.0, 3.0, 2.0, limits)
+    assert np.all(speeds <= limits)
+    assert (-np.diff(speeds**2) / 2 / SPACING_M).max() <= 2.0 + 1e-9
+    assert speeds[round(29.0 / SPACING_M)] == pytest.approx(np.sqrt(9.0 + 2 * 2.0 * 1.0))
+    assert speeds[round(50.0 / SPACING_M)] == 20.0
+
+
+@given(cruise_speed=st.floats(2.0, 40.0), limit=st.floats(2.0, 40.0), rise=st.floats(0.0, 20.0), at=st.integers(0, 100))
+def test_limits_that_never_fall_change_no_speed(cruise_speed: float, limit: float, rise: float, at: int) -> None:
+    """To the last digit: digests of routes without a lower limit ahead stay."""
+    path = build_path(crossing_route("right", 0), REAR)
+    limits = np.where(np.arange(len(path.xy)) < at, limit, limit + rise)
+    apart = np.minimum(compute_curve_speeds(path, cruise_speed, 3.0, 2.0), limits)
+    together = compute_curve_speeds(path, cruise_speed, 3.0, 2.0, limits)
+    assert np.array_equal(apart, together)
+
+
 def test_the_follower_does_not_run_ahead_of_a_blocked_car() -> None:
     reference = PathFollower(straight_path())
     for _ in range(200):

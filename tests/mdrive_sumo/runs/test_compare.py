@@ -67,13 +67,24 @@ def test_times_are_compared_where_every_cav_arrives_in_both_runs() -> None:
     assert found.time_ratio is not None and found.efficient_sr is not None
     assert (found.time_ratio.mean, found.timed, found.efficient_sr.mean) == (-1.25, 2, 50.0)
     lines = [line.split() for line in comparison_table(found).splitlines()]
-    assert ["time", "ratio", "(of", "2)", "-1.25", "-1.50", "-1.00"] in lines
+    assert ["time", "ratio", "(of", "2)", "-1.25", "-", "-"] in lines
+    assert "4 scenarios: too few for an interval, which needs 10" in comparison_table(found)
     assert list(found.to_frame()["time_ratio_b"])[:3] == [1.5, 1.0, 1.0]
 
 
 def test_no_difference_has_an_interval_of_no_width() -> None:
-    found = compare(run(scenario("r1", 50.0)), run(scenario("r1", 50.0)))
-    assert (found.ds.mean, found.ds.low, found.ds.high) == (0.0, 0.0, 0.0)
+    same = run(*(scenario(f"r{i}", 50.0) for i in range(10)))
+    found = compare(same, same)
+    assert (found.ds.mean, found.ds.ends) == (0.0, (0.0, 0.0))
+    assert "too few" not in comparison_table(found)
+
+
+def test_one_scenario_has_no_interval() -> None:
+    """It printed "-40.00 -40.00 -40.00"."""
+    found = compare(run(scenario("r1", 90.0)), run(scenario("r1", 50.0)))
+    lines = [line.split() for line in comparison_table(found).splitlines()]
+    assert ["DS", "-40.00", "-", "-"] in lines
+    assert "1 scenario: too few for an interval, which needs 10" in comparison_table(found)
 
 
 def test_what_cannot_be_paired_is_listed() -> None:

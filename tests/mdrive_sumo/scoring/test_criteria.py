@@ -121,8 +121,11 @@ def test_timed_out_at_the_limit() -> None:
     assert find_end(trial, 960, 960) is End.TIMED_OUT
 
 
-def test_arrival_at_the_limit_is_an_arrival_at_once() -> None:
-    assert find_end(RouteProgress(arrived_tick=960, moving_tick=960), 960, 960) is End.ARRIVED
+@pytest.mark.parametrize(("reached", "end"), [(959, End.ARRIVED), (960, End.TIMED_OUT)])
+def test_a_goal_reached_in_the_tick_in_which_time_runs_out_is_a_time_out(reached: int, end: End) -> None:
+    """Completing the route ends a CAV a tick later (protocol 6), the time-out at once (7.6)."""
+    assert find_end(RouteProgress(arrived_tick=reached, moving_tick=960), 960, 960) is end
+    assert compute_completion_percent(RouteProgress(arrived_tick=reached), eastward()) == 100.0
 
 
 def standing(speeds: dict[int, float], ticks: int) -> list[int]:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,11 @@ from testing.local_executor import LocalExecutor
 from testing.study_samples import invoke, make_run, make_scenario
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.statistics import MIN_UNITS, ConfidenceInterval, judge_interval
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scoring import ScenarioResult
-from mdrive_sumo.study.gain import AGENTS, PARTS, GainRow, GainSummary, SensingProfile, judge, summarise_gain
+from mdrive_sumo.study.gain import AGENTS, PARTS, GainRow, GainSummary, SensingProfile, summarise_gain
+from mdrive_sumo.study.gain_files import gain_csv, make_gain_table
 
 MEANS = {
     ("perfect", "single"): 60.0,
@@ -34,7 +36,7 @@ def score(sensing: str, agent: str, place: int, seed: int) -> float:
     return MEANS[sensing, agent] + place + seed / 10 + both_ways
 
 
-def rows(scenarios: int = 4, seeds: int = 2) -> list[GainRow]:
+def rows(scenarios: int = 2 * MIN_UNITS, seeds: int = 2) -> list[GainRow]:
     return [
         GainRow(
             sensing,
@@ -46,7 +48,7 @@ def rows(scenarios: int = 4, seeds: int = 2) -> list[GainRow]:
                             f"s{place}",
                             score(sensing, agent, place, seed),
                             seed,
-                            bucket="InterDrive" if place < 2 else "Interaction",
+                            bucket="InterDrive" if place < scenarios / 2 else "Interaction",
                         )
                         for place in range(scenarios)
                     )
@@ -70,7 +72,7 @@ def test_the_parts_are_what_they_are_called_and_sum_up() -> None:
     expected = {"occlusion": 20.0, "noise": 7.0, "intent": 0.0, "total": 27.0}
     assert {name: one.mean for name, one in found.items()} == pytest.approx(expected)
     groups = {(line.group, line.scenarios) for line in summary.gains}
-    assert groups == {("InterDrive", 2), ("Interaction", 2), ("all", 4)}
+    assert groups == {("InterDrive", MIN_UNITS), ("Interaction", MIN_UNITS), ("all", 2 * MIN_UNITS)}
     total = {cell: 0 for part in PARTS for cell in part.terms}
     for part in PARTS:
         for cell, sign in part.terms.items():
@@ -80,26 +82,37 @@ def test_the_parts_are_what_they_are_called_and_sum_up() -> None:
 
 @pytest.mark.slow
 def test_only_intervals_without_0_show_a_difference() -> None:
-    found = {name: judge(one) for name, one in gains(summarise_gain(rows())).items()}
+    found = {name: judge_interval(one) for name, one in gains(summarise_gain(rows())).items()}
     assert found == {"occlusion": "gain", "noise": "gain", "intent": "no difference shown", "total": "gain"}
-    assert [judge(ConfidenceInterval(0.5 * (low + high), low, high)) for low, high in
-            ((-2.0, -1.0), (-1.0, 0.0), (0.0, 0.0), (0.0, 2.0), (0.1, 2.0))] == [
-        "loss", "no difference shown", "no difference shown", "no difference shown", "gain"
-    ]  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenarios", [1, MIN_UNITS - 1])
+def test_few_scenarios_show_nothing(scenarios: int) -> None:
+    """One scenario printed "+26.7 [+26.7, +26.7] ... gain"."""
+    summary = summarise_gain([replace(row, results=row.results[:1]) for row in rows(2 * scenarios)])
+    assert {judge_interval(one) for one in gains(summary, "InterDrive").values()} == {"too few scenarios"}
+    assert make_gain_table(summary)[0] == (
+        f"InterDrive ({scenarios})", "occlusion", "+20.0 [too few]", "+20.0 [too few]",
+        "too few scenarios", "too few scenarios",
+    )  # fmt: skip
+    lines = [*csv.DictReader(gain_csv(summary).splitlines())]
+    few = [(line["low"], line["high"], line["shown"]) for line in lines if line["group"] != "all"]
+    assert {*few} == {("", "", "too few scenarios")}
 
 
 @pytest.mark.slow
 def test_differences_are_paired() -> None:
     """Scores that vary much between scenarios, differences that do not: the interval is narrow."""
-    found = gains(summarise_gain(rows(scenarios=4)))["occlusion"]
-    assert found.high - found.low == pytest.approx(0.0, abs=1e-9)
-    spread = np.std([score("perfect", "sharing", place, 0) for place in range(4)])
+    found = gains(summarise_gain(rows()))["occlusion"]
+    assert found.ends == pytest.approx((20.0, 20.0))
+    spread = np.std([score("perfect", "sharing", place, 0) for place in range(2 * MIN_UNITS)])
     assert spread > 1.0
 
 
 @pytest.mark.slow
 def test_what_is_void_anywhere_counts_nowhere() -> None:
-    given = rows()
+    given = rows(4)
     void = make_scenario("s3", 0.0, 0, bucket="Interaction").model_copy(update={"status": "void"})
     first, *others = given
     broken = make_run(*first.results[0].scenarios[:3], void)
@@ -145,11 +158,11 @@ def test_one_command_makes_the_tables_and_a_second_one_drives_nothing(calls: lis
     out = tmp_path / "out"
     page = json.loads((out / "gain.json").read_text())
     found = {line["part"]: line["ds"] for line in page["gains"]}
-    assert (found["occlusion"]["mean"], found["occlusion"]["shown"]) == (20.0, "gain")
-    assert found["intent"]["shown"] == "no difference shown"
+    assert (found["occlusion"]["mean"], found["occlusion"]["shown"]) == (20.0, "too few scenarios")
+    assert (found["occlusion"]["low"], found["occlusion"]["high"], found["occlusion"]["units"]) == (None, None, 2)
     table = (out / "gain.md").read_text()
-    assert "| occlusion | +20.0 [+20.0, +20.0] |" in table
-    assert "no difference shown" in table and "no difference shown" in ended.stdout
+    assert "| occlusion | +20.0 [too few] |" in table
+    assert "too few scenarios" in table and "too few scenarios" in ended.stdout
     lines = list(csv.DictReader((out / "gain.csv").read_text().splitlines()))
     assert {(line["part"], line["metric"]) for line in lines} == {
         (part.name, m) for part in PARTS for m in ("ds", "sr")

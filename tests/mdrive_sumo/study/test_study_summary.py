@@ -34,7 +34,7 @@ def test_differences_are_paired_and_void_scenarios_are_left_out() -> None:
     assert set(worse) == {"a", "b", "c"}
     found = compute_difference_interval(worse, base, "ds")
     assert found is not None
-    assert (found.mean, found.low, found.high) == (-10.0, -10.0, -10.0)
+    assert (found.mean, found.units) == (-10.0, 2)
     assert compute_score_interval(group_by_scenario([make_scenario("a", 0, status="void")]), "ds") is None
 
 
@@ -78,7 +78,7 @@ def test_a_line_compares_with_the_base_and_the_references() -> None:
     assert base.ds_difference is None and base.captured and base.captured.scenario_mean == pytest.approx(0.6)
     assert off.captured and off.captured.scenario_mean == 0.0
     assert slow.ds and slow.ds.mean == 50.0
-    assert slow.ds_difference and (slow.ds_difference.low, slow.ds_difference.high) == (-10.0, -10.0)
+    assert slow.ds_difference and (slow.ds_difference.mean, slow.ds_difference.units) == (-10.0, 2)
     assert slow.captured and slow.captured.scenario_mean == pytest.approx(0.4)
     assert best.captured is None
 

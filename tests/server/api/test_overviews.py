@@ -10,6 +10,7 @@ import pytest
 from testing import databases
 from testing.api_app import HIDDEN, Server, another_zip, problem
 from testing.store_samples import LEASE, S, summary
+from testing.web_page import Visit
 
 from server.api.csv_format import to_csv
 from server.enums import ScenarioVerdict
@@ -54,7 +55,9 @@ def test_a_comparison_pairs_scenarios(server: Server) -> None:
     paired = found["paired"]
     assert (paired["scenarios"], paired["better"], paired["equal"], paired["worse"]) == (3, 1, 1, 1)
     assert paired["ds"] == pytest.approx((10 + 0 - 24.9995) / 3)
-    assert paired["ds_low"] <= paired["ds"] <= paired["ds_high"] and paired["ds_low"] >= -25 and paired["ds_high"] <= 10
+    assert paired["ds_low"] is paired["ds_high"] is None, "three scenarios are too few"
+    page = Visit(server).get(f"/submissions/{a}/compare?other={b}")
+    assert "3 scenarios that both have: too few for an interval" in page.words
     back = server.get(f"/submissions/{b}/compare/{a}")["paired"]
     assert (back["ds"], back["better"], back["worse"]) == (pytest.approx(-paired["ds"]), 1, 1)
     assert server.get(f"/submissions/{a}/compare/{b}", "red")["a"]["archive_sha256"], "each as its own page shows it"

@@ -212,15 +212,18 @@ def test_a_data_folder_that_is_gone_ends_the_worker(bench: Bench, monkeypatch: p
 
 
 def test_a_summary_is_that_of_the_library_with_intervals() -> None:
-    results = [scored(f"s{i}", bucket) for i, bucket in enumerate(("A", "A", "B", "B", "B"))]
+    results = [scored(f"s{i}", bucket) for i, bucket in enumerate("A" * 10 + "B" * 12)]
     rows = [JobRow(scenario=one.id, seed=0, result=one.model_dump(mode="json")) for one in results]
     summary = summarise(rows)
-    assert summary["overall"]["ds"] == compute_overall(results).bucket_mean.ds == pytest.approx((10.5 + 13.0) / 2)
-    assert summary["buckets"]["B"]["ds"] == pytest.approx(13.0)
-    assert summary["categories"]["deed"]["ds"] == pytest.approx(12.0)
+    assert summary["overall"]["ds"] == compute_overall(results).bucket_mean.ds == pytest.approx((14.5 + 25.5) / 2)
+    assert summary["buckets"]["B"]["ds"] == pytest.approx(25.5)
+    assert summary["categories"]["deed"]["ds"] == pytest.approx(20.5)
     assert summary["overall"]["ds_low"] < summary["overall"]["ds"] < summary["overall"]["ds_high"]
-    assert summary["buckets"]["B"]["ds_low"] >= 12.0
+    assert summary["buckets"]["B"]["ds_low"] >= 20.0
     assert summarise(rows) == summary
+    few = summarise(rows[:13])
+    assert few["buckets"]["A"]["ds_low"] is not None
+    assert few["buckets"]["B"]["ds_low"] is few["overall"]["ds_low"] is None, "three scenarios of B"
     assert (summary["overall"]["efficient_sr"], summary["overall"]["time_ratio"]) == (None, None)
 
 

@@ -49,15 +49,16 @@ def test_the_matrix_names_each_pair_and_whose_agent_failed(server: Server) -> No
     assert "No pairs yet" in visit.get("/cross-play?phase=dev").words
     red, blue = driven(server, "red", 80.0, "object"), driven(server, "blue", 90.0, "sensor", name="by lidar")
     put(server, red, blue, {"ds": 40.0}, {"ds": 60.0, "tested_failed": "crashed: exit"})
-    put(server, blue, red, {"ds": 70.0}, {"ds": 10.0, "others_failed": "timeout: act"})
+    stopped = {"ds": 50.0, "others_failed": "crashed: text", "by_messages": True}
+    put(server, blue, red, {"ds": 90.0}, {"ds": 10.0, "others_failed": "timeout: act"}, stopped)
     page = visit.get("/cross-play?phase=dev")
     assert "/cross-play?phase=dev" in links(visit.get("/?phase=dev"))
     assert "Object track, ranked apart" in page.words and "Sensor track, ranked apart" in page.words
-    assert "50.0 failed" in page.words and "70.0 (1 of 2)" in page.words
+    assert "50.0 failed" in page.words and "70.0 stopped others (2 of 3)" in page.words
     rows = list(csv.DictReader(io.StringIO(visit.client.get("/cross-play.csv?phase=dev").text)))
-    assert [(row["team"], row["others_team"], row["ds"], row["left_out"]) for row in rows] == [
-        ("red", "blue", "50.0", "0"),
-        ("blue", "red", "70.0", "1"),
+    assert [(row["team"], row["others_team"], row["ds"], row["stopped_others"], row["left_out"]) for row in rows] == [
+        ("red", "blue", "50.0", "0", "0"),
+        ("blue", "red", "70.0", "1", "1"),
     ]
     board = visit.client.get("/api/v1/phases/dev/cross-play").json()
     assert [(agent["team"], agent["ds"], agent["alone_ds"]) for agent in board["agents"]] == [

@@ -149,8 +149,8 @@ def test_the_result_with_intervals_buckets_categories_and_what_the_boxes_used(se
     for words in (
         "DS, % 71.2 95 %: [60.5, 80.5]",
         "SR, % 50.0 95 %: [20.0, 90.0]",
-        "Junctions244.5",
-        "crossing233.5",
+        "Junctions1244.5",
+        "crossing1233.5",
         "collision-vehicle 1",
         "36 replies of all agents",
         "the median is ≤ 2 ms",

@@ -2,11 +2,13 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from testing.report_samples import BEST, SHARING, SINGLE, make_agent_run, make_sample_runs, save_run, save_sample_runs
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.report.comparison_report.category_tables import build_category_table
 from mdrive_sumo.report.comparison_report.compared_agent import (
     MULTI_AGENT,
     SINGLE_AGENT,
@@ -14,7 +16,11 @@ from mdrive_sumo.report.comparison_report.compared_agent import (
     make_agents_of_results,
     make_compared_agents,
 )
+from mdrive_sumo.report.comparison_report.comparison_report import build_comparison_report
+from mdrive_sumo.report.comparison_report.provenance_table import list_warnings
 from mdrive_sumo.report.comparison_report.report_runs import load_report_runs
+from mdrive_sumo.report.comparison_report.score_tables import build_main_table
+from mdrive_sumo.report.comparison_report.write_comparison_report import format_report_markdown
 from mdrive_sumo.scoring import Results
 
 
@@ -45,15 +51,64 @@ def test_seeds_of_one_agent_are_pooled() -> None:
 
 
 def test_runs_with_other_settings_are_named_by_what_differs() -> None:
-    latency = make_agent_run("sharing", SHARING, channel="paper-latency")
-    odd = make_agent_run("sharing", SHARING)
+    cams = ("cam",)
+    latency = make_agent_run("sharing", SHARING, exchanged=cams, channel="paper-latency")
+    odd = make_agent_run("sharing", SHARING, exchanged=cams)
     odd = odd.model_copy(update={"run": odd.run.model_copy(update={"comm": {**odd.run.comm, "loss": 0.25}})})
-    assert name_all(latency, odd) == ["sharing (channel paper-latency)", "sharing (latency_ticks 0, loss 0.25)"]
+    assert name_all(latency, odd) == ["sharing (channel paper-latency)", "sharing (channel loss 0.25)"]
     assert name_all(make_agent_run("idm", BEST), make_agent_run("idm", BEST, sensing="perfect")) == [
         "idm (sensing realistic)",
         "idm (sensing perfect)",
     ]
-    assert name_all(make_agent_run("idm", BEST), make_agent_run("single", BEST, sensing="perfect")) == ["idm", "single"]
+    assert name_all(make_agent_run("idm", BEST), make_agent_run("single", BEST, (0, 2), sensing="perfect")) == [
+        "idm (sensing realistic, seed 0)",
+        "single (sensing perfect, seeds 0, 2)",
+    ]
+    assert name_all(make_agent_run("idm", BEST), make_agent_run("single", BEST)) == ["idm", "single"]
+
+
+def test_the_channel_is_no_condition_of_an_agent_that_exchanges_nothing() -> None:
+    silent = make_agent_run("single", SINGLE)
+    sharing = make_agent_run("sharing", SHARING, exchanged=("cam",), channel="realistic")
+    agents = make_agents_of_results([silent, sharing])
+    assert [agent.name for agent in agents] == ["single", "sharing"]
+    assert len({agent.rank_group for agent in agents}) == 1 and list_warnings(agents) == ()
+    other = make_agent_run("talker", SHARING, exchanged=("text",))
+    agents = make_agents_of_results([silent, sharing, other])
+    assert [agent.name for agent in agents] == ["single", "sharing (channel realistic)", "talker (channel ideal)"]
+    assert len({agent.rank_group for agent in agents}) == 3
+
+
+@pytest.mark.parametrize(
+    ("facts", "name", "warning"),
+    [
+        ({"sensing": "perfect"}, "b (sensing perfect)", "sensing: realistic for a, c; perfect for b."),
+        ({"friction": "weather"}, "b (friction weather)", "friction: dry for a, c; weather for b."),
+        ({"ids": "random"}, "b (ids random)", "ids: scenario for a, c; random for b."),
+        ({"agent_clock": "fixed:50"}, "b (agent clock fixed:50)", "agent clock: ideal for a, c; fixed:50 for b."),
+        ({"seeds": (7,)}, "b (seed 7)", "seeds: 0 for a, c; 7 for b. Differences are paired by the seeds that both"),
+        ({"channel": "paper-latency"}, "b (channel paper-latency)", "channel: ideal for a, c; paper-latency for b."),
+    ],
+)
+def test_agents_under_other_conditions_are_named_warned_about_and_not_ranked(
+    facts: dict[str, Any], name: str, warning: str
+) -> None:
+    """`b` would be first; without it `a` is."""
+    half = dict.fromkeys(SINGLE, (50.0,))
+    runs = [
+        make_agent_run("a", SHARING, exchanged=("cam",)),
+        make_agent_run("b", BEST, exchanged=("cam",), **facts),
+        make_agent_run("c", half, exchanged=("cam",)),
+    ]
+    agents = make_agents_of_results(runs)
+    assert agents[1].name == name
+    said = list_warnings(agents)[0]
+    assert said.startswith("The agents were driven under different conditions, so that places") and warning in said
+    table = build_main_table(agents)
+    assert [row.cells[-4].rank for row in table.rows] == [1, 0, 2]
+    assert [cell.rank for cell in build_category_table(agents, "ds").rows[0].cells[2:]] == [1, 0, 2]
+    text = format_report_markdown(build_comparison_report(agents))
+    assert name in text and text.index("- **Note:** The agents were driven under") < text.index("## Scores")
 
 
 def test_negotiation_is_more_than_cams_and_cpms() -> None:
@@ -63,8 +118,8 @@ def test_negotiation_is_more_than_cams_and_cpms() -> None:
 
 def test_library_code_names_a_line_only_if_nothing_else_does(tmp_path: Path) -> None:
     places: list[Path] = []
-    for i, code in enumerate("ab"):
-        folder = save_run(tmp_path / code, make_agent_run("idm", BEST, (i,)))
+    for code in "ab":
+        folder = save_run(tmp_path / code, make_agent_run("idm", BEST))
         header = {"format": "mdrive-sumo/journal/1", "fingerprint": {"code": f"sha256:{code * 64}"}}
         (folder / "journal.jsonl").write_text(json.dumps(header) + "\n")
         places.append(folder)

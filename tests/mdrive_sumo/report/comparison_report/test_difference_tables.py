@@ -15,8 +15,9 @@ from mdrive_sumo.report.comparison_report.difference_tables import (
     build_difference_table,
     compute_differences,
 )
+from mdrive_sumo.report.comparison_report.report_table import format_cell
 from mdrive_sumo.runs.compare import compare
-from mdrive_sumo.scoring import Results
+from mdrive_sumo.scoring import Results, summarize_run
 
 CASES = {"i01": 10.0, "i02": 55.0, "cone": 80.0, "walker": 15.0, "left": 90.0, "log": 50.0}
 
@@ -24,13 +25,14 @@ CASES = {"i01": 10.0, "i02": 55.0, "cone": 80.0, "walker": 15.0, "left": 90.0, "
 def subtract(first: Results, second: Results) -> AgentDifference:
     """Return first minus second."""
     agents = make_agents_of_results([first, second])
-    (found,) = compute_differences(agents, second.run.agent)
+    (found,) = compute_differences(agents, next(one.name for one in agents if one.results.run == second.run))
     return found
 
 
 def test_one_seed_is_what_compare_finds() -> None:
-    found = subtract(make_sample_runs()["sharing"], make_agent_run("single", SINGLE))
-    expected = compare(make_agent_run("single", SINGLE), make_sample_runs()["sharing"])
+    sharing = make_agent_run("sharing", SHARING, exchanged=("cam", "cpm"))
+    found = subtract(sharing, make_agent_run("single", SINGLE))
+    expected = compare(make_agent_run("single", SINGLE), sharing)
     for ours, theirs in ((found.ds, expected.ds), (found.sr, expected.sr)):
         assert ours is not None and astuple(ours) == pytest.approx(astuple(theirs), abs=1e-9)
     assert found.scenarios == len(expected.pairs) and (found.wins, found.losses) == (2, 0)
@@ -38,6 +40,7 @@ def test_one_seed_is_what_compare_finds() -> None:
 
 
 @pytest.mark.slow  # scipy.stats is imported
+@pytest.mark.usefixtures("intervals_of_few")
 def test_the_interval_is_near_scipys() -> None:
     """scipy.stats.bootstrap draws with a generator of its own."""
     from scipy import stats
@@ -48,9 +51,10 @@ def test_the_interval_is_near_scipys() -> None:
     other = stats.bootstrap(differences, np.mean, n_resamples=20_000, method="percentile", rng=np.random.default_rng(5))
     assert found.ds is not None and found.ds.mean == pytest.approx(5.0)
     bounds = (other.confidence_interval.low, other.confidence_interval.high)
-    assert (found.ds.low, found.ds.high) == pytest.approx(bounds, abs=1.5)
+    assert found.ds.ends == pytest.approx(bounds, abs=1.5)
 
 
+@pytest.mark.usefixtures("intervals_of_few")
 def test_scenarios_and_seeds_are_drawn_as_an_enumeration_has_it() -> None:
     """Two scenarios and two seeds have 2**2 * 4**2 equally likely draws: all of them give the exact percentiles."""
     values = {("i01", 0): 0.0, ("i01", 1): 8.0, ("i02", 0): 24.0, ("i02", 1): 40.0}
@@ -65,17 +69,33 @@ def test_scenarios_and_seeds_are_drawn_as_an_enumeration_has_it() -> None:
     assert len(means) == 4 * 16
     exact = np.quantile(means, (0.025, 0.975), method="inverted_cdf")
     assert found.ds is not None and found.seeds == (0, 1) and found.ds.mean == pytest.approx(18.0)
-    assert (found.ds.low, found.ds.high) == pytest.approx(tuple(exact), abs=1e-9)
+    assert found.ds.ends == pytest.approx(tuple(exact), abs=1e-9)
 
 
+@pytest.mark.usefixtures("intervals_of_few")
 def test_buckets_are_drawn_on_their_own() -> None:
     """One scenario in each bucket leaves nothing to chance within the buckets."""
     ours = make_agent_run("a", {"i01": (90.0,), "cone": (50.0,), "log": (10.0,)})
     found = subtract(ours, make_agent_run("b", {"i01": (0.0,), "cone": (0.0,), "log": (0.0,)}))
     mean = found.bucket_mean[0]
-    assert mean is not None and (mean.low, mean.mean, mean.high) == (50.0, 50.0, 50.0)
-    assert found.ds is not None and found.ds.low < 50 < found.ds.high
+    assert mean is not None and (mean.mean, mean.ends) == (50.0, (50.0, 50.0))
+    assert found.ds is not None and found.ds.ends is not None and found.ds.ends[0] < 50 < found.ds.ends[1]
     assert [pair[0].mean for pair in found.buckets.values() if pair[0]] == [90.0, 50.0, 10.0]
+
+
+def test_few_scenarios_in_one_bucket_leave_the_mean_of_the_buckets_without_an_interval() -> None:
+    crossing, log = (make_agent_run("a", {name: (90.0,)}).scenarios[0] for name in ("i01", "log"))
+    ours = [crossing.model_copy(update={"id": f"i{place}"}) for place in range(12)] + [log]
+    theirs = [one.model_copy(update={"ds": 50.0}) for one in ours]
+    info = make_agent_run("a", SINGLE).run
+    found = subtract(
+        *(summarize_run(info.model_copy(update={"agent": name}), of) for name, of in (("a", ours), ("b", theirs)))
+    )
+    assert found.ds is not None and found.ds.ends == (40.0, 40.0)
+    assert found.bucket_mean[0] is not None and (found.bucket_mean[0].ends, found.bucket_mean[0].units) == (None, 1)
+    assert not found.bucket_mean[0].is_clear
+    table = build_difference_table([subtract(make_agent_run("a", SHARING), make_agent_run("b", SINGLE))])
+    assert "[too few]" in format_cell(table.find_column("ds")[0], table.columns[4])
 
 
 def test_seeds_that_both_have_are_paired_and_others_averaged() -> None:

@@ -3,11 +3,12 @@
 import csv
 import io
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean
 from mdrive_sumo.report.comparison_report.report_table import (
     BestValue,
     IntervalStyle,
@@ -23,7 +24,7 @@ from mdrive_sumo.report.comparison_report.table_text import format_text_rows
 
 NUMBER = ReportColumn("ds", "DS", best=BestValue.HIGHEST)
 NAME = ReportColumn("agent", "Agent")
-INTERVAL = ConfidenceInterval(80.0, 70.0, 84.0)
+INTERVAL = ConfidenceInterval(80.0, 70.0, 84.0, 20)
 
 
 def make_table(*values: float | None, best: BestValue = BestValue.HIGHEST, unranked: int = 0) -> ReportTable:
@@ -94,6 +95,18 @@ def test_rows_and_sections_are_ranked_on_their_own() -> None:
 )
 def test_cells_as_text(value: object, column: ReportColumn, text: str) -> None:
     assert format_cell(ReportCell(value, INTERVAL), column) == text
+
+
+@pytest.mark.parametrize(
+    ("style", "text"), [(IntervalStyle.ENDS, "80.00 [too few]"), (IntervalStyle.HALF_WIDTH, "80.00")]
+)
+def test_an_interval_over_too_few_scenarios_has_no_ends(style: IntervalStyle, text: str) -> None:
+    cell = ReportCell(80.0, bootstrap_mean(np.full(9, 80.0)))
+    assert format_cell(cell, ReportColumn("d", "d", intervals=style)) == text
+    table = ReportTable("t", "T", (NAME, NUMBER), (make_row(("a", cell)),))
+    assert [*csv.DictReader(io.StringIO(format_csv(table)))] == [
+        {"agent": "a", "ds": "80", "ds_low": "", "ds_high": ""}
+    ]
 
 
 def test_csv_has_full_precision_and_both_ends_of_intervals() -> None:

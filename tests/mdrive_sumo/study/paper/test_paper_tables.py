@@ -1,16 +1,18 @@
 """Tables of the study from results made by hand."""
 
+import numpy as np
 import pytest
 from testing.study_samples import make_row, make_run, make_scenario
 
-from mdrive_sumo.core.statistics import ConfidenceInterval
+from mdrive_sumo.core.statistics import bootstrap_mean
 from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_results
+from mdrive_sumo.report.comparison_report.report_table import format_cell
 from mdrive_sumo.report.published_results import AS_PUBLISHED, BUCKETS, PUBLISHED_GAPS, PUBLISHED_LATENCY
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.paper.channel_table import build_channel_table
-from mdrive_sumo.study.paper.cooperation_gain import compute_pair_gains, compute_role_gaps
-from mdrive_sumo.study.paper.gain_tables import TOO_FEW, build_gap_table, build_pair_table, judge_gain
+from mdrive_sumo.study.paper.cooperation_gain import PairGain, compute_pair_gains, compute_role_gaps
+from mdrive_sumo.study.paper.gain_tables import build_gap_table, build_pair_table
 from mdrive_sumo.study.paper.open_closed import OpenClosedComparison
 from mdrive_sumo.study.paper.paper_agents import AgentRole, find_role
 from mdrive_sumo.study.paper.paper_facts import PaperRequest
@@ -31,20 +33,20 @@ def test_the_conditions_are_the_papers() -> None:
 
 
 def test_differences_to_the_clean_channel_are_paired_and_void_scenarios_left_out() -> None:
-    clean = [make_scenario(f"s{place}", 50.0 + 10 * place) for place in range(6)]
-    worse = [make_scenario(f"s{place}", 44.0 + 10 * place) for place in range(6)]
-    void = worse[5].model_copy(update={"status": "void", "ds": 0.0})
-    rows = [make_row("talker", CLEAN, *clean), make_row("talker", LATENCY, *worse[:5], void)]
+    clean = [make_scenario(f"s{place}", 50.0 + 4 * place) for place in range(11)]
+    worse = [make_scenario(f"s{place}", 44.0 + 4 * place) for place in range(11)]
+    void = worse[10].model_copy(update={"status": "void", "ds": 0.0})
+    rows = [make_row("talker", CLEAN, *clean), make_row("talker", LATENCY, *worse[:10], void)]
     table = build_channel_table("latency", "Latency", rows, (CLEAN, LATENCY), PUBLISHED_LATENCY)
     cells = {column.key: cell for column, cell in zip(table.columns, table.rows[0].cells, strict=True)}
-    assert (cells["ds_clean"].value, cells["ds_perturbed"].value) == (70.0, 64.0), "without s5"
+    assert (cells["ds_clean"].value, cells["ds_perturbed"].value) == (68.0, 62.0), "without s10"
     difference = cells["ds_difference"]
     assert difference.value == -6.0 and difference.interval is not None
-    assert difference.interval.low == pytest.approx(-6.0) and difference.interval.high == pytest.approx(-6.0)
+    assert difference.interval.ends == pytest.approx((-6.0, -6.0))
     assert cells["rc_difference"].interval is None
     few = build_channel_table("latency", "", [make_row("a", CLEAN, *clean[:4]), make_row("a", LATENCY, *worse[:4])],
                               (CLEAN, LATENCY), ())  # fmt: skip
-    assert few.rows[0].cells[3].value == -6.0 and few.rows[0].cells[3].interval is None
+    assert format_cell(few.rows[0].cells[3], few.columns[3]) == "-6.00 [too few]"
     published = table.rows[1].cells
     assert [cell.value for cell in published[:4]] == ["CoDriving", 92.85, 84.59, pytest.approx(-8.26)]
     assert not table.rows[1].is_ranked
@@ -97,10 +99,10 @@ def test_the_gap_of_roles_is_between_the_means_of_their_agents() -> None:
     assert list(gaps) == ["Interaction", "static-avoidance", "dynamic-avoidance", "dynamic-coordination", "all"]
     static = gaps["static-avoidance"]
     assert (static.multi, static.single, static.gap.mean) == pytest.approx((62.0, 47.0, 15.0))
-    assert static.gap.low == pytest.approx(15.0) and static.scenarios == 5
+    assert static.gap.ends is None and static.scenarios == static.gap.units == 5
     table = build_gap_table(tuple(gaps.values()))
     assert [cell.value for cell in table.find_column("paper")] == [None, *PUBLISHED_GAPS.values(), None]
-    assert {cell.value for cell in table.find_column("shown")} == {"gain"}
+    assert [cell.value for cell in table.find_column("shown")][1:4] == ["too few scenarios"] * 3
     assert compute_role_gaps({"idm": found["idm"]}) == ()
 
 
@@ -127,8 +129,10 @@ def test_scenarios_stand_beside_those_of_the_paper() -> None:
 
 
 def test_few_scenarios_show_nothing() -> None:
-    sure = ConfidenceInterval(3.0, 3.0, 3.0)
-    assert [judge_gain(sure, count) for count in (1, 4, 5)] == [TOO_FEW, TOO_FEW, "gain"]
+    few = [PairGain("sharing", "single", "all", 9, *[bootstrap_mean(np.full(9, 3.0))] * 2)]
+    cells = [cell for row in build_pair_table(few).rows for cell in row.cells]
+    assert [cell.value for cell in cells[-2:]] == ["too few scenarios"] * 2
+    assert not any(cell.interval and cell.interval.ends for cell in cells)
 
 
 def make_numbers(scale: PaperScale) -> PaperNumbers:
