@@ -91,8 +91,8 @@ def test_no_file_of_the_host_is_reached(tmp_path: Path) -> None:
         "open": [],
         "told_by_command_line": [],
         "told_by_environment": "",
-        "linked": {"0": "/dev/null", "1": "pipe", "2": "pipe", "3": "socket"},
-        "more_descriptors": [],
+        "kinds": {"0": "device", "1": "pipe", "2": "pipe", "3": "socket"},
+        "identities": [[0, 0]],
     }
 
 
