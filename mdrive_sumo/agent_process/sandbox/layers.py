@@ -83,7 +83,7 @@ def examine_layers(backend: str = "bubblewrap", copies: Path = MEMORY) -> tuple[
         return _make_missing_layers(str(error))
     with box:
         box.ready(WAIT_S)
-        outside = _look_from_outside(_find_program(box.pid))
+        outside = _look_from_outside(find_program(box.pid))
         told = box.log().decode(errors="replace")
         try:
             box.close()
@@ -101,7 +101,7 @@ def examine_layers(backend: str = "bubblewrap", copies: Path = MEMORY) -> tuple[
     )
 
 
-def _find_program(pid: int) -> int:
+def find_program(pid: int) -> int:
     """Return the last of the processes that began each other, from this one on."""
     parents: dict[int, int] = {}
     for path in Path("/proc").glob("[0-9]*/stat"):
