@@ -33,7 +33,6 @@ PROGRAM = """
 import json, os, sys, time
 channel, role, start, slot_s, bits = sys.argv[1], sys.argv[2], float(sys.argv[3]), float(sys.argv[4]), sys.argv[5]
 block = bytearray(32 << 20)
-OBJECTS = 4000
 
 def make_pipe():
     ends = os.pipe()
@@ -47,7 +46,15 @@ def make_memory_file():
     os.close(fd)
     return number
 
+def create_pipe():
+    for end in os.pipe():
+        os.close(end)
+
+def create_memory_file():
+    os.close(os.memfd_create("x"))
+
 make = {"inode of a pipe": make_pipe, "inode of a memory file": make_memory_file}.get(channel)
+create = {"inode of a pipe": create_pipe, "inode of a memory file": create_memory_file}.get(channel)
 
 def work(until):
     count = 0
@@ -69,13 +76,13 @@ def work(until):
             count += 1
     elif role == "send":
         while time.monotonic() < until:
-            make()
+            create()
     return count
 
 if start == 0:  # boxes that follow each other
     if role == "send":
         for _ in range(int(bits)):
-            make()
+            create()
     os.write(3, json.dumps([make()]).encode() + b"\\n")
     sys.exit()
 seen = []
@@ -107,8 +114,9 @@ PROCESSORS = sorted(os.sched_getaffinity(0))
 PLACES = {"any": None, "the same": (PROCESSORS[0], PROCESSORS[0]), "one each": (PROCESSORS[0], PROCESSORS[-1])}
 """Processors of sender and receiver."""
 FOLLOWING = ("inode of a pipe", "inode of a memory file")
-VALUES, STEP, TRIES = 256, 64, 10
-"""Of boxes that follow each other: a symbol is one of so many values, each so many objects more."""
+VALUES, STEP, TRIES = 256, 1024, 10
+"""Of boxes that follow each other: a symbol is one of so many values, each so many objects more than the start of two
+boxes makes by itself."""
 
 
 def put_on(box: Box, processor: int | None) -> None:
@@ -176,13 +184,9 @@ def follow(folder: Path, channel: str) -> tuple[int, float]:
             put_on(box, PROCESSORS[0])
             read_answer(box)
         now = look(folder, channel)
-        correct += round((now - last) / STEP - OFFSET) == value
+        correct += int((now - last) / STEP) == value
         last = now
     return correct, (time.monotonic() - began) / TRIES
-
-
-OFFSET = 0.5
-"""Objects that the start of two boxes makes by itself, in steps: pipes and sockets of the evaluator."""
 
 
 def look(folder: Path, channel: str) -> float:
