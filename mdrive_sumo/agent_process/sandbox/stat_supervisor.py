@@ -39,6 +39,10 @@ STAT = {"x86_64": struct.Struct("=QQQIII4xQqqq6Q24x"), "aarch64": struct.Struct(
 """`struct stat` of the kernel. Source: `asm/stat.h` of each architecture."""
 OVERFLOW_ID = 65534
 """How a user outside of the box is called inside."""
+FSOPEN, FSCONFIG, FSCONFIG_CREATE = 430, 431, 6
+"""Calls, with the same numbers on all architectures, and a command. Source: `linux/mount.h`."""
+FEWEST_NUMBERS = 2
+"""Words of a line of process numbers outside of boxes: its name and one number."""
 LARGEST_MESSAGE = 64
 MOST_GROUPS = 16
 MOST_DESCRIPTORS = 1 << 20
@@ -63,6 +67,8 @@ class Supervisor:
 
     listener: int
     fstat_number: int
+    held: list[int]
+    """Descriptors to close when the box is set up."""
     mounts: set[int] = field(default_factory=set[int])
     """Numbers of mounts that the box sees."""
 
@@ -91,8 +97,12 @@ class Supervisor:
         try:
             memory = os.open(f"/proc/{thread}/mem", os.O_RDWR)
         except OSError as error:
-            self._respond(identity, error.errno)
+            self._respond(identity, error.errno or errno.EIO)
             return
+        with suppress(OSError):  # the caller has ended
+            if self.held and is_program(thread):
+                while self.held:
+                    os.close(self.held.pop())
         try:
             caller = Caller(thread, number == self.fstat_number, tuple(arguments), memory)
             problem = self._answer(caller, identity)
@@ -181,6 +191,29 @@ def pack_stat(found: tuple[int, ...], known: bool) -> bytes:
     return STAT["aarch64"].pack(device, inode, mode, links, uid, gid, node, size, block, blocks, *times)
 
 
+def take_device_numbers(count: int) -> list[int]:
+    """Return descriptors that each hold a device number; none where this is not root.
+
+    A file system in memory has the lowest number that is free, and `stat` of a path tells it: how many boxes live. With
+    a random amount taken while a box is set up, its own numbers say little of that.
+    """
+    held: list[int] = []
+    for _ in range(count):
+        context = LIBC.syscall(ctypes.c_long(FSOPEN), b"tmpfs", ctypes.c_long(0))
+        if context < 0:
+            break
+        held.append(context)
+        LIBC.syscall(ctypes.c_long(FSCONFIG), *map(ctypes.c_long, (context, FSCONFIG_CREATE, 0, 0, 0)))
+    return held
+
+
+def is_program(thread: int) -> bool:
+    """Whether a thread is one of a box that is set up: bubblewrap does that as process 1 of the box's own numbers."""
+    with open(f"/proc/{thread}/status", "rb") as file:  # noqa: PTH123 (imports little)
+        numbers = next((line for line in file if line.startswith(b"NSpid:")), b"").split()
+    return len(numbers) > FEWEST_NUMBERS and int(numbers[-1]) > 1
+
+
 def supervise(message: bytes, descriptors: list[int]) -> Never:
     """In the child for a box: with its user and control groups, until it ends."""
     uid, fstat_number = (int(word) for word in message.split())
@@ -188,21 +221,20 @@ def supervise(message: bytes, descriptors: list[int]) -> Never:
     LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     with suppress(OSError), open("/proc/self/oom_score_adj", "w") as file:  # noqa: PTH123 (imports little)
         file.write("-1000")  # where memory runs out, the box ends and not its supervisor; root only
-    try:
-        for entry in groups:
-            os.write(entry, b"0")
-            os.close(entry)
-        if uid >= 0:
-            os.setgroups([])
-            os.setresgid(uid, uid, uid)
-            os.setresuid(uid, uid, uid)
-            LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # the change of user has cleared it
-        with socket.socket(fileno=link) as channel:
-            listener = socket.recv_fds(channel, 1, 1)[1]
-        if listener:
-            Supervisor(listener[0], fstat_number).serve()
-    finally:
-        os._exit(0)
+    for entry in groups:
+        os.write(entry, b"0")
+        os.close(entry)
+    held = take_device_numbers(os.urandom(1)[0])
+    if uid >= 0:
+        os.setgroups([])
+        os.setresgid(uid, uid, uid)
+        os.setresuid(uid, uid, uid)
+        LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # the change of user has cleared it
+    with socket.socket(fileno=link) as channel:
+        listener = socket.recv_fds(channel, 1, 1)[1]
+    if listener:
+        Supervisor(listener[0], fstat_number, held).serve()
+    os._exit(0)
 
 
 def main() -> None:

@@ -80,8 +80,24 @@ def describe(fd: int) -> str:
 
 
 host_paths = [word for word in told_by("/proc/1/cmdline").split("\0") if "/tmp/" in word and word not in sys.argv]
+OWN = (
+    "mountinfo",
+    "maps",
+    "smaps",
+    "status",
+    "stat",
+    "fdinfo/3",
+    "autogroup",
+    "sessionid",
+    "cgroup",
+    "net/unix",
+    "timers",
+)
+own = {name: partial(reads, f"/proc/self/{name}") for name in OWN}
+own |= {f"list {name}": partial(lists, f"/proc/self/{name}") for name in ("fd", "ns", "map_files", "task")}
 tell(
     open=opened(attempts),
+    told_of_itself=opened(own),
     told_by_command_line=host_paths,
     told_by_environment=told_by("/proc/1/environ"),
     kinds={fd: describe(fd) for fd in range(200) if is_open(fd)},

@@ -141,6 +141,11 @@ def test_a_bad_call_gets_the_error_of_the_kernel(lasting_caller: Caller, express
     assert lasting_caller.ask(expression) == expected
 
 
+def test_a_program_that_lets_nobody_look_into_it_gets_an_error(caller: Caller) -> None:
+    assert caller.ask("call(157, 4, 0, 0, 0, 0)") == 0  # PR_SET_DUMPABLE
+    assert caller.ask("look(3)") == "EACCES"
+
+
 def test_a_box_whose_supervisor_is_killed_gets_an_error_and_no_number(caller: Caller) -> None:
     needs_root()
     assert isinstance(caller.ask("look(3)"), list)
@@ -162,7 +167,7 @@ def test_after_the_death_of_all_supervisors_the_next_box_has_one(caller: Caller)
     end = time.monotonic() + PATIENCE_S
     while caller.ask("look(3)") != "ENOSYS" and time.monotonic() < end:
         time.sleep(0.01)
-    with open_box(BoxSpec(("/usr/bin/python3", "-c", SERVE), {}, slot=SLOT + 1, limits=SMALL)) as box:
+    with open_box(BoxSpec(("/usr/bin/python3", "-c", SERVE), {}, limits=SMALL)) as box:
         assert isinstance(Caller(box).ask("look(3)"), list)
 
 
