@@ -51,7 +51,7 @@ PR_SET_PDEATHSIG = 1
 
 
 @dataclass(frozen=True, slots=True)
-class Caller:
+class WaitingCall:
     """The thread whose call waits for an answer."""
 
     thread: int
@@ -62,7 +62,7 @@ class Caller:
 
 
 @dataclass(slots=True)
-class Supervisor:
+class StatSupervisor:
     """Answers the calls of one box."""
 
     listener: int
@@ -104,13 +104,13 @@ class Supervisor:
                 while self.held:
                     os.close(self.held.pop())
         try:
-            caller = Caller(thread, number == self.fstat_number, tuple(arguments), memory)
+            caller = WaitingCall(thread, number == self.fstat_number, tuple(arguments), memory)
             problem = self._answer(caller, identity)
         finally:
             os.close(memory)
         self._respond(identity, problem)
 
-    def _answer(self, caller: Caller, identity: int) -> int:
+    def _answer(self, caller: WaitingCall, identity: int) -> int:
         """Write the result; return 0 or the number of an error."""
         try:
             target, place = find_target(caller)
@@ -144,7 +144,7 @@ class Supervisor:
                 raise
 
 
-def find_target(caller: Caller) -> tuple[str, int]:
+def find_target(caller: WaitingCall) -> tuple[str, int]:
     """Return the path of what is asked for, and the address for the result. Raises OSError with the caller's error."""
     descriptor, *rest = caller.arguments
     number = ctypes.c_int(descriptor & 0xFFFFFFFF).value
@@ -221,9 +221,12 @@ def supervise(message: bytes, descriptors: list[int]) -> Never:
     LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     with suppress(OSError), open("/proc/self/oom_score_adj", "w") as file:  # noqa: PTH123 (imports little)
         file.write("-1000")  # where memory runs out, the box ends and not its supervisor; root only
-    for entry in groups:
-        os.write(entry, b"0")
-        os.close(entry)
+    try:
+        for entry in groups:
+            os.write(entry, b"0")
+            os.close(entry)
+    except OSError:
+        os._exit(0)  # the box is closed already; one that still lives is answered ENOSYS
     held = take_device_numbers(os.urandom(1)[0])
     if uid >= 0:
         os.setgroups([])
@@ -233,7 +236,7 @@ def supervise(message: bytes, descriptors: list[int]) -> Never:
     with socket.socket(fileno=link) as channel:
         listener = socket.recv_fds(channel, 1, 1)[1]
     if listener:
-        Supervisor(listener[0], fstat_number, held).serve()
+        StatSupervisor(listener[0], fstat_number, held).serve()
     os._exit(0)
 
 

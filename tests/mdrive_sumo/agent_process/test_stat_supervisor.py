@@ -53,7 +53,7 @@ with socket.socket(fileno=3) as evaluator, evaluator.makefile("rw") as lines:
 """
 
 
-class Caller:
+class AskedProgram:
     """A program in a box that evaluates expressions."""
 
     def __init__(self, box: Box) -> None:
@@ -68,9 +68,9 @@ class Caller:
 
 
 @pytest.fixture
-def caller() -> Iterator[Caller]:
+def caller() -> Iterator[AskedProgram]:
     with open_box(BoxSpec(("/usr/bin/python3", "-c", SERVE), {}, slot=SLOT, limits=SMALL)) as box:
-        yield Caller(box)
+        yield AskedProgram(box)
 
 
 def find_supervisor(box: Box) -> int:
@@ -88,7 +88,7 @@ def find_supervisor(box: Box) -> int:
     return found[0]
 
 
-def test_files_are_told_as_they_are(caller: Caller) -> None:
+def test_files_are_told_as_they_are(caller: AskedProgram) -> None:
     """Programs compare what a path and a descriptor tell, `shutil.rmtree` for one."""
     for path in ("/usr/bin/python3", "/usr", "/tmp", "/dev/zero", "/proc/version"):
         assert caller.ask(f"list(os.fstat(os.open('{path}', 0))) == list(os.stat('{path}'))") is True, path
@@ -96,7 +96,7 @@ def test_files_are_told_as_they_are(caller: Caller) -> None:
     assert caller.ask("call(262, -100, b'', buffer, 0x1000) == 0 and buffer.raw[8:16] != bytes(8)") is True
 
 
-def test_an_object_without_a_name_has_a_kind_and_a_size_but_no_number(caller: Caller) -> None:
+def test_an_object_without_a_name_has_a_kind_and_a_size_but_no_number(caller: AskedProgram) -> None:
     makers = {
         "os.pipe()[0]": stat.S_IFIFO,
         "socket.socketpair()[0].detach()": stat.S_IFSOCK,
@@ -131,22 +131,22 @@ BAD = (
 
 
 @pytest.fixture(scope="module")
-def lasting_caller() -> Iterator[Caller]:
+def lasting_caller() -> Iterator[AskedProgram]:
     with open_box(BoxSpec(("/usr/bin/python3", "-c", SERVE), {}, slot=SLOT + 1, limits=SMALL)) as box:
-        yield Caller(box)
+        yield AskedProgram(box)
 
 
 @pytest.mark.parametrize(("expression", "expected"), BAD)
-def test_a_bad_call_gets_the_error_of_the_kernel(lasting_caller: Caller, expression: str, expected: int) -> None:
+def test_a_bad_call_gets_the_error_of_the_kernel(lasting_caller: AskedProgram, expression: str, expected: int) -> None:
     assert lasting_caller.ask(expression) == expected
 
 
-def test_a_program_that_lets_nobody_look_into_it_gets_an_error(caller: Caller) -> None:
+def test_a_program_that_lets_nobody_look_into_it_gets_an_error(caller: AskedProgram) -> None:
     assert caller.ask("call(157, 4, 0, 0, 0, 0)") == 0  # PR_SET_DUMPABLE
     assert caller.ask("look(3)") == "EACCES"
 
 
-def test_a_box_whose_supervisor_is_killed_gets_an_error_and_no_number(caller: Caller) -> None:
+def test_a_box_whose_supervisor_is_killed_gets_an_error_and_no_number(caller: AskedProgram) -> None:
     needs_root()
     assert isinstance(caller.ask("look(3)"), list)
     supervisor = find_supervisor(caller.box)
@@ -158,7 +158,7 @@ def test_a_box_whose_supervisor_is_killed_gets_an_error_and_no_number(caller: Ca
     assert caller.box.close().signal == signal.SIGKILL
 
 
-def test_after_the_death_of_all_supervisors_the_next_box_has_one(caller: Caller) -> None:
+def test_after_the_death_of_all_supervisors_the_next_box_has_one(caller: AskedProgram) -> None:
     needs_root()
     caller.ask("look(3)")
     parent = int(Path(f"/proc/{find_supervisor(caller.box)}/stat").read_text().rpartition(")")[2].split()[1])
@@ -168,10 +168,10 @@ def test_after_the_death_of_all_supervisors_the_next_box_has_one(caller: Caller)
     while caller.ask("look(3)") != "ENOSYS" and time.monotonic() < end:
         time.sleep(0.01)
     with open_box(BoxSpec(("/usr/bin/python3", "-c", SERVE), {}, limits=SMALL)) as box:
-        assert isinstance(Caller(box).ask("look(3)"), list)
+        assert isinstance(AskedProgram(box).ask("look(3)"), list)
 
 
-def test_the_work_of_a_supervisor_counts_as_the_boxs(caller: Caller) -> None:
+def test_the_work_of_a_supervisor_counts_as_the_boxs(caller: AskedProgram) -> None:
     hierarchy = cgroups.find_hierarchy()
     if hierarchy is None:
         pytest.skip("needs control groups")
@@ -181,7 +181,7 @@ def test_the_work_of_a_supervisor_counts_as_the_boxs(caller: Caller) -> None:
         assert str(find_supervisor(caller.box)) in members
 
 
-def test_calls_of_many_threads_and_signals_are_all_answered(caller: Caller) -> None:
+def test_calls_of_many_threads_and_signals_are_all_answered(caller: AskedProgram) -> None:
     text = (
         "[__import__('signal').signal(14, lambda *_: None), __import__('signal').setitimer(0, 1e-3, 1e-3),"
         " sum(__import__('concurrent.futures').futures.ThreadPoolExecutor(8).map("
