@@ -119,7 +119,12 @@ PASSED = (("SO_PASSCRED", 16), ("SO_PASSPIDFD", 76))
 """A socket with SO_PASSCRED is given a name by a counter (kernels before 6.1)."""
 SOCKET_OPTION_LAST = 84
 """SO_INQ of Linux 6.18. `getsockopt` of newer ones is refused. Source: `asm-generic/socket.h`."""
-MADV_MERGEABLE = 12
+ADVICE = (
+    ("merges pages that are equal in two boxes (MADV_MERGEABLE)", 12),
+    ("moves pages to the host's swap (MADV_COLD)", 20),
+    ("moves pages to the host's swap (MADV_PAGEOUT)", 21),
+    ("tells whether the host has a large page free (MADV_COLLAPSE)", 25),
+)
 PRCTLS = (
     ("a cookie made of a kernel address (PR_SCHED_CORE)", 62),
     ("merges pages that are equal in two boxes (PR_SET_MEMORY_MERGE)", 67),
@@ -141,7 +146,7 @@ REFUSED_ARGUMENTS = (
         ArgumentRule(f"{name} gives sockets names or descriptors", "setsockopt", ((1, 1), (2, value)))
         for name, value in PASSED
     ),
-    ArgumentRule("merges pages that are equal in two boxes", "madvise", ((2, MADV_MERGEABLE),)),
+    *(ArgumentRule(reason, "madvise", ((2, value),)) for reason, value in ADVICE),
     *(ArgumentRule(reason, "prctl", ((0, value),)) for reason, value in PRCTLS),
 )
 """Every number is the same on x86-64 and ARM64."""

@@ -139,6 +139,8 @@ tell(
             "membarrier": partial(own, 324, 0, 0, 0),
             "get_mempolicy": partial(own, 239, None, None, 0, 0, 0),
             "merge equal pages": partial(own, 28, page, 4096, 12),
+            "move a page to swap": partial(own, 28, page, 4096, 21),
+            "collapse pages": partial(own, 28, page, 4096, 25),
             "merge all equal pages": partial(own, 157, 67, 1, 0, 0, 0),
             "huge page": partial(own, 9, 0, 1 << 21, 3, 0x40022, -1, 0),
             "huge page in a memory file": partial(own, 319, b"x", 4),
