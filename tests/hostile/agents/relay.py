@@ -10,8 +10,8 @@ import os
 import socket
 from contextlib import suppress
 
-from relay_base import Channel
-from relay_files import (
+from relay_channels.base import Channel
+from relay_channels.files import (
     AioCount,
     ByCachestat,
     ByMincore,
@@ -28,7 +28,7 @@ from relay_files import (
     RecordLock,
     SharedPages,
 )
-from relay_numbers import (
+from relay_channels.numbers import (
     ByDescriptorInfo,
     ByFstatat,
     ByFstatatWithHighBits,

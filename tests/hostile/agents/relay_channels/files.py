@@ -10,7 +10,7 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-from relay_base import FILE, LIBC, PAGE, PATH, Channel, address_of, call
+from relay_channels.base import FILE, LIBC, PAGE, PATH, Channel, address_of, call
 
 
 class RecordLock(Channel):

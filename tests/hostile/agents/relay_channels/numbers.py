@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from relay_base import FILE, PAGE, Channel, call
+from relay_channels.base import FILE, PAGE, Channel, call
 
 
 class Number(Channel):
