@@ -100,7 +100,7 @@ class WorkerSettings(SettingsModel):
     phase_kinds: Literal["all", "hidden", "public"] = "all"
     """Whose jobs the workers of this machine take; all: hidden and public ones, never at the same time."""
     drop_caches: bool = True
-    """Drop the machine's page cache when hidden and public work change (root only)."""
+    """When hidden and public work change, drop the page cache (root only) and move the kernel's inode numbers."""
     lease_s: Annotated[int, Field(ge=40)] = 60
     """Must exceed the 30 s that a writer may wait for the database."""
     heartbeat_s: Count = 10

@@ -29,7 +29,10 @@ ANSWERED_INSIDE = frozenset(
     {
         *("unshare user", "unshare mounts", "clone user", "io_uring_setup", "mknod", "setuid", "terminal"),
         *("netlink with high bits", "flock", "lock of a record", "lock of a record with high bits", "inotify_init"),
-        *("io_setup", "fadvise64", "mincore", "sync_file_range", "sync", "sysinfo", "statfs", "fstatfs"),
+        *("io_setup", "fadvise64", "mincore", "sync_file_range", "sync", "sysinfo", "statfs", "fstatfs", "statx"),
+        *("credentials with messages", "process descriptors with messages", "clone with a process descriptor"),
+        *("fstatat of a path with AT_EMPTY_PATH", "sched_setaffinity", "membarrier", "get_mempolicy"),
+        *("merge equal pages", "huge page", "huge page in shared memory"),
     }
 )
 """Calls of `kernel` that gVisor's kernel answers itself. All others are refused as under bubblewrap."""

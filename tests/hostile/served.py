@@ -42,7 +42,7 @@ def _invalid(does: str, says: str = "act: expected") -> Served:
 PROGRAMS: Mapping[str, Served] = {
     "net": _probe("asks for every kind of socket, a service and an abstract socket of the host", open=[]),
     "files": _probe("reads secrets, devices, the hidden suite and the database; writes everywhere", open=[]),
-    "kernel": _probe("31 system calls that a driver never needs", open=[]),
+    "kernel": _probe("83 attempts at system calls that a driver never needs", open=[]),
     "setuid": Served("brings a set-uid program and runs it", CRASHED, "PermissionError: [Errno 13]"),
     "procs": _probe("lists processes, then kills its parent, process 1 and all others", seen=[1, 2], survived=True),
     "forkbomb": _late("forks without end"),

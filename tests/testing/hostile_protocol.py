@@ -225,9 +225,12 @@ GOOD = {good!r}
 
 def frame(data): return struct.pack("<I", len(data)) + data
 def answer(tick, value): return msgpack.packb({{"tick": tick, "value": value}})
-def own_line():
-    opened = [int(name) for name in os.listdir("/proc/self/fd") if os.path.exists("/proc/self/fd/" + name)]
-    return socket.socket(fileno=next(fd for fd in sorted(opened) if stat.S_ISSOCK(os.fstat(fd).st_mode)))
+def is_socket(fd):
+    try:
+        return stat.S_ISSOCK(os.fstat(fd).st_mode)
+    except OSError:
+        return False
+def own_line(): return socket.socket(fileno=next(filter(is_socket, range(256))))
 
 def misbehave(line, tick):
 {body}

@@ -1,12 +1,12 @@
 """Arguments of bubblewrap: what the box sees and what it loses."""
 
-import stat
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path, PurePosixPath
 
 from mdrive_sumo.agent_process.sandbox.box_spec import TAKEN, BoxSpec
 
-AGENT_FD, ARGS_FD, SECCOMP_FD, STATUS_FD = 3, 4, 5, 6
+AGENT_FD, ARGS_FD, SECCOMP_FD, STATUS_FD, FIRST_PROC_FD = 3, 4, 5, 6, 7
 """Numbers under which bubblewrap finds its descriptors; only the agent's reaches the agent."""
 
 HOST_ETC = ("etc/alternatives", "etc/ld.so.cache")
@@ -29,30 +29,28 @@ DEVICES = tuple(f"/dev/{name}" for name in ("null", "zero", "full", "random", "u
 """Of the host. Root stages them on read-only mounts, so that a program writes to the device but cannot set the times of
 its file, which all boxes see. There are no terminals: their number is limited for all of the host."""
 
-SHOWN_IN_PROC = frozenset(
-    {
-        *("self", "thread-self", "mounts", "net", "version", "cpuinfo", "filesystems"),
-        *("config.gz", "consoles", "devices", "dma", "execdomains", "misc", "mtrr", "partitions"),
-    }
-)
-"""What stays of `/proc` beside the box's own processes: links to those, and what does not change."""
+CHANGING = ("cpu MHz", "bogomips")
+"""Of `/proc/cpuinfo`, what follows the load of the host."""
 
 
 @cache
-def _mask_proc() -> tuple[str, ...]:
-    """Hide what tells of the host: memory, load, locks, interrupts, `/proc/sys`; and the process that holds the box.
+def list_proc_files() -> dict[str, bytes]:
+    """Return all that a box has of `/proc`: what programs ask for and what never changes, by path.
 
-    Read once: files that a new kernel module brings later are not hidden.
+    It has no process file system: each inode of one has a number that the kernel counts for all of the host, and its
+    files tell of mounts, memory files and descriptors with more such numbers.
     """
-    words: list[str] = []
-    for entry in sorted(Path("/proc").iterdir()):
-        if entry.name in SHOWN_IN_PROC or (entry.name.isdigit() and entry.name != "1"):
-            continue
-        if not entry.stat().st_mode & stat.S_IROTH:  # root's alone, and no box is root for the kernel
-            continue
-        place = str(entry)
-        words += ("--tmpfs", place, "--remount-ro", place) if entry.is_dir() else ("--ro-bind", "/dev/null", place)
-    return tuple(words)
+    lines = Path("/proc/cpuinfo").read_text().splitlines(keepends=True)
+    processors = "".join(line for line in lines if not line.lower().startswith(tuple(map(str.lower, CHANGING))))
+    return {"/proc/cpuinfo": processors.encode(), "/proc/version": Path("/proc/version").read_bytes()}
+
+
+def _describe_proc(spec: BoxSpec) -> Iterator[str]:
+    """The words that make the files of `/proc`, and the link by which libraries beside a program are found."""
+    for fd, name in enumerate(list_proc_files(), FIRST_PROC_FD):
+        yield from ("--perms", "0444", "--file", str(fd), name)
+    if spec.command[0].startswith("/"):
+        yield from ("--symlink", spec.command[0], "/proc/self/exe")
 
 
 def sources(spec: BoxSpec) -> dict[str, Path]:
@@ -89,7 +87,7 @@ def working_folder(spec: BoxSpec) -> str:
 def arguments(spec: BoxSpec, seen: dict[str, Path]) -> tuple[str, ...]:
     """Everything after `--args`: namespaces, mounts, environment and the command.
 
-    They go through a descriptor, because the box can read bubblewrap's command line in its `/proc/1/cmdline`.
+    They go through a descriptor, because users of the host can read bubblewrap's command line.
     """
     mounts: list[str] = []
     devices = [("--dev-bind", str(seen[inner]), inner) for inner in DEVICES if inner in seen]
@@ -106,7 +104,7 @@ def arguments(spec: BoxSpec, seen: dict[str, Path]) -> tuple[str, ...]:
         *("--unshare-all", "--unshare-user", "--disable-userns", "--die-with-parent", "--new-session"),
         *("--cap-drop", "ALL", "--hostname", "agent", "--clearenv"),
         *mounts,
-        *("--proc", "/proc", *_mask_proc()),
+        *_describe_proc(spec),
         *("--dev", "/dev", *(word for row in devices for word in row)),
         *("--tmpfs", "/dev/pts", "--remount-ro", "/dev/pts"),
         *("--size", size, "--tmpfs", "/dev/shm", "--remount-ro", "/dev"),

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import bubblewrap, gvisor, seccomp
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
-from mdrive_sumo.agent_process.sandbox.launch import STAGE, LaunchPlan
+from mdrive_sumo.agent_process.sandbox.launch import STAGE, LaunchPlan, StatWatch, make_program
 from mdrive_sumo.agent_process.sandbox.pipe_ends import PipeEnds
 from mdrive_sumo.agent_process.sandbox.rlimits import rlimits
+from mdrive_sumo.agent_process.sandbox.supervisor_process import request_supervisor
 from mdrive_sumo.core.errors import InputError
 
 CAP_SYS_ADMIN = 1 << 21
@@ -42,10 +43,18 @@ def _plan_bubblewrap(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> Laun
     seen, staged = _plan_staging(place.seen, bubblewrap.DEVICES)
     words = "\0".join(bubblewrap.arguments(spec, seen)).encode()
     first = (ends.nothing, ends.log_writing, ends.log_writing, ends.agent.fileno())
-    descriptors = (*first, ends.in_memory(words), ends.in_memory(seccomp.compiled()), ends.status_writing)
+    proc = (ends.in_memory(text) for text in bubblewrap.list_proc_files().values())
+    descriptors = (*first, ends.in_memory(words), ends.in_memory(seccomp.compiled()), ends.status_writing, *proc)
     argv = (program, "--args", str(bubblewrap.ARGS_FD), "--", *spec.command)
     limits = rlimits(spec.limits, own_uid=place.uid is not None, grouped=bool(place.entries))
-    return LaunchPlan(argv, {}, descriptors, limits, place.entries, place.uid, staged)
+    watch = _plan_watch(ends, place)
+    return LaunchPlan(argv, {}, descriptors, limits, place.entries, place.uid, staged, watch=watch)
+
+
+def _plan_watch(ends: PipeEnds, place: BoxPlacement) -> StatWatch:
+    found = seccomp.compile_stat_filter()
+    link = ends.theirs.enter_context(request_supervisor(place.uid, found.fstat, place.entries))
+    return StatWatch(make_program(found.program), found.seccomp, link)
 
 
 def _plan_gvisor(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:

@@ -9,9 +9,11 @@ import fcntl
 import os
 import resource
 import signal
+import socket
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Never
 
@@ -22,13 +24,31 @@ STAGE = Path("/run/mdrive-sumo")
 
 MS_BIND, MS_REC, MS_PRIVATE, MS_NOSUID, MS_NODEV, MS_RDONLY, MS_REMOUNT = 4096, 16384, 1 << 18, 2, 4, 1, 32
 CLONE_NEWNS = 0x00020000
-PR_SET_PDEATHSIG = 1
+PR_SET_PDEATHSIG, PR_SET_NO_NEW_PRIVS = 1, 38
+SECCOMP_SET_MODE_FILTER, NEW_LISTENER, WAIT_KILLABLE = 1, 8, 32
+"""The last: a signal does not end a call that the supervisor has taken (Linux 5.19)."""
 FAILED = 126
 LIBC = ctypes.CDLL(None, use_errno=True)
 
 
 class BoxError(WorldError):
     """The box failed, not what runs in it: the run is worthless and may be repeated."""
+
+
+class FilterProgram(ctypes.Structure):
+    """`struct sock_fprog`."""
+
+    _fields_ = (("length", ctypes.c_ushort), ("instructions", ctypes.c_char_p))
+
+
+@dataclass(frozen=True, slots=True)
+class StatWatch:
+    """A filter that asks a supervisor about calls, and where the supervisor waits for the filter's listener."""
+
+    program: FilterProgram
+    seccomp_number: int
+    """Of the system call that installs it."""
+    link: socket.socket
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +69,13 @@ class LaunchPlan:
     """Paths bound below `STAGE` while still root: a uid without rights cannot reach what lies in a closed folder."""
     nice: int = 5
     cwd: str = "/"
+    watch: StatWatch | None = None
+    """Who answers `fstat`; None: the kernel."""
+
+
+def make_program(instructions: bytes) -> FilterProgram:
+    """Return the filter for the kernel; an instruction has 8 bytes."""
+    return FilterProgram(len(instructions) // 8, instructions)
 
 
 def start(launch: LaunchPlan) -> int:
@@ -89,9 +116,12 @@ def _exec(launch: LaunchPlan, report: int) -> Never:
         step = "bind what the box sees"
         _mount_staged(launch.staged)
         step = "take the descriptors"
-        report = _move_descriptors(launch.descriptors, report)
+        link = () if launch.watch is None else (launch.watch.link.fileno(),)
+        report, *link = _move_descriptors(launch.descriptors, (report, *link))
         step = "set limits and drop rights"
         _drop_privileges(launch, parent)
+        step = "have fstat supervised"
+        _install_watch(launch.watch, link)
         step = "execute"
         os.execve(launch.argv[0], launch.argv, dict(launch.env))
     except OSError as error:
@@ -100,15 +130,35 @@ def _exec(launch: LaunchPlan, report: int) -> Never:
         os._exit(FAILED)
 
 
-def _move_descriptors(descriptors: tuple[int, ...], report: int) -> int:
-    """Numbers the descriptors from 0 and closes the rest; returns the new number of `report`."""
-    moved = [fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 64) for fd in descriptors]
-    report = fcntl.fcntl(report, fcntl.F_DUPFD_CLOEXEC, 64 + len(moved))
-    for number, fd in enumerate(moved):
+def _move_descriptors(descriptors: tuple[int, ...], own: tuple[int, ...]) -> list[int]:
+    """Numbers the descriptors from 0 and closes the rest; returns the new numbers of `own`, which `exec` closes."""
+    moved = [fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 64) for fd in (*descriptors, *own)]
+    kept = moved[len(descriptors) :]
+    first = max(moved) + 1
+    kept = [fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, first) for fd in kept]
+    for number, fd in enumerate(moved[: len(descriptors)]):
         os.dup2(fd, number, inheritable=True)
-    os.closerange(len(moved), report)
-    os.closerange(report + 1, 1 << 20)
-    return report
+    os.closerange(len(descriptors), kept[0])
+    for low, high in pairwise((*kept, 1 << 20)):
+        os.closerange(low + 1, high)
+    return kept
+
+
+def _install_watch(watch: StatWatch | None, link: list[int]) -> None:
+    """From here on each `fstat` of this process, and of all that it begins, waits for the supervisor."""
+    if watch is None:
+        return
+    _check_result(LIBC.prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0))
+    listener = -1
+    for flags in (NEW_LISTENER | WAIT_KILLABLE, NEW_LISTENER):
+        words = map(ctypes.c_long, (watch.seccomp_number, SECCOMP_SET_MODE_FILTER, flags))
+        listener = LIBC.syscall(*words, ctypes.byref(watch.program))
+        if listener >= 0:
+            break
+    _check_result(min(listener, 0))
+    with socket.socket(fileno=link[0]) as channel:
+        socket.send_fds(channel, [b"1"], [listener])
+    os.close(listener)
 
 
 def _drop_privileges(launch: LaunchPlan, parent: int) -> None:

@@ -3,6 +3,7 @@
 import os
 import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,17 +20,19 @@ from mdrive_sumo.core.errors import InputError, WorldError
 LAYERS = ("namespaces", "read-only", "privileges", "seccomp", "private-files", "proc", "uid", "cgroup", "rlimits")
 NAMESPACES = ("cgroup", "ipc", "mnt", "net", "pid", "user", "uts")
 LOOK = f"""
-for name in {" ".join(NAMESPACES)}; do echo "ns-$name $(readlink /proc/self/ns/$name)"; done
-while read -r name value rest; do case $name in Uid:|CapEff:|CapBnd:|NoNewPrivs:|Seccomp:) echo "$name $value"; esac
-done </proc/self/status
+if [ -r /proc/self/status ]; then
+  for name in {" ".join(NAMESPACES)}; do echo "ns-$name $(readlink /proc/self/ns/$name)"; done
+  while read -r name value rest; do case $name in CapEff:|CapBnd:|NoNewPrivs:|Seccomp:) echo "$name $value"; esac
+  done </proc/self/status
+fi
 read -r kernel </proc/version; echo "kernel $kernel"
 echo "open-files $(ulimit -n)"
-while read -r a b c root place rest; do case $place in /usr) echo "usr $root"; esac; done </proc/self/mountinfo
-for name in sys/fs/aio-nr sys/kernel/osrelease meminfo locks loadavg 1/mem
+for name in sys/fs/aio-nr sys/kernel/osrelease meminfo locks loadavg 1/mem self/mountinfo
 do if ( read -r word </proc/$name ) 2>&-; then echo "told $name"; fi; done
 if ( : >/left-over ) 2>&-; then echo "root writable"; else echo "root read-only"; fi
+echo looked >&3; read -r wait <&3
 """
-"""What a shell in a box reads about itself."""
+"""What a shell in a box reads about itself; then it waits to be looked at from outside."""
 
 WAIT_S = 10.0
 
@@ -37,7 +40,7 @@ GAPS = {
     "bubblewrap": (
         "faults of the kernel, which all boxes share with the host (for a public event use gVisor or a machine each)",
         "what boxes tell each other by timing: CPU, memory and caches are shared (docs/sandbox.md, Residual channels)",
-        "numbers that the kernel counts for all boxes, such as those of new pipes",
+        "the numbers of the devices on which a box's own temporary folders lie: they tell how many boxes live",
         "what a program keeps in its own temporary folder while its box lasts",
         "GPU devices, which no box is given",
     ),
@@ -80,13 +83,13 @@ def examine_layers(backend: str = "bubblewrap", copies: Path = MEMORY) -> tuple[
         return _make_missing_layers(str(error))
     with box:
         box.ready(WAIT_S)
-        outside = _parse_rows(Path(f"/proc/{box.pid}/status").read_text().replace("\t", " "))
+        outside = _look_from_outside(find_program(box.pid))
         told = box.log().decode(errors="replace")
         try:
             box.close()
         except WorldError as error:
             return _make_missing_layers(str(error))
-    seen = _parse_rows(told)
+    seen = (outside if backend == "bubblewrap" else {}) | _parse_rows(told)
     return (
         *_examine_all(seen, backend),
         _examine_files(seen, backend, copies, problem),
@@ -96,6 +99,26 @@ def examine_layers(backend: str = "bubblewrap", copies: Path = MEMORY) -> tuple[
         _examine_rlimits(seen, limits),
         *_examine_optional(),
     )
+
+
+def find_program(pid: int) -> int:
+    """Return the last of the processes that began each other, from this one on."""
+    parents: dict[int, int] = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            parents[int(path.read_text().rpartition(")")[2].split()[1])] = int(path.parent.name)
+    while pid in parents:
+        pid = parents[pid]
+    return pid
+
+
+def _look_from_outside(pid: int) -> dict[str, str]:
+    """Return what the host's `/proc` tells of a process in a box, which may have no `/proc` itself."""
+    folder = Path(f"/proc/{pid}")
+    namespaces = {f"ns-{name}": str((folder / "ns" / name).readlink()) for name in NAMESPACES}
+    mounts = (line.split()[3:5] for line in (folder / "mountinfo").read_text().splitlines())
+    programs = next((root for root, place in mounts if place == "/usr"), "")
+    return _parse_rows((folder / "status").read_text().replace("\t", " ")) | namespaces | {"usr": programs}
 
 
 def _open_with_copies(spec: BoxSpec) -> tuple[Box, str]:
@@ -125,7 +148,9 @@ def _examine_proc(told: str, backend: str) -> SandboxLayer:
     open_names = [line.partition(" ")[2] for line in told.splitlines() if line.startswith("told ")]
     if backend == "gvisor":
         return SandboxLayer("proc", True, "of gVisor's own kernel")
-    how = f"/proc tells {', '.join(open_names)}" if open_names else "nothing of /proc/sys, memory, load or process 1"
+    how = (
+        f"/proc tells {', '.join(open_names)}" if open_names else "no process file system; two files that never change"
+    )
     return SandboxLayer("proc", not open_names, how)
 
 
@@ -159,7 +184,7 @@ def _examine_all(seen: Mapping[str, str], backend: str) -> tuple[SandboxLayer, .
 
 def _describe_filter(walled: bool) -> str:
     refused = sum(len(rule.calls) for rule in REFUSALS)
-    text = f"{refused} system calls refused, among them all locks and watches of files, and what tells the page cache"
+    text = f"{refused} system calls refused, among them all locks and watches of files; fstat answered by a supervisor"
     return "system calls end in gVisor's own kernel" if walled else text
 
 

@@ -1,6 +1,7 @@
 """The table of system calls that a box is refused, each with its reason. `seccomp` makes the filter of it.
 
-The default is to allow: a call that a newer kernel brings is allowed until it is listed here.
+The default is to allow, up to the newest call that this table was written for: what a later kernel brings is answered
+as if the kernel did not know it.
 """
 
 import errno
@@ -69,6 +70,11 @@ REFUSALS = (
     SyscallRule("places memory on the host's nodes", ("set_mempolicy_home_node",)),
     SyscallRule("nothing has used it for decades", ("uselib", "ustat", "sysfs", "lookup_dcookie", "nfsservctl")),
     SyscallRule("nothing has used it for decades", ("_sysctl", "create_module", "get_kernel_syms", "query_module")),
+    SyscallRule("chooses the processor, whose counters and caches others read", ("sched_setaffinity",)),
+    SyscallRule("changes how the processor serves others", ("sched_setattr", "sched_setscheduler", "sched_setparam")),
+    SyscallRule("interrupts the processors on which others run", ("membarrier",), errno.ENOSYS),
+    SyscallRule("tells on which node of the host memory lies", ("get_mempolicy",), errno.ENOSYS),
+    SyscallRule("tells numbers of mounts and inodes; C libraries fall back to `fstatat`", ("statx",), errno.ENOSYS),
     SyscallRule("its flags lie behind a pointer; C libraries fall back to `clone`", ("clone3",), errno.ENOSYS),
 )
 
@@ -84,6 +90,18 @@ NUMBERS = {
 """For a libseccomp that does not know the name yet. From 424 on, numbers are the same on all architectures (source:
 `scripts/syscall.tbl` of Linux)."""
 
+LAST_KNOWN = 470
+"""`listns` of Linux 6.19. Larger numbers are answered ENOSYS."""
+LAST_OLD = ("rseq", "kexec_file_load")
+"""The largest number below 424 is one of these (x86-64: 334, ARM64: 294); those between are answered ENOSYS too."""
+
+ALLOWED_IOCTLS = (0x5421, 0x541B, 0x5450, 0x5451)
+"""FIONBIO, FIONREAD, FIONCLEX, FIOCLEX. All others are answered ENOTTY: they ask for the generation of an inode, the
+place of a file on its disk, the entropy of the host, namespaces, or need a terminal, which no box has."""
+
+CLONE_PIDFD = 0x1000
+"""Refused to `clone`: the inode of a process descriptor counts the processes of the host."""
+
 NAMESPACE_FLAGS = (0x00020000, 0x02000000, 0x04000000, 0x08000000, 0x10000000, 0x20000000, 0x40000000)
 """CLONE_NEWNS, NEWCGROUP, NEWUTS, NEWIPC, NEWUSER, NEWPID, NEWNET: refused to `clone` as `unshare` is."""
 
@@ -96,12 +114,39 @@ FCNTL_HINTS = (1035, 1036, 1037, 1038)
 FCNTL_LAST = 1038
 """Commands above it are newer (F_GETDELEG, F_SETDELEG are locks) or have high bits that the kernel ignores."""
 
+COOKIES = (("SO_COOKIE", 57), ("SO_NETNS_COOKIE", 71), ("SO_PEERPIDFD", 77))
+PASSED = (("SO_PASSCRED", 16), ("SO_PASSPIDFD", 76))
+"""A socket with SO_PASSCRED is given a name by a counter (kernels before 6.1)."""
+SOCKET_OPTION_LAST = 84
+"""SO_INQ of Linux 6.18. `getsockopt` of newer ones is refused. Source: `asm-generic/socket.h`."""
+ADVICE = (
+    ("merges pages that are equal in two boxes (MADV_MERGEABLE)", 12),
+    ("moves pages to the host's swap (MADV_COLD)", 20),
+    ("moves pages to the host's swap (MADV_PAGEOUT)", 21),
+    ("tells whether the host has a large page free (MADV_COLLAPSE)", 25),
+)
+PRCTLS = (
+    ("a cookie made of a kernel address (PR_SCHED_CORE)", 62),
+    ("merges pages that are equal in two boxes (PR_SET_MEMORY_MERGE)", 67),
+)
+HUGE_PAGES = (("mmap", 3, 0x40000), ("memfd_create", 1, 0x4), ("shmget", 2, 0o4000))
+"""Call, position and flag that takes pages of the host's pool: MAP_HUGETLB, MFD_HUGETLB, SHM_HUGETLB."""
+SHORTEST_NAME = 3
+"""Bytes: a shorter address has `bind` choose a name by a counter of the host (kernels before 6.1)."""
+
 REFUSED_ARGUMENTS = (
     *(ArgumentRule("a lock on a shared file carries data", "fcntl", ((1, value),)) for value in FCNTL_LOCKS),
     *(ArgumentRule("is told what another box does to a file", "fcntl", ((1, value),)) for value in FCNTL_SIGNALS),
     *(ArgumentRule("kept with the file, for all to read", "fcntl", ((1, value),)) for value in FCNTL_HINTS),
-    ArgumentRule("types into a terminal in another's name (TIOCSTI)", "ioctl", ((1, 0x5412),)),
-    ArgumentRule("types into a terminal in another's name (TIOCLINUX)", "ioctl", ((1, 0x541C),)),
-    ArgumentRule("counts the sockets of the host (SO_COOKIE)", "getsockopt", ((1, 1), (2, 57))),
+    *(
+        ArgumentRule(f"{name} counts for all of the host", "getsockopt", ((1, 1), (2, value)))
+        for name, value in COOKIES
+    ),
+    *(
+        ArgumentRule(f"{name} gives sockets names or descriptors", "setsockopt", ((1, 1), (2, value)))
+        for name, value in PASSED
+    ),
+    *(ArgumentRule(reason, "madvise", ((2, value),)) for reason, value in ADVICE),
+    *(ArgumentRule(reason, "prctl", ((0, value),)) for reason, value in PRCTLS),
 )
 """Every number is the same on x86-64 and ARM64."""

@@ -7,16 +7,25 @@ numbers only.
 import errno
 import socket
 import tempfile
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.agent_process.sandbox import bpf
 from mdrive_sumo.agent_process.sandbox.refused_calls import (
+    ALLOWED_IOCTLS,
+    CLONE_PIDFD,
     FCNTL_LAST,
+    HUGE_PAGES,
+    LAST_KNOWN,
+    LAST_OLD,
     NAMESPACE_FLAGS,
     NUMBERS,
     REFUSALS,
     REFUSED_ARGUMENTS,
+    SHORTEST_NAME,
+    SOCKET_OPTION_LAST,
 )
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.installation_command import format_installation
@@ -33,11 +42,7 @@ def compiled() -> bytes:
 
     Raises InputError if pyseccomp or the library under it is missing, or cannot refuse a call of the table.
     """
-    try:
-        import pyseccomp as seccomp
-    except (ImportError, RuntimeError, OSError) as error:
-        cure = f"{format_installation('server')}, on Debian and Ubuntu: apt-get install libseccomp2"
-        raise InputError(f"sandbox: expected the package pyseccomp and libseccomp, found: {error}; {cure}") from error
+    seccomp = _load_library()
     rules = seccomp.SyscallFilter(seccomp.ALLOW)
     rules.set_attr(seccomp.Attr.ACT_BADARCH, seccomp.ERRNO(errno.EPERM))
     for refusal in REFUSALS:
@@ -47,7 +52,41 @@ def compiled() -> bytes:
     with tempfile.TemporaryDirectory() as folder, (Path(folder) / "filter").open("w+b") as file:
         rules.export_bpf(file)
         file.seek(0)
-        return file.read()
+        return _refuse_unknown(seccomp) + file.read()
+
+
+def _refuse_unknown(seccomp: Any) -> bytes:
+    """The first instructions: calls that no table here knows, and requests of `ioctl`."""
+    machine, ioctl = seccomp.system_arch(), find_number(seccomp, "ioctl")
+    last_old = max(seccomp.resolve_syscall(seccomp.Arch.NATIVE, call) for call in LAST_OLD)
+    return bpf.refuse_unknown(machine, last_old, LAST_KNOWN, ioctl, ALLOWED_IOCTLS)
+
+
+@dataclass(frozen=True, slots=True)
+class StatFilter:
+    """The filter under which a supervisor answers `fstat`, and the numbers of calls that belong to it."""
+
+    program: bytes
+    fstat: int
+    seccomp: int
+
+
+@cache
+def compile_stat_filter() -> StatFilter:
+    """Raises InputError as `compiled` does."""
+    seccomp = _load_library()
+    fstat, newfstatat = (find_number(seccomp, call) for call in ("fstat", "newfstatat"))
+    program = bpf.watch_stat(seccomp.system_arch(), fstat, newfstatat)
+    return StatFilter(program, fstat, find_number(seccomp, "seccomp"))
+
+
+def _load_library() -> Any:
+    try:
+        import pyseccomp
+    except (ImportError, RuntimeError, OSError) as error:
+        cure = f"{format_installation('server')}, on Debian and Ubuntu: apt-get install libseccomp2"
+        raise InputError(f"sandbox: expected the package pyseccomp and libseccomp, found: {error}; {cure}") from error
+    return pyseccomp
 
 
 def find_number(seccomp: Any, call: str) -> int:
@@ -66,12 +105,16 @@ def find_number(seccomp: Any, call: str) -> int:
 def _refuse_arguments(seccomp: Any, rules: Any) -> None:
     """Add the rules that depend on arguments."""
     refused = seccomp.ERRNO(errno.EPERM)
-    for flag in NAMESPACE_FLAGS:
+    for flag in (*NAMESPACE_FLAGS, CLONE_PIDFD):
         rules.add_rule(refused, "clone", seccomp.Arg(0, seccomp.MASKED_EQ, flag, flag))
     for rule in REFUSED_ARGUMENTS:
         values = (seccomp.Arg(place, seccomp.MASKED_EQ, LOW_32, value) for place, value in rule.arguments)
         rules.add_rule(refused, rule.call, *values)
     rules.add_rule(refused, "fcntl", seccomp.Arg(1, seccomp.GT, FCNTL_LAST))
+    rules.add_rule(refused, "getsockopt", seccomp.Arg(1, seccomp.EQ, 1), seccomp.Arg(2, seccomp.GT, SOCKET_OPTION_LAST))
+    for call, place, flag in HUGE_PAGES:
+        rules.add_rule(refused, call, seccomp.Arg(place, seccomp.MASKED_EQ, flag, flag))
+    rules.add_rule(refused, "bind", seccomp.Arg(2, seccomp.LT, SHORTEST_NAME))
     for call in ("preadv2", "pwritev2"):  # RWF_NOWAIT tells whether a page is in memory
         rules.add_rule(refused, call, seccomp.Arg(5, seccomp.NE, 0))
     for call in ("socket", "socketpair"):

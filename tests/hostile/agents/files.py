@@ -1,5 +1,8 @@
 """Reads and writes what is not its own. `argv`: files of the host that must not be found."""
 
+import fcntl
+import os
+import stat
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -63,11 +66,40 @@ def told_by(name: str) -> str:
     return ""
 
 
+def is_open(fd: int) -> bool:
+    try:
+        fcntl.fcntl(fd, fcntl.F_GETFD)
+    except OSError:
+        return False
+    return True
+
+
+def describe(fd: int) -> str:
+    kinds = {stat.S_IFCHR: "device", stat.S_IFIFO: "pipe", stat.S_IFSOCK: "socket"}
+    return kinds.get(stat.S_IFMT(os.fstat(fd).st_mode), "other")
+
+
 host_paths = [word for word in told_by("/proc/1/cmdline").split("\0") if "/tmp/" in word and word not in sys.argv]
+OWN = (
+    "mountinfo",
+    "maps",
+    "smaps",
+    "status",
+    "stat",
+    "fdinfo/3",
+    "autogroup",
+    "sessionid",
+    "cgroup",
+    "net/unix",
+    "timers",
+)
+own = {name: partial(reads, f"/proc/self/{name}") for name in OWN}
+own |= {f"list {name}": partial(lists, f"/proc/self/{name}") for name in ("fd", "ns", "map_files", "task")}
 tell(
     open=opened(attempts),
+    told_of_itself=opened(own),
     told_by_command_line=host_paths,
     told_by_environment=told_by("/proc/1/environ"),
-    linked={fd: str(Path(f"/proc/self/fd/{fd}").readlink()).partition(":")[0] for fd in ("0", "1", "2", "3")},
-    more_descriptors=[fd for fd in range(4, 200) if Path(f"/proc/self/fd/{fd}").is_symlink()],
+    kinds={fd: describe(fd) for fd in range(200) if is_open(fd)},
+    identities=sorted({(os.fstat(fd).st_dev, os.fstat(fd).st_ino) for fd in range(200) if is_open(fd)}),
 )

@@ -1,6 +1,7 @@
 """Asks the kernel for what a driving program never needs; numbers of x86-64."""
 
 import ctypes
+import errno
 import mmap
 import os
 import resource
@@ -14,6 +15,7 @@ buffer = ctypes.create_string_buffer(4096)
 memory = os.memfd_create("x")
 os.write(memory, bytes(4096))
 vector = (ctypes.c_void_p * 2)(ctypes.addressof(buffer), 16)
+unnamed = socket.socket(socket.AF_UNIX)
 mapped = mmap.mmap(-1, 4096)
 page = ctypes.c_void_p(ctypes.addressof(ctypes.c_char.from_buffer(mapped)))
 
@@ -49,6 +51,12 @@ def runs_32_bit() -> bool:
     if pid == 0:
         os._exit(0 if ctypes.CFUNCTYPE(ctypes.c_int)(address)() == os.getpid() else 1)
     return os.waitpid(pid, 0)[1] == 0
+
+
+def is_known(number: int) -> bool:
+    """Whether a call is answered by anything but ENOSYS."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    return libc.syscall(ctypes.c_long(number)) >= 0 or ctypes.get_errno() != errno.ENOSYS
 
 
 def attr(size: int) -> object:
@@ -115,6 +123,32 @@ tell(
             "socket cookie": partial(own, 55, 3, 1, 57, buffer, ctypes.byref(ctypes.c_int(8))),
             "terminal": lambda: os.open("/dev/ptmx", os.O_RDWR) > 0,
             "x32 entry": partial(own, 0x40000000 + 39),
+            "cookie of a network": partial(own, 55, 3, 1, 71, buffer, ctypes.byref(ctypes.c_int(8))),
+            "descriptor of the other process": partial(own, 55, 3, 1, 77, buffer, ctypes.byref(ctypes.c_int(4))),
+            "unknown socket option": partial(own, 55, 3, 1, 99, buffer, ctypes.byref(ctypes.c_int(4))),
+            "credentials with messages": partial(own, 54, unnamed.fileno(), 1, 16, attr(4), 4),
+            "process descriptors with messages": partial(own, 54, unnamed.fileno(), 1, 76, attr(4), 4),
+            "name chosen by the kernel": partial(own, 49, unnamed.fileno(), b"\x01\x00", 2),
+            "clone with a process descriptor": partial(clones, 0x1000),
+            "statx": partial(own, 332, memory, b"", 0x1000, 0xFFF, buffer),
+            "fstatat of a path with AT_EMPTY_PATH": partial(own, 262, -100, b"/", buffer, 0x1000),
+            "sched_setaffinity": partial(own, 203, 0, 8, attr(1)),
+            "sched_setattr": partial(own, 314, 0, ctypes.create_string_buffer(b"\x38", 56), 0),
+            "sched_setscheduler": partial(own, 144, 0, 3, attr(0)),
+            "core scheduling": partial(own, 157, 62, 0, 0, 0, page),
+            "membarrier": partial(own, 324, 0, 0, 0),
+            "get_mempolicy": partial(own, 239, None, None, 0, 0, 0),
+            "merge equal pages": partial(own, 28, page, 4096, 12),
+            "move a page to swap": partial(own, 28, page, 4096, 21),
+            "collapse pages": partial(own, 28, page, 4096, 25),
+            "merge all equal pages": partial(own, 157, 67, 1, 0, 0, 0),
+            "huge page": partial(own, 9, 0, 1 << 21, 3, 0x40022, -1, 0),
+            "huge page in a memory file": partial(own, 319, b"x", 4),
+            "huge page in shared memory": partial(own, 29, 0, 1 << 21, 0o5600),
+            "generation of an inode": partial(own, 16, memory, 0x80087601, buffer),
+            "entropy of the host": lambda: own(16, os.open("/dev/urandom", os.O_RDONLY), 0x80045200, buffer),
+            "call of a newer kernel": partial(is_known, 471),
+            "call between the tables": partial(is_known, 400),
         }
     )
 )

@@ -2,11 +2,21 @@
 
 import os
 import signal
-from pathlib import Path
 
 from tell import tell
 
-seen = sorted(int(entry.name) for entry in Path("/proc").iterdir() if entry.name.isdigit())
+
+def exists(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass
+    return True
+
+
+seen = [pid for pid in range(1, 70_000) if exists(pid)]
 tell(seen=seen, uid=os.getuid(), groups=os.getgroups(), parent=os.getppid())
 for pid in (os.getppid(), 1, -1):
     try:

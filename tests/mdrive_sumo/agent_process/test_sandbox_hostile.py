@@ -89,10 +89,11 @@ def test_no_file_of_the_host_is_reached(tmp_path: Path) -> None:
     ended = run(python_spec("files", str(secret), slot=SLOT, limits=SMALL))
     assert ended.told == {
         "open": [],
+        "told_of_itself": [],
         "told_by_command_line": [],
         "told_by_environment": "",
-        "linked": {"0": "/dev/null", "1": "pipe", "2": "pipe", "3": "socket"},
-        "more_descriptors": [],
+        "kinds": {"0": "device", "1": "pipe", "2": "pipe", "3": "socket"},
+        "identities": [[0, 0]],
     }
 
 

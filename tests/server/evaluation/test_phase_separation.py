@@ -1,5 +1,6 @@
 """Hidden and public work on one host: never at the same time, and neither waits for ever."""
 
+import os
 import random
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -152,6 +153,37 @@ def test_the_page_cache_is_dropped_between_the_kinds(tmp_path: Path, monkeypatch
         assert found.try_begin(key, public, 0)
         found.end(key)
         assert (tmp_path / "drop").read_text() == content
+
+
+def test_inode_numbers_are_moved_between_the_kinds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On each processor, and the thread may run on all of them again afterwards."""
+    monkeypatch.setattr(phase_separation, "CACHES", tmp_path / "drop")
+    draws: list[int] = []
+    monkeypatch.setattr(phase_separation.secrets, "randbelow", lambda most: draws.append(most) or most - 1)
+    processors = os.sched_getaffinity(0)
+    found = PhaseSeparation("all", tmp_path, drop_caches=True)
+    for key, public, moved in (("a", True, False), ("b", False, True), ("c", False, False)):
+        before = look_at_numbers(processors)
+        assert found.try_begin(key, public, 0)
+        found.end(key)
+        assert os.sched_getaffinity(0) == processors
+        now = look_at_numbers(processors)
+        assert not moved or all(b - a >= phase_separation.MOST_MOVED - 1 for a, b in zip(before, now, strict=True))
+        assert draws == [phase_separation.MOST_MOVED] * (len(processors) if moved else 0)
+        draws.clear()
+
+
+def look_at_numbers(processors: set[int]) -> list[int]:
+    """Of a new pipe on each processor."""
+    found: list[int] = []
+    for processor in sorted(processors):
+        os.sched_setaffinity(0, {processor})
+        ends = os.pipe()
+        found.append(os.fstat(ends[0]).st_ino)
+        for end in ends:
+            os.close(end)
+    os.sched_setaffinity(0, processors)
+    return found
 
 
 def test_serve_warns_where_hidden_and_public_phases_share_workers() -> None:

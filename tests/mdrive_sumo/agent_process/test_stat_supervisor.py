@@ -1,0 +1,206 @@
+"""What a box is told by `fstat`: files as they are, no number of an anonymous object, an error where no one answers."""
+
+import errno
+import json
+import os
+import platform
+import signal
+import stat
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from testing.sandbox_runs import PATIENCE_S, SMALL, needs_bubblewrap, needs_root, own_slot, processes_of
+
+from mdrive_sumo.agent_process.sandbox import Box, BoxSpec, cgroups, open_box, stat_supervisor
+from mdrive_sumo.agent_process.sandbox.stat_supervisor import STAT, pack_stat
+from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
+
+pytestmark = [
+    needs_bubblewrap,
+    pytest.mark.slow,
+    pytest.mark.skipif(platform.machine() != "x86_64", reason="numbers of system calls are those of x86-64"),
+    pytest.mark.skipif(not Path("/usr/bin/python3").exists(), reason="needs the system's Python"),
+]
+
+SLOT = own_slot()
+SERVE = """
+import ctypes, errno, json, os, socket, sys
+libc = ctypes.CDLL(None, use_errno=True)
+buffer = ctypes.create_string_buffer(144)
+
+def call(number, *words):
+    found = libc.syscall(ctypes.c_long(number), *(ctypes.c_long(w) if isinstance(w, int) else w for w in words))
+    return 0 if found >= 0 else ctypes.get_errno()
+
+def look(fd):
+    try:
+        return list(os.fstat(fd))[:7]
+    except OSError as error:
+        return errno.errorcode[error.errno]
+
+with socket.socket(fileno=3) as evaluator, evaluator.makefile("rw") as lines:
+    for line in lines:
+        try:
+            answer = eval(line)
+        except OSError as error:
+            answer = errno.errorcode[error.errno]
+        lines.write(json.dumps(answer) + chr(10))
+        lines.flush()
+"""
+
+
+class AskedProgram:
+    """A program in a box that evaluates expressions."""
+
+    def __init__(self, box: Box) -> None:
+        self.box = box
+        box.socket.settimeout(PATIENCE_S)
+        self._lines = box.socket.makefile("rw")
+
+    def ask(self, expression: str) -> object:
+        self._lines.write(expression + "\n")
+        self._lines.flush()
+        return json.loads(self._lines.readline())
+
+
+@pytest.fixture
+def caller() -> Iterator[AskedProgram]:
+    with open_box(BoxSpec(("/usr/bin/python3", "-c", SERVE), {}, slot=SLOT, limits=SMALL)) as box:
+        yield AskedProgram(box)
+
+
+def find_supervisor(box: Box) -> int:
+    """The process of a slot's user that is not of the box: it sees the processes of the host."""
+    own = os.stat("/proc/self/ns/pid").st_ino  # noqa: PTH116
+    found = [
+        pid
+        for pid in processes_of(FIRST_UID + box.slot)
+        if (
+            Path(f"/proc/{pid}/ns/pid").stat().st_ino == own
+            and "supervisor" in Path(f"/proc/{pid}/cmdline").read_text()
+        )
+    ]
+    assert len(found) == 1
+    return found[0]
+
+
+def test_files_are_told_as_they_are(caller: AskedProgram) -> None:
+    """Programs compare what a path and a descriptor tell, `shutil.rmtree` for one."""
+    for path in ("/usr/bin/python3", "/usr", "/tmp", "/dev/zero", "/proc/version"):
+        assert caller.ask(f"list(os.fstat(os.open('{path}', 0))) == list(os.stat('{path}'))") is True, path
+    assert caller.ask("os.stat(os.open('/tmp', 0))[1] > 0") is True
+    assert caller.ask("call(262, -100, b'', buffer, 0x1000) == 0 and buffer.raw[8:16] != bytes(8)") is True
+
+
+def test_an_object_without_a_name_has_a_kind_and_a_size_but_no_number(caller: AskedProgram) -> None:
+    makers = {
+        "os.pipe()[0]": stat.S_IFIFO,
+        "socket.socketpair()[0].detach()": stat.S_IFSOCK,
+        "os.memfd_create('x')": stat.S_IFREG,
+        "os.eventfd(0)" if hasattr(os, "eventfd") else "os.pipe()[1]": None,
+        "3": stat.S_IFSOCK,
+        "1": stat.S_IFIFO,
+        "0": stat.S_IFCHR,
+    }
+    for maker, kind in makers.items():
+        mode, *identity = caller.ask(
+            f"(lambda fd: [os.fstat(fd)[0], *list(os.fstat(fd))[1:3], *os.fstat(fd)[7:]])({maker})"
+        )  # type: ignore[misc]
+        assert identity == [0] * 5, maker
+        assert kind is None or stat.S_IFMT(mode) == kind, maker
+    assert caller.ask("(lambda fd: [os.truncate(fd, 77), os.fstat(fd).st_size])(os.memfd_create('x'))") == [None, 77]
+
+
+BAD = (
+    ("call(5, 77, buffer)", errno.EBADF),
+    ("call(5, -1, buffer)", errno.EBADF),
+    ("call(5, -100, buffer)", errno.EBADF),
+    ("call(5, 3, 1)", errno.EFAULT),
+    ("call(5, 3, 0)", errno.EFAULT),
+    ("call(5, 3, -1)", errno.EFAULT),
+    ("call(262, 3, b'', buffer, 0x1000 | 0x80)", errno.EINVAL),
+    ("call(262, 3, b'x', buffer, 0x1000)", errno.EINVAL),
+    ("call(262, 3, 1, buffer, 0x1000)", errno.EFAULT),
+    ("call(262, 3, None, buffer, 0x1000)", 0),
+    ("call(5, 3 | 1 << 40, buffer)", 0),
+)
+
+
+@pytest.fixture(scope="module")
+def lasting_caller() -> Iterator[AskedProgram]:
+    with open_box(BoxSpec(("/usr/bin/python3", "-c", SERVE), {}, slot=SLOT + 1, limits=SMALL)) as box:
+        yield AskedProgram(box)
+
+
+@pytest.mark.parametrize(("expression", "expected"), BAD)
+def test_a_bad_call_gets_the_error_of_the_kernel(lasting_caller: AskedProgram, expression: str, expected: int) -> None:
+    assert lasting_caller.ask(expression) == expected
+
+
+def test_a_program_that_lets_nobody_look_into_it_gets_an_error(caller: AskedProgram) -> None:
+    assert caller.ask("call(157, 4, 0, 0, 0, 0)") == 0  # PR_SET_DUMPABLE
+    assert caller.ask("look(3)") == "EACCES"
+
+
+def test_a_box_whose_supervisor_is_killed_gets_an_error_and_no_number(caller: AskedProgram) -> None:
+    needs_root()
+    assert isinstance(caller.ask("look(3)"), list)
+    supervisor = find_supervisor(caller.box)
+    os.kill(supervisor, signal.SIGKILL)
+    end = time.monotonic() + PATIENCE_S
+    while caller.ask("look(3)") != "ENOSYS" and time.monotonic() < end:
+        time.sleep(0.01)
+    assert caller.ask("look(os.pipe()[0])") == "ENOSYS"
+    assert caller.box.close().signal == signal.SIGKILL
+
+
+def test_after_the_death_of_all_supervisors_the_next_box_has_one(caller: AskedProgram) -> None:
+    needs_root()
+    caller.ask("look(3)")
+    parent = int(Path(f"/proc/{find_supervisor(caller.box)}/stat").read_text().rpartition(")")[2].split()[1])
+    assert Path(f"/proc/{parent}/cmdline").read_text().split("\0")[-2] == stat_supervisor.__file__
+    os.kill(parent, signal.SIGKILL)
+    end = time.monotonic() + PATIENCE_S
+    while caller.ask("look(3)") != "ENOSYS" and time.monotonic() < end:
+        time.sleep(0.01)
+    with open_box(BoxSpec(("/usr/bin/python3", "-c", SERVE), {}, limits=SMALL)) as box:
+        assert isinstance(AskedProgram(box).ask("look(3)"), list)
+
+
+def test_the_work_of_a_supervisor_counts_as_the_boxs(caller: AskedProgram) -> None:
+    hierarchy = cgroups.find_hierarchy()
+    if hierarchy is None:
+        pytest.skip("needs control groups")
+    caller.ask("look(3)")
+    for folder in set(hierarchy.folders.values()):
+        members = (folder / f"mdrive-box-{caller.box.slot}" / "cgroup.procs").read_text().split()
+        assert str(find_supervisor(caller.box)) in members
+
+
+def test_calls_of_many_threads_and_signals_are_all_answered(caller: AskedProgram) -> None:
+    text = (
+        "[__import__('signal').signal(14, lambda *_: None), __import__('signal').setitimer(0, 1e-3, 1e-3),"
+        " sum(__import__('concurrent.futures').futures.ThreadPoolExecutor(8).map("
+        "lambda _: sum(call(5, 3, ctypes.create_string_buffer(144)) for _ in range(50)), range(8)))][2]"
+    )
+    assert caller.ask(text) == 0
+
+
+NUMBER = st.integers(0, 2**31 - 1)
+
+
+@given(st.tuples(*[NUMBER] * 16), st.integers(0, 2**16 - 1), st.booleans())
+def test_only_a_known_object_has_numbers_and_times(numbers: tuple[int, ...], mode: int, known: bool) -> None:
+    inode, size, blocks, block, links, uid, gid, *rest = numbers
+    times = [(second, 5, 0) for second in rest[:4]]
+    node_major, node_minor, major, minor, mount = (each % 4096 for each in rest[4:])
+    found = (0x17FF, block, 0, links, uid, gid, mode, inode, size, blocks, 0, *(x for time in times for x in time))
+    packed = pack_stat((*found, node_major, node_minor, major, minor, mount), known)
+    result = STAT["x86_64"].unpack(packed)
+    assert result[3] == mode and result[7] == size
+    assert (result[0], result[1]) == ((os.makedev(major, minor), inode) if known else (0, 0))
+    assert known or result[10:] == (0,) * 6
