@@ -12,19 +12,17 @@ from pathlib import Path
 
 import pyseccomp
 import pytest
+from testing.group_members import call_in_small_interpreter
 from testing.sandbox_runs import (
-    MEBIBYTE,
     SMALL,
     needs_bubblewrap,
     needs_root,
     own_slot,
-    processes_of,
     python_spec,
     shell_spec,
 )
 
 from mdrive_sumo.agent_process.sandbox import (
-    BoxError,
     BoxLimits,
     BoxSpec,
     cgroups,
@@ -33,8 +31,7 @@ from mdrive_sumo.agent_process.sandbox import (
     open_box,
     seccomp,
 )
-from mdrive_sumo.agent_process.sandbox.episode_group import join_episode_group, remove_dead_episode_groups
-from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
+from mdrive_sumo.agent_process.sandbox.episode_group import remove_dead_episode_groups
 from mdrive_sumo.core.errors import InputError
 
 SLOT = own_slot()
@@ -177,18 +174,7 @@ def test_an_episodes_memory_is_limited_and_its_group_removed() -> None:
     if hierarchy is None or hierarchy.version != 1:
         pytest.skip("needs control groups")
 
-    def drive() -> list[object]:
-        joined = join_episode_group(64 * MEBIBYTE), join_episode_group(64 * MEBIBYTE)
-        with open_box(shell("sleep 600", limits=SMALL)) as box:
-            beside = (hierarchy.folders["memory"] / f"mdrive-box-{box.slot}").is_dir()
-        pid = os.fork()  # the kernel would end the largest process of the group, that is this one
-        if pid == 0:
-            Path("/proc/self/oom_score_adj").write_text("1000")
-            held = bytearray(b"x") * (100 * MEBIBYTE)
-            os._exit(len(held) and 0)
-        return [*joined, beside, os.waitpid(pid, 0)[1], str(os.getpid())]
-
-    found = in_a_child(None, drive)
+    found = call_in_small_interpreter("fill_episode_group", SLOT)
     assert isinstance(found, list)
     group = hierarchy.folders["memory"] / f"{cgroups.EPISODE_PREFIX}{found.pop()}"
     assert found == [True, True, True, signal.SIGKILL]
@@ -207,25 +193,9 @@ def test_a_box_that_starves_by_the_limit_of_a_group_around_it_is_our_failure() -
     outer = hierarchy.folders["memory"] / f"mdrive-test-{os.getpid()}"
     outer.mkdir()
 
-    def drive() -> str:
-        (outer / "cgroup.procs").write_text("0")
-        (outer / "memory.limit_in_bytes").write_text(str(400 * MEBIBYTE))
-        spec = shell("read -r wait <&3; a=xxxxxxxx; while :; do a=$a$a; done")
-        try:
-            with open_box(spec) as box:
-                for pid in processes_of(FIRST_UID + box.slot):
-                    Path(f"/proc/{pid}/oom_score_adj").write_text("1000")
-                box.socket.sendall(b"go\n")
-                box.ready(30.0)
-                box.close()
-        except BoxError as error:
-            return str(error)
-        return "the agent's"
-
     try:
-        assert (
-            in_a_child(None, drive) == "sandbox: the kernel ended a process of the box for want of memory outside of it"
-        )
+        blamed = call_in_small_interpreter("starve_box", str(outer), SLOT)
+        assert blamed == "sandbox: the kernel ended a process of the box for want of memory outside of it"
     finally:
         end = time.monotonic() + 30.0
         while (outer / "cgroup.procs").read_text() and time.monotonic() < end:  # the supervisor ends a moment later
