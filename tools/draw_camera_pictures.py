@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/sensors.md: every camera rig, lights and kinds of images.
+"""Draw the pictures of docs/cameras.md: every camera rig, lights and kinds of images.
 
 python -m tools.draw_camera_pictures docs/images
 """

@@ -3,7 +3,7 @@
 No detector runs here. "ideal" sees everything exactly; the others are SURROGATES: statistical error models whose free
 parameters (`recall` and `spread`) were fitted so that `tools/detector_calibration.py` agrees
 with published figures. Only that agreement is claimed. Everything else in them (how errors grow with distance, false
-positives, heading and speed errors) is an assumption, named as such in docs/sensors.md.
+positives, heading and speed errors) is an assumption, named as such in docs/detections.md.
 """
 
 from collections.abc import Mapping

@@ -31,7 +31,7 @@ class DrivingOptions:
 
     speed: cruising speed [m/s], without it the speed that the scenario asks for; speed_share: share of that speed and
     of the limits; range: range of the detector [m], without it 80 m, or `ROAD_RANGE_M` where the limits of the road
-    count; detector: its error profile, see docs/sensors.md.
+    count; detector: its error profile, see docs/detections.md.
     """
 
     def __init__(self, agent: str, config: Config, extra: Mapping[str, Option] = NO_OPTIONS) -> None:

@@ -82,7 +82,7 @@ class RoadsideUnit(ScenarioPart):
     y: Coordinate
     range_m: float = Field(default=80.0, gt=0, le=300)
     profile: str = "ideal"
-    """Error profile of its detections, see docs/sensors.md."""
+    """Error profile of its detections, see docs/detections.md."""
 
 
 class Scenario(ScenarioPart):

@@ -1,6 +1,6 @@
 """Weather and light: factors on sensor ranges and, optionally, on road friction.
 
-The factors are rough estimates with a reason each, not a physical model; docs/sensors.md names their sources.
+The factors are rough estimates with a reason each, not a physical model; docs/detections.md names their sources.
 """
 
 from collections.abc import Mapping

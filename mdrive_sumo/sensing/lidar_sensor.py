@@ -88,7 +88,7 @@ class LidarMount:
 class LidarSensor:
     """LiDAR with the pose that the agent declares and the rays of the paper's wrapper.
 
-    Options: profile, x, y, z [m], roll_deg, pitch_deg, yaw_deg, noise_m, dropout, hit_ids; see docs/sensors.md.
+    Options: profile, x, y, z [m], roll_deg, pitch_deg, yaw_deg, noise_m, dropout, hit_ids; see docs/range-sensors.md.
     """
 
     def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:

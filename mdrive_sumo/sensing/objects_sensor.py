@@ -28,7 +28,7 @@ MAX_RANGE_M = 1000.0
 
 
 class ObjectsSensor:
-    """Detections, nearest first, under track names of the carrier's own; docs/sensors.md describes the options.
+    """Detections, nearest first, under track names of the carrier's own; docs/detections.md describes the options.
 
     They are in the world as the carrier takes it to be: placed by its estimated pose (`SensorPose.estimate`).
     """

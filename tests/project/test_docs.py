@@ -168,7 +168,7 @@ def test_example_of_a_scripted_road_user_is_one() -> None:
 
 
 def test_example_of_an_agent_with_cameras_declares_them(tmp_path: Path) -> None:
-    text = (ROOT / "docs" / "sensors.md").read_text()
+    text = (ROOT / "docs" / "cameras.md").read_text()
     (found,) = (code for code in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "class Eyes" in code)
     path = tmp_path / "eyes.py"
     path.write_text(found)

@@ -7,7 +7,7 @@ from mdrive_sumo.agents.learned.system_spec import LIDAR_BEHIND_M, LIDAR_CELL_M,
 from mdrive_sumo.contract import PointCloud
 
 LIDAR_HEIGHT_M = 2.5
-"""Height of the LiDAR above the ground: the default pose of the sensor on a car (docs/sensors.md)."""
+"""Height of the LiDAR above the ground: the default pose of the sensor on a car (docs/range-sensors.md)."""
 GROUND_M = 0.4
 """Points lower than that above the ground go to layer 0, higher ones to layer 1."""
 MOST = 255

@@ -30,7 +30,7 @@ BLUR_STEPS = 4
 
 
 class CameraSensor:
-    """A pinhole camera with the pose and size that the agent declares; see docs/sensors.md for its options."""
+    """A pinhole camera with the pose and size that the agent declares; see docs/cameras.md for its options."""
 
     def __init__(self, spec: SensorSpec, fitting: SensorSetup) -> None:
         """Raises InputError, also where nothing can render."""
