@@ -144,6 +144,19 @@ class RegistrationSettings(SettingsModel):
     """Registrations of all teams per UTC day."""
 
 
+class ConnectionSettings(SettingsModel):
+    """What clients may hold open at a time, see `server.api.concurrency_limit` and `server.cli.limited_protocol`."""
+
+    total: Annotated[int, Field(ge=16)] = 1000
+    """Connections of this server; for a new one beyond, the one that has waited longest for its client is closed."""
+    streams: Count = 256
+    """Event streams of all teams: each queries the database once a second."""
+    streams_per_team: Count = 16
+    uploads: Count = 64
+    """Uploads of all teams: quotas are counted only when an archive is complete, disks fill up before."""
+    uploads_per_team: Count = 8
+
+
 class WebhookSettings(SettingsModel):
     """Notifications of teams over HTTP; see `server.api.webhook_address` for where they may go."""
 
@@ -170,6 +183,7 @@ class ServerSettings(SettingsModel):
     work: WorkerSettings = WorkerSettings()
     keep: RetentionSettings = RetentionSettings()
     registration: RegistrationSettings = RegistrationSettings()
+    connections: ConnectionSettings = ConnectionSettings()
     webhooks: WebhookSettings = WebhookSettings()
     phases: tuple[PhaseSettings, ...] = ()
 
@@ -208,6 +222,7 @@ _SECTIONS: Mapping[str, Mapping[str, object]] = {
     "work": WorkerSettings.model_fields,
     "keep": RetentionSettings.model_fields,
     "registration": RegistrationSettings.model_fields,
+    "connections": ConnectionSettings.model_fields,
     "webhooks": WebhookSettings.model_fields,
 }
 _NOT_SCALAR = (*_SECTIONS, "phases")

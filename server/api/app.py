@@ -32,7 +32,6 @@ from server.api.routes import (
     webhook,
 )
 from server.api.subprocess_runner import CallRunner, SubprocessPool, SubprocessRunner
-from server.api.upload import MAX_UPLOADS
 from server.phase_suites import LoadedPhaseSuites, PhaseSuites
 from server.settings import ServerSettings
 from server.store import Store, standings
@@ -84,6 +83,7 @@ def _make_services(
     settings: ServerSettings, store: Store | None, suites: PhaseSuites | None, runner: CallRunner | None
 ) -> Services:
     """Return what was given, and the rest as the settings want it. Raises InputError."""
+    connections = settings.connections
     reader = DirectDatabaseReader(store) if store is not None else SubprocessDatabaseReader(settings.database_url)
     return Services(
         settings,
@@ -92,7 +92,8 @@ def _make_services(
         runner if runner is not None else SubprocessPool(CHECKERS, CHECKER_NICE),
         runner if runner is not None else SubprocessRunner(MAX_REPLAYS),
         LeaderboardCache(reader),
-        ConcurrencyLimit("upload", MAX_UPLOADS),
+        ConcurrencyLimit("upload", connections.uploads_per_team, connections.uploads),
+        ConcurrencyLimit("stream of events", connections.streams_per_team, connections.streams),
     )
 
 

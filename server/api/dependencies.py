@@ -21,8 +21,6 @@ from server.phase_suites import PhaseSuites
 from server.settings import ServerSettings
 from server.store import Store
 
-MAX_STREAMS = 16
-"""Event streams of one team at a time: each queries the database once a second."""
 MAX_LARGE_READS = 1
 """Lists of a submission's scenarios made at a time: each occupies the interpreter. Others wait without a thread, so
 that they delay neither uploads nor the health check."""
@@ -47,7 +45,7 @@ class Services:
     """Writes replay pages; apart, because a page takes seconds and uploads must not wait for it."""
     leaderboards: LeaderboardCache
     upload_limit: ConcurrencyLimit
-    stream_limit: ConcurrencyLimit = field(default_factory=lambda: ConcurrencyLimit("stream of events", MAX_STREAMS))
+    stream_limit: ConcurrencyLimit
     check_queue: CheckQueue = field(default_factory=lambda: CheckQueue(CHECKERS))
     check_threads: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(CHECKERS))
     large_reads: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(MAX_LARGE_READS))

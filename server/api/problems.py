@@ -1,5 +1,6 @@
 """Errors as problem details (RFC 9457), each with one sentence that says what to do."""
 
+import logging
 import math
 from collections.abc import Awaitable, Callable, Mapping
 from http import HTTPStatus
@@ -10,6 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 from mdrive_sumo.core.errors import InputError
 from server.api.hidden_paths import hide_paths
@@ -18,6 +20,7 @@ from server.archive import ArchiveRefused
 from server.clock import format_utc
 from server.store import NotFound, NotNow, OverLimit, StoreUnavailable
 
+LOG = logging.getLogger("mdrive.requests")
 MEDIA_TYPE = "application/problem+json"
 TYPE = "urn:mdrive-sumo:problem:"
 RETRY_AFTER_S = 5
@@ -115,6 +118,7 @@ def install_handlers(app: FastAPI) -> None:
     app.exception_handler(StoreUnavailable)(_handle_store_unavailable)
     app.exception_handler(RequestValidationError)(_handle_validation_error)
     app.exception_handler(HTTPException)(_handle_http_error)
+    app.exception_handler(ClientDisconnect)(_handle_disconnect)
     app.exception_handler(OSError)(_handle_os_error)
     app.exception_handler(Exception)(_handle_internal_error)
 
@@ -200,6 +204,13 @@ async def _handle_http_error(request: Request, error: HTTPException) -> Response
     return await _respond(
         request, error.status_code, "http", sentences.get(error.status_code, str(error.detail)), error.headers
     )
+
+
+async def _handle_disconnect(request: Request, error: ClientDisconnect) -> Response:  # noqa: ARG001 (Starlette's signature)
+    """Log that a client left before its request was complete, in one line; nobody reads the response."""
+    found = f"{request.method} {request.url.path}"
+    LOG.warning("%r: the client left before its request was complete", found[:200])
+    return problem_response(400, "form", "request: expected all of it, found its client gone")
 
 
 async def _handle_os_error(request: Request, error: OSError) -> Response:

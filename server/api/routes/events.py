@@ -75,14 +75,14 @@ async def follow(submission: Id, caller: AnyCaller, services: ServicesDep, last_
 
 
 class _LimitedStream(StreamingResponse):
-    """A stream that counts against its team's limit while it is being sent."""
+    """A stream that counts against the limits of its team and of all teams while it is being sent."""
 
     def __init__(self, limit: ConcurrencyLimit, key: str, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._slot = limit.acquire(key)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """ASGI. Raises ProblemError (429) before anything is sent."""
+        """ASGI. Raises ProblemError (429 or 503) before anything is sent."""
         with self._slot:
             await super().__call__(scope, receive, send)
 

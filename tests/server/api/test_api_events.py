@@ -74,7 +74,8 @@ def test_a_stream_ends_when_its_token_is_revoked(server: Server, monkeypatch: py
 def test_a_team_follows_a_few_at_a_time(server: Server) -> None:
     mine = server.send().json()["id"]
     other = server.send("blue").json()["id"]
-    server.app.state.services = replace(server.app.state.services, stream_limit=ConcurrencyLimit("stream of events", 2))
+    limit = ConcurrencyLimit("stream of events", 2, 4)
+    server.app.state.services = replace(server.app.state.services, stream_limit=limit)
     with listening(server) as address, httpx.Client(base_url=address + API, timeout=60) as http, ExitStack() as stack:
 
         def follow(who: str, which: str) -> httpx.Response:
@@ -87,5 +88,8 @@ def test_a_team_follows_a_few_at_a_time(server: Server) -> None:
         refused.read()
         assert "at most 2 of a team" in problem(refused, 429)["detail"] and refused.headers["retry-after"]
         assert follow("blue", other).status_code == 200
+        full = follow("blue", other)  # one place is left, for a team that has none
+        full.read()
+        assert "too many of all teams" in problem(full, 503)["detail"] and full.headers["retry-after"] == "30"
         first.close()
         wait_for(lambda: follow("red", mine).status_code == 200, 60.0)
