@@ -24,13 +24,13 @@ class LimitedProtocol(H11Protocol):
     max_connections: ClassVar[int] = 1000
     _timer: asyncio.TimerHandle
     _stall: asyncio.TimerHandle | None = None
-    _since_s: float = 0.0
+    waiting_since_s: float = 0.0
     """Time of the connection or of the last response, by the clock of the event loop."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """asyncio's callback."""
         super().connection_made(transport)
-        self._since_s = float(self.loop.time())
+        self.waiting_since_s = float(self.loop.time())
         self._timer = self.loop.call_later(REQUEST_S, self._check_timeout, self.cycle)
         if len(self.connections) > self.max_connections:
             self._close_longest_waiting()
@@ -43,7 +43,7 @@ class LimitedProtocol(H11Protocol):
 
     def on_response_complete(self) -> None:
         """uvicorn's callback."""
-        answered, self._since_s = self.cycle, float(self.loop.time())
+        answered, self.waiting_since_s = self.cycle, float(self.loop.time())
         super().on_response_complete()  # it may start the next request
         self._timer.cancel()
         # Answered before the whole body arrived: the rest is discarded, since most clients read the response only then.
@@ -82,7 +82,7 @@ class LimitedProtocol(H11Protocol):
 
 
 def _waits_since(connection: LimitedProtocol) -> float:
-    return connection._since_s
+    return connection.waiting_since_s
 
 
 def limit_connections(total: int) -> type[LimitedProtocol]:
