@@ -39,6 +39,11 @@ from server.store.phases import list_phases as every_phase
 from server.store.phases import set_phases as put_phases
 
 API = "/api/v1"
+PARTS = (
+    *(teams, webhook, register, phases, submit, submissions, results),
+    *(overviews, events, leaderboards, health),
+)
+"""Modules with the routes, in the order of the description."""
 UPLOADS = (f"{API}/submissions", "/submit")
 """Paths that receive archives: the API's and that of the web form."""
 CHECKER_NICE = 2
@@ -151,9 +156,6 @@ def prepare_storage(services: Services, now_us: int) -> None:
 
 def _make_router() -> APIRouter:
     router = APIRouter()
-    for part in (
-        *(teams, webhook, register, phases, submit, submissions, results),
-        *(overviews, events, leaderboards, health),
-    ):
+    for part in PARTS:
         router.include_router(part.router)
     return router

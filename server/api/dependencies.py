@@ -14,6 +14,7 @@ from server.api.caller import Caller, find_caller
 from server.api.check_queue import CheckQueue
 from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.leaderboard_cache import LeaderboardCache
+from server.api.openapi import OPTIONAL_TOKEN
 from server.api.problems import ProblemError
 from server.api.subprocess_runner import CallRunner
 from server.enums import TokenScope
@@ -28,6 +29,7 @@ CHECKERS = 2
 """Processes that check archives: one team can occupy all but one of them."""
 _R = TypeVar("_R")
 _BEARER = "Bearer "
+_optional_scheme = HTTPBearer(auto_error=False, scheme_name=OPTIONAL_TOKEN)
 _scheme = HTTPBearer(auto_error=False, description="A token of a team or of an admin.")
 """For OpenAPI only: `get_optional_caller` reads the header itself to distinguish a wrong token from none."""
 
@@ -76,7 +78,7 @@ Now = Annotated[int, Depends(get_now)]
 
 
 async def get_optional_caller(
-    request: Request, services: ServicesDep, _described: Annotated[object, Depends(_scheme)]
+    request: Request, services: ServicesDep, _described: Annotated[object, Depends(_optional_scheme)]
 ) -> Caller | None:
     """Return the caller, None without a token. Raises ProblemError (401) for an invalid token."""
     header = request.headers.get("authorization")
@@ -89,7 +91,9 @@ async def get_optional_caller(
     return found
 
 
-async def require_caller(caller: Annotated[Caller | None, Depends(get_optional_caller)]) -> Caller:
+async def require_caller(
+    caller: Annotated[Caller | None, Depends(get_optional_caller)], _described: Annotated[object, Depends(_scheme)]
+) -> Caller:
     """Return the caller. Raises ProblemError (401) without a token."""
     if caller is None:
         raise _unauthorized("token: expected the header `Authorization: Bearer TOKEN`, found none")
