@@ -107,6 +107,7 @@ async def _lifespan(app: FastAPI) -> AsyncGenerator[None]:
     services, now = app.state.services, app.state.now
     await run_in_threadpool(prepare_storage, services, now())
     await services.leaderboards.refresh_all(now)
+    await run_in_threadpool(app.openapi)  # it takes a moment, in which a first request would occupy the event loop
     if isinstance(services.check_runner, SubprocessPool):  # before the first upload needs it
         await run_in_threadpool(services.check_runner.start)
     refresher = create_task(services.leaderboards.refresh_forever(now))

@@ -2,7 +2,9 @@
 
 import logging
 import math
+import re
 from collections.abc import Awaitable, Callable, Mapping
+from functools import cache
 from http import HTTPStatus
 from typing import Any
 
@@ -12,6 +14,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
+from starlette.routing import compile_path
 
 from mdrive_sumo.core.errors import InputError
 from server.api.hidden_paths import hide_paths
@@ -201,9 +204,34 @@ async def _handle_http_error(request: Request, error: HTTPException) -> Response
     """Handle the framework's errors: unknown path or method, a body that is not JSON."""
     found = f"{request.method} {request.url.path}"
     sentences = {404: f"there is nothing at {found:.200}", 405: f"{found:.200}: this method is not offered here"}
+    headers = {**(error.headers or {})}
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED and (methods := _find_methods(request)):
+        headers["Allow"] = ", ".join(methods)
     return await _respond(
-        request, error.status_code, "http", sentences.get(error.status_code, str(error.detail)), error.headers
+        request, error.status_code, "http", sentences.get(error.status_code, str(error.detail)), headers
     )
+
+
+def _find_methods(request: Request) -> list[str]:
+    """Return the methods that the described paths of a request offer (RFC 9110, 15.5.6): Starlette names one route's.
+
+    An event stream has no HEAD: see `response_headers`.
+    """
+    described: Mapping[str, Mapping[str, Any]] = request.app.openapi()["paths"]
+    found = {
+        method.upper()
+        for path, methods in described.items()
+        if _compile(path).match(request.url.path)
+        for method in methods
+    }
+    if "GET" in found and not request.url.path.endswith("/events"):
+        found.add("HEAD")
+    return sorted(found)
+
+
+@cache
+def _compile(path: str) -> re.Pattern[str]:
+    return compile_path(path)[0]
 
 
 async def _handle_disconnect(request: Request, error: ClientDisconnect) -> Response:  # noqa: ARG001 (Starlette's signature)
