@@ -48,7 +48,7 @@ class ShowIn(RequestModel):
 class NewWebhookIn(RequestModel):
     """A team's webhook."""
 
-    url: Annotated[str, Field(min_length=1, max_length=500)]
+    url: Annotated[str, Field(min_length=1, max_length=500, json_schema_extra={"pattern": "^https?://"})]
 
 
 class DeliveryOut(ResponseModel):
