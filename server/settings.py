@@ -16,6 +16,7 @@ from mdrive_sumo.agent_process.agent_connection import AgentLimits as Connection
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.agent_process.sandbox.private_files import MEMORY
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.loop.request_pace import MAX_PACE_S
 from mdrive_sumo.scenario.scenario import describe_first_error
 from server.phase_settings import Count, PhaseSettings, SettingsModel
 from server.store.retention import RetentionPolicy
@@ -75,6 +76,9 @@ class SandboxSettings(SettingsModel):
     """Wall time of an agent for one reply."""
     episode_s: Annotated[float, Field(gt=0)] = _LINE.episode_s
     """Wall time of an agent for all replies of an episode: bounds how long one CAV can occupy a worker."""
+    pace_s: Annotated[float, Field(ge=0, le=MAX_PACE_S)] = 0.0
+    """Time from the requests of a tick to those of the next one, whatever the agents take; 0: none. No result depends
+    on it, so it is no part of the evaluator."""
     reply_bytes: Count = 64 * 1024
 
     def box_limits(self) -> BoxLimits:
@@ -87,7 +91,9 @@ class SandboxSettings(SettingsModel):
 
     def line_limits(self) -> ConnectionLimits:
         """Return the limits of the connection to an agent."""
-        return ConnectionLimits(tick_s=self.tick_s, episode_s=self.episode_s, reply_bytes=self.reply_bytes)
+        return ConnectionLimits(
+            tick_s=self.tick_s, episode_s=self.episode_s, pace_s=self.pace_s, reply_bytes=self.reply_bytes
+        )
 
 
 class WorkerSettings(SettingsModel):
