@@ -51,11 +51,15 @@ class ThinkingFlag:
 def find_thinking_flag(usages: Iterable[Mapping[str, Any] | None]) -> ThinkingFlag | None:
     """Return the flag of a submission's jobs, None if nothing is conspicuous."""
     agents = [times for usage in usages for times in ((usage or {}).get(THINKING) or {}).values()]
-    bimodal = [times["modes"] for times in agents if is_bimodal(times["modes"])]
+    bimodal: list[Mapping[str, float]] = [times["modes"] for times in agents if is_bimodal(times["modes"])]
     late = sum(times["late"] or 0 for times in agents)
     if not bimodal and not late:
         return None
-    return ThinkingFlag(len(agents), len(bimodal), late, max(bimodal, key=lambda modes: modes["d"], default={}))
+    return ThinkingFlag(len(agents), len(bimodal), late, max(bimodal, key=_get_d, default={}))
+
+
+def _get_d(modes: Mapping[str, float]) -> float:
+    return modes["d"]
 
 
 def record_thinking_flag(session: Session, submission: str, now_us: int) -> None:

@@ -1,0 +1,161 @@
+"""What connections that stay open cost a server: `python tests/bench/streams.py [SECONDS] [CONNECTIONS.STREAMS]`.
+
+A server in a process of its own, without workers. First it is quiet; then 150 teams try to hold 16 event streams each
+(2400); then, beside the streams that it accepted, 3000 connections are opened that send nothing, opened again as soon
+as the server closes them. Meanwhile a visitor asks for /health ten times a second on connections of its own. Printed:
+streams accepted, the server's CPU time per second, median and maximum of /health. A second argument sets
+`connections.streams` and its limit per team out of reach, as before these limits existed.
+"""
+
+import asyncio
+import os
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+import httpx
+
+PATHS = [str(folder) for folder in Path(__file__).resolve().parents[:3]]
+sys.path[:0] = PATHS
+
+from attacks import API, PROGRAM, SETTINGS  # noqa: E402
+from submission import this_python  # noqa: E402
+
+from server.cli.limited_protocol import raise_open_files  # noqa: E402
+from server.clock import now_us  # noqa: E402
+from server.enums import ChallengeTrack, TokenScope  # noqa: E402
+from server.settings import ServerSettings  # noqa: E402
+from server.store import Store, phases, submissions, teams, tokens  # noqa: E402
+
+TEAMS, STREAMS, IDLE = 150, 16, 3000
+TICKS = os.sysconf("SC_CLK_TCK")
+
+
+@contextmanager
+def serving(folder: Path, more: str) -> Iterator[tuple[str, int]]:
+    """A running server; its address and process."""
+    file = folder / "settings.toml"
+    file.write_text(SETTINGS + more)
+    command = [sys.executable, "-c", PROGRAM, "--settings", str(file), "--data", str(folder / "data")]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    try:
+        line = next(line for line in process.stderr if "running on" in line)
+        threading.Thread(target=process.stderr.read, daemon=True).start()
+        yield line.split("http://")[1].split()[0], process.pid
+    finally:
+        process.kill()
+        process.wait(30)
+
+
+def prepare(folder: Path) -> list[tuple[str, str]]:
+    """A token and a queued submission of each team."""
+    settings = ServerSettings(data=folder / "data")
+    this_python(settings.data)
+    store, held = Store(settings.database_url), list[tuple[str, str]]()
+    with store.write() as session:
+        phase = phases.get(session, "dev")
+        for number in range(TEAMS):
+            team = teams.create(session, f"team {number}", now_us())
+            environment = "python3.11-numpy"
+            new = submissions.NewSubmission(
+                team.id, ChallengeTrack.SINGLE, "m", f"{number:064x}", 1, environment, {"version": "1"}
+            )
+            mine = submissions.accept(session, new, phase, [("s", 0)], now_us()).id
+            held.append((tokens.issue(session, team, TokenScope.SUBMIT, now_us()), mine))
+    store.close()
+    return held
+
+
+class Attack:
+    """Connections in an event loop of their own, at the lowest priority."""
+
+    def __init__(self, address: str) -> None:
+        self._host, _, self._port = address.partition(":")
+        self.accepted = self.refused = self.reopened = 0
+        self._loop = asyncio.new_event_loop()
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self) -> None:
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
+        self._loop.run_forever()
+
+    def begin(self, held: list[tuple[str, str]]) -> None:
+        """Open the streams."""
+        for token, mine in held * STREAMS:
+            asyncio.run_coroutine_threadsafe(self._stream(token, mine), self._loop)
+
+    def idle(self) -> None:
+        """Open the silent connections."""
+        for _ in range(IDLE):
+            asyncio.run_coroutine_threadsafe(self._stay(), self._loop)
+
+    async def _stream(self, token: str, mine: str) -> None:
+        reader, writer = await asyncio.open_connection(self._host, int(self._port))
+        request = f"GET {API}/submissions/{mine}/events HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {token}\r\n\r\n"
+        writer.write(request.encode())
+        if b" 200 " in await reader.readline():
+            self.accepted += 1
+            while await reader.read(65536):
+                pass
+        else:
+            self.refused += 1
+
+    async def _stay(self) -> None:
+        while True:
+            try:
+                reader, _ = await asyncio.open_connection(self._host, int(self._port))
+                await reader.read(1)
+            except OSError:
+                await asyncio.sleep(0.5)
+            await asyncio.sleep(0.5)
+            self.reopened += 1
+
+
+def cpu_s(pid: int) -> float:
+    """CPU time of a process [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def measure(name: str, address: str, pid: int, seconds: float) -> None:
+    """Ask for /health and print a row."""
+    begin, before, health = time.monotonic(), cpu_s(pid), list[float]()
+    while time.monotonic() < begin + seconds:
+        since = time.perf_counter()
+        status = httpx.get(f"http://{address}{API}/health", timeout=60).status_code
+        health.append((time.perf_counter() - since) * 1e3)
+        assert status == 200, status
+        time.sleep(0.1)
+    share = (cpu_s(pid) - before) / (time.monotonic() - begin)
+    middle = statistics.median(health)
+    click.echo(f"{name:28} CPU {share:.2f}  /health {len(health)} x  median {middle:.0f} ms  max {max(health):.0f} ms")
+
+
+def main() -> None:
+    """Measure and print."""
+    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 15.0
+    more = f"[connections]\ntotal = 9000\nstreams = {sys.argv[2]}\nuploads = 64\n" if len(sys.argv) > 2 else ""
+    raise_open_files(4000)
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as scratch, serving(Path(scratch), more) as (address, pid):
+        held = prepare(Path(scratch))
+        measure("quiet", address, pid, seconds)
+        attack = Attack(address)
+        attack.begin(held)
+        measure("while streams are opened", address, pid, seconds)
+        click.echo(f"streams: {attack.accepted} accepted, {attack.refused} refused")
+        measure("with these streams", address, pid, seconds)
+        attack.idle()
+        measure("and silent connections", address, pid, seconds)
+        click.echo(f"silent connections: {attack.reopened} opened again")
+
+
+if __name__ == "__main__":
+    main()
