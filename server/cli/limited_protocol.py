@@ -14,6 +14,8 @@ REQUEST_S = 20.0
 """Time from the connection, or the last response, to the end of the next request's headers [s]."""
 READ_S = 60.0
 """Time in which a client that reads slowly must take what the kernel and asyncio hold for it, some 100 kB [s]."""
+TRIM_S = 0.1
+"""Time from a connection too many until some are closed [s]: requests that have arrived are read by then."""
 OTHER_FILES = 256
 """Files that the server opens besides connections and what they are sent: database, uploads, pipes of children."""
 
@@ -22,6 +24,8 @@ class LimitedProtocol(H11Protocol):
     """Closes connections that wait for their client for too long, and those beyond `max_connections`."""
 
     max_connections: ClassVar[int] = 1000
+    """Connections that stay; up to twice as many are accepted, until `TRIM_S` later."""
+    is_trim_due: ClassVar[bool] = False
     _timer: asyncio.TimerHandle
     _stall: asyncio.TimerHandle | None = None
     waiting_since_s: float = 0.0
@@ -32,8 +36,11 @@ class LimitedProtocol(H11Protocol):
         super().connection_made(transport)
         self.waiting_since_s = float(self.loop.time())
         self._timer = self.loop.call_later(REQUEST_S, self._check_timeout, self.cycle)
-        if len(self.connections) > self.max_connections:
-            self._close_longest_waiting()
+        if len(self.connections) > 2 * self.max_connections:
+            transport.abort()
+        elif len(self.connections) > self.max_connections and not self.is_trim_due:
+            type(self).is_trim_due = True
+            self.loop.call_later(TRIM_S, self._trim)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """asyncio's callback."""
@@ -66,11 +73,13 @@ class LimitedProtocol(H11Protocol):
         if self.cycle is answered and not self.transport.is_closing():
             self.transport.close()
 
-    def _close_longest_waiting(self) -> None:
-        """Close the connection that has waited longest for its client; this one if no other waits."""
+    def _trim(self) -> None:
+        """Close the connections that have waited longest for their clients, as many as are too many."""
+        type(self).is_trim_due = False
         waiting = [one for one in self.connections if isinstance(one, LimitedProtocol) and one.is_waiting()]
-        longest = min(waiting, key=_waits_since, default=self)
-        longest.transport.abort()
+        excess = len(self.connections) - self.max_connections
+        for longest in sorted(waiting, key=_get_since)[: max(0, excess)]:
+            longest.transport.abort()
 
     def is_waiting(self) -> bool:
         """Return whether the connection waits for a request of its client, archives excepted."""
@@ -81,19 +90,19 @@ class LimitedProtocol(H11Protocol):
         return self.conn.their_state is h11.IDLE
 
 
-def _waits_since(connection: LimitedProtocol) -> float:
+def _get_since(connection: LimitedProtocol) -> float:
     return connection.waiting_since_s
 
 
 def limit_connections(total: int) -> type[LimitedProtocol]:
     """Return the protocol of a server with at most `total` connections at a time."""
-    return type("LimitedProtocol", (LimitedProtocol,), {"max_connections": total})
+    return type("LimitedProtocol", (LimitedProtocol,), {"max_connections": total, "is_trim_due": False})
 
 
 def raise_open_files(connections: int) -> int:
     """Let this process open enough files for so many connections, as far as its hard limit goes; return for how many.
 
-    A response can hold a file, too.
+    A response can hold a file, too, and for `TRIM_S` there can be twice as many.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = 2 * connections + OTHER_FILES

@@ -8,19 +8,20 @@ streams accepted, the server's CPU time per second, median and maximum of /healt
 """
 
 import asyncio
+import json
 import os
+import socket
 import statistics
 import subprocess
 import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import click
-import httpx
 
 PATHS = [str(folder) for folder in Path(__file__).resolve().parents[:3]]
 sys.path[:0] = PATHS
@@ -35,6 +36,7 @@ from server.settings import ServerSettings  # noqa: E402
 from server.store import Store, phases, submissions, teams, tokens  # noqa: E402
 
 TEAMS, STREAMS, IDLE = 150, 16, 3000
+ATTACK = "--attack"
 TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -75,48 +77,75 @@ def prepare(folder: Path) -> list[tuple[str, str]]:
 
 
 class Attack:
-    """Connections in an event loop of their own, at the lowest priority."""
+    """Connections of a process of its own: a client shares no interpreter with the visitor who measures."""
 
     def __init__(self, address: str) -> None:
         self._host, _, self._port = address.partition(":")
         self.accepted = self.refused = self.reopened = 0
-        self._loop = asyncio.new_event_loop()
-        threading.Thread(target=self._run, daemon=True).start()
 
-    def _run(self) -> None:
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
-        self._loop.run_forever()
-
-    def begin(self, held: list[tuple[str, str]]) -> None:
-        """Open the streams."""
-        for token, mine in held * STREAMS:
-            asyncio.run_coroutine_threadsafe(self._stream(token, mine), self._loop)
-
-    def idle(self) -> None:
-        """Open the silent connections."""
-        for _ in range(IDLE):
-            asyncio.run_coroutine_threadsafe(self._stay(), self._loop)
+    async def run(self, held: list[tuple[str, str]]) -> None:
+        """Open the streams; after a line of standard input the silent connections; print counts after each line."""
+        tasks = [asyncio.create_task(self._stream(token, mine)) for token, mine in held * STREAMS]
+        while await asyncio.to_thread(sys.stdin.readline):
+            if self.accepted + self.refused == len(held) * STREAMS and len(tasks) == len(held) * STREAMS:
+                tasks += [asyncio.create_task(self._stay()) for _ in range(IDLE)]
+            click.echo(f"{self.accepted} {self.refused} {self.reopened}")
 
     async def _stream(self, token: str, mine: str) -> None:
+        try:
+            await self._hold_stream(token, mine)
+        except OSError:  # closed before it was answered
+            self.refused += 1
+
+    async def _hold_stream(self, token: str, mine: str) -> None:
         reader, writer = await asyncio.open_connection(self._host, int(self._port))
         request = f"GET {API}/submissions/{mine}/events HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {token}\r\n\r\n"
         writer.write(request.encode())
-        if b" 200 " in await reader.readline():
-            self.accepted += 1
-            while await reader.read(65536):
-                pass
-        else:
+        if b" 200 " not in await reader.readline():
             self.refused += 1
+            writer.close()
+            return
+        self.accepted += 1
+        with suppress(OSError):
+            await self._read(reader)
+
+    @staticmethod
+    async def _read(reader: asyncio.StreamReader) -> None:
+        while await reader.read(65536):
+            pass
 
     async def _stay(self) -> None:
         while True:
             try:
-                reader, _ = await asyncio.open_connection(self._host, int(self._port))
+                reader, writer = await asyncio.open_connection(self._host, int(self._port))
                 await reader.read(1)
+                writer.close()
             except OSError:
-                await asyncio.sleep(0.5)
-            await asyncio.sleep(0.5)
+                pass
+            await asyncio.sleep(1.0)
             self.reopened += 1
+
+
+@contextmanager
+def attacking(address: str, held: list[tuple[str, str]]) -> Iterator[Callable[[], list[int]]]:
+    """Run the attack; each call of the result returns its counts, and the first after all streams begins the rest."""
+    command = [sys.executable, __file__, ATTACK, address]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert process.stdin is not None and process.stdout is not None
+    to, answers = process.stdin, process.stdout
+    to.write(json.dumps(held) + "\n")
+    to.flush()
+
+    def count() -> list[int]:
+        to.write("\n")
+        to.flush()
+        return [int(word) for word in answers.readline().split()]
+
+    try:
+        yield count
+    finally:
+        process.kill()
+        process.wait()
 
 
 def cpu_s(pid: int) -> float:
@@ -128,11 +157,14 @@ def cpu_s(pid: int) -> float:
 def measure(name: str, address: str, pid: int, seconds: float) -> None:
     """Ask for /health and print a row."""
     begin, before, health = time.monotonic(), cpu_s(pid), list[float]()
+    host, _, port = address.partition(":")
     while time.monotonic() < begin + seconds:
         since = time.perf_counter()
-        status = httpx.get(f"http://{address}{API}/health", timeout=60).status_code
+        with socket.create_connection((host, int(port)), 60) as line:
+            line.sendall(f"GET {API}/health HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n".encode())
+            answer = line.recv(65536)
         health.append((time.perf_counter() - since) * 1e3)
-        assert status == 200, status
+        assert answer.startswith(b"HTTP/1.1 200"), answer
         time.sleep(0.1)
     share = (cpu_s(pid) - before) / (time.monotonic() - begin)
     middle = statistics.median(health)
@@ -141,20 +173,24 @@ def measure(name: str, address: str, pid: int, seconds: float) -> None:
 
 def main() -> None:
     """Measure and print."""
+    if sys.argv[1:2] == [ATTACK]:
+        raise_open_files(4000)
+        asyncio.run(Attack(sys.argv[2]).run(json.loads(sys.stdin.readline())))
+        return
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 15.0
-    more = f"[connections]\ntotal = 9000\nstreams = {sys.argv[2]}\nuploads = 64\n" if len(sys.argv) > 2 else ""
-    raise_open_files(4000)
+    more = f"[connections]\ntotal = 9000\nstreams = {sys.argv[2]}\n" if len(sys.argv) > 2 else ""
     with tempfile.TemporaryDirectory(dir="/dev/shm") as scratch, serving(Path(scratch), more) as (address, pid):
         held = prepare(Path(scratch))
         measure("quiet", address, pid, seconds)
-        attack = Attack(address)
-        attack.begin(held)
-        measure("while streams are opened", address, pid, seconds)
-        click.echo(f"streams: {attack.accepted} accepted, {attack.refused} refused")
-        measure("with these streams", address, pid, seconds)
-        attack.idle()
-        measure("and silent connections", address, pid, seconds)
-        click.echo(f"silent connections: {attack.reopened} opened again")
+        with attacking(address, held) as count:
+            measure("while streams are opened", address, pid, seconds)
+            while sum((counts := count())[:2]) < TEAMS * STREAMS:
+                time.sleep(0.5)
+            click.echo(f"streams: {counts[0]} accepted, {counts[1]} refused")
+            measure("with these streams", address, pid, seconds)
+            count()
+            measure("and silent connections", address, pid, seconds)
+            click.echo(f"silent connections: {count()[2]} opened again")
 
 
 if __name__ == "__main__":
