@@ -13,6 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from server.api.caller import Caller, find_caller
 from server.api.check_queue import CheckQueue
 from server.api.concurrency_limit import ConcurrencyLimit
+from server.api.event_watch import EventWatch
 from server.api.leaderboard_cache import LeaderboardCache
 from server.api.openapi import OPTIONAL_TOKEN
 from server.api.problems import ProblemError
@@ -48,6 +49,7 @@ class Services:
     leaderboards: LeaderboardCache
     upload_limit: ConcurrencyLimit
     stream_limit: ConcurrencyLimit
+    event_watch: EventWatch = field(default_factory=EventWatch)
     check_queue: CheckQueue = field(default_factory=lambda: CheckQueue(CHECKERS))
     check_threads: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(CHECKERS))
     large_reads: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(MAX_LARGE_READS))
