@@ -3,9 +3,8 @@
 Requests and answers alternate; each answer names the tick of its request. `reply_decoding` reads the answers. Deadlines
 cover whole messages in both directions: an agent that does not read, or that sends a byte a second, times out.
 
-The agents of one episode are asked together and share a `ConnectionGroup`. No agent then waits for another one: a
-request is sent as far as its socket takes it, and while one answer is awaited those of the others are taken over, with
-the time at which each was complete. Otherwise a slow agent would use up the time of the others.
+The agents of one episode are asked together and share a `ConnectionGroup`: a request is sent as far as its socket takes
+it, and while one answer is awaited those of the others are timed and taken over, so no agent waits or pays for another.
 """
 
 import bisect
@@ -153,7 +152,7 @@ class AgentConnection:
         return wire_protocol.LENGTH.size + size - len(data) if 0 < size <= self.limits.reply_bytes else 0
 
     def fail(self, failure: FailureReason, text: str) -> NoReturn:
-        """End the process for the content of its answers; raises AgentFailure."""
+        """End the process; raises AgentFailure."""
         self.failure = text
         self.close()
         raise AgentFailure(failure, text) from None

@@ -235,7 +235,7 @@ def _compile(path: str) -> re.Pattern[str]:
 
 
 async def _handle_disconnect(request: Request, error: ClientDisconnect) -> Response:  # noqa: ARG001 (Starlette's signature)
-    """Log that a client left before its request was complete, in one line; nobody reads the response."""
+    """Log in one line that the client left before its request was complete."""
     found = f"{request.method} {request.url.path}"
     LOG.warning("%r: the client left before its request was complete", found[:200])
     return problem_response(400, "form", "request: expected all of it, found its client gone")

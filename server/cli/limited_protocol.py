@@ -26,6 +26,9 @@ class LimitedProtocol(H11Protocol):
     max_connections: ClassVar[int] = 1000
     """Connections that stay; up to twice as many are accepted, until `TRIM_S` later."""
     is_trim_due: ClassVar[bool] = False
+    trimmed: ClassVar[int] = 0
+    """Connections that are being closed because there were too many."""
+    _is_trimmed: bool = False
     _timer: asyncio.TimerHandle
     _stall: asyncio.TimerHandle | None = None
     waiting_since_s: float = 0.0
@@ -36,15 +39,19 @@ class LimitedProtocol(H11Protocol):
         super().connection_made(transport)
         self.waiting_since_s = float(self.loop.time())
         self._timer = self.loop.call_later(REQUEST_S, self._check_timeout, self.cycle)
-        if len(self.connections) > 2 * self.max_connections:
-            transport.abort()
-        elif len(self.connections) > self.max_connections and not self.is_trim_due:
+        if self._count_open() > 2 * self.max_connections:
+            self._trim()
+            if self._count_open() > 2 * self.max_connections:  # all have work under way
+                transport.abort()
+        elif self._count_open() > self.max_connections and not self.is_trim_due:
             type(self).is_trim_due = True
             self.loop.call_later(TRIM_S, self._trim)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """asyncio's callback."""
         super().connection_lost(exc)
+        if self._is_trimmed:
+            type(self).trimmed -= 1
         self._timer.cancel()
         self.resume_writing()
 
@@ -73,13 +80,22 @@ class LimitedProtocol(H11Protocol):
         if self.cycle is answered and not self.transport.is_closing():
             self.transport.close()
 
+    def _count_open(self) -> int:
+        return len(self.connections) - self.trimmed
+
     def _trim(self) -> None:
         """Close the connections that have waited longest for their clients, as many as are too many."""
         type(self).is_trim_due = False
+        excess = max(0, self._count_open() - self.max_connections)
         waiting = [one for one in self.connections if isinstance(one, LimitedProtocol) and one.is_waiting()]
-        excess = len(self.connections) - self.max_connections
-        for longest in sorted(waiting, key=_get_since)[: max(0, excess)]:
-            longest.transport.abort()
+        for longest in sorted(waiting, key=_get_since)[:excess]:
+            longest.abort_trimmed()
+
+    def abort_trimmed(self) -> None:
+        """Close this connection, because there are too many."""
+        self._is_trimmed = True
+        type(self).trimmed += 1
+        self.transport.abort()
 
     def is_waiting(self) -> bool:
         """Return whether the connection waits for a request of its client, archives excepted."""
@@ -96,7 +112,7 @@ def _get_since(connection: LimitedProtocol) -> float:
 
 def limit_connections(total: int) -> type[LimitedProtocol]:
     """Return the protocol of a server with at most `total` connections at a time."""
-    return type("LimitedProtocol", (LimitedProtocol,), {"max_connections": total, "is_trim_due": False})
+    return type("LimitedProtocol", (LimitedProtocol,), {"max_connections": total, "is_trim_due": False, "trimmed": 0})
 
 
 def raise_open_files(connections: int) -> int:

@@ -290,13 +290,6 @@ def _enter(session: Session, submission: SubmissionRow, state: SubmissionState, 
 
 
 def _audit_data(submission: SubmissionRow, jobs: Sequence[tuple[str, int]] = ()) -> dict[str, Any]:
-    return ({"jobs_sha256": compute_jobs_checksum(jobs)} if jobs else {}) | {
-        "submission": submission.id,
-        "phase": submission.phase,
-        "track": submission.track,
-        "name": submission.name,
-        "archive_sha256": submission.archive_sha256,
-        "environment": submission.environment,
-        "evaluator": submission.evaluator,
-        "counts": submission.counts,
-    }
+    names = ("phase", "track", "name", "archive_sha256", "environment", "evaluator", "counts")
+    found = {"submission": submission.id, **{name: getattr(submission, name) for name in names}}
+    return found | ({"jobs_sha256": compute_jobs_checksum(jobs)} if jobs else {})
