@@ -36,7 +36,7 @@ from server.settings import ServerSettings  # noqa: E402
 from server.store import Store, phases, submissions, teams, tokens  # noqa: E402
 
 TEAMS, STREAMS, IDLE = 150, 16, 3000
-ATTACK = "--attack"
+ATTACK, MORE = "--attack", "more"
 TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -84,10 +84,10 @@ class Attack:
         self.accepted = self.refused = self.reopened = 0
 
     async def run(self, held: list[tuple[str, str]]) -> None:
-        """Open the streams; after a line of standard input the silent connections; print counts after each line."""
+        """Open the streams; after a line `MORE` the silent connections; print counts after each line of input."""
         tasks = [asyncio.create_task(self._stream(token, mine)) for token, mine in held * STREAMS]
-        while await asyncio.to_thread(sys.stdin.readline):
-            if self.accepted + self.refused == len(held) * STREAMS and len(tasks) == len(held) * STREAMS:
+        while line := await asyncio.to_thread(sys.stdin.readline):
+            if line.strip() == MORE:
                 tasks += [asyncio.create_task(self._stay()) for _ in range(IDLE)]
             click.echo(f"{self.accepted} {self.refused} {self.reopened}")
 
@@ -127,17 +127,17 @@ class Attack:
 
 
 @contextmanager
-def attacking(address: str, held: list[tuple[str, str]]) -> Iterator[Callable[[], list[int]]]:
-    """Run the attack; each call of the result returns its counts, and the first after all streams begins the rest."""
-    command = [sys.executable, __file__, ATTACK, address]
+def attacking(address: str, held: list[tuple[str, str]]) -> Iterator[Callable[[str], list[int]]]:
+    """Run the attack; each call of the result returns its counts, and with `MORE` begins the silent connections."""
+    command = [sys.executable, str(Path(__file__).resolve()), ATTACK, address]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdin is not None and process.stdout is not None
     to, answers = process.stdin, process.stdout
     to.write(json.dumps(held) + "\n")
     to.flush()
 
-    def count() -> list[int]:
-        to.write("\n")
+    def count(what: str = "") -> list[int]:
+        to.write(f"{what}\n")
         to.flush()
         return [int(word) for word in answers.readline().split()]
 
@@ -156,19 +156,24 @@ def cpu_s(pid: int) -> float:
 
 def measure(name: str, address: str, pid: int, seconds: float) -> None:
     """Ask for /health and print a row."""
-    begin, before, health = time.monotonic(), cpu_s(pid), list[float]()
+    begin, before, health, resets = time.monotonic(), cpu_s(pid), list[float](), 0
     host, _, port = address.partition(":")
     while time.monotonic() < begin + seconds:
         since = time.perf_counter()
-        with socket.create_connection((host, int(port)), 60) as line:
-            line.sendall(f"GET {API}/health HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n".encode())
-            answer = line.recv(65536)
+        try:
+            with socket.create_connection((host, int(port)), 60) as line:
+                line.sendall(f"GET {API}/health HTTP/1.1\r\nHost: x\r\nConnection: close\r\n\r\n".encode())
+                answer = line.recv(65536)
+        except ConnectionError:
+            resets += 1
+            continue
         health.append((time.perf_counter() - since) * 1e3)
         assert answer.startswith(b"HTTP/1.1 200"), answer
         time.sleep(0.1)
     share = (cpu_s(pid) - before) / (time.monotonic() - begin)
     middle = statistics.median(health)
-    click.echo(f"{name:28} CPU {share:.2f}  /health {len(health)} x  median {middle:.0f} ms  max {max(health):.0f} ms")
+    figures = f"/health {len(health)} x  median {middle:.0f} ms  max {max(health):.0f} ms  resets {resets}"
+    click.echo(f"{name:28} CPU {share:.2f}  {figures}")
 
 
 def main() -> None:
@@ -184,13 +189,13 @@ def main() -> None:
         measure("quiet", address, pid, seconds)
         with attacking(address, held) as count:
             measure("while streams are opened", address, pid, seconds)
-            while sum((counts := count())[:2]) < TEAMS * STREAMS:
+            while sum((counts := count(""))[:2]) < TEAMS * STREAMS:
                 time.sleep(0.5)
             click.echo(f"streams: {counts[0]} accepted, {counts[1]} refused")
             measure("with these streams", address, pid, seconds)
-            count()
+            count(MORE)
             measure("and silent connections", address, pid, seconds)
-            click.echo(f"silent connections: {count()[2]} opened again")
+            click.echo(f"silent connections: {count('')[2]} opened again")
 
 
 if __name__ == "__main__":
