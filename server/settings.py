@@ -16,6 +16,7 @@ from mdrive_sumo.agent_process.agent_connection import AgentLimits as Connection
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.agent_process.sandbox.private_files import MEMORY
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.loop.request_pace import MAX_PACE_S
 from mdrive_sumo.scenario.scenario import describe_first_error
 from server.phase_settings import Count, PhaseSettings, SettingsModel
 from server.store.retention import RetentionPolicy
@@ -75,6 +76,9 @@ class SandboxSettings(SettingsModel):
     """Wall time of an agent for one reply."""
     episode_s: Annotated[float, Field(gt=0)] = _LINE.episode_s
     """Wall time of an agent for all replies of an episode: bounds how long one CAV can occupy a worker."""
+    pace_s: Annotated[float, Field(ge=0, le=MAX_PACE_S)] = 0.0
+    """Time from the requests of a tick to those of the next one, whatever the agents take; 0: none. No result depends
+    on it, so it is no part of the evaluator."""
     reply_bytes: Count = 64 * 1024
 
     def box_limits(self) -> BoxLimits:
@@ -87,7 +91,9 @@ class SandboxSettings(SettingsModel):
 
     def line_limits(self) -> ConnectionLimits:
         """Return the limits of the connection to an agent."""
-        return ConnectionLimits(tick_s=self.tick_s, episode_s=self.episode_s, reply_bytes=self.reply_bytes)
+        return ConnectionLimits(
+            tick_s=self.tick_s, episode_s=self.episode_s, pace_s=self.pace_s, reply_bytes=self.reply_bytes
+        )
 
 
 class WorkerSettings(SettingsModel):
@@ -144,6 +150,19 @@ class RegistrationSettings(SettingsModel):
     """Registrations of all teams per UTC day."""
 
 
+class ConnectionSettings(SettingsModel):
+    """What clients may hold open at a time, see `server.api.concurrency_limit` and `server.cli.limited_protocol`."""
+
+    total: Annotated[int, Field(ge=16)] = 1000
+    """Connections of this server; for a new one beyond, the one that has waited longest for its client is closed."""
+    streams: Count = 256
+    """Event streams of all teams: each queries the database once a second."""
+    streams_per_team: Count = 16
+    uploads: Count = 64
+    """Uploads of all teams: quotas are counted only when an archive is complete, disks fill up before."""
+    uploads_per_team: Count = 8
+
+
 class WebhookSettings(SettingsModel):
     """Notifications of teams over HTTP; see `server.api.webhook_address` for where they may go."""
 
@@ -170,6 +189,7 @@ class ServerSettings(SettingsModel):
     work: WorkerSettings = WorkerSettings()
     keep: RetentionSettings = RetentionSettings()
     registration: RegistrationSettings = RegistrationSettings()
+    connections: ConnectionSettings = ConnectionSettings()
     webhooks: WebhookSettings = WebhookSettings()
     phases: tuple[PhaseSettings, ...] = ()
 
@@ -208,6 +228,7 @@ _SECTIONS: Mapping[str, Mapping[str, object]] = {
     "work": WorkerSettings.model_fields,
     "keep": RetentionSettings.model_fields,
     "registration": RegistrationSettings.model_fields,
+    "connections": ConnectionSettings.model_fields,
     "webhooks": WebhookSettings.model_fields,
 }
 _NOT_SCALAR = (*_SECTIONS, "phases")

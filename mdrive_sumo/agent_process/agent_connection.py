@@ -2,13 +2,16 @@
 
 Requests and answers alternate; each answer names the tick of its request. `reply_decoding` reads the answers. Deadlines
 cover whole messages in both directions: an agent that does not read, or that sends a byte a second, times out.
+
+The agents of one episode are asked together and share a `ConnectionGroup`: a request is sent as far as its socket takes
+it, and while one answer is awaited those of the others are timed and taken over, so no agent waits or pays for another.
 """
 
 import bisect
 import select
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NoReturn, TypeVar
@@ -17,12 +20,15 @@ from mdrive_sumo.agent_process import wire_protocol
 from mdrive_sumo.agent_process.child_process import AgentProcess
 from mdrive_sumo.agent_process.frame_file import FrameFolder
 from mdrive_sumo.agent_process.reply_decoding import AgentCrashError, InvalidReplyError, decode_answer
+from mdrive_sumo.core.bimodality import describe_modes
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
 
 T = TypeVar("T")
 HISTOGRAM_MS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000)
 """Upper ends of the histogram of think times [ms]; one more class counts longer ones."""
+SENDING_S = 0.01
+"""Pause between attempts to send to an agent that does not read [s]."""
 AT_ONCE = 2**18
 """Read from the socket at once [bytes]: more than its buffer, so that a timely answer is read in one piece."""
 
@@ -39,6 +45,8 @@ class AgentLimits:
     """For all answers of an episode together."""
     reply_bytes: int = 65536
     """Longest answer: control or plan, messages and notes together."""
+    pace_s: float = 0.0
+    """Time from a request to the next one of a run with a pace: `usage_record` counts the answers that took longer."""
     episode_bytes: int = 2**24
     """All answers of an episode together: their messages and notes are kept in memory and recorded."""
 
@@ -46,11 +54,20 @@ class AgentLimits:
 class AgentConnection:
     """The connection to one process. Every method but `close` raises AgentFailure; after that the process is gone."""
 
-    def __init__(self, child: AgentProcess, frames: FrameFolder, limits: AgentLimits) -> None:
-        """Take ownership of the process and the frame folder."""
+    def __init__(
+        self, child: AgentProcess, frames: FrameFolder, limits: AgentLimits, group: "ConnectionGroup | None" = None
+    ) -> None:
+        """Take ownership of the process and the frame folder. group: of the agents that are asked together."""
         self._child, self._frames, self.limits = child, frames, limits
         self._call, self._tick, self._requested_at, self._used_s, self._received_bytes = "", 0, 0.0, 0.0, 0
         self._open = True
+        self._prepared: bytes | None = None
+        self._unsent = memoryview(b"")
+        self._received = b""
+        self._answered_at: float | None = None
+        """When the answer was complete, or could not become so; None while it is awaited."""
+        self._group = group if group is not None else ConnectionGroup()
+        self._group.add(self)
         self.failure = ""
         """Why the connection ended, if the agent failed."""
         self.think_times_s: list[float] = []
@@ -58,29 +75,84 @@ class AgentConnection:
         child.socket.setblocking(False)
 
     def send(self, call: str, tick: int, value: object) -> None:
-        """Send a request. An answer that has arrived before it ends the agent."""
+        """Prepare a request and send it."""
+        self.prepare(call, tick, value)
+        self.send_prepared()
+
+    def prepare(self, call: str, tick: int, value: object) -> None:
+        """Encode a request. An answer that has arrived before it ends the agent."""
         self._call, self._tick = call, tick
         if self._receive_available(1, socket.MSG_PEEK):
             self._fail(FailureReason.INVALID, "expected no answer before the request, found one")
         self._frames.begin()
-        limit_s = self.limits.tick_s if tick >= 0 else self.limits.start_s
-        self._write(
-            wire_protocol.encode_frame({"call": call, "tick": tick, "value": value}, self._frames.store), limit_s
-        )
-        self._requested_at = time.monotonic()
+        frame = {"call": call, "tick": tick, "value": value}
+        self._prepared = wire_protocol.encode_frame(frame, self._frames.store)
+
+    def send_prepared(self) -> None:
+        """Send the request, if there is one, as far as the agent's socket takes it; `receive` sends what is left."""
+        if self._prepared is not None:
+            self._unsent, self._prepared = memoryview(self._prepared), None
+            self._received, self._answered_at = b"", None
+            self._requested_at = time.monotonic()
+            self._send_more()
 
     def receive(self, read: Callable[[Any], T]) -> T:
         """Return the answer to the last request. read: a function of `reply_decoding` that checks plain values."""
+        self.send_prepared()
         if self._tick < 0:
             return self._read_answer(time.monotonic() + self.limits.start_s, read)
-        left_s = self.limits.episode_s - self._used_s
-        answer = self._read_answer(self._requested_at + min(self.limits.tick_s, left_s), read)
-        self.think_times_s.append(time.monotonic() - self._requested_at)
+        self._group.wait()
+        answer = self._read_answer(self._find_deadline(), read)
+        answered_at = self._answered_at if self._answered_at is not None else time.monotonic()
+        self.think_times_s.append(answered_at - self._requested_at)
         self._used_s += self.think_times_s[-1]
         return answer
 
+    @property
+    def process(self) -> AgentProcess:
+        """The process, for `ConnectionGroup`."""
+        return self._child
+
+    @property
+    def has_unsent(self) -> bool:
+        """Whether a part of the request is not sent yet."""
+        return bool(self._unsent)
+
+    def is_awaited(self) -> bool:
+        """Return whether the answer to the observation of a tick can still arrive in time."""
+        is_asked = self._open and self._tick >= 0 and self._requested_at > 0 and self._prepared is None
+        return is_asked and self._answered_at is None and time.monotonic() <= self._find_deadline()
+
+    def take_available(self) -> None:
+        """Send and receive what is possible without waiting; failures show in `receive`."""
+        try:
+            self._send_more()
+            room = wire_protocol.LENGTH.size + self.limits.reply_bytes + 1 - len(self._received)
+            data = self._child.socket.recv(min(room, AT_ONCE))
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        self._received += data
+        if not data or self._find_missing(self._received) <= 0:
+            self._answered_at = time.monotonic()
+
+    def find_left_s(self) -> float:
+        """Return the time that is left for the answer, at least 0 [s]."""
+        return max(0.0, self._find_deadline() - time.monotonic())
+
+    def _find_deadline(self) -> float:
+        return self._requested_at + min(self.limits.tick_s, self.limits.episode_s - self._used_s)
+
+    def _find_missing(self, data: bytes) -> int:
+        """Return how many bytes of a frame are missing at least; 0 or less where it is complete or invalid."""
+        if len(data) < wire_protocol.LENGTH.size:
+            return wire_protocol.LENGTH.size - len(data)
+        size = wire_protocol.LENGTH.unpack_from(data)[0]
+        return wire_protocol.LENGTH.size + size - len(data) if 0 < size <= self.limits.reply_bytes else 0
+
     def fail(self, failure: FailureReason, text: str) -> NoReturn:
-        """End the process for the content of its answers; raises AgentFailure."""
+        """End the process; raises AgentFailure."""
         self.failure = text
         self.close()
         raise AgentFailure(failure, text) from None
@@ -110,21 +182,45 @@ class AgentConnection:
 
     def _read(self, deadline: float) -> bytes:
         """Read one frame. Its length must be below the limit, and no byte may follow it."""
-        data, size, most = b"", 0, self.limits.reply_bytes
-        while not size or len(data) < wire_protocol.LENGTH.size + size:
-            if not self._child.wait_readable(deadline - time.monotonic()) or (data and time.monotonic() > deadline):
-                self._fail(FailureReason.TIMEOUT, "no answer within the time limit")
-            received = self._receive_available(min(wire_protocol.LENGTH.size + most + 1, AT_ONCE))
+        data, self._received, most = self._received, b"", self.limits.reply_bytes
+        while self._find_missing(data) > 0:
+            self._wait(deadline, is_begun=bool(data))
+            received = self._receive_available(min(wire_protocol.LENGTH.size + most + 1 - len(data), AT_ONCE))
             if not received and time.monotonic() > deadline:  # readable without data, again and again
-                self._fail(FailureReason.TIMEOUT, "no answer within the time limit")
+                self._fail_late()
             data += received
-            if not size and len(data) >= wire_protocol.LENGTH.size:
-                size = wire_protocol.LENGTH.unpack_from(data)[0]
-                if not 0 < size <= most:
-                    self._fail(FailureReason.INVALID, f"expected an answer of at most {most} bytes, found {size}")
+        size = wire_protocol.LENGTH.unpack_from(data)[0]
+        if not 0 < size <= most:
+            self._fail(FailureReason.INVALID, f"expected an answer of at most {most} bytes, found {size}")
         if len(data) > wire_protocol.LENGTH.size + size:
             self._fail(FailureReason.INVALID, "expected one answer, found more")
+        if self._unsent:
+            self._fail(FailureReason.INVALID, "expected no answer before the whole request, found one")
         return data[wire_protocol.LENGTH.size :]
+
+    def _wait(self, deadline: float, is_begun: bool) -> None:
+        """Wait for a part of the answer, and meanwhile send what is left of the request."""
+        while self._unsent:
+            if self._child.wait_readable(SENDING_S):  # it takes over the output, without which the agent may not read
+                return
+            self._send_more()
+            if time.monotonic() > deadline:
+                self._fail_late()
+        if not self._child.wait_readable(deadline - time.monotonic()) or (is_begun and time.monotonic() > deadline):
+            self._fail_late()
+
+    def _send_more(self) -> None:
+        try:
+            while self._unsent:
+                self._unsent = self._unsent[self._child.socket.send(self._unsent) :]
+        except BlockingIOError:
+            return
+        except (BrokenPipeError, ConnectionResetError):
+            self._unsent = memoryview(b"")  # `receive` finds the end of the process
+
+    def _fail_late(self) -> NoReturn:
+        text = "the agent does not read within the time limit" if self._unsent else "no answer within the time limit"
+        self._fail(FailureReason.TIMEOUT, text)
 
     def _receive_available(self, size: int, flags: int = 0) -> bytes:
         """Return the available bytes, b"" if there are none yet. `recv` drops passed file descriptors."""
@@ -135,23 +231,6 @@ class AgentConnection:
         except ConnectionResetError:
             data = b""
         return data or self._fail_process_ended()
-
-    def _write(self, data: bytes, limit_s: float) -> None:
-        """Send bytes within the agent's time limit: it may have stopped reading."""
-        left, deadline = memoryview(data), time.monotonic() + limit_s
-        while left:
-            try:
-                left = left[self._child.socket.send(left) :]
-            except BlockingIOError:
-                self._wait_for_room(deadline)
-            except (BrokenPipeError, ConnectionResetError):
-                self._fail_process_ended()
-
-    def _wait_for_room(self, deadline: float) -> None:
-        while not select.select([], [self._child.socket], [], 0.01)[1]:
-            if time.monotonic() > deadline:
-                self._fail(FailureReason.TIMEOUT, "the agent does not read within the time limit")
-            self._child.wait_readable(0.0)  # its output must be drained, or it blocks
 
     def _fail_process_ended(self) -> NoReturn:
         how = self._child.describe_exit() if self._open else "it was ended"
@@ -173,6 +252,10 @@ class AgentConnection:
                 "max": thought_ms[-1] if count else None,
                 "sum": round(sum(thought_ms), 3),
                 "counts": [after - before for before, after in pairwise((0, *_count_up_to(thought_ms), count))],
+                "late": sum(seconds > self.limits.pace_s for seconds in self.think_times_s)
+                if self.limits.pace_s
+                else None,
+                "modes": describe_modes(self.think_times_s),
             },
             **self._child.usage_record(),
         }
@@ -181,3 +264,37 @@ class AgentConnection:
 def _count_up_to(thought_ms: list[float]) -> list[int]:
     """Return how many of the sorted times are within each upper end of the histogram."""
     return [bisect.bisect_right(thought_ms, end) for end in HISTOGRAM_MS]
+
+
+class ConnectionGroup:
+    """The connections to the agents of one episode, which are asked in the same moment."""
+
+    def __init__(self) -> None:
+        self._members: list[AgentConnection] = []
+
+    def add(self, member: AgentConnection) -> None:
+        """Add a connection."""
+        self._members.append(member)
+
+    def wait(self) -> None:
+        """Wait until every answer that is awaited is complete, or its time is over."""
+        while len(self._members) > 1 and (awaited := [each for each in self._members if each.is_awaited()]):
+            self._wait_for_any(awaited)
+
+    @staticmethod
+    def _wait_for_any(awaited: Sequence[AgentConnection]) -> None:
+        poller = select.poll()
+        member_by_fd: dict[int, AgentConnection] = {}
+        for member in awaited:
+            fd, log_fd = member.process.socket.fileno(), member.process.log_fd
+            poller.register(fd, select.POLLIN | (select.POLLOUT if member.has_unsent else 0))
+            member_by_fd[fd] = member
+            if log_fd >= 0:
+                poller.register(log_fd, select.POLLIN)
+                member_by_fd[log_fd] = member
+        for fd, _ in poller.poll(1000 * min(member.find_left_s() for member in awaited)):
+            member = member_by_fd[fd]
+            if fd == member.process.log_fd:
+                member.process.wait_readable(0.0)  # takes over the output
+            else:
+                member.take_available()

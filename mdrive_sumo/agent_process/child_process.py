@@ -35,6 +35,11 @@ class AgentProcess(Protocol):
         """Our end."""
         ...
 
+    @property
+    def log_fd(self) -> int:
+        """The pipe with the output of the process, which must be drained; -1 if there is none."""
+        ...
+
     def wait_readable(self, timeout_s: float) -> bool:
         """Wait until the socket is readable or closed, and return whether it is; drains the output of the process."""
         ...
@@ -90,6 +95,8 @@ class AgentBox:
 
 class PlainAgentProcess:
     """A child process with the rights of the user: only the clock and the contract are enforced."""
+
+    log_fd = -1
 
     def __init__(self, program: AgentProgram, frames: Path) -> None:
         """Raises OSError."""
@@ -154,6 +161,11 @@ class BoxedAgentProcess:
     def socket(self) -> socket.socket:
         """See AgentProcess."""
         return self._box.socket
+
+    @property
+    def log_fd(self) -> int:
+        """See AgentProcess."""
+        return self._box.log_fd
 
     def wait_readable(self, timeout_s: float) -> bool:
         """See AgentProcess."""

@@ -43,6 +43,7 @@ class JointAgentSession:
         self._failure: AgentFailure | None = None
         self._briefings: dict[str, Briefing] = {}
         self._asked: dict[str, Observation] = {}
+        self._requested: tuple[str, ...] = ()
         self._answers: dict[str, object] = {}
         self.think_time_s = 0.0
         self.drivers = {ego: JointDriver(self, ego, told) for ego, told in self._pseudonyms.items()}
@@ -77,14 +78,24 @@ class JointAgentSession:
             self._check()
 
     def ask(self, told: str, observation: Observation) -> None:
-        """Keep an observation of a CAV, given by its pseudonym, until the first answer is requested."""
+        """Keep an observation of a CAV, given by its pseudonym, until all of the tick are there."""
         self._check()
         self._asked[told] = observation
 
+    def send(self) -> None:
+        """Send the observations of all CAVs that were asked, in one request."""
+        if self._asked:
+            self._check()
+            asked, self._asked = self._asked, {}
+            self._requested = tuple(asked)
+            with _FailureKeeper(self):
+                self._line.send("act", next(iter(asked.values())).tick, asked)
+
     def answer(self, told: str) -> Reply:
         """Return the reply for one CAV, given by its pseudonym."""
-        if self._asked:
-            self._request_replies()
+        self.send()
+        if self._requested:
+            self._receive_replies()
         self._check()
         return reply_decoding.read_reply(self._answers.pop(told))
 
@@ -96,13 +107,10 @@ class JointAgentSession:
         """See `AgentConnection.usage_record`."""
         return self._line.usage_record()
 
-    def _request_replies(self) -> None:
+    def _receive_replies(self) -> None:
         self._check()
-        asked, self._asked = self._asked, {}
-        tick = next(iter(asked.values())).tick
+        told, self._requested = self._requested, ()
         with _FailureKeeper(self):
-            self._line.send("act", tick, asked)
-            told = tuple(asked)
             self._answers = dict(self._line.receive(lambda value: reply_decoding.read_replies_by_ego(value, told)))
             self.think_time_s = self._line.think_times_s[-1]
 
@@ -151,6 +159,10 @@ class JointDriver:
     def ask(self, observation: Observation) -> None:
         """See AgentDriver."""
         self._session.ask(self._told, observation)
+
+    def send(self) -> None:
+        """See AgentDriver: the first call sends the observations of all CAVs."""
+        self._session.send()
 
     def answer(self) -> Reply:
         """See AgentDriver."""

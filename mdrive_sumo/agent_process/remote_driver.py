@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from mdrive_sumo.agent_process import reply_decoding
-from mdrive_sumo.agent_process.agent_connection import AgentConnection, AgentLimits
+from mdrive_sumo.agent_process.agent_connection import AgentConnection, AgentLimits, ConnectionGroup
 from mdrive_sumo.agent_process.child_process import AgentBox, AgentProgram, BoxedAgentProcess, PlainAgentProcess
 from mdrive_sumo.agent_process.frame_file import FrameFolder
 from mdrive_sumo.agent_process.wire_protocol import CREATE_TICK, START_TICK
@@ -56,7 +56,11 @@ class RemoteDriver:
 
     def ask(self, observation: Observation) -> None:
         """See AgentDriver."""
-        self._line.send("act", observation.tick, observation)
+        self._line.prepare("act", observation.tick, observation)
+
+    def send(self) -> None:
+        """See AgentDriver."""
+        self._line.send_prepared()
 
     def answer(self) -> Reply:
         """See AgentDriver."""
@@ -80,8 +84,13 @@ class RemoteDriver:
         return self._declared
 
 
-def open_agent_connection(program: AgentProgram, limits: AgentLimits, box: AgentBox | None = None) -> AgentConnection:
-    """Start an agent's process, plain or boxed, and return the connection. Raises InputError, BoxError, OSError."""
+def open_agent_connection(
+    program: AgentProgram, limits: AgentLimits, box: AgentBox | None = None, group: ConnectionGroup | None = None
+) -> AgentConnection:
+    """Start an agent's process, plain or boxed, and return the connection. Raises InputError, BoxError, OSError.
+
+    group: of the agents of the same episode.
+    """
     frames = FrameFolder()
     try:
         if program.pickled:
@@ -92,4 +101,4 @@ def open_agent_connection(program: AgentProgram, limits: AgentLimits, box: Agent
     except BaseException:
         frames.close()
         raise
-    return AgentConnection(child, frames, limits)
+    return AgentConnection(child, frames, limits, group)

@@ -34,6 +34,7 @@ def evaluate(
     score_mode: str | None = None,
     workers: int | None = None,
     scheduler: str = "",
+    pace_ms: float = 0.0,
     record: bool = True,
     record_cameras: bool = False,
     out: str | Path | None = None,
@@ -51,7 +52,8 @@ def evaluate(
     seed, or the percentage of them that `penetration` says (without `others`, the rest drives as `single`).
     score_mode: by default that of the suite, `mdrive` or `hard` (docs/scoring.md).
     seeds: a number of seeds (3 means 0, 1 and 2) or the seeds themselves. workers: processes, by
-    default one per core. scheduler: address of a Dask scheduler whose workers drive instead.
+    default one per core. scheduler: address of a Dask scheduler whose workers drive instead. pace_ms: time from the
+    requests of a tick to those of the next one, whatever the agents take [ms]; it changes no result, 0: none.
     record: whether to keep recordings, without which there is no replay. record_cameras: whether to keep the colour
     images of the agent's cameras for it.
     out: the run folder, which holds all seeds; by default a folder below `runs/` that the arguments determine. A folder
@@ -78,6 +80,7 @@ def evaluate(
         options=EpisodeOptions.parse(**options),
         workers=workers or count_available_cores(),
         scheduler=scheduler,
+        pace_s=pace_ms / 1000,
         record=record,
         record_cameras=record_cameras,
         out=None if out is None else Path(out),

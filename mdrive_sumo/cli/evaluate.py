@@ -14,6 +14,7 @@ from mdrive_sumo.cli.comm import episode_options, read_episode_options
 from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.loop.request_pace import MAX_PACE_S
 from mdrive_sumo.report.agent_failures import format_agent_failures, format_first_failure
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.result_tables import format_summary
@@ -77,6 +78,16 @@ EXECUTORS = ("local", "dask")
     default=1,
     show_default=True,
     help="Drive every scenario with so many seeds, --seed being the first; means have intervals.",
+)
+@click.option(
+    "--pace",
+    "pace_ms",
+    type=click.FloatRange(0, 1000 * MAX_PACE_S),
+    default=0.0,
+    show_default=True,
+    metavar="MS",
+    help="Send the requests of a tick so long after those of the one before, whatever the agents take: no agent then"
+    " learns how long another one thinks. It changes no result. 0: as soon as all have answered.",
 )
 @workers_option
 @click.option(
@@ -152,6 +163,7 @@ def _read_config(agent_options: Mapping[str, ConfigValue], options: dict[str, An
         options=read_episode_options(options),
         seed=first,
         more_seeds=tuple(range(first + 1, first + count)),
+        pace_s=options.pop("pace_ms") / 1000,
         command=("mdrive-sumo", *sys.argv[1:]),
         **known,
         **options,

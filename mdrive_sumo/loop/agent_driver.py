@@ -21,7 +21,11 @@ class AgentFailure(MdriveError):
 
 
 class AgentDriver(Protocol):
-    """The agent of one CAV. `ask` and `answer` are separate, so that agents in other processes run in parallel."""
+    """The agent of one CAV. The steps of a tick are separate, so that agents in other processes run in parallel.
+
+    All agents are asked, then all requests are sent, then the answers are awaited: no agent learns from the time of its
+    request how long another one thought in this tick.
+    """
 
     @property
     def label(self) -> str:
@@ -42,7 +46,11 @@ class AgentDriver(Protocol):
         ...
 
     def ask(self, observation: Observation) -> None:
-        """Send an observation."""
+        """Prepare the request with an observation."""
+        ...
+
+    def send(self) -> None:
+        """Send the prepared request; never waits for the agent."""
         ...
 
     def answer(self) -> Reply:
@@ -77,6 +85,9 @@ class LocalDriver:
     def ask(self, observation: Observation) -> None:
         """See Driver."""
         self._observation = observation
+
+    def send(self) -> None:
+        """See Driver."""
 
     def answer(self) -> Reply:
         """See Driver."""

@@ -7,6 +7,7 @@ from mdrive_sumo.contract import Observation, Reply
 from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.episode import ThinkTime
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure
+from mdrive_sumo.loop.request_pace import RequestPace
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +25,13 @@ class AgentScheduler:
         clock: Clock,
         recorded: Sequence[ThinkTime],
         report_failure: Callable[[str, AgentFailure], None],
+        pace: RequestPace | None = None,
     ) -> None:
-        """`recorded`: think times of a recorded run, used under a measured clock instead of the measured ones."""
+        """`recorded`: think times of a recorded run, used under a measured clock instead of the measured ones.
+
+        `pace`: when requests go out; None: as soon as the tick before is done.
+        """
+        self._pace = pace
         self._drivers, self._clock, self._report_failure = drivers, clock, report_failure
         self._recorded_ticks = {(one.ego, one.tick): one.ticks for one in recorded} if recorded else None
         self._pending: dict[str, _PendingReply] = {}
@@ -39,10 +45,13 @@ class AgentScheduler:
     def collect_replies(self, tick: int, observations: Mapping[str, Observation]) -> dict[str, Reply]:
         """Send the observations of `tick` to the agents; return the replies that take effect in `tick`.
 
-        All agents get their observation before the first reply is awaited. Failures go to `report_failure`.
+        All requests are prepared, then sent together, then the first reply is awaited. Failures go to `report_failure`.
         """
         replies = self._pop_due(tick)
-        asked = [ego for ego, observation in observations.items() if self._send(ego, observation)]
+        prepared = [ego for ego, observation in observations.items() if self._prepare(ego, observation)]
+        if self._pace is not None:
+            self._pace.wait()
+        asked = [ego for ego in prepared if self._send(ego)]
         for ego in asked:
             reply = self._receive(ego)
             if reply is not None:
@@ -62,11 +71,17 @@ class AgentScheduler:
             self.think_times.append(ThinkTime(ego, tick, ticks))
         return ticks
 
-    def _send(self, ego: str, observation: Observation) -> bool:
+    def _prepare(self, ego: str, observation: Observation) -> bool:
         if self._clock.kind == "measured":
             _ = observation.objects  # computed now: it is no think time
+        return self._try(ego, lambda: self._drivers[ego].ask(observation))
+
+    def _send(self, ego: str) -> bool:
+        return self._try(ego, self._drivers[ego].send)
+
+    def _try(self, ego: str, act: Callable[[], None]) -> bool:
         try:
-            self._drivers[ego].ask(observation)
+            act()
         except AgentFailure as error:
             self._report_failure(ego, error)
             return False

@@ -9,22 +9,29 @@ from mdrive_sumo.loop.agent_scheduler import AgentScheduler
 from mdrive_sumo.loop.episode_config import EpisodeConfig
 from mdrive_sumo.loop.episode_simulation import EpisodeSimulation
 from mdrive_sumo.loop.frame_source import FrameSource, SimulatedFrames, World
+from mdrive_sumo.loop.request_pace import make_pace
 
 ObservationWatcher = Callable[[int, Mapping[str, Observation]], None]
 """Gets every tick with the observations of that tick, by CAV."""
 
 
 def run_episode(
-    config: EpisodeConfig, world: World, drivers: Mapping[str, AgentDriver], watch: ObservationWatcher | None = None
+    config: EpisodeConfig,
+    world: World,
+    drivers: Mapping[str, AgentDriver],
+    watch: ObservationWatcher | None = None,
+    pace_s: float = 0.0,
 ) -> EpisodeRecord:
     """Run one scenario until every CAV has arrived, is blocked, deviated, timed out, or stands without an agent.
 
     `drivers` maps the id of every CAV to its agent; `watch` sees what they are given. If an agent fails, its own CAV
-    brakes to a stop; others drive on.
+    brakes to a stop; others drive on. `pace_s`: time from the requests of a tick to those of the next one, see
+    `RequestPace`; 0: none. It changes no result.
     Raises InputError for an invalid sensor and WorldError if the simulator fails.
     """
     simulation = start_agents(config, SimulatedFrames(config, world), drivers)
-    scheduler = AgentScheduler(drivers, config.options.clock, config.think_times, simulation.fail_agent)
+    pace = make_pace(pace_s)
+    scheduler = AgentScheduler(drivers, config.options.clock, config.think_times, simulation.fail_agent, pace)
     observations = simulation.reset()
     while not simulation.is_done:
         if watch is not None:

@@ -58,6 +58,10 @@ class AgentSpec:
         """Whether it is a built-in agent that ONNX Runtime computes for."""
         return isinstance(self.agent, str) and self.agent in LEARNED_AGENTS
 
+    def with_pace(self, pace_s: float) -> "AgentSpec":
+        """Return the agent as it is asked in a run with a pace; 0: none."""
+        return replace(self, limits=replace(self.limits, pace_s=pace_s))
+
     def resolve(self) -> "AgentSpec":
         """Return the agent as any process finds it: the path of a file is absolute. Raises InputError."""
         if not isinstance(self.agent, str) or self.is_builtin:

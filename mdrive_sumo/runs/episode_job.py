@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
+from mdrive_sumo.agent_process.agent_connection import ConnectionGroup
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
@@ -172,7 +173,7 @@ def _drive(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord
         CameraArchiveWriter(job.cameras) if job.cameras else nullcontext() as cameras,
     ):
         try:
-            return run_episode(config, world, drivers, cameras.add if cameras else None)
+            return run_episode(config, world, drivers, cameras.add if cameras else None, job.agent.limits.pace_s)
         except InputError as error:  # the scenario has been checked before: it is about the agent's declaration
             if job.agent.box is not None:
                 raise RejectedError(str(error)) from None
@@ -184,15 +185,16 @@ def _open_drivers(
     job: EpisodeJob, scenario: Scenario, config: EpisodeConfig, logs: Path | None
 ) -> Generator[dict[str, AgentDriver]]:
     """Start the agents of an episode and yield driver by CAV id, in the order of the scenario."""
-    known = config.cav_pseudonyms
+    known, group = config.cav_pseudonyms, ConnectionGroup()
     if job.others is None:
-        with open_agents(job.agent, known, logs) as drivers:
+        with open_agents(job.agent, known, logs, group) as drivers:
             yield drivers
         return
     tested = job.others.choose_tested(scenario, job.seed)
     rest = {ego: name for ego, name in known.items() if ego not in tested}
+    others = job.others.agent.with_pace(job.agent.limits.pace_s)
     with (
-        open_agents(job.agent, {ego: known[ego] for ego in known if ego in tested}, logs) as first,
-        open_agents(job.others.agent, rest, logs) as second,
+        open_agents(job.agent, {ego: known[ego] for ego in known if ego in tested}, logs, group) as first,
+        open_agents(others, rest, logs, group) as second,
     ):
         yield {ego: (first | second)[ego] for ego in known}

@@ -7,7 +7,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from mdrive_sumo.agent_process.agent_connection import AgentConnection
+from mdrive_sumo.agent_process.agent_connection import AgentConnection, ConnectionGroup
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file, split_locator
 from mdrive_sumo.agent_process.child_process import PACKAGE, AgentProgram
 from mdrive_sumo.agent_process.joint_agent import JointAgentSession
@@ -90,21 +90,22 @@ def _check_boxed_sensors(sensors: tuple[SensorSpec, ...]) -> None:
 
 @contextmanager
 def open_agents(
-    spec: AgentSpec, pseudonyms: Mapping[str, str], logs: Path | None = None
+    spec: AgentSpec, pseudonyms: Mapping[str, str], logs: Path | None = None, group: ConnectionGroup | None = None
 ) -> Generator[dict[str, AgentDriver]]:
     """Start an agent for every CAV and yield driver by CAV id; the agents end with the block.
 
     pseudonyms: the id by which agents know each CAV, by CAV in the order of the scenario. Other processes are started
     in the order of the pseudonyms and see no other id of their CAV, because their number and the names of their files
     are no secret. logs: path without ending for the output of child processes: the CAV's id and `.log` are appended,
-    for boxes also a record in `.json`; None discards the output. Raises InputError, BoxError and OSError.
+    for boxes also a record in `.json`; None discards the output. group: of all agents of the episode, if these are
+    not all. Raises InputError, BoxError and OSError.
     """
     with ExitStack() as stack:
-        yield _open(spec, pseudonyms, logs, stack)
+        yield _open(spec, pseudonyms, logs, group if group is not None else ConnectionGroup(), stack)
 
 
 def _open(
-    spec: AgentSpec, pseudonyms: Mapping[str, str], logs: Path | None, stack: ExitStack
+    spec: AgentSpec, pseudonyms: Mapping[str, str], logs: Path | None, group: ConnectionGroup, stack: ExitStack
 ) -> dict[str, AgentDriver]:
     if isinstance(spec.agent, str) and spec.agent in AGENTS:
         if spec.box:
@@ -112,12 +113,12 @@ def _open(
         return {ego: LocalDriver(AGENTS[spec.agent](spec.config)) for ego in pseudonyms}
     check = _check_boxed_sensors if spec.box else None
     if isinstance(spec.agent, str) and find_carla_file(spec.agent) is not None:
-        session = JointAgentSession(_connect(spec, "all", logs), spec.config, pseudonyms, check)
+        session = JointAgentSession(_connect(spec, "all", logs, group), spec.config, pseudonyms, check)
         stack.callback(_close, session, spec, _append(logs, "all.json"))
         return {**session.drivers}
     drivers: dict[str, AgentDriver] = {}
     for ego, told in sorted(pseudonyms.items(), key=lambda pair: pair[1]):
-        drivers[ego] = driver = RemoteDriver(_connect(spec, told, logs), spec.config, check)
+        drivers[ego] = driver = RemoteDriver(_connect(spec, told, logs, group), spec.config, check)
         stack.callback(_rename, _append(logs, f"{told}.log"), _append(logs, f"{ego}.log"))
         stack.callback(_close, driver, spec, _append(logs, f"{ego}.json"))
     return drivers
@@ -129,8 +130,8 @@ def _rename(log: Path | None, name: Path | None) -> None:
         log.rename(name)
 
 
-def _connect(spec: AgentSpec, name: str, logs: Path | None) -> AgentConnection:
-    return open_agent_connection(_make_program(spec, _append(logs, f"{name}.log")), spec.limits, spec.box)
+def _connect(spec: AgentSpec, name: str, logs: Path | None, group: ConnectionGroup) -> AgentConnection:
+    return open_agent_connection(_make_program(spec, _append(logs, f"{name}.log")), spec.limits, spec.box, group)
 
 
 def _make_program(spec: AgentSpec, log: Path | None) -> AgentProgram:

@@ -33,6 +33,8 @@ EPISODES_FOLDER = "episodes"
 LOGS_FOLDER = "logs"
 TRANSCRIPTS_FOLDER = "transcripts"
 CAMERAS_FOLDER = "cameras"
+PACED_TICKS = 20_000
+"""More ticks than the time limit of any packaged scenario: what a pace adds to the time of an episode."""
 SIMULATION_LIMIT_S = 600.0
 """Wall clock of one episode without its agents [s]; only a simulator that hangs takes longer."""
 
@@ -97,7 +99,7 @@ class PreparedRun:
         return EpisodeJob(
             suite_folder=self.suite.folder.resolve(),
             scenario=scenario.id,
-            agent=self.agent,
+            agent=self.agent.with_pace(config.pace_s),
             others=self.others,
             seed=seed,
             score_mode=config.score_mode,
@@ -132,7 +134,9 @@ def compute_limit_s(agents: Sequence[AgentSpec], scenarios: Sequence[Scenario]) 
     """Return the wall clock after which an episode counts as hung [s]: more than its agents may take together."""
     foreign = [agent.limits for agent in agents if not agent.is_builtin]
     most = max(len(scenario.egos) for scenario in scenarios)
-    return SIMULATION_LIMIT_S + most * max((2 * one.start_s + one.episode_s for one in foreign), default=0.0)
+    paced_s = PACED_TICKS * max((agent.limits.pace_s for agent in agents), default=0.0)
+    of_agents_s = most * max((2 * one.start_s + one.episode_s for one in foreign), default=0.0)
+    return SIMULATION_LIMIT_S + paced_s + of_agents_s
 
 
 def prepare(config: RunConfig) -> PreparedRun:

@@ -47,6 +47,8 @@ class RunConfig:
     record: bool = True
     sandbox: bool = False
     """Whether a third-party agent runs in boxes, where it can read neither scenarios nor networks."""
+    pace_s: float = 0.0
+    """Time from the requests of a tick to those of the next one; 0: none. See `RequestPace`."""
     workers: int = 1
     scheduler: str = ""
     """Address of a Dask scheduler, whose workers then drive; "": own worker processes."""
@@ -84,8 +86,8 @@ class RunConfig:
     def to_dict(self) -> dict[str, str | int | bool]:
         """Return what identifies the run, as the journal's fingerprint holds it. Raises InputError for no locator.
 
-        Where it runs (`workers`, `scheduler`, `out`) and how it was started (`fresh`, `fail_fast`, `command`) change no
-        result, nor do images for people to look at (`record_cameras`).
+        Where it runs (`workers`, `scheduler`, `out`), when its requests go out (`pace_s`) and how it was started
+        (`fresh`, `fail_fast`, `command`) change no result, nor do images for people to look at (`record_cameras`).
         """
         return {
             "suite": self.suite,

@@ -32,7 +32,6 @@ from server.api.routes import (
     webhook,
 )
 from server.api.subprocess_runner import CallRunner, SubprocessPool, SubprocessRunner
-from server.api.upload import MAX_UPLOADS
 from server.phase_suites import LoadedPhaseSuites, PhaseSuites
 from server.settings import ServerSettings
 from server.store import Store, standings
@@ -40,6 +39,11 @@ from server.store.phases import list_phases as every_phase
 from server.store.phases import set_phases as put_phases
 
 API = "/api/v1"
+PARTS = (
+    *(teams, webhook, register, phases, submit, submissions, results),
+    *(overviews, events, leaderboards, health),
+)
+"""Modules with the routes, in the order of the description."""
 UPLOADS = (f"{API}/submissions", "/submit")
 """Paths that receive archives: the API's and that of the web form."""
 CHECKER_NICE = 2
@@ -84,6 +88,7 @@ def _make_services(
     settings: ServerSettings, store: Store | None, suites: PhaseSuites | None, runner: CallRunner | None
 ) -> Services:
     """Return what was given, and the rest as the settings want it. Raises InputError."""
+    connections = settings.connections
     reader = DirectDatabaseReader(store) if store is not None else SubprocessDatabaseReader(settings.database_url)
     return Services(
         settings,
@@ -92,7 +97,8 @@ def _make_services(
         runner if runner is not None else SubprocessPool(CHECKERS, CHECKER_NICE),
         runner if runner is not None else SubprocessRunner(MAX_REPLAYS),
         LeaderboardCache(reader),
-        ConcurrencyLimit("upload", MAX_UPLOADS),
+        ConcurrencyLimit("upload", connections.uploads_per_team, connections.uploads),
+        ConcurrencyLimit("stream of events", connections.streams_per_team, connections.streams),
     )
 
 
@@ -101,6 +107,7 @@ async def _lifespan(app: FastAPI) -> AsyncGenerator[None]:
     services, now = app.state.services, app.state.now
     await run_in_threadpool(prepare_storage, services, now())
     await services.leaderboards.refresh_all(now)
+    await run_in_threadpool(app.openapi)  # it takes a moment, in which a first request would occupy the event loop
     if isinstance(services.check_runner, SubprocessPool):  # before the first upload needs it
         await run_in_threadpool(services.check_runner.start)
     refresher = create_task(services.leaderboards.refresh_forever(now))
@@ -150,9 +157,6 @@ def prepare_storage(services: Services, now_us: int) -> None:
 
 def _make_router() -> APIRouter:
     router = APIRouter()
-    for part in (
-        *(teams, webhook, register, phases, submit, submissions, results),
-        *(overviews, events, leaderboards, health),
-    ):
+    for part in PARTS:
         router.include_router(part.router)
     return router

@@ -22,7 +22,7 @@ class CheckQueue:
 
     The team that used the least checking time is next. One team never occupies all checkers, so another team waits at
     most for the check under way of each team that used less. The number of waiting uploads of a team is limited
-    elsewhere (`upload.MAX_UPLOADS`).
+    elsewhere (`settings.ConnectionSettings`).
     """
 
     def __init__(self, slots: int, clock: Callable[[], float] = monotonic) -> None:

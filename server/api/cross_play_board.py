@@ -6,13 +6,12 @@ from statistics import fmean
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.contract import SensingTrack
-from mdrive_sumo.core.errors import InputError
 from server.api import submission_views
 from server.api.caller import Caller
 from server.api.problems import HiddenScenariosError
 from server.api.schemas.cross_play import CrossPlayAgentOut, CrossPlayCellOut, CrossPlayOut
 from server.enums import ChallengeTrack, JobState
-from server.store import cross_play, phases
+from server.store import NotFound, cross_play, phases
 from server.store.cross_play import CrossPlayScore
 from server.store.queries import LeaderboardEntry
 from server.store.tables import CrossPlayJobRow
@@ -21,12 +20,12 @@ from server.store.tables import CrossPlayJobRow
 def read_cross_play(session: Session, caller: Caller | None, phase_id: str) -> CrossPlayOut:
     """Return the board of a phase: agents of the object track first, in each track the best with strangers.
 
-    Raises NotFound for an unknown phase, InputError for one without this board, and HiddenScenariosError for a hidden
-    one unless for admins: every cell is a figure that two agents can choose by driving (docs/api.md).
+    Raises NotFound for an unknown phase and one without this board, and HiddenScenariosError for a hidden one unless
+    for admins: every cell is a figure that two agents can choose by driving (docs/api.md).
     """
     phase = phases.get(session, phase_id)
     if not phase.cross_play_scenarios:
-        raise InputError(f"phase {phase_id}: expected one with cross-play, found one without it")
+        raise NotFound(f"phase {phase_id}: expected one with cross-play, found one without it")
     if not submission_views.may_see_scenarios(caller, phase):
         raise HiddenScenariosError
     agents = cross_play.list_agents(session, phase_id)

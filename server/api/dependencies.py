@@ -13,7 +13,9 @@ from starlette.concurrency import run_in_threadpool
 from server.api.caller import Caller, find_caller
 from server.api.check_queue import CheckQueue
 from server.api.concurrency_limit import ConcurrencyLimit
+from server.api.event_watch import EventWatch
 from server.api.leaderboard_cache import LeaderboardCache
+from server.api.openapi import OPTIONAL_TOKEN
 from server.api.problems import ProblemError
 from server.api.subprocess_runner import CallRunner
 from server.enums import TokenScope
@@ -21,8 +23,6 @@ from server.phase_suites import PhaseSuites
 from server.settings import ServerSettings
 from server.store import Store
 
-MAX_STREAMS = 16
-"""Event streams of one team at a time: each queries the database once a second."""
 MAX_LARGE_READS = 1
 """Lists of a submission's scenarios made at a time: each occupies the interpreter. Others wait without a thread, so
 that they delay neither uploads nor the health check."""
@@ -30,6 +30,7 @@ CHECKERS = 2
 """Processes that check archives: one team can occupy all but one of them."""
 _R = TypeVar("_R")
 _BEARER = "Bearer "
+_optional_scheme = HTTPBearer(auto_error=False, scheme_name=OPTIONAL_TOKEN)
 _scheme = HTTPBearer(auto_error=False, description="A token of a team or of an admin.")
 """For OpenAPI only: `get_optional_caller` reads the header itself to distinguish a wrong token from none."""
 
@@ -47,7 +48,8 @@ class Services:
     """Writes replay pages; apart, because a page takes seconds and uploads must not wait for it."""
     leaderboards: LeaderboardCache
     upload_limit: ConcurrencyLimit
-    stream_limit: ConcurrencyLimit = field(default_factory=lambda: ConcurrencyLimit("stream of events", MAX_STREAMS))
+    stream_limit: ConcurrencyLimit
+    event_watch: EventWatch = field(default_factory=EventWatch)
     check_queue: CheckQueue = field(default_factory=lambda: CheckQueue(CHECKERS))
     check_threads: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(CHECKERS))
     large_reads: CapacityLimiter = field(default_factory=lambda: CapacityLimiter(MAX_LARGE_READS))
@@ -78,7 +80,7 @@ Now = Annotated[int, Depends(get_now)]
 
 
 async def get_optional_caller(
-    request: Request, services: ServicesDep, _described: Annotated[object, Depends(_scheme)]
+    request: Request, services: ServicesDep, _described: Annotated[object, Depends(_optional_scheme)]
 ) -> Caller | None:
     """Return the caller, None without a token. Raises ProblemError (401) for an invalid token."""
     header = request.headers.get("authorization")
@@ -91,7 +93,9 @@ async def get_optional_caller(
     return found
 
 
-async def require_caller(caller: Annotated[Caller | None, Depends(get_optional_caller)]) -> Caller:
+async def require_caller(
+    caller: Annotated[Caller | None, Depends(get_optional_caller)], _described: Annotated[object, Depends(_scheme)]
+) -> Caller:
     """Return the caller. Raises ProblemError (401) without a token."""
     if caller is None:
         raise _unauthorized("token: expected the header `Authorization: Bearer TOKEN`, found none")

@@ -1,7 +1,10 @@
 """Errors as problem details (RFC 9457), each with one sentence that says what to do."""
 
+import logging
 import math
+import re
 from collections.abc import Awaitable, Callable, Mapping
+from functools import cache
 from http import HTTPStatus
 from typing import Any
 
@@ -10,6 +13,8 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
+from starlette.routing import compile_path
 
 from mdrive_sumo.core.errors import InputError
 from server.api.hidden_paths import hide_paths
@@ -18,6 +23,7 @@ from server.archive import ArchiveRefused
 from server.clock import format_utc
 from server.store import NotFound, NotNow, OverLimit, StoreUnavailable
 
+LOG = logging.getLogger("mdrive.requests")
 MEDIA_TYPE = "application/problem+json"
 TYPE = "urn:mdrive-sumo:problem:"
 RETRY_AFTER_S = 5
@@ -115,6 +121,7 @@ def install_handlers(app: FastAPI) -> None:
     app.exception_handler(StoreUnavailable)(_handle_store_unavailable)
     app.exception_handler(RequestValidationError)(_handle_validation_error)
     app.exception_handler(HTTPException)(_handle_http_error)
+    app.exception_handler(ClientDisconnect)(_handle_disconnect)
     app.exception_handler(OSError)(_handle_os_error)
     app.exception_handler(Exception)(_handle_internal_error)
 
@@ -197,9 +204,41 @@ async def _handle_http_error(request: Request, error: HTTPException) -> Response
     """Handle the framework's errors: unknown path or method, a body that is not JSON."""
     found = f"{request.method} {request.url.path}"
     sentences = {404: f"there is nothing at {found:.200}", 405: f"{found:.200}: this method is not offered here"}
+    headers = {**(error.headers or {})}
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED and (methods := _find_methods(request)):
+        headers["Allow"] = ", ".join(methods)
     return await _respond(
-        request, error.status_code, "http", sentences.get(error.status_code, str(error.detail)), error.headers
+        request, error.status_code, "http", sentences.get(error.status_code, str(error.detail)), headers
     )
+
+
+def _find_methods(request: Request) -> list[str]:
+    """Return the methods that the described paths of a request offer (RFC 9110, 15.5.6): Starlette names one route's.
+
+    An event stream has no HEAD: see `response_headers`.
+    """
+    described: Mapping[str, Mapping[str, Any]] = request.app.openapi()["paths"]
+    found = {
+        method.upper()
+        for path, methods in described.items()
+        if _compile(path).match(request.url.path)
+        for method in methods
+    }
+    if "GET" in found and not request.url.path.endswith("/events"):
+        found.add("HEAD")
+    return sorted(found)
+
+
+@cache
+def _compile(path: str) -> re.Pattern[str]:
+    return compile_path(path)[0]
+
+
+async def _handle_disconnect(request: Request, error: ClientDisconnect) -> Response:  # noqa: ARG001 (Starlette's signature)
+    """Log in one line that the client left before its request was complete."""
+    found = f"{request.method} {request.url.path}"
+    LOG.warning("%r: the client left before its request was complete", found[:200])
+    return problem_response(400, "form", "request: expected all of it, found its client gone")
 
 
 async def _handle_os_error(request: Request, error: OSError) -> Response:

@@ -6,6 +6,7 @@ archive, for a few seconds.
 """
 
 import asyncio
+import time
 from collections.abc import Collection
 from contextlib import suppress
 
@@ -47,13 +48,14 @@ class _Body:
     def __init__(self, receive: Receive, limit: int | None) -> None:
         self._receive, self._limit = receive, limit
         self.size, self._is_complete = 0, False
+        self._deadline_s = time.monotonic() + JSON_S
 
     async def receive(self) -> Message:
         """ASGI. Raises HTTPException, the only exception that FastAPI passes on from here."""
         if self._limit is None or self._is_complete:
             return await self._next()
         try:
-            message = await asyncio.wait_for(self._next(), JSON_S)
+            message = await asyncio.wait_for(self._next(), max(0.0, self._deadline_s - time.monotonic()))
         except TimeoutError:
             if self._is_complete:  # `drain` has read the end meanwhile; now the client's disconnection is awaited
                 return await self._next()

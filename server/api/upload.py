@@ -25,8 +25,6 @@ from server.store.errors import new_id
 FILE_FIELD = "archive"
 UPLOAD_S = 900.0
 """Time limit of an upload [s]: a slow connection needs minutes; clients that send a byte a minute are cut off."""
-MAX_UPLOADS = 8
-"""Simultaneous uploads of one team: quotas are counted only when an archive is complete, disks fill up before."""
 FORM_BYTES = 64 * 1024
 """Size limit of a form besides its file [bytes]."""
 _FIELD_BYTES = 1024

@@ -1,6 +1,5 @@
 """`mdrive-sumo serve`: API, web pages and workers."""
 
-import asyncio
 import signal
 import socket
 import sys
@@ -10,17 +9,15 @@ from pathlib import Path
 from typing import NoReturn
 
 import click
-import h11
 import uvicorn
 from fastapi import FastAPI
-from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from mdrive_sumo.core.errors import InputError
 from server import environments
 from server.api.app import create_app, prepare_storage
-from server.api.upload import UPLOAD_S
 from server.api.webhook_sender import WebhookSender
 from server.cli.data_folder import lock_data_folder
+from server.cli.limited_protocol import limit_connections, raise_open_files
 from server.cli.options import data_option, load_settings_with, report_store_errors, settings_option
 from server.clock import now_us
 from server.evaluation.supervisor import Supervisor
@@ -35,8 +32,6 @@ HEADER_BYTES = 32 * 1024
 """Size limit of a request's headers [bytes]."""
 SWITCH_S = 0.001
 """Time after which a busy thread lets another one run [s]; Python's 5 ms delay the event loop often."""
-REQUEST_S = 20.0
-"""Time from the connection, or the last response, to the end of the next request's headers [s]."""
 BACKLOG = 2048
 EXECUTORS = ("local", "dask")
 """Executors as in `eval`, whose module would import the simulator."""
@@ -105,12 +100,14 @@ def _run(app: FastAPI, settings: ServerSettings, listener: socket.socket) -> Non
         app,
         host=settings.host,
         port=settings.port,
-        http=TimeoutProtocol,
+        http=limit_connections(settings.connections.total),
         timeout_graceful_shutdown=GRACE_S,
         h11_max_incomplete_event_size=HEADER_BYTES,
         server_header=False,
     )
     sys.setswitchinterval(SWITCH_S)
+    if (most := raise_open_files(settings.connections.total)) < settings.connections.total:
+        click.echo(f"note: connections.total: this process may open too few files; about {most} are possible", err=True)
     server = _Server(config)
     try:
         server.run(sockets=[listener])
@@ -118,30 +115,6 @@ def _run(app: FastAPI, settings: ServerSettings, listener: socket.socket) -> Non
         click.echo("stopped; running jobs return to the queue", err=True)
     if not server.started:
         raise InputError("serve: the server did not start; the lines above say why")
-
-
-class TimeoutProtocol(H11Protocol):
-    """Closes idle connections: uvicorn has no time limit for the first request or an incomplete one."""
-
-    _timer: asyncio.TimerHandle
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """asyncio's callback."""
-        super().connection_made(transport)
-        self._timer = self.loop.call_later(REQUEST_S, self._check_timeout, self.cycle)
-
-    def on_response_complete(self) -> None:
-        """uvicorn's callback."""
-        answered = self.cycle
-        super().on_response_complete()  # it may start the next request
-        self._timer.cancel()
-        # Answered before the whole body arrived: the rest is discarded, since most clients read the response only then.
-        left_s = UPLOAD_S if self.conn.their_state is h11.SEND_BODY else REQUEST_S
-        self._timer = self.loop.call_later(left_s, self._check_timeout, answered)
-
-    def _check_timeout(self, answered: object) -> None:
-        if self.cycle is answered and not self.transport.is_closing():
-            self.transport.close()
 
 
 class _Server(uvicorn.Server):

@@ -25,6 +25,7 @@ from server.environments import load_environment
 from server.evaluation.archive_cache import unpack_archive
 from server.evaluation.job_task import BY_MESSAGES, AgentRejection, JobResult, JobTask
 from server.evaluation.message_blame import is_failure_by_messages
+from server.evaluation.thinking_times import THINKING
 from server.store.jobs import JobOutcome
 from server.store.overviews import MAX_RESULT_BYTES, count_bytes
 from server.submitted_agent import SubmittedAgent, find_verdict
@@ -143,7 +144,8 @@ def _make_job(task: JobTask, agent: SubmittedAgent, other: SubmittedAgent | None
 def collect_usage(folder: Path) -> dict[str, Any]:
     """Return the resource usage of a job's sandboxes by CAV, from the records in `folder`, which are deleted.
 
-    `latency` is a histogram of reply times: `counts[i]` up to `ends_ms[i]`, the last one above all ends.
+    `latency` is a histogram of reply times: `counts[i]` up to `ends_ms[i]`, the last one above all ends. `thinking` is
+    for organisers, see `thinking_times`.
     """
     records: dict[str, Mapping[str, Any]] = {}
     for path in sorted(folder.glob("*.json")):
@@ -157,6 +159,9 @@ def collect_usage(folder: Path) -> dict[str, Any]:
         "peak_memory_bytes": max((record.get("peak_memory_bytes") or 0 for record in records.values()), default=None),
         "cpu_s": round(sum(record.get("cpu_s") or 0.0 for record in records.values()), 3),
         "boxes": {name: _box_usage(record) for name, record in records.items()},
+        THINKING: {
+            name: {key: record["thought_ms"].get(key) for key in ("modes", "late")} for name, record in records.items()
+        },
     }
 
 

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.make_executor import make_executor
-from mdrive_sumo.runs.prepared_run import SIMULATION_LIMIT_S
+from mdrive_sumo.runs.prepared_run import PACED_TICKS, SIMULATION_LIMIT_S
 from server.clock import now_us
 from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.job_task import JobResult, JobTask
@@ -82,7 +82,11 @@ def _compute_limit_s(store: Store, settings: ServerSettings, suites: LoadedPhase
         every = phases.list_phases(session)
     egos = [len(scenario.egos) for phase in every for scenario in suites.suite(phase).scenarios]
     limits = settings.sandbox.line_limits()
-    return SIMULATION_LIMIT_S + max(egos, default=1) * (2 * limits.start_s + limits.episode_s)
+    return (
+        SIMULATION_LIMIT_S
+        + PACED_TICKS * limits.pace_s
+        + max(egos, default=1) * (2 * limits.start_s + limits.episode_s)
+    )
 
 
 def _read_line(fd: int) -> bytes:

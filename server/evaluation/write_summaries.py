@@ -5,6 +5,7 @@ from collections.abc import Callable
 from sqlalchemy.orm import Session
 
 from server.evaluation.summary import summarise
+from server.evaluation.thinking_times import record_thinking_flag
 from server.store import Store, submissions
 
 OnDone = Callable[[Session, str], None]
@@ -22,7 +23,8 @@ def write_summary(store: Store, submission: str, clock: Callable[[], int], on_do
         summary = summarise(submissions.list_finished_jobs(session, submission))
     with store.write() as session:
         if submissions.finish_if_complete(session, submission, summary, clock()):
-            on_done(session, submission)
+            on_done(session, submission)  # first: the hash of the entry `submission-done` draws the spot checks
+            record_thinking_flag(session, submission, clock())
 
 
 def write_left_over_summaries(store: Store, clock: Callable[[], int], on_done: OnDone) -> None:

@@ -18,6 +18,8 @@ from server.enums import ChallengeTrack
 API = "/api/v1"
 TRIES = 3
 """Attempts of an upload; the idempotency key makes them one submission."""
+WAIT_S = 5
+"""Wait between attempts if the server does not say how long [s]."""
 MAX_WAIT_S = 60
 """Longest wait between attempts [s]."""
 TIMEOUT = httpx.Timeout(30.0, read=60.0)
@@ -36,8 +38,8 @@ class SubmissionForm:
 class ServerUnreachable(InputError):
     """The server cannot be reached or is busy; a later attempt can succeed."""
 
-    def __init__(self, sentence: str, after_s: int = 5) -> None:
-        """`after_s`: seconds after which to try again."""
+    def __init__(self, sentence: str, after_s: int | None = None) -> None:
+        """`after_s`: seconds after which to try again, if the server says so."""
         super().__init__(sentence)
         self.after_s = after_s
 
@@ -99,7 +101,7 @@ class ChallengeClient:
             except ServerUnreachable as error:
                 if not left:
                     raise
-                time.sleep(min(error.after_s, MAX_WAIT_S))
+                time.sleep(min(error.after_s or WAIT_S, MAX_WAIT_S))
         raise AssertionError
 
     def show(self, submission: str) -> Mapping[str, Any]:

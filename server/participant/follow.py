@@ -6,7 +6,7 @@ from typing import Any
 
 from mdrive_sumo.core.errors import InputError
 from server.enums import SubmissionState
-from server.participant.client import ChallengeClient, ServerUnreachable
+from server.participant.client import MAX_WAIT_S, ChallengeClient, ServerUnreachable
 
 FINISHED = frozenset(SubmissionState) - {SubmissionState.QUEUED, SubmissionState.RUNNING}
 PAUSE_S = 2.0
@@ -24,6 +24,7 @@ def follow(
     """Print events and the result; return the final state. Raises InputError."""
     after, printed, tries = "", "", 0
     while True:
+        wait_s = pause_s
         try:
             for event_id, kind, data in client.events(submission, after):
                 after, tries = event_id or after, 0
@@ -37,11 +38,12 @@ def follow(
                 if printed != format_state(shown):
                     print_line(format_state(shown))
                 return print_summary(shown, print_line)
-        except ServerUnreachable:
+        except ServerUnreachable as error:
             tries += 1
             if tries > TRIES:
                 raise
-        time.sleep(pause_s)
+            wait_s = max(pause_s, min(error.after_s or 0, MAX_WAIT_S))  # too many streams: it says how long
+        time.sleep(wait_s)
 
 
 def format_state(data: Mapping[str, Any]) -> str:

@@ -13,8 +13,9 @@ from server.store.tables import AuditEntryRow
 Columns = dict[str, Any]
 """Expected values by name of the column."""
 _PREFIX = "submission-"
-_COPIED = ("archive_sha256", "phase", "evaluator", "track", "name")
-"""Columns of a submission that its entries repeat; the last two in entries of newer versions only."""
+_COPIED = ("archive_sha256", "phase", "evaluator", "track", "name", "environment", "counts", "jobs_sha256")
+"""Columns of a submission that its entries repeat, and a checksum of its jobs; from `track` on in entries of newer
+versions only."""
 _PAIR = ("phase", "tested", "others", "scenario")
 _UNFINISHED: Columns = {"state": None, "ds": None, "summary_sha256": None}
 
@@ -26,6 +27,8 @@ class AuditedRows:
     teams: dict[str, Columns] = field(default_factory=lambda: {})
     tokens: dict[str, Columns] = field(default_factory=lambda: {})
     phases: dict[str, Columns] = field(default_factory=lambda: {})
+    webhooks: dict[str, Columns] = field(default_factory=lambda: {})
+    """By team; `url_sha256` and `secret_sha256` are absent in entries of older versions."""
     submissions: dict[str, Columns] = field(default_factory=lambda: {})
     """`state` is None while a submission is unfinished; `summary_sha256` is absent in entries of older versions."""
     cross_play: dict[str, list[Columns]] = field(default_factory=lambda: {})
@@ -78,11 +81,21 @@ def _hide_team(rows: AuditedRows, entry: AuditEntryRow) -> None:
 
 def _issue_token(rows: AuditedRows, entry: AuditEntryRow) -> None:
     data = entry.data
-    rows.tokens[data["token"]] = {"team": data["team"], "scope": data["scope"], "revoked_us": None}
+    row = {"team": data["team"], "scope": data["scope"], "created_us": entry.at_us, "revoked_us": None}
+    rows.tokens[data["token"]] = row | {name: data[name] for name in ("hash",) if name in data}
 
 
 def _revoke_token(rows: AuditedRows, entry: AuditEntryRow) -> None:
     rows.tokens.setdefault(entry.data["token"], {})["revoked_us"] = entry.at_us
+
+
+def _set_webhook(rows: AuditedRows, entry: AuditEntryRow) -> None:
+    checksums = {name: value for name, value in entry.data.items() if name.endswith("_sha256")}
+    rows.webhooks[entry.data["team"]] = {"created_us": entry.at_us} | checksums
+
+
+def _remove_webhook(rows: AuditedRows, entry: AuditEntryRow) -> None:
+    rows.webhooks.pop(entry.data["team"], None)
 
 
 def name_pair(phase: str, tested: str, others: str, scenario: str) -> str:
@@ -106,5 +119,7 @@ _HANDLERS: Mapping[str, Callable[[AuditedRows, AuditEntryRow], None]] = {
     "token-issued": _issue_token,
     "token-revoked": _revoke_token,
     "phase-set": _set_phase,
+    "webhook-set": _set_webhook,
+    "webhook-removed": _remove_webhook,
     "cross-play-done": _add_cross_play,
 }

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from server.store.tables import JobRow
@@ -19,6 +19,11 @@ def compute_results_checksum(jobs: Sequence[JobRow]) -> str:
     for job in jobs:
         digest.update(_encode([job.scenario, job.seed, job.verdict, job.reason, job.result]))
     return digest.hexdigest()
+
+
+def compute_jobs_checksum(jobs: Iterable[tuple[str, int]]) -> str:
+    """Return the SHA-256 of the scenarios and seeds that a submission is driven in, in hexadecimal."""
+    return compute_checksum(sorted([scenario, seed] for scenario, seed in jobs))
 
 
 def _encode(value: Any) -> bytes:

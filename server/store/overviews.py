@@ -7,6 +7,8 @@ from typing import Any
 SCORES = ("bucket", "category", "ds", "sr", "efficient_sr", "time_ratio", "rc", "ip")
 """Fields of a result that a list shows as they are."""
 EGO_FIELDS = ("id", "outcome", "ds", "rc", "ip", "ticks", "time_ratio")
+FOR_ORGANISERS = ("thinking",)
+"""Parts of the usage that no list shows to teams."""
 MAX_INFRACTIONS = 10
 """Infractions of each CAV that an overview lists; the stored result has all."""
 MAX_BYTES = 8 * 1024
@@ -21,7 +23,8 @@ EMPTY_OVERVIEW: dict[str, Any] = {**dict.fromkeys(SCORES), "egos": None, "usage"
 
 def make_overview(result: Mapping[str, Any], usage: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return the overview of a result."""
-    found = EMPTY_OVERVIEW | {name: result.get(name) for name in SCORES} | {"usage": usage}
+    shown = {name: value for name, value in usage.items() if name not in FOR_ORGANISERS} if usage is not None else None
+    found = EMPTY_OVERVIEW | {name: result.get(name) for name in SCORES} | {"usage": shown}
     if "egos" in result:
         found["egos"] = [_describe_ego(ego, MAX_INFRACTIONS) for ego in result["egos"]]
     if count_bytes(found) > MAX_BYTES and found["egos"] is not None:

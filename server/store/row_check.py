@@ -1,7 +1,7 @@
 """Compare rows with the audit log: a score changed in the database is found, because the hash chain holds the true one.
 
-Compared are teams, tokens, phases, submissions with their summaries, the results of their scenarios, leaderboards, and
-the results of cross-play.
+Compared are teams, tokens, phases, webhooks, submissions with their summaries, the results of their scenarios,
+leaderboards, and the results of cross-play. docs/server.md lists every table and what is not compared.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -13,10 +13,20 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.tree_difference import format_leaf
 from server.enums import JobState, SubmissionState
-from server.store import checksums, standings
+from server.store import checksums, overviews, standings, webhooks
 from server.store.audited_rows import Columns, load_audited_rows, name_pair
 from server.store.quota import UNFINISHED
-from server.store.tables import CrossPlayJobRow, JobRow, PhaseRow, StandingRow, SubmissionRow, TeamRow, TokenRow
+from server.store.tables import (
+    CrossPlayJobRow,
+    JobOverviewRow,
+    JobRow,
+    PhaseRow,
+    StandingRow,
+    SubmissionRow,
+    TeamRow,
+    TokenRow,
+    WebhookRow,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +53,7 @@ def find_row_differences(session: Session, with_results: bool = True) -> Iterato
         yield from _compare_ids(model.__tablename__, expected, rows)
         for name in expected.keys() & rows.keys():
             yield from _compare_columns(model.__tablename__, rows[name], expected[name])
+    yield from _compare_webhooks(session, audited.webhooks)
     ids = session.scalars(select(SubmissionRow.id).order_by(SubmissionRow.created_us)).all()
     yield from _compare_ids("submissions", audited.submissions, dict.fromkeys(ids))
     for name in ids:
@@ -50,6 +61,7 @@ def find_row_differences(session: Session, with_results: bool = True) -> Iterato
             row = session.get_one(SubmissionRow, name)
             yield from _compare_submission(row, audited.submissions[name])
             if with_results:
+                yield from _compare_jobs(session, row, audited.submissions[name])
                 yield from _compare_results(session, row)
             session.expunge(row)
     yield from _compare_standings(session)
@@ -74,7 +86,8 @@ def _compare_columns(table: str, row: Any, expected: Columns) -> Iterator[RowDif
 
 
 def _compare_submission(row: SubmissionRow, expected: Columns) -> Iterator[RowDifference]:
-    fixed = {column: value for column, value in expected.items() if column not in ("state", "summary_sha256")}
+    apart = ("state", "summary_sha256", "jobs_sha256")
+    fixed = {column: value for column, value in expected.items() if column not in apart}
     yield from _compare_columns("submissions", row, fixed)
     state = expected["state"]
     if row.state != state and not (state is None and row.state in UNFINISHED):
@@ -90,6 +103,26 @@ def _compare_submission(row: SubmissionRow, expected: Columns) -> Iterator[RowDi
         yield RowDifference("submissions", row.id, text)
 
 
+def _compare_webhooks(session: Session, expected: Mapping[str, Columns]) -> Iterator[RowDifference]:
+    rows = {row.team: row for row in session.scalars(select(WebhookRow))}
+    yield from _compare_ids("webhooks", expected, rows)
+    for team in expected.keys() & rows.keys():
+        row = rows[team]
+        found = {"created_us": row.created_us} | webhooks.compute_webhook_checksums(row.url, row.secret)
+        for column, value in expected[team].items():
+            if found[column] != value:
+                yield RowDifference("webhooks", team, f"{column}: expected {value}, found {found[column]}")
+
+
+def _compare_jobs(session: Session, row: SubmissionRow, expected: Columns) -> Iterator[RowDifference]:
+    """Compare which scenarios and seeds a submission is driven in: without its worst ones its score would be better."""
+    jobs = session.execute(select(JobRow.scenario, JobRow.seed).where(JobRow.submission == row.id))
+    found = checksums.compute_jobs_checksum((scenario, seed) for scenario, seed in jobs)
+    if found != expected.get("jobs_sha256", found):
+        text = f"scenarios and seeds: expected the checksum {expected['jobs_sha256']}, found {found}"
+        yield RowDifference("jobs of submission", row.id, text)
+
+
 def _compare_results(session: Session, row: SubmissionRow) -> Iterator[RowDifference]:
     """Compare the results of a submission's scenarios with the checksum in its summary, unless they were deleted."""
     expected = (row.summary or {}).get("results_sha256")
@@ -102,8 +135,31 @@ def _compare_results(session: Session, row: SubmissionRow) -> Iterator[RowDiffer
         if checksum != expected:
             text = f"results of its scenarios: expected the checksum {expected}, found {checksum}"
             yield RowDifference("jobs of submission", row.id, text)
+    yield from _compare_overviews(session, row.id, found)
     for job in found:
         session.expunge(job)
+
+
+def _compare_overviews(session: Session, submission: str, jobs: Sequence[JobRow]) -> Iterator[RowDifference]:
+    """Compare what lists show of results with the results."""
+    shown = select(JobOverviewRow.job, JobOverviewRow.data).where(JobOverviewRow.submission == submission)
+    data_by_job = {each.job: each.data for each in session.execute(shown)}
+    for job in jobs:
+        if job.result is None:
+            continue
+        found, expected = data_by_job.get(job.id), overviews.make_overview(job.result, job.usage)
+        if found is None or not _is_part(found, expected):
+            text = "expected the overview of its result, found another or none"
+            yield RowDifference("job_overviews", f"{submission} {job.scenario} {job.seed}", text)
+
+
+def _is_part(found: Any, expected: Any) -> bool:
+    """Return whether plain values are equal where `found` has fields: overviews of older versions have fewer."""
+    if isinstance(found, dict) and isinstance(expected, dict):
+        return all(_is_part(value, expected.get(name)) for name, value in found.items())
+    if isinstance(found, list) and isinstance(expected, list):
+        return len(found) == len(expected) and all(map(_is_part, found, expected))
+    return found == expected
 
 
 def _compare_cross_play(session: Session, expected: Mapping[str, Sequence[Columns]]) -> Iterator[RowDifference]:

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from mdrive_sumo.core.errors import InputError
 from server.enums import ChallengeTrack, JobState, SubmissionState
 from server.store import audit, events, phases, quota, standings, webhooks, worker_time
-from server.store.checksums import compute_checksum
+from server.store.checksums import compute_checksum, compute_jobs_checksum
 from server.store.errors import NotFound, NotNow, check_text, new_id
 from server.store.tables import JobOverviewRow, JobRow, PhaseRow, SubmissionRow, TeamRow
 
@@ -58,7 +58,7 @@ def accept(
         created_us=now_us,
     )
     _insert_with_jobs(session, submission, jobs)
-    audit.add_entry(session, f"team:{new.team}", "submission-accepted", _audit_data(submission), now_us)
+    audit.add_entry(session, f"team:{new.team}", "submission-accepted", _audit_data(submission, jobs), now_us)
     return submission
 
 
@@ -119,7 +119,7 @@ def rerun(
         shown=False,
     )
     _insert_with_jobs(session, submission, jobs)
-    audit.add_entry(session, actor, "submission-rerun", _audit_data(submission) | {"of": old.id}, now_us)
+    audit.add_entry(session, actor, "submission-rerun", _audit_data(submission, jobs) | {"of": old.id}, now_us)
     return submission
 
 
@@ -139,7 +139,7 @@ def renew(
     submission.evaluator, submission.state = evaluator, SubmissionState.QUEUED.value
     # SQLite reuses ids of deleted rows; attempts continue, so that no late result of the older version fits.
     _queue_jobs(session, submission, jobs, now_us, attempt=begun)
-    audit.add_entry(session, "server", "submission-renewed", _audit_data(submission), now_us)
+    audit.add_entry(session, "server", "submission-renewed", _audit_data(submission, jobs), now_us)
 
 
 def get(session: Session, submission_id: str) -> SubmissionRow:
@@ -289,12 +289,7 @@ def _enter(session: Session, submission: SubmissionRow, state: SubmissionState, 
     events.add_event(session, submission.id, "state", data, now_us)
 
 
-def _audit_data(submission: SubmissionRow) -> dict[str, Any]:
-    return {
-        "submission": submission.id,
-        "phase": submission.phase,
-        "track": submission.track,
-        "name": submission.name,
-        "archive_sha256": submission.archive_sha256,
-        "evaluator": submission.evaluator,
-    }
+def _audit_data(submission: SubmissionRow, jobs: Sequence[tuple[str, int]] = ()) -> dict[str, Any]:
+    names = ("phase", "track", "name", "archive_sha256", "environment", "evaluator", "counts")
+    found = {"submission": submission.id, **{name: getattr(submission, name) for name in names}}
+    return found | ({"jobs_sha256": compute_jobs_checksum(jobs)} if jobs else {})

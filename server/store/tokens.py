@@ -27,9 +27,8 @@ def issue(session: Session, team: TeamRow | None, scope: TokenScope, now_us: int
     )
     session.add(token)
     session.flush()
-    audit.add_entry(
-        session, actor, "token-issued", {"token": token.id, "team": token.team, "scope": token.scope}, now_us
-    )
+    entry = {"token": token.id, "team": token.team, "scope": token.scope, "hash": token.hash}
+    audit.add_entry(session, actor, "token-issued", entry, now_us)
     return text
 
 

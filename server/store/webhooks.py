@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 
 from server.enums import DeliveryState
 from server.store import audit
+from server.store.checksums import compute_checksum
 from server.store.errors import new_id
 from server.store.tables import SubmissionRow, WebhookDeliveryRow, WebhookRow
 
@@ -42,8 +43,13 @@ def set_webhook(session: Session, team: str, url: str, now_us: int, actor: str) 
     """Set the webhook of a team, and return its new secret."""
     secret = SECRET_PREFIX + base64.b64encode(secrets.token_bytes(32)).decode()
     session.merge(WebhookRow(team=team, url=url, secret=secret, created_us=now_us))
-    audit.add_entry(session, actor, "webhook-set", {"team": team}, now_us)
+    audit.add_entry(session, actor, "webhook-set", {"team": team} | compute_webhook_checksums(url, secret), now_us)
     return secret
+
+
+def compute_webhook_checksums(url: str, secret: str) -> dict[str, str]:
+    """Return what the audit log holds of a webhook: checksums, because an address can contain a secret, too."""
+    return {"url_sha256": compute_checksum(url), "secret_sha256": compute_checksum(secret)}
 
 
 def remove_webhook(session: Session, team: str, now_us: int, actor: str) -> None:

@@ -11,6 +11,7 @@ from server.api.routes import teams as api
 from server.api.schemas.parameters import Id
 from server.api.schemas.teams import HideIn, NewTokenIn
 from server.enums import TokenScope
+from server.evaluation.thinking_times import FLAG_ACTION
 from server.store import audit, teams, tokens
 from server.store.errors import check_text
 from server.web import admin_overview, explanations
@@ -35,6 +36,7 @@ def show(request: Request, _visitor: AdminVisitor, services: ServicesDep, at_us:
             work=services.settings.work,
             latest=admin_overview.list_finished(session),
             spots=admin_overview.list_entries(session, "spot-check"),
+            thinking=admin_overview.list_entries(session, FLAG_ACTION),
             entries=admin_overview.list_entries(session),
             head=audit.find_head(session),
             explanations=explanations,

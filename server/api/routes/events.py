@@ -64,6 +64,7 @@ class EventBatch(NamedTuple):
 )
 async def follow(submission: Id, caller: AnyCaller, services: ServicesDep, last_event_id: LastEventId = 0) -> Response:
     """Live events, for its team and admins. `state` says how the submission stands, `scenario` one result."""
+    await services.event_watch.begin(services.store)
     first = await run_in_threadpool(_read_events, services, caller, submission, last_event_id)
     if first.is_finished and not first.events:
         return Response(status_code=204)
@@ -75,14 +76,14 @@ async def follow(submission: Id, caller: AnyCaller, services: ServicesDep, last_
 
 
 class _LimitedStream(StreamingResponse):
-    """A stream that counts against its team's limit while it is being sent."""
+    """A stream that counts against the limits of its team and of all teams while it is being sent."""
 
     def __init__(self, limit: ConcurrencyLimit, key: str, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self._slot = limit.acquire(key)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """ASGI. Raises ProblemError (429) before anything is sent."""
+        """ASGI. Raises ProblemError (429 or 503) before anything is sent."""
         with self._slot:
             await super().__call__(scope, receive, send)
 
@@ -100,9 +101,17 @@ async def _stream_events(services: Services, caller: Caller, submission: str, ba
             yield ": keep-alive\n\n"
         await asyncio.sleep(0 if batch.has_more else POLL_S)
         try:
-            batch = await run_in_threadpool(_read_events, services, caller, submission, batch.last)
+            batch = await _read_news(services, caller, submission, batch)
         except StoreUnavailable:
             return  # the client reconnects, and misses no event
+
+
+async def _read_news(services: Services, caller: Caller, submission: str, batch: EventBatch) -> EventBatch:
+    """Return the events after a batch; the database is asked only if there are any."""
+    is_due = batch.has_more or await services.event_watch.has_news(services.store, submission, batch.last, caller.token)
+    if is_due:
+        return await run_in_threadpool(_read_events, services, caller, submission, batch.last)
+    return EventBatch([], batch.last, has_more=False, is_finished=False)
 
 
 def _read_events(services: Services, caller: Caller, submission_id: str, after: int) -> EventBatch:

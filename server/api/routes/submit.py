@@ -21,7 +21,7 @@ _FORM: dict[str, Any] = {
                 "required": ["phase", "track", "name", FILE_FIELD],
                 "additionalProperties": False,
                 "properties": {
-                    "phase": {"type": "string", "maxLength": 40, "description": "Id of the phase."},
+                    "phase": {"type": "string", "minLength": 1, "maxLength": 40, "description": "Id of the phase."},
                     "track": {"type": "string", "enum": [track.value for track in ChallengeTrack]},
                     "name": {"type": "string", "minLength": 1, "maxLength": 80, "description": "Name of your method."},
                     FILE_FIELD: {"type": "string", "format": "binary", "description": "The zip file."},

@@ -3,7 +3,7 @@
 from datetime import datetime
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import ConfigDict, Field, StrictBool
 
 from server.api.schemas.parameters import RequestModel, ResponseModel, TeamName
 from server.enums import DeliveryState, TokenScope
@@ -18,12 +18,23 @@ class NewTeamIn(RequestModel):
 class HideIn(RequestModel):
     """Whether a team is hidden from leaderboards."""
 
-    hidden: bool
+    hidden: StrictBool
 
 
 class NewTokenIn(RequestModel):
     """The scope `submit` needs a team, `admin` and `worker` have none."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "oneOf": [
+                {"required": ["team"], "properties": {"scope": {"const": "submit"}, "team": {"type": "string"}}},
+                {
+                    "required": ["scope"],
+                    "properties": {"scope": {"enum": ["admin", "worker"]}, "team": {"type": "null"}},
+                },
+            ]
+        }
+    )
     scope: TokenScope = TokenScope.SUBMIT
     team: TeamName | None = None
 
@@ -31,13 +42,13 @@ class NewTokenIn(RequestModel):
 class ShowIn(RequestModel):
     """Whether a submission may be on the leaderboard."""
 
-    shown: bool
+    shown: StrictBool
 
 
 class NewWebhookIn(RequestModel):
     """A team's webhook."""
 
-    url: Annotated[str, Field(min_length=1, max_length=500)]
+    url: Annotated[str, Field(min_length=1, max_length=500, json_schema_extra={"pattern": "^https?://"})]
 
 
 class DeliveryOut(ResponseModel):

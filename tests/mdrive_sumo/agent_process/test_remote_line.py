@@ -1,14 +1,13 @@
 """The line to an agent's process, with an other end that this test plays itself."""
 
-import select
 import socket
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import msgpack
 import pytest
+from testing.fake_child import FakeChild, framed
 from testing.hostile_protocol import GOOD, answer
 
 from mdrive_sumo.agent_process import reply_decoding
@@ -18,41 +17,6 @@ from mdrive_sumo.agent_process.wire_protocol import LENGTH
 from mdrive_sumo.contract import Control
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
-
-
-class FakeChild:
-    """A process that is none: `theirs` is its end of the line; with `drip` it sends a byte whenever one waits."""
-
-    def __init__(self) -> None:
-        self.socket, self.theirs = socket.socketpair()
-        self.drip = b""
-        self.false_alarms = 0
-        self.closed = 0
-
-    def wait_readable(self, timeout_s: float) -> bool:
-        if self.false_alarms:
-            self.false_alarms -= 1
-            time.sleep(0.01)
-            return True
-        if self.drip:
-            time.sleep(0.02)
-            self.theirs.send(self.drip[:1])
-            self.drip = self.drip[1:]
-        return bool(select.select([self.socket], [], [], max(timeout_s, 0.0))[0])
-
-    def describe_exit(self) -> str:
-        return "exit code 7"
-
-    def close(self) -> None:
-        self.closed += 1
-        self.socket.close()
-
-    def usage_record(self) -> Mapping[str, Any]:
-        return {"exit_code": 7}
-
-
-def framed(data: bytes) -> bytes:
-    return LENGTH.pack(len(data)) + data
 
 
 @pytest.fixture
@@ -147,7 +111,11 @@ def test_an_answer_in_pieces_in_time_is_one(child: FakeChild, tmp_path: Path) ->
 def test_an_agent_that_does_not_read_runs_out_of_time(hasty: AgentConnection) -> None:
     begin = time.monotonic()
     with pytest.raises(AgentFailure, match="act: the agent does not read within the time limit") as caught:
-        hasty.send("act", 1, b"x" * 50_000_000)
+        hasty.prepare("act", 1, b"x" * 20_000_000)
+        sent = time.monotonic()
+        hasty.send_prepared()
+        assert time.monotonic() - sent < 0.2, "other agents are asked meanwhile"
+        hasty.receive(reply_decoding.read_reply)
     assert caught.value.failure is FailureReason.TIMEOUT
     assert time.monotonic() - begin < 30.0
 

@@ -3,12 +3,16 @@
 from dataclasses import replace
 
 import pytest
+from fastapi.dependencies.models import Dependant
+from fastapi.routing import APIRoute
 from testing import archive_samples, store_samples
 from testing.api_app import API, Server, another_zip, problem
 from testing.store_samples import GOOD, LEASE, PHASE, S, summary
 from testing.web_page import Visit
 
 from server import paths
+from server.api.app import PARTS
+from server.api.dependencies import get_optional_caller, require_caller
 from server.enums import TokenScope
 from server.store import audit, jobs, submissions, teams, tokens
 from server.store.phases import set_phases
@@ -36,7 +40,7 @@ ACCESS = {
     "GET /phases": PUBLIC,
     "GET /phases/{phase}": PUBLIC,
     "GET /phases/{phase}/matrix": ADMINS,
-    "GET /phases/{phase}/cross-play": "422 422 422 422 422",  # the phase has no such board
+    "GET /phases/{phase}/cross-play": "404 404 404 404 404",  # the phase has no such board
     "GET /phases/{phase}/quota": "401 200 200 403 403",
     "POST /submissions": "401 415 415 403 403",  # the body is looked at after the token
     "GET /submissions": "401 200 200 200 200",
@@ -60,6 +64,12 @@ ACCESS = {
     "GET /audit": ADMINS,
 }
 """Of a submission that is queued, in the order of `WHO`."""
+MORE_WITH_A_TOKEN = (
+    *("/search", "/phases/{phase}/cross-play", "/submissions/{submission}", "/submissions/{submission}/scenarios"),
+    *("/submissions/{submission}/scenarios.csv", "/submissions/{submission}/compare/{other}"),
+    *(f"/submissions/{{submission}}/scenarios/{{scenario}}/{{seed}}/{what}" for what in ("recording", "replay")),
+)
+"""Operations for everybody that show the holder of a token more: docs/pages.md and docs/api.md, "Results"."""
 BODIES = {
     "POST /teams": {"name": "green"},
     "PUT /teams/{name}/hidden": {"hidden": False},
@@ -102,6 +112,41 @@ def test_every_route_has_its_line(server: Server) -> None:
     assert {f"{method.upper()} {path.removeprefix(API)}" for path, methods in described for method in methods} == set(
         ACCESS
     )
+
+
+def test_the_description_says_where_a_token_is_needed(server: Server) -> None:
+    """Operations for everybody were described as if they needed one. What happens, says ACCESS: 401 without a token."""
+    token: dict[str, list[str]] = {"HTTPBearer": []}
+    described = server.app.openapi()
+    assert list(described["components"]["securitySchemes"]) == ["HTTPBearer"]
+    found = {
+        f"{method.upper()} {path.removeprefix(API)}": operation.get("security")
+        for path, methods in described["paths"].items()
+        for method, operation in methods.items()
+    }
+    for operation, statuses in ACCESS.items():
+        is_needed = statuses.startswith("401")
+        assert found[operation] in ([[token]] if is_needed else [None, [{}, token]]), operation
+    assert {name for name, security in found.items() if security == [{}, token]} == {
+        f"GET {path}" for path in MORE_WITH_A_TOKEN
+    }
+
+
+def test_the_description_agrees_with_the_dependencies(server: Server) -> None:
+    """Of every route, pages excepted: none reads the caller without saying so, or says so without reading it."""
+    described = server.app.openapi()["paths"]
+    routes = [route for part in PARTS for route in part.router.routes if isinstance(route, APIRoute)]
+    assert {API + route.path for route in routes} == set(described)
+    for route in routes:
+        method = "".join(route.methods or ())
+        security = described[API + route.path][method.lower()].get("security")
+        used = dependencies_of(route.dependant)
+        assert (get_optional_caller in used) == (security is not None), route.path
+        assert (require_caller in used) == (security is not None and {} not in security), route.path
+
+
+def dependencies_of(dependant: Dependant) -> set[object]:
+    return {dependant.call}.union(*(dependencies_of(each) for each in dependant.dependencies))
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+import time
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager, suppress
 from io import BufferedReader
@@ -11,13 +12,13 @@ from unittest.mock import patch
 import httpx
 import pytest
 from testing.api_app import API, Server, another_zip, listening
+from testing.processes import wait_for
 
 from server.api import request_bodies
 from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.problems import ProblemError
-from server.api.upload import MAX_UPLOADS
-from server.cli import serve_command
-from server.cli.serve_command import TimeoutProtocol
+from server.cli import limited_protocol
+from server.cli.limited_protocol import LimitedProtocol
 
 pytestmark = pytest.mark.slow
 
@@ -71,12 +72,12 @@ def test_a_stream_is_not_taken_for_a_body_that_does_not_end(monkeypatch: pytest.
 @contextmanager
 def impatient(server: Server, good: bytes) -> Generator[tuple[socket.socket, BufferedReader]]:
     """A connection with a good request behind it; from now on the next one is waited for a second only."""
-    with listening(server, http=TimeoutProtocol) as address:
+    with listening(server, http=LimitedProtocol) as address:
         line = socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2])), 60)
         with line, line.makefile("rb") as answers:
             line.sendall(good)
             assert read_one(answers) == 200
-            with patch.object(serve_command, "REQUEST_S", 1.0):
+            with patch.object(limited_protocol, "REQUEST_S", 1.0):
                 yield line, answers
 
 
@@ -155,13 +156,130 @@ def test_an_idempotency_key_holds_for_uploads_at_once(server: Server) -> None:
 
 
 def test_a_team_uploads_a_few_at_a_time() -> None:
-    uploads = ConcurrencyLimit("upload", MAX_UPLOADS)
+    uploads = ConcurrencyLimit("upload", 8, 64)
     with ExitStack() as stack:
-        for _ in range(MAX_UPLOADS):
+        for _ in range(8):
             stack.enter_context(uploads.acquire("red"))
-        with pytest.raises(ProblemError, match=f"at most {MAX_UPLOADS} of a team"), uploads.acquire("red"):
+        with pytest.raises(ProblemError, match="at most 8 of a team"), uploads.acquire("red"):
             pass
         with uploads.acquire("blue"):
             pass
     with uploads.acquire("red"):
         pass
+
+
+def test_teams_that_take_all_leave_places_for_others() -> None:
+    """Dynamic thresholds: a team gets at most half of what it finds free, and one that has none the last place."""
+    limit = ConcurrencyLimit("stream", 16, 40)
+    with ExitStack() as stack:
+
+        def take(team: str) -> int:
+            count = 0
+            with suppress(ProblemError):
+                while True:
+                    stack.enter_context(limit.acquire(team))
+                    count += 1
+            return count
+
+        assert [take(team) for team in ("red", "green", "blue", "red", "honest")] == [16, 12, 6, 0, 3]
+        for number in range(60):
+            take(f"team-{number}")
+        assert limit.running == 40
+        with pytest.raises(ProblemError, match=r"too many of all teams at a time \(at most 40\)") as refused:
+            stack.enter_context(limit.acquire("late"))
+        assert refused.value.status == 503 and refused.value.headers["Retry-After"] == "30"
+    assert limit.running == 0
+
+
+@pytest.mark.parametrize("pages", [False, True], ids=["api", "page"])
+def test_an_aborted_upload_is_one_line_in_the_log(
+    server: Server, pages: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It was a traceback of 84 lines."""
+    if pages:
+        server.mount_pages()
+    who = {"Cookie": f"mdrive_token={server.tokens['red']}"} if pages else {}
+    path = "/submit" if pages else f"{API}/submissions"
+    headers = {"Host": "x", "Origin": "http://x", "Content-Type": "multipart/form-data; boundary=b", **who}
+    headers |= {"Authorization": f"Bearer {server.tokens['red']}", "Content-Length": "50000"}
+    lines = [f"POST {path} HTTP/1.1", *(f"{name}: {value}" for name, value in headers.items())]
+    part = '--b\r\nContent-Disposition: form-data; name="archive"; filename="x"\r\n\r\n' + "x" * 5000
+    with listening(server) as address:
+        with socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2]))) as line:
+            line.sendall(("\r\n".join(lines) + "\r\n\r\n" + part).encode())
+            wait_for(lambda: list(server.settings.archives.glob("*.part")) != [], 60.0)
+        wait_for(lambda: "left" in caplog.text, 60.0)
+        wait_for(lambda: list(server.settings.archives.iterdir()) == [], 60.0)
+    (record,) = [record for record in caplog.records if record.levelname in ("WARNING", "ERROR")]
+    assert record.getMessage() == f"'POST {path}': the client left before its request was complete"
+    assert record.exc_info is None
+
+
+def test_a_body_that_trickles_is_not_waited_for_longer(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The limit is of the whole body: a byte every now and then does not prolong it."""
+    monkeypatch.setattr(request_bodies, "JSON_S", 0.3)
+    monkeypatch.setattr(request_bodies, "_DRAIN_S", 0.0)
+    with listening(server) as address, socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2]))) as line:
+        line.settimeout(0.1)
+        head = f"POST {API}/register HTTP/1.1\r\nHost: x\r\nContent-Length: 1000\r\nContent-Type: application/json\r\n"
+        line.sendall(f"{head}\r\n".encode())
+        for _ in range(100):
+            line.sendall(b" ")
+            with suppress(TimeoutError):
+                assert line.recv(4096).startswith(b"HTTP/1.1 408")
+                return
+    raise AssertionError("it waited for 10 s")
+
+
+def test_a_client_that_does_not_read_is_cut(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A response waits in memory, and can hold a file."""
+    monkeypatch.setattr(limited_protocol, "READ_S", 0.2)
+
+    @server.app.get("/large")
+    async def large() -> str:
+        return "x" * 30_000_000
+
+    with (
+        listening(server, http=LimitedProtocol) as address,
+        socket.create_connection(("127.0.0.1", int(address.rpartition(":")[2]))) as line,
+    ):
+        line.sendall(b"GET /large HTTP/1.1\r\nHost: x\r\n\r\n")
+        time.sleep(0.6)
+        line.settimeout(20)
+        size = 0
+        with suppress(ConnectionError):
+            while data := line.recv(1 << 20):
+                size += len(data)
+        assert 0 < size < 30_000_000
+
+
+def test_the_connection_that_waits_longest_makes_room(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Clients that connect and say nothing do not keep others out; an upload and a stream under way stay."""
+    mine = server.send().json()["id"]
+    with listening(server, http=limited_protocol.limit_connections(6)) as address, ExitStack() as stack:
+        port = int(address.rpartition(":")[2])
+        token = {"Authorization": f"Bearer {server.tokens['red']}"}
+        http = stack.enter_context(httpx.Client(timeout=60))
+        stream = stack.enter_context(http.stream("GET", f"{address}{API}/submissions/{mine}/events", headers=token))
+        upload = stack.enter_context(socket.create_connection(("127.0.0.1", port), 60))
+        head = f"POST {API}/submissions HTTP/1.1\r\nHost: x\r\nContent-Length: 9\r\n"
+        head += f"Authorization: {token['Authorization']}\r\nContent-Type: multipart/form-data; boundary=b\r\n\r\n"
+        upload.sendall(f"{head}--b".encode())
+        monkeypatch.setattr(limited_protocol, "TRIM_S", 0.05)
+        idle = [stack.enter_context(socket.create_connection(("127.0.0.1", port), 60)) for _ in range(9)]
+        assert httpx.get(f"{address}{API}/health", timeout=60).status_code == 200
+        with suppress(ConnectionError):
+            assert idle[0].recv(1) == b""
+        upload.sendall(b"nonsen")
+        assert upload.recv(4096).startswith(b"HTTP/1.1 400")
+        assert stream.status_code == 200 and not stream.is_closed
+        assert next(stream.iter_lines()).startswith("id: ")
+
+
+def test_open_files_are_raised_as_far_as_possible(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[tuple[int, int]] = []
+    monkeypatch.setattr("resource.setrlimit", lambda _, limits: given.append(limits))
+    for limits, told in (((1024, 4096), 1000), ((1024, 1024), 384), ((9999, 9999), 1000), ((1024, -1), 1000)):
+        monkeypatch.setattr("resource.getrlimit", lambda _, limits=limits: limits)
+        assert limited_protocol.raise_open_files(1000) >= told
+    assert given == [(2256, 4096), (1024, 1024), (2256, -1)]

@@ -1,5 +1,6 @@
 """Requests made up from the OpenAPI description: whatever comes, the answer is one that the description promises."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,13 +10,14 @@ import requests
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from testing import databases
-from testing.api_app import API, Server, another_zip, listening
+from testing.api_app import API, Server, another_zip, listening, problem
 from testing.sampling import sampled
 from testing.store_samples import GOOD, LEASE, S, summary
 
 from server.store import jobs, submissions
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # schemathesis' own, about what it could not make up
+EXAMPLES = {"phase": "dev", "scenario": "left-turn", "seed": "0", "cav": "cav-1", "name": "red", "team": "red"}
 WHO = ("admin", "red", "worker", "")
 
 
@@ -67,6 +69,10 @@ def load_checks() -> list[Any]:
             "status_code_conformance",
             "content_type_conformance",
             "response_schema_conformance",
+            "response_headers_conformance",
+            "allow_header_conformance",
+            "unsupported_method",
+            "negative_data_rejection",
         ]
     )
 
@@ -114,6 +120,34 @@ def run(server: Server, examples: int) -> None:
 
 def operations(server: Server) -> list[str]:
     return [f"{method} {path}" for path, methods in server.app.openapi()["paths"].items() for method in methods]
+
+
+def test_other_methods_are_refused_with_those_that_exist(server: Server) -> None:
+    """RFC 9110, 15.5.6: a 405 names the methods of the path; it named those of one route."""
+    for path, methods in server.app.openapi()["paths"].items():
+        known = {method.upper() for method in methods}
+        example = re.sub(r"\{(\w+)\}", lambda found: EXAMPLES.get(found[1], "0" * 32), path)
+        for method in {"GET", "POST", "PUT", "DELETE", "PATCH", "TRACE", "OPTIONS"} - known:
+            answer = problem(server.ask(method, example.removeprefix(API), "admin"), 405)
+            assert "this method is not offered here" in answer["detail"]
+        allowed = set(server.ask("PATCH", example.removeprefix(API)).headers["allow"].split(", "))
+        assert allowed - {"HEAD"} == known, path
+        assert ("HEAD" in allowed) == ("GET" in known and not path.endswith("/events"))
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body", "says"),
+    [
+        ("PUT", "/teams/red/hidden", {"hidden": 0}, "body hidden: expected a valid boolean, found 0"),
+        ("PUT", "/teams/red/hidden", {"hidden": "no"}, "body hidden: expected a valid boolean, found 'no'"),
+        ("PUT", f"/submissions/{'0' * 32}/shown", {"shown": 1}, "body shown: expected a valid boolean, found 1"),
+        ("POST", "/tokens", {"scope": "submit", "team": None}, "scope submit expects a team"),
+    ],
+)
+def test_what_the_description_excludes_is_refused(
+    server: Server, method: str, path: str, body: dict[str, Any], says: str
+) -> None:
+    problem(server.ask(method, path, "admin", json=body), 422, says)
 
 
 def test_every_operation_is_described_with_its_problems(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import base64
 import hashlib
 import hmac
 import json
+import socket
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -153,6 +154,35 @@ def test_an_address_of_the_inside_is_never_asked(server: Server) -> None:
     assert told["problem"] == "the name leads to an address that is not public"
 
 
+def test_a_name_that_changes_after_the_look_changes_nothing(server: Server) -> None:
+    """DNS rebinding: public when it is checked, inside when it is used. It is looked up once for each attempt."""
+    hooked(server)
+    cancelled(server)
+    answers, looks = [(PUBLIC,), ("127.0.0.1",), ("::ffff:169.254.169.254",), (PUBLIC, "10.0.0.1")], list[str]()
+    receiver = Receiver(500)
+
+    async def resolve(host: str, port: int) -> Sequence[str]:
+        looks.append(host)
+        return answers[len(looks) - 1]
+
+    sender = WebhookSender(
+        server.store,
+        WebhookSettings(enabled=True),
+        lambda: server.now_us,
+        resolve,
+        httpx.MockTransport(receiver.answer),
+    )
+    for attempt in range(1, len(answers) + 1):
+        assert sender.send_due() == 1 and looks == ["ci.example"] * attempt
+        assert [request.url.host for request in receiver.got] == [PUBLIC], (
+            "only the first is asked, at what was checked"
+        )
+        server.now_us += 10**10
+    assert (
+        server.get("/webhook", "red")["deliveries"][0]["problem"] == "the name leads to an address that is not public"
+    )
+
+
 def test_public_addresses_are_asked_in_turn(server: Server) -> None:
     hooked(server)
     cancelled(server)
@@ -219,7 +249,13 @@ def test_a_server_that_sends_none_says_so(server: Server) -> None:
     assert server.get("/webhook", "red")["enabled"] is False
 
 
-def test_a_real_receiver_gets_it_from_the_thread(server: Server) -> None:
+def test_a_real_receiver_gets_it_from_the_thread(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The connection goes to the address that the sender found: nothing else looks the name up."""
+    looks: list[str | bytes | None] = []
+    look_up = socket.getaddrinfo
+    monkeypatch.setattr(
+        socket, "getaddrinfo", lambda host, *more, **other: looks.append(host) or look_up(host, *more, **other)
+    )
     got: list[tuple[str, bytes]] = []
 
     class Handler(BaseHTTPRequestHandler):
@@ -252,5 +288,6 @@ def test_a_real_receiver_gets_it_from_the_thread(server: Server) -> None:
         http.shutdown()
         thread.join()
         http.server_close()
+    assert looks.count("localhost") == 1 and set(looks) <= {"localhost", "127.0.0.1", "::1"}
     ((host, body),) = got
     assert host == f"localhost:{http.server_port}" and json.loads(body)["data"]["id"] == mine

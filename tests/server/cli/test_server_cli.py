@@ -193,7 +193,9 @@ def test_a_server_starts_answers_and_ends(data: Path, tmp_path: Path) -> None:
         assert process.wait(60) == 0, log.read_text()
 
 
-SERVE = "from server.cli import serve_command; serve_command.REQUEST_S = 2.0; serve_command.serve()"
+SERVE = (
+    "from server.cli import limited_protocol, serve_command; limited_protocol.REQUEST_S = 2.0; serve_command.serve()"
+)
 """A connection without a request is closed after two seconds, not twenty."""
 
 

@@ -41,12 +41,15 @@ def test_killed_workers_lose_and_double_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.full
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("backend", databases.BACKENDS)
-def test_225_rows_survive_many_kills(tmp_path: Path, backend: str) -> None:
+@pytest.mark.parametrize(
+    ("backend", "seed"), [*(("sqlite", seed) for seed in range(2, 7)), *((name, 2) for name in databases.BACKENDS[1:])]
+)
+def test_225_rows_survive_many_kills(tmp_path: Path, backend: str, seed: int) -> None:
+    """Five runs of 20 kills are 100; each takes a minute or two."""
     store = databases.emptied(backend)
     settings = challenge(tmp_path, store, *["nap"] * 225, lease_s=LEASE_S).model_copy(update={"database": url(store)})
     both = [submitted(store, settings, fast_clock()) for _ in range(2)]
-    assert drive_through_kills(store, settings, both, kills=20, seed=2) == 20
+    assert drive_through_kills(store, settings, both, kills=20, seed=seed) == 20
     for submission in both:
         check_scored_once(store, settings, submission, 225)
 

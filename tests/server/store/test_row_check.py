@@ -4,23 +4,26 @@ import json
 import shutil
 import sqlite3
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
+import sqlalchemy
 from click.testing import CliRunner
 from testing import databases
+from testing.paths import ROOT
 from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, sent, summary, with_teams
 
 from mdrive_sumo.core.errors import InputError
 from server.cli import admin
 from server.enums import JobState, TokenScope
-from server.store import Store, audit, cross_play, jobs, phases, submissions, teams, tokens
+from server.store import Store, audit, cross_play, jobs, phases, submissions, teams, tokens, webhooks
 from server.store.backup import restore_backup, write_backup
 from server.store.checksums import compute_results_checksum
 from server.store.cross_play import CrossPlayScore
 from server.store.row_check import find_row_differences
-from server.store.tables import CrossPlayJobRow, SubmissionRow
+from server.store.tables import CrossPlayJobRow, SubmissionRow, TableBase
 
 pytestmark = pytest.mark.slow
 
@@ -68,6 +71,10 @@ def backup(tmp_path_factory: pytest.TempPathFactory) -> Path:
         teams.set_hidden(session, blue, True, NOON + 9)
         teams.set_hidden(session, blue, False, NOON + 10)
         drive_pair(session, shown[0].id, shown[1].id)
+        webhooks.set_webhook(session, red, "https://ci.example/old", NOON + 11, "submit:red")
+        webhooks.set_webhook(session, red, "https://ci.example/hook", NOON + 12, "submit:red")
+        webhooks.set_webhook(session, blue, "https://ci.example/blue", NOON + 13, "submit:blue")
+        webhooks.remove_webhook(session, blue, NOON + 14, "submit:blue")
         assert not list(find_row_differences(session))
     write_backup(store, folder / "b.sqlite")
     store.close()
@@ -100,6 +107,8 @@ def test_an_honest_backup_has_no_difference(backup: Path, tmp_path: Path) -> Non
     assert find(Path(shutil.copy(backup, tmp_path / "b.sqlite"))) == []
 
 
+NEWER = ("summary_sha256", "track", "environment", "counts", "jobs_sha256", "hash", "url_sha256", "secret_sha256")
+"""What entries of older versions lack, besides the name of a submission."""
 PERFECT = json.dumps(summary(99.5))
 ATTACKS = {
     "score": ("UPDATE submissions SET ds = 99.5 WHERE ds = 80", "ds: expected 80.0, found 99.5"),
@@ -140,6 +149,22 @@ ATTACKS = {
         "result: expected [{'ds': 40.0",
     ),
     "no cross-play": ("DELETE FROM cross_play_jobs", "expected a row, as the audit log names it, found none"),
+    "webhook": ("UPDATE webhooks SET url = 'https://evil.example/'", "url_sha256: expected "),
+    "secret of a webhook": ("UPDATE webhooks SET secret = 'whsec_AAAA'", "secret_sha256: expected "),
+    "no webhook": ("DELETE FROM webhooks", "expected a row, as the audit log names it, found none"),
+    "new webhook": (
+        "INSERT INTO webhooks SELECT id, 'https://evil.example/', 'whsec_AAAA', 1 FROM teams WHERE name = 'blue'",
+        "expected an entry of the audit log, found none",
+    ),
+    "token of another": ("UPDATE tokens SET hash = 'known' WHERE scope = 'submit'", "hash: expected "),
+    "environment": ("UPDATE submissions SET environment = 'mine'", "environment: expected 'python3.11-numpy'"),
+    "quota of a team": ("UPDATE submissions SET counts = 0 WHERE ds = 80", "counts: expected True, found False"),
+    "no worst scenario": ("DELETE FROM jobs WHERE scenario = 'merge'", "scenarios and seeds: expected the checksum"),
+    "overview": (
+        "UPDATE job_overviews SET data = replace(data, '80.0', '99.5')",
+        "expected the overview of its result, found another or none",
+    ),
+    "no overview": ("DELETE FROM job_overviews", "expected the overview of its result, found another or none"),
     "quota": ("UPDATE phases SET per_day = 99", "phases dev: per_day: expected 3, found 99"),
 }
 
@@ -176,13 +201,13 @@ def test_audit_and_restore_refuse_changed_scores(
 
 
 def test_entries_of_older_versions_are_compared_as_far_as_they_go(changed: tuple[Path, sqlite3.Connection]) -> None:
-    """They have the score, and no checksums, track and name."""
+    """They have the score, and no checksums, track, name, environment, quota, hash of a token."""
     file, connection = changed
     before = ""
     for number, at_us, actor, action, text in connection.execute(
         "SELECT id, at_us, actor, deed, data FROM audit ORDER BY id"
     ).fetchall():
-        data = {name: value for name, value in json.loads(text).items() if name not in ("summary_sha256", "track")}
+        data = {name: value for name, value in json.loads(text).items() if name not in NEWER}
         if action.startswith("submission"):
             data.pop("name", None)
         before = audit._compute_hash(before, at_us, actor, action, data)
@@ -192,3 +217,81 @@ def test_entries_of_older_versions_are_compared_as_far_as_they_go(changed: tuple
     connection.execute("UPDATE submissions SET summary = replace(summary, '80.0', '99.5') WHERE ds = 80")
     connection.commit()
     assert any("summary.overall.ds: expected 80.0, found 99.5" in difference for difference in find(file))
+
+
+COVERED = {
+    "teams": "id name created_us hidden",
+    "tokens": "id team hash scope created_us revoked_us",
+    "phases": "id title suite public opens_us closes_us per_day in_parallel in_total seeds sensor_track_only "
+    "cross_play_scenarios",
+    "submissions": "id team phase track name archive_sha256 environment state why created_us finished_us counts shown "
+    "evaluator summary ds",
+    "jobs": "submission scenario seed verdict reason result",
+    "job_overviews": "job submission data",
+    "cross_play_jobs": "phase tested others scenario result",
+    "standings": "phase slice track sensing_track team evaluator submission method created_us ds figures",
+    "webhooks": "team url secret created_us",
+    "audit": "at_us actor deed data hash",
+}
+NOT_COVERED = {
+    "submissions": "archive_bytes idempotency_key spent_us",
+    "jobs": "id state attempt failures owner lease_us started_us finished_us usage failure",
+    "cross_play_jobs": "id evaluator state attempt failures owner lease_us finished_us failure",
+    "worker_time": "team phase used_us at_us",
+    "refused_uploads": "id team at_us",
+    "workers": "owner host version scheduler started_us seen_us",
+    "webhook_deliveries": "id submission team state attempts next_us created_us problem",
+    "events": "id submission at_us kind data",
+    "audit": "id",
+}
+"""docs/server.md, "Audit log", says why of each table."""
+
+
+def test_every_column_is_compared_or_named_in_the_docs() -> None:
+    """A new column needs a decision."""
+    tables = TableBase.metadata.tables
+    told = {
+        name: sorted((COVERED.get(name, "") + " " + NOT_COVERED.get(name, "")).split())
+        for name in COVERED | NOT_COVERED
+    }
+    assert told == {name: sorted(column.name for column in table.columns) for name, table in tables.items()}
+    page = (ROOT / "docs" / "server.md").read_text().partition("## Audit log")[2]
+    for table, names in NOT_COVERED.items():
+        assert f"`{table}`" in page or table == "audit"
+        assert (
+            table not in COVERED or [name for name in names.split() if f"`{name}`" not in page and name != "id"] == []
+        )
+
+
+KEYS = {"teams id", "phases id", "submissions id", "tokens id", "job_overviews job", "jobs reason"}
+"""References to keys break first; no job of this challenge has a reason. ATTACKS delete rows."""
+JSON_COLUMNS = ("data", "result", "summary", "figures", "evaluator")
+
+
+def alter(column: str, value: Any) -> Any:
+    """Another value of the same kind."""
+    if column in JSON_COLUMNS and not (column == "evaluator" and not value.startswith("{")):
+        return '{"bucket": "other"}'
+    if isinstance(value, str):
+        return "hidden" if value == PHASE.id else f"{value[:-1]}{'0' if value[-1:] != '0' else '1'}"
+    return 1 - value if value in (0, 1) else value + 1
+
+
+def test_a_change_of_any_compared_column_is_found(changed: tuple[Path, sqlite3.Connection]) -> None:
+    store = Store(f"sqlite:///{changed[0]}")
+    names = [f"{table} {column}" for table, columns in COVERED.items() for column in columns.split()]
+    for name in (name for name in names if name not in KEYS and not name.startswith("audit")):
+        table, column = name.split()
+        with suppress(InterruptedError), store.write() as session:
+            first = (
+                session.execute(sqlalchemy.text(f"SELECT {column} FROM {table} WHERE {column} IS NOT NULL"))
+                .scalars()
+                .first()
+            )
+            assert first is not None, name
+            session.execute(sqlalchemy.text("PRAGMA defer_foreign_keys = ON"))
+            change = sqlalchemy.text(f"UPDATE OR IGNORE {table} SET {column} = :new WHERE {column} = :old")
+            session.execute(change, {"new": alter(column, first), "old": first})
+            assert next(find_row_differences(session), None) is not None, (name, first, alter(column, first))
+            raise InterruptedError
+    store.close()

@@ -51,7 +51,13 @@ def test_for_others_there_is_no_such_page(server: Server, who: str) -> None:
 @pytest.mark.slow
 def test_an_empty_server_says_so(admin: Visit) -> None:
     words = admin.get("/admin").words
-    for said in ("No workers", "The queue is empty.", "No finished submissions yet.", "No spot checks yet."):
+    for said in (
+        "No workers",
+        "The queue is empty.",
+        "No finished submissions yet.",
+        "No spot checks yet.",
+        "No flagged submissions.",
+    ):
         assert said in words
 
 
