@@ -13,7 +13,7 @@ from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_boxing import box_agent, list_hidden_folders
 from mdrive_sumo.runs.agent_spec import AgentSpec
-from mdrive_sumo.runs.episode_job import EpisodeJob
+from mdrive_sumo.runs.episode_job import ATTEMPTS, EpisodeJob
 from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor
@@ -132,7 +132,8 @@ def compute_limit_s(agents: Sequence[AgentSpec], scenarios: Sequence[Scenario]) 
     """Return the wall clock after which an episode counts as hung [s]: more than its agents may take together."""
     foreign = [agent.limits for agent in agents if not agent.is_builtin]
     most = max(len(scenario.egos) for scenario in scenarios)
-    return SIMULATION_LIMIT_S + most * max((2 * one.start_s + one.episode_s for one in foreign), default=0.0)
+    agent_s = max((2 * one.start_s + one.episode_s for one in foreign), default=0.0)
+    return SIMULATION_LIMIT_S + ATTEMPTS * most * agent_s
 
 
 def prepare(config: RunConfig) -> PreparedRun:
