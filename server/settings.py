@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, ValidationError, model_validator
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits as ConnectionLimits
-from mdrive_sumo.agent_process.sandbox.choose_backend import choose_backend
+from mdrive_sumo.agent_process.sandbox.kernel_trial import choose_backend
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.agent_process.sandbox.private_files import MEMORY
 from mdrive_sumo.core.errors import InputError

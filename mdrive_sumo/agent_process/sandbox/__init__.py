@@ -2,7 +2,7 @@
 
 from mdrive_sumo.agent_process.sandbox.box import Box, BoxKilledError, BoxReport
 from mdrive_sumo.agent_process.sandbox.box_spec import BACKENDS, BoxSpec
-from mdrive_sumo.agent_process.sandbox.choose_backend import (
+from mdrive_sumo.agent_process.sandbox.kernel_trial import (
     AUTO,
     OWN_KERNEL,
     SHARED_KERNEL,

@@ -8,7 +8,7 @@ from pathlib import Path
 from mdrive_sumo.agent_process.sandbox import bubblewrap, cgroups
 from mdrive_sumo.agent_process.sandbox.box import Box
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
-from mdrive_sumo.agent_process.sandbox.choose_backend import AUTO, OWN_KERNEL, choose_backend, try_own_kernel
+from mdrive_sumo.agent_process.sandbox.kernel_trial import AUTO, OWN_KERNEL, choose_backend, try_own_kernel
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.agent_process.sandbox.open_box import opened
 from mdrive_sumo.agent_process.sandbox.private_files import FOLDER, MEMORY, find_file_system

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from testing import evaluation_fakes
 from testing.archive_samples import packed
 from testing.dask_cluster import cluster
 from testing.sandbox_runs import needs_bubblewrap
@@ -31,7 +32,7 @@ from server.enums import ChallengeTrack, ScenarioVerdict
 from server.evaluation.cross_play_work import compute_score
 from server.evaluation.job_task import AgentRejection, JobTask, OtherArchive
 from server.evaluation.submission_job import run_submission_job
-from server.settings import ArchiveSettings, SandboxSettings
+from server.settings import ArchiveSettings
 from server.store.jobs import JobOutcome
 from server.tracks import COMM_BY_TRACK
 
@@ -88,7 +89,7 @@ def task(data: Path, archive: bytes, **changed: Any) -> JobTask:
         0,
         True,
         data,
-        SandboxSettings(required=()),
+        evaluation_fakes.SHARED,
         ArchiveSettings(),
     )
     return replace(made, **changed)
@@ -237,7 +238,8 @@ def test_an_agent_with_files_of_its_own_drives_as_one_without(
     """The server's default; the digest is that of boxes that share files."""
     place = tmp_path / "copies"
     place.mkdir()
-    wanted = task(tmp_path, team(), sandbox=SandboxSettings(required=("private-files", "proc"), copies=place))
+    settings = evaluation_fakes.SHARED.model_copy(update={"required": ("private-files", "proc"), "copies": place})
+    wanted = task(tmp_path, team(), sandbox=settings)
     describe_small_environment(tmp_path / "environments" / "python3.11-numpy")
     private, shared = driven(wanted), plain[1]
     assert private.usage is not None and private.result is not None and shared.result is not None

@@ -21,7 +21,7 @@ from server.settings import SandboxSettings, ServerSettings, WorkerSettings, loa
 
 @pytest.mark.parametrize("backend", ["none", "gvsior"])
 def test_no_server_drives_foreign_code_without_a_box(backend: str) -> None:
-    with pytest.raises(InputError, match=r"sandbox\.backend: .*'bubblewrap' or 'gvisor'"):
+    with pytest.raises(InputError, match=r"sandbox\.backend: .*'auto', 'bubblewrap' or 'gvisor'"):
         load_settings(None, {"MDRIVE_SANDBOX__BACKEND": backend})
 
 
@@ -47,7 +47,7 @@ def hidden(suite: str, **changed: Any) -> PhaseSettings:
     ],
 )
 def test_what_is_secret_lies_where_no_box_looks(tmp_path: Path, changed: dict[str, Any], what: str) -> None:
-    found = ServerSettings(data=tmp_path, sandbox=SandboxSettings(required=())).model_copy(update=changed)
+    found = ServerSettings(data=tmp_path, sandbox=evaluation_fakes.SHARED).model_copy(update=changed)
     with pytest.raises(
         InputError, match=rf"^{what}expected a folder that no sandbox sees, .*every agent can read /usr"
     ):
@@ -63,7 +63,7 @@ def test_a_link_in_an_image_shows_nothing_of_the_host(tmp_path: Path) -> None:
 
 def test_what_is_public_may_lie_anywhere_and_an_image_is_seen_too(tmp_path: Path) -> None:
     shown = (hidden("/usr/src/app/suite", public=True, id="open"), hidden("interdrive"))
-    found = ServerSettings(data=tmp_path / "image" / "srv" / "data", sandbox=SandboxSettings(required=()), phases=shown)
+    found = ServerSettings(data=tmp_path / "image" / "srv" / "data", sandbox=evaluation_fakes.SHARED, phases=shown)
     check_machine(found)
     (tmp_path / "image" / "usr").mkdir(parents=True)
     about = found.environments / "python3.11-numpy" / ABOUT_FILE
@@ -108,4 +108,4 @@ def test_a_worker_that_cannot_be_started_is_tried_again(
 
 def test_a_machine_that_lacks_a_layer_is_told_and_what_to_do() -> None:
     with pytest.raises(InputError, match=r"expected layers among .*found walls\. .*MDRIVE_SANDBOX__REQUIRED="):
-        check_machine(ServerSettings(sandbox=SandboxSettings(required=("walls",))))
+        check_machine(ServerSettings(sandbox=SandboxSettings(backend="bubblewrap", required=("walls",))))

@@ -22,7 +22,7 @@ from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult, make_void_result
 from mdrive_sumo.v2x.comm_settings import CommSettings
-from server import environments
+from server import environments, settings
 from server.archive import ArchiveLimits, check_archive
 from server.enums import ChallengeTrack, ScenarioVerdict
 from server.environments import Environment, EnvironmentRecipe, build_environment, load_environment
@@ -86,7 +86,8 @@ def test_verdicts() -> None:
     assert format_result(result(a="crashed: ValueError: x")).startswith("agent-failed (crashed): i01_")
 
 
-def test_the_limits_are_those_of_a_server(tmp_path: Path) -> None:
+def test_limits_and_backend_are_those_of_a_server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(settings, "choose_backend", lambda wanted: {"auto": "gvisor"}[wanted])
     with unpack_agent(written(tmp_path, packed(GOOD))) as found:
         entrant = with_server_limits(found, HERE)
     sandbox = ServerSettings().sandbox
@@ -95,7 +96,7 @@ def test_the_limits_are_those_of_a_server(tmp_path: Path) -> None:
     spec = entrant.agent_spec()
     assert spec.box is not None
     assert (spec.agent, spec.limits, spec.box.folder) == ("/agent/agents.py:Agent", entrant.limits, found.folder)
-    assert (spec.box.backend, spec.box.python, spec.box.site) == ("bubblewrap", sys.executable, Path("/site"))
+    assert (spec.box.backend, spec.box.python, spec.box.site) == ("gvisor", sys.executable, Path("/site"))
 
 
 def memory_bytes(agent: SubmittedAgent) -> int:
@@ -181,9 +182,10 @@ def test_an_environment_is_built_once_and_found_again(tmp_path: Path, monkeypatc
 
 @pytest.mark.parametrize("active", [False, True])
 def test_what_boxes_lack_here_is_said(run: Run, monkeypatch: pytest.MonkeyPatch, active: bool) -> None:
-    names = (*ServerSettings().sandbox.required, "gvisor")
-    here = tuple(SandboxLayer(name, active or name not in ("uid", "cgroup", "gvisor"), f"why {name}") for name in names)
-    monkeypatch.setattr(dry_run, "examine_layers", lambda: here)
+    names = (*ServerSettings().sandbox.required, "own-kernel")
+    absent = ("uid", "cgroup", "own-kernel")
+    here = tuple(SandboxLayer(name, active or name not in absent, f"why {name}") for name in names)
+    monkeypatch.setattr(dry_run, "examine_layers", lambda _: here)
     monkeypatch.setattr(dry_run, "ask_agent", lambda _: AgentDeclaration("single", ()))
     monkeypatch.setattr(dry_run, "run_jobs", lambda *_: [])
     run("init-agent", "mine")
