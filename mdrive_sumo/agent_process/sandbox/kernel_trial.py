@@ -78,7 +78,7 @@ def choose_backend(wanted: str = AUTO) -> str:
 
 
 def check_shared_kernel(backend: str, *, may_share: bool, setting: str) -> None:
-    """Raise InputError if boxes of hidden phases would share a kernel and nobody has permitted that.
+    """Raise InputError if boxes of hidden phases would share a kernel without a permission.
 
     backend: a real one, see `choose_backend`. setting: how the user permits it.
     """

@@ -4,6 +4,7 @@ import errno
 import json
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,14 @@ import pytest
 from testing import databases, evaluation_fakes, processes
 
 from mdrive_sumo.agent_process import sandbox
+from mdrive_sumo.agent_process.sandbox import kernel_trial
 from mdrive_sumo.core.errors import InputError
 from server.environments import ABOUT_FILE
-from server.evaluation.machine_check import check_machine
+from server.evaluation.machine_check import check_hidden_phases, check_machine
 from server.evaluation.supervisor import Supervisor
 from server.phase_settings import WARM_UP, PhaseSettings
 from server.settings import SandboxSettings, ServerSettings, WorkerSettings, load_settings
+from server.store import phases as store_phases
 
 
 @pytest.mark.parametrize("backend", ["none", "gvsior"])
@@ -109,3 +112,59 @@ def test_a_worker_that_cannot_be_started_is_tried_again(
 def test_a_machine_that_lacks_a_layer_is_told_and_what_to_do() -> None:
     with pytest.raises(InputError, match=r"expected layers among .*found walls\. .*MDRIVE_SANDBOX__REQUIRED="):
         check_machine(ServerSettings(sandbox=SandboxSettings(backend="bubblewrap", required=("walls",))))
+
+
+def refusing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine without a kernel for each box."""
+    trial = kernel_trial.KernelTrial(False, "runsc (gVisor) is not installed")
+    monkeypatch.setattr(kernel_trial, "try_own_kernel", lambda: trial)
+
+
+SENTENCE = (
+    r"^hidden phases: expected boxes with a kernel each, found boxes of bubblewrap \(there is no kernel for each box:"
+    r" runsc \(gVisor\) is not installed\), whose agents share the host's kernel and could .*, or accept that with"
+    r" \[sandbox\] hidden_on_shared_kernel = true$"
+)
+
+
+@pytest.mark.parametrize(
+    ("backend", "changed", "is_refused"),
+    [
+        ("auto", {}, True),
+        ("bubblewrap", {}, True),
+        ("gvisor", {}, False),
+        ("auto", {"hidden_on_shared_kernel": True}, False),
+        ("auto", {"phase_kinds": "public"}, False),
+        ("auto", {"scheduler": "tcp://127.0.0.1:1"}, False),
+        ("auto", {"public": True}, False),
+        ("auto", {"over": True}, False),
+    ],
+)
+def test_hidden_phases_are_refused_where_boxes_share_a_kernel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, backend: Any, changed: dict[str, Any], is_refused: bool
+) -> None:
+    refusing(monkeypatch)
+    store = databases.emptied("sqlite")
+    phase = hidden("interdrive", public=changed.get("public", False))
+    with store.write() as session:
+        store_phases.set_phases(session, [phase.as_new()], 0)
+    permitted = changed.get("hidden_on_shared_kernel", False)
+    boxes = SandboxSettings(backend=backend, hidden_on_shared_kernel=permitted, required=())
+    work = WorkerSettings(**{name: changed[name] for name in ("phase_kinds", "scheduler") if name in changed})
+    settings = ServerSettings(data=tmp_path, sandbox=boxes, work=work)
+    now_us = phase.as_new().closes_us + (1 if "over" in changed else -1)
+    with store.read() as session, pytest.raises(InputError, match=SENTENCE) if is_refused else nullcontext():
+        check_hidden_phases(settings, session, now_us)
+
+
+def test_serve_does_not_start_with_a_hidden_phase_on_a_shared_kernel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refusing(monkeypatch)
+    store = databases.emptied("sqlite")
+    with store.write() as session:
+        store_phases.set_phases(session, [hidden("interdrive").as_new()], 0)
+    found = evaluation_fakes.settings(tmp_path)
+    boxes = found.sandbox.model_copy(update={"backend": "auto", "hidden_on_shared_kernel": False})
+    with pytest.raises(InputError, match=SENTENCE):
+        Supervisor(store, found.model_copy(update={"sandbox": boxes})).start()

@@ -1,7 +1,9 @@
 """Dry runs give the server's verdicts, in the server's boxes; environments are built by pip and found again."""
 
+import hashlib
 import sys
 import zipfile
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import pytest
 from testing.archive_samples import GOOD, packed, written
 from testing.local_executor import LocalExecutor
 from testing.participant_fakes import Run, command_line
+from testing.paths import ROOT
 from testing.sandbox_runs import needs_bubblewrap
 from testing.suite_fakes import make_suite
 
@@ -116,7 +119,7 @@ def test_an_environment_brings_the_memory_it_needs(tmp_path: Path) -> None:
 
 
 def test_unknown_environments_are_told_the_known() -> None:
-    with pytest.raises(InputError, match=r"one of python3.11-numpy, python3.11-torch-cpu, found 'x'"):
+    with pytest.raises(InputError, match=r"one of python3.11-numpy, python3.11-onnx, python3.11-torch-cpu, found 'x'"):
         load_environment("x", Path())
 
 
@@ -178,6 +181,55 @@ def test_an_environment_is_built_once_and_found_again(tmp_path: Path, monkeypatc
         build_environment("none", tmp_path / "envs", offline)
     with pytest.raises(InputError, match="not built in"):
         load_environment("none", tmp_path / "envs")
+
+
+def read_lock(text: str) -> dict[str, set[str]]:
+    """Checksums by name==version of a lock file."""
+    found: dict[str, set[str]] = {}
+    name = ""
+    for line in text.splitlines():
+        if line and not line.startswith((" ", "#")):
+            name = line.split()[0]
+            found[name] = set()
+        elif "--hash=" in line:
+            found[name].add(line.split("--hash=")[1].split()[0])
+    return found
+
+
+@pytest.mark.parametrize("recipe", [one for one in environments.RECIPES.values() if one.has_lock])
+def test_a_locked_recipe_has_the_checksums_of_the_projects_lock(recipe: EnvironmentRecipe) -> None:
+    locked = read_lock((environments.LOCKS / f"{recipe.name}.lock").read_text())
+    project = read_lock((ROOT / "requirements.lock").read_text())
+    assert set(recipe.packages) <= locked.keys()
+    assert locked.items() <= project.items()
+
+
+def test_a_locked_recipe_is_built_from_a_folder_of_wheels_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    commands: list[tuple[str, ...]] = []
+    monkeypatch.setattr(environments, "_run", lambda command, _: commands.append(command) or "")
+    (tmp_path / "python3.11-onnx").mkdir()
+    build_environment("python3.11-onnx", tmp_path, wheels=tmp_path / "wheels")
+    lock = environments.LOCKS / "python3.11-onnx.lock"
+    offline = ("--no-index", "--find-links", str(tmp_path / "wheels"))
+    assert commands[1][-6:] == (*offline, "--require-hashes", "-r", str(lock))
+
+
+@pytest.mark.full  # in `make test`: the command that it runs, above
+def test_a_wheel_with_another_checksum_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The index of pip's settings is not asked, whatever the folder lacks."""
+    monkeypatch.setenv("PIP_INDEX_URL", "http://127.0.0.1:9/simple")
+    wheel(tmp_path, "tiny")
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    recipe = EnvironmentRecipe("mine", python, ("tiny==1.0",), 1, has_lock=True)
+    monkeypatch.setattr(environments, "RECIPES", {"mine": recipe})
+    monkeypatch.setattr(environments, "LOCKS", tmp_path)
+    checksum = hashlib.sha256((tmp_path / "tiny-1.0-py3-none-any.whl").read_bytes()).hexdigest()
+    for text, fails in (("0" * 64, "mine: -m pip .* failed: "), (checksum, "")):
+        (tmp_path / "mine.lock").write_text(f"tiny==1.0 \\\n    --hash=sha256:{text}\n")
+        with pytest.raises(InputError, match=fails) if fails else nullcontext():
+            assert "tiny==1.0" in build_environment("mine", tmp_path / "envs", wheels=tmp_path).packages
 
 
 @pytest.mark.parametrize("active", [False, True])
