@@ -43,7 +43,7 @@ def opened(spec: BoxSpec, start_s: float = GVISOR_START_S) -> Box:
         group = _make_group(spec, slot)
         if group is not None:
             undo.callback(group.remove, 1.0)
-        folder = Path(tempfile.mkdtemp(prefix="mdrive-box-")) if spec.backend == "gvisor" else None
+        folder = _make_folder(slot) if spec.backend == "gvisor" else None
         if folder is not None:
             undo.callback(shutil.rmtree, folder, ignore_errors=True)
         box = _start(spec, slot, group, folder)
@@ -51,6 +51,16 @@ def opened(spec: BoxSpec, start_s: float = GVISOR_START_S) -> Box:
     if spec.backend == "gvisor":
         _wait_for_begin(box, start_s)
     return box
+
+
+def _make_folder(slot: UserSlot) -> Path:
+    """A temporary folder for a box in this slot; removes those of earlier ones, whose evaluators were killed."""
+    prefix = f"mdrive-box-{os.geteuid()}-{slot.number}-"
+    for left_over in Path(tempfile.gettempdir()).glob(f"{prefix}*"):
+        with suppress(OSError):
+            if left_over.lstat().st_uid in (slot.uid, os.geteuid()):  # not what another user has put there
+                shutil.rmtree(left_over, ignore_errors=True)
+    return Path(tempfile.mkdtemp(prefix=prefix))
 
 
 def _wait_for_begin(box: Box, start_s: float) -> None:
