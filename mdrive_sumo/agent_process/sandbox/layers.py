@@ -8,6 +8,7 @@ from pathlib import Path
 from mdrive_sumo.agent_process.sandbox import bubblewrap, cgroups
 from mdrive_sumo.agent_process.sandbox.box import Box
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
+from mdrive_sumo.agent_process.sandbox.command_lines import may_mount
 from mdrive_sumo.agent_process.sandbox.kernel_trial import AUTO, OWN_KERNEL, choose_backend, try_own_kernel
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.agent_process.sandbox.open_box import opened
@@ -125,6 +126,8 @@ def _examine_files(seen: Mapping[str, str], backend: str, copies: Path, problem:
     warnings = (
         [] if kind == "tmpfs" else [f"{kind} is no tmpfs: a later box in a slot can learn what an earlier one read"]
     )
+    if backend == OWN_KERNEL and not may_mount():
+        warnings.append("started by a plain user, a later box in a slot sees when files were last read")
     if kind == "tmpfs" and len(Path("/proc/swaps").read_text().splitlines()) > 1:
         warnings.append("this host swaps, which a box can notice: switch swap off")
     return SandboxLayer("private-files", True, "; ".join((f"copies for each slot in {copies} ({kind})", *warnings)))
