@@ -88,6 +88,8 @@ def _make_group(spec: BoxSpec, slot: UserSlot) -> cgroups.Cgroup | None:
 def _start(spec: BoxSpec, slot: UserSlot, group: cgroups.Cgroup | None, folder: Path | None) -> Box:
     ends = PipeEnds.make()
     with ends.theirs, ends.undo:
+        if spec.backend == "gvisor":
+            ends.widen_log()
         entries = () if group is None else group.entries()
         for fd in entries:
             ends.theirs.callback(os.close, fd)
