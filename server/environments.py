@@ -40,15 +40,19 @@ class EnvironmentRecipe:
     """Exact, because an agent's results depend on them. The connection to the evaluator needs `msgpack`."""
     memory_bytes: int
     """Least memory of a sandbox with this environment."""
+    has_lock: bool = False
+    """Whether `recipes/NAME.lock` has all its packages, also those that they need, with checksums."""
 
 
 MEBIBYTE = 1024 * 1024
+LOCKS = Path(__file__).parent / "recipes"
 BASE = ("msgpack==1.2.4", "numpy==2.4.6", "pyyaml==6.0.3")
 """PyYAML, because agents of the CARLA leaderboard read their options with it."""
 RECIPES: Mapping[str, EnvironmentRecipe] = {
     find_recipe.name: find_recipe
     for find_recipe in (
-        EnvironmentRecipe("python3.11-numpy", "3.11", BASE, 512 * MEBIBYTE),
+        EnvironmentRecipe("python3.11-numpy", "3.11", BASE, 512 * MEBIBYTE, has_lock=True),
+        EnvironmentRecipe("python3.11-onnx", "3.11", (*BASE, "onnxruntime==1.26.0"), 1024 * MEBIBYTE, has_lock=True),
         EnvironmentRecipe("python3.11-torch-cpu", "3.11", (*BASE, "torch==2.13.0+cpu"), 2048 * MEBIBYTE),
     )
 }
@@ -119,10 +123,13 @@ def current_environment() -> Environment:
     return Environment("this Python", Path(sys.executable), site, ())
 
 
-def build_environment(name: str, folder: Path, pip_options: Sequence[str] = ()) -> Environment:
+def build_environment(
+    name: str, folder: Path, pip_options: Sequence[str] = (), wheels: Path | None = None
+) -> Environment:
     """Build an environment with venv and the interpreter's pip, from wheels only; pip's settings name the index.
 
-    An existing environment is not overwritten, since sandboxes may use it. Raises InputError.
+    wheels: a folder of wheels, from which alone everything comes, without a network; None: from the index. An existing
+    environment is not overwritten, since sandboxes may use it. Raises InputError.
     """
     recipe = find_recipe(name)
     target = folder / name
@@ -132,7 +139,9 @@ def build_environment(name: str, folder: Path, pip_options: Sequence[str] = ()) 
     _run((interpreter, "-m", "venv", "--clear", "--without-pip", str(target)), name)
     python = target / "bin" / "python"
     pip = (interpreter, "-m", "pip", "--python", str(python), "--disable-pip-version-check", "--no-input")
-    _run((*pip, "install", "--no-cache-dir", "--only-binary=:all:", *pip_options, *recipe.packages), name)
+    offline = () if wheels is None else ("--no-index", "--find-links", str(wheels))
+    packages = ("--require-hashes", "-r", str(LOCKS / f"{name}.lock")) if recipe.has_lock else recipe.packages
+    _run((*pip, "install", "--no-cache-dir", "--only-binary=:all:", *offline, *pip_options, *packages), name)
     packages = tuple(_run((*pip, "freeze", "--all"), name).split())
     site = target / "lib" / interpreter / "site-packages"
     return _write_description(Environment(name, python.absolute(), site.absolute(), packages), target)

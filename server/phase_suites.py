@@ -66,7 +66,8 @@ class LoadedPhaseSuites:
         The digest is read every time: an environment can be imported again while the server runs.
         """
         checksum = self._load(phase.suite).checksum
-        sandbox = self._settings.sandbox.model_dump(mode="json", exclude={"log_bytes", "pace_s"})
+        unjudged = {"log_bytes", "pace_s", "hidden_on_shared_kernel"}  # change no result
+        sandbox = self._settings.sandbox.model_dump(mode="json", exclude=unjudged)
         digest = environments.compute_digest(environment, self._settings.environments)
         return {**self._code, "suite": checksum, "seeds": phase.seeds, "sandbox": sandbox, ENVIRONMENT: digest}
 

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, ValidationError, model_validator
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits as ConnectionLimits
+from mdrive_sumo.agent_process.sandbox.kernel_trial import choose_backend
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.agent_process.sandbox.private_files import MEMORY
 from mdrive_sumo.core.errors import InputError
@@ -56,7 +57,10 @@ class ArchiveSettings(SettingsModel):
 class SandboxSettings(SettingsModel):
     """Sandboxes of the agents. The limits are those of `mdrive_sumo.agent_process.sandbox.BoxLimits`."""
 
-    backend: Literal["bubblewrap", "gvisor"] = "bubblewrap"
+    backend: Literal["auto", "bubblewrap", "gvisor"] = "auto"
+    """auto: on each machine gVisor, a kernel for each box, where its trial succeeds, else bubblewrap."""
+    hidden_on_shared_kernel: bool = False
+    """Whether jobs of hidden phases may run in boxes that share the host's kernel (bubblewrap)."""
     required: tuple[str, ...] = (
         *("namespaces", "read-only", "privileges", "seccomp", "private-files", "proc", "uid", "cgroup", "rlimits"),
     )
@@ -84,6 +88,10 @@ class SandboxSettings(SettingsModel):
     def box_limits(self) -> BoxLimits:
         """Return the limits of a sandbox."""
         return BoxLimits(**{field.name: getattr(self, field.name) for field in fields(BoxLimits)})
+
+    def choose_backend(self) -> str:
+        """Return the backend of boxes on this machine; the first call with `auto` opens a box."""
+        return choose_backend(self.backend)
 
     def copies_folder(self) -> Path | None:
         """Return where boxes get files of their own; None if they share those of the host."""

@@ -91,6 +91,9 @@ class AgentBox:
     """Folders whose content the agent must not see, wherever they lie in what the box shows."""
     copies: Path | None = None
     """Folder for copies of all files that the box shows, so that no two boxes share one; None: boxes share them."""
+    owns_signals: bool = False
+    """Whether a signal that may have come from outside is the agent's failure: in a run that repeats another one
+    because of such a signal."""
 
 
 class PlainAgentProcess:
@@ -152,8 +155,9 @@ class BoxedAgentProcess:
             hidden=box.hidden,
             copies=box.copies,
             live=frozenset({FRAMES}),
+            owns_signals=box.owns_signals,
         )
-        self._backend, self._log = box.backend, program.log
+        self._backend, self._log, self._repeated = box.backend, program.log, box.owns_signals
         self._box = sandbox.open_box(spec)
         self._report: sandbox.BoxReport | None = None
 
@@ -196,7 +200,7 @@ class BoxedAgentProcess:
     def usage_record(self) -> Mapping[str, Any]:
         """See AgentProcess."""
         assert self._report is not None
-        return {"backend": self._backend, **asdict(self._report)}
+        return {"backend": self._backend, "repeated": self._repeated, **asdict(self._report)}
 
 
 def _interpreter_options(box: AgentBox) -> tuple[str, ...]:

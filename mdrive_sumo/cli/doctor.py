@@ -2,7 +2,7 @@
 
 import click
 
-from mdrive_sumo.agent_process.sandbox import examine_layers
+from mdrive_sumo.agent_process.sandbox import examine_backend, try_own_kernel
 from mdrive_sumo.report.installation import examine_installation, format_installation_table, format_sandbox_table
 
 NEEDED_LAYERS = ("namespaces", "read-only", "privileges", "seccomp", "rlimits")
@@ -17,8 +17,8 @@ def command(sandbox: bool) -> None:
     Exits 1 if something is missing that the core commands need, with --sandbox if no sandbox can be had.
     """
     if sandbox:
-        found = examine_layers()
-        click.echo(format_sandbox_table(found))
+        backend, found = examine_backend()
+        click.echo(format_sandbox_table(found, backend, try_own_kernel()))
         complete = all(layer.active for layer in found if layer.name in NEEDED_LAYERS)
     else:
         checks = examine_installation()

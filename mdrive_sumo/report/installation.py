@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from mdrive_sumo.agent_process.sandbox import GAPS, SandboxLayer
+from mdrive_sumo.agent_process.sandbox import GAPS, OWN_KERNEL, SHARED_KERNEL, KernelTrial, SandboxLayer
 from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.tables import format_text_table
 
@@ -160,14 +160,33 @@ def format_installation_table(checks: Iterable[InstallationCheck]) -> str:
     )
 
 
-def format_sandbox_table(layers: Iterable[SandboxLayer]) -> str:
-    """Return the layers of the sandbox on this machine as a table, followed by what they do not cover."""
+def format_sandbox_table(layers: Iterable[SandboxLayer], backend: str, trial: KernelTrial) -> str:
+    """Return the default backend, its layers on this machine as a table, and what it and the fallback leave open.
+
+    backend: the one that a server takes here with `[sandbox] backend = "auto"`. trial: whether boxes can have a kernel
+    each.
+    """
     rows = [(layer.name, "in force" if layer.active else "absent", layer.detail) for layer in layers]
+    fallback = GAPS[SHARED_KERNEL]
     return "\n".join(
         (
+            *_describe_default(backend, trial),
+            "",
             format_text_table(("layer", "here", "how"), rows),
             "",
-            "The backend bubblewrap does not protect from:",
-            *(f"  - {gap}" for gap in GAPS["bubblewrap"]),
+            f"The backend {backend} does not protect from:",
+            *(f"  - {gap}" for gap in GAPS[backend]),
+            *(("", f"The fallback {SHARED_KERNEL} would not protect from:") if backend == OWN_KERNEL else ()),
+            *((f"  - {gap}" for gap in fallback) if backend == OWN_KERNEL else ()),
         )
+    )
+
+
+def _describe_default(backend: str, trial: KernelTrial) -> tuple[str, ...]:
+    """Return lines about the default of a server on this machine."""
+    if backend == OWN_KERNEL:
+        return (f"default backend: {backend}, a kernel for each box ({trial.detail})", f"fallback: {SHARED_KERNEL}")
+    return (
+        f"default backend: {backend}, the fallback, whose boxes share the host's kernel: {trial.detail}",
+        "Hidden phases are refused here unless the server's settings say [sandbox] hidden_on_shared_kernel = true.",
     )

@@ -71,6 +71,10 @@ class AgentSpec:
         place, name = split_locator(self.agent)
         return replace(self, agent=f"{Path(place).resolve()}:{name}") if place.endswith(".py") else self
 
+    def own_signals(self) -> "AgentSpec":
+        """Return the agent for a repeated run, in which each signal that ends its box is its own failure."""
+        return self if self.box is None else replace(self, box=replace(self.box, owns_signals=True))
+
     def config_text(self) -> str:
         """Return the options as canonical JSON."""
         return json.dumps(dict(self.config), sort_keys=True, separators=(",", ":"))

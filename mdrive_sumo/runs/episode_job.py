@@ -1,5 +1,6 @@
 """EpisodeJob: one episode as a typed, picklable value for a worker process. The composition root of a run."""
 
+import logging
 import os
 from collections.abc import Generator
 from contextlib import contextmanager, nullcontext
@@ -8,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from mdrive_sumo.agent_process.agent_connection import ConnectionGroup
+from mdrive_sumo.agent_process.sandbox import BoxKilledError
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
@@ -26,6 +28,10 @@ from mdrive_sumo.scenario.suite import Suite, load_suite_of_one
 from mdrive_sumo.scenario.variation import load_varied_scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
 from mdrive_sumo.scoring.roles import mark_tested
+
+LOG = logging.getLogger("mdrive.episode")
+ATTEMPTS = 2
+"""Episodes that a job drives at most, see `_drive`: limits of its time count the agents' limits so often."""
 
 
 @dataclass(frozen=True)
@@ -157,6 +163,20 @@ def _describe_others(others: OtherAgents | None) -> dict[str, str]:
 
 
 def _drive(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord:
+    """Drive the episode; once more if a signal that may have come from outside ended the program of a box.
+
+    Nothing tells who has sent such a signal. The second time it is the agent's failure, or an agent that kills itself
+    would never get a result.
+    """
+    try:
+        return _drive_once(job, scenario, roads)
+    except BoxKilledError as error:
+        LOG.warning("%s: %s; the episode is driven once more", scenario.id, error)
+    others = replace(job.others, agent=job.others.agent.own_signals()) if job.others is not None else None
+    return _drive_once(replace(job, agent=job.agent.own_signals(), others=others), scenario, roads)
+
+
+def _drive_once(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord:
     config = EpisodeConfig(
         scenario,
         roads,

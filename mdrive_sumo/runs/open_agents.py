@@ -13,6 +13,7 @@ from mdrive_sumo.agent_process.child_process import PACKAGE, AgentProgram
 from mdrive_sumo.agent_process.joint_agent import JointAgentSession
 from mdrive_sumo.agent_process.remote_driver import RemoteDriver, open_agent_connection
 from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
+from mdrive_sumo.agent_process.sandbox import BoxKilledError
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
@@ -41,6 +42,13 @@ def declare_agent(spec: AgentSpec) -> AgentDeclaration:
 
     Raises AgentFailure, BoxError, InputError; RejectedError for sensors that a boxed agent must not have.
     """
+    try:
+        return _declare_agent(spec)
+    except BoxKilledError:
+        return _declare_agent(spec.own_signals())
+
+
+def _declare_agent(spec: AgentSpec) -> AgentDeclaration:
     with TemporaryDirectory(prefix="mdrive-declare-") as name:
         logs = Path(name) / "agent"
         try:

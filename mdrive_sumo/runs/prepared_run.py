@@ -13,7 +13,7 @@ from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_boxing import box_agent, list_hidden_folders
 from mdrive_sumo.runs.agent_spec import AgentSpec
-from mdrive_sumo.runs.episode_job import EpisodeJob
+from mdrive_sumo.runs.episode_job import ATTEMPTS, EpisodeJob
 from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor
@@ -136,7 +136,7 @@ def compute_limit_s(agents: Sequence[AgentSpec], scenarios: Sequence[Scenario]) 
     most = max(len(scenario.egos) for scenario in scenarios)
     paced_s = PACED_TICKS * max((agent.limits.pace_s for agent in agents), default=0.0)
     of_agents_s = most * max((2 * one.start_s + one.episode_s for one in foreign), default=0.0)
-    return SIMULATION_LIMIT_S + paced_s + of_agents_s
+    return SIMULATION_LIMIT_S + ATTEMPTS * (paced_s + of_agents_s)
 
 
 def prepare(config: RunConfig) -> PreparedRun:

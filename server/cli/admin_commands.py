@@ -177,14 +177,19 @@ def list_environments(admin_context: _AdminContext) -> None:
 
 @environment.command("build", context_settings={"ignore_unknown_options": True})
 @click.argument("name")
+@click.option(
+    "--wheels",
+    type=click.Path(path_type=Path, exists=True, file_okay=False, resolve_path=True),
+    help="Folder of wheels from which alone everything is installed, without a network [default: pip's index].",
+)
 @click.argument("pip_options", nargs=-1, type=click.UNPROCESSED)
 @_pass_admin
-def build_environment(admin_context: _AdminContext, name: str, pip_options: Sequence[str]) -> None:
+def build_environment(admin_context: _AdminContext, name: str, wheels: Path | None, pip_options: Sequence[str]) -> None:
     """Build an environment with venv and pip; options after NAME go to pip (docs/server.md, Environments)."""
     folder = admin_context.settings.environments.absolute()
     environments.find_recipe(name)
     folder.mkdir(parents=True, exist_ok=True)
-    built = environments.build_environment(name, folder, pip_options)
+    built = environments.build_environment(name, folder, pip_options, wheels)
     click.echo(f"{built.name}  {len(built.packages)} packages  {built.python}")
 
 

@@ -159,6 +159,7 @@ class CrossPlayWork:
             scenario=job.scenario,
             seed=cross_play.SEED,
             public=phase.public,
+            hidden=not phase.public,
             data=self._settings.data.absolute(),
             sandbox=self._settings.sandbox,
             limits=self._settings.limits,

@@ -38,7 +38,8 @@ def check_declaration(
     separation = PhaseSeparation("public", settings.data, drop_caches=False)
     try:
         environment = load_environment(manifest.environment, settings.environments)
-        _find_layers(settings.sandbox.required, settings.sandbox.backend, settings.sandbox.copies)
+        backend = settings.sandbox.choose_backend()
+        _find_layers(settings.sandbox.required, backend, settings.sandbox.copies)
         if not separation.try_begin("upload", public=True, now_us=now_us()):
             return False
         stage = settings.data / "stage"  # where folders that a crash leaves are deleted
@@ -56,7 +57,7 @@ def check_declaration(
                     environment,
                     sandbox.box_limits(),
                     replace(line, start_s=min(line.start_s, START_S)),
-                    sandbox.backend,
+                    backend,
                     sandbox.copies_folder(),
                 )
             )

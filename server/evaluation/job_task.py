@@ -42,6 +42,8 @@ class JobTask:
     sandbox: SandboxSettings
     sensor_track_only: bool = field(default=False, kw_only=True)
     """Whether an agent that is given lists of objects is rejected."""
+    hidden: bool = field(default=False, kw_only=True)
+    """Whether the scenario is one of a hidden phase, also where a spot check stores nothing of a public one."""
     other: OtherArchive | None = field(default=None, kw_only=True)
     """In cross-play, where neither recording nor logs are stored; None: the agent drives all CAVs."""
     limits: ArchiveSettings
@@ -102,6 +104,7 @@ def load_task(session: Session, job: JobRow, settings: ServerSettings, suites: P
         scenario=job.scenario,
         seed=job.seed,
         public=phase.public,
+        hidden=not phase.public,
         sensor_track_only=phase.sensor_track_only,
         data=settings.data.absolute(),
         sandbox=settings.sandbox,

@@ -5,6 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from sqlalchemy import make_url
+from sqlalchemy.orm import Session
 
 from mdrive_sumo.agent_process import sandbox
 from mdrive_sumo.core.errors import InputError
@@ -12,7 +13,9 @@ from mdrive_sumo.runs.make_executor import check_scheduler_address
 from mdrive_sumo.scenario.suite import list_packaged_suites
 from server import environments
 from server.settings import ServerSettings
+from server.store import phases
 
+SHARED_KERNEL_SETTING = "[sandbox] hidden_on_shared_kernel = true"
 _ADVICE = "Install what is missing (docs/sandbox.md), or require less with MDRIVE_SANDBOX__REQUIRED=LAYER,LAYER,..."
 
 
@@ -27,9 +30,22 @@ def check_machine(settings: ServerSettings) -> None:
     else:
         try:
             wanted = settings.sandbox
-            sandbox.check_layers(wanted.required, wanted.backend, wanted.copies)
+            sandbox.check_layers(wanted.required, wanted.choose_backend(), wanted.copies)
         except InputError as error:
             raise InputError(f"{error}. {_ADVICE}") from None
+
+
+def check_hidden_phases(settings: ServerSettings, session: Session, now_us: int) -> None:
+    """Raise InputError if this machine would run hidden phases that are not over in boxes that share its kernel.
+
+    On a cluster agents run elsewhere: there each job checks it.
+    """
+    work = settings.work
+    hidden = (phase for phase in phases.list_phases(session) if not phase.public and phase.closes_us > now_us)
+    if work.scheduler or work.phase_kinds == "public" or not any(hidden):
+        return
+    may_share = settings.sandbox.hidden_on_shared_kernel
+    sandbox.check_shared_kernel(settings.sandbox.choose_backend(), may_share=may_share, setting=SHARED_KERNEL_SETTING)
 
 
 def _check_secrets(settings: ServerSettings) -> None:

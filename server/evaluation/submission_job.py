@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.agent_process.agent_connection import HISTOGRAM_MS
-from mdrive_sumo.agent_process.sandbox import check_layers
+from mdrive_sumo.agent_process.sandbox import check_layers, check_shared_kernel
 from mdrive_sumo.agent_process.sandbox.episode_group import join_episode_group
 from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
@@ -24,6 +24,7 @@ from server.archive import ArchiveRefused
 from server.environments import load_environment
 from server.evaluation.archive_cache import unpack_archive
 from server.evaluation.job_task import BY_MESSAGES, AgentRejection, JobResult, JobTask
+from server.evaluation.machine_check import SHARED_KERNEL_SETTING
 from server.evaluation.message_blame import is_failure_by_messages
 from server.evaluation.thinking_times import THINKING
 from server.store.jobs import JobOutcome
@@ -42,6 +43,7 @@ def run_submission_job(task: JobTask) -> JobResult:
     WorldError, OSError.
     """
     _join_group(task.sandbox.episode_memory_bytes)
+    task = _choose_backend(task)
     _find_task_layers(task)
     agents: list[SubmittedAgent] = []
     for one in (task, *_find_other_tasks(task)):
@@ -65,6 +67,14 @@ def run_submission_job(task: JobTask) -> JobResult:
 def _join_group(memory_bytes: int) -> bool:
     """Put a worker's process into a control group, once; where there are none, the layer `cgroup` is absent too."""
     return parent_process() is not None and join_episode_group(memory_bytes)
+
+
+def _choose_backend(task: JobTask) -> JobTask:
+    """Return the task with the backend of this machine. Raises InputError if a hidden scenario must not run on it."""
+    backend = task.sandbox.choose_backend()
+    if task.hidden:
+        check_shared_kernel(backend, may_share=task.sandbox.hidden_on_shared_kernel, setting=SHARED_KERNEL_SETTING)
+    return replace(task, sandbox=task.sandbox.model_copy(update={"backend": backend}))
 
 
 @lru_cache(maxsize=1)
@@ -158,6 +168,7 @@ def collect_usage(folder: Path) -> dict[str, Any]:
         "latency_p99_ms": max((thought["p99"] for thought in thoughts if thought["p99"] is not None), default=None),
         "peak_memory_bytes": max((record.get("peak_memory_bytes") or 0 for record in records.values()), default=None),
         "cpu_s": round(sum(record.get("cpu_s") or 0.0 for record in records.values()), 3),
+        "backend": ", ".join(sorted({record["backend"] for record in records.values()})),
         "boxes": {name: _box_usage(record) for name, record in records.items()},
         THINKING: {
             name: {key: record["thought_ms"].get(key) for key in ("modes", "late")} for name, record in records.items()
@@ -165,6 +176,12 @@ def collect_usage(folder: Path) -> dict[str, Any]:
     }
 
 
+_USAGE = (
+    *("backend", "repeated", "answers", "exit_code", "signal", "oom_killed"),
+    *("peak_memory_bytes", "cpu_s", "wall_s", "clean"),
+)
+"""What is kept of the record of a box."""
+
+
 def _box_usage(record: Mapping[str, Any]) -> dict[str, Any]:
-    kept = ("backend", "answers", "exit_code", "signal", "oom_killed", "peak_memory_bytes", "cpu_s", "wall_s", "clean")
-    return {name: record[name] for name in kept if name in record}
+    return {name: record[name] for name in _USAGE if name in record}

@@ -16,7 +16,7 @@ from mdrive_sumo.agent_process.sandbox.episode_group import remove_dead_episode_
 from mdrive_sumo.agent_process.sandbox.private_files import remove_idle_files
 from server.clock import now_us
 from server.evaluation.archive_cache import delete_stale
-from server.evaluation.machine_check import check_machine
+from server.evaluation.machine_check import check_hidden_phases, check_machine
 from server.evaluation.phase_separation import describe_mixed_phases
 from server.evaluation.requeue import requeue_outdated
 from server.settings import ServerSettings
@@ -65,6 +65,8 @@ class Supervisor:
         """Start. Raises InputError if this machine cannot sandbox agents as the settings require."""
         if self._slots:
             check_machine(self._settings)
+            with self._store.read() as session:
+                check_hidden_phases(self._settings, session, self._clock())
             self._warn_of_mixed_phases()
         if count := requeue_outdated(self._store, self._settings, self._clock()):
             LOG.warning("%d unfinished submissions restart under this version", count)

@@ -15,12 +15,13 @@ from collections.abc import Callable
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.episode_job import ATTEMPTS
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.prepared_run import PACED_TICKS, SIMULATION_LIMIT_S
 from server.clock import now_us
 from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.job_task import JobResult, JobTask
-from server.evaluation.machine_check import check_machine
+from server.evaluation.machine_check import check_hidden_phases, check_machine
 from server.evaluation.stop_request import StopRequest
 from server.evaluation.submission_job import run_submission_job
 from server.phase_suites import LoadedPhaseSuites
@@ -60,6 +61,8 @@ def run_worker(
     work = settings.work
     store = Store(settings.database_url)
     try:
+        with store.read() as session:
+            check_hidden_phases(settings, session, clock())
         suites = LoadedPhaseSuites(settings)
         limit_s = _compute_limit_s(store, settings, suites)
         with make_executor(function, 1, limit_s, work.scheduler) as executor:
@@ -82,11 +85,8 @@ def _compute_limit_s(store: Store, settings: ServerSettings, suites: LoadedPhase
         every = phases.list_phases(session)
     egos = [len(scenario.egos) for phase in every for scenario in suites.suite(phase).scenarios]
     limits = settings.sandbox.line_limits()
-    return (
-        SIMULATION_LIMIT_S
-        + PACED_TICKS * limits.pace_s
-        + max(egos, default=1) * (2 * limits.start_s + limits.episode_s)
-    )
+    of_agents_s = max(egos, default=1) * (2 * limits.start_s + limits.episode_s)
+    return SIMULATION_LIMIT_S + ATTEMPTS * (PACED_TICKS * limits.pace_s + of_agents_s)
 
 
 def _read_line(fd: int) -> bytes:

@@ -1,7 +1,7 @@
 """Dry run of a submission: sandboxes, limits and verdicts as on a server, as far as this machine supports them."""
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import format_optional
-from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
+from mdrive_sumo.runs.episode_job import ATTEMPTS, EpisodeJob, run_job
 from mdrive_sumo.runs.open_agents import RejectedError
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.suite import load_suite
@@ -83,18 +83,19 @@ def dry_run(team: UnpackedAgent, environment: Environment, track: ChallengeTrack
 
 def _print_missing_layers() -> None:
     """Print the sandbox layers that this machine lacks: an agent may pass here and fail on a server."""
-    required = _default_sandbox().required
-    if lacks := "; ".join(
-        f"{each.name} ({each.detail})" for each in examine_layers() if each.name in required and not each.active
-    ):
+    sandbox = _default_sandbox()
+    layers = examine_layers(sandbox.choose_backend())
+    missing = [layer for layer in layers if layer.name in sandbox.required and not layer.active]
+    if missing:
+        lacks = "; ".join(f"{layer.name} ({layer.detail})" for layer in missing)
         click.echo(f"note: sandboxes on this machine lack layers that a server has by default: {lacks}", err=True)
 
 
 def with_server_limits(team: UnpackedAgent, environment: Environment | None) -> SubmittedAgent:
     """Return the agent with the default limits of a server. Raises InputError."""
     sandbox = _default_sandbox()
-    limits = sandbox.line_limits()
-    return SubmittedAgent(team.manifest, team.folder, environment, sandbox.box_limits(), limits, sandbox.backend)
+    agent = SubmittedAgent(team.manifest, team.folder, environment, sandbox.box_limits(), sandbox.line_limits())
+    return agent if environment is None else replace(agent, backend=sandbox.choose_backend())
 
 
 def _default_sandbox() -> "SandboxSettings":
@@ -131,7 +132,7 @@ def run_jobs(
         for one in scenarios
     ]
     most = max(len(one.egos) for one in scenarios)
-    limit_s = SIMULATION_S + most * (2 * agent.limits.start_s + agent.limits.episode_s)
+    limit_s = SIMULATION_S + ATTEMPTS * most * (2 * agent.limits.start_s + agent.limits.episode_s)
     with ProcessPool[EpisodeJob, ScenarioResult | RejectedJob](
         run_dry_job, min(course.workers, len(jobs)), limit_s
     ) as pool:

@@ -47,13 +47,14 @@ def show(request: Request, _visitor: AdminVisitor, services: ServicesDep, at_us:
 def show_machine(request: Request, _visitor: AdminVisitor, services: ServicesDep) -> Response:
     """Show what takes a moment to measure: sandbox layers, disk usage, the audit log's hash chain."""
     wanted = services.settings.sandbox
+    backend, layers = services.check_runner.call(LAYERS_S, sandbox.examine_backend, wanted.backend, wanted.copies)
     return render_page(
         request,
         "admin_machine.html",
-        layers=services.check_runner.call(LAYERS_S, sandbox.examine_layers, wanted.backend, wanted.copies),
+        layers=layers,
         required=wanted.required,
-        backend=wanted.backend,
-        gaps=sandbox.GAPS.get(wanted.backend, ()),
+        backend=f"{backend} (auto)" if wanted.backend == sandbox.AUTO else backend,
+        gaps=sandbox.GAPS[backend],
         elsewhere=bool(services.settings.work.scheduler) or services.settings.work.processes == 0,
         disk=admin_overview.measure_disk(services.settings.data),
         chain=admin_overview.verify_chain(services.store),

@@ -212,12 +212,13 @@ def _sort_rows(rows: list[ScenarioOut], order: str) -> list[ScenarioOut]:
     return rows
 
 
-def _sum_usage(rows: Any) -> dict[str, float | None]:
-    """Return peak memory and total CPU time of all scenarios."""
+def _sum_usage(rows: Any) -> dict[str, float | str | None]:
+    """Return peak memory and total CPU time of all scenarios, and the backends of their sandboxes."""
     usages = [row.usage for row in rows if row.usage]
     return {
         "memory": max((usage.get("peak_memory_bytes") or 0 for usage in usages), default=None),
         "cpu": sum(usage.get("cpu_s") or 0.0 for usage in usages) if usages else None,
+        "backend": ", ".join(sorted({usage["backend"] for usage in usages if usage.get("backend")})),
     }
 
 

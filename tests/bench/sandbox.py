@@ -5,6 +5,7 @@
 Observations are those of a real scenario, recorded once; both sides then answer the same ones in turns.
 """
 
+import shutil
 import sys
 import tempfile
 import time
@@ -113,7 +114,10 @@ def main() -> None:
         (folder / "agent").mkdir()
         (folder / "agents.py").rename(folder / "agent" / "agents.py")
         shared = AgentBox(folder / "agent", python=sys.executable, site=link_packages(folder / "site"))
-        plans = {"box": shared, "box, own files": replace(shared, copies=MEMORY)}
+        own = replace(shared, copies=MEMORY)
+        plans = {"box": shared, "box, own files": own}
+        if shutil.which("runsc") is not None:
+            plans["gVisor, own files"] = replace(own, backend="gvisor")
 
         def plain() -> RemoteDriver:
             return RemoteDriver(open_agent_connection(AgentProgram(f"{made}/agent/agents.py:Agent"), AgentLimits()), {})

@@ -33,6 +33,8 @@ ratio = 100
 refused_per_day = 1000
 start_agents = false
 [sandbox]
+backend = "bubblewrap"
+hidden_on_shared_kernel = true
 tick_s = 4.0
 processes = 24
 file_bytes = 2097152

@@ -8,7 +8,7 @@ import stat
 import sys
 import time
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -112,9 +112,9 @@ def shell_spec(text: str, **more: Any) -> BoxSpec:
 
 
 def run(spec: BoxSpec, stays: bool = False) -> Ended:
-    """Opens a box, listens until it falls silent for good, closes it."""
+    """Opens a box, listens until it falls silent for good, closes it. Nobody else sends signals to its program."""
     lines = b""
-    with open_box(spec) as box:
+    with open_box(replace(spec, owns_signals=True)) as box:
         end = time.monotonic() + PATIENCE_S
         while not (stays and lines) and box.ready(end - time.monotonic()):
             data = box.socket.recv(65536)

@@ -11,7 +11,14 @@ from testing.api_app import Server
 from testing.store_samples import LEASE, NOON, S
 
 LATENCY = {"ends_ms": [1, 2, 5], "counts": [4, 10, 3, 1]}
-USAGE = {"latency": LATENCY, "latency_p99_ms": 7.5, "peak_memory_bytes": 64_000_000, "cpu_s": 12.5, "boxes": {}}
+USAGE = {
+    "latency": LATENCY,
+    "latency_p99_ms": 7.5,
+    "peak_memory_bytes": 64_000_000,
+    "cpu_s": 12.5,
+    "backend": "gvisor",
+    "boxes": {},
+}
 FIGURES: dict[str, Any] = {
     "ds": 71.25, "sr": 50.0, "rc": 90.5, "ip": 0.8, "ds_low": 60.5, "ds_high": 80.5, "sr_low": 20.0, "sr_high": 90.0,
     "scenarios": 12, "infractions": {"collision-vehicle": 1},

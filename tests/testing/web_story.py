@@ -28,6 +28,7 @@ data = "{data}"
 open = true
 
 [sandbox]
+backend = "bubblewrap"
 required = ["namespaces", "read-only", "privileges", "seccomp", "rlimits"]
 
 [work]

@@ -22,11 +22,24 @@ DYING_S = 20.0
 GOING_S = {"bubblewrap": 2.0, "gvisor": 5.0, "none": 2.0}
 """For a program that has hung up, so that its own exit code is told and not that it was killed on its way out."""
 
+PROGRAMS = {"bubblewrap": "bubblewrap", "gvisor": "gVisor"}
+
 MOST_WORDS = 300
 """Characters."""
 
 SIGNAL_BASE = 128
-"""Shells and bubblewrap tell a signal as exit code 128 + its number."""
+"""Shells, bubblewrap and runsc tell a signal as exit code 128 + its number."""
+
+RUNSC_ENDED = 255 - SIGNAL_BASE
+"""What runsc ends with if its kernel was ended, and not the program in it, seen as a signal."""
+
+OUTSIDE_SIGNALS = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT, RUNSC_ENDED})
+"""Signals that an operator, earlyoom or a service manager sends, and that a program may also send to itself. Others are
+the program's own: faults (SEGV, BUS, FPE, ILL), ABRT, SYS, and those of limits (XCPU, XFSZ)."""
+
+
+class BoxKilledError(BoxError):
+    """A signal that may have come from outside ended the program. Repeat it once, with `BoxSpec.owns_signals`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +73,10 @@ class BoxParts:
     began: float
     folder: Path | None
     """Of the box alone, removed with it; None where it needs none."""
+    cpu_limit_s: int
+    """CPU time of a process, at which the kernel ends it."""
+    owns_signals: bool
+    """See `BoxSpec.owns_signals`."""
 
 
 class Box:
@@ -125,7 +142,8 @@ class Box:
         """Kills whatever still runs and gives everything back; waits only as long as the times above allow.
 
         Raises BoxError if bubblewrap failed before the program had begun, or was killed from outside, and if memory ran
-        out on the host (or in the evaluator's group) while the box kept to its own limit.
+        out on the host (or in the evaluator's group) while the box kept to its own limit; BoxKilledError if a signal
+        that may have come from outside ended the program.
         """
         if self._report is None:
             self._report = self._close_and_report()
@@ -167,32 +185,48 @@ class Box:
         if parts.group is not None:
             clean = parts.group.remove(DYING_S) and clean
         self._log.pump()
-        ours, problem = self._is_our_failure(by_itself, oom) or starved, self._log.text()
+        ours, problem = self._is_our_failure(by_itself, oom), self._log.text()
         self._release(clean)
         exit_code, ended_by = _decode_status(self._wait_status, self._backend)
         report = BoxReport(
             exit_code, ended_by, oom, peak, cpu, time.monotonic() - parts.began, self._log.seen_bytes, clean
         )
-        if ours:
+        killed = by_itself and not oom and self._may_be_killed(report)
+        if ours or starved or killed:
             self._report = report
         if starved:
             raise BoxError("sandbox: the kernel ended a process of the box for want of memory outside of it")
         if ours:
             why = f"ended by signal {ended_by} from outside" if ended_by is not None else _read_last_words(problem)
-            raise BoxError(f"sandbox: bubblewrap failed: {why}")
+            raise BoxError(f"sandbox: {PROGRAMS[self._backend]} failed: {why}")
+        if killed:
+            raise BoxKilledError(f"sandbox: the program ended by signal {ended_by}, which may have come from outside")
         return report
 
     def _is_our_failure(self, by_itself: bool, oom: bool) -> bool:
         """Whether it was not the program that ended the box: bubblewrap gave up, or a process outside killed it.
 
         bubblewrap tells an exit code only if the program had begun. It cannot once memory has run out and the kernel
-        has killed the box's first process, which a program may bring about.
+        has killed the box's first process, which a program may bring about. No program in a box can send a signal to
+        the launched process, whatever the backend: it is outside of the box's processes.
         """
         with os.fdopen(self._parts.status, "rb", buffering=0) as pipe:
             text = pipe.read(4096) or b""
-        if not (self._backend == "bubblewrap" and by_itself) or oom:
+        if not by_itself or oom or self._backend == "none":
             return False
-        return not any("exit-code" in json.loads(line) for line in text.splitlines())
+        if self._wait_status is not None and os.WIFSIGNALED(self._wait_status):
+            return True
+        return self._backend == "bubblewrap" and not any("exit-code" in json.loads(line) for line in text.splitlines())
+
+    def _may_be_killed(self, report: BoxReport) -> bool:
+        """Whether a process outside may have ended the program: nothing tells the sender of a signal that kills.
+
+        A program that has used up its CPU time was ended for that.
+        """
+        if self._backend == "none" or self._parts.owns_signals:
+            return False
+        spent = report.cpu_s is not None and report.cpu_s >= self._parts.cpu_limit_s
+        return report.signal in OUTSIDE_SIGNALS and not spent
 
     def _release(self, clean: bool) -> None:
         self._log.close()

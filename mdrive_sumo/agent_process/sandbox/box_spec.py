@@ -39,6 +39,9 @@ class BoxSpec:
     hidden: tuple[Path, ...] = ()
     """Folders outside that appear empty wherever they lie in what the box sees; those that do not exist are ignored.
     The backend `none` hides nothing."""
+    owns_signals: bool = False
+    """Whether a signal that may have come from outside counts as the program's own: when its run is repeated because of
+    one, so that a program that kills itself cannot have its run repeated again and again."""
 
     def __post_init__(self) -> None:
         if self.backend not in BACKENDS:

@@ -39,7 +39,7 @@ def launch(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
 
 
 def _plan_bubblewrap(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
-    program = _find_program("bwrap", "bubblewrap")
+    program = find_program("bwrap", "bubblewrap")
     seen, staged = _plan_staging(place.seen, bubblewrap.DEVICES)
     words = "\0".join(bubblewrap.arguments(spec, seen)).encode()
     first = (ends.nothing, ends.log_writing, ends.log_writing, ends.agent.fileno())
@@ -58,14 +58,15 @@ def _plan_watch(ends: PipeEnds, place: BoxPlacement) -> StatWatch:
 
 
 def _plan_gvisor(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
-    """gVisor's own kernel keeps the limits inside; of the outer ones it bears only the control group."""
-    program, folder = _find_program("runsc", "gvisor"), place.folder
+    """gVisor's own kernel keeps most limits inside; of the outer ones it bears the control group and the CPU time."""
+    program, folder = find_program("runsc", "gvisor"), place.folder
     assert folder is not None
     seen, staged = _plan_staging(place.seen)
     gvisor.write_bundle(spec, place.seen, seen, folder, place.uid)
     descriptors = (ends.agent.fileno(), ends.log_writing, ends.log_writing)
     env = {"PATH": os.defpath, "TMPDIR": str(folder)}
-    return LaunchPlan(gvisor.command(program, folder), env, descriptors, (), place.entries, place.uid, staged)
+    limits = gvisor.outer_rlimits(spec.limits)
+    return LaunchPlan(gvisor.command(program, folder), env, descriptors, limits, place.entries, place.uid, staged)
 
 
 def _plan_unboxed(spec: BoxSpec, ends: PipeEnds, _place: BoxPlacement) -> LaunchPlan:
@@ -96,7 +97,8 @@ def may_mount() -> bool:
     return os.geteuid() == 0 and bool(int(rows["CapEff"], 16) & CAP_SYS_ADMIN)
 
 
-def _find_program(name: str, backend: str) -> str:
+def find_program(name: str, backend: str) -> str:
+    """Return the path of a backend's program. Raises InputError."""
     found = shutil.which(name)
     if found is None:
         raise InputError(f"sandbox: the backend {backend} needs the program {name}, which is not installed here")

@@ -1,9 +1,12 @@
-"""gVisor (`runsc`): a kernel of its own between a box and the host's. Optional, slower to start and to speak with."""
+"""gVisor (`runsc`): a kernel of its own for each box, between it and the host's."""
 
 import json
 import os
+import resource
+import subprocess
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +14,20 @@ from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
 from mdrive_sumo.agent_process.sandbox.bubblewrap import ENVIRONMENT, find_hidden_paths, working_folder
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 
-PLATFORM = "ptrace"
-"""Works everywhere, unprivileged too. `kvm` was seen to hang although the device was there: never chosen by itself."""
+FAST_PLATFORM, PLATFORM = "systrap", "ptrace"
+"""How gVisor catches the system calls of a program. Both work everywhere, unprivileged too; `runsc` has systrap since
+2023, and where it is offered it is taken. `kvm` was seen to hang on two hosts although the device was there: never."""
+
+FLAGS_S = 10.0
+"""Time limit of `runsc flags`, which takes 25 ms."""
 
 OWN_THREADS = 256
 OWN_MEMORY_BYTES = 128 << 20
 """What gVisor itself needs on the host, beside what runs in it; the control group counts both."""
+
+CPU_GRACE_S = 5
+"""CPU time that each of gVisor's processes may use beyond the program's limit [s]: it starts with 0.1 s, and answers
+the program's system calls."""
 
 BEGUN = b"."
 SHIM = ("/bin/sh", "-c", f'printf {BEGUN.decode()} >&0; exec 3<&0 0</dev/null 1>&2; exec "$@"', "sh")
@@ -30,11 +41,33 @@ def add_own_use(limits: BoxLimits) -> BoxLimits:
     return replace(limits, processes=processes, memory_bytes=memory)
 
 
+def outer_rlimits(limits: BoxLimits) -> tuple[tuple[int, int, int], ...]:
+    """Which limit, soft and hard value, for each of gVisor's processes on the host.
+
+    Of the limits inside, `runsc` 20221219 does not keep that of CPU time. A program computes in a process of the host,
+    which the host's kernel ends.
+    """
+    cpu_s = limits.cpu_s + CPU_GRACE_S
+    hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
+    cpu_s = cpu_s if hard == resource.RLIM_INFINITY or os.geteuid() == 0 else min(cpu_s, hard)
+    return ((resource.RLIMIT_CPU, cpu_s, cpu_s), (resource.RLIMIT_CORE, 0, 0))
+
+
+@lru_cache(maxsize=4)
+def find_platform(program: str) -> str:
+    """Return the platform that this `runsc` is started with, from what it says about its flags."""
+    try:
+        told = subprocess.run((program, "flags"), capture_output=True, text=True, check=False, timeout=FLAGS_S)
+    except (OSError, subprocess.TimeoutExpired):
+        return PLATFORM  # whatever is wrong with it is said when a box is opened
+    return FAST_PLATFORM if FAST_PLATFORM in told.stdout + told.stderr else PLATFORM
+
+
 def command(program: str, folder: Path) -> tuple[str, ...]:
     """Runs the bundle in this folder without root's rights and without a network."""
     state = ("--root", str(folder / "state"))
     return (
-        *(program, "--rootless", "--network=none", f"--platform={PLATFORM}", "--ignore-cgroups", *state),
+        *(program, "--rootless", "--network=none", f"--platform={find_platform(program)}", "--ignore-cgroups", *state),
         *("run", "--bundle", str(folder / "bundle"), folder.name),
     )
 

@@ -22,7 +22,8 @@ from mdrive_sumo.core.errors import WorldError
 STAGE = Path("/run/mdrive-sumo")
 """Mount point, in the launched process's own view, of a folder with everything that the box will see."""
 
-MS_BIND, MS_REC, MS_PRIVATE, MS_NOSUID, MS_NODEV, MS_RDONLY, MS_REMOUNT = 4096, 16384, 1 << 18, 2, 4, 1, 32
+MS_BIND, MS_REC, MS_PRIVATE, MS_REMOUNT = 4096, 16384, 1 << 18, 32
+MS_RDONLY, MS_NOSUID, MS_NODEV, MS_NOEXEC = 1, 2, 4, 8
 CLONE_NEWNS = 0x00020000
 PR_SET_PDEATHSIG, PR_SET_NO_NEW_PRIVS = 1, 38
 SECCOMP_SET_MODE_FILTER, NEW_LISTENER, WAIT_KILLABLE = 1, 8, 32
@@ -194,8 +195,10 @@ def _mount_staged(staged: tuple[tuple[Path, str], ...]) -> None:
         else:
             os.close(os.open(target, os.O_CREAT | os.O_WRONLY))
         _mount(str(outer), target, None, MS_BIND | MS_REC)
-        if not is_folder and outer.is_char_device():
-            _mount("none", target, None, MS_BIND | MS_REMOUNT | MS_RDONLY)
+        # Read-only here already: gVisor's file server opens the files at this place, and reading them would change
+        # their times of access, which a later box in the slot sees.
+        kept = os.statvfs(outer).f_flag & (MS_NOSUID | MS_NODEV | MS_NOEXEC)
+        _mount("none", target, None, MS_BIND | MS_REMOUNT | MS_RDONLY | kept)
 
 
 def _mount(source: str, target: str, kind: str | None, flags: int) -> None:

@@ -1,7 +1,6 @@
 """What a box has around it on this machine, as seen in one that is opened for that."""
 
 import os
-import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -10,6 +9,8 @@ from pathlib import Path
 from mdrive_sumo.agent_process.sandbox import bubblewrap, cgroups
 from mdrive_sumo.agent_process.sandbox.box import Box
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
+from mdrive_sumo.agent_process.sandbox.command_lines import may_mount
+from mdrive_sumo.agent_process.sandbox.kernel_trial import AUTO, OWN_KERNEL, choose_backend, try_own_kernel
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.agent_process.sandbox.open_box import opened
 from mdrive_sumo.agent_process.sandbox.private_files import FOLDER, MEMORY, find_file_system
@@ -17,7 +18,10 @@ from mdrive_sumo.agent_process.sandbox.refused_calls import REFUSALS
 from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
 from mdrive_sumo.core.errors import InputError, WorldError
 
-LAYERS = ("namespaces", "read-only", "privileges", "seccomp", "private-files", "proc", "uid", "cgroup", "rlimits")
+LAYERS = (
+    *("namespaces", "read-only", "privileges", "seccomp", "private-files", "proc", "uid", "cgroup", "rlimits"),
+    "own-kernel",
+)
 NAMESPACES = ("cgroup", "ipc", "mnt", "net", "pid", "user", "uts")
 LOOK = f"""
 if [ -r /proc/self/status ]; then
@@ -45,9 +49,9 @@ GAPS = {
         "GPU devices, which no box is given",
     ),
     "gvisor": (
-        "timing side channels, and CPU or cache taken by a box on the same core",
+        "what boxes tell each other by timing: CPU, memory and caches are shared (docs/sandbox.md, Residual channels)",
+        "faults of gVisor together with faults of the host's kernel",
         "GPU devices, which no box is given",
-        "of the hostile programs, only that for channels between boxes is tested under gVisor",
     ),
     "none": ("anything: the program runs as the user who started it",),
 }
@@ -97,6 +101,7 @@ def examine_layers(backend: str = "bubblewrap", copies: Path = MEMORY) -> tuple[
         _examine_uid(outside),
         _examine_cgroup(),
         _examine_rlimits(seen, limits),
+        _examine_kernel(seen, backend),
         *_examine_optional(),
     )
 
@@ -121,6 +126,12 @@ def _look_from_outside(pid: int) -> dict[str, str]:
     return _parse_rows((folder / "status").read_text().replace("\t", " ")) | namespaces | {"usr": programs}
 
 
+def examine_backend(wanted: str = AUTO, copies: Path = MEMORY) -> tuple[str, tuple[SandboxLayer, ...]]:
+    """Return the backend that boxes have on this machine, see `choose_backend`, and its layers."""
+    backend = choose_backend(wanted)
+    return backend, examine_layers(backend, copies)
+
+
 def _open_with_copies(spec: BoxSpec) -> tuple[Box, str]:
     """Return a box, and why it has no files of its own ("" if it has)."""
     try:
@@ -138,6 +149,8 @@ def _examine_files(seen: Mapping[str, str], backend: str, copies: Path, problem:
     warnings = (
         [] if kind == "tmpfs" else [f"{kind} is no tmpfs: a later box in a slot can learn what an earlier one read"]
     )
+    if backend == OWN_KERNEL and not may_mount():
+        warnings.append("started by a plain user, a later box in a slot sees when files were last read")
     if kind == "tmpfs" and len(Path("/proc/swaps").read_text().splitlines()) > 1:
         warnings.append("this host swaps, which a box can notice: switch swap off")
     return SandboxLayer("private-files", True, "; ".join((f"copies for each slot in {copies} ({kind})", *warnings)))
@@ -165,8 +178,7 @@ def _make_missing_layers(problem: str) -> tuple[SandboxLayer, ...]:
 
 def _examine_all(seen: Mapping[str, str], backend: str) -> tuple[SandboxLayer, ...]:
     """gVisor's kernel shows nothing of the host's, so that it is another one is all that can be seen of its walls."""
-    host = Path("/proc/version").read_text().strip()
-    walled = backend == "gvisor" and seen.get("kernel", host) != host
+    walled = _has_own_kernel(seen, backend)
     outside = {name: str(Path(f"/proc/self/ns/{name}").readlink()) for name in NAMESPACES}
     shared = [name for name in NAMESPACES if seen.get(f"ns-{name}", "") in ("", outside[name])]
     capabilities = {seen.get("CapEff:"), seen.get("CapBnd:")}
@@ -180,6 +192,19 @@ def _examine_all(seen: Mapping[str, str], backend: str) -> tuple[SandboxLayer, .
         SandboxLayer("privileges", bare, "no capabilities, no gain by set-uid programs" if bare else "some are left"),
         SandboxLayer("seccomp", filtered, _describe_filter(walled) if filtered else "no filter in force"),
     )
+
+
+def _has_own_kernel(seen: Mapping[str, str], backend: str) -> bool:
+    host = Path("/proc/version").read_text().strip()
+    return backend == OWN_KERNEL and seen.get("kernel", host) != host
+
+
+def _examine_kernel(seen: Mapping[str, str], backend: str) -> SandboxLayer:
+    if _has_own_kernel(seen, backend):
+        return SandboxLayer("own-kernel", True, "gVisor's, one for each box")
+    trial = try_own_kernel()
+    why_not = f"could be had from gVisor: {trial.detail}" if trial.succeeded else trial.detail
+    return SandboxLayer("own-kernel", False, f"boxes share the host's kernel; {why_not}")
 
 
 def _describe_filter(walled: bool) -> str:
@@ -208,10 +233,8 @@ def _examine_rlimits(seen: Mapping[str, str], limits: BoxLimits) -> SandboxLayer
 
 
 def _examine_optional() -> tuple[SandboxLayer, ...]:
-    runsc = shutil.which("runsc")
-    gvisor = SandboxLayer("gvisor", runsc is not None, runsc or "optional; runsc is not installed")
-    rootfs = SandboxLayer("rootfs", Path("/usr").is_dir(), "the host's /usr, or an unpacked image where one is named")
-    return (gvisor, rootfs)
+    how = "the host's /usr, or an unpacked image where one is named"
+    return (SandboxLayer("rootfs", Path("/usr").is_dir(), how),)
 
 
 def check_layers(required: Sequence[str], backend: str = "bubblewrap", copies: Path = MEMORY) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ import shutil
 import tempfile
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import bubblewrap, cgroups, gvisor
@@ -32,29 +32,46 @@ def open_box(spec: BoxSpec) -> Box:
     return opened(spec)
 
 
-def opened(spec: BoxSpec) -> Box:
-    """As `open_box`, for callers that close the box before their thread can end."""
+def opened(spec: BoxSpec, start_s: float = GVISOR_START_S) -> Box:
+    """As `open_box`, for callers that close the box before their thread can end.
+
+    start_s: time limit for gVisor's kernel to begin the program.
+    """
     with ExitStack() as undo:
         slot = take(spec.slot)
         undo.callback(slot.release, clean=True)
         group = _make_group(spec, slot)
         if group is not None:
             undo.callback(group.remove, 1.0)
-        folder = Path(tempfile.mkdtemp(prefix="mdrive-box-")) if spec.backend == "gvisor" else None
+        folder = _make_folder(slot) if spec.backend == "gvisor" else None
         if folder is not None:
             undo.callback(shutil.rmtree, folder, ignore_errors=True)
         box = _start(spec, slot, group, folder)
         undo.pop_all()
     if spec.backend == "gvisor":
-        _wait_for_begin(box)
+        _wait_for_begin(box, start_s)
     return box
 
 
-def _wait_for_begin(box: Box) -> None:
+def _make_folder(slot: UserSlot) -> Path:
+    """A temporary folder for a box in this slot; removes those of earlier ones, whose evaluators were killed."""
+    prefix = f"mdrive-box-{os.geteuid()}-{slot.number}-"
+    for left_over in Path(tempfile.gettempdir()).glob(f"{prefix}*"):
+        with suppress(OSError):
+            if left_over.lstat().st_uid in (slot.uid, os.geteuid()):  # not what another user has put there
+                shutil.rmtree(left_over, ignore_errors=True)
+    return Path(tempfile.mkdtemp(prefix=prefix))
+
+
+def _wait_for_begin(box: Box, start_s: float) -> None:
     """Until gVisor has started the program, which may take seconds."""
-    if not box.ready(GVISOR_START_S) or box.socket.recv(1) != gvisor.BEGUN:
+    in_time = box.ready(start_s)
+    if in_time and box.socket.recv(1) == gvisor.BEGUN:
+        return
+    with suppress(BoxError):  # what follows says more
         box.close()
-        raise BoxError(f"sandbox: gVisor did not start: {box.log().decode(errors='replace').strip()}")
+    why = box.log().decode(errors="replace").strip() if in_time else f"not within {start_s:g} s"
+    raise BoxError(f"sandbox: gVisor did not start: {why}")
 
 
 def _make_group(spec: BoxSpec, slot: UserSlot) -> cgroups.Cgroup | None:
@@ -71,11 +88,14 @@ def _make_group(spec: BoxSpec, slot: UserSlot) -> cgroups.Cgroup | None:
 def _start(spec: BoxSpec, slot: UserSlot, group: cgroups.Cgroup | None, folder: Path | None) -> Box:
     ends = PipeEnds.make()
     with ends.theirs, ends.undo:
+        if spec.backend == "gvisor":
+            ends.widen_log()
         entries = () if group is None else group.entries()
         for fd in entries:
             ends.theirs.callback(os.close, fd)
         seen = provide_private_files(spec, slot.number) if spec.copies is not None else bubblewrap.sources(spec)
         pid = start(launch(spec, ends, BoxPlacement(slot.uid, entries, folder, seen)))
-        parts = BoxParts(pid, os.pidfd_open(pid), ends.status, slot, group, time.monotonic(), folder)
+        began, cpu_s = time.monotonic(), spec.limits.cpu_s
+        parts = BoxParts(pid, os.pidfd_open(pid), ends.status, slot, group, began, folder, cpu_s, spec.owns_signals)
         ends.undo.pop_all()
     return Box(parts, ends.own, LogRing(ends.log, spec.limits.log_bytes), spec.backend)

@@ -1,12 +1,17 @@
 """Both ends of what connects a box with its evaluator."""
 
+import fcntl
 import os
 import socket
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 
 SOCKET_BUFFER = 4 << 20
 """Bytes; with the default a large observation waits for its reader several times."""
+
+
+WIDE_LOG_BYTES = 1 << 20
+"""What fits into the pipe of the output of a box of gVisor: most that a plain user may ask for (`pipe-max-size`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +51,11 @@ class PipeEnds:
         ends.undo.enter_context(own)
         ends.theirs.enter_context(agent)
         return ends
+
+    def widen_log(self) -> None:
+        """Let the output wait for its reader for longer: in gVisor a write to a full pipe is an error and no wait."""
+        with suppress(OSError):  # the user has too many pipes: it stays at 64 KiB
+            fcntl.fcntl(self.log_writing, fcntl.F_SETPIPE_SZ, WIDE_LOG_BYTES)
 
     def in_memory(self, data: bytes) -> int:
         """Descriptor, closed with theirs, of a file without a name that stands at its beginning."""

@@ -3,6 +3,7 @@
 import json
 import os
 import pickle
+import shutil
 import sys
 import time
 from collections.abc import Iterator
@@ -116,9 +117,13 @@ class Driver:
 
 
 @boxed
-def test_a_boxed_agent_reads_its_frames_and_nothing_else(folder: Path) -> None:
+@pytest.mark.parametrize("backend", ["bubblewrap", "gvisor"])
+def test_a_boxed_agent_reads_its_frames_and_nothing_else(folder: Path, backend: str) -> None:
+    if backend == "gvisor" and shutil.which("runsc") is None:
+        pytest.skip("needs gVisor's runsc")
     (folder / "agents.py").write_text(CURIOUS)
-    remote = driver(folder, AgentLimits())
+    program = AgentProgram("/agent/agents.py:Driver", log=folder / "log")
+    remote = RemoteDriver(open_agent_connection(program, AgentLimits(), replace(box(folder), backend=backend)), {})
     assert remote.sensors()[0].kind == "lidar"
     for tick in range(4):
         points = np.full((60_000, 4), tick / 10, dtype=np.float32)
@@ -130,7 +135,7 @@ def test_a_boxed_agent_reads_its_frames_and_nothing_else(folder: Path) -> None:
     assert "WRITABLE" not in log and log.count("OSError 30") + log.count("PermissionError 13") == 4
     assert "'frames'" in log and "'agent'" in log and " False " in log and "'root'" not in log and "'home'" not in log
     record = remote.usage_record()
-    assert (record["backend"], record["answers"], record["failure"], record["clean"]) == ("bubblewrap", 4, "", True)
+    assert (record["backend"], record["answers"], record["failure"], record["clean"]) == (backend, 4, "", True)
 
 
 HUNGRY = """
@@ -195,9 +200,13 @@ class Driver:
 @boxed
 @pytest.mark.parametrize("target", ["os.kill(1, number)", "os.kill(-1, number)", "os.killpg(0, number)"])
 def test_an_agent_cannot_make_its_end_ours(folder: Path, target: str) -> None:
-    """Whichever process it kills, itself and the first process of its box included: it is the agent that failed."""
+    """Whichever process it kills, itself and the first process of its box included: it is the agent that failed.
+
+    At the latest when its episode is repeated (`test_sandbox_kills`), because nothing tells who has sent a signal.
+    """
     (folder / "agents.py").write_text(KILLER.replace("TARGET", target))
-    remote = driver(folder, AgentLimits())
+    program = AgentProgram("/agent/agents.py:Driver", log=folder / "log")
+    remote = RemoteDriver(open_agent_connection(program, AgentLimits(), replace(box(folder), owns_signals=True)), {})
     remote.sensors()
     with pytest.raises(AgentFailure, match=r"process ended \(exit code|No such process") as caught:
         drive(remote, 0, False)

@@ -187,10 +187,11 @@ def test_a_box_never_outlives_its_owner(backend: str, tmp_path: Path, monkeypatc
     while processes_of(FIRST_UID + SLOT) and time.monotonic() < end:
         time.sleep(0.02)
     assert processes_of(FIRST_UID + SLOT) == []
-    with open_box(shell("true")) as box:  # what the dead owner left of its control group is cleared away
+    with open_box(shell("true", backend=backend)) as box:  # what the dead owner left is cleared away
         box.ready(PATIENCE_S)
         assert box.close().exit_code == 0
     assert left_behind(SLOT) == []
+    assert list(tmp_path.glob("mdrive-box-*")) == []
 
 
 def test_bubblewraps_own_failure_is_ours_and_not_the_agents(tmp_path: Path) -> None:

@@ -73,6 +73,19 @@ def test_gvisor_passes_the_socket_and_shows_a_kernel_of_its_own() -> None:
     assert left_behind(SLOT) == []
 
 
+@pytest.mark.slow
+def test_gvisors_output_has_room_until_it_is_read() -> None:
+    """A write to a full pipe is an error there, which an honest program that prints much at once must not meet."""
+    if shutil.which("runsc") is None:
+        pytest.skip("needs gVisor's runsc")
+    with open_box(shell("head -c 900000 /dev/zero && echo done >&3; exit 5", backend="gvisor")) as box:
+        assert os.read(box.socket.fileno(), 10) == b"done\n"  # nothing has read its output so far
+        while box.alive():
+            box.pump()
+        report = box.close()
+    assert (report.exit_code, report.log_bytes) == (5, 900000)
+
+
 def test_gvisors_own_failure_is_ours_and_not_the_agents(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     broken = tmp_path / "runsc"
     broken.write_text("#!/bin/sh\necho no platform >&2\nexit 128\n")

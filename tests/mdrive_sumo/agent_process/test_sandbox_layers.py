@@ -28,10 +28,12 @@ from mdrive_sumo.agent_process.sandbox import (
     cgroups,
     check_layers,
     examine_layers,
+    layers,
     open_box,
     seccomp,
 )
 from mdrive_sumo.agent_process.sandbox.episode_group import remove_dead_episode_groups
+from mdrive_sumo.agent_process.sandbox.private_files import MEMORY
 from mdrive_sumo.core.errors import InputError
 
 SLOT = own_slot()
@@ -248,13 +250,20 @@ def test_layers_are_looked_at_from_inside(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.slow
-def test_layers_of_gvisor_are_those_of_its_own_box() -> None:
+def test_layers_of_gvisor_are_those_of_its_own_box(monkeypatch: pytest.MonkeyPatch) -> None:
     needs_root()
     if shutil.which("runsc") is None:
         pytest.skip("needs gVisor's runsc")
     found = {layer.name: layer for layer in examine_layers("gvisor")}
     assert "gVisor's own kernel" in found["namespaces"].detail and "gVisor's own kernel" in found["seccomp"].detail
-    assert {"namespaces", "read-only", "privileges", "seccomp", "uid", "rlimits"} <= set(check_layers((), "gvisor"))
+    needed = {"namespaces", "read-only", "privileges", "seccomp", "uid", "rlimits", "own-kernel"}
+    assert needed <= set(check_layers((), "gvisor"))
+    assert "when files were last read" not in found["private-files"].detail
+    monkeypatch.setattr(layers, "may_mount", lambda: False)
+    assert (
+        "a later box in a slot sees when files were last read" in layers._examine_files({}, "gvisor", MEMORY, "").detail
+    )
+    assert not layers._has_own_kernel({"kernel": Path("/proc/version").read_text().strip()}, "gvisor")
 
 
 def test_a_box_that_is_out_of_memory_ends_alike_under_both_versions() -> None:

@@ -5,7 +5,7 @@ import sys
 import pytest
 from click.testing import CliRunner, Result
 
-from mdrive_sumo.agent_process.sandbox import SandboxLayer
+from mdrive_sumo.agent_process.sandbox import KernelTrial, SandboxLayer
 from mdrive_sumo.cli import doctor as cli_doctor
 from mdrive_sumo.cli.doctor import NEEDED_LAYERS, command
 from mdrive_sumo.report import installation
@@ -59,15 +59,32 @@ def test_netconvert_is_found_beside_the_interpreter(monkeypatch: pytest.MonkeyPa
 
 
 def of_sandbox(monkeypatch: pytest.MonkeyPatch, *absent: str) -> Result:
-    names = (*NEEDED_LAYERS, "uid", "cgroup", "gvisor")
+    names = (*NEEDED_LAYERS, "uid", "cgroup", "own-kernel")
     found = tuple(SandboxLayer(name, name not in absent, f"how {name}") for name in names)
-    monkeypatch.setattr(cli_doctor, "examine_layers", lambda: found)
+    has_kernel = "own-kernel" not in absent
+    monkeypatch.setattr(cli_doctor, "examine_backend", lambda: ("gvisor" if has_kernel else "bubblewrap", found))
+    monkeypatch.setattr(cli_doctor, "try_own_kernel", lambda: KernelTrial(has_kernel, "how it was tried"))
     return CliRunner().invoke(command, ["--sandbox"])
 
 
-def test_the_sandbox_is_shown_with_its_layers_and_its_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
-    result = of_sandbox(monkeypatch, "gvisor", "cgroup", "uid")
+def test_a_machine_with_a_kernel_for_each_box_shows_what_the_fallback_leaves_open(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    result = of_sandbox(monkeypatch)
     assert result.exit_code == 0
+    first, second, *_ = result.output.splitlines()
+    assert first == "default backend: gvisor, a kernel for each box (how it was tried)"
+    assert second == "fallback: bubblewrap"
+    default, _, fallback = result.output.partition("The fallback bubblewrap would not protect from:\n")
+    assert "The backend gvisor does not protect from:\n" in default and "numbers that the kernel counts" not in default
+    assert "  - faults of the kernel" in fallback and "hidden_on_shared_kernel" not in result.output
+
+
+def test_the_sandbox_is_shown_with_its_layers_and_its_gaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = of_sandbox(monkeypatch, "own-kernel", "cgroup", "uid")
+    assert result.exit_code == 0
+    assert "default backend: bubblewrap, the fallback, whose boxes share the host's kernel: how it was" in result.output
+    assert "Hidden phases are refused here unless" in result.output and "hidden_on_shared_kernel = tr" in result.output
     assert "seccomp     in force  how seccomp\n" in result.output
     assert "cgroup      absent    how cgroup\n" in result.output
     assert "does not protect from:\n  - faults of the kernel" in result.output

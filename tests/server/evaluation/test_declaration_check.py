@@ -5,6 +5,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 import pytest
+from testing import evaluation_fakes
 from testing.archive_samples import declaring, packed
 from testing.sandbox_runs import needs_bubblewrap
 from testing.small_environment import describe_small_environment
@@ -15,7 +16,7 @@ from server.archive import ArchiveLimits, ArchiveRefused, inspect_archive
 from server.evaluation import declaration_check
 from server.evaluation.declaration_check import check_declaration
 from server.evaluation.phase_separation import PhaseSeparation
-from server.settings import SandboxSettings, ServerSettings
+from server.settings import ServerSettings
 
 Check = Callable[..., bool]
 
@@ -23,7 +24,7 @@ Check = Callable[..., bool]
 @pytest.fixture
 def check(tmp_path: Path) -> Iterator[Check]:
     """Upload an agent with these sensors to a server that may start boxes; afterwards nothing of it is left."""
-    settings = ServerSettings(data=tmp_path, sandbox=SandboxSettings(required=()))
+    settings = ServerSettings(data=tmp_path, sandbox=evaluation_fakes.SHARED)
 
     def run(sensors: str = "", made: str = "pass", environment: bool = True, sensor_track_only: bool = False) -> bool:
         about = settings.environments / "python3.11-numpy"

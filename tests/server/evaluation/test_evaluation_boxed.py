@@ -1,6 +1,7 @@
 """`run_submission_job` with real boxes and a real simulation: verdicts, files, usage, what each track lets through."""
 
 import json
+import shutil
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from testing import evaluation_fakes
 from testing.archive_samples import packed
 from testing.dask_cluster import cluster
 from testing.sandbox_runs import needs_bubblewrap
@@ -16,7 +18,7 @@ from testing.small_environment import describe_small_environment
 
 from mdrive_sumo.agent_process.sandbox import check_layers
 from mdrive_sumo.agent_process.sandbox.private_files import remove_idle_files
-from mdrive_sumo.core.errors import WorldError
+from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.loop import EpisodeOptions
@@ -88,7 +90,7 @@ def task(data: Path, archive: bytes, **changed: Any) -> JobTask:
         0,
         True,
         data,
-        SandboxSettings(required=()),
+        evaluation_fakes.SHARED,
         ArchiveSettings(),
     )
     return replace(made, **changed)
@@ -230,6 +232,33 @@ def test_a_cluster_drives_boxes_as_this_machine_does(tmp_path: Path) -> None:
     assert recorded[0] == recorded[1]
 
 
+@pytest.mark.skipif(shutil.which("runsc") is None, reason="needs gVisor's runsc")
+def test_an_agent_with_a_kernel_of_its_own_drives_as_one_without(
+    tmp_path: Path, plain: tuple[JobTask, JobOutcome]
+) -> None:
+    """What `auto` takes where it can; each CAV of the scenario has a kernel, and a hidden phase may use it."""
+    settings = SandboxSettings(required=("own-kernel",))
+    wanted = task(tmp_path, team(), sandbox=settings, hidden=True)
+    describe_small_environment(tmp_path / "environments" / "python3.11-numpy")
+    found, shared = driven(wanted), plain[1]
+    assert found.result == shared.result and found.usage is not None and shared.usage is not None
+    assert (found.usage["backend"], shared.usage["backend"]) == ("gvisor", "bubblewrap")
+    assert "own-kernel" in found.usage["layers"] and "own-kernel" not in shared.usage["layers"]
+    assert {box["backend"] for box in found.usage["boxes"].values()} == {"gvisor"}
+    assert not any(box["repeated"] for box in found.usage["boxes"].values())
+
+
+def test_a_hidden_scenario_is_not_driven_in_a_box_that_shares_its_kernel(
+    tmp_path: Path, plain: tuple[JobTask, JobOutcome]
+) -> None:
+    """Whatever the server has checked: the machine of a cluster may have no gVisor. A spot check is not concerned."""
+    refused = evaluation_fakes.SHARED.model_copy(update={"hidden_on_shared_kernel": False})
+    wanted = task(tmp_path, team(), sandbox=refused)
+    with pytest.raises(InputError, match=r"^hidden phases: expected boxes with a kernel each"):
+        run_submission_job(replace(wanted, hidden=True))
+    assert driven(replace(wanted, public=False)).result == plain[1].result
+
+
 @pytest.mark.full  # in `make test`: test_sandbox_channels and test_sandbox_layers make such boxes
 def test_an_agent_with_files_of_its_own_drives_as_one_without(
     tmp_path: Path, plain: tuple[JobTask, JobOutcome]
@@ -237,7 +266,8 @@ def test_an_agent_with_files_of_its_own_drives_as_one_without(
     """The server's default; the digest is that of boxes that share files."""
     place = tmp_path / "copies"
     place.mkdir()
-    wanted = task(tmp_path, team(), sandbox=SandboxSettings(required=("private-files", "proc"), copies=place))
+    settings = evaluation_fakes.SHARED.model_copy(update={"required": ("private-files", "proc"), "copies": place})
+    wanted = task(tmp_path, team(), sandbox=settings)
     describe_small_environment(tmp_path / "environments" / "python3.11-numpy")
     private, shared = driven(wanted), plain[1]
     assert private.usage is not None and private.result is not None and shared.result is not None

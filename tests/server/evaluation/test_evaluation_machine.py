@@ -4,6 +4,7 @@ import errno
 import json
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -11,17 +12,19 @@ import pytest
 from testing import databases, evaluation_fakes, processes
 
 from mdrive_sumo.agent_process import sandbox
+from mdrive_sumo.agent_process.sandbox import kernel_trial
 from mdrive_sumo.core.errors import InputError
 from server.environments import ABOUT_FILE
-from server.evaluation.machine_check import check_machine
+from server.evaluation.machine_check import check_hidden_phases, check_machine
 from server.evaluation.supervisor import Supervisor
 from server.phase_settings import WARM_UP, PhaseSettings
 from server.settings import SandboxSettings, ServerSettings, WorkerSettings, load_settings
+from server.store import phases as store_phases
 
 
 @pytest.mark.parametrize("backend", ["none", "gvsior"])
 def test_no_server_drives_foreign_code_without_a_box(backend: str) -> None:
-    with pytest.raises(InputError, match=r"sandbox\.backend: .*'bubblewrap' or 'gvisor'"):
+    with pytest.raises(InputError, match=r"sandbox\.backend: .*'auto', 'bubblewrap' or 'gvisor'"):
         load_settings(None, {"MDRIVE_SANDBOX__BACKEND": backend})
 
 
@@ -47,7 +50,7 @@ def hidden(suite: str, **changed: Any) -> PhaseSettings:
     ],
 )
 def test_what_is_secret_lies_where_no_box_looks(tmp_path: Path, changed: dict[str, Any], what: str) -> None:
-    found = ServerSettings(data=tmp_path, sandbox=SandboxSettings(required=())).model_copy(update=changed)
+    found = ServerSettings(data=tmp_path, sandbox=evaluation_fakes.SHARED).model_copy(update=changed)
     with pytest.raises(
         InputError, match=rf"^{what}expected a folder that no sandbox sees, .*every agent can read /usr"
     ):
@@ -63,7 +66,7 @@ def test_a_link_in_an_image_shows_nothing_of_the_host(tmp_path: Path) -> None:
 
 def test_what_is_public_may_lie_anywhere_and_an_image_is_seen_too(tmp_path: Path) -> None:
     shown = (hidden("/usr/src/app/suite", public=True, id="open"), hidden("interdrive"))
-    found = ServerSettings(data=tmp_path / "image" / "srv" / "data", sandbox=SandboxSettings(required=()), phases=shown)
+    found = ServerSettings(data=tmp_path / "image" / "srv" / "data", sandbox=evaluation_fakes.SHARED, phases=shown)
     check_machine(found)
     (tmp_path / "image" / "usr").mkdir(parents=True)
     about = found.environments / "python3.11-numpy" / ABOUT_FILE
@@ -108,4 +111,60 @@ def test_a_worker_that_cannot_be_started_is_tried_again(
 
 def test_a_machine_that_lacks_a_layer_is_told_and_what_to_do() -> None:
     with pytest.raises(InputError, match=r"expected layers among .*found walls\. .*MDRIVE_SANDBOX__REQUIRED="):
-        check_machine(ServerSettings(sandbox=SandboxSettings(required=("walls",))))
+        check_machine(ServerSettings(sandbox=SandboxSettings(backend="bubblewrap", required=("walls",))))
+
+
+def refusing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine without a kernel for each box."""
+    trial = kernel_trial.KernelTrial(False, "runsc (gVisor) is not installed")
+    monkeypatch.setattr(kernel_trial, "try_own_kernel", lambda: trial)
+
+
+SENTENCE = (
+    r"^hidden phases: expected boxes with a kernel each, found boxes of bubblewrap \(there is no kernel for each box:"
+    r" runsc \(gVisor\) is not installed\), whose agents share the host's kernel and could .*, or accept that with"
+    r" \[sandbox\] hidden_on_shared_kernel = true$"
+)
+
+
+@pytest.mark.parametrize(
+    ("backend", "changed", "is_refused"),
+    [
+        ("auto", {}, True),
+        ("bubblewrap", {}, True),
+        ("gvisor", {}, False),
+        ("auto", {"hidden_on_shared_kernel": True}, False),
+        ("auto", {"phase_kinds": "public"}, False),
+        ("auto", {"scheduler": "tcp://127.0.0.1:1"}, False),
+        ("auto", {"public": True}, False),
+        ("auto", {"over": True}, False),
+    ],
+)
+def test_hidden_phases_are_refused_where_boxes_share_a_kernel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, backend: Any, changed: dict[str, Any], is_refused: bool
+) -> None:
+    refusing(monkeypatch)
+    store = databases.emptied("sqlite")
+    phase = hidden("interdrive", public=changed.get("public", False))
+    with store.write() as session:
+        store_phases.set_phases(session, [phase.as_new()], 0)
+    permitted = changed.get("hidden_on_shared_kernel", False)
+    boxes = SandboxSettings(backend=backend, hidden_on_shared_kernel=permitted, required=())
+    work = WorkerSettings(**{name: changed[name] for name in ("phase_kinds", "scheduler") if name in changed})
+    settings = ServerSettings(data=tmp_path, sandbox=boxes, work=work)
+    now_us = phase.as_new().closes_us + (1 if "over" in changed else -1)
+    with store.read() as session, pytest.raises(InputError, match=SENTENCE) if is_refused else nullcontext():
+        check_hidden_phases(settings, session, now_us)
+
+
+def test_serve_does_not_start_with_a_hidden_phase_on_a_shared_kernel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    refusing(monkeypatch)
+    store = databases.emptied("sqlite")
+    with store.write() as session:
+        store_phases.set_phases(session, [hidden("interdrive").as_new()], 0)
+    found = evaluation_fakes.settings(tmp_path)
+    boxes = found.sandbox.model_copy(update={"backend": "auto", "hidden_on_shared_kernel": False})
+    with pytest.raises(InputError, match=SENTENCE):
+        Supervisor(store, found.model_copy(update={"sandbox": boxes})).start()

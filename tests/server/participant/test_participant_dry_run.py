@@ -1,7 +1,6 @@
 """Dry runs give the server's verdicts, in the server's boxes; environments are built by pip and found again."""
 
 import sys
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,17 +14,16 @@ from testing.suite_fakes import make_suite
 from mdrive_sumo.agent_process.remote_driver import AgentLimits
 from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agent_process.sandbox import BoxLimits, SandboxLayer
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import EgoResult, ScenarioResult, make_void_result
 from mdrive_sumo.v2x.comm_settings import CommSettings
-from server import environments
+from server import environments, settings
 from server.archive import ArchiveLimits, check_archive
 from server.enums import ChallengeTrack, ScenarioVerdict
-from server.environments import Environment, EnvironmentRecipe, build_environment, load_environment
+from server.environments import Environment
 from server.participant import dry_run
 from server.participant.dry_run import format_result, with_server_limits
 from server.participant.packaging import unpack_agent
@@ -86,7 +84,8 @@ def test_verdicts() -> None:
     assert format_result(result(a="crashed: ValueError: x")).startswith("agent-failed (crashed): i01_")
 
 
-def test_the_limits_are_those_of_a_server(tmp_path: Path) -> None:
+def test_limits_and_backend_are_those_of_a_server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(settings, "choose_backend", lambda wanted: {"auto": "gvisor"}[wanted])
     with unpack_agent(written(tmp_path, packed(GOOD))) as found:
         entrant = with_server_limits(found, HERE)
     sandbox = ServerSettings().sandbox
@@ -95,7 +94,7 @@ def test_the_limits_are_those_of_a_server(tmp_path: Path) -> None:
     spec = entrant.agent_spec()
     assert spec.box is not None
     assert (spec.agent, spec.limits, spec.box.folder) == ("/agent/agents.py:Agent", entrant.limits, found.folder)
-    assert (spec.box.backend, spec.box.python, spec.box.site) == ("bubblewrap", sys.executable, Path("/site"))
+    assert (spec.box.backend, spec.box.python, spec.box.site) == ("gvisor", sys.executable, Path("/site"))
 
 
 def memory_bytes(agent: SubmittedAgent) -> int:
@@ -114,76 +113,12 @@ def test_an_environment_brings_the_memory_it_needs(tmp_path: Path) -> None:
     assert memory_bytes(replace(torch, box=BoxLimits(memory_bytes=2 * needed))) == 2 * needed
 
 
-def test_unknown_environments_are_told_the_known() -> None:
-    with pytest.raises(InputError, match=r"one of python3.11-numpy, python3.11-torch-cpu, found 'x'"):
-        load_environment("x", Path())
-
-
-def wheel(folder: Path, name: str) -> None:
-    """A package with one module that is empty."""
-    about = f"{name}-1.0.dist-info"
-    with zipfile.ZipFile(folder / f"{name}-1.0-py3-none-any.whl", "w") as made:
-        made.writestr(f"{name}.py", "")
-        made.writestr(f"{about}/METADATA", f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
-        made.writestr(f"{about}/WHEEL", "Wheel-Version: 1.0\nGenerator: us\nRoot-Is-Purelib: true\nTag: py3-none-any\n")
-        made.writestr(f"{about}/RECORD", "")
-
-
-def test_what_a_build_runs_and_keeps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recipe = EnvironmentRecipe("mine", "3.11", ("tiny==1.0",), 1)
-    monkeypatch.setattr(environments, "RECIPES", {"mine": recipe})
-    commands: list[tuple[str, ...]] = []
-
-    def run(command: tuple[str, ...], _: str) -> str:
-        commands.append(command)
-        Path(tmp_path / "mine").mkdir(exist_ok=True)
-        return "pip==1\ntiny==1.0\n" if "freeze" in command else ""
-
-    monkeypatch.setattr(environments, "_run", run)
-    built = build_environment("mine", tmp_path, ("--no-index",))
-    assert load_environment("mine", tmp_path) == built
-    assert (built.python, built.packages) == (tmp_path / "mine" / "bin" / "python", ("pip==1", "tiny==1.0"))
-    venv, install, freeze = commands
-    assert venv == ("python3.11", "-m", "venv", "--clear", "--without-pip", str(tmp_path / "mine"))
-    assert install[:5] == ("python3.11", "-m", "pip", "--python", str(built.python)) == freeze[:5]
-    assert install[-2:] == ("--no-index", "tiny==1.0")
-    with pytest.raises(InputError, match="already built"):
-        build_environment("mine", tmp_path)
-    assert len(commands) == 3
-
-
-def test_a_build_that_fails_says_what_failed() -> None:
-    with pytest.raises(InputError, match=r"environment none: -c .* failed: no such package: absent"):
-        environments._run((sys.executable, "-c", "raise SystemExit('no such package: absent')"), "none")
-
-
-@pytest.mark.full  # in `make test`: the commands that it runs, above
-def test_an_environment_is_built_once_and_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    wheel(tmp_path, "tiny")
-    python = f"{sys.version_info.major}.{sys.version_info.minor}"
-    recipes = {
-        "mine": EnvironmentRecipe("mine", python, ("tiny==1.0",), 1),
-        "none": EnvironmentRecipe("none", python, ("absent==1.0",), 1),
-    }
-    monkeypatch.setattr(environments, "RECIPES", recipes)
-    offline = ("--no-index", "--find-links", str(tmp_path))
-    built = build_environment("mine", tmp_path / "envs", offline)
-    assert load_environment("mine", tmp_path / "envs") == built
-    assert built.site is not None and (built.site / "tiny.py").is_file()
-    assert "tiny==1.0" in built.packages
-    with pytest.raises(InputError, match="already built"):
-        build_environment("mine", tmp_path / "envs", offline)
-    with pytest.raises(InputError, match=r"-m pip .* failed: .*absent"):
-        build_environment("none", tmp_path / "envs", offline)
-    with pytest.raises(InputError, match="not built in"):
-        load_environment("none", tmp_path / "envs")
-
-
 @pytest.mark.parametrize("active", [False, True])
 def test_what_boxes_lack_here_is_said(run: Run, monkeypatch: pytest.MonkeyPatch, active: bool) -> None:
-    names = (*ServerSettings().sandbox.required, "gvisor")
-    here = tuple(SandboxLayer(name, active or name not in ("uid", "cgroup", "gvisor"), f"why {name}") for name in names)
-    monkeypatch.setattr(dry_run, "examine_layers", lambda: here)
+    names = (*ServerSettings().sandbox.required, "own-kernel")
+    absent = ("uid", "cgroup", "own-kernel")
+    here = tuple(SandboxLayer(name, active or name not in absent, f"why {name}") for name in names)
+    monkeypatch.setattr(dry_run, "examine_layers", lambda _: here)
     monkeypatch.setattr(dry_run, "ask_agent", lambda _: AgentDeclaration("single", ()))
     monkeypatch.setattr(dry_run, "run_jobs", lambda *_: [])
     run("init-agent", "mine")

@@ -17,7 +17,7 @@ PAGES = ("/admin", "/admin/machine", "/admin/teams")
 LAYERS = (
     SandboxLayer("namespaces", True, "bubblewrap"),
     SandboxLayer("seccomp", False, "no filter"),
-    SandboxLayer("gvisor", False, "none"),
+    SandboxLayer("own-kernel", False, "none"),
 )
 
 
@@ -28,7 +28,7 @@ def server(tmp_path: Path) -> Server:
 
 @pytest.fixture
 def admin(server: Server, monkeypatch: pytest.MonkeyPatch) -> Visit:
-    monkeypatch.setattr(sandbox, "examine_layers", lambda *_: LAYERS)
+    monkeypatch.setattr(sandbox, "examine_backend", lambda *_: ("bubblewrap", LAYERS))
     return Visit(server, "admin")
 
 
@@ -105,7 +105,7 @@ def test_the_machine_names_missing_layers_the_disk_and_a_broken_chain(server: Se
     page = admin.get("/admin/machine")
     assert "namespacesyesyesbubblewrap" in page.words
     assert "seccompmissingyesno filter" in page.words
-    assert "gvisornononone" in page.words
+    assert "own-kernelnononone" in page.words and "Backend bubblewrap (auto): layers" in page.words
     assert "faults of the kernel" in page.words
     assert "archives1273 bytes" in page.words.replace("1 ", "1")
     assert "unbroken" in page.words

@@ -155,6 +155,7 @@ def test_the_result_with_intervals_buckets_categories_and_what_the_boxes_used(se
         "36 replies of all agents",
         "the median is ≤ 2 ms",
         "memory of a sandbox 64.0 MB",
+        "sandboxes of gvisor.",
         "all sandboxes 25 s",
         "It exceeded the time limit for a reply.",
     ):
