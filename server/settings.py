@@ -16,6 +16,7 @@ from mdrive_sumo.agent_process.agent_connection import AgentLimits as Connection
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.agent_process.sandbox.private_files import MEMORY
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.scenario.scenario import describe_first_error
 from server.phase_settings import Count, PhaseSettings, SettingsModel
 from server.store.retention import RetentionPolicy
@@ -230,7 +231,7 @@ def load_settings(file: Path | None, environ: Mapping[str, str] = os.environ) ->
 
 def _read_file(file: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(file.read_text("utf-8"))
+        return tomllib.loads(read_text(file))
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -20,6 +20,7 @@ from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, read_manifest
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_parents, write_text
 from mdrive_sumo.core.statistics import bootstrap_stratified_clustered_mean
 from mdrive_sumo.scoring import Results, ScenarioResult, compute_overall, load_results
 from tools.seed_runs import check_seed_runs
@@ -176,8 +177,8 @@ def update_measured(system: str, options: argparse.Namespace) -> dict[str, Any]:
         measured["commands"] = options.train
     if options.note:
         measured["notes"] = options.note
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(measured, indent=1) + "\n", encoding="utf-8")
+    make_parents(path)
+    write_text(path, json.dumps(measured, indent=1) + "\n")
     return measured
 
 
@@ -211,7 +212,7 @@ def main() -> None:
         if options.system:
             update_measured(options.system, options)
         for system in [options.system] if options.system else list_cards():
-            (FOLDER / f"{system}.md").write_text(build_card(system), encoding="utf-8")
+            write_text(FOLDER / f"{system}.md", build_card(system))
     except (InputError, OSError) as error:
         parser.error(str(error))
 

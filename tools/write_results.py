@@ -18,6 +18,7 @@ from typing import Any
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.scoring import Means, Results, compute_bucket_means, compute_overall, load_results
 from tools.seed_runs import check_seed_runs
 
@@ -197,11 +198,11 @@ def main() -> None:
     except InputError as error:
         parser.error(str(error))
     ordered = {name: rows[name] for name in DESCRIPTION_BY_AGENT if name in rows}
-    (ROOT / BASELINES).write_text(json.dumps(ordered, indent=1) + "\n")
+    write_text(ROOT / BASELINES, json.dumps(ordered, indent=1) + "\n")
     if options.bench:
-        (ROOT / SPEED).write_text(json.dumps(json.loads(options.bench.read_text("utf-8")), indent=1) + "\n")
+        write_text(ROOT / SPEED, json.dumps(json.loads(options.bench.read_text("utf-8")), indent=1) + "\n")
     for page, text in render_pages(ROOT).items():
-        (ROOT / page).write_text(text, "utf-8")
+        write_text(ROOT / page, text)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.export.export_formats import EXPORT_FORMATS
 
 
@@ -32,4 +33,4 @@ def command(run_folder: Path, format_name: str, patterns: tuple[str, ...], out: 
 
     export_runs([load_stored_run(run_folder, suite)], format_name, out, patterns)
     for path in sorted(out.iterdir()):
-        click.echo(path)
+        echo(path)

@@ -17,6 +17,7 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Int, Polyline, build_polyline
+from mdrive_sumo.core.input_files import open_regular
 from mdrive_sumo.roads.import_sumolib import import_sumolib
 from mdrive_sumo.roads.network_file import (
     NET_FILE,
@@ -192,7 +193,7 @@ def load_road_map(folder: Path) -> RoadMap:
 def _read_net(path: Path) -> bytes:
     """Return an uncompressed net; raise InputError, also for one that fills the memory."""
     try:
-        with gzip.open(path) as file:
+        with open_regular(path) as packed, gzip.open(packed) as file:
             xml = file.read(MAX_NET_BYTES + 1)
     except (OSError, EOFError, zlib.error) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error

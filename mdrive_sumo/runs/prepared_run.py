@@ -8,6 +8,7 @@ from mdrive_sumo.agent_process.agent_file import describe_missing_class
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import find_network_folder, load_road_map
@@ -121,7 +122,7 @@ class PreparedRun:
             kinds.append(LOGS_FOLDER)
         for kind in kinds:
             for seed in self.config.seeds:
-                seed_folder(self.folder / kind, self._folder_seed(seed)).mkdir(parents=True, exist_ok=True)
+                make_folder(seed_folder(self.folder / kind, self._folder_seed(seed)))
 
     def limit_s(self) -> float:
         """Return the wall clock after which an episode counts as hung [s]."""

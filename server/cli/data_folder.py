@@ -11,6 +11,7 @@ from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import open_appended
 from server.settings import ServerSettings
 
 LOCK_FILE = "serve.lock"
@@ -63,7 +64,7 @@ def find_database_file(settings: ServerSettings) -> Path | None:
 @contextmanager
 def _lock(path: Path, operation: int, data: Path) -> Generator[None]:
     try:
-        file = path.open("a+")
+        file = os.fdopen(open_appended(path), "a+")
     except OSError as error:
         raise InputError(f"serve: {path}: cannot be written: {error.strerror}") from None
     with file:

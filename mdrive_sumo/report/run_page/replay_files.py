@@ -5,6 +5,7 @@ from enum import StrEnum, auto
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_parents, write_text
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.episode.camera_archive import load_camera_tracks
 from mdrive_sumo.report.replay_marks import find_marks
@@ -85,5 +86,5 @@ def write_replays(folder: Path, run: PreparedRun, results: Iterable[ScenarioResu
 def write_page(path: Path, html: str) -> None:
     """Write a page, over one that is there. Raises InputError if that is not possible."""
     with report_write_errors(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(html, encoding="utf-8")
+        make_parents(path)
+        write_text(path, html)
