@@ -16,9 +16,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.core.terminal import echo
-from mdrive_sumo.episode import load_episode
 from mdrive_sumo.report.result_tables import format_optional
 from mdrive_sumo.runs.prepared_run import PreparedRun
+from mdrive_sumo.runs.recording_check import load_recording
 from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scoring import Results, ScenarioResult
 from mdrive_sumo.study.ablation import (
@@ -66,7 +66,7 @@ def command(
     if changed := stored.describe_version_changes():
         echo(f"warning: the run was made with another {changed}", err=True)
     recorded = _find_recorded(run, results, scenario, choose_seed(results, choice["seed"]))
-    messages = load_episode(run.find_recording(recorded.key)).messages
+    messages = load_recording(run, recorded).messages
     mutes = choose_mutes(messages, choice["mute"], choice["each_message"], choice["max_runs"])
     effects = ablate(run, recorded, mutes, choice["workers"])
     if differing := next(effects).difference:

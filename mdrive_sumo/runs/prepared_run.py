@@ -7,6 +7,7 @@ from pathlib import Path
 from mdrive_sumo.agent_process.agent_file import describe_missing_class
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file
 from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.core.suggestion import suggest_name
@@ -222,6 +223,8 @@ def check_agent_name(agent: AgentSpec) -> None:
     is_family = any(builtin.startswith(f"{family}:") for builtin in AGENTS)  # perception-swap:WHAT is no module
     if not isinstance(agent.agent, str) or agent.is_builtin:
         return
+    if clean_line(name) != name:
+        raise InputError(f"agent {name!a:.80}: expected a name of printable characters, found others")
     if name.endswith(".py") and ":" not in name:
         raise InputError(f"agent {name!r}: expected path.py:Class, {describe_missing_class(Path(name))}")
     if ":" not in name or is_family:
