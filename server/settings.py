@@ -234,7 +234,7 @@ def _read_file(file: Path) -> dict[str, Any]:
         return tomllib.loads(read_text(file))
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # no TOML, no text, a number of 5000 digits, nesting without end
         raise InputError(f"{file}: expected TOML: {error}") from None
 
 

@@ -86,7 +86,7 @@ class CommandLine(click.Group):
             return super().invoke(ctx)
         except InputError as error:
             raise InputProblem(str(error)) from None
-        except click.ClickException as problem:  # of a name that somebody else has given a file
+        except click.ClickException as problem:  # it may name a stranger's file
             problem.message = clean_line(problem.message)
             raise
         except KeyboardInterrupt:

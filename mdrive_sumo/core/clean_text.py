@@ -1,4 +1,4 @@
-"""Clean text that somebody else has written before it leaves for a terminal, a table, a Markdown page or a log.
+"""Clean text that others have written before it leaves for a terminal, a table, a Markdown page or a log.
 
 A run folder, a log or an agent may hold any characters. On a terminal, escape sequences move the cursor and marks of
 direction show other text than there is; a cell that begins with "=" is a formula of a spreadsheet; an image in

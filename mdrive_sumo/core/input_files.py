@@ -1,4 +1,4 @@
-"""Read files that somebody else may have made: regular files of bounded size only, checked after they are opened.
+"""Read files that others may have made: regular files of bounded size only, checked after they are opened.
 
 A device has no end, a pipe waits for a writer, and a file that is larger than memory ends the process. Each raises
 OSError with a sentence as its `strerror`, as a missing file does.
@@ -15,7 +15,7 @@ from mdrive_sumo.core.errors import InputError
 MAX_BYTES = 2**28
 """Of a file that is read as a whole, unless the caller knows better. The largest results have 20 MB."""
 MAX_ENTRIES = 200_000
-"""Of a folder that somebody sent. A run of all scenarios with 20 seeds has 20 000."""
+"""Of a folder that a stranger sent. A run of all scenarios with 20 seeds has 20 000."""
 OPENED_FILE = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
 _KINDS = (
     (stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"),

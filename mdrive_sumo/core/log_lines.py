@@ -1,4 +1,4 @@
-"""Log lines for people: what somebody else has written in them is shown and not acted on."""
+"""Log lines for people: what others have written in them is shown and not acted on."""
 
 import logging
 

@@ -1,6 +1,6 @@
 """The one way to write a file: a new one beside its place, renamed into it when it is whole.
 
-What lies at the place is never opened. A link there, such as one that came with a run folder of somebody else, is
+What lies at the place is never opened. A link there, such as one that came with a stranger's run folder, is
 replaced and not followed, and a reader sees the old file or the new one, never a part.
 """
 
@@ -97,7 +97,7 @@ def write_text(path: Path, text: str) -> None:
 def make_folder(folder: Path, mode: int = 0o777, *, may_be_link: bool = False) -> Path:
     """Create a folder to write into, and those above it; return it. Raises OSError, also for a link in its place.
 
-    Links above it are followed: they are the user's. Folders inside a run of somebody else are checked by
+    Links above it are followed: they are the user's. Folders inside a stranger's run are checked by
     `input_files.check_tree` before. may_be_link: the folder is the user's or the organiser's as well.
     """
     folder.mkdir(mode=mode, parents=True, exist_ok=True)

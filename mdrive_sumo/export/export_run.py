@@ -6,6 +6,7 @@ from pathlib import Path
 
 from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.export.export_formats import EXPORT_FORMATS, ExportFormat
 from mdrive_sumo.export.scored_recording import ScoredRecording
@@ -33,8 +34,7 @@ def export_runs(runs: Sequence[StoredRun], format_name: str, out: Path, patterns
     with atomic_folder(out) as draft:
         for stored, results in chosen:
             folder = draft if len(chosen) == 1 else draft / f"seed{stored.results.run.seed}"
-            folder.mkdir(exist_ok=len(chosen) == 1)
-            writer(load_recordings(stored, results), folder)
+            writer(load_recordings(stored, results), make_folder(folder))
     return out
 
 

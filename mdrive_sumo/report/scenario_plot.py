@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from mdrive_sumo.core.geometry import Float, box_corners, build_polyline
-from mdrive_sumo.core.output_files import draft_file, make_parents
+from mdrive_sumo.core.output_files import make_parents, new_file
 from mdrive_sumo.report.actor_plot import draw_actors
 from mdrive_sumo.report.label_placement import LabelBox, LabelRequest, place_labels
 from mdrive_sumo.report.map_plot import draw_map
@@ -47,8 +47,8 @@ def save_scenario_plot(scenario: Scenario, roads: RoadMap, path: Path, dpi: int 
     _draw_scale(axes, view)
     _write_captions(figure, scenario, roads)
     make_parents(path)
-    with draft_file(path) as draft:
-        figure.savefig(draft, dpi=dpi)
+    with new_file(path) as file:
+        figure.savefig(file, format=path.suffix[1:] or "png", dpi=dpi)
 
 
 def draw_scenario(axes: Axes, scenario: Scenario, roads: RoadMap, view: MapView) -> None:

@@ -121,10 +121,10 @@ def open_journal(folder: Path, fingerprint: Fingerprint, *, fresh: bool) -> Gene
         _lock(path, descriptor)
         if fresh:
             os.ftruncate(descriptor, 0)
-        found = read_journal(path)
+        found = _read(path)
         if _is_unused(path, found, fingerprint):
             os.ftruncate(descriptor, 0)
-            found = read_journal(path)
+            found = _read(path)
         if found.lines:
             _check_header(path, found.lines[0], fingerprint)
         os.ftruncate(descriptor, found.good_bytes)
@@ -252,13 +252,18 @@ def read_fingerprint(folder: Path) -> dict[str, Any]:
     return read_run_journal(folder)[0]
 
 
+def _read(path: Path) -> JournalText:
+    """As `read_journal`. Raises InputError for every trouble."""
+    try:
+        return read_journal(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
 def read_run_journal(folder: Path) -> tuple[dict[str, Any], JournalText]:
     """Return the fingerprint of a run folder and its journal, also while the run is going on. Raises InputError."""
     path = folder / JOURNAL_FILE
-    try:
-        found = read_journal(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    found = _read(path)
     if not found.lines:
         raise InputError(f"{path}: expected a journal, found an empty file")
     return _read_header_fingerprint(path, found.lines[0]), found

@@ -157,7 +157,10 @@ def _parse_box(path: Path, key: object, item: Mapping[str, Any]) -> tuple[float,
 def _parse_numbers(where: str, raw: object, count: int) -> tuple[float, ...]:
     if not isinstance(raw, list | tuple) or len(raw) != count or not all(type(n) in (int, float) for n in raw):
         raise InputError(f"{where}: expected {count} numbers, found {describe_value(raw)}")
-    return tuple(map(float, raw))
+    try:
+        return tuple(map(float, raw))
+    except OverflowError:
+        raise InputError(f"{where}: expected {count} numbers, found an integer of more than 308 digits") from None
 
 
 def _check_finite(path: Path, frame: V2xpnpFrame) -> None:

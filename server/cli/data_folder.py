@@ -11,7 +11,7 @@ from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.output_files import open_appended
+from mdrive_sumo.core.output_files import make_folder, open_appended
 from server.settings import ServerSettings
 
 LOCK_FILE = "serve.lock"
@@ -35,7 +35,7 @@ def lock_data_folder(settings: ServerSettings) -> Generator[None]:
 
 def _make_folder(folder: Path) -> None:
     try:
-        folder.mkdir(mode=FOLDER_MODE, parents=True, exist_ok=True)
+        make_folder(folder, FOLDER_MODE, may_be_link=True)
     except OSError as error:
         raise InputError(f"serve: {folder}: cannot be created: {error.strerror}; choose another --data") from None
     with suppress(PermissionError):  # a folder of another user, who decides
