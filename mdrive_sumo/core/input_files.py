@@ -87,6 +87,7 @@ def name_kind(mode: int) -> str:
 
 
 def _check(mode: int) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if not stat.S_ISREG(mode):
-        number = errno.EISDIR if stat.S_ISDIR(mode) else errno.EINVAL
-        raise OSError(number, f"expected a regular file, found {name_kind(mode)}")
+        raise OSError(errno.EINVAL, f"expected a regular file, found {name_kind(mode)}")

@@ -64,7 +64,7 @@ def find_database_file(settings: ServerSettings) -> Path | None:
 @contextmanager
 def _lock(path: Path, operation: int, data: Path) -> Generator[None]:
     try:
-        file = os.fdopen(open_appended(path), "a+")
+        file = os.fdopen(open_appended(path), "r+")
     except OSError as error:
         raise InputError(f"serve: {path}: cannot be written: {error.strerror}") from None
     with file:
@@ -77,7 +77,8 @@ def _lock(path: Path, operation: int, data: Path) -> Generator[None]:
             sentence = f"serve: {what} is being served by process {pid}; stop it, or choose another --data"
             raise InputError(sentence) from None
         if operation == fcntl.LOCK_EX:
-            file.truncate(0)
+            file.seek(0)
+            file.truncate()
             file.write(f"{os.getpid()}\n")
             file.flush()
         yield

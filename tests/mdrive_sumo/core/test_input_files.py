@@ -20,9 +20,13 @@ def make_socket(path: Path) -> None:
 KINDS: dict[str, Callable[[Path], object]] = {
     "a device": lambda path: path.symlink_to("/dev/zero"),
     "a pipe": os.mkfifo,
-    "a folder": Path.mkdir,
     "a socket": make_socket,
 }
+
+
+def test_a_folder_is_no_file(tmp_path: Path) -> None:
+    with pytest.raises(IsADirectoryError, match="Is a directory"):
+        read_bytes(tmp_path)
 
 
 @pytest.mark.parametrize("kind", KINDS)
