@@ -151,7 +151,8 @@ def compare(file: Path) -> None:
     found = drive([(name.partition(" ")[0], name.partition(" ")[2]) for name in expected])
     differences = find_differences(expected, found)
     echo(f"written on: {stored['platform']}\ndriven on:  {describe_platform()}")
-    echo("".join(f"differs: {name}\n" for name in differences), nl=False)
+    for name in differences:
+        echo(f"differs: {name}")
     echo(f"{len(expected) - len(differences)} of {len(expected)} digests agree")
     sys.exit(bool(differences))
 

@@ -7,7 +7,7 @@ from importlib.metadata import EntryPoint, entry_points
 import click
 
 from mdrive_sumo import __version__
-from mdrive_sumo.core.clean_text import clean_line
+from mdrive_sumo.core.clean_text import clean_for_terminal, clean_line
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import shorten_name, suggest_name
 
@@ -87,7 +87,7 @@ class CommandLine(click.Group):
         except InputError as error:
             raise InputProblem(str(error)) from None
         except click.ClickException as problem:  # it may name a stranger's file
-            problem.message = clean_line(problem.message)
+            vars(problem)["message"] = clean_for_terminal(problem.message)
             raise
         except KeyboardInterrupt:
             ctx.exit(130)

@@ -7,8 +7,8 @@ OSError with a sentence as its `strerror`, as a missing file does.
 import errno
 import os
 import stat
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from mdrive_sumo.core.errors import InputError
 
@@ -23,7 +23,7 @@ _KINDS = (
 )  # fmt: skip
 
 
-def open_regular(path: Path, max_bytes: int = MAX_BYTES) -> BinaryIO:
+def open_regular(path: Path, max_bytes: int = MAX_BYTES) -> BufferedReader:
     """Open a file for reading. Raises OSError for anything but a regular file of at most `max_bytes`."""
     _check(path.stat().st_mode)  # before: opening a device can already do something
     descriptor = os.open(path, OPENED_FILE)

@@ -14,8 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.core.output_files import write_bytes
-
 Float = npt.NDArray[np.float64]
 
 FILE = Path(__file__).with_suffix(".f64")
@@ -141,4 +139,6 @@ def _arc_tangent_of_inverse(n: int) -> int:
 
 
 if __name__ == "__main__":
+    from mdrive_sumo.core.output_files import write_bytes  # here: a box starts sooner without it
+
     write_bytes(FILE, np.array(compute_file_values(), "<f8").tobytes())

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib.resources import files
-from itertools import chain
 from pathlib import Path
 from typing import Any
 from xml.sax import SAXException
@@ -20,6 +19,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Int, Polyline, build_polyline
 from mdrive_sumo.core.input_files import open_regular
 from mdrive_sumo.roads.import_sumolib import import_sumolib
+from mdrive_sumo.roads.net_numbers import check_net_numbers
 from mdrive_sumo.roads.network_file import (
     NET_FILE,
     Building,
@@ -35,8 +35,6 @@ CROSSWALK_EDGE = re.compile(r"ecrosswalk_\d+")
 """Ids of the unconnected footways by which `convert` draws the crosswalks of a log's map."""
 MAX_NET_BYTES = 256 * 2**20
 """Of an uncompressed net; a map of CARLA's Town04 has 0.7 MB."""
-MAX_COORDINATE_M = 1e8
-"""[m] Any projection of the earth has smaller ones."""
 _NET_ERRORS = (
     SAXException, SyntaxError, LookupError, ValueError, TypeError, AttributeError, AssertionError, ArithmeticError,
     shapely.errors.ShapelyError,
@@ -217,7 +215,7 @@ def _is_left_hand(xml: bytes) -> bool:
 def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: bool) -> RoadMap:
     net = import_sumolib().net.readNet(str(path), withInternal=True, withPrograms=False)
     raw = [lane for edge in net.getEdges(withInternal=True) for lane in edge.getLanes()]
-    _check_numbers(net, raw)
+    check_net_numbers(net, raw)
     cars = {lane.getID(): lane for lane in raw if lane.allows("passenger") and _build_centre_line(lane) is not None}
     foot = [lane for lane in raw if lane.allows("pedestrian") and not lane.allows("passenger")]
     zebras = [lane for lane in foot if lane.getEdge().getFunction() == "crossing"]
@@ -241,18 +239,6 @@ def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: boo
         ),
         drivable_areas=about.drivable_areas,
     )
-
-
-def _check_numbers(net: Any, lanes: Sequence[Any]) -> None:
-    """Raise ValueError for coordinates, widths or speeds that no road has: products of larger ones overflow."""
-    shapes = [lane.getShape() for lane in lanes] + [node.getShape() for node in net.getNodes()]
-    for value in chain((number for shape in shapes for point in shape for number in point), *map(_list_numbers, lanes)):
-        if not abs(value) <= MAX_COORDINATE_M:
-            raise ValueError(f"numbers within {MAX_COORDINATE_M:g} expected, found {value:g}")
-
-
-def _list_numbers(lane: Any) -> tuple[float, ...]:
-    return lane.getWidth(), lane.getSpeed(), lane.getLength()
 
 
 def _points(shape: Any) -> Float:
