@@ -80,6 +80,15 @@ def create_anew(path: Path) -> BinaryIO:
     return os.fdopen(os.open(path, NEW_FILE, FILE_MODE), "wb")
 
 
+def remove_parts(folder: Path) -> None:
+    """Remove what killed processes left half written in a folder that only the caller writes in now."""
+    for path in folder.glob(f".*{PART_SUFFIX}"):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+
+
 def write_bytes(path: Path, data: bytes, mode: int = FILE_MODE) -> None:
     """Write a file; see `new_file`."""
     with new_file(path, mode) as file:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from mdrive_sumo.core.output_files import (
+    NewFile,
     append_text,
     copy_file,
     create_anew,
@@ -14,6 +15,7 @@ from mdrive_sumo.core.output_files import (
     make_folder,
     new_file,
     open_appended,
+    remove_parts,
     write_bytes,
     write_text,
 )
@@ -107,6 +109,18 @@ def test_a_file_is_whole_or_as_it_was(tmp_path: Path) -> None:
     assert path.read_text() == "old" and list_names(tmp_path) == ["results"]
     with pytest.raises(IsADirectoryError):
         write_text(tmp_path, "text")
+
+
+def test_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
+    left = NewFile(tmp_path / "results")
+    left.file.write(b"half")
+    left.file.close()
+    (tmp_path / ".0123abcd.part").mkdir()
+    (tmp_path / ".0123abcd.part" / "picture").write_text("half")
+    (tmp_path / ".other").write_text("kept")
+    assert len(list_names(tmp_path)) == 3
+    remove_parts(tmp_path)
+    assert list_names(tmp_path) == [".other"]
 
 
 def test_permissions_are_those_of_any_new_file(tmp_path: Path) -> None:
