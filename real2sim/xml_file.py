@@ -6,6 +6,7 @@ from typing import NoReturn
 from xml.etree import ElementTree
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
 
 Element = ElementTree.Element
 MAX_DEPTH = 100
@@ -30,7 +31,7 @@ def _check_depth(root: Element) -> None:
 def read_xml(path: Path) -> Element:
     """Return the root element of an XML file; raise InputError if it is unreadable, malformed or has a DOCTYPE."""
     try:
-        root = ElementTree.fromstring(path.read_bytes(), ElementTree.XMLParser(target=_DoctypeRefuser()))
+        root = ElementTree.fromstring(read_bytes(path), ElementTree.XMLParser(target=_DoctypeRefuser()))
         _check_depth(root)
         return root
     except OSError as error:

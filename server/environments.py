@@ -11,6 +11,8 @@ from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import BoxError, BoxLimits, BoxSpec, open_box
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_text
+from mdrive_sumo.core.output_files import make_folder, write_text
 from mdrive_sumo.core.suggestion import describe_unknown
 
 ABOUT_FILE = "environment.json"
@@ -87,7 +89,7 @@ def load_environment(name: str, folder: Path) -> Environment:
     find_recipe(name)
     about = folder / name / ABOUT_FILE
     try:
-        found = json.loads(about.read_text("utf-8"))
+        found = json.loads(read_text(about))
         site, rootfs = (Path(found[key]) if found.get(key) else None for key in ("site", "rootfs"))
         return Environment(name, Path(found["python"]), site, tuple(found["packages"]), rootfs, found.get("image", ""))
     except FileNotFoundError:
@@ -170,7 +172,7 @@ def import_image(
         raise InputError(
             f"environment {name}: expected {', '.join(missing)} in {rootfs}, found {' '.join(packages):.300}"
         )
-    target.mkdir(parents=True, exist_ok=True)
+    make_folder(target)
     made = Environment(name, Path(python), None, tuple(packages), rootfs.resolve(), _checksum_programs(rootfs))
     return _write_description(made, target)
 
@@ -203,9 +205,7 @@ def _list_packages(name: str, spec: BoxSpec) -> list[str]:
 
 def _write_description(made: Environment, target: Path) -> Environment:
     about = target / ABOUT_FILE
-    partial = about.with_suffix(".partial")
-    partial.write_text(json.dumps(asdict(made), default=str, indent=1), "utf-8")
-    partial.replace(about)
+    write_text(about, json.dumps(asdict(made), default=str, indent=1))
     return made
 
 

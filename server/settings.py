@@ -17,6 +17,7 @@ from mdrive_sumo.agent_process.sandbox.kernel_trial import choose_backend
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.agent_process.sandbox.private_files import MEMORY
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.loop.request_pace import MAX_PACE_S
 from mdrive_sumo.scenario.scenario import describe_first_error
 from server.phase_settings import Count, PhaseSettings, SettingsModel
@@ -259,10 +260,10 @@ def load_settings(file: Path | None, environ: Mapping[str, str] = os.environ) ->
 
 def _read_file(file: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(file.read_text("utf-8"))
+        return tomllib.loads(read_text(file))
     except OSError as error:
         raise InputError(f"{file}: cannot be read: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:  # no TOML, no text, a number of 5000 digits, nesting without end
         raise InputError(f"{file}: expected TOML: {error}") from None
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import click
 
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.generated_suite import check_output_folder, write_generated_suite
 from mdrive_sumo.generate.generation_search import WEATHER, GenerationRequest, search_scenarios
@@ -99,7 +100,7 @@ def build_interaction_suite(folder: Path) -> None:
                 raise RuntimeError(f"{task.category}: {found.reason}")
             for recipe in found:
                 save_recipe(recipe, work / task.category / f"{recipe.id}.json")
-            click.echo(f"{task.category}: {len(found)}")
+            echo(f"{task.category}: {len(found)}")
     recipes = [load_recipe(path) for task in tasks for path in sorted((work / task.category).iterdir())]
     write_generated_suite(ABOUT, [(recipe, build_scenario(recipe)) for recipe in recipes], folder)
 
@@ -114,7 +115,7 @@ def main(folder: Path, dry_run: bool) -> None:
         return
     check_output_folder(folder)
     for task in list_tasks():
-        click.echo(f"{task.category}: {task.count} scenarios would be searched")
+        echo(f"{task.category}: {task.count} scenarios would be searched")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ a lane on the way; its number, if it has one, is the arc length at which the lan
 zero count from the lane's end. What lies between two steps is found by routing.
 """
 
-import shutil
 import tempfile
 import tomllib
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from typing import Any
 import click
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import copy_file
 from mdrive_sumo.roads import RoadMap, Route, build_lane_route, find_lane_path, find_network_folder, load_road_map
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
@@ -127,7 +127,7 @@ def main(dry_run: bool) -> None:
     """Write the packaged suite `interdrive` anew from its recipe, `recipe.toml` in its folder."""
     folder = list_packaged_suites()["interdrive"]
     with tempfile.TemporaryDirectory() as scratch:
-        shutil.copy(folder / RECIPE_FILE, scratch)
+        copy_file(folder / RECIPE_FILE, Path(scratch, RECIPE_FILE))
         write_suite(Path(scratch))
         replace_changed_files(Path(scratch), folder, dry_run=dry_run)
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.scenario.background import Background
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import NETWORKS_FOLDER, Suite, SuiteFile, load_suite, save_suite
@@ -50,9 +51,9 @@ def main(out: Path, suite: str, dry_run: bool) -> None:
     """Write a suite to the new folder OUT in which each scenario has its first CAV alone on the road."""
     if dry_run:
         check_new(out)
-        click.echo(f"{out}: {len(load_suite(suite))} scenarios would be written")
+        echo(f"{out}: {len(load_suite(suite))} scenarios would be written")
         return
-    click.echo(f"{out}: {len(write_lone_suite(suite, out))} scenarios")
+    echo(f"{out}: {len(write_lone_suite(suite, out))} scenarios")
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import click
 
+from mdrive_sumo.core.output_files import write_bytes, write_text
 from mdrive_sumo.roads import find_network_folder, list_packaged_networks
 from mdrive_sumo.roads.netconvert import run_netconvert, strip_xml_comments
 from mdrive_sumo.roads.network_file import (
@@ -33,11 +34,11 @@ def compile_recipe(folder: Path) -> bytes:
 def build_network(folder: Path) -> NetworkFile:
     """Compile a recipe, write `map.net.xml.gz` and update offset and checksum in `network.json`."""
     net = compile_recipe(folder)
-    (folder / NET_FILE).write_bytes(gzip.compress(net, 9, mtime=0))
+    write_bytes(folder / NET_FILE, gzip.compress(net, 9, mtime=0))
     about = read_network_file(folder).model_copy(
         update={"offset": _read_offset(net), "checksum": compute_net_checksum(net)}
     )
-    (folder / NETWORK_FILE).write_text(about.model_dump_json(indent=1) + "\n")
+    write_text(folder / NETWORK_FILE, about.model_dump_json(indent=1) + "\n")
     return about
 
 

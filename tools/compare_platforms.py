@@ -24,6 +24,8 @@ import mdrive_sumo
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import Observation, Reply
 from mdrive_sumo.contract.agent_options import Config
+from mdrive_sumo.core.output_files import write_text
+from mdrive_sumo.core.terminal import echo
 from tools.tool_command import HELP
 
 SCENARIOS = (
@@ -70,7 +72,7 @@ def drive(pairs: list[tuple[str, str]], seed: int = 0) -> Digests:
         bits = hashlib.blake2b(digest_size=8)
         episode = mdrive_sumo.simulate(scenario, _note_bits(agent, bits), seed=seed)
         found[f"{scenario} {agent}"] = f"{episode.digest} {bits.hexdigest()}"
-        click.echo(f"{len(found)} of {len(pairs)}: {scenario} {agent} {found[f'{scenario} {agent}']}", err=True)
+        echo(f"{len(found)} of {len(pairs)}: {scenario} {agent} {found[f'{scenario} {agent}']}", err=True)
     return found
 
 
@@ -138,7 +140,7 @@ def main() -> None:
 def write(file: Path, scenarios: tuple[str, ...], agents: tuple[str, ...]) -> None:
     """Drive the sample and write its digests to FILE."""
     pairs = [(scenario, agent) for scenario in scenarios or SCENARIOS for agent in agents or SAMPLE_AGENTS]
-    file.write_text(json.dumps({"platform": describe_platform(), "digests": drive(pairs)}, indent=1) + "\n", "utf-8")
+    write_text(file, json.dumps({"platform": describe_platform(), "digests": drive(pairs)}, indent=1) + "\n")
 
 
 @main.command()
@@ -149,9 +151,10 @@ def compare(file: Path) -> None:
     expected: Digests = stored["digests"]
     found = drive([(name.partition(" ")[0], name.partition(" ")[2]) for name in expected])
     differences = find_differences(expected, found)
-    click.echo(f"written on: {stored['platform']}\ndriven on:  {describe_platform()}")
-    click.echo("".join(f"differs: {name}\n" for name in differences), nl=False)
-    click.echo(f"{len(expected) - len(differences)} of {len(expected)} digests agree")
+    echo(f"written on: {stored['platform']}\ndriven on:  {describe_platform()}")
+    for name in differences:
+        echo(f"differs: {name}")
+    echo(f"{len(expected) - len(differences)} of {len(expected)} digests agree")
     sys.exit(bool(differences))
 
 
@@ -163,7 +166,7 @@ def variants(file: Path) -> None:
     for title, variant in VARIANTS.items():
         command = [sys.executable, "-m", "tools.compare_platforms", "compare", str(file)]
         ended = subprocess.run(command, env=os.environ | limit_features(variant), stdout=subprocess.PIPE, text=True)
-        click.echo(f"{title}: {ended.stdout.splitlines()[-1] if ended.stdout else 'failed'}")
+        echo(f"{title}: {ended.stdout.splitlines()[-1] if ended.stdout else 'failed'}")
         failed |= ended.returncode != 0
     sys.exit(failed)
 

@@ -23,6 +23,7 @@ from mdrive_sumo.contract import Objects
 from mdrive_sumo.contract.detector_profiles import PROFILES, PUBLISHED, DetectionProfile, PublishedPrecision
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners
 from mdrive_sumo.core.state import Kind
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.sensing.detection_noise import EPOCH_TICKS, add_errors, draw_detected
 from mdrive_sumo.sensing.false_positives import CAR_M, draw_false_positives
 from tools.tool_command import HELP, ToolCommand
@@ -160,7 +161,7 @@ def main(profiles: Sequence[str]) -> None:
         stored = PROFILES[name]
         hidden = HIDDEN_FROM_ONE if name == "lidar-single" else 0.0  # partners see what one vehicle does not
         fitted = fit_profile(stored, PUBLISHED[name], 0, hidden)
-        click.echo(f"{name}: recall {fitted.recall}, spread {fitted.spread}; stored {stored.recall}, {stored.spread}")
+        echo(f"{name}: recall {fitted.recall}, spread {fitted.spread}; stored {stored.recall}, {stored.spread}")
 
 
 if __name__ == "__main__":

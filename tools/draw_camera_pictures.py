@@ -15,7 +15,9 @@ from PIL import Image, ImageDraw
 
 from mdrive_sumo.contract import Objects, SensorSpec
 from mdrive_sumo.contract.camera_rigs import RIGS, build_camera_rig
+from mdrive_sumo.core.output_files import make_parents
 from mdrive_sumo.core.state import EgoState, Kind
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.roads import Lane, RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.weather import WEATHERS
 from mdrive_sumo.sensing.camera.camera_sensor import CameraSensor
@@ -128,12 +130,12 @@ def _save(path: Path, images: Sequence[Pixels], labels: Sequence[str]) -> None:
             place = left + 5, number * (ROW_PX + GAP_PX) + 3
             pen.text(place, label, fill="white", stroke_width=1, stroke_fill="black")
             left += one.width + GAP_PX
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_parents(path)
     for colours in COLOURS:
         whole.quantize(colours, dither=Image.Dither.NONE).save(path, optimize=True)
         if path.stat().st_size <= MOST_BYTES:
             break
-    click.echo(f"{path} {path.stat().st_size} bytes")
+    echo(f"{path} {path.stat().st_size} bytes")
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from mdrive_sumo.core.output_files import make_parents, write_text
 from mdrive_sumo.report.map_view import fit_view
 from mdrive_sumo.report.scenario_plot import draw_scenario
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
@@ -53,7 +54,7 @@ def draw_thumbnail(scenario: Scenario, roads: RoadMap, path: Path) -> None:
     canvas.draw()
     image = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
     small = image.resize((round(100 * width), round(100 * height)), Image.Resampling.LANCZOS)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_parents(path)
     small.save(path, quality=QUALITY, method=6)
 
 
@@ -94,7 +95,7 @@ def main(dry_run: bool) -> None:
         for scenario in suite:
             roads = _load_roads(find_network_folder(scenario.network, suite.find_folder(scenario.id)))
             draw_thumbnail(scenario, roads, Path(scratch, PICTURES, f"{scenario.id}.webp"))
-        Path(scratch, PAGE).write_text(format_page(suite.scenarios), "utf-8")
+        write_text(Path(scratch, PAGE), format_page(suite.scenarios))
         replace_changed_files(Path(scratch), DOCS, dry_run=dry_run)
 
 

@@ -1,6 +1,5 @@
 """ToolCommand: what the commands of developers share, `python -m tools.NAME`."""
 
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,6 +7,8 @@ import click
 
 from mdrive_sumo.cli.command_line import InputProblem
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import copy_file, make_parents
+from mdrive_sumo.core.terminal import echo
 
 HELP = {"help_option_names": ["-h", "--help"]}
 
@@ -43,8 +44,8 @@ def replace_changed_files(built: Path, target: Path, *, dry_run: bool) -> Sequen
     changed = find_changed_files(built, target)
     for name in changed:
         if not dry_run:
-            (target / name).parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(built / name, target / name)
-        click.echo(f"{'would change' if dry_run else 'changed'}: {target / name}")
-    click.echo(f"{target}: {len(changed)} files {'would change' if dry_run else 'changed'}")
+            make_parents(target / name)
+            copy_file(built / name, target / name)
+        echo(f"{'would change' if dry_run else 'changed'}: {target / name}")
+    echo(f"{target}: {len(changed)} files {'would change' if dry_run else 'changed'}")
     return changed

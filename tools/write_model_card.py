@@ -23,6 +23,7 @@ from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, read_manifest
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.statistics import TOO_FEW, bootstrap_stratified_clustered_mean
 from mdrive_sumo.scoring import Results, ScenarioResult, compute_overall, load_results
 from tools.seed_runs import check_seed_runs
@@ -235,8 +236,8 @@ def main(system: str | None, *, dry_run: bool, **new: Any) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         for name in [system] if system else list_cards():
             measured = update_measured(name, NewMeasurements(**new)) if system else load_measured(name)
-            Path(scratch, f"{name}.json").write_text(json.dumps(measured, indent=1) + "\n", "utf-8")
-            Path(scratch, f"{name}.md").write_text(build_card(name, measured), "utf-8")
+            write_text(Path(scratch, f"{name}.json"), json.dumps(measured, indent=1) + "\n")
+            write_text(Path(scratch, f"{name}.md"), build_card(name, measured))
         replace_changed_files(Path(scratch), FOLDER, dry_run=dry_run)
 
 

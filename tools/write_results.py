@@ -20,6 +20,7 @@ import click
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_parents, write_text
 from mdrive_sumo.scoring import Means, Results, compute_bucket_means, compute_overall, load_results
 from tools.seed_runs import check_seed_runs
 from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
@@ -214,8 +215,8 @@ def main(runs: Sequence[Path], bench: Path | None, dry_run: bool) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         for name, text in build_pages(runs, bench).items():
             path = Path(scratch, name)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, "utf-8")
+            make_parents(path)
+            write_text(path, text)
         replace_changed_files(Path(scratch), ROOT, dry_run=dry_run)
 
 

@@ -3,6 +3,9 @@
 import ast
 from pathlib import Path
 
+from mdrive_sumo.core.input_files import read_bytes
+
+MAX_SOURCE_BYTES = 2**24
 MAX_NAMED = 6
 """Classes that a sentence names."""
 
@@ -13,7 +16,7 @@ def list_agent_classes(path: Path) -> tuple[str, ...]:
     () for a file that cannot be read or is no Python.
     """
     try:
-        module = ast.parse(path.read_bytes())
+        module = ast.parse(read_bytes(path, MAX_SOURCE_BYTES))
     except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
         return ()
     classes = [node for node in module.body if isinstance(node, ast.ClassDef)]

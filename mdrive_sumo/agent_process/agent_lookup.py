@@ -3,7 +3,8 @@
 import importlib
 import importlib.util
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import Any, cast
 
@@ -32,6 +33,30 @@ def split_locator(locator: str) -> tuple[str, str]:
             "found none of them"
         )
     return place, name
+
+
+def find_module_file(name: str) -> Path | None:
+    """Return the file of a module without importing it or the packages around it; None if there is no such module.
+
+    Raises InputError for one without a file of its own, such as those that are built into Python.
+    """
+    path: Sequence[str] | None = None
+    spec: ModuleSpec | None = None
+    parts = name.split(".")
+    for i in range(len(parts)):
+        spec = _find_spec(".".join(parts[: i + 1]), path)
+        if spec is None or (spec.submodule_search_locations is None and i + 1 < len(parts)):
+            return None
+        path = None if spec.submodule_search_locations is None else [*spec.submodule_search_locations]
+    if spec is None or not spec.has_location or spec.origin is None or not Path(spec.origin).is_file():
+        raise InputError(f"agent module {name!r:.80}: expected a Python file, found a module without one")
+    return Path(spec.origin)
+
+
+def _find_spec(name: str, path: Sequence[str] | None) -> ModuleSpec | None:
+    """Return where a module is, as `import` would look for it. `importlib.util.find_spec` imports the packages."""
+    found = (finder.find_spec(name, path, None) for finder in sys.meta_path)
+    return next((spec for spec in found if spec is not None), None)
 
 
 def load_agent_class(locator: str) -> Callable[[Config], Agent]:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from mdrive_sumo.agent_process import sandbox
+from mdrive_sumo.core.output_files import create_anew, write_bytes
 
 HOST = "mdrive_sumo.agent_process.host"
 PACKAGE = Path(__file__).parents[1]
@@ -106,7 +107,7 @@ class PlainAgentProcess:
         self.socket, theirs = socket.socketpair()
         with theirs:
             command = [sys.executable, *program.arguments(theirs.fileno(), str(frames))]
-            log = program.log.open("wb") if program.log is not None else None
+            log = create_anew(program.log) if program.log is not None else None
             output = log if log is not None else subprocess.DEVNULL
             self._process = subprocess.Popen(  # awaited in close()
                 command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, pass_fds=(theirs.fileno(),)
@@ -195,7 +196,7 @@ class BoxedAgentProcess:
                 self._box.pump()
             self._report = self._box.close()
             if self._log is not None:
-                self._log.write_bytes(self._box.log())
+                write_bytes(self._log, self._box.log())
 
     def usage_record(self) -> Mapping[str, Any]:
         """See AgentProcess."""

@@ -187,6 +187,8 @@ def load_episode(path: str | Path, suite: str | Suite | None = None) -> Episode:
         from mdrive_sumo.runs.stored_run import load_stored_run
 
         suite = load_stored_run(path.parent.parent).run.suite
-    seed = int(record.about.get("seed", 0))
+    seed = record.about.get("seed", 0)
+    if type(seed) is not int:
+        raise InputError(f"{path}: about.seed: expected an integer, found {seed!r:.80}")
     scenario, roads, folder = find_scenario(record.scenario, suite, seed)
     return Episode(record, scenario, roads, seed, folder)

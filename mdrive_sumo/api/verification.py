@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.report.report_check import find_report_differences, has_captured_cooperation
 from mdrive_sumo.report.run_report import REPORT_FILE
 from mdrive_sumo.runs.episode_job import replay_language_model
@@ -93,7 +94,7 @@ class RunVerification:
         if not path.is_file():
             return
         try:
-            text = path.read_text(encoding="utf-8")
+            text = read_text(path)
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: expected a text file, found none ({error})") from None
         left_out = "captured cooperation, which depends on other runs" if has_captured_cooperation(text) else ""

@@ -15,9 +15,10 @@ from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.core.tables import format_text_table
-from mdrive_sumo.episode import load_episode
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.result_tables import format_optional
 from mdrive_sumo.runs.prepared_run import PreparedRun
+from mdrive_sumo.runs.recording_check import load_recording
 from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scoring import Results, ScenarioResult
 from mdrive_sumo.study.ablation import (
@@ -63,16 +64,16 @@ def command(
     permission = read_permission(choice)
     run, results = permission.apply(stored.run), stored.results
     if changed := stored.describe_version_changes():
-        click.echo(f"warning: the run was made with another {changed}", err=True)
+        echo(f"warning: the run was made with another {changed}", err=True)
     recorded = _find_recorded(run, results, scenario, choose_seed(results, choice["seed"]))
-    messages = load_episode(run.find_recording(recorded.key)).messages
+    messages = load_recording(run, recorded).messages
     mutes = choose_mutes(messages, choice["mute"], choice["each_message"], choice["max_runs"])
     effects = ablate(run, recorded, mutes, choice["workers"])
     if differing := next(effects).difference:
-        click.echo(f"{recorded.id}: the recording itself comes out differently: {differing}", err=True)
+        echo(f"{recorded.id}: the recording itself comes out differently: {differing}", err=True)
         ctx.exit(1)
     found = rank_effects(recorded, _collect_effects(effects, len(mutes)))
-    click.echo(format_ablation_json(found) if as_json else format_ablation_table(found))
+    echo(format_ablation_json(found) if as_json else format_ablation_table(found))
 
 
 def _find_recorded(run: PreparedRun, results: Results, pattern: str, seed: int) -> ScenarioResult:
@@ -88,7 +89,7 @@ def _collect_effects(effects: Iterator[MuteEffect], total: int) -> list[MuteEffe
     found: list[MuteEffect] = []
     for effect in effects:
         found.append(effect)
-        click.echo(f"{len(found)}/{total}  without {' '.join(effect.mute)}", err=True)
+        echo(f"{len(found)}/{total}  without {' '.join(effect.mute)}", err=True)
     return found
 
 

@@ -7,6 +7,7 @@ from importlib.metadata import EntryPoint, entry_points
 import click
 
 from mdrive_sumo import __version__
+from mdrive_sumo.core.clean_text import clean_for_terminal, clean_line
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import shorten_name, suggest_name
 
@@ -40,6 +41,10 @@ class InputProblem(click.ClickException):
     """Unusable input: one sentence, exit code 2."""
 
     exit_code = 2
+
+    def format_message(self) -> str:
+        """Return the sentence as a terminal may show it."""
+        return clean_line(self.message)
 
 
 class CommandLine(click.Group):
@@ -81,6 +86,9 @@ class CommandLine(click.Group):
             return super().invoke(ctx)
         except InputError as error:
             raise InputProblem(str(error)) from None
+        except click.ClickException as problem:  # it may name a stranger's file
+            vars(problem)["message"] = clean_for_terminal(problem.message)
+            raise
         except KeyboardInterrupt:
             ctx.exit(130)
 

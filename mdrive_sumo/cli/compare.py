@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.runs.compare import compare, comparison_table
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.run_listing import check_run_folder
@@ -21,7 +22,7 @@ def command(run_a: Path, run_b: Path) -> None:
     runs. RUN_A and RUN_B are folders written by `eval`, or results files. Settings that differ are listed.
     """
     a, b = (load_results(results_file(run)) for run in (run_a, run_b))
-    click.echo(comparison_table(compare(a, b, (run_a, run_b))))
+    echo(comparison_table(compare(a, b, (run_a, run_b))))
 
 
 def results_file(run: Path) -> Path:

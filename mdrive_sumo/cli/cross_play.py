@@ -9,6 +9,7 @@ from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names, study_options
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.study.cross_play import CrossPlayStudy, summarise_cross_play
 from mdrive_sumo.study.two_agent_files import (
     STRANGERS_HEADER,
@@ -71,7 +72,7 @@ def list_all_agents() -> str:
         try:
             factory({})
         except InputError as error:
-            click.echo(f"left out: {name}: {error}", err=True)
+            echo(f"left out: {name}: {error}", err=True)
         else:
             names.append(name)
     return ",".join(names)

@@ -3,6 +3,7 @@
 import click
 
 from mdrive_sumo.agent_process.sandbox import examine_backend, try_own_kernel
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.installation import examine_installation, format_installation_table, format_sandbox_table
 
 NEEDED_LAYERS = ("namespaces", "read-only", "privileges", "seccomp", "rlimits")
@@ -18,11 +19,11 @@ def command(sandbox: bool) -> None:
     """
     if sandbox:
         backend, found = examine_backend()
-        click.echo(format_sandbox_table(found, backend, try_own_kernel()))
+        echo(format_sandbox_table(found, backend, try_own_kernel()))
         complete = all(layer.active for layer in found if layer.name in NEEDED_LAYERS)
     else:
         checks = examine_installation()
-        click.echo(format_installation_table(checks))
+        echo(format_installation_table(checks))
         complete = all(check.is_found for check in checks if check.is_required)
     if not complete:
         raise click.exceptions.Exit(1)

@@ -14,6 +14,7 @@ from mdrive_sumo.cli.comm import episode_options, read_episode_options
 from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.loop.request_pace import MAX_PACE_S
 from mdrive_sumo.report.agent_failures import format_agent_failures, format_first_failure
 from mdrive_sumo.report.progress import ProgressDisplay
@@ -141,11 +142,11 @@ def command(
     shares = with_references(ctx, whole, config) if captured else None
     if shares is not None:
         save_run_report(run.folder, whole, shares)
-    click.echo(format_summary(whole, shares))
-    click.echo("\n" + _list_written_files(run))
+    echo(format_summary(whole, shares))
+    echo("\n" + _list_written_files(run))
     failures = format_agent_failures(whole, run.folder)
     if failures:
-        click.echo("\n" + failures)
+        echo("\n" + failures)
     ctx.exit(1 if whole.void or failures else 0)
 
 
@@ -174,9 +175,7 @@ def with_references(ctx: click.Context, results: Results, config: RunConfig) -> 
     """Return the captured cooperation of a run. Its references are driven unless finished. Raises InputError."""
 
     def evaluate_reference(run: PreparedRun) -> Results:
-        click.echo(
-            f"reference {run.config.agent.name}, --comm {run.config.options.comm.preset}: {run.folder}", err=True
-        )
+        echo(f"reference {run.config.agent.name}, --comm {run.config.options.comm.preset}: {run.folder}", err=True)
         return evaluate_with_display(ctx, run, evaluate)
 
     return evaluate_captured_cooperation(results, config, evaluate_reference)
@@ -191,14 +190,14 @@ def evaluate_with_display(
         return drive(run, progress)
     except StoppedAtFailure as stopped:
         progress.close()
-        click.echo(format_first_failure(stopped.result, run.folder, is_seeded=bool(run.config.more_seeds)))
-        click.echo(f"stopped; --fresh starts {run.folder} anew, without --fail-fast it is continued", err=True)
+        echo(format_first_failure(stopped.result, run.folder, is_seeded=bool(run.config.more_seeds)))
+        echo(f"stopped; --fresh starts {run.folder} anew, without --fail-fast it is continued", err=True)
         ctx.exit(1)
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not swallow the answer to the first
         progress.close()
         again = "the same command" + (" without --fresh" if run.config.fresh else "")
-        click.echo(f"interrupted; {again} continues {run.folder}", err=True)
+        echo(f"interrupted; {again} continues {run.folder}", err=True)
         ctx.exit(130)
     finally:
         progress.close()

@@ -14,6 +14,7 @@ from mdrive_sumo.cli.scenario_option import make_scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.open_loop import (
     LOG,
     OPEN_LOOP_FILE,
@@ -105,19 +106,19 @@ def command(
     try:
         results = evaluate_open(open_run, _report, fresh=fresh)
     except KeyboardInterrupt:
-        click.echo(f"interrupted; the same command continues {open_run.folder}", err=True)
+        echo(f"interrupted; the same command continues {open_run.folder}", err=True)
         ctx.exit(130)
     except WorldError as error:
-        click.echo(f"Error: {error}", err=True)
+        echo(f"Error: {error}", err=True)
         ctx.exit(1)
-    click.echo(format_open_loop(results))
+    echo(format_open_loop(results))
     skipped = sum((Counter(one.skipped) for one in results.scenarios), Counter[str]())
     if skipped:
-        click.echo("\nnot compared: " + ", ".join(f"{count} frames with {why}" for why, count in skipped.items()))
-    click.echo(f"\n{open_run.folder / OPEN_LOOP_FILE}  all numbers")
+        echo("\nnot compared: " + ", ".join(f"{count} frames with {why}" for why, count in skipped.items()))
+    echo(f"\n{open_run.folder / OPEN_LOOP_FILE}  all numbers")
     failures = format_open_loop_failures(results)
     if failures:
-        click.echo("\n" + failures)
+        echo("\n" + failures)
     ctx.exit(1 if failures else 0)
 
 
@@ -130,13 +131,13 @@ def _find_given(ctx: click.Context, option: str) -> Any:
 def _drive_reference(ctx: click.Context, config: RunConfig) -> Path:
     """Drive the reference unless it is finished; return its folder."""
     run = prepare(config)
-    click.echo(f"reference {config.agent.name}: {run.folder}", err=True)
+    echo(f"reference {config.agent.name}: {run.folder}", err=True)
     evaluate_with_display(ctx, run, evaluate)
     return run.folder
 
 
 def _report(done: int, total: int, result: OpenLoopScenario) -> None:
-    click.echo(f"{done}/{total} {result.id}", err=True)
+    echo(f"{done}/{total} {result.id}", err=True)
 
 
 def format_open_loop_failures(results: OpenLoopResults) -> str:

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.core.installation_command import format_installation
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.export.export_formats import EXPORT_FORMATS
 
 
@@ -33,4 +34,4 @@ def command(run_folder: Path, format_name: str, patterns: tuple[str, ...], out: 
 
     export_runs([load_stored_run(run_folder, suite)], format_name, out, patterns)
     for path in sorted(out.iterdir()):
-        click.echo(path)
+        echo(path)

@@ -12,6 +12,8 @@ from pydantic import ValidationError
 
 from mdrive_sumo.cli.generate_hard import HARD_COUNT, check_hard_options, generate_hard, hard_options
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_text
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.generate import llm_proposer
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.generated_suite import (
@@ -101,7 +103,7 @@ def _read_secret(options: dict[str, Any]) -> str:
         return ""
     wanted = f"{options['seed_file']}: expected a private seed of {LEAST_SECRET} characters or more"
     try:
-        secret = options["seed_file"].read_text(encoding="utf-8").strip()
+        secret = read_text(options["seed_file"]).strip()
     except OSError as error:
         raise InputError(f"{wanted}, found no file to read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -127,8 +129,8 @@ def _choose_proposer(options: dict[str, Any]) -> tuple[Proposer, str]:
 def _read_recorded_model(folder: Path) -> str:
     """Return the name of the model whose exchanges a folder holds."""
     try:
-        with sorted(folder.glob("*.jsonl"))[0].open(encoding="utf-8") as lines:
-            return str(json.loads(lines.readline())["request"]["model"])
+        first = read_text(sorted(folder.glob("*.jsonl"))[0]).partition("\n")[0]
+        return str(json.loads(first)["request"]["model"])
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         raise InputError(f"--replay {folder}: expected transcripts of an earlier run, found none") from None
 
@@ -151,7 +153,7 @@ def _generate(order: GenerationRequest, proposer: tuple[Proposer, str], out: Pat
     for attempt in search_scenarios(order, proposer[0], _list_known(order), proposer[1]):
         attempts.append(attempt)
         if explain:
-            click.echo(_format_attempt(attempt))
+            echo(_format_attempt(attempt))
     made = [(one.recipe, one.scenario) for one in attempts if one.recipe and one.scenario]
     refused = Counter(one.rejection[0] for one in attempts if one.rejection)
     summary = ", ".join(f"{count} at {stage}" for stage, count in refused.most_common())
@@ -163,8 +165,8 @@ def _generate(order: GenerationRequest, proposer: tuple[Proposer, str], out: Pat
         )
     write_generated_suite(about, made, out)
     if refused and (explain or len(made) < order.count):
-        click.echo(f"refused of {len(attempts)} proposals: {summary}")
-    click.echo(f"{len(made)} of {order.count} scenarios: {out}")
+        echo(f"refused of {len(attempts)} proposals: {summary}")
+    echo(f"{len(made)} of {order.count} scenarios: {out}")
     return 0 if len(made) == order.count else 1
 
 
@@ -186,11 +188,11 @@ def _rebuild_suite(name: str, out: Path | None) -> int:
     recipes = load_recipes(name)
     if out is not None:
         write_rebuilt_suite(load_suite(name), recipes, out)
-        click.echo(f"{len(recipes)} scenarios: {out}")
+        echo(f"{len(recipes)} scenarios: {out}")
         return 0
     changed = 0
     for scenario in find_rebuild_differences(recipes):
         changed += 1
-        click.echo(f"{scenario}: the recipe makes another file")
-    click.echo(f"{len(recipes) - changed} of {len(recipes)} scenarios are as their recipes make them")
+        echo(f"{scenario}: the recipe makes another file")
+    echo(f"{len(recipes) - changed} of {len(recipes)} scenarios are as their recipes make them")
     return 1 if changed else 0

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo, echo_live
 from mdrive_sumo.generate.generated_suite import check_output_folder
 from mdrive_sumo.generate.hard.adversarial_search import SearchJournal, SearchSettings, run_search
 from mdrive_sumo.generate.hard.archive_file import build_archive_file, save_archive_file
@@ -106,20 +107,20 @@ def generate_hard(ctx: click.Context, options: Mapping[str, Any], secret: str, o
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not swallow the answer to the first
         display.close()
         again = "the same command" + (" without --fresh" if options["fresh"] else "")
-        click.echo(f"interrupted; {again} continues {folder}, with --no-search it chooses from what is there", err=True)
+        echo(f"interrupted; {again} continues {folder}, with --no-search it chooses from what is there", err=True)
         ctx.exit(130)
     content = build_archive_file(searches, {one.scenario.id for one in chosen})
     save_archive_file(content, folder)
     draw_archives(content, folder)
-    click.echo(_format_searches(searches))
+    echo(_format_searches(searches))
     if not chosen:
         raise InputError(
             f"{folder}: expected a scenario among {len(passed)} candidates, found none; a larger --budget helps"
         )
     need = {name: check.need for name, check in journal.checks.items() if check.need is not None}
     write_hard_suite(about, chosen, need, out)
-    click.echo(f"{folder}  archive.json, pictures and the journal of the search")
-    click.echo(_format_chosen(chosen, selection.count, out))
+    echo(f"{folder}  archive.json, pictures and the journal of the search")
+    echo(_format_chosen(chosen, selection.count, out))
     return 0 if len(chosen) == selection.count else 1
 
 
@@ -191,19 +192,19 @@ class SearchDisplay:
     def note(self, text: str) -> None:
         """See SearchProgress."""
         self.close()
-        click.echo(text, err=True)
+        echo(text, err=True)
 
     def close(self) -> None:
         """Clear the live line."""
         if self._live:
-            click.echo("\r\x1b[K", nl=False, err=True)
+            echo_live("")
 
     def _write(self, line: str) -> None:
         if self._live:
             width = max(get_terminal_size().columns, 40)
-            click.echo("\r\x1b[K" + line[: width - 1], nl=False, err=True)
+            echo_live(line[: width - 1])
         else:
-            click.echo(line, err=True)
+            echo(line, err=True)
 
     def _format_eta(self) -> str:
         left_s = (time.monotonic() - self._began) / self._done * max(self._total - self._kept - self._done, 0)

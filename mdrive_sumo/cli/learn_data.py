@@ -11,6 +11,7 @@ import click
 from mdrive_sumo.cli.finite_range import FiniteRange
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.learning.collection import collect_dataset
 from mdrive_sumo.learning.collection_settings import EXPERTS, CollectionSettings
 from mdrive_sumo.learning.recorded_rigs import RIG_NAMES, parse_rig_names
@@ -66,13 +67,13 @@ def command(ctx: click.Context, out: Path, scenarios: int, workers: int, fresh: 
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not swallow the answer to the first
         again = "the same command" + (" without --fresh" if fresh else "")
-        click.echo(f"interrupted; {again} continues {out}", err=True)
+        echo(f"interrupted; {again} continues {out}", err=True)
         ctx.exit(130)
-    click.echo(format_dataset(dataset))
-    click.echo(f"{out}  {len(dataset.shards)} shards and dataset.json")
+    echo(format_dataset(dataset))
+    echo(f"{out}  {len(dataset.shards)} shards and dataset.json")
     failed = [one for one in _list_scenarios(dataset) if one.status == "failed"]
     for one in failed:
-        click.echo(f"scenario {one.index} ({one.scenario}) failed: {one.reason}", err=True)
+        echo(f"scenario {one.index} ({one.scenario}) failed: {one.reason}", err=True)
     done = sum(len(shard.scenarios) for shard in dataset.shards)
     ctx.exit(1 if failed or done < scenarios else 0)
 
@@ -141,4 +142,4 @@ class CollectionDisplay:
 
     def note(self, text: str) -> None:
         """See CollectionProgress."""
-        click.echo(text, err=True)
+        echo(text, err=True)

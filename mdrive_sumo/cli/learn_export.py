@@ -7,6 +7,7 @@ import click
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.learning.require_torch import require_torch
 
 
@@ -31,7 +32,7 @@ def command(system: str, checkpoint: Path, out: Path, data: tuple[Path, ...], wo
     loaded = load_checkpoint(checkpoint, system)
     found = export_network(loaded, out, load_arrays(data, SYSTEMS[system], workers) if data else None)
     size = found.network.stat().st_size / 1e6
-    click.echo(
+    echo(
         f"{found.network}  {size:.2f} MB, differs from PyTorch by {1e3 * found.difference:.3f} mm at most, by"
         f" {1e3 * found.rounding:.3f} mm before its weights were rounded\n"
         f"`eval --agent {system} --agent-config FILE` drives with it, FILE holds"

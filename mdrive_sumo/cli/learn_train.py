@@ -11,6 +11,7 @@ from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli.finite_range import FiniteRange
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.learning.require_torch import require_torch
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -66,7 +67,7 @@ def command(system: str, smoke: bool, data: tuple[Path, ...], out: Path, **optio
         _train(system, data, out, options)
     except KeyboardInterrupt:
         where = "--resume goes on with" if _is_begun(out) else "nothing is kept in"
-        click.echo(f"interrupted; {where} {out}", err=True)
+        echo(f"interrupted; {where} {out}", err=True)
         raise click.exceptions.Exit(130) from None
 
 
@@ -89,11 +90,11 @@ def _run_smoke_test(system: str, data: tuple[Path, ...], out: Path, workers: int
 
     arrays = _load(system, data, workers) if data else None
     found = run_smoke_test(system, out / "smoke", arrays)
-    click.echo(
+    echo(
         f"{system}: mean loss of the first {COMPARED} of {STEPS} steps {found.first:.3f}, of the last {found.last:.3f}"
     )
     if not found.is_lower:
-        click.echo("the loss did not fall", err=True)
+        echo("the loss did not fall", err=True)
         raise click.exceptions.Exit(1)
 
 
@@ -103,7 +104,7 @@ def _load(system: str, folders: tuple[Path, ...], workers: int) -> dict[str, Any
     began = time.monotonic()
     arrays = load_arrays(folders, SYSTEMS[system], workers)
     gigabytes = sum(each.nbytes for each in arrays.values()) / 1e9
-    click.echo(f"{len(arrays['own'])} samples, {gigabytes:.1f} GB, read in {time.monotonic() - began:.0f} s")
+    echo(f"{len(arrays['own'])} samples, {gigabytes:.1f} GB, read in {time.monotonic() - began:.0f} s")
     return arrays
 
 
@@ -129,8 +130,8 @@ def _train(system: str, data: tuple[Path, ...], out: Path, options: dict[str, An
         validation=_load(system, options["val"], rounds.workers) if options["val"] else None,
         is_resumed=options["resume"], initial=options["init"], sources=tuple(map(str, data)),
     )  # fmt: skip
-    path = run_training(run, click.echo) if rounds.rounds == 1 else _train_in_rounds(run, data, rounds)
-    click.echo(f"{path}  `learn export {system} --checkpoint {path} --out DIR` makes weights to drive with")
+    path = run_training(run, echo) if rounds.rounds == 1 else _train_in_rounds(run, data, rounds)
+    echo(f"{path}  `learn export {system} --checkpoint {path} --out DIR` makes weights to drive with")
 
 
 def _train_in_rounds(run: Any, data: tuple[Path, ...], rounds: RoundOptions) -> Path:
@@ -144,4 +145,4 @@ def _train_in_rounds(run: Any, data: tuple[Path, ...], rounds: RoundOptions) -> 
         lambda number, weights, folder: collect_round(plan, number, weights, folder, CollectionDisplay()),
         lambda folders: _load(run.system, folders, rounds.workers),
     )
-    return train_in_rounds(run, sources, rounds.rounds, click.echo)
+    return train_in_rounds(run, sources, rounds.rounds, echo)

@@ -13,6 +13,7 @@ from mdrive_sumo.contract import derive_sensing_track
 from mdrive_sumo.contract.agent_options import AgentFactory
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import TableRow, format_text_table
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.generate.validation import is_hard_suite
 from mdrive_sumo.open_loop import OPEN_LOOP_FILE
 from mdrive_sumo.report.agent_failures import list_agent_failures
@@ -228,8 +229,8 @@ def command(what: str, folder: Path, suite: str, occluded: bool | None) -> None:
     DIR is where runs are looked for, with the folders below it [default: runs].
     """
     if what == RUNS:
-        click.echo(_list_runs(folder))
+        echo(_list_runs(folder))
         return
     if folder != RUNS_FOLDER:
         raise click.UsageError(f"DIR: expected only with `list {RUNS}`, found {str(folder)!r} with `list {what}`")
-    click.echo(_list_scenarios(suite, occluded) if what == "scenarios" else LISTS[what](suite))
+    echo(_list_scenarios(suite, occluded) if what == "scenarios" else LISTS[what](suite))

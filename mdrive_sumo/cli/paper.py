@@ -13,6 +13,7 @@ from mdrive_sumo.cli.study_options import parse_agent_names
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.open_loop import OpenLoopResults
 from mdrive_sumo.report.comparison_report.score_tables import build_main_table
 from mdrive_sumo.report.comparison_report.table_text import format_text_rows
@@ -57,13 +58,13 @@ def command(ctx: click.Context, **options: object) -> None:
     given = _PaperOptions(**options)  # pyright: ignore[reportArgumentType] - click has made them what the fields say
     prepared = given.prepare_study()
     for name, why in prepared.left_out.items():
-        click.echo(f"left out: {name}: {why}", err=True)
+        echo(f"left out: {name}: {why}", err=True)
     rows = drive_with_display(ctx, prepared.study)
     numbers = compute_paper_numbers(prepared.study, rows)
     request = PaperRequest(("mdrive-sumo", *sys.argv[1:]), prepared.left_out)
     pages = write_paper(given.out, numbers, request, prepared.about)
-    click.echo(format_text_table(*format_text_rows(build_main_table(numbers.compared))))
-    click.echo("\n" + "\n".join(map(str, pages)))
+    echo(format_text_table(*format_text_rows(build_main_table(numbers.compared))))
+    echo("\n" + "\n".join(map(str, pages)))
     failed = warn_about_failures(numbers.runs, given.out)
     failed = _warn_about_open_failures(numbers.open, given.out) or failed
     ctx.exit(1 if failed or any(run.void for run in numbers.runs) else 0)
@@ -74,7 +75,7 @@ def _warn_about_open_failures(opened: Mapping[str, OpenLoopResults], folder: Pat
     counts = {agent: sum(bool(one.failures) for one in results.scenarios) for agent, results in opened.items()}
     failed = {agent: count for agent, count in counts.items() if count}
     for agent, count in failed.items():
-        click.echo(f"THE AGENT {agent} FAILED in {count} recordings of the open loop: {folder / RUNS_FOLDER}", err=True)
+        echo(f"THE AGENT {agent} FAILED in {count} recordings of the open loop: {folder / RUNS_FOLDER}", err=True)
     return bool(failed)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.stored_run import StoredRun, load_stored_run
 from mdrive_sumo.scenario.reference_times import (
@@ -36,7 +37,7 @@ def command(run_folder: Path) -> None:
         path = part.folder / REFERENCE_TIMES_FILE
         with report_write_errors(path):
             count = save_reference_times(part, times)
-        click.echo(f"{path}  times of {count} scenarios")
+        echo(f"{path}  times of {count} scenarios")
 
 
 def _check_reference_run(stored: StoredRun, folder: Path) -> None:

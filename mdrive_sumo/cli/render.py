@@ -8,6 +8,7 @@ import click
 
 from mdrive_sumo.cli.choice import choose_seed
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.render.render_options import DEFAULT_FPS, DEFAULT_SIZE, RenderOptions, ViewName
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def command(
     if len(names := {one.scenario.id for one in found}) > 1:
         raise InputError(f"--scenario: expected one that fits the same scenario in all runs, found {sorted(names)}")
     episodes = [RenderedEpisode(one.record, one.scenario, one.roads, one.result) for one in found]
-    click.echo(render_episodes(episodes, out, RenderOptions(**options)))
+    echo(render_episodes(episodes, out, RenderOptions(**options)))
 
 
 def _load_recording(folder: Path, pattern: str | None, seed: int | None, suite: str | None) -> "ScoredRecording":

@@ -7,6 +7,7 @@ import click
 
 from mdrive_sumo.core.atomic_folder import check_new_folder
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.comparison_report.compared_agent import make_compared_agents
 from mdrive_sumo.report.comparison_report.comparison_report import build_comparison_report
 from mdrive_sumo.report.comparison_report.report_runs import load_report_runs
@@ -36,5 +37,5 @@ def command(runs: tuple[Path, ...], out: Path, baseline: str, with_published: bo
     command_line = ("mdrive-sumo", *sys.argv[1:])
     report = build_comparison_report(agents, baseline=baseline, with_published=with_published, command=command_line)
     files = write_comparison_report(report, out)
-    click.echo(format_text_table(*format_text_rows(report.tables[0])))
-    click.echo("\n" + "\n".join((*(f"note: {warning}" for warning in report.warnings), *map(str, files))))
+    echo(format_text_table(*format_text_rows(report.tables[0])))
+    echo("\n" + "\n".join((*(f"note: {warning}" for warning in report.warnings), *map(str, files))))

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.evaluate import MODES
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.runs.rescore import rescore_run, save_rescored
 from mdrive_sumo.runs.stored_run import load_stored_run
@@ -24,6 +25,6 @@ def command(ctx: click.Context, run_folder: Path, score_mode: str | None, suite:
     stored = load_stored_run(run_folder, suite)
     again = rescore_run(stored, ScoreMode(score_mode or stored.results.run.score_mode))
     path = save_rescored(stored.run, again)
-    click.echo(format_summary(again))
-    click.echo(f"\n{path}")
+    echo(format_summary(again))
+    echo(f"\n{path}")
     ctx.exit(1 if again.void else 0)

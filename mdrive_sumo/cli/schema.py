@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from mdrive_sumo import contract
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.episode import build_episode_schema
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.learning.sample_format import build_training_data_schema
@@ -41,4 +42,4 @@ def command(what: str) -> None:
     Files are described in JSON Schema; the contract by its message types with their fields, a recording (episode)
     by its arrays and the JSON Schema of its header.
     """
-    click.echo(json.dumps(SCHEMAS[what](), indent=2))
+    echo(json.dumps(SCHEMAS[what](), indent=2))

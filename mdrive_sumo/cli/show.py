@@ -9,6 +9,8 @@ from mdrive_sumo.cli.choice import find_one_scenario
 from mdrive_sumo.cli.evaluate import with_references
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import write_text
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.agent_failures import format_agent_failures
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.report.run_report import build_run_report
@@ -69,16 +71,16 @@ def _show_run(ctx: click.Context, folder: Path, suite: str | None, out: Path | N
     stored = load_stored_run(folder, suite)
     run, results = stored.run, stored.results
     if workers and (changed := stored.describe_version_changes()):
-        click.echo(f"warning: the run was made with another {changed} than its references", err=True)
+        echo(f"warning: the run was made with another {changed} than its references", err=True)
     config = replace(run.config, suite=suite or run.config.suite, workers=workers)
     shares = with_references(ctx, results, config) if workers else None
-    click.echo(format_summary(results, shares))
+    echo(format_summary(results, shares))
     if failures := format_agent_failures(results, folder):
-        click.echo("\n" + failures)
+        echo("\n" + failures)
     if out is not None:
         with report_write_errors(out):
-            out.write_text(build_run_report(results, shares), encoding="utf-8")
-        click.echo(f"\n{out}")
+            write_text(out, build_run_report(results, shares))
+        echo(f"\n{out}")
 
 
 def _show_scenario(pattern: str, suite: str, out: Path | None) -> None:
@@ -91,4 +93,4 @@ def _show_scenario(pattern: str, suite: str, out: Path | None) -> None:
         )
     except (OSError, ValueError) as error:  # ValueError: matplotlib does not know the ending
         raise InputError(f"{path}: cannot be written: {error}") from None
-    click.echo(path)
+    echo(path)

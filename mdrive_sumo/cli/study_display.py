@@ -8,6 +8,8 @@ from typing import Protocol, TextIO, TypeVar
 
 import click
 
+from mdrive_sumo.core.clean_text import clean_line
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.agent_failures import list_agent_failures
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.scoring import EpisodeKey, Results, ScenarioResult
@@ -58,7 +60,7 @@ class StudyDisplay(ProgressDisplay):
         if self._live:
             self._draw(name)
         else:
-            self._write(f"{self._state()}  {name} compared\n")
+            self._write(f"{self._state()}  {clean_line(name)} compared\n")
 
     def begin(self, total: int, kept: Mapping[EpisodeKey, ScenarioResult]) -> None:
         """See Progress: one of the study's runs begins."""
@@ -81,7 +83,7 @@ def drive_with_display(ctx: click.Context, study: DrivenStudy[Row]) -> list[Row]
         return list(study.rows(progress))
     except KeyboardInterrupt:
         progress.close()
-        click.echo(f"interrupted; the same command without --fresh continues {study.folder}", err=True)
+        echo(f"interrupted; the same command without --fresh continues {study.folder}", err=True)
         ctx.exit(130)
     finally:
         progress.close()
@@ -95,5 +97,5 @@ def warn_about_failures(found: Iterable[Results], folder: Path) -> bool:
         for _ in {(one.result.id, one.result.seed) for one in list_agent_failures(results)}
     )
     for agent, count in counts.items():
-        click.echo(f"THE AGENT {agent} FAILED in {count} episodes; logs and reports: {folder / RUNS_FOLDER}", err=True)
+        echo(f"THE AGENT {agent} FAILED in {count} episodes; logs and reports: {folder / RUNS_FOLDER}", err=True)
     return bool(counts)

@@ -13,6 +13,8 @@ from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.study_display import warn_about_failures
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import write_text
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import report_write_errors
@@ -121,8 +123,8 @@ class StudyOptions:
         paths = [self.out / name for name in pages]
         for path, text in zip(paths, pages.values(), strict=True):
             with report_write_errors(path):
-                path.write_text(text, encoding="utf-8")
-        click.echo("\n\n".join((*tables, "\n".join(map(str, (*paths, *pictures))))))
+                write_text(path, text)
+        echo("\n\n".join((*tables, "\n".join(map(str, (*paths, *pictures))))))
         failed = warn_about_failures(results, self.out)
         ctx.exit(1 if failed or void else 0)
 

@@ -8,6 +8,7 @@ import click
 from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.generate.validation import (
     HARD_SEEDS,
     ScenarioValidation,
@@ -92,16 +93,16 @@ def command(ctx: click.Context, suite: str, sample: int | None, scenario: str, w
     sampled = sample_scenarios(replace(loaded, scenarios=chosen), sample)
     for one in validate_scenarios(loaded, sampled, options["workers"], options["seeds"]):
         found.append(one)
-        click.echo(_format_validation(one))
+        echo(_format_validation(one))
     for part in written:
         (_write_need if is_hard_suite(part) else _write_certificates)(part, found)
         _write_reference_times(part, found)
     whole = find_suite_problems(loaded, found)
     for sentence in (*whole, *describe_suite(loaded), *describe_rules(loaded)):
-        click.echo(sentence)
+        echo(sentence)
     failed = sum(bool(one.problems) for one in found)
     difficult, hidden = sum(one.is_difficult for one in found), sum(one.is_occluded for one in found)
-    click.echo(f"{len(found) - failed} of {len(found)} pass; {difficult} difficult, {hidden} hidden until late")
+    echo(f"{len(found) - failed} of {len(found)} pass; {difficult} difficult, {hidden} hidden until late")
     ctx.exit(1 if failed or whole else 0)
 
 
@@ -122,7 +123,7 @@ def _write_certificates(suite: Suite, found: Sequence[ScenarioValidation]) -> No
     kept = tuple(c for c in (by_name.get(scenario.id) for scenario in suite.scenarios) if c is not None)
     with report_write_errors(suite.folder / CERTIFICATE_FILE):
         save_certificates(suite.folder, OcclusionCertificateFile(suite_checksum=suite.checksum(), certificates=kept))
-    click.echo(f"{suite.folder / CERTIFICATE_FILE}  {len(kept)} certificates")
+    echo(f"{suite.folder / CERTIFICATE_FILE}  {len(kept)} certificates")
 
 
 def _write_need(suite: Suite, found: Sequence[ScenarioValidation]) -> None:
@@ -133,14 +134,14 @@ def _write_need(suite: Suite, found: Sequence[ScenarioValidation]) -> None:
     kept = tuple(by_name[scenario.id] for scenario in suite.scenarios if scenario.id in by_name)
     with report_write_errors(suite.folder / NEED_FILE):
         save_need(suite.folder, NeedCertificateFile(suite_checksum=suite.checksum(), certificates=kept))
-    click.echo(f"{suite.folder / NEED_FILE}  {len(kept)} certificates")
+    echo(f"{suite.folder / NEED_FILE}  {len(kept)} certificates")
 
 
 def _write_reference_times(suite: Suite, found: Sequence[ScenarioValidation]) -> None:
     measured = {one.scenario: one.reference for one in found if one.reference is not None}
     with report_write_errors(suite.folder / REFERENCE_TIMES_FILE):
         count = save_reference_times(suite, measured)
-    click.echo(f"{suite.folder / REFERENCE_TIMES_FILE}  times of {count} scenarios")
+    echo(f"{suite.folder / REFERENCE_TIMES_FILE}  times of {count} scenarios")
 
 
 def _check_unchanged(suite: Suite, chosen: Sequence[Scenario]) -> None:

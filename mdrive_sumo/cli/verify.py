@@ -8,6 +8,7 @@ import click
 from mdrive_sumo.api.verification import FileVerification, RunVerification
 from mdrive_sumo.cli.foreign_agent import foreign_agent_options, read_permission
 from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.runs.foreign_agent import describe_foreign_agent
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.stored_run import StoredRun, load_unchecked_run
@@ -43,7 +44,7 @@ def command(
     different = 0
     for verdict in verification.verify_episodes(workers):
         replayed = f"; taken from the recording: {verdict.replayed}" if verdict.replayed else ""
-        click.echo(f"{verdict.scenario}: {verdict.text}{replayed}")
+        echo(f"{verdict.scenario}: {verdict.text}{replayed}")
         different += not verdict.identical
     found = list(verification.verify_files())
     for file in found:
@@ -52,30 +53,30 @@ def command(
     skipped = f", {void} void" if (void := sum(one.status == "void" for one in stored.results.scenarios)) else ""
     numbers = sum(len(file.differences) for file in found)
     also = f"; the files of the run have {numbers} other values" if numbers else ""
-    click.echo(f"{total - different} of {total} scenarios are identical{skipped}{also}")
+    echo(f"{total - different} of {total} scenarios are identical{skipped}{also}")
     ctx.exit(1 if different or numbers else 0)
 
 
 def _print_circumstances(stored: StoredRun, run: PreparedRun) -> None:
     """Print warnings, and which third-party code runs."""
     if changed := stored.describe_version_changes():
-        click.echo(f"warning: the run was made with another {changed}", err=True)
+        echo(f"warning: the run was made with another {changed}", err=True)
     if not run.config.record:
-        click.echo("warning: the run has no recordings; only final digests are compared", err=True)
+        echo("warning: the run has no recordings; only final digests are compared", err=True)
     if not stored.journal.checksum:
-        click.echo("warning: the journal is of an older version, whose lines have no checksums", err=True)
+        echo("warning: the journal is of an older version, whose lines have no checksums", err=True)
     where = "in boxes" if run.config.sandbox else "with your permissions"
     for agent in run.config.agents:
         if not agent.is_builtin:
-            click.echo(f"running {describe_foreign_agent(agent)} {where}", err=True)
+            echo(f"running {describe_foreign_agent(agent)} {where}", err=True)
 
 
 def _print_file(file: FileVerification) -> None:
     left_out = f" (not compared: {file.left_out})" if file.left_out else ""
     if not file.differences:
-        click.echo(f"{file.file}: every number as expected{left_out}")
+        echo(f"{file.file}: every number as expected{left_out}")
         return
     for difference in file.differences[:MAX_DIFFERENCES]:
-        click.echo(f"{file.file}: {difference}")
+        echo(f"{file.file}: {difference}")
     if len(file.differences) > MAX_DIFFERENCES:
-        click.echo(f"{file.file}: and {len(file.differences) - MAX_DIFFERENCES} more differences")
+        echo(f"{file.file}: and {len(file.differences) - MAX_DIFFERENCES} more differences")

@@ -10,6 +10,7 @@ import click
 
 from mdrive_sumo.cli.choice import choose_seed, find_one_scenario
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.run_page.compared_runs import ComparedRun, load_compared_runs
 from mdrive_sumo.report.run_page.comparison_data import build_comparison_data, find_telling_seeds
 from mdrive_sumo.report.run_page.comparison_files import (
@@ -175,9 +176,9 @@ def _write_episodes(stored: StoredRun, given: _ViewOptions) -> Iterator[Path]:
 
 def _open(paths: Sequence[Path], *, is_wanted: bool) -> None:
     for path in paths:
-        click.echo(path)
+        echo(path)
         if is_wanted and not webbrowser.open(path.resolve().as_uri()):
-            click.echo("no browser found here: open the file above in one", err=True)
+            echo("no browser found here: open the file above in one", err=True)
 
 
 def _find_result(results: Results, scenario: Scenario, seed: int) -> ScenarioResult:

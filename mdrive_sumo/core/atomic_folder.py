@@ -9,6 +9,7 @@ from pathlib import Path
 from types import FrameType
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_parents
 
 
 @contextmanager
@@ -20,7 +21,7 @@ def atomic_folder(out: Path) -> Generator[Path]:
     """
     check_new_folder(out)
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
+        make_parents(out)
         with _sigterm_as_interrupt(), tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as scratch:
             draft = Path(scratch) / "draft"
             draft.mkdir()

@@ -4,15 +4,26 @@ import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 
+from mdrive_sumo.core.input_files import open_regular
+
+PART_BYTES = 2**20
+"""Read at once."""
+MAX_CHECKED_BYTES = 2**32
+"""Of a file; weights and shards of training data are the largest."""
+
 
 def compute_files_checksum(files: Mapping[str, Path]) -> str:
     """Return the SHA-256 of names and contents of files in the order of their names, as "sha256:HEX"."""
     digest = hashlib.sha256()
     for name, path in sorted(files.items()):
-        digest.update(name.encode() + b"\0" + path.read_bytes())
+        digest.update(name.encode("utf-8", "surrogateescape") + b"\0")
+        with open_regular(path, MAX_CHECKED_BYTES) as file:
+            while part := file.read(PART_BYTES):
+                digest.update(part)
     return "sha256:" + digest.hexdigest()
 
 
 def compute_file_checksum(path: Path) -> str:
     """Return the SHA-256 of a file's content, whatever its name, as "sha256:HEX". Raises OSError."""
-    return "sha256:" + hashlib.sha256(path.read_bytes()).hexdigest()
+    with open_regular(path, MAX_CHECKED_BYTES) as file:
+        return "sha256:" + hashlib.file_digest(file, "sha256").hexdigest()

@@ -139,4 +139,6 @@ def _arc_tangent_of_inverse(n: int) -> int:
 
 
 if __name__ == "__main__":
-    np.array(compute_file_values(), "<f8").tofile(FILE)
+    from mdrive_sumo.core.output_files import write_bytes  # here: a box starts sooner without it
+
+    write_bytes(FILE, np.array(compute_file_values(), "<f8").tobytes())

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import open_regular
 from mdrive_sumo.episode.episode_schema import ARRAYS
 
 MAX_BYTES = 2**30
@@ -36,7 +37,7 @@ def read_arrays(path: Path) -> Arrays:
 
     Raises InputError for a file that announces more than `MAX_BYTES`.
     """
-    with zipfile.ZipFile(path) as archive:
+    with open_regular(path, MAX_BYTES) as file, zipfile.ZipFile(file) as archive:
         members = archive.infolist()
         _check_members(path, members)
         return {one.filename.removesuffix(_SUFFIX): _read_array(archive, one) for one in members}

@@ -15,12 +15,16 @@ from PIL import Image
 
 from mdrive_sumo.contract import CameraImage, Observation
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import open_regular
+from mdrive_sumo.core.output_files import NewFile, make_parents
 
 MAX_WIDTH_PX = 480
 """Wider images are made smaller."""
 QUALITY = 75
 MAX_ARCHIVE_BYTES = 64 * 2**20
 """Of an episode: about 7 000 images. What comes later is left out."""
+MAX_FILE_BYTES = 3 * MAX_ARCHIVE_BYTES
+"""With the index, and what zip adds to each image."""
 MAX_IMAGE_BYTES = 2**20
 MAX_IMAGES = 100_000
 INDEX = "index.json"
@@ -44,9 +48,9 @@ class CameraArchiveWriter:
 
     def __init__(self, path: Path) -> None:
         """Raises OSError."""
-        self._path, self._part = path, path.with_name(path.name + ".part")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._archive = zipfile.ZipFile(self._part, "w", zipfile.ZIP_STORED)
+        make_parents(path)
+        self._path, self._new = path, NewFile(path)
+        self._archive = zipfile.ZipFile(self._new.file, "w", zipfile.ZIP_STORED)
         self._number_by_camera: dict[tuple[str, str], int] = {}
         self._size, self._left_out = 0, 0
 
@@ -59,9 +63,9 @@ class CameraArchiveWriter:
         self._write(INDEX, json.dumps({"cameras": cameras, "left_out": self._left_out}).encode())
         self._archive.close()
         if kind is None and cameras:
-            self._part.replace(self._path)
+            self._new.keep()
         else:
-            self._part.unlink()
+            self._new.drop()
             self._path.unlink(missing_ok=True)
 
     def add(self, tick: int, observations: Mapping[str, Observation]) -> None:
@@ -97,7 +101,7 @@ def encode_image(pixels: Pixels) -> bytes:
 def load_camera_tracks(path: Path) -> list[CameraTrack]:
     """Return the images of an archive. Raises InputError for a corrupt one, also from a stranger."""
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_regular(path, MAX_FILE_BYTES) as file, zipfile.ZipFile(file) as archive:
             return _read_tracks(archive)
     except (
         OSError,

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import Message, Note
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import new_file
 from mdrive_sumo.core.state import Contact, End, FailureReason, Kind
 from mdrive_sumo.episode.array_archive import read_arrays
 from mdrive_sumo.episode.episode import Ending, EpisodeRecord, NoteRecord, PlanRecord, SignalChange, ThinkTime
@@ -31,7 +32,7 @@ Ints = npt.NDArray[np.signedinteger[Any]]
 
 
 def save_episode(episode: EpisodeRecord, path: Path) -> None:
-    """Write the file atomically (a temporary file is renamed)."""
+    """Write the file atomically (a new file is renamed)."""
     header = {
         "format": FORMAT,
         "scenario": episode.scenario,
@@ -65,10 +66,8 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
         "fates": _compute_differences(_fates(episode.messages)),
         "digests": episode.digests,
     }
-    temporary = path.with_suffix(".tmp")
-    with temporary.open("wb") as file:
+    with new_file(path) as file:
         np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
-    temporary.replace(path)
 
 
 def load_episode(path: Path) -> EpisodeRecord:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
+from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.episode.array_archive import Arrays, check_shapes
 from mdrive_sumo.episode.episode_schema import FORMAT, EpisodeHeader
@@ -13,6 +14,9 @@ from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.v2x.channel import DeliveryStatus
 
 MAX_TICK = 2**31
+MAX_INTERVAL_S = 1e6
+MAX_NAME = 1000
+"""Characters of an id."""
 
 
 def parse_header(header: dict[str, Any]) -> EpisodeHeader:
@@ -48,6 +52,10 @@ def check_recording(header: EpisodeHeader, arrays: Arrays) -> None:
 def _check_counts(header: EpisodeHeader) -> None:
     if any(plan.points < 0 for plan in header.plans) or any(message.size < 0 for message in header.messages):
         raise ValueError("header: a negative number of points or bytes")
+    if any(not 0 < plan.interval_s < MAX_INTERVAL_S for plan in header.plans):
+        raise ValueError(f"header: the time between points of a plan is not between 0 and {MAX_INTERVAL_S} s")
+    if any(len(name) > MAX_NAME or clean_line(name) != name for name in (header.scenario, *header.ids)):
+        raise ValueError(f"header: an id that is no line of text of at most {MAX_NAME} characters")
     entries = (*header.contacts, *header.signals, *header.plans, *header.messages, *header.notes, *header.endings)
     if any(abs(one.tick) > MAX_TICK for one in entries):
         raise ValueError(f"header: a tick beyond {MAX_TICK}")

@@ -27,6 +27,7 @@ from commonroad.scenario.scenario import Scenario
 from commonroad.scenario.state import CustomState, InitialState
 from commonroad.scenario.trajectory import Trajectory
 
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.export.commonroad_map import build_lanelet_network
 from mdrive_sumo.export.scored_recording import ScoredRecording, list_presences
@@ -74,7 +75,7 @@ def write_commonroad(recordings: Iterable[ScoredRecording], folder: Path) -> Non
             file_format=FileFormat.XML,
         )
         writer.write_to_file(str(folder / f"{name}.xml"), OverwriteExistingFile.ALWAYS)
-        (folder / f"{name}.ids.json").write_text(json.dumps(ids, indent=1) + "\n", encoding="utf-8")
+        write_text(folder / f"{name}.ids.json", json.dumps(ids, indent=1) + "\n")
 
 
 def build_scenario(

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.core.suggestion import suggest_name
-from mdrive_sumo.episode import load_episode
 from mdrive_sumo.export.export_formats import EXPORT_FORMATS, ExportFormat
 from mdrive_sumo.export.scored_recording import ScoredRecording
-from mdrive_sumo.runs.recording_check import check_recordings
+from mdrive_sumo.runs.recording_check import check_recordings, load_recording
 from mdrive_sumo.runs.stored_run import StoredRun
 from mdrive_sumo.scenario.variation import load_varied_scenario
 from mdrive_sumo.scoring import ScenarioResult
@@ -34,8 +34,7 @@ def export_runs(runs: Sequence[StoredRun], format_name: str, out: Path, patterns
     with atomic_folder(out) as draft:
         for stored, results in chosen:
             folder = draft if len(chosen) == 1 else draft / f"seed{stored.results.run.seed}"
-            folder.mkdir(exist_ok=len(chosen) == 1)
-            writer(load_recordings(stored, results), folder)
+            writer(load_recordings(stored, results), make_folder(folder))
     return out
 
 
@@ -95,7 +94,7 @@ def load_recordings(stored: StoredRun, results: Sequence[ScenarioResult]) -> Ite
     scenarios = {scenario.id: scenario for scenario in stored.run.scenarios}
     seeds = {result.seed for result in results}
     for result in results:
-        record = load_episode(stored.run.find_recording(result.key))
+        record = load_recording(stored.run, result)
         scenario, roads = load_varied_scenario(stored.run.suite, scenarios[result.id], result.seed)
         name = f"{result.id}_seed{result.seed}" if len(seeds) > 1 else result.id
         yield ScoredRecording(record, scenario, roads, result, name)

@@ -16,6 +16,7 @@ import numpy as np
 from scenariogeneration import xosc
 
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.output_files import write_bytes
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.export.openscenario_entities import build_entity, compute_rear_to_centre
 from mdrive_sumo.export.scored_recording import ScoredRecording, list_presences
@@ -41,7 +42,7 @@ def write_openscenario(recordings: Iterable[ScoredRecording], folder: Path) -> N
     for recording in recordings:
         road_file = f"{recording.scenario.network}.xodr"
         if not (folder / road_file).exists():
-            (folder / road_file).write_bytes(build_opendrive(recording.roads))
+            write_bytes(folder / road_file, build_opendrive(recording.roads))
         build_storyboard_file(recording, road_file).write_xml(str(folder / f"{recording.name}.xosc"))
 
 

@@ -15,6 +15,7 @@ import shapely
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, Int
+from mdrive_sumo.core.output_files import new_file
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind
 from mdrive_sumo.export.lane_bounds import compute_bounds, compute_outline, find_predecessors
 from mdrive_sumo.export.scored_recording import ScoredRecording
@@ -214,5 +215,5 @@ def _lift(points: Float) -> Float:
 
 
 def _save_pickle(path: Path, contents: Any) -> None:
-    with path.open("wb") as file:
+    with new_file(path) as file:
         pickle.dump(contents, file, protocol=4)

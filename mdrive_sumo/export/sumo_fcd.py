@@ -5,7 +5,6 @@ Source: https://sumo.dlr.de/docs/Simulation/Output/FCDOutput.html
 """
 
 import math
-import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -13,6 +12,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.output_files import copy_file, write_text
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.export.lane_assignment import NO_LANE, assign_lanes
 from mdrive_sumo.export.scored_recording import ScoredRecording
@@ -36,11 +36,11 @@ def write_fcd(recordings: Iterable[ScoredRecording], folder: Path) -> None:
     """Write SCENARIO.fcd.xml and SCENARIO.types.xml per recording, and each network once."""
     for recording in recordings:
         name = recording.name
-        (folder / f"{name}.fcd.xml").write_text("\n".join(_format_steps(recording)) + "\n", encoding="utf-8")
-        (folder / f"{name}.types.xml").write_text("\n".join(_format_types(recording)) + "\n", encoding="utf-8")
+        write_text(folder / f"{name}.fcd.xml", "\n".join(_format_steps(recording)) + "\n")
+        write_text(folder / f"{name}.types.xml", "\n".join(_format_types(recording)) + "\n")
         network = folder / f"{recording.scenario.network}.net.xml.gz"
         if not network.exists():
-            shutil.copyfile(recording.roads.net_file, network)
+            copy_file(recording.roads.net_file, network)
 
 
 def _format_steps(recording: ScoredRecording) -> Iterator[str]:

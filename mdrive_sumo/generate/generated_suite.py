@@ -1,11 +1,12 @@
 """Suites of generated scenarios: written with a recipe beside each scenario, and rebuilt from the recipes."""
 
-import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.output_files import copy_file, make_parents
 from mdrive_sumo.generate.hard.hard_recipe import HardRecipe, build_hard_scenario, is_hard_recipe, load_hard_recipe
 from mdrive_sumo.generate.pipeline import ProposalRejected, build_scenario
 from mdrive_sumo.generate.recipe import Recipe, load_recipe, save_recipe
@@ -36,7 +37,7 @@ def check_output_folder(folder: Path) -> None:
     with report_write_errors(folder):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise InputError(f"{folder}: expected a new or empty folder to write to, found something there")
-        folder.parent.mkdir(parents=True, exist_ok=True)
+        make_parents(folder)
         with tempfile.TemporaryDirectory(dir=folder.parent):
             return
 
@@ -109,7 +110,7 @@ def write_rebuilt_suite(suite: Suite, recipes: Mapping[Path, AnyRecipe], folder:
         if sealed.checksum() == suite.checksum():
             for path in (suite.folder / name for name in MEASURED_FILES):
                 if path.is_file():
-                    shutil.copyfile(path, sealed.folder / path.name)
+                    copy_file(path, sealed.folder / path.name)
 
     made = [(recipe, rebuild_scenario(recipe)) for recipe in recipes.values()]
     return write_generated_suite(suite.about, made, folder, copy_measured)
@@ -122,7 +123,7 @@ def find_rebuild_differences(recipes: Mapping[Path, AnyRecipe]) -> Iterator[str]
         for home, recipe in recipes.items():
             save_scenario(rebuild_scenario(recipe), again)
             found = home / SCENARIO_FILE
-            if not found.is_file() or again.read_bytes() != found.read_bytes():
+            if not found.is_file() or read_bytes(again) != read_bytes(found):
                 yield home.name
 
 

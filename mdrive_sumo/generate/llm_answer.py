@@ -5,6 +5,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.generate.rules import find_rule_violations
@@ -48,7 +49,7 @@ def load_demonstrations(folder: Path, category: Category) -> tuple[Proposal, ...
 
 def _load_demonstration(path: Path) -> Proposal:
     try:
-        proposal = Proposal.model_validate_json(path.read_bytes())
+        proposal = Proposal.model_validate_json(read_bytes(path))
     except OSError as error:
         raise InputError(f"example {path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:

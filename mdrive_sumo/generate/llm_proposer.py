@@ -13,6 +13,7 @@ from pathlib import Path
 
 from mdrive_sumo.contract import Note
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_parents, write_text
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.generate.category_requirements import Category
 from mdrive_sumo.generate.llm_answer import load_demonstrations, parse_proposal
@@ -134,8 +135,8 @@ def _save_transcript(notes: Sequence[Note], category: Category, path: Path) -> N
     """Write one line of JSON per exchange: request, answer or error, and the problems of the answer."""
     lines = [_format_exchange(note.text, category) for note in notes if note.kind == EXCHANGE]
     with report_write_errors(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("".join(lines), encoding="utf-8")
+        make_parents(path)
+        write_text(path, "".join(lines))
 
 
 def _format_exchange(exchange: str, category: Category) -> str:

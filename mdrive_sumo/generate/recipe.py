@@ -6,6 +6,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.output_files import make_parents, write_text
 from mdrive_sumo.generate.proposal import Proposal
 from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.scenario.scenario_part import Identifier
@@ -34,7 +36,7 @@ class Recipe(BaseModel):
 def load_recipe(path: Path) -> Recipe:
     """Read a recipe; raises InputError, also for one of another version of the generator."""
     try:
-        recipe = Recipe.model_validate_json(path.read_bytes())
+        recipe = Recipe.model_validate_json(read_bytes(path))
     except OSError as error:
         raise InputError(f"{path}: expected a recipe to read, found none: {error.strerror}") from None
     except ValidationError as error:
@@ -46,5 +48,5 @@ def load_recipe(path: Path) -> Recipe:
 
 def save_recipe(recipe: BaseModel, path: Path) -> None:
     """Write a recipe."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(recipe.model_dump_json(exclude_defaults=False) + "\n")
+    make_parents(path)
+    write_text(path, recipe.model_dump_json(exclude_defaults=False) + "\n")

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import remove_parts, write_text
 from mdrive_sumo.learning.collection_settings import CollectionSettings
 from mdrive_sumo.learning.drive_episode import collect_scenario
 from mdrive_sumo.learning.sample_files import SampleFiles, write_shard
@@ -92,7 +93,7 @@ def collect_dataset(
     with open_journal(folder, settings.fingerprint, fresh=fresh) as journal:
         if journal.torn:
             progress.note("the last line of the journal was incomplete and has been dropped")
-        _remove_left_files(folder, ".shard-*.partial")  # what a killed worker was writing
+        remove_parts(folder)
         if fresh:
             _remove_left_files(folder, "shard-*.tar")
         kept = _find_kept(journal, jobs, progress)
@@ -186,10 +187,8 @@ def _write_dataset(
         shards=shards,
     )
     path = folder / DATASET_FILE
-    draft = path.with_name(f".{path.name}.partial")
     try:
-        draft.write_text(dataset.model_dump_json(indent=1) + "\n", encoding="utf-8")
-        draft.replace(path)
+        write_text(path, dataset.model_dump_json(indent=1) + "\n")
     except OSError as error:
         raise InputError(describe_write_error(error, path)) from None
     return dataset

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mdrive_sumo.core.checksum import compute_file_checksum
+from mdrive_sumo.core.output_files import new_file
 from mdrive_sumo.learning.recording_agent import RecordedDecision
 from mdrive_sumo.learning.sample_format import (
     ABOUT_SUFFIX,
@@ -50,8 +51,7 @@ def write_shard(path: Path, samples: Iterable[SampleFiles]) -> tuple[int, str]:
 
     Members have no time and no owner, so equal samples give equal files.
     """
-    draft = path.with_name(f".{path.name}.partial")
-    with draft.open("wb") as file:
+    with new_file(path) as file:
         with tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as shard:
             for sample in samples:
                 for suffix, data in sample.files.items():
@@ -60,6 +60,4 @@ def write_shard(path: Path, samples: Iterable[SampleFiles]) -> tuple[int, str]:
                     shard.addfile(member, io.BytesIO(data))
         file.flush()
         os.fsync(file.fileno())
-    size, checksum = draft.stat().st_size, compute_file_checksum(draft)
-    draft.replace(path)
-    return size, checksum
+    return path.stat().st_size, compute_file_checksum(path)

@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import open_regular, read_bytes
 from mdrive_sumo.learning.image_files import decode_image
 from mdrive_sumo.learning.sample_format import (
     ABOUT_SUFFIX,
@@ -119,7 +120,7 @@ def load_dataset_file(folder: Path) -> DatasetFile:
     """Return the description of a data set. Raises InputError, also for another version of the format."""
     path = folder / DATASET_FILE
     try:
-        return DatasetFile.model_validate_json(path.read_bytes())
+        return DatasetFile.model_validate_json(read_bytes(path))
     except OSError as error:
         raise InputError(f"{path}: expected a data set of `mdrive-sumo learn data`, found {error.strerror}") from None
     except ValidationError as error:
@@ -163,7 +164,7 @@ def _read_members(path: Path, size: int) -> Iterator[tuple[str, bytes]]:
     try:
         if (found := path.stat().st_size) != size:
             raise InputError(f"{path}: expected {size} bytes, found {found}; {REMEDY}")
-        with tarfile.open(path, mode="r:") as shard:
+        with open_regular(path, size) as content, tarfile.open(fileobj=content, mode="r:") as shard:
             for member in shard:
                 file = shard.extractfile(member)
                 data = b"" if file is None else file.read()

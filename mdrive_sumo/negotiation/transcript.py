@@ -2,12 +2,14 @@
 
 import hashlib
 import json
+import os
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.negotiation.llm_endpoint import ChatCompletion, LanguageModelError
 
 FIELDS = ("seed", "ordinal", "digest", "request", "answer", "tokens", "error")
@@ -75,7 +77,7 @@ def check_transcript(path: Path) -> None:
 def _read_lines(path: Path, seed: int) -> list[tuple[int, str, ChatCompletion | LanguageModelError]]:
     """Return (ordinal, request digest, outcome) of the lines of one agent."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = [] if str(path) == os.devnull else read_text(path).splitlines()
     except (OSError, ValueError) as error:
         raise InputError(f"transcript {path}: expected a text file, found none ({error})") from None
     found = [_parse_entry(path, number, line) for number, line in enumerate(lines, 1) if line.strip()]

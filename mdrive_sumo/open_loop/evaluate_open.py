@@ -6,6 +6,7 @@ from contextlib import AbstractContextManager, nullcontext
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError, WorldError
+from mdrive_sumo.core.output_files import make_folder, write_text
 from mdrive_sumo.open_loop.open_loop_job import OpenLoopJob, run_open_loop_job
 from mdrive_sumo.open_loop.open_loop_run import OpenLoopRun
 from mdrive_sumo.open_loop.results import OpenLoopResults, OpenLoopScenario, summarize_open_loop
@@ -44,7 +45,7 @@ def evaluate_open(
         todo = [key for key in run.episodes if key not in found]
         with report_write_errors(run.folder):
             for key in () if run.agent.is_builtin else todo:
-                run.find_logs(key).mkdir(parents=True, exist_ok=True)
+                make_folder(run.find_logs(key))
         for result in _show(run, todo, journal, executor):
             journal.add_result(result.model_dump(mode="json"))
             found[result.key] = result
@@ -52,7 +53,7 @@ def evaluate_open(
         whole = summarize_open_loop(run.info, [found[key] for key in run.episodes])
         path = run.folder / OPEN_LOOP_FILE
         with report_write_errors(path):
-            path.write_text(whole.model_dump_json(indent=1) + "\n", encoding="utf-8")
+            write_text(path, whole.model_dump_json(indent=1) + "\n")
     return whole
 
 

@@ -1,9 +1,11 @@
 """Failures of agents in a run, with the end of the first one's log: what to mend before any score counts."""
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from mdrive_sumo.core.input_files import open_regular
 from mdrive_sumo.core.state import End
 from mdrive_sumo.loop.agent_driver import shorten
 from mdrive_sumo.runs.prepared_run import LOGS_FOLDER, find_agent_log
@@ -12,6 +14,8 @@ from mdrive_sumo.scoring import EgoResult, Results, ScenarioResult
 TAIL_LINES = 8
 """Lines of a log that are shown: the innermost calls of a traceback and its error."""
 TAIL_BYTES = 8192
+MAX_LOG_BYTES = 2**40
+"""Only the end is read, so any size will do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +67,8 @@ def _format_failure(failure: CavFailure, run_folder: Path, *, is_seeded: bool) -
 def read_tail(log: Path) -> list[str]:
     """Return the last `TAIL_LINES` lines of a log as printable text; none if it cannot be read."""
     try:
-        with log.open("rb") as file:
-            file.seek(max(0, log.stat().st_size - TAIL_BYTES))
+        with open_regular(log, MAX_LOG_BYTES) as file:
+            file.seek(max(0, file.seek(0, os.SEEK_END) - TAIL_BYTES))
             text = file.read(TAIL_BYTES).decode("utf-8", "replace")
     except OSError:
         return []

@@ -11,6 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import write_bytes
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Okabe and Ito's palette (Color Universal Design, 2008), safe for colour blindness."""
@@ -51,7 +52,7 @@ def save_figure(figure: Figure, stem: Path) -> tuple[Path, Path]:
     for path in paths:
         content = render_figure(figure, path.suffix[1:])
         try:
-            path.write_bytes(content)
+            write_bytes(path, content)
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror}") from None
     return paths

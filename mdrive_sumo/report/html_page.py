@@ -8,10 +8,13 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from mdrive_sumo.core.clean_text import clean_for_page
+
 PAGE_TEMPLATES = Environment(
     loader=PackageLoader("mdrive_sumo.report", "static"),
     autoescape=True,
     undefined=StrictUndefined,
+    finalize=clean_for_page,
     trim_blocks=True,
     lstrip_blocks=True,
 )

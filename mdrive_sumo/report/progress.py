@@ -6,6 +6,8 @@ from shutil import get_terminal_size
 from statistics import fmean
 from typing import TextIO
 
+from mdrive_sumo.core.clean_text import clean_for_terminal, clean_line
+from mdrive_sumo.core.terminal import CLEAR_LINE
 from mdrive_sumo.scoring import EpisodeKey, ScenarioResult
 
 BAR_WIDTH = 24
@@ -43,20 +45,20 @@ class ProgressDisplay:
 
     def note(self, text: str) -> None:
         """See Progress."""
-        self._write(("\r\x1b[K" if self._live else "") + text + "\n")
+        self._write((CLEAR_LINE if self._live else "") + clean_for_terminal(text) + "\n")
         self._draw("")
 
     def close(self) -> None:
         """Clear the live line."""
         if self._live:
-            self._write("\r\x1b[K")
+            self._write(CLEAR_LINE)
 
     def _draw(self, last: str) -> None:
         if self._live and self._total:
             full = BAR_WIDTH * len(self._results) // self._total
             bar = "█" * full + "░" * (BAR_WIDTH - full)
             width = max(get_terminal_size().columns, 40)
-            self._write("\r\x1b[K" + f"{bar} {self._state()}  {last}"[: width - 1])
+            self._write(CLEAR_LINE + f"{bar} {self._state()}  {clean_line(last)}"[: width - 1])
 
     def _state(self) -> str:
         done = len(self._results)
@@ -87,8 +89,8 @@ def _mean(values: Iterable[float]) -> str:
 
 
 def _name(result: ScenarioResult) -> str:
-    return f"{result.id} seed {result.seed}" if result.seed else result.id
+    return clean_line(f"{result.id} seed {result.seed}" if result.seed else result.id)
 
 
 def _brief(result: ScenarioResult) -> str:
-    return f"void: {result.reason}" if result.status == "void" else f"DS {result.ds:.1f}"
+    return clean_line(f"void: {result.reason}") if result.status == "void" else f"DS {result.ds:.1f}"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
+from mdrive_sumo.core.output_files import make_parents, write_text
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.episode.camera_archive import CameraTrack
 from mdrive_sumo.report.html_page import read_static, render_html_page
@@ -52,8 +53,8 @@ class ReplayPage:
     def save(self, path: str | Path) -> Path:
         """Write the page, for any browser, and return its path."""
         path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(self.html, encoding="utf-8")
+        make_parents(path)
+        write_text(path, self.html)
         return path
 
     def __repr__(self) -> str:

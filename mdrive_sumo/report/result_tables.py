@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
+from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.statistics import TOO_FEW_NOTE, format_interval_cells
 from mdrive_sumo.core.tables import TableRow, format_text_table
 from mdrive_sumo.scoring import Means, Results, RunInfo, ScenarioResult, compute_mean_intervals
@@ -52,7 +53,7 @@ def describe_seeds(run: RunInfo) -> str:
 
 def name_episode(run: RunInfo, result: ScenarioResult) -> str:
     """Return an episode's name: its scenario, and its seed if the run has several."""
-    return f"{result.id}, seed {result.seed}" if len(run.all_seeds) > 1 else result.id
+    return clean_line(f"{result.id}, seed {result.seed}" if len(run.all_seeds) > 1 else result.id)
 
 
 def list_void(results: Results) -> list[ScenarioResult]:
@@ -74,7 +75,7 @@ def describe_agent(results: Results) -> str:
     labels = ", ".join((*run.labels, *((describe_sensing_track(run),) if run.sensing_track else ())))
     share = "one CAV" if run.penetration is None else f"{run.penetration} % of the CAVs"
     name = f"{run.agent} ({share}) among {run.others}" if run.others else run.agent
-    return f"{name} [{labels}]" if labels else name
+    return clean_line(f"{name} [{labels}]" if labels else name)
 
 
 def describe_sensing_track(run: RunInfo) -> str:
@@ -169,7 +170,7 @@ def build_score_rows(results: Results, captured: CapturedCooperation | None = No
 
 def format_summary(results: Results, captured: CapturedCooperation | None = None) -> str:
     """Return the summary of a run: scores per bucket and overall, outcomes, infractions, void scenarios."""
-    run = results.run
+    run, mode = results.run, f"score mode {results.run.score_mode}"
     notes = count_notes(results)
     facts = (
         ("outcomes", _listed(count_outcomes(results))),
@@ -181,7 +182,7 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
     )
     return "\n".join(
         (
-            f"suite {run.suite}, agent {describe_agent(results)}, {describe_seeds(run)}, score mode {run.score_mode}",
+            clean_line(f"suite {run.suite}, agent {describe_agent(results)}, {describe_seeds(run)}, {mode}"),
             "",
             format_text_table(*build_score_rows(results, captured)),
             "",
@@ -206,4 +207,4 @@ def _format_intervals(rows: list[TableRow]) -> list[str]:
 
 
 def _listed(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{name} {count}" for name, count in counts.items()) or "none"
+    return clean_line(", ".join(f"{name} {count}" for name, count in counts.items())) or "none"

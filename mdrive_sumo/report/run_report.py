@@ -4,8 +4,10 @@ import shlex
 from collections.abc import Iterable
 from pathlib import Path
 
+from mdrive_sumo.core.clean_text import clean_for_markdown, format_markdown_code
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.statistics import TOO_FEW_NOTE
-from mdrive_sumo.core.tables import TableRow, escape_markdown, format_markdown_table
+from mdrive_sumo.core.tables import TableRow, format_markdown_table
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import (
     CAPTURED_HEADER,
@@ -68,7 +70,7 @@ less than 2 DS; scenarios that are void in one of the three runs are left out of
 def build_run_report(results: Results, captured: CapturedCooperation | None = None) -> str:
     """Return the report: run, scores overall, per category and per scenario, and the commands for a closer look."""
     parts = (
-        f"# {escape_markdown(results.run.suite)}: {escape_markdown(describe_agent(results))}",
+        f"# {clean_for_markdown(results.run.suite)}: {clean_for_markdown(describe_agent(results))}",
         _facts(results),
         HOW_TO_READ,
         CAPTURED if captured else "",
@@ -98,18 +100,20 @@ def save_run_report(folder: Path, results: Results, captured: CapturedCooperatio
     """Write `report.md` into a run folder. Raises InputError if that is not possible."""
     path = folder / REPORT_FILE
     with report_write_errors(path):
-        path.write_text(build_run_report(results, captured), encoding="utf-8")
+        write_text(path, build_run_report(results, captured))
 
 
 def _facts(results: Results) -> str:
     run = results.run
     facts = {
-        "suite": f"{run.suite}, checksum `{run.suite_checksum}`",
+        "suite": f"{clean_for_markdown(run.suite)}, checksum {format_markdown_code(run.suite_checksum)}",
         "seeds" if len(run.all_seeds) > 1 else "seed": ", ".join(map(str, run.all_seeds)),
-        "score mode": run.score_mode,
-        **{key: str(getattr(run, key)) for key in EpisodeOptions.list_choices()},
-        "command": f"`{shlex.join(run.command)}`",
-        "versions": ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items())),
+        "score mode": clean_for_markdown(run.score_mode),
+        **{key: clean_for_markdown(str(getattr(run, key))) for key in EpisodeOptions.list_choices()},
+        "command": format_markdown_code(shlex.join(run.command)),
+        "versions": clean_for_markdown(
+            ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items()))
+        ),
     }
     return "\n".join(f"- {name}: {value}" for name, value in facts.items())
 
@@ -150,7 +154,7 @@ def _counts(name: str, unit: str, counts: Iterable[tuple[str, int]], empty: str 
 
 def _void_list(results: Results) -> str:
     return "\n".join(
-        f"- void: {name_episode(results.run, s)}: {escape_markdown(s.reason)}"
+        f"- void: {clean_for_markdown(name_episode(results.run, s))}: {clean_for_markdown(s.reason)}"
         for s in results.scenarios
         if s.status == "void"
     )

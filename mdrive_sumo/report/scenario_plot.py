@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from mdrive_sumo.core.geometry import Float, box_corners, build_polyline
+from mdrive_sumo.core.output_files import make_parents, new_file
 from mdrive_sumo.report.actor_plot import draw_actors
 from mdrive_sumo.report.label_placement import LabelBox, LabelRequest, place_labels
 from mdrive_sumo.report.map_plot import draw_map
@@ -45,8 +46,9 @@ def save_scenario_plot(scenario: Scenario, roads: RoadMap, path: Path, dpi: int 
     draw_scenario(axes, scenario, roads, view)
     _draw_scale(axes, view)
     _write_captions(figure, scenario, roads)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=dpi)
+    make_parents(path)
+    with new_file(path) as file:
+        figure.savefig(file, format=path.suffix[1:] or "png", dpi=dpi)
 
 
 def draw_scenario(axes: Axes, scenario: Scenario, roads: RoadMap, view: MapView) -> None:

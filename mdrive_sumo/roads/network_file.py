@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.input_files import read_bytes
 
 NET_FILE = "map.net.xml.gz"
 NETWORK_FILE = "network.json"
@@ -88,7 +89,7 @@ def read_network_file(folder: Path) -> NetworkFile:
     """Read `network.json` of a network folder. Raises InputError."""
     path = folder / NETWORK_FILE
     try:
-        return NetworkFile.model_validate_json(path.read_bytes())
+        return NetworkFile.model_validate_json(read_bytes(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:

@@ -17,7 +17,9 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Int, Polyline, build_polyline
+from mdrive_sumo.core.input_files import open_regular
 from mdrive_sumo.roads.import_sumolib import import_sumolib
+from mdrive_sumo.roads.net_numbers import check_net_numbers
 from mdrive_sumo.roads.network_file import (
     NET_FILE,
     Building,
@@ -192,7 +194,7 @@ def load_road_map(folder: Path) -> RoadMap:
 def _read_net(path: Path) -> bytes:
     """Return an uncompressed net; raise InputError, also for one that fills the memory."""
     try:
-        with gzip.open(path) as file:
+        with open_regular(path) as packed, gzip.open(packed) as file:
             xml = file.read(MAX_NET_BYTES + 1)
     except (OSError, EOFError, zlib.error) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error
@@ -213,6 +215,7 @@ def _is_left_hand(xml: bytes) -> bool:
 def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: bool) -> RoadMap:
     net = import_sumolib().net.readNet(str(path), withInternal=True, withPrograms=False)
     raw = [lane for edge in net.getEdges(withInternal=True) for lane in edge.getLanes()]
+    check_net_numbers(net, raw)
     cars = {lane.getID(): lane for lane in raw if lane.allows("passenger") and _build_centre_line(lane) is not None}
     foot = [lane for lane in raw if lane.allows("pedestrian") and not lane.allows("passenger")]
     zebras = [lane for lane in foot if lane.getEdge().getFunction() == "crossing"]

@@ -35,7 +35,7 @@ def box_agent(spec: AgentSpec, hidden: Sequence[Path], run_folder: Path) -> Agen
     """
     if spec.is_builtin:
         return spec
-    file, prefix, ending = _find_file(spec)
+    file, prefix, ending = find_boxed_file(spec)
     folder = file.parent
     for path in hidden:
         if folder.is_relative_to(path):
@@ -62,8 +62,11 @@ def _check_machine() -> None:
     check_layers(REQUIRED_LAYERS)
 
 
-def _find_file(spec: AgentSpec) -> tuple[Path, str, str]:
-    """Return the file of an agent, and what stands before and behind it in the locator."""
+def find_boxed_file(spec: AgentSpec) -> tuple[Path, str, str]:
+    """Return the file of an agent that can run in a box, and what stands before and behind it in the locator.
+
+    Raises InputError for one that cannot, because it is a module.
+    """
     if isinstance(spec.agent, str):
         if (file := find_carla_file(spec.agent)) is not None:
             return file.resolve(), CARLA_PREFIX, ""

@@ -1,7 +1,6 @@
 """AgentSpec: which agent drives, with which options and limits, and where it runs."""
 
 import hashlib
-import importlib.util
 import inspect
 import json
 from collections.abc import Callable, Mapping
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
-from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, find_carla_file, split_locator
+from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, find_carla_file, find_module_file, split_locator
 from mdrive_sumo.agent_process.child_process import AgentBox
 from mdrive_sumo.agents.registry import AGENTS, LEARNED_AGENTS
 from mdrive_sumo.contract import Agent
@@ -92,7 +91,7 @@ class AgentSpec:
     def code_checksum(self) -> str:
         """Return the checksum of the agent's source; "" for a built-in agent.
 
-        It covers one file, not what that imports, and imports the packages around a module. Raises InputError.
+        It covers one file, not what that imports. No code of the agent runs. Raises InputError.
         """
         if self.is_builtin:
             return ""
@@ -100,8 +99,8 @@ class AgentSpec:
             return "sha256:" + hashlib.sha256(_read_source(self.agent).encode()).hexdigest()
         if (file := self.find_file()) is not None:
             return compute_file_checksum(file) if file.is_file() else ""
-        spec = importlib.util.find_spec(split_locator(self.agent)[0])
-        return compute_file_checksum(Path(spec.origin)) if spec and spec.origin else ""
+        file = find_module_file(split_locator(self.agent)[0])
+        return compute_file_checksum(file) if file else ""
 
     def find_file(self) -> Path | None:
         """Return the file that `path.py:Class` or `carla:path.py` names; None for other agents. Raises InputError."""

@@ -27,6 +27,7 @@ from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, load_suite_of_one
 from mdrive_sumo.scenario.variation import load_varied_scenario
 from mdrive_sumo.scoring import ScenarioResult, ScoreMode, score_episode
+from mdrive_sumo.scoring.metrics import EpisodeMismatch
 from mdrive_sumo.scoring.roles import mark_tested
 
 LOG = logging.getLogger("mdrive.episode")
@@ -135,7 +136,10 @@ def replay_language_model(agent: AgentSpec, transcript: Path | None) -> AgentSpe
 def rescore(job: EpisodeJob) -> ScenarioResult:
     """Score the recording of a job without simulation. Raises InputError."""
     assert job.recording is not None, "a job with a recording"
-    return score_job_episode(job, load_episode(job.recording))
+    try:
+        return score_job_episode(job, load_episode(job.recording))
+    except EpisodeMismatch as mismatch:  # it was changed: what was just recorded cannot contradict itself
+        raise InputError(f"{job.recording}: {mismatch}") from None
 
 
 def load_job_scenario(job: EpisodeJob) -> tuple[Scenario, RoadMap]:

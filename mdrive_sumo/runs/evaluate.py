@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
@@ -117,7 +118,7 @@ def _write_whole_transcript(run: PreparedRun) -> None:
     scenarios = tuple(scenario.id for scenario in run.scenarios)
     text = "".join(concatenate_transcripts(run.find_transcripts(seed), scenarios) for seed in run.config.seeds)
     if text:
-        (run.folder / TRANSCRIPT_FILE).write_text(text, encoding="utf-8")
+        write_text(run.folder / TRANSCRIPT_FILE, text)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from mdrive_sumo.core.checksum import compute_file_checksum, compute_files_checksum
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.agent_boxing import find_boxed_file
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.prepared_run import PreparedRun
 
@@ -38,9 +39,11 @@ def permit_agent(
     if config.is_builtin:
         return run
     boxed = sandbox or run.config.sandbox
-    for one, key in zip(config.agents, CODE_KEYS, strict=False):
-        if not one.is_builtin:
-            _permit_code(run, one, key, ask, permitted=boxed or trusted)
+    foreign = [(one, key) for one, key in zip(config.agents, CODE_KEYS, strict=False) if not one.is_builtin]
+    for one, _ in foreign if boxed else ():
+        find_boxed_file(one)  # before anything else: a module cannot run in a box
+    for one, key in foreign:
+        _permit_code(run, one, key, ask, permitted=boxed or trusted)
     return replace(run, config=replace(config, sandbox=boxed))
 
 
@@ -48,14 +51,11 @@ def _permit_code(
     run: PreparedRun, agent: AgentSpec, key: str, ask: Callable[[str], bool] | None, *, permitted: bool
 ) -> None:
     """Raise InputError unless an agent's code is that of the run and may run. key: of its checksum."""
-    if agent.find_file() is not None:
-        check_agent_unchanged(run, agent, key)  # reads the file only
+    check_agent_unchanged(run, agent, key)  # reads the file only
     if not permitted:
         what = f"{run.folder}: this would run {describe_foreign_agent(agent)} with all your permissions"
         if ask is None or not ask(f"{what}. Run it?"):
             raise InputError(f"{what}; {REMEDY}")
-    if agent.find_file() is None:
-        check_agent_unchanged(run, agent, key)
 
 
 def describe_foreign_agent(agent: AgentSpec) -> str:

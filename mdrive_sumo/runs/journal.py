@@ -18,6 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import check_tree, read_bytes
+from mdrive_sumo.core.output_files import make_parents, open_appended
 from mdrive_sumo.scoring import EpisodeKey
 
 FORMAT = "mdrive-sumo/journal/2"
@@ -27,6 +29,8 @@ READABLE_FORMATS = (FORMAT, FORMAT_WITHOUT_CHECKSUMS)
 JOURNAL_FILE = "journal.jsonl"
 
 Fingerprint = Mapping[str, str | int | bool]
+MAX_JOURNAL_BYTES = 2**30
+"""The longest journals, of all scenarios with 20 seeds, have 60 MB."""
 _CHECKSUM = re.compile(rb',"checksum":"([0-9a-f]{16})"\}\n\Z')
 _CHECKSUM_BYTES = 8
 
@@ -110,15 +114,17 @@ def open_journal(folder: Path, fingerprint: Fingerprint, *, fresh: bool) -> Gene
     fresh: drop the content of an earlier run.
     """
     path = folder / JOURNAL_FILE
+    if folder.is_dir():
+        check_tree(folder)  # what is written below it stays there
     descriptor = _open(path)
     try:
         _lock(path, descriptor)
         if fresh:
             os.ftruncate(descriptor, 0)
-        found = read_journal(path)
+        found = _read(path)
         if _is_unused(path, found, fingerprint):
             os.ftruncate(descriptor, 0)
-            found = read_journal(path)
+            found = _read(path)
         if found.lines:
             _check_header(path, found.lines[0], fingerprint)
         os.ftruncate(descriptor, found.good_bytes)
@@ -138,8 +144,8 @@ def _is_unused(path: Path, found: JournalText, fingerprint: Fingerprint) -> bool
 
 def _open(path: Path) -> int:
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        make_parents(path)
+        return open_appended(path)
     except OSError as error:
         raise InputError(f"{path.parent}: cannot be written: {error.strerror}") from None
 
@@ -167,7 +173,7 @@ def read_journal(path: Path) -> JournalText:
 
     An incomplete last line is what an interrupted write leaves, and no error. Raises OSError.
     """
-    raw = path.read_bytes()
+    raw = read_bytes(path, MAX_JOURNAL_BYTES)
     lines: list[dict[str, Any]] = []
     checksum, good_bytes = "", 0
     for number, text in enumerate(raw.splitlines(keepends=True), start=1):
@@ -246,13 +252,18 @@ def read_fingerprint(folder: Path) -> dict[str, Any]:
     return read_run_journal(folder)[0]
 
 
+def _read(path: Path) -> JournalText:
+    """As `read_journal`. Raises InputError for every trouble."""
+    try:
+        return read_journal(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+
+
 def read_run_journal(folder: Path) -> tuple[dict[str, Any], JournalText]:
     """Return the fingerprint of a run folder and its journal, also while the run is going on. Raises InputError."""
     path = folder / JOURNAL_FILE
-    try:
-        found = read_journal(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
+    found = _read(path)
     if not found.lines:
         raise InputError(f"{path}: expected a journal, found an empty file")
     return _read_header_fingerprint(path, found.lines[0]), found

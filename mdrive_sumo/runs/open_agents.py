@@ -17,6 +17,8 @@ from mdrive_sumo.agent_process.sandbox import BoxKilledError
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, shorten
 from mdrive_sumo.runs.agent_spec import AgentSpec, pickle_agent
 from mdrive_sumo.sensing.cameras import describe_camera_error
@@ -63,7 +65,7 @@ def _find_failing_line(logs: Path) -> str:
     """Return " (mine.py, line 12)": the innermost place of the traceback in an agent's log; "" without one."""
     for log in (_append(logs, f"{DECLARING_CAV}.log"), _append(logs, "all.log")):
         if log is not None and log.is_file():
-            places = _TRACEBACK_PLACE.findall(log.read_bytes()[-MAX_LOG_BYTES:].decode("utf-8", "replace"))
+            places = _TRACEBACK_PLACE.findall(read_bytes(log)[-MAX_LOG_BYTES:].decode("utf-8", "replace"))
             if places and PACKAGE not in Path(places[-1][0]).parents:
                 return f" ({shorten(Path(places[-1][0]).name, 60)}, line {places[-1][1]})"
     return ""
@@ -160,4 +162,4 @@ def _append(path: Path | None, ending: str) -> Path | None:
 def _close(driver: RemoteDriver | JointAgentSession, spec: AgentSpec, record: Path | None) -> None:
     driver.close()
     if record is not None and spec.box is not None:
-        record.write_text(json.dumps(driver.usage_record()))
+        write_text(record, json.dumps(driver.usage_record()))

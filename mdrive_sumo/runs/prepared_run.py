@@ -7,7 +7,9 @@ from pathlib import Path
 from mdrive_sumo.agent_process.agent_file import describe_missing_class
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file
 from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_folder, remove_parts
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import find_network_folder, load_road_map
@@ -117,13 +119,13 @@ class PreparedRun:
         return apply_reference_times(result, reference, self.config.score_mode, compute_time_limit_ticks(scenario))
 
     def make_folders(self) -> None:
-        """Create the folders that the jobs write into. Raises OSError."""
+        """Create the folders that the jobs write into, without what a killed start left there. Raises OSError."""
         kinds = [EPISODES_FOLDER] if self.config.record else []
         if not self.config.is_builtin:
             kinds.append(LOGS_FOLDER)
         for kind in kinds:
             for seed in self.config.seeds:
-                seed_folder(self.folder / kind, self._folder_seed(seed)).mkdir(parents=True, exist_ok=True)
+                remove_parts(make_folder(seed_folder(self.folder / kind, self._folder_seed(seed))))
 
     def limit_s(self) -> float:
         """Return the wall clock after which an episode counts as hung [s]."""
@@ -225,6 +227,8 @@ def check_agent_name(agent: AgentSpec) -> None:
     is_family = any(builtin.startswith(f"{family}:") for builtin in AGENTS)  # perception-swap:WHAT is no module
     if not isinstance(agent.agent, str) or agent.is_builtin:
         return
+    if clean_line(name) != name:
+        raise InputError(f"agent {name!a:.80}: expected a name of printable characters, found others")
     if name.endswith(".py") and ":" not in name:
         raise InputError(f"agent {name!r}: expected path.py:Class, {describe_missing_class(Path(name))}")
     if ":" not in name or is_family:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from mdrive_sumo.core.output_files import make_parents, write_bytes
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scoring import ScenarioResult
 
@@ -44,8 +45,6 @@ def store_output_files(job: EpisodeJob, output: TransferableResult) -> ScenarioR
         folder = folders[first] if rest else None
         path = folder / rest if folder else {RECORDING: job.recording, CAMERAS: job.cameras}[name]
         assert path is not None, f"{name}: a file of a kind that the job does not ask for"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part")
-        part.write_bytes(data)
-        part.replace(path)
+        make_parents(path)
+        write_bytes(path, data)
     return output.result

@@ -11,6 +11,7 @@ from typing import Any
 
 from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.other_agents import OtherAgents
@@ -184,7 +185,7 @@ def _name_seeds(seeds: tuple[int, ...]) -> str:
 def load_agent_config(path: Path) -> dict[str, ConfigValue]:
     """Read the options of an agent, a JSON object of finite numbers, strings and booleans. Raises InputError."""
     try:
-        config = json.loads(path.read_bytes())
+        config = json.loads(read_bytes(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import check_tree
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_run_journal
@@ -60,7 +61,9 @@ def describe_missing_run(folder: Path) -> str:
 
 
 def check_run_folder(folder: Path) -> None:
-    """Raise InputError for a folder that holds no finished run, and say what to do."""
+    """Raise InputError for a folder that holds no finished run, or more than regular files, and say what to do."""
+    if (folder / RESULTS_FILE).exists() or (folder / JOURNAL_FILE).exists():
+        check_tree(folder)
     if (folder / RESULTS_FILE).is_file():
         return
     if (folder / JOURNAL_FILE).is_file():
@@ -73,6 +76,7 @@ def check_run_folder(folder: Path) -> None:
 
 def _read_run(folder: Path) -> ListedRun:
     try:
+        check_tree(folder)
         fingerprint, journal = read_run_journal(folder)
         finished = len({(str(one.get("id")), one.get("seed")) for one in journal.results})
         path = folder / RESULTS_FILE

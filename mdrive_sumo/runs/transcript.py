@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from mdrive_sumo.core.input_files import read_text
+from mdrive_sumo.core.output_files import make_folder, write_text
 from mdrive_sumo.episode import EpisodeRecord
 
 EXCHANGE = "llm-exchange"
@@ -19,8 +21,8 @@ def save_transcript(episode: EpisodeRecord, folder: Path) -> None:
     lines = [record.note.text for record in episode.notes if record.note.kind == EXCHANGE]
     path = transcript_path(folder, episode.scenario)
     if lines:
-        folder.mkdir(parents=True, exist_ok=True)
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        make_folder(folder)
+        write_text(path, "\n".join(lines) + "\n")
     else:
         path.unlink(missing_ok=True)
 
@@ -28,4 +30,4 @@ def save_transcript(episode: EpisodeRecord, folder: Path) -> None:
 def concatenate_transcripts(folder: Path, scenarios: tuple[str, ...]) -> str:
     """Return the transcripts of the scenarios one after the other; "" if there are none."""
     paths = (transcript_path(folder, scenario) for scenario in scenarios)
-    return "".join(path.read_text(encoding="utf-8") for path in paths if path.is_file())
+    return "".join(read_text(path) for path in paths if path.is_file())

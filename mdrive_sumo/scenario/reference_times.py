@@ -13,6 +13,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.scenario.scenario import Scenario, load_model
 from mdrive_sumo.scenario.scenario_part import Identifier
 from mdrive_sumo.scenario.suite import NETWORKS_FOLDER, Suite
@@ -53,7 +55,7 @@ def compute_scenario_checksum(scenario: Scenario, folder: Path) -> str:
     """Return SHA-256 over a scenario, formatting aside, and over its network if the suite in `folder` has it."""
     digest = hashlib.sha256(scenario.model_dump_json().encode())
     for path in sorted((folder / NETWORKS_FOLDER / scenario.network).glob("*")):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+        digest.update(path.name.encode() + b"\0" + read_bytes(path))
     return "sha256:" + digest.hexdigest()
 
 
@@ -116,4 +118,4 @@ def _write(path: Path, entries: Sequence[ScenarioReferenceTimes]) -> None:
     """Write the entries, one a line, so that a change shows the scenario that it concerns."""
     head = ReferenceTimesFile(scenarios=()).model_dump_json(exclude={"scenarios"})
     lines = ",\n".join(entry.model_dump_json() for entry in entries)
-    path.write_text(f'{head[:-1]},"scenarios":[\n{lines}\n]}}\n', encoding="utf-8")
+    write_text(path, f'{head[:-1]},"scenarios":[\n{lines}\n]}}\n')

@@ -15,6 +15,8 @@ from pydantic import BaseModel, Field, PrivateAttr, ValidationError, model_valid
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.output_files import make_parents, write_text
 from mdrive_sumo.scenario.background import Background
 from mdrive_sumo.scenario.scenario_part import Coordinate, Identifier, Point, Pose, ScenarioPart, Speed
 from mdrive_sumo.scenario.scripted_actor import Actor
@@ -149,7 +151,7 @@ def load_scenario(path: Path) -> Scenario:
 def load_model(path: Path, model: type[ModelT]) -> ModelT:
     """Load a JSON file as a pydantic model. Raises InputError with one sentence."""
     try:
-        return model.model_validate_json(path.read_bytes())
+        return model.model_validate_json(read_bytes(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
@@ -166,8 +168,8 @@ def save_scenario(scenario: Scenario, path: Path) -> None:
             "yaw": round(ego["start"]["yaw"], 4),
         }
         ego["route"] = [(round(x, 3), round(y, 3), round(yaw, 4)) for x, y, yaw in ego["route"]]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps(data, separators=(",", ":")) + "\n")
+    make_parents(path)
+    write_text(path, json.dumps(data, separators=(",", ":")) + "\n")
 
 
 def describe_first_error(error: ValidationError) -> str:

@@ -21,6 +21,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.output_files import make_folder, write_text
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.scenario.scenario import Scenario, load_model, load_scenario, save_scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
@@ -133,7 +135,7 @@ class Suite:
         for scenario in self.scenarios:
             digest.update(scenario.model_dump_json().encode())
         for path in sorted(path for home in self._folders() for path in (home / NETWORKS_FOLDER).glob("*/*")):
-            digest.update(path.name.encode() + b"\0" + path.read_bytes())
+            digest.update(path.name.encode() + b"\0" + read_bytes(path))
         return "sha256:" + digest.hexdigest()
 
     def _folders(self) -> tuple[Path, ...]:
@@ -257,8 +259,8 @@ def _scenarios_of(parts: Sequence[Suite], folder: Path) -> tuple[Scenario, ...]:
 
 def save_suite(suite: Suite) -> None:
     """Writes `suite.json` and every scenario into the suite's folder."""
-    suite.folder.mkdir(parents=True, exist_ok=True)
-    (suite.folder / SUITE_FILE).write_text(suite.about.model_dump_json(indent=2) + "\n")
+    make_folder(suite.folder)
+    write_text(suite.folder / SUITE_FILE, suite.about.model_dump_json(indent=2) + "\n")
     for scenario in suite.scenarios:
         save_scenario(scenario, suite.folder / scenario.id / SCENARIO_FILE)
 

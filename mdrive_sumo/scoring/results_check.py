@@ -6,12 +6,14 @@ driving. Values that were all changed so that they fit each other are found by `
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from mdrive_sumo.contract import join_sensing_tracks
+from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.state import End
 from mdrive_sumo.core.tree_difference import find_tree_differences, format_leaf
+from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.scoring.efficiency import compute_efficient_sr
 from mdrive_sumo.scoring.results import EgoResult, Infraction, Means, Results, ScenarioResult
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS, ScoreMode, compute_mean, compute_scenario_means
@@ -21,13 +23,19 @@ SUM_TOLERANCE = 2e-6
 """Largest difference of a mean recomputed from values of 6 decimals."""
 SCORE_TOLERANCE = 1e-4
 """As above, of a driving score: RC [%] times a product of factors, each rounded to 6 decimals."""
-PERCENT, FACTOR, POSITIVE = (0.0, 100.0), (0.0, 1.0), (0.0, math.inf)
+LARGEST = 1e9
+"""Of what has no smaller bound: metres, ticks, ratios. Sums of larger numbers could overflow."""
+PERCENT, FACTOR, POSITIVE, PLACE = (0.0, 100.0), (0.0, 1.0), (0.0, LARGEST), (-LARGEST, LARGEST)
+MAX_NAME = 1000
+"""Characters of an id, or of an agent's path."""
+MAX_SEED = 2**63
 RANGES = {
     **dict.fromkeys(("ds", "sr", "rc", "efficient_sr"), PERCENT),
     "ip": FACTOR,
     "time_factor": FACTOR,
     "factor": FACTOR,
     **dict.fromkeys(("time_ratio", "min_ttc", "ticks", "tick", "impact_speed"), POSITIVE),
+    **dict.fromkeys(("x", "y"), PLACE),
 }
 
 
@@ -53,10 +61,17 @@ def find_result_faults(results: Results) -> Iterator[str]:
     if not results.scenarios:
         yield "scenarios: expected at least one, found none"
         return
+    yield from _find_name_faults(results)
+    if any(abs(seed) > MAX_SEED for seed in (*results.run.all_seeds, *(one.seed for one in results.scenarios))):
+        yield f"run.seeds: expected at most {MAX_SEED}, found more"
+        return
     yield from _find_seed_faults(results)
     yield from find_repeated_episodes(results.scenarios)
+    mode, seeds = ScoreMode(results.run.score_mode), results.run.all_seeds
     for scenario in results.scenarios:
-        yield from find_scenario_faults(scenario, ScoreMode(results.run.score_mode), results.run.all_seeds)
+        yield from find_scenario_faults(scenario, mode, seeds)
+    if any(True for one in results.scenarios for _ in _find_all_range_faults("", one, mode)):
+        return  # their means cannot be computed
     yield from _find_summary_faults(results)
     yield from _find_track_faults(results)
 
@@ -66,7 +81,9 @@ def find_scenario_faults(result: ScenarioResult, mode: ScoreMode, seeds: Sequenc
     place = name_place(result, seeds)
     if result.seed not in seeds:
         yield f"{place}.seed: expected the run's {' or '.join(map(str, seeds))}, found {result.seed}"
-    yield from _find_range_faults(place, result, mode)
+    if impossible := [*_find_all_range_faults(place, result, mode)]:
+        yield from impossible
+        return  # what follows computes with these values
     yield from find_repeated((ego.id for ego in result.egos), f"{place}.egos")
     for name in ("comm", "exchanged", "notes"):
         for kind, count in getattr(result, name).items():
@@ -75,6 +92,18 @@ def find_scenario_faults(result: ScenarioResult, mode: ScoreMode, seeds: Sequenc
     for ego in result.egos:
         yield from _find_ego_faults(f"{place}.egos[{ego.id}]", ego, result.ticks)
     yield from _find_mean_faults(place, result, mode)
+
+
+def _find_all_range_faults(place: str, result: ScenarioResult, mode: ScoreMode) -> Iterator[str]:
+    """Yield a sentence about every value of a scenario, its CAVs and their infractions beyond its range."""
+    yield from _find_range_faults(place, result, mode)
+    for ego in result.egos:
+        yield from _find_range_faults(f"{place}.egos[{ego.id}]", ego, ScoreMode.MDRIVE)
+        for i, infraction in enumerate(ego.infractions):
+            yield from _find_range_faults(f"{place}.egos[{ego.id}].infractions[{i}]", infraction, ScoreMode.MDRIVE)
+    for name, value in result.scalars.items():
+        if value is not None and abs(value) > LARGEST:
+            yield f"{place}.scalars.{name}: expected at most {LARGEST:g}, found {format_leaf(value)}"
 
 
 def name_place(result: ScenarioResult, seeds: Sequence[int]) -> str:
@@ -87,6 +116,29 @@ def find_repeated_episodes(results: Iterable[ScenarioResult]) -> Iterator[str]:
     for (name, _), count in Counter(result.key for result in results).items():
         if count > 1:
             yield f"scenarios: expected every id once, found {name!r} {count} times"
+
+
+def _find_name_faults(results: Results) -> Iterator[str]:
+    """Yield a sentence about every name that is too long, or that is no line of text."""
+    run = results.run
+    named = {"run.agent": run.agent, "run.others": run.others, "run.suite": run.suite}
+    yield from _find_text_faults(named)
+    for result in results.scenarios:
+        yield from _find_text_faults({"scenarios.id": result.id, "bucket": result.bucket, "category": result.category})
+        for ego in result.egos:
+            yield from _find_text_faults({"egos.id": ego.id})
+            for infraction in ego.infractions:
+                yield from _find_text_faults(
+                    {"infractions.kind": infraction.kind, "infractions.other": infraction.other}
+                )
+
+
+def _find_text_faults(named: Mapping[str, str]) -> Iterator[str]:
+    for place, name in named.items():
+        if len(name) > MAX_NAME:
+            yield f"{place}: expected at most {MAX_NAME} characters, found {len(name)}"
+        elif clean_line(name) != name:
+            yield f"{place}: expected a line of text, found {truncate(ascii(name), 80)}"
 
 
 def _find_seed_faults(results: Results) -> Iterator[str]:
@@ -115,14 +167,11 @@ def _find_range_faults(place: str, part: Means | EgoResult | Infraction, mode: S
         if name == "ds" and mode is ScoreMode.INTERDRIVE_ASIS:
             high = math.inf  # the published aggregation can exceed 100
         if value is not None and not low <= value <= high + SUM_TOLERANCE:
-            expected = f"{low:g} to {high:g}" if high < math.inf else f"at least {low:g}"
+            expected = f"{low:g} to {high:g}" if high < LARGEST or value > low else f"at least {low:g}"
             yield f"{place}.{name}: expected {expected}, found {format_leaf(value)}"
 
 
 def _find_ego_faults(place: str, ego: EgoResult, ticks: int) -> Iterator[str]:
-    yield from _find_range_faults(place, ego, ScoreMode.MDRIVE)
-    for i, infraction in enumerate(ego.infractions):
-        yield from _find_range_faults(f"{place}.infractions[{i}]", infraction, ScoreMode.MDRIVE)
     exact = _EgoFactors(ego.rc, ego.infractions)
     if abs(ego.ip - exact.ip) > SUM_TOLERANCE * (1 + len(ego.infractions)):
         yield f"{place}.ip: expected the product of its infractions' factors, {exact.ip:.6f}, found {ego.ip}"

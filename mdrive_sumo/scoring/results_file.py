@@ -7,6 +7,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.scenario.scenario import describe_first_error, shorten_value
 from mdrive_sumo.scoring.results import FORMAT, READABLE_FORMATS, Results
 from mdrive_sumo.scoring.results_check import find_result_faults
@@ -32,7 +34,7 @@ def load_unchecked_results(path: Path) -> Results:
     Raises InputError for a file that is missing, corrupt or of an unknown version.
     """
     try:
-        data: Any = json.loads(path.read_bytes())
+        data: Any = json.loads(read_bytes(path))
         return Results.model_validate(_upgrade(path, data))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
@@ -45,7 +47,7 @@ def load_unchecked_results(path: Path) -> Results:
 def read_results_format(path: Path) -> str:
     """Return the format that a results file states, before `load_results` upgrades it. Raises InputError."""
     try:
-        data: Any = json.loads(path.read_bytes())
+        data: Any = json.loads(read_bytes(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:
@@ -63,10 +65,8 @@ def _upgrade(path: Path, data: Any) -> Any:
 
 
 def save_results(results: Results, path: Path) -> None:
-    """Write the file atomically (a temporary file is renamed); equal results give equal bytes."""
-    temporary = path.with_suffix(".tmp")
-    temporary.write_text(results.model_dump_json(indent=1) + "\n", encoding="utf-8")
-    temporary.replace(path)
+    """Write the file atomically (a new file is renamed); equal results give equal bytes."""
+    write_text(path, results.model_dump_json(indent=1) + "\n")
 
 
 def build_results_schema() -> dict[str, Any]:

@@ -41,6 +41,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.core.geometry import wrap_angles
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
@@ -165,7 +166,7 @@ def save_need(folder: Path, content: NeedCertificateFile) -> None:
     """Write `need.json`, one certificate a line."""
     lines = ",\n".join(certificate.model_dump_json() for certificate in content.certificates)
     head = content.model_dump_json(include={"format", "suite_checksum"})
-    (folder / NEED_FILE).write_text(f'{head[:-1]},"certificates":[\n{lines}\n]}}\n', encoding="utf-8")
+    write_text(folder / NEED_FILE, f'{head[:-1]},"certificates":[\n{lines}\n]}}\n')
 
 
 def certify_need(

@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.episode import EpisodeRecord, rebuild_frame
 from mdrive_sumo.loop import EpisodeOptions
@@ -127,7 +128,7 @@ def save_certificates(folder: Path, content: OcclusionCertificateFile) -> None:
     """Write `occlusion.json`, one certificate per line."""
     lines = ",\n".join(certificate.model_dump_json() for certificate in content.certificates)
     head = content.model_dump_json(include={"format", "suite_checksum"})
-    (folder / CERTIFICATE_FILE).write_text(f'{head[:-1]},"certificates":[\n{lines}\n]}}\n')
+    write_text(folder / CERTIFICATE_FILE, f'{head[:-1]},"certificates":[\n{lines}\n]}}\n')
 
 
 def find_occluded_intervals(

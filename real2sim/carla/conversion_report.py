@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.scenario.statistics import SuiteStatistics
 from real2sim.carla.town_network import TownNetwork
 
@@ -80,15 +81,15 @@ class ConversionReport:
 
 def write_conversion_report(report: ConversionReport, folder: Path) -> None:
     """Write `conversion.json` and `conversion.md`."""
-    (folder / REPORT_JSON).write_text(json.dumps(_to_json(report), indent=1) + "\n")
-    (folder / REPORT_MARKDOWN).write_text(_format_markdown(report))
+    write_text(folder / REPORT_JSON, json.dumps(_to_json(report), indent=1) + "\n")
+    write_text(folder / REPORT_MARKDOWN, _format_markdown(report))
 
 
 def write_networks_report(networks: Sequence[TownNetwork], folder: Path) -> None:
     """Write `networks.json` and `networks.md`: origin, signs and offset error of the networks."""
     data = {"format": "mdrive-sumo/networks/1", "networks": [_town_to_json(town) for town in networks]}
-    (folder / NETWORKS_JSON).write_text(json.dumps(data, indent=1) + "\n")
-    (folder / NETWORKS_MARKDOWN).write_text("# Networks from OpenDRIVE\n\n" + _format_town_table(networks) + "\n")
+    write_text(folder / NETWORKS_JSON, json.dumps(data, indent=1) + "\n")
+    write_text(folder / NETWORKS_MARKDOWN, "# Networks from OpenDRIVE\n\n" + _format_town_table(networks) + "\n")
 
 
 def _to_json(report: ConversionReport) -> dict[str, object]:

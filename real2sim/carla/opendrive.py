@@ -94,7 +94,11 @@ def _compute_pose(path: Path, road: Element, s: float) -> tuple[float, float, fl
         raise InputError(
             f"{path}: road {road.get('id')}: expected a line or an arc, found {[part.tag for part in piece]}"
         )
+    if max(map(abs, (x, y, yaw, at, s))) > MAX_ROADS_M:
+        raise InputError(f"{path}: road {road.get('id')}: expected numbers within {MAX_ROADS_M:g}, found a larger one")
     turned = (s - at) * (0.0 if arc is None else read_number(path, arc, "curvature"))
+    if not math.isfinite(turned):
+        raise InputError(f"{path}: road {road.get('id')}: expected an arc with a finite curvature, found a larger one")
     chord = (s - at) * float(np.sinc(turned / 2 / math.pi))
     return (
         x + chord * math.cos(yaw + turned / 2),

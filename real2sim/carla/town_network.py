@@ -10,6 +10,8 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.output_files import make_folder, write_bytes, write_text
 from mdrive_sumo.roads import NetworkFile, RoadMap, load_road_map
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum
 from real2sim.carla.opendrive import OpenDriveMap, measure_offset_error, place_stop_signs, read_opendrive
@@ -92,7 +94,7 @@ def _compile_repaired(xodr: Path) -> tuple[bytes, tuple[str, ...]]:
         return compile_opendrive(xodr), ()
     with tempfile.TemporaryDirectory() as folder:
         repaired = Path(folder) / xodr.name
-        repaired.write_bytes(_serialise(root))
+        write_bytes(repaired, _serialise(root))
         return compile_opendrive(repaired), repairs
 
 
@@ -126,9 +128,9 @@ def _read_offset(name: str, xml: Element) -> tuple[float, float]:
 
 
 def _write_network(folder: Path, xml: Element, about: NetworkFile) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / NET_FILE).write_bytes(gzip.compress(_serialise(xml), mtime=0))
-    (folder / NETWORK_FILE).write_text(about.model_dump_json(indent=2) + "\n")
+    make_folder(folder)
+    write_bytes(folder / NET_FILE, gzip.compress(_serialise(xml), mtime=0))
+    write_text(folder / NETWORK_FILE, about.model_dump_json(indent=2) + "\n")
 
 
 def _serialise(xml: Element) -> bytes:
@@ -137,4 +139,4 @@ def _serialise(xml: Element) -> bytes:
 
 
 def _hash_file(path: Path) -> str:
-    return "sha256:" + hashlib.sha256(path.read_bytes()).hexdigest()
+    return "sha256:" + hashlib.sha256(read_bytes(path)).hexdigest()

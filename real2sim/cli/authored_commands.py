@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo
 from real2sim.cli.log_options import build_suite_file, name_option, out_option, paths_argument
 from real2sim.readers.carla_frame import UCLA_FRAME, CarlaFrame
 from real2sim.xml_file import parse_finite
@@ -66,7 +67,7 @@ def mdrive(
     place = VectorMap(read_vector_map_limited(vector_map), frame) if vector_map else towns
     assert place is not None
     scenes = [read_mdrive(folder, place) for folder in find_mdrive_folders(paths)]
-    click.echo(_format_report(convert_authored(scenes, out, build_suite_file(out, name)), out))
+    echo(_format_report(convert_authored(scenes, out, build_suite_file(out, name)), out))
 
 
 @click.command()
@@ -80,9 +81,7 @@ def interdrive(paths: tuple[Path, ...], towns: Path | None, out: Path, name: str
         raise InputError("interdrive: expected the maps of the CARLA towns, found no --towns")
     from real2sim.authored.interdrive import convert_interdrive
 
-    click.echo(
-        _format_report(convert_interdrive(paths, towns, out, build_suite_file(out, name).name if name else None), out)
-    )
+    echo(_format_report(convert_interdrive(paths, towns, out, build_suite_file(out, name).name if name else None), out))
 
 
 @click.command()
@@ -95,8 +94,8 @@ def opendrive(paths: tuple[Path, ...], out: Path) -> None:
 
     for town in convert_opendrive(paths, out):
         signs = "stop signs unknown" if town.stop_signs is None else f"{town.stop_signs} stop signs"
-        click.echo(f"{town.name}: {signs}, offset error {town.offset_error_m:.4f} m")
-    click.echo(f"Report: {out / NETWORKS_MARKDOWN}")
+        echo(f"{town.name}: {signs}, offset error {town.offset_error_m:.4f} m")
+    echo(f"Report: {out / NETWORKS_MARKDOWN}")
 
 
 def _format_report(report: "ConversionReport", out: Path) -> str:

@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo
 from real2sim.cli.authored_commands import interdrive, mdrive, opendrive
 from real2sim.cli.log_options import V2XPNP_FOLDER, log_options, match_file, match_folder, run_conversion
 
@@ -40,7 +41,7 @@ def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
     2 unusable input (nothing of it is written), 130 interrupted.
     """
     if suite is None and ctx.invoked_subcommand is None:
-        click.echo(ctx.get_help())
+        echo(ctx.get_help())
         ctx.exit(0)
     if suite is None:
         return
@@ -50,7 +51,7 @@ def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
     from real2sim.pipeline.suite_summary import format_summary, summarize_suite
 
     found = summarize_suite(load_qualities(suite))
-    click.echo(found.model_dump_json(indent=1) if as_json else format_summary(found))
+    echo(found.model_dump_json(indent=1) if as_json else format_summary(found))
     ctx.exit(0 if found.all.passed else 1)
 
 

@@ -12,6 +12,7 @@ import click
 
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo, echo_live
 from real2sim.pipeline.log_source import LogSource
 from real2sim.readers.time_window import TimeWindow
 
@@ -139,9 +140,9 @@ def run_conversion(
     paths = find_logs(cli_options.paths, pattern)
     logs = [LogSource(source, path, maps, agents, cli_options.window) for path in paths]
     batch = _convert(logs, cli_options)
-    click.echo(format_batch(batch, cli_options))
+    echo(format_batch(batch, cli_options))
     for sentence in batch.refused:
-        click.echo(f"Error: {sentence}", err=True)
+        echo(f"Error: {sentence}", err=True)
     ctx.exit(2 if batch.refused else 1 if batch.below_target else 0)
 
 
@@ -195,12 +196,12 @@ def format_batch(batch: "BatchResult", cli_options: LogCliOptions) -> str:
 def show_progress(done: int, total: int, text: str) -> None:
     """Show progress on standard error: a live bar on a terminal, one line per log elsewhere."""
     if not sys.stderr.isatty():
-        click.echo(f"{done}/{total}  {text}", err=True)
+        echo(f"{done}/{total}  {text}", err=True)
         return
     bar = "█" * (24 * done // total)
     width = max(get_terminal_size().columns, 40) - 1
     line = f"{bar:░<24} {done}/{total}  {text}"[:width]
-    click.echo("\r\x1b[K" + (line if done < total else ""), nl=False, err=True)
+    echo_live(line if done < total else "")
 
 
 def find_logs(paths: Sequence[Path], pattern: LogPattern) -> list[Path]:

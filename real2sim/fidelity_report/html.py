@@ -6,11 +6,17 @@ from importlib.resources import files
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from mdrive_sumo.core.clean_text import clean_for_page
 from mdrive_sumo.report.html_page import render_html_page
 
 MarkupValue = str | int | float | None
 """Content of an element or value of an attribute: `Markup` is kept, other text is escaped, None is omitted."""
-_TEMPLATES = Environment(loader=PackageLoader("real2sim.fidelity_report"), autoescape=True, undefined=StrictUndefined)
+_TEMPLATES = Environment(
+    loader=PackageLoader("real2sim.fidelity_report"),
+    autoescape=True,
+    undefined=StrictUndefined,
+    finalize=clean_for_page,
+)
 VOID_ELEMENTS = frozenset(("input",))
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.scenario.suite import natural_sort_key
 from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.formatting import format_figure, format_share
@@ -72,7 +73,7 @@ def build_index_row(findings: ConversionFindings) -> IndexRow:
 def write_index(suite: Path, name: str, lines: Sequence[IndexRow]) -> Path:
     """Write `conversion.html` into the suite's folder."""
     path = suite / PAGE
-    path.write_text(render_index(name, lines), encoding="utf-8")
+    write_text(path, render_index(name, lines))
     return path
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from mdrive_sumo.core.output_files import write_text
 from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.actor_section import ActorSection, gather_actors, render_actor_cards, render_actor_table
@@ -33,7 +34,7 @@ LAYERS = (("raw", "log (dots)"), ("way", "reconstructed (lines)"), ("rest", "sta
 def write_report(folder: Path, findings: ConversionFindings) -> Path:
     """Write `conversion.html` into the scenario's folder. The same findings give the same bytes."""
     path = folder / PAGE
-    path.write_text(render_report(findings), encoding="utf-8")
+    write_text(path, render_report(findings))
     return path
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.scenario.scenario import describe_first_error
 
 SAME_TIME_S = 0.5
@@ -51,12 +52,9 @@ class _ConfirmedFile(BaseModel):
 def load_confirmed_infractions(path: Path) -> tuple[ConfirmedInfraction, ...]:
     """Read a TOML file of `[[confirmed]]` tables; raise InputError."""
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
+        content = read_bytes(path, MAX_BYTES)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    if len(content) > MAX_BYTES:
-        raise InputError(f"{path}: expected at most {MAX_BYTES} bytes, found more")
     try:
         tables = tomllib.loads(content.decode())
     except (ValueError, RecursionError) as error:

@@ -10,6 +10,7 @@ import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, build_polyline
+from mdrive_sumo.core.output_files import make_folder, write_bytes, write_text
 from mdrive_sumo.roads import NetworkFile, RoadMap, load_road_map
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum
 from real2sim.hd_map import HdMap, LaneKind, MapLane
@@ -206,12 +207,12 @@ def _build_crosswalk(number: int, outline: Float) -> LaneSegment | None:
 
 
 def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Path, name: str) -> RoadMap:
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     stops = place_stop_lines(plan, map)
     write_plain(plan, *derive_right_of_way(plan, stops), left_hand, folder)
     lane_ids = {id_: f"{edge}_{k}" for id_, (edge, k) in assign_lane_indices(plan, left_hand).items()}
     xml = restore_shapes(compile_plain(folder, left_hand), plan, lane_ids)
-    (folder / NET_FILE).write_bytes(gzip.compress(xml, mtime=0))
+    write_bytes(folder / NET_FILE, gzip.compress(xml, mtime=0))
     about = NetworkFile(
         name=name,
         description="Built from the map of a log",
@@ -223,7 +224,7 @@ def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Pat
         stop_signs=build_stop_boxes(stops, lane_ids) if map.stop_lines else None,
         drivable_areas=collect_drivable_areas(map),
     )
-    (folder / NETWORK_FILE).write_text(about.model_dump_json(indent=1) + "\n")
+    write_text(folder / NETWORK_FILE, about.model_dump_json(indent=1) + "\n")
     load_road_map.cache_clear()  # the folder may have held another network
     return load_road_map(folder)
 

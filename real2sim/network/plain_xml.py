@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.output_files import write_bytes
 from mdrive_sumo.roads.netconvert import run_netconvert
 from real2sim.hd_map import LaneKind
 from real2sim.network.lane_segment import LaneSegment
@@ -58,7 +59,7 @@ def _save(path: Path, root: str, elements: Iterable[Element]) -> None:
     tree = ElementTree.Element(root)
     tree.extend(elements)
     ElementTree.indent(tree)
-    path.write_bytes(ElementTree.tostring(tree, encoding="utf-8", xml_declaration=True) + b"\n")
+    write_bytes(path, ElementTree.tostring(tree, encoding="utf-8", xml_declaration=True) + b"\n")
 
 
 def _build_nodes(plan: NetworkPlan, types: Mapping[int, str]) -> Iterable[Element]:

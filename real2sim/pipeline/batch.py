@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
 from real2sim.fidelity_report.index_page import write_index
@@ -170,7 +171,7 @@ def _move_into_suite(
     """Move a finished scenario and its network into the suite; return a sentence if its id is taken."""
     if any(outcome.id == other.id for other in before):
         return prefix_with_log(task.log, f"expected logs of different names, found {outcome.id} twice")
-    (draft / NETWORKS).mkdir(exist_ok=True)
+    make_folder(draft / NETWORKS)
     (task.folder / outcome.id).rename(draft / outcome.id)
     (task.folder / NETWORKS / outcome.id).rename(draft / NETWORKS / outcome.id)
     return outcome

@@ -9,6 +9,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.scenario.scenario import load_model
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, natural_sort_key
 from real2sim.clean.cleaning_report import ChangeReason
@@ -108,7 +109,7 @@ class QualityFile(_Part):
 
 def save_quality(quality: QualityFile, folder: Path) -> None:
     """Write `quality.json` into the scenario's folder."""
-    (folder / QUALITY_FILE).write_text(quality.model_dump_json(indent=1) + "\n", encoding="utf-8")
+    write_text(folder / QUALITY_FILE, quality.model_dump_json(indent=1) + "\n")
 
 
 def load_quality(path: Path) -> QualityFile:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import open_regular
 from real2sim.readers.optional_package import build_missing_error
 
 Columns = Mapping[str, npt.NDArray[Any]]
@@ -29,6 +30,10 @@ def read_columns(path: Path, numbers: tuple[str, ...], words: tuple[str, ...] = 
     }
 
 
+MAX_TABLE_BYTES = 2**33
+"""Of a file; the largest of Argoverse 2 have 100 MB."""
+
+
 def _read_table(path: Path) -> Any:
     """Read a table. pyarrow is imported here because only Argoverse 2 needs it and the import is slow."""
     try:
@@ -38,6 +43,8 @@ def _read_table(path: Path) -> Any:
         raise build_missing_error(path, "pyarrow") from None
     reader: Any = parquet.read_table if path.suffix == ".parquet" else feather.read_table
     try:
+        with open_regular(path, MAX_TABLE_BYTES):
+            pass  # a device or a pipe would not end
         table = reader(path)
         table.validate(full=True)  # otherwise offsets of a damaged file are addresses that crash the process
         if not all(map(str.isprintable, table.column_names)):

@@ -51,6 +51,8 @@ LIBRARY_ERRORS = (AssertionError, AttributeError, IndexError, KeyError, TypeErro
 NUMBER_TAGS = frozenset(
     {"x", "y", "length", "width", "radius", "originXShift", "exact", "intervalStart", "intervalEnd"}
 )
+MAX_ANGLE = 1e4
+"""[rad] commonroad-io subtracts full turns one by one."""
 OBSTACLE_TAGS = ("obstacle", "staticObstacle", "dynamicObstacle")
 
 
@@ -105,7 +107,11 @@ def _check_numbers(path: Path, element: Element) -> None:
             fine = False
         if not fine:
             where = f"{path}: {element.tag} {element.get('id')}"
-            raise InputError(f"{where}: {value.tag}: expected a finite number, found {value.text!r}")
+            raise InputError(f"{where}: {value.tag}: expected a finite number, found {value.text!r:.80}")
+    for angle in (one for turned in element.iter("orientation") for one in turned):
+        if abs(float(angle.text or "")) > MAX_ANGLE:
+            where = f"{path}: {element.tag} {element.get('id')}"
+            raise InputError(f"{where}: orientation: expected at most {MAX_ANGLE:g} rad, found {angle.text!r:.80}")
 
 
 def _list_obstacles(root: Element) -> Iterator[Element]:

@@ -5,6 +5,7 @@ sizes, x and y of the box centre; pedestrians and bicycles share a table without
 """
 
 import csv
+import io
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,6 +17,7 @@ import numpy.typing as npt
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.input_files import open_regular
 from real2sim.readers.checked_arrays import check_frame_count
 from real2sim.readers.lanelet2 import read_lanelet2
 from real2sim.readers.time_window import TimeWindow, crop_recording
@@ -88,9 +90,13 @@ def _find_vehicle_file(tracks: Path) -> Path:
     return files[0]
 
 
+MAX_TABLE_BYTES = 2**32
+"""Of a file; the largest of INTERACTION have 200 MB."""
+
+
 def _read_rows(path: Path, columns: Sequence[str]) -> list[_TrackRow]:
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with open_regular(path, MAX_TABLE_BYTES) as data, io.TextIOWrapper(data, encoding="utf-8", newline="") as file:
             rows = list(_parse_rows(path, csv.reader(file), columns))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import open_regular
 from real2sim.readers.pickled_arrays import DTYPE, FROM_BUFFER, NDARRAY, RECONSTRUCT, SCALAR
 
 AllowedGlobals = Mapping[tuple[str, str], object]
@@ -50,10 +51,14 @@ class _RestrictedUnpickler(pickle.Unpickler):
         return self._allowed[module, name]
 
 
+MAX_PICKLE_BYTES = 2**32
+"""Of a file; the largest of ScenarioNet have 100 MB."""
+
+
 def load_pickle(path: Path, allowed: AllowedGlobals = NUMPY_GLOBALS) -> Any:
     """Load a pickle; raise InputError if it is unreadable, broken or names a class not in `allowed`."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path, MAX_PICKLE_BYTES) as file:
             return _RestrictedUnpickler(path, file, allowed).load()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None

@@ -16,6 +16,7 @@ import yaml
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.input_files import read_text
 from real2sim.readers.checked_arrays import describe_value
 
 COLUMNS = ("angle", "center", "extent", "location")
@@ -42,7 +43,7 @@ class V2xpnpFrame:
 def read_frame(path: Path) -> V2xpnpFrame:
     """Read one file; raise InputError if it is truncated, not YAML, or incomplete."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
@@ -156,7 +157,10 @@ def _parse_box(path: Path, key: object, item: Mapping[str, Any]) -> tuple[float,
 def _parse_numbers(where: str, raw: object, count: int) -> tuple[float, ...]:
     if not isinstance(raw, list | tuple) or len(raw) != count or not all(type(n) in (int, float) for n in raw):
         raise InputError(f"{where}: expected {count} numbers, found {describe_value(raw)}")
-    return tuple(map(float, raw))
+    try:
+        return tuple(map(float, raw))
+    except OverflowError:
+        raise InputError(f"{where}: expected {count} numbers, found an integer of more than 308 digits") from None
 
 
 def _check_finite(path: Path, frame: V2xpnpFrame) -> None:

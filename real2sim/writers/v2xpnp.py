@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.output_files import make_folder, write_text
 from real2sim.readers.v2xpnp import DT_S
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 from real2sim.writers.observation_noise import ObservationNoise, assign_numbers, simulate_observers
@@ -50,9 +51,9 @@ def write_views(recording: Recording, folder: Path) -> None:
         if not view.observer.removeprefix("-").isdecimal() or not all(k.id.isdecimal() for k in view.tracks):
             raise ValueError(f"V2XPnP has numbers for observers and ids, not those of view {view.observer!r}")
         target = folder / view.observer
-        target.mkdir(parents=True, exist_ok=True)
+        make_folder(target)
         for t, text in enumerate(_format_frames(view, recording.frame_count)):
-            (target / f"{t:06d}.yaml").write_text(text, encoding="utf-8")
+            write_text(target / f"{t:06d}.yaml", text)
 
 
 def _format_frames(view: ObserverView, frames: int) -> list[str]:

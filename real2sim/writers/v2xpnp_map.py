@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.output_files import write_bytes
 from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.readers.v2xpnp_map import LANE_KINDS, MODULE
 
@@ -51,7 +52,7 @@ def write_vector_map(found: HdMap, path: Path) -> Mapping[str, str]:
         "map_features": [*lanes, *crosswalks],
         "dynamic_states": _build_dynamic_states(found),
     }
-    path.write_bytes(b"\x80\x02" + _encode(_PickledObject("Map", fields)) + b".")
+    write_bytes(path, b"\x80\x02" + _encode(_PickledObject("Map", fields)) + b".")
     return names
 
 

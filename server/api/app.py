@@ -8,6 +8,7 @@ from fastapi import APIRouter, FastAPI
 from starlette.concurrency import run_in_threadpool
 
 from mdrive_sumo import __version__
+from mdrive_sumo.core.output_files import make_folder
 from server import clock
 from server.api import problems
 from server.api.concurrency_limit import ConcurrencyLimit
@@ -143,8 +144,8 @@ def prepare_storage(services: Services, now_us: int) -> None:
 
     Raises InputError.
     """
-    services.settings.archives.mkdir(parents=True, exist_ok=True)
-    services.settings.recordings.mkdir(parents=True, exist_ok=True)
+    make_folder(services.settings.archives, may_be_link=True)
+    make_folder(services.settings.recordings, may_be_link=True)
     services.store.migrate()
     with services.store.write() as session:
         put_phases(session, [phase.as_new() for phase in services.settings.phases], now_us)

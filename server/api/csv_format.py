@@ -4,22 +4,17 @@ import csv
 import io
 from collections.abc import Iterable, Sequence
 
-_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
+from mdrive_sumo.core.tables import clean_csv_row
 
 
 def to_csv(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return the table as CSV (RFC 4180); None becomes an empty cell."""
     text = io.StringIO()
     writer = csv.writer(text)
-    writer.writerows([_escape_formula(cell) for cell in row] for row in (header, *rows))
+    writer.writerows(clean_csv_row(row) for row in (header, *rows))
     return text.getvalue()
 
 
 def csv_headers(name: str) -> dict[str, str]:
     """Return the headers of an answer that browsers save as `name`.csv."""
     return {"Content-Disposition": f'attachment; filename="{name}.csv"'}
-
-
-def _escape_formula(cell: object) -> object:
-    """Return the cell so that spreadsheets do not evaluate it: names are text of participants."""
-    return f"'{cell}" if isinstance(cell, str) and cell.startswith(_FORMULA_STARTS) else cell

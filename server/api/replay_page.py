@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.core.output_files import write_text
+
 
 @dataclass(frozen=True, slots=True)
 class ReplayRequest:
@@ -37,6 +39,4 @@ def write_replay_page(request: ReplayRequest) -> None:
     scenario, roads = load_varied_scenario(suite, written, result.seed)
     episode = load_episode(request.recording)
     marks = find_marks(episode, result)
-    part = request.page.with_suffix(".part")
-    part.write_text(render_replay(episode, scenario, roads, marks, result), encoding="utf-8")
-    part.replace(request.page)
+    write_text(request.page, render_replay(episode, scenario, roads, marks, result))

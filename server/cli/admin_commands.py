@@ -8,6 +8,8 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_folder
+from mdrive_sumo.core.terminal import echo
 from server import environments
 from server.cli.data_folder import find_database_file
 from server.cli.options import data_option, load_settings_with, report_store_errors, settings_option
@@ -74,7 +76,7 @@ def create_team(admin_context: _AdminContext, name: str) -> None:
     teams.check_name(name)
     with report_store_errors(), admin_context.begin().write() as session:
         text = tokens.issue(session, teams.create(session, name, now_us()), TokenScope.SUBMIT, now_us())
-    click.echo(text)
+    echo(text)
 
 
 @team.command("list")
@@ -83,7 +85,7 @@ def list_teams(admin_context: _AdminContext) -> None:
     """List teams: id, name, time of creation."""
     with report_store_errors(), admin_context.store.read() as session:
         for each in teams.list_teams(session):
-            click.echo(f"{each.id}  {each.name}  {format_utc(each.created_us)}{'  hidden' if each.hidden else ''}")
+            echo(f"{each.id}  {each.name}  {format_utc(each.created_us)}{'  hidden' if each.hidden else ''}")
 
 
 @team.command("hide")
@@ -112,7 +114,7 @@ def issue_token(admin_context: _AdminContext, name: str | None, scope: str) -> N
     with report_store_errors(), store.write() as session:
         holder = teams.get(session, name) if name is not None else None
         text = tokens.issue(session, holder, TokenScope(scope), now_us())
-    click.echo(text)
+    echo(text)
 
 
 @token.command("list")
@@ -123,7 +125,7 @@ def list_tokens(admin_context: _AdminContext, name: str | None) -> None:
     with report_store_errors(), admin_context.store.read() as session:
         for each in tokens.list_tokens(session, teams.get(session, name) if name is not None else None):
             end = f"  revoked {format_utc(each.revoked_us)}" if each.revoked_us is not None else ""
-            click.echo(f"{each.id}  {each.scope}  {format_utc(each.created_us)}{end}")
+            echo(f"{each.id}  {each.scope}  {format_utc(each.created_us)}{end}")
 
 
 @token.command("revoke")
@@ -147,7 +149,7 @@ def list_phases(admin_context: _AdminContext) -> None:
     with report_store_errors(), admin_context.store.read() as session:
         for each in phases.list_phases(session):
             kind = "public" if each.public else "hidden"
-            click.echo(f"{each.id}  {kind}  {format_utc(each.opens_us)} - {format_utc(each.closes_us)}  {each.suite}")
+            echo(f"{each.id}  {kind}  {format_utc(each.opens_us)} - {format_utc(each.closes_us)}  {each.suite}")
 
 
 @phase.command("apply")
@@ -172,7 +174,7 @@ def list_environments(admin_context: _AdminContext) -> None:
     """List environments and whether they are built."""
     built = environments.list_built(admin_context.settings.environments)
     for name in environments.RECIPES:
-        click.echo(f"{name}  {'built' if name in built else 'not built'}")
+        echo(f"{name}  {'built' if name in built else 'not built'}")
 
 
 @environment.command("build", context_settings={"ignore_unknown_options": True})
@@ -188,9 +190,9 @@ def build_environment(admin_context: _AdminContext, name: str, wheels: Path | No
     """Build an environment with venv and pip; options after NAME go to pip (docs/server.md, Environments)."""
     folder = admin_context.settings.environments.absolute()
     environments.find_recipe(name)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     built = environments.build_environment(name, folder, pip_options, wheels)
-    click.echo(f"{built.name}  {len(built.packages)} packages  {built.python}")
+    echo(f"{built.name}  {len(built.packages)} packages  {built.python}")
 
 
 @environment.command("import")
@@ -204,7 +206,7 @@ def import_environment(admin_context: _AdminContext, name: str, rootfs: Path, py
     """Register an unpacked image as an environment; the folder is not copied (docs/docker.md)."""
     folder = admin_context.settings.environments.absolute()
     made = environments.import_image(name, folder, rootfs, python, admin_context.settings.sandbox.box_limits())
-    click.echo(f"{made.name}  {len(made.packages)} packages  {made.rootfs}")
+    echo(f"{made.name}  {len(made.packages)} packages  {made.rootfs}")
 
 
 @admin.command()
@@ -213,7 +215,7 @@ def import_environment(admin_context: _AdminContext, name: str, rootfs: Path, py
 def backup(admin_context: _AdminContext, file: Path) -> None:
     """Write all tables to a new file and print the head of the audit log; store it elsewhere."""
     with report_store_errors():
-        click.echo(write_backup(admin_context.store, file))
+        echo(write_backup(admin_context.store, file))
 
 
 @admin.command()
@@ -222,7 +224,7 @@ def backup(admin_context: _AdminContext, file: Path) -> None:
 def restore(admin_context: _AdminContext, file: Path) -> None:
     """Fill an empty database from a backup and print the head of its audit log. Stop `serve` first."""
     with report_store_errors():
-        click.echo(read_backup(admin_context.begin(migrate=False), file))
+        echo(read_backup(admin_context.begin(migrate=False), file))
 
 
 @admin.command("audit")
@@ -244,16 +246,14 @@ def walk(ctx: click.Context, admin_context: _AdminContext, most: int | None) -> 
     """
     with report_store_errors(), admin_context.store.read() as session:
         for entry in reversed(audit.list_latest(session, most or 0)):
-            click.echo(
-                f"{format_utc(entry.at_us)}  {entry.actor}  {entry.action}  {json.dumps(entry.data, sort_keys=True)}"
-            )
+            echo(f"{format_utc(entry.at_us)}  {entry.actor}  {entry.action}  {json.dumps(entry.data, sort_keys=True)}")
         chain = audit.verify_chain(session)
         differences = list(find_row_differences(session)) if chain.broken is None else []
-    click.echo(f"{chain.entries} entries, head {chain.head or 'none'}")
+    echo(f"{chain.entries} entries, head {chain.head or 'none'}")
     if chain.broken is not None:
-        click.echo(f"broken at entry {chain.broken}", err=True)
+        echo(f"broken at entry {chain.broken}", err=True)
     for difference in differences:
-        click.echo(str(difference), err=True)
+        echo(str(difference), err=True)
     if chain.broken is not None or differences:
         ctx.exit(1)
 
@@ -266,7 +266,7 @@ def collect(admin_context: _AdminContext) -> None:
         with admin_context.store.read() as session:
             kept = retention.select_retained(session, admin_context.settings.keep.policy(), now_us())
         for path in retention.delete_expired(kept, admin_context.settings.data, now_us()):
-            click.echo(path)
+            echo(path)
 
 
 @admin.command()
@@ -293,6 +293,6 @@ def verify(ctx: click.Context, admin_context: _AdminContext, submissions: Sequen
             spot_checks.run_spot_checks(admin_context.store, admin_context.settings, chosen, now_us, run_submission_job)
         )
     for check in checks:
-        click.echo(f"{check.submission}  {check.scenario} {check.seed}  {check.text}")
+        echo(f"{check.submission}  {check.scenario} {check.seed}  {check.text}")
     if any(not check.same for check in checks):
         ctx.exit(1)

@@ -11,6 +11,7 @@ from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_folder, open_appended
 from server.settings import ServerSettings
 
 LOCK_FILE = "serve.lock"
@@ -34,7 +35,7 @@ def lock_data_folder(settings: ServerSettings) -> Generator[None]:
 
 def _make_folder(folder: Path) -> None:
     try:
-        folder.mkdir(mode=FOLDER_MODE, parents=True, exist_ok=True)
+        make_folder(folder, FOLDER_MODE, may_be_link=True)
     except OSError as error:
         raise InputError(f"serve: {folder}: cannot be created: {error.strerror}; choose another --data") from None
     with suppress(PermissionError):  # a folder of another user, who decides
@@ -63,7 +64,7 @@ def find_database_file(settings: ServerSettings) -> Path | None:
 @contextmanager
 def _lock(path: Path, operation: int, data: Path) -> Generator[None]:
     try:
-        file = path.open("a+")
+        file = os.fdopen(open_appended(path), "r+")
     except OSError as error:
         raise InputError(f"serve: {path}: cannot be written: {error.strerror}") from None
     with file:
@@ -76,7 +77,8 @@ def _lock(path: Path, operation: int, data: Path) -> Generator[None]:
             sentence = f"serve: {what} is being served by process {pid}; stop it, or choose another --data"
             raise InputError(sentence) from None
         if operation == fcntl.LOCK_EX:
-            file.truncate(0)
+            file.seek(0)
+            file.truncate()
             file.write(f"{os.getpid()}\n")
             file.flush()
         yield

@@ -1,18 +1,22 @@
 """`mdrive-sumo serve`: API, web pages and workers."""
 
+import copy
 import signal
 import socket
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
 import uvicorn
 from fastapi import FastAPI
+from uvicorn.config import LOGGING_CONFIG
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.log_lines import CleanFormatter
+from mdrive_sumo.core.terminal import echo
 from server import environments
 from server.api.app import create_app, prepare_storage
 from server.api.webhook_sender import WebhookSender
@@ -95,6 +99,17 @@ def make_app(settings: ServerSettings) -> FastAPI:
     return app
 
 
+def build_log_config() -> dict[str, Any]:
+    """Return uvicorn's settings of logs, in whose lines nothing that a client wrote is acted on by a terminal."""
+    config = copy.deepcopy(LOGGING_CONFIG)
+    config["formatters"] = {
+        "default": {"()": CleanFormatter, "fmt": "%(levelname)s:     %(message)s"},
+        "access": {"()": CleanFormatter, "fmt": "%(levelname)s:     %(message)s"},
+    }
+    config["loggers"]["mdrive"] = {"handlers": ["default"], "level": "WARNING", "propagate": False}
+    return config
+
+
 def _run(app: FastAPI, settings: ServerSettings, listener: socket.socket) -> None:
     config = uvicorn.Config(
         app,
@@ -104,15 +119,16 @@ def _run(app: FastAPI, settings: ServerSettings, listener: socket.socket) -> Non
         timeout_graceful_shutdown=GRACE_S,
         h11_max_incomplete_event_size=HEADER_BYTES,
         server_header=False,
+        log_config=build_log_config(),
     )
     sys.setswitchinterval(SWITCH_S)
     if (most := raise_open_files(settings.connections.total)) < settings.connections.total:
-        click.echo(f"note: connections.total: this process may open too few files; about {most} are possible", err=True)
+        echo(f"note: connections.total: this process may open too few files; about {most} are possible", err=True)
     server = _Server(config)
     try:
         server.run(sockets=[listener])
     except KeyboardInterrupt:
-        click.echo("stopped; running jobs return to the queue", err=True)
+        echo("stopped; running jobs return to the queue", err=True)
     if not server.started:
         raise InputError("serve: the server did not start; the lines above say why")
 
@@ -126,7 +142,7 @@ class _Server(uvicorn.Server):
         if self.started and sockets:
             host, port = self.config.host, sockets[0].getsockname()[1]
             address = f"[{host}]" if ":" in host else host
-            click.echo(f"running on http://{address}:{port} (Ctrl-C stops it)", err=True)
+            echo(f"running on http://{address}:{port} (Ctrl-C stops it)", err=True)
 
 
 @contextmanager
@@ -165,7 +181,7 @@ def _apply_phases(settings: ServerSettings, file: Path | None) -> ServerSettings
     """Without phases in the settings, use those of the database, else the warm-up phase."""
     if file is not None or settings.phases:
         if not settings.phases:
-            click.echo(f"note: {file} defines no phases, so nothing can be submitted (docs/server.md)", err=True)
+            echo(f"note: {file} defines no phases, so nothing can be submitted (docs/server.md)", err=True)
         return settings
     store = Store(settings.database_url)
     try:
@@ -175,10 +191,10 @@ def _apply_phases(settings: ServerSettings, file: Path | None) -> ServerSettings
     finally:
         store.close()
     if known:
-        click.echo(f"note: no settings file; using the phases of the database: {known}", err=True)
+        echo(f"note: no settings file; using the phases of the database: {known}", err=True)
         return settings
     sentence = f"no settings file; using one phase, {WARM_UP.id}, on the public suite {WARM_UP.suite}"
-    click.echo(f"note: {sentence} (docs/server.md)", err=True)
+    echo(f"note: {sentence} (docs/server.md)", err=True)
     return settings.model_copy(update={"phases": (WARM_UP,)})
 
 
@@ -186,7 +202,7 @@ def _print_missing_environments(settings: ServerSettings) -> None:
     if not environments.list_built(settings.environments):
         name = next(iter(environments.RECIPES))
         command = f"mdrive-sumo admin --data {settings.data} environment build {name}"
-        click.echo(f"note: no environment is built, so every agent is refused; build one with: {command}", err=True)
+        echo(f"note: no environment is built, so every agent is refused; build one with: {command}", err=True)
 
 
 def _exit_on_signal(number: int, frame: object) -> NoReturn:  # noqa: ARG001 (the signature of signal handlers)

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import WorldError
+from mdrive_sumo.core.input_files import read_text
+from mdrive_sumo.core.output_files import make_parents, write_text
 from server.archive import ArchiveLimits, Manifest, check_archive, extract_archive
 from server.enums import ChallengeTrack
 from server.evaluation.job_task import JobTask
@@ -29,7 +31,7 @@ def unpack_archive(task: JobTask) -> tuple[Manifest, Path]:
         _unpack(task, home)
     with suppress(FileNotFoundError):
         os.utime(home)
-    return _load_manifest(json.loads((home / MANIFEST_FILE).read_text("utf-8"))), home / AGENT_FOLDER
+    return _load_manifest(json.loads(read_text(home / MANIFEST_FILE))), home / AGENT_FOLDER
 
 
 def delete_stale(data: Path, needed: Collection[str], now_s: float | None = None) -> None:
@@ -44,7 +46,7 @@ def delete_stale(data: Path, needed: Collection[str], now_s: float | None = None
 
 def _unpack(task: JobTask, home: Path) -> None:
     """Unpack into a temporary folder and rename it: of several workers at once the first one succeeds."""
-    home.parent.mkdir(parents=True, exist_ok=True)
+    make_parents(home)
     with task.archive.open("rb") as archive:
         if hashlib.file_digest(archive, "sha256").hexdigest() != task.archive_sha256:
             raise WorldError(f"{task.archive.name}: expected the bytes of the submission, found others")
@@ -53,7 +55,7 @@ def _unpack(task: JobTask, home: Path) -> None:
     try:
         part.chmod(0o755)
         extract_archive(task.archive, manifest, part / AGENT_FOLDER)
-        (part / MANIFEST_FILE).write_text(json.dumps(asdict(manifest)), "utf-8")
+        write_text(part / MANIFEST_FILE, json.dumps(asdict(manifest)))
         with suppress(OSError):  # another worker was first
             part.rename(home)
     finally:

@@ -9,6 +9,7 @@ from pathlib import Path
 from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agent_process.sandbox import check_layers
 from mdrive_sumo.core.errors import InputError, WorldError
+from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from server.archive import ArchiveRefused, Manifest, extract_archive
 from server.clock import now_us
@@ -43,7 +44,7 @@ def check_declaration(
         if not separation.try_begin("upload", public=True, now_us=now_us()):
             return False
         stage = settings.data / "stage"  # where folders that a crash leaves are deleted
-        stage.mkdir(parents=True, exist_ok=True)
+        make_folder(stage)
         with tempfile.TemporaryDirectory(prefix="upload.", dir=stage) as scratch:
             folder = Path(scratch)
             folder.chmod(0o755)  # sandboxes run as other users

@@ -6,6 +6,7 @@ from pathlib import Path
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_folder
 from server.enums import ChallengeTrack
 from server.phase_suites import PhaseSuites
 from server.settings import ArchiveSettings, SandboxSettings, ServerSettings
@@ -117,6 +118,6 @@ def move_files(task: JobTask) -> None:
     """Move recording and logs to their final folder. Raises OSError: then the job is not finished."""
     if not task.public or not task.stage.is_dir():
         return
-    task.home.mkdir(parents=True, exist_ok=True)
+    make_folder(task.home)
     for path in sorted(task.stage.iterdir()):
         path.replace(task.home / path.name)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.core.state import End
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.open_agents import RejectedError
@@ -28,9 +29,7 @@ def is_failure_by_messages(job: EpisodeJob, result: ScenarioResult, folder: Path
         return False
     tested = [ego.id for ego in result.egos if not ego.is_other]
     comm = replace(job.options.comm, mute=(*job.options.comm.mute, *(f"{ego}/*" for ego in tested)))
-    logs = folder / REPEATS_FOLDER
-    logs.mkdir(parents=True, exist_ok=True)
-    again = replace(job, recording=None, logs=logs)
+    again = replace(job, recording=None, logs=make_folder(folder / REPEATS_FOLDER))
     try:
         without = run_job(replace(again, options=replace(job.options, comm=comm)))
         return not have_others_failed(without) and have_others_failed(run_job(again))

@@ -15,6 +15,8 @@ from mdrive_sumo.agent_process.sandbox import check_layers, check_shared_kernel
 from mdrive_sumo.agent_process.sandbox.episode_group import join_episode_group
 from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_text
+from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.open_agents import RejectedError
@@ -55,7 +57,7 @@ def run_submission_job(task: JobTask) -> JobResult:
             check_style(agents[-1].manifest.style, task.track)
         except InputError as error:
             return AgentRejection(str(error))
-    task.stage.mkdir(parents=True, exist_ok=True)
+    make_folder(task.stage)
     try:
         return _run_agents(task, *agents)
     finally:
@@ -159,7 +161,7 @@ def collect_usage(folder: Path) -> dict[str, Any]:
     """
     records: dict[str, Mapping[str, Any]] = {}
     for path in sorted(folder.glob("*.json")):
-        records[path.name.removesuffix(".json").rpartition(".")[2]] = json.loads(path.read_text("utf-8"))
+        records[path.name.removesuffix(".json").rpartition(".")[2]] = json.loads(read_text(path))
         path.unlink()
     thoughts = [record["thought_ms"] for record in records.values()]
     counts = [sum(column) for column in zip(*(thought["counts"] for thought in thoughts), strict=True)]

@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.log_lines import CleanFormatter
 from mdrive_sumo.runs.episode_job import ATTEMPTS
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.prepared_run import PACED_TICKS, SIMULATION_LIMIT_S
@@ -36,7 +37,9 @@ NICE = 5
 
 def main(function: Callable[[JobTask], JobResult] = run_submission_job, clock: Callable[[], int] = now_us) -> int:
     """Run `python -m server.evaluation.worker`; return exit code 0 if it was stopped, 2 for unusable input."""
-    logging.basicConfig(level=logging.INFO, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s")
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(CleanFormatter("%(levelname)s %(name)s: %(message)s"))
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
     stop = StopRequest()
     stop.install_signal_handlers()
     os.nice(NICE)

@@ -6,6 +6,7 @@ import click
 
 from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from server.archive import Manifest
 from server.environments import Environment, current_environment, load_environment
@@ -33,9 +34,9 @@ def check(path: Path, sandbox: bool, environments: Path | None) -> None:
     Exit codes: 0 it would be accepted, 2 it would be rejected; the message says why.
     """
     with unpack_agent(path) as found:
-        click.echo(format_manifest(found.manifest))
+        echo(format_manifest(found.manifest))
         place = choose_environment(found.manifest, environments) if sandbox or environments else None
-        click.echo(format_declaration(ask_agent(SubmittedAgent(found.manifest, found.folder, place))))
+        echo(format_declaration(ask_agent(SubmittedAgent(found.manifest, found.folder, place))))
 
 
 def choose_environment(manifest: Manifest, environments: Path | None) -> Environment:
@@ -43,7 +44,7 @@ def choose_environment(manifest: Manifest, environments: Path | None) -> Environ
     if environments is not None:
         return load_environment(manifest.environment, environments)
     found = current_environment()
-    click.echo(
+    echo(
         f"note: {found.name} ({found.python}) replaces {manifest.environment}; see --environments",
         err=True,
     )

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
-
 from mdrive_sumo.agent_process.sandbox import examine_layers
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.installation_command import format_installation
+from mdrive_sumo.core.output_files import make_folder
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import format_optional
 from mdrive_sumo.runs.episode_job import ATTEMPTS, EpisodeJob, run_job
@@ -54,11 +54,11 @@ class RejectedJob:
 def dry_run(team: UnpackedAgent, environment: Environment, track: ChallengeTrack, course: DryRunOptions) -> bool:
     """Run the scenarios and print verdicts; return whether all have a score. Raises InputError."""
     agent = with_server_limits(team, environment)
-    click.echo(format_manifest(team.manifest))
+    echo(format_manifest(team.manifest))
     found = ask_agent(agent)
-    click.echo(f"{format_declaration(found)}\ntrack        {track}")
+    echo(f"{format_declaration(found)}\ntrack        {track}")
     if TRACK_BY_LABEL[found.label] is not track:
-        click.echo(f"note: the label {found.label} corresponds to --track {TRACK_BY_LABEL[found.label]}", err=True)
+        echo(f"note: the label {found.label} corresponds to --track {TRACK_BY_LABEL[found.label]}", err=True)
     _print_missing_layers()
     results: list[ScenarioResult] = []
     ours = 0
@@ -69,15 +69,15 @@ def dry_run(team: UnpackedAgent, environment: Environment, track: ChallengeTrack
             if outcome.kind is FailureKind.INPUT:
                 raise InputError(outcome.reason)
             ours += 1
-            click.echo(f"{ScenarioVerdict.FAILED_OURS}: {job.scenario}: {outcome.reason}")
+            echo(f"{ScenarioVerdict.FAILED_OURS}: {job.scenario}: {outcome.reason}")
             continue
         results.append(outcome)
-        click.echo(format_result(outcome))
+        echo(format_result(outcome))
     if results:
         mean = compute_means(results)
         driven_ = f"{len(results)} scenario{'s' if len(results) > 1 else ''}"
         scores = f"DS {mean.ds:.2f}, SR {mean.sr:.2f}, {_format_times(mean)}, RC {mean.rc:.2f}"
-        click.echo(f"{driven_}: {scores}; logs, recordings in {course.out}")
+        echo(f"{driven_}: {scores}; logs, recordings in {course.out}")
     return not ours
 
 
@@ -88,7 +88,7 @@ def _print_missing_layers() -> None:
     missing = [layer for layer in layers if layer.name in sandbox.required and not layer.active]
     if missing:
         lacks = "; ".join(f"{layer.name} ({layer.detail})" for layer in missing)
-        click.echo(f"note: sandboxes on this machine lack layers that a server has by default: {lacks}", err=True)
+        echo(f"note: sandboxes on this machine lack layers that a server has by default: {lacks}", err=True)
 
 
 def with_server_limits(team: UnpackedAgent, environment: Environment | None) -> SubmittedAgent:
@@ -115,7 +115,7 @@ def run_jobs(
     logs, recordings = course.out / "logs", course.out / "episodes"
     try:
         for folder in (logs, recordings):
-            folder.mkdir(parents=True, exist_ok=True)
+            make_folder(folder)
     except OSError as error:
         raise InputError(f"{course.out}: cannot be written: {error.strerror}") from None
     jobs = [

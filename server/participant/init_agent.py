@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo
 
 STYLES = ("agent", "joint", "lidar")
 
@@ -35,4 +36,4 @@ def init_agent(folder: Path, style: str) -> None:
             shutil.copytree(sample, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
     except OSError as error:
         raise InputError(f"{folder}: cannot be written: {error.strerror}") from None
-    click.echo(f"{folder}: sample agent written; next: mdrive-sumo check {folder}")
+    echo(f"{folder}: sample agent written; next: mdrive-sumo check {folder}")

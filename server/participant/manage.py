@@ -9,6 +9,7 @@ import click
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.terminal import echo
 from server.enums import SubmissionState
 from server.participant.client import ChallengeClient
 from server.participant.follow import SCORES, follow, format_state, print_summary
@@ -44,15 +45,15 @@ def results(
         raise InputError("results: expected the ID of a submission with --csv and --follow, found none")
     with open_client(server, token) as client:
         if submission is None:
-            click.echo(_format_list(client.list_submissions()))
+            echo(_format_list(client.list_submissions()))
             return
         id_ = parse_id(submission)
         if wait:
-            follow(client, id_, click.echo)
+            follow(client, id_, echo)
         state = _print_result(client, id_)
         if file is not None:
             _write_new(file, client.scenarios_csv(id_))
-            click.echo(f"scenarios: {file}")
+            echo(f"scenarios: {file}")
     unfinished = (SubmissionState.QUEUED, SubmissionState.RUNNING)
     ctx.exit(0 if state in (SubmissionState.DONE, *unfinished) else 1)
 
@@ -71,7 +72,7 @@ def cancel(submission: str, server: str | None, token: str | None, yes: bool) ->
         if not yes:
             shown = client.show(id_)
             click.confirm(f"Cancel {shown.get('name')} in {shown.get('phase')} ({shown.get('state')})?", abort=True)
-        click.echo(f"{id_}: {format_state(client.cancel(id_))}")
+        echo(f"{id_}: {format_state(client.cancel(id_))}")
 
 
 def open_client(server: str | None, token: str | None) -> ChallengeClient:
@@ -94,17 +95,17 @@ def parse_id(text: str) -> str:
 
 def _print_result(client: ChallengeClient, submission: str) -> SubmissionState:
     shown = client.show(submission)
-    click.echo(f"{shown.get('name')} in {shown.get('phase')}, track {shown.get('track')}: {format_state(shown)}")
+    echo(f"{shown.get('name')} in {shown.get('phase')}, track {shown.get('track')}: {format_state(shown)}")
     if queue := shown.get("queue"):
-        click.echo(f"position {queue.get('position')} in the queue")
-    state = print_summary(shown, click.echo)
+        echo(f"position {queue.get('position')} in the queue")
+    state = print_summary(shown, echo)
     rows = client.scenarios(submission)
     if rows is None:
-        click.echo("The scenarios of this phase are hidden.")
+        echo("The scenarios of this phase are hidden.")
     elif finished := [row for row in rows if row.get("verdict")]:
-        click.echo(_format_scenarios(finished))
-        click.echo(f"{len(finished)} of {len(rows)} scenarios have a result.")
-    click.echo(f"page: {client.page(submission)}")
+        echo(_format_scenarios(finished))
+        echo(f"{len(finished)} of {len(rows)} scenarios have a result.")
+    echo(f"page: {client.page(submission)}")
     return state
 
 

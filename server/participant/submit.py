@@ -8,6 +8,7 @@ import click
 from mdrive_sumo.cli.scenario_option import make_scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo
 from server.archive import ArchiveLimits, Manifest
 from server.enums import ChallengeTrack, SubmissionState
 from server.participant.check import choose_environment, environments_option
@@ -96,8 +97,8 @@ def _send(client: ChallengeClient, archive: Path, entry: SubmissionForm, no_foll
         shown = client.submit(archive, entry, move)
     submission, queue = str(shown.get("id", "")), shown.get("queue")
     position = f", position {queue['position']} in the queue" if queue else ""
-    click.echo(f"submission {submission} in {entry.phase}, track {entry.track}: {shown.get('state')}{position}")
-    click.echo(f"page: {client.page(submission)}")
+    echo(f"submission {submission} in {entry.phase}, track {entry.track}: {shown.get('state')}{position}")
+    echo(f"page: {client.page(submission)}")
     if no_follow:
         return 0
-    return {SubmissionState.DONE: 0, SubmissionState.REJECTED: 2}.get(follow(client, submission, click.echo), 1)
+    return {SubmissionState.DONE: 0, SubmissionState.REJECTED: 2}.get(follow(client, submission, echo), 1)

@@ -17,6 +17,7 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_folder
 from server.errors import StoreUnavailable
 from server.store.database_check import check_sqlite_file
 
@@ -112,7 +113,7 @@ def _parse_url(url: str) -> URL:
 
 def _make_folder(folder: Path) -> None:
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        make_folder(folder, 0o700, may_be_link=True)
     except OSError as error:
         raise InputError(f"database: {folder}: cannot be made: {error.strerror}") from None
 

@@ -9,6 +9,7 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from mdrive_sumo.core.clean_text import clean_for_page
 from mdrive_sumo.core.statistics import MIN_UNITS
 from server.api.schemas.submissions import FiguresOut
 from server.clock import format_utc
@@ -110,6 +111,7 @@ def _make_environment() -> Environment:
         loader=PackageLoader("server.web"),
         autoescape=True,
         undefined=StrictUndefined,
+        finalize=clean_for_page,
         trim_blocks=True,
         lstrip_blocks=True,
     )

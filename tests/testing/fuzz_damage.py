@@ -4,10 +4,14 @@ import random
 
 TOKENS = (
     b"", b"\x00", b"\xff\xff\xff\xff", b"\x7f", b"-1", b"0", b"1e308", b"1e999", b"nan", b"99999999999999999999",
-    b"1" * 400, b"null", b"true", b"{}", b"[]", b'""', b"\xc3\x28", b"<a>", b"'", b'"', b"<!DOCTYPE a>", b"\n", b" ",
+    b"1" * 400, b"-" + b"9" * 400, b"1" * 5000, b"-1e308", b"1e-320", b"9007199254740993", b"NaN", b"-Infinity",
+    b"null", b"true", b"{}", b"[]", b'""', b"\xc3\x28", b"<a>", b"'", b'"', b"<!DOCTYPE a>", b"\n", b" ", b"x" * 5000,
+    b"\x1b[2J", b"\\u001b[2J", "\u202e".encode(), b"\\ud800", b'=HYPERLINK("x")', b"![x](http://x)", b"\\n", b"a\nb",
     b"[" * 5000, b"<a>" * 5000, b'{"a":' * 3000,
 )  # fmt: skip
 """What readers meet in damaged files: extremes, other types, bytes that are no text, nesting without end."""
+NUMBERS = tuple(token for token in TOKENS if token[:1] and token[:1] in b"-0123456789n" and token != b"null")
+"""Of these, what can stand for a number."""
 MAX_EDITS = 4
 MAX_SPAN = 40
 MAX_GROWTH = 20_000
@@ -49,4 +53,4 @@ def _replace_number(data: bytes, draws: random.Random) -> bytes:
     start = end = draws.choice(places)
     while data[end : end + 1].isdigit():
         end += 1
-    return data[:start] + draws.choice(TOKENS[4:11]) + data[end:]
+    return data[:start] + draws.choice(NUMBERS) + data[end:]

@@ -19,9 +19,11 @@ from mdrive_sumo.contract import Control
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Actors, EgoState, End, Frame
 from mdrive_sumo.episode import Ending, Recorder, load_episode, quantize_frame, save_episode
+from mdrive_sumo.episode.camera_archive import encode_image, load_camera_tracks
 from mdrive_sumo.negotiation.transcript import check_transcript
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum, read_network_file
+from mdrive_sumo.runs.journal import JOURNAL_FILE, open_journal, read_run_journal
 from mdrive_sumo.runs.run_config import load_agent_config
 from mdrive_sumo.scenario.scenario import load_scenario
 from mdrive_sumo.scenario.suite import list_packaged_suites, load_suite
@@ -190,6 +192,20 @@ def _write_results(folder: Path) -> Path:
     return folder / "r.json"
 
 
+def _write_journal(folder: Path) -> Path:
+    with open_journal(folder, {"agent": "idm", "seed": 0}, fresh=False) as journal:
+        journal.add_result({"id": "s", "seed": 0, "ds": 1.5}, "sha256:00")
+        journal.add_failure("s", "why")
+    return folder / JOURNAL_FILE
+
+
+def _write_images(folder: Path) -> Path:
+    with zipfile.ZipFile(folder / "images.zip", "w") as archive:
+        archive.writestr("index.json", '{"cameras": [{"ego": "0", "camera": "front"}], "left_out": 0}')
+        archive.writestr("0/000001.jpg", encode_image(np.zeros((8, 8, 3), np.uint8)))
+    return folder / "images.zip"
+
+
 def _write_database(folder: Path) -> Path:
     with closing(sqlite3.connect(folder / "c.sqlite")) as connection:
         connection.execute("CREATE TABLE alembic_version (version_num VARCHAR(32) NOT NULL)")
@@ -240,6 +256,8 @@ TARGETS: Mapping[str, FuzzTarget] = {
     "suite.json": FuzzTarget(_write_suite, lambda path: load_suite(str(path.parent))),
     "scenario.json": FuzzTarget(_write_scenario, load_scenario),
     "results.json": FuzzTarget(_write_results, load_results),
+    "journal": FuzzTarget(_write_journal, lambda path: read_run_journal(path.parent)),
+    "camera images": FuzzTarget(_write_images, load_camera_tracks),
     "agent config": FuzzTarget(_file("config.json", '{"speed": 3.5, "polite": true, "name": "x"}'), load_agent_config),
     "transcript": FuzzTarget(
         _file("0.jsonl", '{"seed": 0, "ordinal": 0, "digest": "ab", "request": {}, "answer": "yes", "tokens": 3}\n'),

@@ -17,6 +17,7 @@ from typing import TypeVar
 import click
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.generate.validation import FULL_SCORE
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.scenario import load_scenario
@@ -60,7 +61,7 @@ def main(out: Path, count: int, seed: int, workers: int, dry_run: bool) -> None:
         return
     _check_new(out)
     for (site, cavs), number in split_count(count).items():
-        click.echo(f"{site}, {cavs} CAVs: {number} of {math.ceil(DRIVES_PER_SCENARIO * number)} drives would be kept")
+        echo(f"{site}, {cavs} CAVs: {number} of {math.ceil(DRIVES_PER_SCENARIO * number)} drives would be kept")
 
 
 def build_suite(out: Path, count: int, seed: int, workers: int) -> None:
@@ -147,7 +148,7 @@ def _run_all(
     with ProcessPool(function, workers, LIMIT_S) as pool:
         for n, (task, answer) in enumerate(pool.run(tasks), 1):
             message = answer.reason if isinstance(answer, WorkerFailure) else answer if isinstance(answer, str) else ""
-            click.echo(f"{function.__name__} {n}/{len(tasks)} {task.name} {message}", err=True)
+            echo(f"{function.__name__} {n}/{len(tasks)} {task.name} {message}", err=True)
             yield task, message if isinstance(answer, WorkerFailure) else answer
 
 
@@ -167,4 +168,4 @@ def _print_summary(chosen: Sequence[SelectionCandidate], outcomes: Sequence[Reco
         "omniscient_without_infraction": sum(one.examined.omniscient_ds == FULL_SCORE for one in kept),
         "hidden_until_late": sum(one.examined.is_occluded for one in kept),
     }
-    click.echo(json.dumps(about, indent=1))
+    echo(json.dumps(about, indent=1))

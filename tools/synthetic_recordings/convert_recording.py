@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import make_folder, make_parents
 from mdrive_sumo.generate.validation import ScenarioValidation, ValidationTask, validate_scenario
 from mdrive_sumo.scenario.scenario import load_scenario, save_scenario
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, save_suite
@@ -83,7 +84,7 @@ def record_log(task: RecordingTask) -> Path | str:
     if (part := find_window(drive)) is None:
         return f"{task.name}: no part of the drive in which all CAVs drive"
     write_log(drive, part, task.log, task.seed)
-    task.map.parent.mkdir(parents=True, exist_ok=True)
+    make_parents(task.map)
     write_vector_map(build_hd_map(drive.roads), task.map.with_suffix(f".{task.number}"))
     task.map.with_suffix(f".{task.number}").replace(task.map)
     return task.log
@@ -123,7 +124,7 @@ def convert_recording(task: RecordingTask) -> RecordingOutcome | str:
     folder = task.suite / task.name
     save_scenario(thin_scenario(built.scenario), folder / SCENARIO_FILE)
     quality = task.work / QUALITY / task.name
-    quality.mkdir(parents=True, exist_ok=True)
+    make_folder(quality)
     save_quality(built.quality, quality)
     return RecordingOutcome(task, built.quality.misses, _examine(task))
 

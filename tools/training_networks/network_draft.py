@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.output_files import make_folder, write_text
 from mdrive_sumo.roads.network_file import NETWORK_FILE, Building, NetworkFile, StopSignBox
 
 LANE_M = 3.5
@@ -77,12 +78,12 @@ class NetworkDraft:
 
     def write_recipe(self, folder: Path) -> None:
         """Write plain XML and `network.json`; offset, checksum and stop signs come when it is compiled."""
-        folder.mkdir(exist_ok=True)
+        make_folder(folder)
         has_connections = bool(self.connections or self.crossings)
-        (folder / NODES).write_text(self._build_nodes())
-        (folder / EDGES).write_text(self._build_edges())
+        write_text(folder / NODES, self._build_nodes())
+        write_text(folder / EDGES, self._build_edges())
         if has_connections:
-            (folder / CONNECTIONS).write_text(self._build_connections())
+            write_text(folder / CONNECTIONS, self._build_connections())
         files = ["--node-files", NODES, "--edge-files", EDGES] + ["--connection-files", CONNECTIONS] * has_connections
         self._write_network_file(folder, (*files, *_list_common_arguments(self.lane_m), *self.netconvert), ())
 
@@ -114,7 +115,7 @@ class NetworkDraft:
             buildings=houses,
             stop_signs=signs,
         )
-        (folder / NETWORK_FILE).write_text(written.model_dump_json(indent=1) + "\n")
+        write_text(folder / NETWORK_FILE, written.model_dump_json(indent=1) + "\n")
 
     def _build_nodes(self) -> str:
         rows = [

@@ -15,6 +15,7 @@ import numpy as np
 from mdrive_sumo.agents.learned.network_inputs import Inputs, describe_inputs, describe_outputs
 from mdrive_sumo.agents.learned.system_spec import SystemSpec
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.installation_command import format_installation
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def _open_network(spec: SystemSpec, file: Path, manifest: "WeightsManifest", use
 
 def _read_weights(file: Path, manifest: "WeightsManifest") -> bytes:
     try:
-        content = file.read_bytes()
+        content = read_bytes(file)
     except OSError as error:
         raise InputError(f"weights {file}: cannot be read: {error.strerror}") from None
     found = hashlib.sha256(content).hexdigest()

@@ -8,6 +8,8 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.output_files import write_text
 
 FORMAT_VERSION = 1
 """Raised when weights of earlier versions do not fit any more: inputs, outputs or their meaning have changed."""
@@ -40,7 +42,7 @@ class WeightsManifest(BaseModel):
 def read_manifest(path: Path) -> WeightsManifest:
     """Return a manifest. Raises InputError for a missing, unreadable or invalid file, or another format version."""
     try:
-        data: Any = json.loads(path.read_bytes())
+        data: Any = json.loads(read_bytes(path))
     except OSError as error:
         raise InputError(f"manifest of weights {path}: cannot be read: {error.strerror}") from None
     except ValueError as error:
@@ -64,4 +66,4 @@ def read_manifest(path: Path) -> WeightsManifest:
 
 def write_manifest(manifest: WeightsManifest, path: Path) -> None:
     """Write a manifest."""
-    path.write_text(json.dumps(manifest.model_dump(mode="json"), indent=1) + "\n")
+    write_text(path, json.dumps(manifest.model_dump(mode="json"), indent=1) + "\n")

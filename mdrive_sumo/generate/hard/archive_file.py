@@ -7,6 +7,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
+from mdrive_sumo.core.output_files import make_folder, write_text
 from mdrive_sumo.generate.hard.behaviour_archive import DESCRIPTORS, FamilySearch, find_cell, list_behaviour
 from mdrive_sumo.generate.hard.candidate_evaluation import CandidateEvaluation
 from mdrive_sumo.generate.hard.candidate_probes import PROBE_SEEDS
@@ -86,8 +87,8 @@ def save_archive_file(content: HardArchiveFile, folder: Path) -> Path:
     """Write `archive.json` into a folder and return its path. Raises InputError."""
     path = folder / ARCHIVE_FILE
     with report_write_errors(path):
-        folder.mkdir(parents=True, exist_ok=True)
-        path.write_text(content.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        make_folder(folder)
+        write_text(path, content.model_dump_json(indent=1) + "\n")
     return path
 
 

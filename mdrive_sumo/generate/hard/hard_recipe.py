@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.generate.hard import families
 from mdrive_sumo.generate.hard.family import FamilyCandidate, ScenarioFamily, check_candidate
@@ -43,7 +44,7 @@ class HardRecipe(BaseModel):
 def is_hard_recipe(path: Path) -> bool:
     """Return whether a recipe file is one of the hard tier, also one of a version that cannot be read."""
     try:
-        return b'"mdrive-sumo/hard-recipe/' in path.read_bytes()[:200]
+        return b'"mdrive-sumo/hard-recipe/' in read_bytes(path)[:200]
     except OSError:
         return False
 
@@ -51,7 +52,7 @@ def is_hard_recipe(path: Path) -> bool:
 def load_hard_recipe(path: Path) -> HardRecipe:
     """Read a recipe; raises InputError, also for one of another version of the families."""
     try:
-        recipe = HardRecipe.model_validate_json(path.read_bytes())
+        recipe = HardRecipe.model_validate_json(read_bytes(path))
     except OSError as error:
         raise InputError(f"{path}: expected a recipe to read, found none: {error.strerror}") from None
     except ValidationError as error:

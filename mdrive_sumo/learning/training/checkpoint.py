@@ -9,6 +9,7 @@ import torch
 from torch import nn
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import draft_file, make_folder
 
 CHECKPOINT_VERSION = 1
 CHECKPOINT_NAME = "checkpoint.pt"
@@ -45,11 +46,10 @@ def save_weights(checkpoint: Checkpoint, folder: Path) -> Path:
 
 def save_checkpoint(checkpoint: Checkpoint, folder: Path, name: str = CHECKPOINT_NAME) -> Path:
     """Write DIR/NAME so that an interruption leaves the old or the new one, and return its path."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     path = folder / name
-    partial = path.with_suffix(".part")
-    torch.save({each.name: getattr(checkpoint, each.name) for each in fields(checkpoint)}, partial)
-    partial.replace(path)
+    with draft_file(path) as draft:
+        torch.save({each.name: getattr(checkpoint, each.name) for each in fields(checkpoint)}, draft)
     return path
 
 

@@ -1,10 +1,10 @@
 """train_in_rounds: DAgger (Ross et al., 2011): the learner drives, the expert says what it would have done there."""
 
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from mdrive_sumo.core.output_files import copy_file
 from mdrive_sumo.learning.training.checkpoint import CHECKPOINT_NAME, load_checkpoint
 from mdrive_sumo.learning.training.export_network import export_network
 from mdrive_sumo.learning.training.run_training import Arrays, Report, TrainingRun, run_training
@@ -48,7 +48,7 @@ def train_in_rounds(run: TrainingRun, data: DaggerData, rounds: int, report: Rep
         checkpoint = run_training(part, report)
     assert checkpoint is not None
     final = run.folder / CHECKPOINT_NAME
-    shutil.copyfile(checkpoint, final)
+    copy_file(checkpoint, final)
     return final
 
 

@@ -20,6 +20,8 @@ from mdrive_sumo.agents.learned.network_inputs import describe_inputs, describe_
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS, SystemSpec
 from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.learning.networks.build_network import build_network, count_parameters
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
 from mdrive_sumo.learning.training.checkpoint import Checkpoint, take_weights
@@ -75,7 +77,7 @@ def export_network(checkpoint: Checkpoint, folder: Path, arrays: Arrays | None =
     take_weights(network, checkpoint.average, checkpoint.system)
     network.eval()
     halved = _halve_weights(network)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     path = folder / f"{checkpoint.system}.onnx"
     samples = [_take_sample(spec, build_synthetic_arrays(spec, 1, seed=i), 0) for i in range(CHECKED_SAMPLES)]
     if arrays is not None:
@@ -191,7 +193,7 @@ def _check(path: Path, difference: float) -> None:
 def _build_manifest(
     checkpoint: Checkpoint, path: Path, network: nn.Module, sample: Mapping[str, Tensor]
 ) -> WeightsManifest:
-    content = path.read_bytes()
+    content = read_bytes(path)
     return WeightsManifest(
         system=checkpoint.system,
         sha256=hashlib.sha256(content).hexdigest(),

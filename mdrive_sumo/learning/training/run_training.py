@@ -13,6 +13,7 @@ import torch
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.learning.held_out import find_held_out
 from mdrive_sumo.learning.sample_kinds import compute_shares, name_kinds
 from mdrive_sumo.learning.training.checkpoint import (
@@ -76,7 +77,7 @@ def _run(run: TrainingRun, report: Report) -> Path:
     trainer.train(data, shares, run.folder, validation.glance)
     found = validation.describe(trainer.average.network)
     trainer.summary["validation"] = found
-    (run.folder / VALIDATION_NAME).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    write_text(run.folder / VALIDATION_NAME, json.dumps(found, indent=1) + "\n")
     report(
         f"validation: ADE over 3 s {found['plan']['ade_3s_m']:.3f} m, constant velocity"
         f" {found['constant_velocity']['ade_3s_m']:.3f} m, blind {found['blackout']['ade_3s_m']:.3f} m"

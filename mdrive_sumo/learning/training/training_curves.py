@@ -1,11 +1,16 @@
 """TrainingCurves: losses over steps as CSV, as a picture, and for TensorBoard where it is installed."""
 
 import csv
+import io
 from collections import defaultdict
 from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+
+from mdrive_sumo.core.input_files import read_text
+from mdrive_sumo.core.output_files import append_text, make_folder, write_text
+from mdrive_sumo.core.tables import format_csv_table
 
 CURVES_NAME = "curves.csv"
 
@@ -14,18 +19,16 @@ class TrainingCurves:
     """Appends to DIR/curves.csv (step, name, value); a resumed run drops the lines after its checkpoint."""
 
     def __init__(self, folder: Path, step: int) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         self._path = folder / CURVES_NAME
         kept = [row for row in read_curves(self._path) if row[0] <= step] if step else []
-        with self._path.open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows([("step", "name", "value"), *kept])
+        write_text(self._path, format_csv_table(("step", "name", "value"), kept))
         self._board = _open_board(folder)
 
     def add(self, step: int, values: Mapping[str, float]) -> None:
         """Append the values of a step."""
-        with self._path.open("a", encoding="utf-8", newline="") as file:
-            rows = [(step, name, f"{value:.6g}") for name, value in values.items()]
-            csv.writer(file, lineterminator="\n").writerows(rows)
+        first, *others = [(step, name, f"{value:.6g}") for name, value in values.items()]
+        append_text(self._path, format_csv_table(first, others))
         if self._board is not None:
             for name, value in values.items():
                 self._board.add_scalar(name, value, step)
@@ -49,8 +52,8 @@ def read_curves(path: Path) -> list[tuple[int, str, float]]:
     """Return the rows of a curves.csv, none if there is no such file."""
     if not path.is_file():
         return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return [(int(row["step"]), row["name"], float(row["value"])) for row in csv.DictReader(file)]
+    rows = csv.DictReader(io.StringIO(read_text(path)))
+    return [(int(row["step"]), row["name"], float(row["value"])) for row in rows]
 
 
 def draw_curves(path: Path) -> None:

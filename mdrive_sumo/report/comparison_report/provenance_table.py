@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
+from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent, describe_code
 from mdrive_sumo.report.comparison_report.drive_conditions import SEEDS, find_differing_conditions
@@ -59,7 +60,7 @@ def compute_results_checksum(run: ReportRun) -> str:
     """Return the beginning of the SHA-256 of a run's results file; "" if there is no file."""
     path = Path(run.place)
     path = path / RESULTS_FILE if path.is_dir() else path
-    return hashlib.sha256(path.read_bytes()).hexdigest()[:SHORT_CHECKSUM] if path.is_file() else ""
+    return hashlib.sha256(read_bytes(path)).hexdigest()[:SHORT_CHECKSUM] if path.is_file() else ""
 
 
 def list_facts(agents: Sequence[ComparedAgent]) -> dict[str, str]:

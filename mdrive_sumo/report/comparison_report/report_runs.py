@@ -60,6 +60,7 @@ def check_report_runs(runs: Sequence[ReportRun]) -> None:
     _check_shared(runs, "score mode", [run.results.run.score_mode for run in runs])
     _check_shared(runs, "version", [_describe_versions(run) for run in runs])
     _check_scenarios(runs)
+    _check_groups(runs)
 
 
 def _describe_suite(run: ReportRun) -> str:
@@ -94,6 +95,19 @@ def _check_shared(runs: Sequence[ReportRun], what: str, values: Sequence[str]) -
             f"report: expected runs of one {what}, found {values[0]} in {runs[0].place} and {values[other]} in"
             f" {runs[other].place}"
         )
+
+
+def _check_groups(runs: Sequence[ReportRun]) -> None:
+    """Raise InputError for a scenario that is in different groups: the file of one run was changed."""
+    known: dict[str, tuple[ReportRun, tuple[str, str]]] = {}
+    for run in runs:
+        for one in run.results.scenarios:
+            first, groups = known.setdefault(one.id, (run, (one.bucket, one.category)))
+            if groups != (one.bucket, one.category):
+                raise InputError(
+                    f"report: expected scenario {one.id} in one bucket and category, found {groups[0]}, {groups[1]} in"
+                    f" {first.place} and {one.bucket}, {one.category} in {run.place}"
+                )
 
 
 def _check_scenarios(runs: Sequence[ReportRun]) -> None:

@@ -1,6 +1,6 @@
 """Report tables as Markdown."""
 
-from mdrive_sumo.core.tables import escape_markdown, format_markdown_table
+from mdrive_sumo.core.tables import format_markdown_table
 from mdrive_sumo.report.comparison_report.report_table import ReportCell, ReportColumn, ReportTable, format_cell
 
 MARKS_LEGEND = "**Bold**, (2) and (3) mark first, second and third place."
@@ -8,7 +8,7 @@ MARKS_LEGEND = "**Bold**, (2) and (3) mark first, second and third place."
 
 def format_markdown(table: ReportTable) -> str:
     """Return a table as Markdown, without title and note; groups stand before the labels, sections are rows."""
-    header = [escape_markdown(f"{column.group} {column.label}".strip()) for column in table.columns]
+    header = [f"{column.group} {column.label}".strip() for column in table.columns]
     rows: list[list[str]] = []
     for section, found in table.sections:
         if section:

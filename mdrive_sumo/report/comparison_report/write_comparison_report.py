@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from mdrive_sumo.core.atomic_folder import atomic_folder
-from mdrive_sumo.core.tables import escape_markdown
+from mdrive_sumo.core.clean_text import clean_for_markdown
+from mdrive_sumo.core.output_files import make_parents, write_bytes
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, ReportSection
 from mdrive_sumo.report.comparison_report.report_page import ReportLinks, render_report_page
 from mdrive_sumo.report.comparison_report.table_csv import format_csv
@@ -25,8 +26,8 @@ def write_comparison_report(report: ComparisonReport, out: Path) -> tuple[Path, 
     contents = render_report_files(report, PAGE_FILE, MARKDOWN_FILE)
     with atomic_folder(out) as draft:
         for name, content in contents.items():
-            (draft / name).parent.mkdir(exist_ok=True)
-            (draft / name).write_bytes(content)
+            make_parents(draft / name)
+            write_bytes(draft / name, content)
     return out / PAGE_FILE, out / MARKDOWN_FILE, out / LATEX_FOLDER, out / CSV_FOLDER, out / FIGURES_FOLDER
 
 
@@ -57,10 +58,12 @@ def render_report_files(report: ComparisonReport, page_file: str, markdown_file:
 
 def format_report_markdown(report: ComparisonReport) -> str:
     """Return the report as a Markdown page; its figures lie in the folder `figures` beside it."""
-    parts = [f"# {escape_markdown(report.title)}"]
-    parts.append("\n".join(f"- {name}: {escape_markdown(value)}" for name, value in report.facts.items()))
+    parts = [f"# {clean_for_markdown(report.title)}"]
+    parts.append(
+        "\n".join(f"- {clean_for_markdown(name)}: {clean_for_markdown(value)}" for name, value in report.facts.items())
+    )
     if report.warnings:
-        parts.append("\n".join(f"- **Note:** {escape_markdown(warning)}" for warning in report.warnings))
+        parts.append("\n".join(f"- **Note:** {clean_for_markdown(warning)}" for warning in report.warnings))
     if any(has_marks(table) for table in report.tables):
         parts.append(MARKS_LEGEND)
     for section in report.sections:
@@ -69,9 +72,13 @@ def format_report_markdown(report: ComparisonReport) -> str:
 
 
 def _format_section(section: ReportSection) -> list[str]:
-    points = [f"- **{escape_markdown(name)}**: {escape_markdown(words)}" for name, words in section.points.items()]
-    parts = [f"## {escape_markdown(section.title)}", "\n".join(points), escape_markdown(section.note)]
-    parts += [f"![{figure.title}]({FIGURES_FOLDER}/{figure.name}.png)" for figure in section.figures]
+    points = [
+        f"- **{clean_for_markdown(name)}**: {clean_for_markdown(words)}" for name, words in section.points.items()
+    ]
+    parts = [f"## {clean_for_markdown(section.title)}", "\n".join(points), clean_for_markdown(section.note)]
+    parts += [
+        f"![{clean_for_markdown(figure.title)}]({FIGURES_FOLDER}/{figure.name}.png)" for figure in section.figures
+    ]
     for table in section.tables:
-        parts += [f"### {escape_markdown(table.title)}", format_markdown(table), escape_markdown(table.note)]
+        parts += [f"### {clean_for_markdown(table.title)}", format_markdown(table), clean_for_markdown(table.note)]
     return parts

@@ -12,6 +12,7 @@ import numpy as np
 from PIL import Image
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import draft_file, make_parents
 from mdrive_sumo.report.render.canvas import Pixels
 from mdrive_sumo.report.render.frame_times import choose_durations_cs
 
@@ -53,11 +54,9 @@ def check_output(path: Path, force: bool) -> None:
 def open_draft(path: Path) -> Generator[Path]:
     """Yield a file beside `path` that takes its place when the block succeeds. Raises InputError if it cannot."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as scratch:
-            draft = Path(scratch) / path.name
+        make_parents(path)
+        with draft_file(path) as draft:
             yield draft
-            draft.replace(path)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
 

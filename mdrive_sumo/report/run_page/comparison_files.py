@@ -4,13 +4,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.episode import load_episode
 from mdrive_sumo.report.run_page.compared_runs import ComparedRun
 from mdrive_sumo.report.run_page.comparison_data import PairKey, find_telling_seeds
 from mdrive_sumo.report.run_page.in_step_page import APART_M, InStepSide, render_in_step
 from mdrive_sumo.report.run_page.replay_files import VIEW_FOLDER, ReplaySelection, build_replay, write_page
 from mdrive_sumo.runs.compare import TIE
 from mdrive_sumo.runs.episode_difference import find_parting, find_separation
+from mdrive_sumo.runs.recording_check import load_recording
 from mdrive_sumo.scoring import EpisodeKey, ScenarioResult
 
 MAX_NAME = 80
@@ -82,7 +82,7 @@ def build_in_step_page(first: ComparedRun, other: ComparedRun, key: EpisodeKey) 
 
 
 def _render(runs: tuple[ComparedRun, ComparedRun], sides: tuple[InStepSide, InStepSide], key: EpisodeKey) -> str:
-    a, b = (load_episode(run.stored.run.find_recording(key)) for run in runs)
+    a, b = (load_recording(run.stored.run, _find_result(run, key)) for run in runs)
     is_seeded = any(len(run.stored.results.run.all_seeds) > 1 for run in runs)
     seed_text = f"seed {key[1]}" if is_seeded else ""
     return render_in_step(key[0], seed_text, sides, find_parting(a, b), find_separation(a, b, APART_M))

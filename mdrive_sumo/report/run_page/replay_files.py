@@ -5,12 +5,13 @@ from enum import StrEnum, auto
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.episode import load_episode
+from mdrive_sumo.core.output_files import make_parents, write_text
 from mdrive_sumo.episode.camera_archive import load_camera_tracks
 from mdrive_sumo.report.replay_marks import find_marks
 from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.prepared_run import PreparedRun
+from mdrive_sumo.runs.recording_check import load_recording
 from mdrive_sumo.scenario.variation import load_varied_scenario
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS
@@ -67,7 +68,7 @@ def build_replay(run: PreparedRun, result: ScenarioResult) -> str:
     if not run.config.record:
         raise InputError(f"{run.folder}: expected a run with recordings, found one made with --no-record")
     scenario = next(scenario for scenario in run.scenarios if scenario.id == result.id)
-    episode = load_episode(run.find_recording(result.key))
+    episode = load_recording(run, result)
     varied, roads = load_varied_scenario(run.suite, scenario, result.seed)
     images = run.find_camera_images(result.key)
     cameras = load_camera_tracks(images) if images.is_file() else ()
@@ -85,5 +86,5 @@ def write_replays(folder: Path, run: PreparedRun, results: Iterable[ScenarioResu
 def write_page(path: Path, html: str) -> None:
     """Write a page, over one that is there. Raises InputError if that is not possible."""
     with report_write_errors(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(html, encoding="utf-8")
+        make_parents(path)
+        write_text(path, html)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.core.output_files import make_parents, write_bytes
 from mdrive_sumo.report.comparison_report.write_comparison_report import render_report_files
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.study.paper.paper_facts import PaperRequest
@@ -26,6 +27,6 @@ def write_paper(
     for name, content in contents.items():
         path = folder / name
         with report_write_errors(path):
-            path.parent.mkdir(exist_ok=True)
-            path.write_bytes(content)
+            make_parents(path)
+            write_bytes(path, content)
     return tuple(folder / name for name in (PAGE_FILE, MARKDOWN_FILE, JSON_FILE))

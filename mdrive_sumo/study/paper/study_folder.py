@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.output_files import make_folder, write_text
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
 from mdrive_sumo.runs.run_config import RunConfig
@@ -61,13 +63,13 @@ def claim_folder(folder: Path, about: Mapping[str, Any], *, fresh: bool) -> None
         found = next((path.name for path in sorted(folder.iterdir())), "") if folder.is_dir() else "a file"
         raise InputError(f"{folder}: expected an empty folder or one of `study paper`, found {found} in it")
     with report_write_errors(path):
-        folder.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
+        make_folder(folder)
+        write_text(path, json.dumps(about, indent=1) + "\n")
 
 
 def _read_plan(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(path.read_bytes())
+        found = json.loads(read_bytes(path))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: expected the plan of a study, found none ({error}); --fresh starts anew") from None
     if not isinstance(found, dict):

@@ -82,13 +82,13 @@ def test_a_killed_collection_is_continued_with_the_same_samples(short_suite: Pat
         finally:
             os.kill(process.pid, signal.SIGKILL)
     left = sorted(path.name for path in folder.glob("shard-*.tar"))
-    (folder / ".shard-000001.tar.partial").write_bytes(b"half a shard")
+    (folder / ".0123456789abcdef.part").write_bytes(b"half a shard")
     found, progress = collect_here(settings, folder, 6)
     whole, _ = collect_here(settings, tmp_path / "whole", 6)
     assert left == [SHARD] and progress.kept <= 1
     assert [shard.checksum for shard in found.shards] == [shard.checksum for shard in whole.shards]
     assert read_content(folder) == read_content(tmp_path / "whole")
-    assert not list(folder.glob(".shard*"))
+    assert not list(folder.glob(".*"))
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "gone"])

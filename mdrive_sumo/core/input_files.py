@@ -1,0 +1,93 @@
+"""Read files that others may have made: regular files of bounded size only, checked after they are opened.
+
+A device has no end, a pipe waits for a writer, and a file that is larger than memory ends the process. Each raises
+OSError with a sentence as its `strerror`, as a missing file does.
+"""
+
+import errno
+import os
+import stat
+from io import BufferedReader
+from pathlib import Path
+
+from mdrive_sumo.core.errors import InputError
+
+MAX_BYTES = 2**28
+"""Of a file that is read as a whole, unless the caller knows better. The largest results have 20 MB."""
+MAX_ENTRIES = 200_000
+"""Of a folder that a stranger sent. A run of all scenarios with 20 seeds has 20 000."""
+OPENED_FILE = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
+_KINDS = (
+    (stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"),
+    (stat.S_ISSOCK, "a socket"), (stat.S_ISLNK, "a link"),
+)  # fmt: skip
+
+
+def open_regular(path: Path, max_bytes: int = MAX_BYTES) -> BufferedReader:
+    """Open a file for reading. Raises OSError for anything but a regular file of at most `max_bytes`."""
+    _check(path.stat().st_mode)  # before: opening a device can already do something
+    descriptor = os.open(path, OPENED_FILE)
+    try:
+        found = os.fstat(descriptor)
+        _check(found.st_mode)
+        if found.st_size > max_bytes:
+            raise OSError(errno.EFBIG, f"expected at most {max_bytes} bytes, found {found.st_size}")
+        return os.fdopen(descriptor, "rb")
+    except BaseException:
+        os.close(descriptor)
+        raise
+
+
+def read_bytes(path: Path, max_bytes: int = MAX_BYTES) -> bytes:
+    """Return the content of a regular file of at most `max_bytes`. Raises OSError for any other."""
+    with open_regular(path, max_bytes) as file:
+        data = file.read(max_bytes + 1)
+    if len(data) > max_bytes:
+        raise OSError(errno.EFBIG, f"expected at most {max_bytes} bytes, found more")
+    return data
+
+
+def read_text(path: Path, max_bytes: int = MAX_BYTES) -> str:
+    """Return the text of a regular file; every end of a line is a line feed.
+
+    Raises OSError as `read_bytes`, and UnicodeDecodeError.
+    """
+    return read_bytes(path, max_bytes).decode("utf-8").replace("\r\n", "\n").replace("\r", "\n")
+
+
+def check_tree(root: Path, what: str = "a run") -> None:
+    """Raise InputError unless a folder holds nothing but regular files and folders, and not too many.
+
+    A run has no links: what one points to is not part of it, and what is written into it would go there. The folder
+    itself may be a link, since the user named it.
+    """
+    left, count = [root], 0
+    while left:
+        try:
+            with os.scandir(left.pop()) as entries:
+                for entry in entries:
+                    count += 1
+                    mode = entry.stat(follow_symlinks=False).st_mode
+                    if stat.S_ISDIR(mode):
+                        left.append(Path(entry.path))
+                    elif not stat.S_ISREG(mode):
+                        raise InputError(
+                            f"{entry.path}: expected {what} of regular files and folders, found {name_kind(mode)};"
+                            " remove it"
+                        )
+        except OSError as error:
+            raise InputError(f"{root}: cannot be read: {error.strerror}") from None
+        if count > MAX_ENTRIES:
+            raise InputError(f"{root}: expected {what} of at most {MAX_ENTRIES} files, found more")
+
+
+def name_kind(mode: int) -> str:
+    """Return which kind of file a mode (`st_mode`) is of, e.g. "a pipe"."""
+    return next((name for is_kind, name in _KINDS if is_kind(mode)), "another kind of file")
+
+
+def _check(mode: int) -> None:
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, f"expected a regular file, found {name_kind(mode)}")
