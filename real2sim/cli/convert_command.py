@@ -1,5 +1,6 @@
 """`mdrive-sumo convert`: convert recordings and scenario files of other tools to suites."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -99,11 +100,26 @@ def argoverse2(ctx: click.Context, **options: Any) -> None:
 @convert.command()
 @log_options
 @click.option("--map", "osm", type=click.Path(path_type=Path), metavar="OSM", help="Lanelet2 map, if not beside.")
+@click.option("--cases", metavar="ID,...", help="Cases of tables with case_id (version 1.2) [default: all].")
 @click.pass_context
-def interaction(ctx: click.Context, osm: Path | None, **options: Any) -> None:
-    """Convert INTERACTION: vehicle_tracks_*.csv, or folders of them, with a Lanelet2 map.
+def interaction(ctx: click.Context, osm: Path | None, cases: str | None, **options: Any) -> None:
+    """Convert INTERACTION: vehicle_tracks_*.csv or DR_*_train.csv, or folders of them, with a Lanelet2 map.
 
-    The logs last minutes: choose a part with --window, or cut them with --every.
+    Logs of version 1.0 last minutes: choose a part with --window, or cut them with --every. Every case of version 1.2
+    becomes a scenario.
     """
-    maps = (osm,) if osm else ()
-    run_conversion(ctx, "interaction", match_file("vehicle_tracks_*.csv"), options, maps=maps)
+    wanted = tuple(cases.split(",")) if cases else None
+    pattern = replace(
+        match_file("vehicle_tracks_*.csv", "DR_*.csv"), find_cases=lambda path: wanted or _find_cases(path)
+    )
+    run_conversion(ctx, "interaction", pattern, options, maps=(osm,) if osm else ())
+
+
+def _find_cases(path: Path) -> tuple[str, ...]:
+    """Return the cases of a table, or one without a name; the reader reports what is wrong with a table."""
+    from real2sim.readers.interaction import list_cases
+
+    try:
+        return list_cases(path) or ("",)
+    except InputError:
+        return ("",)

@@ -58,7 +58,7 @@ def load_confirmed_infractions(path: Path) -> tuple[ConfirmedInfraction, ...]:
     if len(content) > MAX_BYTES:
         raise InputError(f"{path}: expected at most {MAX_BYTES} bytes, found more")
     try:
-        tables = tomllib.loads(content.decode())
+        tables = tomllib.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: expected TOML with [[confirmed]] tables, found: {error}") from None
     try:

@@ -25,6 +25,8 @@ class LogSource:
     """Vector maps (v2xpnp), or the one Lanelet2 map (interaction; else the one beside the tracks)."""
     agents: tuple[str, ...] | None = None
     window: TimeWindow | None = None
+    case: str = ""
+    """One of several cases in the file (interaction 1.2)."""
 
 
 def read_log(log: LogSource) -> Recording:
@@ -78,13 +80,9 @@ def _argoverse2(log: LogSource) -> Recording:
 
 
 def _interaction(log: LogSource) -> Recording:
-    from real2sim.readers.interaction import read_interaction
+    from real2sim.readers.interaction import find_interaction_map, read_interaction
 
-    folder = log.path if log.path.is_dir() else log.path.parent
-    maps = log.maps or tuple(sorted(folder.glob("*.osm")))
-    if len(maps) != 1:
-        raise InputError(f"{folder}: expected one Lanelet2 map *.osm beside the tracks (or --map), found {len(maps)}")
-    return read_interaction(log.path, maps[0])
+    return read_interaction(log.path, find_interaction_map(log.path, log.maps), case=log.case)
 
 
 READERS: dict[str, Callable[[LogSource], Recording]] = {
@@ -98,11 +96,14 @@ READERS: dict[str, Callable[[LogSource], Recording]] = {
 
 
 def prefix_with_log(log: LogSource, sentence: str) -> str:
-    """Return a sentence with the path and the window of the log."""
+    """Return a sentence with the path, the case and the window of the log."""
     text = sentence if str(log.path) in sentence else f"{log.path}: {sentence}"
-    return f"{text} ({describe_window(log)})" if log.window else text
+    part = describe_part(log)
+    return f"{text} ({part})" if part else text
 
 
-def describe_window(log: LogSource) -> str:
-    """Describe the window of the log; "" for the whole log."""
-    return f"window {log.window[0]:g} s to {log.window[1]:g} s" if log.window else ""
+def describe_part(log: LogSource) -> str:
+    """Describe which part of its file the log is: case and window; "" for the whole file."""
+    case = f"case {log.case}" if log.case else ""
+    window = f"window {log.window[0]:g} s to {log.window[1]:g} s" if log.window else ""
+    return ", ".join(filter(None, (case, window)))

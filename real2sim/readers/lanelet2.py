@@ -102,6 +102,7 @@ def read_lanelet2(path: Path) -> tuple[HdMap, tuple[str, ...]]:
     unknown = Counter(
         one.subtype for one in lanelets if one.subtype not in LANE_KIND_BY_SUBTYPE and one.subtype != "crosswalk"
     )
+    notes += osm.notes
     notes += tuple(f"{count} lanelets of the subtype {name!r} skipped" for name, count in sorted(unknown.items()))
     areas = tuple(area for one in osm.list_relations("multipolygon") for area in _build_areas(osm, one))
     return HdMap(lanes, crosswalks, stop_lines, _build_signals(osm, lanes), drivable_areas=areas), notes
@@ -127,6 +128,9 @@ def _build_lanelet(osm: OsmFile, relation: OsmRelation) -> _Lanelet:
 
 def _get_side(osm: OsmFile, relation: OsmRelation, role: str) -> OsmWay:
     ways = osm.list_ways(relation, role)
+    fault = next((osm.unusable_ways[id_] for id_ in relation.list_members(role) if id_ in osm.unusable_ways), "")
+    if fault:
+        raise InputError(f"{osm.path}: lanelet {relation.id}: {role}: {fault}")
     if len(ways) != 1:
         raise InputError(f"{osm.path}: lanelet {relation.id}: expected one way as {role}, found {len(ways)}")
     return ways[0]

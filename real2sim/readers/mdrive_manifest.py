@@ -107,7 +107,7 @@ def read_behaviors(folder: Path) -> tuple[BehaviorEntry, ...]:
 
 def _read_json(path: Path, shape: TypeAdapter[_T]) -> _T:
     try:
-        data: Any = json.loads(path.read_text())
+        data: Any = json.loads(path.read_bytes())
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:  # broken JSON, no text at all, or nested without end

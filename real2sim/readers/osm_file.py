@@ -47,20 +47,27 @@ class OsmRelation:
 
 @dataclass(frozen=True)
 class OsmFile:
-    """Contents of a file; nodes are (2,) [m]."""
+    """Contents of a file without deleted elements; nodes are (2,) [m]."""
 
     path: Path
     nodes: Mapping[str, Float]
     ways: Mapping[str, OsmWay]
+    """Ways of at least two distinct points, all of them in the file, and of a plausible length."""
     relations: Mapping[str, OsmRelation]
+    unusable_ways: Mapping[str, str]
+    """Id of a way that is not among `ways` -> what is wrong with it."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was skipped."""
+        if not self.unusable_ways:
+            return ()
+        first = next(iter(self.unusable_ways.values()))
+        return (f"{len(self.unusable_ways)} ways of the map skipped, the first: {first}",)
 
     def build_line(self, way: OsmWay) -> Float:
-        """Return the points (N, 2) [m]; raise InputError if there are fewer than two."""
-        where = f"{self.path}: way {way.id}"
-        line = parse_points(where, [self.nodes[node] for node in way.nodes])
-        if len(line) < 2:
-            raise InputError(f"{where}: expected at least two distinct points, found {len(line)}")
-        return line
+        """Return the points (N, 2) [m], N >= 2."""
+        return parse_points(f"{self.path}: way {way.id}", [self.nodes[node] for node in way.nodes])
 
     def list_relations(self, name: str) -> Iterator[OsmRelation]:
         """Yield the relations of a type."""
@@ -77,13 +84,37 @@ def read_osm(path: Path) -> OsmFile:
     if root.tag != "osm":
         raise InputError(f"{path}: expected the root <osm>, found <{root.tag}>")
     nodes = _read_nodes(path, root)
-    ways = {way.id: way for way in (_read_way(path, element, nodes) for element in root.iter("way"))}
-    relations = {relation.id: relation for relation in (_read_relation(path, one) for one in root.iter("relation"))}
-    return OsmFile(path, nodes, ways, relations)
+    ways = {way.id: way for way in (_read_way(path, element) for element in _list_elements(root, "way"))}
+    unusable = {id_: reason for id_, way in ways.items() if (reason := _find_fault(way, nodes))}
+    relations = {
+        relation.id: relation for relation in (_read_relation(path, one) for one in _list_elements(root, "relation"))
+    }
+    return OsmFile(path, nodes, {id_: ways[id_] for id_ in ways if id_ not in unusable}, relations, unusable)
+
+
+def _list_elements(root: Element, tag: str) -> Iterator[Element]:
+    """Yield elements that exist: the editor JOSM keeps deleted ones, without their contents."""
+    return (
+        element
+        for element in root.iter(tag)
+        if element.get("action") != "delete" and element.get("visible", "true") != "false"
+    )
+
+
+def _find_fault(way: OsmWay, nodes: Mapping[str, Float]) -> str:
+    """Return why a way is no line; "" if it is one."""
+    missing = next((node for node in way.nodes if node not in nodes), None)
+    if missing is not None:
+        return f"way {way.id}: expected nodes of this file, found node {missing}"
+    try:
+        points = len(parse_points(f"way {way.id}", [nodes[node] for node in way.nodes])) if way.nodes else 0
+    except InputError as error:  # a line that is too long
+        return str(error)
+    return "" if points > 1 else f"way {way.id}: expected at least two distinct points, found {points}"
 
 
 def _read_nodes(path: Path, root: Element) -> Mapping[str, Float]:
-    elements = list(root.iter("node"))
+    elements = list(_list_elements(root, "node"))
     if not elements:
         raise InputError(f"{path}: expected nodes, found none")
     degrees = np.array([[read_number(path, element, name) for name in ("lon", "lat")] for element in elements])
@@ -118,16 +149,12 @@ def _read_id(path: Path, element: Element, name: str) -> str:
     return text
 
 
-def _read_way(path: Path, element: Element, nodes: Mapping[str, Float]) -> OsmWay:
-    way = OsmWay(
+def _read_way(path: Path, element: Element) -> OsmWay:
+    return OsmWay(
         _read_id(path, element, "id"),
         tuple(_read_id(path, nd, "ref") for nd in element.iter("nd")),
         _read_tags(element),
     )
-    for node in way.nodes:
-        if node not in nodes:
-            raise InputError(f"{path}: way {way.id}: expected nodes of this file, found node {node}")
-    return way
 
 
 def _read_relation(path: Path, element: Element) -> OsmRelation:
