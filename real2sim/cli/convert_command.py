@@ -109,9 +109,11 @@ def interaction(ctx: click.Context, osm: Path | None, cases: str | None, **optio
     becomes a scenario.
     """
     wanted = tuple(cases.split(",")) if cases else None
-    pattern = replace(
-        match_file("vehicle_tracks_*.csv", "DR_*.csv"), find_cases=lambda path: wanted or _find_cases(path)
-    )
+
+    def find_cases(table: Path) -> tuple[str, ...]:
+        return wanted or _find_cases(table)
+
+    pattern = replace(match_file("vehicle_tracks_*.csv", "DR_*.csv"), find_cases=find_cases)
     run_conversion(ctx, "interaction", pattern, options, maps=(osm,) if osm else ())
 
 

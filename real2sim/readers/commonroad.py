@@ -51,6 +51,8 @@ LIBRARY_ERRORS = (AssertionError, AttributeError, IndexError, KeyError, TypeErro
 NUMBER_TAGS = frozenset(
     {"x", "y", "length", "width", "radius", "originXShift", "exact", "intervalStart", "intervalEnd"}
 )
+MAX_HEADING_SPREAD = math.pi / 2
+"""[rad] The middle of a wider interval of orientations does not tell which way an obstacle faces."""
 OBSTACLE_TAGS = ("obstacle", "staticObstacle", "dynamicObstacle")
 
 
@@ -132,6 +134,11 @@ def _drop_unsupported(root: Element) -> Iterator[str]:
         root.remove(obstacle)
     if groups:
         yield f"{len(groups)} obstacles of more than one shape skipped"
+    vague = [one for one in _list_obstacles(root) if any(time.find("exact") is None for time in one.iter("time"))]
+    for obstacle in vague:
+        root.remove(obstacle)
+    if vague:
+        yield f"{len(vague)} obstacles without exact times skipped"
     there = {lanelet.get("id") for lanelet in root.iter("lanelet")}
     lost = [(one, link) for one in root.iter("lanelet") for name in LINK_TAGS for link in one.findall(name)]
     lost = [(one, link) for one, link in lost if link.get("ref") not in there]
@@ -198,7 +205,21 @@ def _build_tracks(path: Path, scenario: Any) -> tuple[tuple[RecordedTrack, ...],
     check_frame_count(f"{path}: time", max(times) - min(times) + 1, len(found))
     span = range(min(times), max(times) + 1)
     tracks = tuple(_build_track(path, *one, span) for one in found)
-    return tracks, tuple(f"{count} obstacles {why} skipped" for why, count in sorted(skipped.items()))
+    notes = (f"{count} obstacles {why} skipped" for why, count in sorted(skipped.items()))
+    return tracks, (*notes, *_note_vague_states([states for _, _, states in found]))
+
+
+def _note_vague_states(obstacles: Sequence[Sequence[Any]]) -> Iterator[str]:
+    """Yield notes on states that are sets, which stand for one value each."""
+    shapes = sum(any(not isinstance(one.position, np.ndarray) for one in states) for states in obstacles)
+    intervals = sum(any(not isinstance(one.orientation, int | float) for one in states) for states in obstacles)
+    if shapes:
+        yield f"{shapes} obstacles whose positions are areas: their centres taken"
+    if intervals:
+        yield (
+            f"{intervals} obstacles whose orientations are intervals: their middles taken,"
+            f" none of intervals over {math.degrees(MAX_HEADING_SPREAD):g} degrees"
+        )
 
 
 def _find_skip_reason(obstacle: Any) -> str:
@@ -208,9 +229,14 @@ def _find_skip_reason(obstacle: Any) -> str:
         return f"of the type {obstacle.obstacle_type.value}"
     if _is_dynamic(obstacle) and obstacle.prediction is not None and not hasattr(obstacle.prediction, "trajectory"):
         return "with a set-based prediction"
-    states = _list_states(obstacle)
-    exact = all(isinstance(one.position, np.ndarray) and isinstance(one.time_step, int) for one in states)
-    return "" if exact else "without exact positions and times"
+    return ""
+
+
+def _find_position(state: Any) -> tuple[float, float]:
+    """Return the position of a state, the centre if it is an area."""
+    if isinstance(state.position, np.ndarray):
+        return float(state.position[0]), float(state.position[1])
+    return float(state.position.center.x), float(state.position.center.y)
 
 
 def _is_dynamic(obstacle: Any) -> bool:
@@ -231,7 +257,7 @@ def _build_track(
     path: Path, obstacle: Any, category: ObjectCategory, states: Sequence[Any], span: range
 ) -> RecordedTrack:
     where = f"{path}: obstacle {obstacle.obstacle_id}"
-    poses = np.array([(*state.position[:2], _to_angle(state.orientation)) for state in states], dtype=np.float64)
+    poses = np.array([(*_find_position(state), _read_angle(state.orientation)) for state in states], dtype=np.float64)
     table = np.full((len(span), 3), np.nan)
     if _is_dynamic(obstacle):
         table[[state.time_step - span.start for state in states]] = poses
@@ -254,9 +280,12 @@ def _build_track(
     )
 
 
-def _to_angle(orientation: Any) -> float:
-    """Return the angle [rad], NaN for an interval."""
-    return float(orientation) if isinstance(orientation, int | float) else math.nan
+def _read_angle(orientation: Any) -> float:
+    """Return the angle [rad], the middle of a narrow interval, NaN for a wide one."""
+    if isinstance(orientation, int | float):
+        return float(orientation)
+    spread = float(orientation.end - orientation.start)
+    return float(orientation.start) + spread / 2 if spread <= MAX_HEADING_SPREAD else math.nan
 
 
 def _compute_box(where: str, shape: Any) -> tuple[float, float, float, float]:
