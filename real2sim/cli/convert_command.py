@@ -20,6 +20,15 @@ map_option = click.option(
 )
 
 
+lanelet_option = click.option(
+    "--map",
+    "osm",
+    type=click.Path(path_type=Path),
+    metavar="OSM",
+    help="Lanelet2 map, if not where the data set has it.",
+)
+
+
 @click.group(invoke_without_command=True)
 @click.option(
     "--summary",
@@ -99,7 +108,7 @@ def argoverse2(ctx: click.Context, **options: Any) -> None:
 
 @convert.command()
 @log_options
-@click.option("--map", "osm", type=click.Path(path_type=Path), metavar="OSM", help="Lanelet2 map, if not beside.")
+@lanelet_option
 @click.option("--cases", metavar="ID,...", help="Cases of tables with case_id (version 1.2) [default: all].")
 @click.pass_context
 def interaction(ctx: click.Context, osm: Path | None, cases: str | None, **options: Any) -> None:
@@ -125,3 +134,15 @@ def _find_cases(path: Path) -> tuple[str, ...]:
         return list_cases(path) or ("",)
     except InputError:
         return ("",)
+
+
+@convert.command()
+@log_options
+@lanelet_option
+@click.pass_context
+def levelx(ctx: click.Context, osm: Path | None, **options: Any) -> None:
+    """Convert inD, rounD, exiD and highD: NN_tracks.csv with the tables beside it, or folders of them.
+
+    All but highD need their Lanelet2 map. The logs last minutes: choose a part with --window, or cut them with --every.
+    """
+    run_conversion(ctx, "levelx", match_file("*_tracks.csv"), options, maps=(osm,) if osm else ())

@@ -22,7 +22,7 @@ class LogSource:
     source: str
     path: Path
     maps: tuple[Path, ...] = ()
-    """Vector maps (v2xpnp), or the one Lanelet2 map (interaction; else the one beside the tracks)."""
+    """Vector maps (v2xpnp), or the one Lanelet2 map (interaction, levelx; else it is looked for)."""
     agents: tuple[str, ...] | None = None
     window: TimeWindow | None = None
     case: str = ""
@@ -85,12 +85,19 @@ def _interaction(log: LogSource) -> Recording:
     return read_interaction(log.path, find_interaction_map(log.path, log.maps), case=log.case)
 
 
+def _levelx(log: LogSource) -> Recording:
+    from real2sim.readers.levelx import read_levelx
+
+    return read_levelx(log.path, log.maps)
+
+
 READERS: dict[str, Callable[[LogSource], Recording]] = {
     "v2xpnp": _v2xpnp,
     "scenarionet": _scenarionet,
     "commonroad": _commonroad,
     "argoverse2": _argoverse2,
     "interaction": _interaction,
+    "levelx": _levelx,
 }
 """By name of the source. Each reader needs packages of the extra `convert`, so it is imported on use."""
 

@@ -5,12 +5,10 @@ sizes, x and y of the box centre; pedestrians and bicycles share a table without
 table for all road users of many cases of 4 s each: `case_id`, and cells that are empty where a pedestrian has no value.
 """
 
-import csv
 import math
 import re
 from collections import defaultdict
-from collections.abc import Generator, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +18,7 @@ import numpy.typing as npt
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.readers.checked_arrays import check_frame_count
+from real2sim.readers.csv_table import find_columns, open_table, read_header
 from real2sim.readers.lanelet2 import read_lanelet2
 from real2sim.readers.time_window import TimeWindow, crop_recording
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
@@ -121,8 +120,8 @@ def _find_vehicle_file(tracks: Path) -> Path:
 
 def list_cases(path: Path) -> tuple[str, ...]:
     """Return the cases of a table in their order, () for a table without the column `case_id`; raise InputError."""
-    with _open_table(path) as table:
-        header = _read_header(table)
+    with open_table(path) as table:
+        header = read_header(table)
         if CASE_COLUMN not in header:
             return ()
         column = header.index(CASE_COLUMN)
@@ -135,24 +134,8 @@ def _name_case(text: str) -> str:
     return name.removesuffix(".0")
 
 
-@contextmanager
-def _open_table(path: Path) -> Generator[Iterator[list[str]]]:
-    """Open a table for reading, with or without a byte order mark; raise InputError, also while it is read."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            yield csv.reader(file)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: expected a table of comma-separated values, found: {error}") from None
-
-
-def _read_header(table: Iterator[list[str]]) -> list[str]:
-    return [name.strip() for name in next(table, [])]
-
-
 def _read_rows(path: Path, columns: Sequence[str], case: str = "") -> list[_TrackRow]:
-    with _open_table(path) as table:
+    with open_table(path) as table:
         rows = list(_parse_rows(path, table, columns, case))
     if not rows:
         wanted = f" of the case {case}" if case else ""
@@ -162,21 +145,17 @@ def _read_rows(path: Path, columns: Sequence[str], case: str = "") -> list[_Trac
 
 def _parse_rows(path: Path, table: Iterator[list[str]], columns: Sequence[str], case: str) -> Iterator[_TrackRow]:
     """Yield the rows of a case, or all."""
-    header = _read_header(table)
+    header = read_header(table)
     wanted = (*((CASE_COLUMN,) if case else ()), *KEY_COLUMNS, *columns)
-    missing = [name for name in wanted if name not in header]
-    if missing:
-        found = " ".join(", ".join(header).split())[:200] or "none"
-        raise InputError(f"{path}: expected the column {missing[0]}, found {found}")
-    id_, time, agent_type, *values = (header.index(name) for name in (*KEY_COLUMNS, *columns))
-    case_column = header.index(CASE_COLUMN) if case else 0
+    *case_columns, id_, time, agent_type = find_columns(path, header, wanted[: len(wanted) - len(columns)])
+    values = find_columns(path, header, columns)
     rest = (math.nan,) * (len(MOTION_COLUMNS) + len(BOX_COLUMNS) - len(columns))
     for line, cells in enumerate(table, start=2):
         if not cells:
             continue
         if len(cells) != len(header):
             raise InputError(f"{path}: line {line}: expected {len(header)} columns, found {len(cells)}")
-        if case and _name_case(cells[case_column]) != case:
+        if any(_name_case(cells[column]) != case for column in case_columns):
             continue
         numbers = tuple(_parse_number(path, line, header[index], cells[index]) for index in (time, *values))
         yield _TrackRow(line, cells[id_], cells[agent_type], numbers[0], numbers[1:] + rest)

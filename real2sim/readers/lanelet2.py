@@ -80,12 +80,12 @@ class _LaneletIndex:
     rights: Mapping[tuple[str, ...], str]
 
 
-def read_lanelet2(path: Path) -> tuple[HdMap, tuple[str, ...]]:
+def read_lanelet2(path: Path, utm_origin: tuple[float, float] | None = None) -> tuple[HdMap, tuple[str, ...]]:
     """Read the map of an `.osm` file, with notes on skipped elements; raise InputError.
 
-    Metres from the projected origin (0, 0), the frame of INTERACTION's tracks.
+    Metres from the projected origin (0, 0), the frame of INTERACTION's tracks, or from `utm_origin`, see `read_osm`.
     """
-    osm = read_osm(path)
+    osm = read_osm(path, utm_origin)
     lanelets = tuple(_build_lanelet(osm, relation) for relation in osm.list_relations("lanelet"))
     roads = {one.relation.id: one for one in lanelets if one.subtype in LANE_KIND_BY_SUBTYPE}
     if not roads:

@@ -33,6 +33,7 @@ from real2sim.readers.argoverse2 import read_argoverse2
 from real2sim.readers.commonroad import read_commonroad
 from real2sim.readers.interaction import read_interaction
 from real2sim.readers.lanelet2 import read_lanelet2
+from real2sim.readers.levelx import read_levelx
 from real2sim.readers.mdrive_manifest import BEHAVIOR, MANIFEST, read_behaviors, read_manifest
 from real2sim.readers.route_file import read_route_file
 from real2sim.readers.scenarionet import read_scenarionet
@@ -44,7 +45,7 @@ from server.archive.limits import ArchiveLimits
 from server.archive.manifest import check_archive
 from server.settings import load_settings
 from server.store.database_check import check_sqlite_file
-from testing import archive_samples, argoverse2_samples, commonroad_samples, small_log, v2xpnp_samples
+from testing import archive_samples, argoverse2_samples, commonroad_samples, levelx_samples, small_log, v2xpnp_samples
 from testing.interaction_samples import build_street, write_table
 from testing.mdrive_directory import EGO
 from testing.scenarionet_samples import description
@@ -106,6 +107,11 @@ def _write_csv(folder: Path) -> Path:
     build_street().write(folder / "map.osm")
     rows = ("1,5,500,car,1,2,10,0,0.1,4.5,1.8", "1,6,600,car,2,2,10,0,0.1,4.5,1.8")
     return write_table(folder / "vehicle_tracks_007.csv", *rows)
+
+
+def _write_ground(folder: Path) -> Path:
+    rows = [levelx_samples.format_ground_row(3, frame, frame * 0.4) for frame in range(5)]
+    return levelx_samples.write_ground(folder, rows, {3: "car"}, frames=5)
 
 
 def _write_osm(folder: Path) -> Path:
@@ -211,6 +217,7 @@ TARGETS: Mapping[str, FuzzTarget] = {
     "argoverse2 sensor": FuzzTarget(_write_sweeps, _read_sweeps, native=True),
     "argoverse2 map": FuzzTarget(_write_map_archive, _read_sweeps),
     "interaction": FuzzTarget(_write_csv, lambda path: read_interaction(path, path.parent / "map.osm")),
+    "levelx": FuzzTarget(_write_ground, read_levelx),
     "lanelet2": FuzzTarget(_write_osm, read_lanelet2),
     "confirmed infractions": FuzzTarget(
         _file(
