@@ -16,7 +16,7 @@ map_option = click.option(
     type=click.Path(path_type=Path),
     multiple=True,
     metavar="FILE",
-    help="Vector map (pickle); of several the one that the tracks lie on.",
+    help="Vector map (pickle), of several the one that the tracks lie on; for opv2v also OpenDRIVE.",
 )
 
 
@@ -146,3 +146,19 @@ def levelx(ctx: click.Context, osm: Path | None, **options: Any) -> None:
     All but highD need their Lanelet2 map. The logs last minutes: choose a part with --window, or cut them with --every.
     """
     run_conversion(ctx, "levelx", match_file("*_tracks.csv"), options, maps=(osm,) if osm else ())
+
+
+@convert.command()
+@log_options
+@map_option
+@click.option("--agents", metavar="ID,...", help="Agent folders to read [default: all].")
+@click.pass_context
+def opv2v(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **options: Any) -> None:
+    """Convert OPV2V, V2XSet and V2X-Real: folders of agent folders with YAML frames, or folders with such in them.
+
+    With an OpenDRIVE map (Town05.xodr) the log is in CARLA's frame, y to the right; with a vector map in that map's.
+    """
+    if not maps:
+        raise InputError("opv2v: expected the map of the town, found no --map")
+    names = tuple(agents.split(",")) if agents else None
+    run_conversion(ctx, "opv2v", V2XPNP_FOLDER, options, maps=maps, agents=names)

@@ -1,7 +1,8 @@
 """Logs of all sources: their files and readers. A reader is imported when it is used."""
 
+import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ class LogSource:
     source: str
     path: Path
     maps: tuple[Path, ...] = ()
-    """Vector maps (v2xpnp), or the one Lanelet2 map (interaction, levelx; else it is looked for)."""
+    """Vector maps (v2xpnp), OpenDRIVE or vector map (opv2v), Lanelet2 map (interaction, levelx; else looked for)."""
     agents: tuple[str, ...] | None = None
     window: TimeWindow | None = None
     case: str = ""
@@ -91,6 +92,26 @@ def _levelx(log: LogSource) -> Recording:
     return read_levelx(log.path, log.maps)
 
 
+def _opv2v(log: LogSource) -> Recording:
+    """Read a log with a CARLA town as OpenDRIVE map, in whose network's frame the recording is, or a vector map."""
+    from mdrive_sumo.roads import load_road_map
+    from real2sim.carla.town_network import build_opendrive_network
+    from real2sim.readers.opv2v import LogFrame, read_opv2v
+    from real2sim.readers.v2xpnp_map import read_vector_map
+    from real2sim.writers.episode_map import build_hd_map
+
+    if len(log.maps) != 1:
+        raise InputError(f"{log.path}: expected one map (--map), an OpenDRIVE or a vector map, found {len(log.maps)}")
+    if log.maps[0].suffix != ".xodr":
+        found, notes = read_vector_map(log.maps[0])
+        recording = read_opv2v(log.path, found, LogFrame(), log.agents)
+        return replace(recording, notes=(*recording.notes, *notes))
+    with tempfile.TemporaryDirectory() as folder:
+        town = build_opendrive_network(log.maps[0], Path(folder))
+        found = build_hd_map(load_road_map(Path(folder)))
+    return read_opv2v(log.path, found, LogFrame(is_carla=True, offset=town.offset), log.agents)
+
+
 READERS: dict[str, Callable[[LogSource], Recording]] = {
     "v2xpnp": _v2xpnp,
     "scenarionet": _scenarionet,
@@ -98,6 +119,7 @@ READERS: dict[str, Callable[[LogSource], Recording]] = {
     "argoverse2": _argoverse2,
     "interaction": _interaction,
     "levelx": _levelx,
+    "opv2v": _opv2v,
 }
 """By name of the source. Each reader needs packages of the extra `convert`, so it is imported on use."""
 

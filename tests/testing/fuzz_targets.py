@@ -45,7 +45,15 @@ from server.archive.limits import ArchiveLimits
 from server.archive.manifest import check_archive
 from server.settings import load_settings
 from server.store.database_check import check_sqlite_file
-from testing import archive_samples, argoverse2_samples, commonroad_samples, levelx_samples, small_log, v2xpnp_samples
+from testing import (
+    archive_samples,
+    argoverse2_samples,
+    commonroad_samples,
+    levelx_samples,
+    opv2v_samples,
+    small_log,
+    v2xpnp_samples,
+)
 from testing.interaction_samples import build_street, write_table
 from testing.mdrive_directory import EGO
 from testing.scenarionet_samples import description
@@ -217,6 +225,9 @@ TARGETS: Mapping[str, FuzzTarget] = {
     "argoverse2 sensor": FuzzTarget(_write_sweeps, _read_sweeps, native=True),
     "argoverse2 map": FuzzTarget(_write_map_archive, _read_sweeps),
     "interaction": FuzzTarget(_write_csv, lambda path: read_interaction(path, path.parent / "map.osm")),
+    "opv2v frame": FuzzTarget(
+        _file("000068.yaml", opv2v_samples.format_frame(0)), lambda path: read_frame(path, typed=False)
+    ),
     "levelx": FuzzTarget(_write_ground, read_levelx),
     "lanelet2": FuzzTarget(_write_osm, read_lanelet2),
     "confirmed infractions": FuzzTarget(
