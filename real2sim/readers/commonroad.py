@@ -20,6 +20,7 @@ from shapely.errors import ShapelyError
 from mdrive_sumo.core.errors import InputError
 from real2sim.readers.checked_arrays import check_frame_count
 from real2sim.readers.commonroad_map import build_commonroad_map
+from real2sim.readers.commonroad_states import note_vague_states, read_pose
 from real2sim.readers.optional_package import build_missing_error
 from real2sim.readers.time_window import TimeWindow, crop_recording
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
@@ -51,8 +52,6 @@ LIBRARY_ERRORS = (AssertionError, AttributeError, IndexError, KeyError, TypeErro
 NUMBER_TAGS = frozenset(
     {"x", "y", "length", "width", "radius", "originXShift", "exact", "intervalStart", "intervalEnd"}
 )
-MAX_HEADING_SPREAD = math.pi / 2
-"""[rad] The middle of a wider interval of orientations does not tell which way an obstacle faces."""
 OBSTACLE_TAGS = ("obstacle", "staticObstacle", "dynamicObstacle")
 
 
@@ -206,20 +205,7 @@ def _build_tracks(path: Path, scenario: Any) -> tuple[tuple[RecordedTrack, ...],
     span = range(min(times), max(times) + 1)
     tracks = tuple(_build_track(path, *one, span) for one in found)
     notes = (f"{count} obstacles {why} skipped" for why, count in sorted(skipped.items()))
-    return tracks, (*notes, *_note_vague_states([states for _, _, states in found]))
-
-
-def _note_vague_states(obstacles: Sequence[Sequence[Any]]) -> Iterator[str]:
-    """Yield notes on states that are sets, which stand for one value each."""
-    shapes = sum(any(not isinstance(one.position, np.ndarray) for one in states) for states in obstacles)
-    intervals = sum(any(not isinstance(one.orientation, int | float) for one in states) for states in obstacles)
-    if shapes:
-        yield f"{shapes} obstacles whose positions are areas: their centres taken"
-    if intervals:
-        yield (
-            f"{intervals} obstacles whose orientations are intervals: their middles taken,"
-            f" none of intervals over {math.degrees(MAX_HEADING_SPREAD):g} degrees"
-        )
+    return tracks, (*notes, *note_vague_states([states for _, _, states in found]))
 
 
 def _find_skip_reason(obstacle: Any) -> str:
@@ -230,13 +216,6 @@ def _find_skip_reason(obstacle: Any) -> str:
     if _is_dynamic(obstacle) and obstacle.prediction is not None and not hasattr(obstacle.prediction, "trajectory"):
         return "with a set-based prediction"
     return ""
-
-
-def _find_position(state: Any) -> tuple[float, float]:
-    """Return the position of a state, the centre if it is an area."""
-    if isinstance(state.position, np.ndarray):
-        return float(state.position[0]), float(state.position[1])
-    return float(state.position.center.x), float(state.position.center.y)
 
 
 def _is_dynamic(obstacle: Any) -> bool:
@@ -257,7 +236,7 @@ def _build_track(
     path: Path, obstacle: Any, category: ObjectCategory, states: Sequence[Any], span: range
 ) -> RecordedTrack:
     where = f"{path}: obstacle {obstacle.obstacle_id}"
-    poses = np.array([(*_find_position(state), _read_angle(state.orientation)) for state in states], dtype=np.float64)
+    poses = np.array([read_pose(state) for state in states], dtype=np.float64)
     table = np.full((len(span), 3), np.nan)
     if _is_dynamic(obstacle):
         table[[state.time_step - span.start for state in states]] = poses
@@ -278,14 +257,6 @@ def _build_track(
         width=np.where(valid, width, np.nan),
         parked=not _is_dynamic(obstacle) or obstacle.obstacle_type.value == "parkedVehicle",
     )
-
-
-def _read_angle(orientation: Any) -> float:
-    """Return the angle [rad], the middle of a narrow interval, NaN for a wide one."""
-    if isinstance(orientation, int | float):
-        return float(orientation)
-    spread = float(orientation.end - orientation.start)
-    return float(orientation.start) + spread / 2 if spread <= MAX_HEADING_SPREAD else math.nan
 
 
 def _compute_box(where: str, shape: Any) -> tuple[float, float, float, float]:

@@ -176,7 +176,7 @@ def _place_in_plane(numbers: Sequence[float], heading: float | None) -> tuple[fl
 
 
 def _build_track(name: str, category: ObjectCategory, table: Float) -> RecordedTrack:
-    """Build a track; sizes of 0 are those of people, whom these data sets do not measure."""
+    """Build a track; a size of 0 is unknown, as those of pedestrians and bicycles are."""
     x, y, yaw, length, width = table.T
     return RecordedTrack(
         name,
