@@ -162,3 +162,19 @@ def opv2v(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **opti
         raise InputError("opv2v: expected the map of the town, found no --map")
     names = tuple(agents.split(",")) if agents else None
     run_conversion(ctx, "opv2v", V2XPNP_FOLDER, options, maps=maps, agents=names)
+
+
+@convert.command()
+@log_options
+@click.option(
+    "--map",
+    "maps",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="JSON",
+    help="Map of the crossing (*hdmap*.json); of several the one that the tracks lie on.",
+)
+@click.pass_context
+def v2xseq(ctx: click.Context, maps: tuple[Path, ...], **options: Any) -> None:
+    """Convert trajectories of V2X-Seq (DAIR-V2X): SCENE.csv, or folders of them, such as cooperative-trajectories."""
+    run_conversion(ctx, "v2xseq", match_file("*.csv"), options, maps=maps)

@@ -23,7 +23,7 @@ class LogSource:
     source: str
     path: Path
     maps: tuple[Path, ...] = ()
-    """Vector maps (v2xpnp), OpenDRIVE or vector map (opv2v), Lanelet2 map (interaction, levelx; else looked for)."""
+    """Maps of v2xpnp, v2xseq, opv2v (also OpenDRIVE), and the Lanelet2 map of interaction, levelx (else looked for)."""
     agents: tuple[str, ...] | None = None
     window: TimeWindow | None = None
     case: str = ""
@@ -112,6 +112,12 @@ def _opv2v(log: LogSource) -> Recording:
     return read_opv2v(log.path, found, LogFrame(is_carla=True, offset=town.offset), log.agents)
 
 
+def _v2xseq(log: LogSource) -> Recording:
+    from real2sim.readers.v2xseq import read_v2xseq
+
+    return read_v2xseq(log.path, log.maps)
+
+
 READERS: dict[str, Callable[[LogSource], Recording]] = {
     "v2xpnp": _v2xpnp,
     "scenarionet": _scenarionet,
@@ -120,6 +126,7 @@ READERS: dict[str, Callable[[LogSource], Recording]] = {
     "interaction": _interaction,
     "levelx": _levelx,
     "opv2v": _opv2v,
+    "v2xseq": _v2xseq,
 }
 """By name of the source. Each reader needs packages of the extra `convert`, so it is imported on use."""
 

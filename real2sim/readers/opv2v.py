@@ -14,23 +14,17 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap
 from real2sim.readers.checked_arrays import check_frame_count
+from real2sim.readers.map_fit import check_place, measure_lane_gaps
 from real2sim.readers.v2xpnp_frame import V2xpnpFrame, read_frame
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 DT_S = 0.1
 """[s] Files have no times; all data sets of this layout are recorded at 10 Hz."""
-OFF_MAP_M = 30.0
-"""[m] A point further from any lane is off the map."""
-MAX_OFF_MAP_SHARE = 0.5
-"""A larger share of points off the map means that the map shows another place."""
-MAX_PROBES = 3000
-"""Number of track points that suffices to tell whether a map fits."""
 CATEGORY_BY_LENGTH: tuple[tuple[float, ObjectCategory], ...] = (
     (1.2, ObjectCategory.PEDESTRIAN),
     (2.6, ObjectCategory.BICYCLE),
@@ -62,7 +56,7 @@ def read_opv2v(folder: Path, hd_map: HdMap, frame: LogFrame, agents: Sequence[st
     last = max(max(one) for one in files.values())
     frames = check_frame_count(str(folder), (last - first) // step + 1)
     views = tuple(_read_view(folder / name, files[name], range(first, last + 1, step), frame) for name in files)
-    _check_place(folder, views, hd_map)
+    check_place(str(folder), measure_lane_gaps(views, hd_map))
     return Recording(
         id=folder.resolve().name,
         source="opv2v",
@@ -159,20 +153,3 @@ def _build_track(id_: str, table: Float) -> RecordedTrack:
     longest = float(np.nanmax(length, initial=0.0))
     category = next(category for largest, category in CATEGORY_BY_LENGTH if longest <= largest)
     return RecordedTrack(id_, category, np.isfinite(x), x, y, yaw, length, width)
-
-
-def _check_place(folder: Path, views: Sequence[ObserverView], hd_map: HdMap) -> None:
-    """Raise InputError for tracks beside the lanes of the map."""
-    points = np.concatenate(
-        [view.pose[np.isfinite(view.pose[:, 0]), :2] for view in views]
-        + [track.xy[track.valid] for view in views for track in view.tracks]
-    )
-    points = points[:: -(-len(points) // MAX_PROBES)]
-    tree = shapely.STRtree([shapely.LineString(lane.centre) for lane in hd_map.lanes.values()])
-    _, gaps = tree.query_nearest(shapely.points(points), return_distance=True, all_matches=False)
-    share = float((gaps > OFF_MAP_M).mean())
-    if share > MAX_OFF_MAP_SHARE:
-        raise InputError(
-            f"{folder}: expected tracks on the lanes of the map, found {share:.0%} of their points more than "
-            f"{OFF_MAP_M:g} m off: it is the map of another place, or of another frame"
-        )

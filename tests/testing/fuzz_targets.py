@@ -39,6 +39,7 @@ from real2sim.readers.route_file import read_route_file
 from real2sim.readers.scenarionet import read_scenarionet
 from real2sim.readers.v2xpnp_frame import read_frame
 from real2sim.readers.v2xpnp_map import read_vector_map
+from real2sim.readers.v2xseq import read_v2xseq, read_v2xseq_map
 from real2sim.recording import Recording
 from real2sim.writers.v2xpnp_map import write_vector_map
 from server.archive.limits import ArchiveLimits
@@ -53,6 +54,7 @@ from testing import (
     opv2v_samples,
     small_log,
     v2xpnp_samples,
+    v2xseq_samples,
 )
 from testing.interaction_samples import build_street, write_table
 from testing.mdrive_directory import EGO
@@ -120,6 +122,10 @@ def _write_csv(folder: Path) -> Path:
 def _write_ground(folder: Path) -> Path:
     rows = [levelx_samples.format_ground_row(3, frame, frame * 0.4) for frame in range(5)]
     return levelx_samples.write_ground(folder, rows, {3: "car"}, frames=5)
+
+
+def _write_v2xseq_map(folder: Path) -> Path:
+    return v2xseq_samples.write_scene(folder, v2xseq_samples.list_rows(3))[1]
 
 
 def _write_osm(folder: Path) -> Path:
@@ -229,6 +235,11 @@ TARGETS: Mapping[str, FuzzTarget] = {
         _file("000068.yaml", opv2v_samples.format_frame(0)), lambda path: read_frame(path, typed=False)
     ),
     "levelx": FuzzTarget(_write_ground, read_levelx),
+    "v2xseq": FuzzTarget(
+        lambda folder: v2xseq_samples.write_scene(folder, v2xseq_samples.list_rows(3))[0],
+        lambda path: read_v2xseq(path, [path.parents[1] / "maps" / "hdmap1.json"]),
+    ),
+    "v2xseq map": FuzzTarget(_write_v2xseq_map, read_v2xseq_map),
     "lanelet2": FuzzTarget(_write_osm, read_lanelet2),
     "confirmed infractions": FuzzTarget(
         _file(
