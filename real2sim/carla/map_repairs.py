@@ -10,6 +10,8 @@ from real2sim.carla.direct_junctions import replace_direct_junctions
 from real2sim.carla.road_links import repair_road_links
 from real2sim.xml_file import Element, read_number
 
+ROUNDING_M = 0.01
+"""[m] Signals at the end of a road lie behind it by the last digits of their place."""
 NO_LIMITS = ("no limit", "undefined")
 """Words that the standard allows for a speed. netconvert reads them for a road, not for a lane."""
 FORBIDDEN = re.compile(r"""[\s|\\'";,<>&!:*?/]""")
@@ -147,7 +149,7 @@ def _complete_signal(signals: Element, signal: Element, end: float) -> Repairs:
         signals.remove(signal)
         yield f"signal {id_}: left out, it has no place"
         return
-    if not 0.0 <= s <= end:
+    if not -ROUNDING_M <= s <= end + ROUNDING_M:
         signal.set("s", repr(min(max(s, 0.0), end)))
         yield f"signal {id_}: moved from s = {s:g} m to the nearer end of its road"
     if signal.get("orientation") is None:
