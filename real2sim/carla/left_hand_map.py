@@ -3,7 +3,6 @@
 The mirror image of a left-hand map is a right-hand map. It is compiled, and the network is mirrored back.
 """
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -88,10 +87,8 @@ def mirror_net(net: Element) -> None:
     left, bottom, right, top = location.get("origBoundary", "").split(",")
     location.set("origBoundary", f"{left},{-float(top):.3f},{right},{-float(bottom):.3f}")
     for element in net.iter():
-        for name in ("shape", "customShape"):
-            text = element.get(name)
-            if text and re.fullmatch(r"[-+0-9.,e ]+", text):
-                element.set(name, " ".join(_mirror_point(point, total) for point in text.split()))
+        if element.get("shape"):
+            element.set("shape", " ".join(_mirror_point(point, total) for point in element.get("shape", "").split()))
         if element.tag == "junction":
             element.set("y", f"{total - float(element.get('y', 'nan')):.3f}")
         if element.tag == "connection" and element.get("dir") in OTHER_TURN:

@@ -40,25 +40,25 @@ def _rename(_: Path, root: Element) -> Repairs:
     """Rename roads and junctions whose ids SUMO does not take."""
     for tag in ("road", "junction"):
         taken = {element.get("id", "") for element in root.iter(tag)}
+        names: dict[str, str] = {}
         for id_ in sorted(name for name in taken if FORBIDDEN.search(name)):
-            new = FORBIDDEN.sub("_", id_)
-            while new in taken:
-                new += "_"
-            taken.add(new)
-            for element, attribute in _list_references(root, tag):
-                if element.get(attribute) == id_:
-                    element.set(attribute, new)
-            yield f"{tag} {id_}: renamed {new}"
+            names[id_] = FORBIDDEN.sub("_", id_)
+            while names[id_] in taken:
+                names[id_] += "_"
+            taken.add(names[id_])
+            yield f"{tag} {id_}: renamed {names[id_]}"
+        for element, attribute in _list_references(root, tag) if names else ():
+            element.set(attribute, names.get(element.get(attribute, ""), element.get(attribute, "")))
 
 
 def _list_references(root: Element, tag: str) -> Iterator[tuple[Element, str]]:
-    for element in root.iter(tag):
-        yield element, "id"
-    for element in root.iter():
-        if element.get("elementType") == tag:
-            yield element, "elementId"
+    """Yield the elements and attributes that hold ids of roads, or of junctions."""
     names = ("incomingRoad", "connectingRoad", "linkedRoad", "mainRoad") if tag == "road" else ("junction",)
     for element in root.iter():
+        if element.tag == tag:
+            yield element, "id"
+        if element.get("elementType") == tag:
+            yield element, "elementId"
         yield from ((element, name) for name in names if element.get(name) is not None)
 
 

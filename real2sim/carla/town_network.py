@@ -22,6 +22,8 @@ OFFSET_TOLERANCE_M = 0.01
 """spec/sumo_pitfalls 8.1: the round trip of the offset must be below 1 cm."""
 CARLA_LICENCE = "not stated in the file; the CARLA project publishes its towns under the MIT licence"
 UNKNOWN_LICENCE = "unknown"
+CARLA_TOWN = re.compile(r"Town[0-9]{2}(HD)?(_Opt)?")
+"""Names of the towns that CARLA comes with; other maps of scenarios are their authors'."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +67,7 @@ def build_town_network(name: str, maps: Path, folder: Path) -> TownNetwork:
     if not xodr.is_file() and not net.is_file():
         raise InputError(f"{maps}: expected {xodr.name} or {net.name}, found neither")
     drive = read_opendrive(xodr) if xodr.is_file() else None
-    about = NetworkOrigin(f"CARLA {name}; y flipped, angles negated against CARLA", CARLA_LICENCE)
+    about = _describe_town(name)
     if drive is None or (drive.stop_signs is None and net.is_file()):
         return _build_from_net(name, net, folder, about)
     town = _build_from_opendrive(name, xodr, drive, folder, about)
@@ -74,6 +76,12 @@ def build_town_network(name: str, maps: Path, folder: Path) -> TownNetwork:
             f"{xodr}: expected lanes of the net within {OFFSET_TOLERANCE_M} m, found {town.offset_error_m:.3f} m"
         )
     return town
+
+
+def _describe_town(name: str) -> NetworkOrigin:
+    if CARLA_TOWN.fullmatch(name):
+        return NetworkOrigin(f"CARLA {name}; y flipped, angles negated against CARLA", CARLA_LICENCE)
+    return NetworkOrigin(f"town {name} of a scenario; y flipped, angles negated against CARLA", UNKNOWN_LICENCE)
 
 
 def build_opendrive_network(xodr: Path, folder: Path) -> TownNetwork:

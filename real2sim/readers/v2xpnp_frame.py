@@ -147,7 +147,10 @@ def _check_object(path: Path, key: object, raw: object, typed: bool) -> Mapping[
     if not isinstance(raw, Mapping):
         raise InputError(f"{path}: object {key}: expected a mapping with location, found {describe_value(raw)}")
     if typed and "obj_type" not in raw:
-        raise InputError(f"{path}: object {key}: expected obj_type, found only {', '.join(map(str, raw))}")
+        raise InputError(
+            f"{path}: object {key}: expected obj_type, found only {', '.join(map(str, raw))}"
+            " (logs without types, as OPV2V has them: mdrive-sumo convert opv2v)"
+        )
     return raw
 
 
