@@ -150,6 +150,8 @@ CONVERTIBLE: Mapping[str, str] = {
     ),
     "byte order mark": "\ufeff" + format_map(format_road()),
     "no header": format_map(format_road(), header=""),
+    "version 1.1": format_map(format_road(), header=HEADER.replace('revMinor="6"', 'revMinor="1"')),
+    "version 1.8": format_map(format_road(), header=HEADER.replace('revMinor="6"', 'revMinor="8"')),
     "left-hand": format_map(format_road(more='rule="LHT"')),
     "lanes without width at the reference line": format_map(
         format_road(

@@ -160,6 +160,29 @@ def test_a_way_that_no_lanelet_needs_is_skipped_with_a_note(tmp_path: Path, way:
     assert notes == (f"1 ways of the map skipped, the first: way 99: {reason}",)
 
 
+@pytest.mark.parametrize(
+    ("members", "reason"),
+    [
+        ("<member role='left' ref='11'/>", "lanelet 77: expected one way as right, found 0"),
+        (
+            "<member role='left' ref='11'/><member role='left' ref='12'/><member role='right' ref='13'/>",
+            "lanelet 77: expected one way as left, found 2",
+        ),
+        (
+            "<member role='left' ref='11'/><member role='right' ref='404'/>",
+            "lanelet 77: expected one way as right, found 0",
+        ),
+    ],
+)
+def test_a_lanelet_that_is_none_is_skipped_with_a_note(tmp_path: Path, members: str, reason: str) -> None:
+    """A faulty one does not cost the whole map."""
+    road = build_street()
+    road.relation(77, members, type="lanelet", subtype="road")
+    hd_map, notes = read_lanelet2(road.write(tmp_path / "map.osm"))
+    assert set(hd_map.lanes) == {"1", "2", "3", "4"}
+    assert notes == (f"1 lanelets skipped, the first: {reason}",)
+
+
 @pytest.mark.slow
 @settings(max_examples=examples(37, 150), suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(data=st.data())
