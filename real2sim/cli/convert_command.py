@@ -177,4 +177,6 @@ def opv2v(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **opti
 @click.pass_context
 def v2xseq(ctx: click.Context, maps: tuple[Path, ...], **options: Any) -> None:
     """Convert trajectories of V2X-Seq (DAIR-V2X): SCENE.csv, or folders of them, such as cooperative-trajectories."""
+    if not maps:
+        raise InputError("v2xseq: expected the map of the crossing, found no --map")
     run_conversion(ctx, "v2xseq", match_file("*.csv"), options, maps=maps)

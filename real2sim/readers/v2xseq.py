@@ -93,12 +93,10 @@ class _MapFile(BaseModel):
 
 
 def read_v2xseq(path: Path, maps: Sequence[Path]) -> Recording:
-    """Read a scene, and the map of the given ones on which it lies; raise InputError.
+    """Read a scene, and the map of the given ones (one or more) on which it lies; raise InputError.
 
     All tracks are in one view; the vehicle with the tag AV is the connected vehicle.
     """
-    if not maps:
-        raise InputError(f"{path}: expected the map of its crossing (--map), found none")
     rows = list(read_rows(path, (*KEYS, *VALUES)))
     if not rows:
         raise InputError(f"{path}: expected at least one row, found none")

@@ -70,7 +70,7 @@ def test_a_scene_is_converted(scene: Scene, tmp_path: Path) -> None:
 
 
 def test_a_map_is_asked_for(scene: Scene, tmp_path: Path) -> None:
-    assert refused(tmp_path, "v2xseq", scene[0]) == f"{scene[0]}: expected the map of its crossing (--map), found none"
+    assert refused(tmp_path, "v2xseq", scene[0]) == "v2xseq: expected the map of the crossing, found no --map"
 
 
 ROWS: dict[str, tuple[Callable[[list[str]], list[str]], str]] = {
