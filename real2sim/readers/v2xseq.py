@@ -97,6 +97,8 @@ def read_v2xseq(path: Path, maps: Sequence[Path]) -> Recording:
 
     All tracks are in one view; the vehicle with the tag AV is the connected vehicle.
     """
+    if not maps:
+        raise InputError(f"{path}: expected the map of its crossing, found none")
     rows = list(read_rows(path, (*KEYS, *VALUES)))
     if not rows:
         raise InputError(f"{path}: expected at least one row, found none")

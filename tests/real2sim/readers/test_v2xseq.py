@@ -70,6 +70,8 @@ def test_a_scene_is_converted(scene: Scene, tmp_path: Path) -> None:
 
 
 def test_a_map_is_asked_for(scene: Scene, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"10039\.csv: expected the map of its crossing, found none"):
+        read_v2xseq(scene[0], [])
     assert refused(tmp_path, "v2xseq", scene[0]) == "v2xseq: expected the map of the crossing, found no --map"
 
 
