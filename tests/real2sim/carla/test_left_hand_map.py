@@ -2,6 +2,7 @@
 
 import gzip
 import math
+import subprocess
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -20,7 +21,7 @@ from testing.opendrive_samples import (
 )
 
 from mdrive_sumo.roads import RoadMap, load_road_map
-from mdrive_sumo.roads.netconvert import run_netconvert
+from mdrive_sumo.roads.netconvert import find_netconvert, run_netconvert
 from mdrive_sumo.roads.network_file import read_network_file
 from real2sim import netconvert
 from real2sim.carla.left_hand_map import mirror_map, mirror_net
@@ -98,6 +99,25 @@ def test_a_mirrored_net_is_that_of_netconvert_where_its_importer_is_right(tmp_pa
         for net in (own, made)
     ]
     assert turns[0] == turns[1]
+
+
+@pytest.mark.slow
+def test_sumo_drives_on_the_left_of_a_mirrored_network(tmp_path: Path) -> None:
+    build_opendrive_network(write(tmp_path, format_crossing().replace("<road ", '<road rule="LHT" ')), tmp_path / "net")
+    (tmp_path / "map.net.xml").write_bytes(_read_net(tmp_path / "net"))
+    trips = "".join(
+        f'<trip id="{name}" depart="0" from="{start}" to="{end}"/>'
+        for name, start, end in (("east", "-1", "-2"), ("west", "2", "1"))
+    )
+    (tmp_path / "trips.xml").write_text(f"<routes>{trips}</routes>")
+    call = (find_netconvert().with_name("sumo"), "-n", "map.net.xml", "-r", "trips.xml", "--fcd-output", "fcd.xml")
+    subprocess.run([*call, "--end", "60"], cwd=tmp_path, check=True, capture_output=True)
+    points = list(ElementTree.parse(tmp_path / "fcd.xml").iter("vehicle"))
+    for name, side in (("east", 1.75), ("west", -1.75)):
+        track = [(float(one.get("x", "")), float(one.get("y", ""))) for one in points if one.get("id") == name]
+        assert len(track) > 5
+        assert all(y == pytest.approx(side, abs=0.01) for _, y in track)
+        assert (track[-1][0] - track[0][0]) * side > 0
 
 
 def test_a_map_mirrored_twice_is_the_map(tmp_path: Path) -> None:
