@@ -42,6 +42,14 @@ def read_xml(path: Path) -> Element:
         raise InputError(f"{path}: {error}") from None
 
 
+def strip_namespaces(root: Element) -> bool:
+    """Remove the namespaces of all elements, in place; return whether there were any."""
+    named = [element for element in root.iter() if element.tag.startswith("{")]
+    for element in named:
+        element.tag = element.tag.partition("}")[2]
+    return bool(named)
+
+
 def read_number(path: Path, element: Element, name: str) -> float:
     """Return an attribute as a finite number; raise InputError."""
     return parse_finite(f"{path}: {element.tag}: {name}", element.get(name))

@@ -260,7 +260,9 @@ def describe_package(extension: str) -> dict[str, Any]:
         "resources": [
             {
                 "name": table.name,
+                "profile": "tabular-data-resource",  # the package's profile asks for it in every resource
                 "path": f"{table.name}.{extension}",
+                "encoding": "utf-8",
                 "description": table.description,
                 "schema": {
                     "fields": [

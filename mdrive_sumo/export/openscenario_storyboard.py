@@ -6,6 +6,7 @@ the network, metres and radians. Source: ASAM OpenSCENARIO XML 1.2.0; written wi
 
 # pyright: reportArgumentType=false
 # scenariogeneration annotates members of its enumerations with another class than it demands.
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -24,6 +25,13 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.netconvert import run_netconvert, strip_xml_comments
 
 MINOR_VERSION = 2
+NEWER_ATTRIBUTES = {
+    b"header": (b"date",),  # of today, when the same recording shall give the same file
+    b"outline": (b"id", b"fillType", b"outer", b"closed", b"laneType"),
+    b"cornerLocal": (b"id",),
+    b"cornerRoad": (b"id",),
+}
+"""Attributes that are left out, by element."""
 NO_DATE = datetime(1970, 1, 1, tzinfo=UTC)
 """The file header needs a date; a recording has none, and the same recording gives the same file."""
 
@@ -50,7 +58,18 @@ def build_opendrive(roads: RoadMap) -> bytes:
     """Return the network as an OpenDRIVE map in the same frame. Raises InputError without netconvert."""
     options = ("--sumo-net-file", str(roads.net_file.resolve()), "--precision", "4")
     xodr = run_netconvert(options, roads.folder, f"{roads.net_file}: expected a network", "--opendrive-output")
-    return strip_xml_comments(xodr)
+    return conform_to_version(strip_xml_comments(xodr))
+
+
+def conform_to_version(xodr: bytes) -> bytes:
+    """Return a map of netconvert's without its date, and without the attributes that version 1.4 does not have.
+
+    netconvert writes `revMinor="4"`, and outlines of crossings as in version 1.5.
+    """
+    for element, attributes in NEWER_ATTRIBUTES.items():
+        for name in attributes:
+            xodr = re.sub(rb'(<%b\b[^>]*?) %b="[^"]*"' % (element, name), rb"\1", xodr)
+    return xodr
 
 
 def build_storyboard_file(recording: ScoredRecording, road_file: str) -> xosc.Scenario:

@@ -48,15 +48,17 @@ def _format_steps(recording: ScoredRecording) -> Iterator[str]:
     front_x, front_y = recording.shift_ahead(record.length / 2)
     angle = np.degrees(math.pi / 2 - record.yaw) % 360.0
     lanes = _format_lanes(recording, front_x, front_y)
+    tags = _list_tags(recording)
+    vehicles_first = sorted(range(len(tags)), key=lambda n: tags[n] != "vehicle")  # the schema asks for this order
     heads = [
         f"<{tag} id={quoteattr(id_)} type={quoteattr(type_)}"
-        for tag, id_, type_ in zip(_list_tags(recording), record.ids, _name_types(recording), strict=True)
+        for tag, id_, type_ in zip(tags, record.ids, _name_types(recording), strict=True)
     ]
     yield '<?xml version="1.0" encoding="UTF-8"?>'
     yield "<fcd-export>"
     for tick in range(record.ticks):
         yield f'    <timestep time="{tick * DT:.2f}">'
-        for n in np.flatnonzero(record.valid[tick]).tolist():
+        for n in (n for n in vehicles_first if record.valid[tick, n]):
             yield (
                 f'        {heads[n]} x="{front_x[tick, n]:.4f}" y="{front_y[tick, n]:.4f}"'
                 f' angle="{angle[tick, n]:.3f}" speed="{record.speed[tick, n]:.3f}"{lanes[tick][n]}/>'

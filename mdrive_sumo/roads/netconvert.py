@@ -16,6 +16,8 @@ from mdrive_sumo.core.installation_command import format_installation
 LIMIT_S = 600
 MEMORY_BYTES = 2 * 2**30
 """Address space of netconvert; for CARLA's largest town it holds 66 MB."""
+OUT_OF_MEMORY = "std::bad_alloc"
+"""What netconvert reports when it reaches that limit."""
 
 
 def run_netconvert(

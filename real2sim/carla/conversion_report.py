@@ -150,10 +150,13 @@ def _format_town_table(towns: Sequence[TownNetwork]) -> str:
 
 def _format_town_row(town: TownNetwork) -> tuple[str, ...]:
     error = "not measured" if math.isnan(town.offset_error_m) else f"{town.offset_error_m:.4f}"
+    if town.displaced_lanes:
+        error += f" ({town.displaced_lanes} of {town.measured_lanes} lanes over 0.5 m off)"
     signs = "signs unknown" if town.stop_signs is None else str(town.stop_signs)
     unplaced = f" (no lane found for {', '.join(town.unplaced_signs)})" if town.unplaced_signs else ""
     mended = f" (mended: {'; '.join(town.repairs)})" if town.repairs else ""
-    return town.name, town.source + mended, f"{town.offset[0]:g}, {town.offset[1]:g}", error, signs + unplaced
+    name = town.name + " (left-hand)" * town.left_hand
+    return name, town.source + mended, f"{town.offset[0]:g}, {town.offset[1]:g}", error, signs + unplaced
 
 
 def _format_off_lane_row(off: OffLaneWaypoint) -> tuple[str, ...]:

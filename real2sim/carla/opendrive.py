@@ -1,7 +1,7 @@
-"""Read from an OpenDRIVE map what netconvert loses: stop signs and the exact position of roads."""
+"""Read OpenDRIVE maps: repaired for netconvert, with what it loses, stop signs and the exact position of lanes."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +10,10 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, wrap_angle
 from mdrive_sumo.roads import Lane, RoadMap, StopSignBox
-from real2sim.xml_file import Element, read_number, read_xml
+from real2sim.carla.left_hand_map import is_left_hand_map, mirror_map
+from real2sim.carla.map_repairs import repair_map
+from real2sim.carla.reference_line import check_geometry, compute_pose
+from real2sim.xml_file import Element, read_number, read_xml, strip_namespaces
 
 STOP_SIGN = "206"
 """Type of a stop sign in CARLA's towns: number 206 of the German catalogue (StVO)."""
@@ -19,6 +22,12 @@ STOP_BOX_M = 4.0
 APPROACH_M = 12.0
 MAX_ROADS_M = 1e6
 """[m] CARLA's largest town has 11 km of reference lines."""
+MIN_ROAD_M = 5.0
+"""[m] The middle of a shorter road may lie in the area that netconvert gives a junction."""
+DISPLACED_M = 0.5
+"""[m] A lane that is further off is not just rounded."""
+MIN_WIDTH_M = 1.8
+"""[m] netconvert leaves out narrower lanes (--opendrive.min-width)."""
 APPROACH_RAD = math.radians(45)
 
 
@@ -34,20 +43,34 @@ class OpenDriveSign:
 
 @dataclass(frozen=True, slots=True)
 class OpenDriveMap:
-    """Date and stop signs of an OpenDRIVE map, and points (N, 2) [m] where a driving lane begins."""
+    """An OpenDRIVE map as netconvert takes it. A left-hand map is mirrored at the x axis, with all that is read."""
 
+    root: Element
     date: str
+    is_changed: bool
+    """Whether `root` differs from the file."""
+    left_hand: bool
+    repairs: tuple[str, ...]
+    """What was changed besides mirroring."""
     stop_signs: tuple[OpenDriveSign, ...] | None
     """None if the file has no signals at all: it predates them, and its signs are unknown."""
-    road_middles: Float
+    lane_middles: Float
+    """Points (N, 2) [m] on the centre lines of driving lanes, half-way along their roads."""
 
 
 def read_opendrive(path: Path) -> OpenDriveMap:
     """Read an `.xodr` file; raise InputError."""
     root = read_xml(path)
+    has_namespace = strip_namespaces(root)
     if root.tag != "OpenDRIVE":
         raise InputError(f"{path}: expected the root element <OpenDRIVE>, found <{root.tag}>")
     _check_length(path, root)
+    for road in root.iter("road"):
+        check_geometry(path, road)
+    left_hand = is_left_hand_map(path, root)
+    if left_hand:
+        mirror_map(path, root)
+    repairs = repair_map(path, root)
     roads = [road for road in root.iter("road") if road.get("junction") == "-1"]
     signs = [
         _read_sign(path, road, signal)
@@ -57,9 +80,13 @@ def read_opendrive(path: Path) -> OpenDriveMap:
     ]
     header = root.find("header")
     return OpenDriveMap(
+        root=root,
         date="" if header is None else header.get("date", ""),
+        is_changed=has_namespace or left_hand or bool(repairs),
+        left_hand=left_hand,
+        repairs=repairs,
         stop_signs=tuple(signs) if next(root.iter("signal"), None) is not None else None,
-        road_middles=np.array([middle for road in roads for middle in _find_road_middle(path, road)]).reshape(-1, 2),
+        lane_middles=np.array([middle for road in roads for middle in _find_lane_middles(path, road)]).reshape(-1, 2),
     )
 
 
@@ -76,61 +103,61 @@ def _read_sign(path: Path, road: Element, signal: Element) -> OpenDriveSign:
     CARLA's towns use the opposite `orientation`; the lanes of their signalReferences confirm this reading.
     """
     t = read_number(path, signal, "t")
-    x, y, yaw = _compute_pose(path, road, read_number(path, signal, "s"))
+    x, y, yaw = compute_pose(path, road, read_number(path, signal, "s"))
     driving = yaw if t < 0 else wrap_angle(yaw + math.pi)
     return OpenDriveSign(signal.get("id", ""), x - t * math.sin(yaw), y + t * math.cos(yaw), driving)
 
 
-def _compute_pose(path: Path, road: Element, s: float) -> tuple[float, float, float]:
-    """Return the pose on a road's reference line, which may consist of lines and arcs (as in all CARLA towns)."""
-    pieces = sorted(road.iterfind("planView/geometry"), key=lambda piece: read_number(path, piece, "s"))
-    begun = [piece for piece in pieces if read_number(path, piece, "s") <= s]
-    if not begun:
-        raise InputError(f"{path}: road {road.get('id')}: expected geometry at s = {s:g} m, found none")
-    piece = begun[-1]
-    x, y, yaw, at = (read_number(path, piece, name) for name in ("x", "y", "hdg", "s"))
-    arc = piece.find("arc")
-    if arc is None and piece.find("line") is None:
-        raise InputError(
-            f"{path}: road {road.get('id')}: expected a line or an arc, found {[part.tag for part in piece]}"
-        )
-    if max(map(abs, (x, y, yaw, at, s))) > MAX_ROADS_M:
-        raise InputError(f"{path}: road {road.get('id')}: expected numbers within {MAX_ROADS_M:g}, found a larger one")
-    turned = (s - at) * (0.0 if arc is None else read_number(path, arc, "curvature"))
-    if not math.isfinite(turned):
-        raise InputError(f"{path}: road {road.get('id')}: expected an arc with a finite curvature, found a larger one")
-    chord = (s - at) * float(np.sinc(turned / 2 / math.pi))
-    return (
-        x + chord * math.cos(yaw + turned / 2),
-        y + chord * math.sin(yaw + turned / 2),
-        wrap_angle(yaw + turned),
-    )
-
-
-def _find_road_middle(path: Path, road: Element) -> list[tuple[float, float]]:
-    """Return the middle of a road's zero line if a driving lane begins there and the line is simple to compute."""
+def _find_lane_middles(path: Path, road: Element) -> Iterator[tuple[float, float]]:
+    """Yield the middles of the innermost driving lanes of a road whose cross-section is simple to compute."""
     offsets = [[read_number(path, part, name) for name in "abcd"] for part in road.iterfind("lanes/laneOffset")]
     sections = list(road.iterfind("lanes/laneSection"))
-    shapes = {shape.tag for piece in road.iterfind("planView/geometry") for shape in piece}
-    if len(sections) != 1 or len(offsets) > 1 or any(map(any, (o[1:] for o in offsets))) or shapes - {"line", "arc"}:
-        return []
-    types = {lane.get("id"): lane.get("type") for lane in sections[0].iter("lane")}
-    if "driving" not in (types.get("-1"), types.get("1")):
-        return []
-    x, y, yaw = _compute_pose(path, road, read_number(path, road, "length") / 2)
-    t = offsets[0][0] if offsets else 0.0
-    return [(x - t * math.sin(yaw), y + t * math.cos(yaw))]
+    length = read_number(path, road, "length")
+    if len(sections) != 1 or len(offsets) > 1 or any(map(any, (o[1:] for o in offsets))) or length < MIN_ROAD_M:
+        return
+    x, y, yaw = compute_pose(path, road, length / 2)
+    for side, sign in (("right", -1), ("left", 1)):
+        lanes = sorted(sections[0].iterfind(f"{side}/lane"), key=lambda lane: abs(read_number(path, lane, "id")))
+        inner = _measure_inner_lane(path, lanes)
+        if inner is not None:
+            t = (offsets[0][0] if offsets else 0.0) + sign * inner
+            yield x - t * math.sin(yaw), y + t * math.cos(yaw)
 
 
-def measure_offset_error(middles: Float, roads: RoadMap, offset: tuple[float, float]) -> float:
-    """Return the median gap [m] between road middles and the lane border expected there, a round trip of the offset.
+def _measure_inner_lane(path: Path, lanes: Sequence[Element]) -> float | None:
+    """Return how far [m] the middle of the first driving lane is from the innermost one's inner border.
 
-    NaN if the map has no suitable road (`_find_road_middle`).
+    None if there is no such lane, or if a width on the way changes.
     """
+    inside = 0.0
+    for lane in lanes:
+        widths = [[read_number(path, width, name) for name in "abcd"] for width in lane.iterfind("width")]
+        if len(widths) != 1 or any(widths[0][1:]):
+            return None
+        width = widths[0][0]
+        if lane.get("type") == "driving" and width >= MIN_WIDTH_M:
+            return inside + width / 2
+        inside += width
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class LaneGaps:
+    """Gaps between middles of lanes of the map and the nearest lane of the net."""
+
+    median_m: float
+    """The error of the offset; NaN if the map has no suitable road (`_find_lane_middles`)."""
+    measured: int
+    displaced: int
+    """Lanes over `DISPLACED_M` off: netconvert leaves out lanes that are not for cars, and moves some of the others."""
+
+
+def measure_lane_gaps(middles: Float, roads: RoadMap, offset: tuple[float, float]) -> LaneGaps:
+    """Measure a round trip of the offset, at `OpenDriveMap.lane_middles`."""
     if not len(middles):
-        return math.nan
-    near = roads.find_nearest_lanes(middles + np.array(offset))
-    return float(np.median(np.abs(near.distance - roads.lane_width[near.lane] / 2)))
+        return LaneGaps(math.nan, 0, 0)
+    gaps = roads.find_nearest_lanes(middles + np.array(offset)).distance
+    return LaneGaps(float(np.median(gaps)), len(gaps), int((gaps > DISPLACED_M).sum()))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,9 @@
-"""Build network folders of CARLA towns from OpenDRIVE through netconvert, or from an existing SUMO net."""
+"""Build network folders from OpenDRIVE through netconvert, or those of CARLA towns from an existing SUMO net."""
 
 import gzip
 import hashlib
 import math
+import re
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,16 +13,19 @@ from xml.etree import ElementTree
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import make_folder, write_bytes, write_text
-from mdrive_sumo.roads import NetworkFile, RoadMap, load_road_map
+from mdrive_sumo.roads import NetworkFile, load_road_map
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum
-from real2sim.carla.opendrive import OpenDriveMap, measure_offset_error, place_stop_signs, read_opendrive
-from real2sim.carla.road_links import repair_road_links
-from real2sim.netconvert import build_opendrive_command, compile_opendrive
+from real2sim.carla.left_hand_map import mirror_net
+from real2sim.carla.opendrive import OpenDriveMap, measure_lane_gaps, place_stop_signs, read_opendrive
+from real2sim.netconvert import RESOLUTIONS_M, build_opendrive_command, compile_opendrive
 from real2sim.xml_file import Element, read_xml
 
 OFFSET_TOLERANCE_M = 0.01
 """spec/sumo_pitfalls 8.1: the round trip of the offset must be below 1 cm."""
-LICENCE = "not stated in the file; the CARLA project publishes its towns under the MIT licence"
+CARLA_LICENCE = "not stated in the file; the CARLA project publishes its towns under the MIT licence"
+UNKNOWN_LICENCE = "unknown"
+CARLA_TOWN = re.compile(r"Town[0-9]{2}(HD)?(_Opt)?")
+"""Names of the towns that CARLA comes with; other maps of scenarios are their authors'."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +44,19 @@ class TownNetwork:
     """NaN: not measurable (existing nets)."""
     repairs: tuple[str, ...] = ()
     """Repairs of the map before compilation."""
+    left_hand: bool = False
+    measured_lanes: int = 0
+    """Innermost lanes of roads with a simple cross-section, which are compared with the map."""
+    displaced_lanes: int = 0
+    """Those of them that lie over 0.5 m beside the map's."""
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkOrigin:
+    """What `network.json` says about where a network comes from."""
+
+    description: str
+    licence: str
 
 
 def build_town_network(name: str, maps: Path, folder: Path) -> TownNetwork:
@@ -52,65 +69,93 @@ def build_town_network(name: str, maps: Path, folder: Path) -> TownNetwork:
     if not xodr.is_file() and not net.is_file():
         raise InputError(f"{maps}: expected {xodr.name} or {net.name}, found neither")
     drive = read_opendrive(xodr) if xodr.is_file() else None
+    about = _describe_town(name)
     if drive is None or (drive.stop_signs is None and net.is_file()):
-        return _build_from_net(name, net, folder)
-    return _build_from_opendrive(name, xodr, drive, folder)
+        return _build_from_net(name, net, folder, about)
+    town = _build_from_opendrive(name, xodr, drive, folder, about)
+    if town.offset_error_m >= OFFSET_TOLERANCE_M:
+        raise InputError(
+            f"{xodr}: expected lanes of the net within {OFFSET_TOLERANCE_M} m, found {town.offset_error_m:.3f} m"
+        )
+    return town
+
+
+def _describe_town(name: str) -> NetworkOrigin:
+    if CARLA_TOWN.fullmatch(name):
+        return NetworkOrigin(f"CARLA {name}; y flipped, angles negated against CARLA", CARLA_LICENCE)
+    return NetworkOrigin(f"town {name} of a scenario; y flipped, angles negated against CARLA", UNKNOWN_LICENCE)
 
 
 def build_opendrive_network(xodr: Path, folder: Path) -> TownNetwork:
-    """Build the network folder of an OpenDRIVE map, named after its file; raise InputError."""
-    return _build_from_opendrive(xodr.stem, xodr, read_opendrive(xodr), folder)
+    """Build the network folder of any OpenDRIVE map, named after its file; raise InputError.
+
+    The offset is that of netconvert; its error is only reported, because a map whose lanes change their widths may
+    differ from its network by more than a town's.
+    """
+    drive = read_opendrive(xodr)
+    side = "; left-hand: compiled as its mirror image, which was mirrored back" if drive.left_hand else ""
+    about = NetworkOrigin(f"made from the OpenDRIVE map {xodr.name}{side}", UNKNOWN_LICENCE)
+    return _build_from_opendrive(make_network_name(xodr), xodr, drive, folder, about)
 
 
-def _build_from_net(name: str, net: Path, folder: Path) -> TownNetwork:
+def make_network_name(xodr: Path) -> str:
+    """Return the name of a map's network: that of its file in the characters of an identifier."""
+    return re.sub(r"[^A-Za-z0-9_.+-]", "_", xodr.stem).lstrip("_.+-")[:80] or "map"
+
+
+def _build_from_net(name: str, net: Path, folder: Path, origin: NetworkOrigin) -> TownNetwork:
     source = f"ready net {net.name}, {_hash_file(net)}"
     xml = read_xml(net)
-    about = _build_network_file(name, xml, source, ())
+    about = _build_network_file(name, xml, source, (), origin)
     _write_network(folder, xml, about)
     return TownNetwork(name, folder, about.offset, source, None, (), math.nan)
 
 
-def _build_from_opendrive(name: str, xodr: Path, drive: OpenDriveMap, folder: Path) -> TownNetwork:
+def _build_from_opendrive(
+    name: str, xodr: Path, drive: OpenDriveMap, folder: Path, origin: NetworkOrigin
+) -> TownNetwork:
     source = f"{xodr.name} of {drive.date or 'unknown date'}, {_hash_file(xodr)}"
-    compiled, repairs = _compile_repaired(xodr)
+    compiled, resolution_m = _compile(xodr, drive)
     xml = ElementTree.fromstring(compiled)
-    about = _build_network_file(name, xml, source, build_opendrive_command(xodr.name, "map.net.xml"))
+    command = build_opendrive_command(xodr.name, "map.net.xml", resolution_m)
+    about = _build_network_file(name, xml, source, command, origin)
     with tempfile.TemporaryDirectory() as draft:  # the signs need the lanes, network.json needs the signs
         _write_network(Path(draft), xml, about)
         roads = load_road_map(Path(draft))
-    error = _check_offset(xodr, drive, roads, about.offset)
+    gaps = measure_lane_gaps(drive.lane_middles, roads, about.offset)
     placed = place_stop_signs(drive.stop_signs or (), roads, about.offset)
     signs = None if drive.stop_signs is None else placed.boxes
+    if drive.left_hand:
+        mirror_net(xml)
+        about = _build_network_file(name, xml, source, command, origin)
     _write_network(folder, xml, about.model_copy(update={"stop_signs": signs}))
     known = None if signs is None else len(signs)
-    return TownNetwork(name, folder, about.offset, source, known, placed.unplaced, error, repairs)
+    coarse = f"curves in steps of {resolution_m:g} m: with {RESOLUTIONS_M[0]:g} m netconvert runs out of memory"
+    repairs = drive.repairs + ((coarse,) if resolution_m != RESOLUTIONS_M[0] else ())
+    return TownNetwork(
+        name, folder, about.offset, source, known, placed.unplaced, gaps.median_m, repairs, drive.left_hand,
+        gaps.measured, gaps.displaced,
+    )  # fmt: skip
 
 
-def _compile_repaired(xodr: Path) -> tuple[bytes, tuple[str, ...]]:
-    """Compile the map; return the net and the repairs that were necessary."""
-    root = read_xml(xodr)
-    repairs = repair_road_links(root)
-    if not repairs:
-        return compile_opendrive(xodr), ()
+def _compile(xodr: Path, drive: OpenDriveMap) -> tuple[bytes, float]:
+    """Compile the map as it is read; return the net and the step of its curves [m]."""
+    if not drive.is_changed:
+        return compile_opendrive(xodr)
     with tempfile.TemporaryDirectory() as folder:
-        repaired = Path(folder) / xodr.name
-        write_bytes(repaired, _serialise(root))
-        return compile_opendrive(repaired), repairs
+        changed = Path(folder) / f"{make_network_name(xodr)}.xodr"
+        write_bytes(changed, _serialise(drive.root))
+        return compile_opendrive(changed, xodr)
 
 
-def _check_offset(xodr: Path, drive: OpenDriveMap, roads: RoadMap, offset: tuple[float, float]) -> float:
-    error = measure_offset_error(drive.road_middles, roads, offset)
-    if error >= OFFSET_TOLERANCE_M:
-        raise InputError(f"{xodr}: expected lane borders of the net within {OFFSET_TOLERANCE_M} m, found {error:.3f} m")
-    return error
-
-
-def _build_network_file(name: str, xml: Element, source: str, build: Sequence[str]) -> NetworkFile:
+def _build_network_file(
+    name: str, xml: Element, source: str, build: Sequence[str], origin: NetworkOrigin
+) -> NetworkFile:
     return NetworkFile(
         name=name,
-        description=f"CARLA {name}; y flipped, angles negated against CARLA",
+        description=origin.description,
         origin=source,
-        licence=LICENCE,
+        licence=origin.licence,
         offset=_read_offset(name, xml),
         build=tuple(build),
         checksum=compute_net_checksum(_serialise(xml)),

@@ -94,7 +94,9 @@ def opendrive(paths: tuple[Path, ...], out: Path) -> None:
 
     for town in convert_opendrive(paths, out):
         signs = "stop signs unknown" if town.stop_signs is None else f"{town.stop_signs} stop signs"
-        echo(f"{town.name}: {signs}, offset error {town.offset_error_m:.4f} m")
+        found = f"{'left-hand, ' * town.left_hand}{signs}, {len(town.repairs)} repairs"
+        lanes = f"{town.displaced_lanes} of {town.measured_lanes} lanes compared over 0.5 m off the map"
+        echo(f"{town.name}: {found}, {lanes}")
     echo(f"Report: {out / NETWORKS_MARKDOWN}")
 
 

@@ -1,5 +1,6 @@
 """`mdrive-sumo convert`: convert recordings and scenario files of other tools to suites."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,16 @@ map_option = click.option(
     type=click.Path(path_type=Path),
     multiple=True,
     metavar="FILE",
-    help="Vector map (pickle); of several the one that the tracks lie on.",
+    help="Vector map (pickle), of several the one that the tracks lie on; for opv2v also OpenDRIVE.",
+)
+
+
+lanelet_option = click.option(
+    "--map",
+    "osm",
+    type=click.Path(path_type=Path),
+    metavar="OSM",
+    help="Lanelet2 map, if not where the data set has it.",
 )
 
 
@@ -99,12 +109,75 @@ def argoverse2(ctx: click.Context, **options: Any) -> None:
 
 @convert.command()
 @log_options
-@click.option("--map", "osm", type=click.Path(path_type=Path), metavar="OSM", help="Lanelet2 map, if not beside.")
+@lanelet_option
+@click.option("--cases", metavar="ID,...", help="Cases of tables with case_id (version 1.2) [default: all].")
 @click.pass_context
-def interaction(ctx: click.Context, osm: Path | None, **options: Any) -> None:
-    """Convert INTERACTION: vehicle_tracks_*.csv, or folders of them, with a Lanelet2 map.
+def interaction(ctx: click.Context, osm: Path | None, cases: str | None, **options: Any) -> None:
+    """Convert INTERACTION: vehicle_tracks_*.csv or DR_*_train.csv, or folders of them, with a Lanelet2 map.
 
-    The logs last minutes: choose a part with --window, or cut them with --every.
+    Logs of version 1.0 last minutes: choose a part with --window, or cut them with --every. Every case of version 1.2
+    becomes a scenario.
     """
-    maps = (osm,) if osm else ()
-    run_conversion(ctx, "interaction", match_file("vehicle_tracks_*.csv"), options, maps=maps)
+    wanted = tuple(cases.split(",")) if cases else None
+
+    def find_cases(table: Path) -> tuple[str, ...]:
+        return wanted or _find_cases(table)
+
+    pattern = replace(match_file("vehicle_tracks_*.csv", "DR_*.csv"), find_cases=find_cases)
+    run_conversion(ctx, "interaction", pattern, options, maps=(osm,) if osm else ())
+
+
+def _find_cases(path: Path) -> tuple[str, ...]:
+    """Return the cases of a table, or one without a name; the reader reports what is wrong with a table."""
+    from real2sim.readers.interaction import list_cases
+
+    try:
+        return list_cases(path) or ("",)
+    except InputError:
+        return ("",)
+
+
+@convert.command()
+@log_options
+@lanelet_option
+@click.pass_context
+def levelx(ctx: click.Context, osm: Path | None, **options: Any) -> None:
+    """Convert inD, rounD, exiD and highD: NN_tracks.csv with the tables beside it, or folders of them.
+
+    All but highD need their Lanelet2 map. The logs last minutes: choose a part with --window, or cut them with --every.
+    """
+    run_conversion(ctx, "levelx", match_file("*_tracks.csv"), options, maps=(osm,) if osm else ())
+
+
+@convert.command()
+@log_options
+@map_option
+@click.option("--agents", metavar="ID,...", help="Agent folders to read [default: all].")
+@click.pass_context
+def opv2v(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **options: Any) -> None:
+    """Convert OPV2V, V2XSet and V2X-Real: folders of agent folders with YAML frames, or folders with such in them.
+
+    With an OpenDRIVE map (Town05.xodr) the log is in CARLA's frame, y to the right; with a vector map in that map's.
+    """
+    if not maps:
+        raise InputError("opv2v: expected the map of the town, found no --map")
+    names = tuple(agents.split(",")) if agents else None
+    run_conversion(ctx, "opv2v", V2XPNP_FOLDER, options, maps=maps, agents=names)
+
+
+@convert.command()
+@log_options
+@click.option(
+    "--map",
+    "maps",
+    type=click.Path(path_type=Path),
+    multiple=True,
+    metavar="JSON",
+    help="Map of the crossing (*hdmap*.json); of several the one that the tracks lie on.",
+)
+@click.pass_context
+def v2xseq(ctx: click.Context, maps: tuple[Path, ...], **options: Any) -> None:
+    """Convert trajectories of V2X-Seq (DAIR-V2X): SCENE.csv, or folders of them, such as cooperative-trajectories."""
+    if not maps:
+        raise InputError("v2xseq: expected the map of the crossing, found no --map")
+    run_conversion(ctx, "v2xseq", match_file("*.csv"), options, maps=maps)

@@ -114,6 +114,10 @@ class LogCliOptions:
     workers: int
 
 
+def _find_no_cases(_: Path) -> tuple[str, ...]:
+    return ("",)
+
+
 @dataclass(frozen=True, slots=True)
 class LogPattern:
     """What the logs of a source look like in the file system."""
@@ -121,6 +125,8 @@ class LogPattern:
     is_log: Callable[[Path], bool]
     wanted: str
     """What a folder without any log should have, for the error."""
+    find_cases: Callable[[Path], tuple[str, ...]] = _find_no_cases
+    """Return the names of the logs in one file."""
 
 
 def run_conversion(
@@ -138,7 +144,11 @@ def run_conversion(
     """
     cli_options = LogCliOptions(**options)
     paths = find_logs(cli_options.paths, pattern)
-    logs = [LogSource(source, path, maps, agents, cli_options.window) for path in paths]
+    logs = [
+        LogSource(source, path, maps, agents, cli_options.window, case)
+        for path in paths
+        for case in pattern.find_cases(path)
+    ]
     batch = _convert(logs, cli_options)
     echo(format_batch(batch, cli_options))
     for sentence in batch.refused:
@@ -228,9 +238,11 @@ def _find_logs_in(path: Path, is_log: Callable[[Path], bool]) -> list[Path]:
     return [found for below in sorted(path.iterdir()) for found in _find_logs_in(below, is_log)]
 
 
-def match_file(name: str) -> LogPattern:
-    """Return the pattern of files of that name."""
-    return LogPattern(lambda path: path.is_file() and path.match(name) and path.name not in INDEX_FILES, name)
+def match_file(*names: str) -> LogPattern:
+    """Return the pattern of files of one of those names."""
+    return LogPattern(
+        lambda path: path.is_file() and any(map(path.match, names)) and path.name not in INDEX_FILES, " or ".join(names)
+    )
 
 
 def match_folder(*names: str) -> LogPattern:

@@ -56,7 +56,7 @@ def load_confirmed_infractions(path: Path) -> tuple[ConfirmedInfraction, ...]:
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     try:
-        tables = tomllib.loads(content.decode())
+        tables = tomllib.loads(content.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: expected TOML with [[confirmed]] tables, found: {error}") from None
     try:

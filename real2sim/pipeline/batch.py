@@ -13,7 +13,7 @@ from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailur
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
 from real2sim.fidelity_report.index_page import write_index
 from real2sim.pipeline.log_conversion import ConvertedScenario, convert_log, split_into_windows
-from real2sim.pipeline.log_source import LogSource, describe_window, prefix_with_log
+from real2sim.pipeline.log_source import LogSource, describe_part, prefix_with_log
 from real2sim.pipeline.scenario_builder import NETWORKS, ConversionOptions
 from real2sim.readers.time_window import TimeWindow
 
@@ -113,10 +113,10 @@ def _plan_tasks(
 
 def _reject_repeated(logs: Sequence[LogSource]) -> tuple[list[LogSource], list[str]]:
     """Return the logs without repetitions, and a sentence for each repetition."""
-    once: dict[tuple[Path, TimeWindow | None], LogSource] = {}
+    once: dict[tuple[Path, str, TimeWindow | None], LogSource] = {}
     refused: list[str] = []
     for log in logs:
-        if once.setdefault((log.path.resolve(), log.window), log) is not log:
+        if once.setdefault((log.path.resolve(), log.case, log.window), log) is not log:
             refused.append(prefix_with_log(log, "expected every log once, found it twice"))
     return list(once.values()), refused
 
@@ -151,8 +151,8 @@ def _report_answers(
 
 
 def _format_title(log: LogSource) -> str:
-    """Return the name of the log's file and its window, for progress lines."""
-    return f"{log.path.name}, {describe_window(log)}" if log.window else log.path.name
+    """Return the name of the log's file, its case and its window, for progress lines."""
+    return ", ".join(filter(None, (log.path.name, describe_part(log))))
 
 
 def _format_verdict(answer: ConvertedScenario | str, before: Collection[str]) -> str:

@@ -38,6 +38,7 @@ def read_log_limited(log: LogSource) -> Recording:
         "path": str(log.path),
         "maps": [str(path) for path in log.maps],
         "agents": log.agents,
+        "case": log.case,
     }
     return _run(order, log.path, Recording)
 

@@ -1,7 +1,8 @@
 """Logs of all sources: their files and readers. A reader is imported when it is used."""
 
+import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,9 +24,11 @@ class LogSource:
     source: str
     path: Path
     maps: tuple[Path, ...] = ()
-    """Vector maps (v2xpnp), or the one Lanelet2 map (interaction; else the one beside the tracks)."""
+    """Maps of v2xpnp, v2xseq, opv2v (also OpenDRIVE), and the Lanelet2 map of interaction, levelx (else looked for)."""
     agents: tuple[str, ...] | None = None
     window: TimeWindow | None = None
+    case: str = ""
+    """One of several cases in the file (interaction 1.2)."""
 
 
 def read_log(log: LogSource) -> Recording:
@@ -79,13 +82,41 @@ def _argoverse2(log: LogSource) -> Recording:
 
 
 def _interaction(log: LogSource) -> Recording:
-    from real2sim.readers.interaction import read_interaction
+    from real2sim.readers.interaction import find_interaction_map, read_interaction
 
-    folder = log.path if log.path.is_dir() else log.path.parent
-    maps = log.maps or tuple(sorted(folder.glob("*.osm")))
-    if len(maps) != 1:
-        raise InputError(f"{folder}: expected one Lanelet2 map *.osm beside the tracks (or --map), found {len(maps)}")
-    return read_interaction(log.path, maps[0])
+    return read_interaction(log.path, find_interaction_map(log.path, log.maps), case=log.case)
+
+
+def _levelx(log: LogSource) -> Recording:
+    from real2sim.readers.levelx import read_levelx
+
+    return read_levelx(log.path, log.maps)
+
+
+def _opv2v(log: LogSource) -> Recording:
+    """Read a log with a CARLA town as OpenDRIVE map, in whose network's frame the recording is, or a vector map."""
+    from mdrive_sumo.roads import load_road_map
+    from real2sim.carla.town_network import build_opendrive_network
+    from real2sim.readers.opv2v import LogFrame, read_opv2v
+    from real2sim.readers.v2xpnp_map import read_vector_map
+    from real2sim.writers.episode_map import build_hd_map
+
+    if len(log.maps) != 1:
+        raise InputError(f"{log.path}: expected one map (--map), an OpenDRIVE or a vector map, found {len(log.maps)}")
+    if log.maps[0].suffix != ".xodr":
+        found, notes = read_vector_map(log.maps[0])
+        recording = read_opv2v(log.path, found, LogFrame(), log.agents)
+        return replace(recording, notes=(*recording.notes, *notes))
+    with tempfile.TemporaryDirectory() as folder:
+        town = build_opendrive_network(log.maps[0], Path(folder))
+        found = build_hd_map(load_road_map(Path(folder)))
+    return read_opv2v(log.path, found, LogFrame(is_carla=True, offset=town.offset), log.agents)
+
+
+def _v2xseq(log: LogSource) -> Recording:
+    from real2sim.readers.v2xseq import read_v2xseq
+
+    return read_v2xseq(log.path, log.maps)
 
 
 READERS: dict[str, Callable[[LogSource], Recording]] = {
@@ -94,16 +125,22 @@ READERS: dict[str, Callable[[LogSource], Recording]] = {
     "commonroad": _commonroad,
     "argoverse2": _argoverse2,
     "interaction": _interaction,
+    "levelx": _levelx,
+    "opv2v": _opv2v,
+    "v2xseq": _v2xseq,
 }
 """By name of the source. Each reader needs packages of the extra `convert`, so it is imported on use."""
 
 
 def prefix_with_log(log: LogSource, sentence: str) -> str:
-    """Return a sentence with the path and the window of the log."""
+    """Return a sentence with the path, the case and the window of the log."""
     text = sentence if str(log.path) in sentence else f"{log.path}: {sentence}"
-    return f"{text} ({describe_window(log)})" if log.window else text
+    part = describe_part(log)
+    return f"{text} ({part})" if part else text
 
 
-def describe_window(log: LogSource) -> str:
-    """Describe the window of the log; "" for the whole log."""
-    return f"window {log.window[0]:g} s to {log.window[1]:g} s" if log.window else ""
+def describe_part(log: LogSource) -> str:
+    """Describe which part of its file the log is: case and window; "" for the whole file."""
+    case = f"case {log.case}" if log.case else ""
+    window = f"window {log.window[0]:g} s to {log.window[1]:g} s" if log.window else ""
+    return ", ".join(filter(None, (case, window)))

@@ -82,7 +82,13 @@ def _read(order: dict[str, Any]) -> object:
         return AnnotatedMap(*read_vector_map(path))
     agents = order["agents"]
     return read_log(
-        LogSource(order["source"], path, tuple(map(Path, order["maps"])), None if agents is None else tuple(agents))
+        LogSource(
+            order["source"],
+            path,
+            tuple(map(Path, order["maps"])),
+            None if agents is None else tuple(agents),
+            case=order["case"],
+        )
     )
 
 

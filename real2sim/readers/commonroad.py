@@ -20,6 +20,7 @@ from shapely.errors import ShapelyError
 from mdrive_sumo.core.errors import InputError
 from real2sim.readers.checked_arrays import check_frame_count
 from real2sim.readers.commonroad_map import build_commonroad_map
+from real2sim.readers.commonroad_states import note_vague_states, read_pose
 from real2sim.readers.optional_package import build_missing_error
 from real2sim.readers.time_window import TimeWindow, crop_recording
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
@@ -138,6 +139,11 @@ def _drop_unsupported(root: Element) -> Iterator[str]:
         root.remove(obstacle)
     if groups:
         yield f"{len(groups)} obstacles of more than one shape skipped"
+    vague = [one for one in _list_obstacles(root) if any(time.find("exact") is None for time in one.iter("time"))]
+    for obstacle in vague:
+        root.remove(obstacle)
+    if vague:
+        yield f"{len(vague)} obstacles without exact times skipped"
     there = {lanelet.get("id") for lanelet in root.iter("lanelet")}
     lost = [(one, link) for one in root.iter("lanelet") for name in LINK_TAGS for link in one.findall(name)]
     lost = [(one, link) for one, link in lost if link.get("ref") not in there]
@@ -204,7 +210,8 @@ def _build_tracks(path: Path, scenario: Any) -> tuple[tuple[RecordedTrack, ...],
     check_frame_count(f"{path}: time", max(times) - min(times) + 1, len(found))
     span = range(min(times), max(times) + 1)
     tracks = tuple(_build_track(path, *one, span) for one in found)
-    return tracks, tuple(f"{count} obstacles {why} skipped" for why, count in sorted(skipped.items()))
+    notes = (f"{count} obstacles {why} skipped" for why, count in sorted(skipped.items()))
+    return tracks, (*notes, *note_vague_states([states for _, _, states in found]))
 
 
 def _find_skip_reason(obstacle: Any) -> str:
@@ -214,9 +221,7 @@ def _find_skip_reason(obstacle: Any) -> str:
         return f"of the type {obstacle.obstacle_type.value}"
     if _is_dynamic(obstacle) and obstacle.prediction is not None and not hasattr(obstacle.prediction, "trajectory"):
         return "with a set-based prediction"
-    states = _list_states(obstacle)
-    exact = all(isinstance(one.position, np.ndarray) and isinstance(one.time_step, int) for one in states)
-    return "" if exact else "without exact positions and times"
+    return ""
 
 
 def _is_dynamic(obstacle: Any) -> bool:
@@ -237,7 +242,7 @@ def _build_track(
     path: Path, obstacle: Any, category: ObjectCategory, states: Sequence[Any], span: range
 ) -> RecordedTrack:
     where = f"{path}: obstacle {obstacle.obstacle_id}"
-    poses = np.array([(*state.position[:2], _to_angle(state.orientation)) for state in states], dtype=np.float64)
+    poses = np.array([read_pose(state) for state in states], dtype=np.float64)
     table = np.full((len(span), 3), np.nan)
     if _is_dynamic(obstacle):
         table[[state.time_step - span.start for state in states]] = poses
@@ -258,11 +263,6 @@ def _build_track(
         width=np.where(valid, width, np.nan),
         parked=not _is_dynamic(obstacle) or obstacle.obstacle_type.value == "parkedVehicle",
     )
-
-
-def _to_angle(orientation: Any) -> float:
-    """Return the angle [rad], NaN for an interval."""
-    return float(orientation) if isinstance(orientation, int | float) else math.nan
 
 
 def _compute_box(where: str, shape: Any) -> tuple[float, float, float, float]:

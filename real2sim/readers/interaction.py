@@ -1,12 +1,12 @@
 """INTERACTION: read track tables (.csv) and a Lanelet2 map.
 
 Source: Zhan et al., INTERACTION dataset, 2019, and its documentation of the columns: 10 Hz, metres, radians, full
-sizes, x and y of the box centre; pedestrians and bicycles share a table without heading and size.
+sizes, x and y of the box centre; pedestrians and bicycles share a table without heading and size. Version 1.2 has one
+table for all road users of many cases of 4 s each: `case_id`, and cells that are empty where a pedestrian has no value.
 """
 
-import csv
-import io
 import math
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,14 +17,15 @@ import numpy.typing as npt
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.input_files import open_regular
 from real2sim.readers.checked_arrays import check_frame_count
+from real2sim.readers.csv_table import find_columns, open_table, read_header
 from real2sim.readers.lanelet2 import read_lanelet2
 from real2sim.readers.time_window import TimeWindow, crop_recording
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 DT_S = 0.1
 STEP_MS = 100
+CASE_COLUMN = "case_id"
 KEY_COLUMNS = ("track_id", "timestamp_ms", "agent_type")
 MOTION_COLUMNS = ("x", "y", "vx", "vy")
 BOX_COLUMNS = ("psi_rad", "length", "width")
@@ -37,6 +38,8 @@ CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {
     "pedestrian": ObjectCategory.PEDESTRIAN,
     "pedestrian/bicycle": ObjectCategory.PEDESTRIAN,
 }
+SPLIT = re.compile(r"_(train|val|obs|test)$")
+"""End of the name of a table of version 1.2."""
 CYCLING_MPS = 3.0
 """Median speed above which a "pedestrian/bicycle" counts as a bicycle: few people run faster or ride slower."""
 
@@ -48,17 +51,20 @@ class _TrackRow:
     agent_type: str
     time_ms: float
     values: tuple[float, ...]
-    """Values of MOTION_COLUMNS, then BOX_COLUMNS; NaN for missing columns."""
+    """Values of MOTION_COLUMNS, then BOX_COLUMNS; NaN for missing columns and empty cells."""
 
 
-def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None) -> Recording:
+def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None, case: str = "") -> Recording:
     """Read `vehicle_tracks_*.csv` and the pedestrians next to it, or a folder with one such pair; raise InputError.
 
-    `window` is start and end [s] since the first frame. All tracks are in one view; none is a connected vehicle.
+    `window` is start and end [s] since the first frame. `case` names one of a table with several cases (version 1.2).
+    All tracks are in one view; none is a connected vehicle.
     """
     vehicles = _find_vehicle_file(tracks)
     pedestrians = vehicles.with_name(vehicles.name.replace("vehicle", "pedestrian"))
-    rows = {vehicles: _read_rows(vehicles, MOTION_COLUMNS + BOX_COLUMNS)}
+    if not case and len(cases := list_cases(vehicles)) > 1:
+        raise InputError(f"{vehicles}: expected the name of one case, found {len(cases)} cases from {cases[0]} on")
+    rows = {vehicles: _read_rows(vehicles, MOTION_COLUMNS + BOX_COLUMNS, case)}
     if pedestrians != vehicles and pedestrians.is_file():
         rows[pedestrians] = _read_rows(pedestrians, MOTION_COLUMNS)
     times = [row.time_ms for its_rows in rows.values() for row in its_rows]
@@ -70,7 +76,7 @@ def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None) 
     )
     hd_map, notes = read_lanelet2(osm)
     recording = Recording(
-        id=f"{osm.stem}_{vehicles.stem}",
+        id=_build_id(osm, vehicles, case),
         source="interaction",
         dt_s=DT_S,
         frame_count=frames,
@@ -79,6 +85,28 @@ def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None) 
         notes=(*_note_guesses(found), *notes),
     )
     return crop_recording(str(vehicles), recording, window)
+
+
+def find_interaction_map(tracks: Path, maps: Sequence[Path] = ()) -> Path:
+    """Return the one map given, else that beside the tracks, else that of the data set's `maps` folder.
+
+    Raises InputError if there is none or more than one. The data set names a map after the folder of the tracks
+    (version 1.0) or after their table (1.2: `DR_X_train.csv`).
+    """
+    folder = tracks if tracks.is_dir() else tracks.parent
+    found = tuple(maps) or tuple(sorted(folder.glob("*.osm")))
+    if not found:
+        above = [place / "maps" for place in folder.resolve().parents[:2]]
+        names = (folder.resolve().name, SPLIT.sub("", tracks.stem))
+        found = tuple(path for place in above for name in names if (path := place / f"{name}.osm").is_file())
+    if len(found) != 1:
+        raise InputError(f"{folder}: expected one Lanelet2 map *.osm beside the tracks (or --map), found {len(found)}")
+    return found[0]
+
+
+def _build_id(osm: Path, vehicles: Path, case: str) -> str:
+    name = vehicles.stem if vehicles.stem.startswith(osm.stem) else f"{osm.stem}_{vehicles.stem}"
+    return f"{name}_case{case}" if case else name
 
 
 def _find_vehicle_file(tracks: Path) -> Path:
@@ -90,41 +118,53 @@ def _find_vehicle_file(tracks: Path) -> Path:
     return files[0]
 
 
-MAX_TABLE_BYTES = 2**32
-"""Of a file; the largest of INTERACTION have 200 MB."""
+def list_cases(path: Path) -> tuple[str, ...]:
+    """Return the cases of a table in their order, () for a table without the column `case_id`; raise InputError."""
+    with open_table(path) as table:
+        header = read_header(table)
+        if CASE_COLUMN not in header:
+            return ()
+        column = header.index(CASE_COLUMN)
+        return tuple(dict.fromkeys(_name_case(cells[column]) for cells in table if len(cells) == len(header)))
 
 
-def _read_rows(path: Path, columns: Sequence[str]) -> list[_TrackRow]:
-    try:
-        with open_regular(path, MAX_TABLE_BYTES) as data, io.TextIOWrapper(data, encoding="utf-8", newline="") as file:
-            rows = list(_parse_rows(path, csv.reader(file), columns))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: expected a table of comma-separated values, found: {error}") from None
+def _name_case(text: str) -> str:
+    """Return the name of a case; version 1.2 numbers them 1.0, 2.0, ..."""
+    name = text.strip()
+    return name.removesuffix(".0")
+
+
+def _read_rows(path: Path, columns: Sequence[str], case: str = "") -> list[_TrackRow]:
+    with open_table(path) as table:
+        rows = list(_parse_rows(path, table, columns, case))
     if not rows:
-        raise InputError(f"{path}: expected at least one row, found none")
+        wanted = f" of the case {case}" if case else ""
+        raise InputError(f"{path}: expected at least one row{wanted}, found none")
     return rows
 
 
-def _parse_rows(path: Path, lines: Iterator[list[str]], columns: Sequence[str]) -> Iterator[_TrackRow]:
-    header = [name.strip() for name in next(lines, [])]
-    missing = [name for name in (*KEY_COLUMNS, *columns) if name not in header]
-    if missing:
-        found = " ".join(", ".join(header).split())[:200] or "none"
-        raise InputError(f"{path}: expected the column {missing[0]}, found {found}")
-    id_, time, agent_type, *values = (header.index(name) for name in (*KEY_COLUMNS, *columns))
+def _parse_rows(path: Path, table: Iterator[list[str]], columns: Sequence[str], case: str) -> Iterator[_TrackRow]:
+    """Yield the rows of a case, or all."""
+    header = read_header(table)
+    wanted = (*((CASE_COLUMN,) if case else ()), *KEY_COLUMNS, *columns)
+    *case_columns, id_, time, agent_type = find_columns(path, header, wanted[: len(wanted) - len(columns)])
+    values = find_columns(path, header, columns)
     rest = (math.nan,) * (len(MOTION_COLUMNS) + len(BOX_COLUMNS) - len(columns))
-    for line, cells in enumerate(lines, start=2):
+    for line, cells in enumerate(table, start=2):
         if not cells:
             continue
         if len(cells) != len(header):
             raise InputError(f"{path}: line {line}: expected {len(header)} columns, found {len(cells)}")
+        if any(_name_case(cells[column]) != case for column in case_columns):
+            continue
         numbers = tuple(_parse_number(path, line, header[index], cells[index]) for index in (time, *values))
         yield _TrackRow(line, cells[id_], cells[agent_type], numbers[0], numbers[1:] + rest)
 
 
 def _parse_number(path: Path, line: int, name: str, text: str) -> float:
+    """Return a number; NaN for an empty cell of heading or size, which version 1.2 leaves for pedestrians."""
+    if name in BOX_COLUMNS and not text.strip():
+        return math.nan
     try:
         value = float(text)
     except ValueError:

@@ -80,17 +80,20 @@ class _LaneletIndex:
     rights: Mapping[tuple[str, ...], str]
 
 
-def read_lanelet2(path: Path) -> tuple[HdMap, tuple[str, ...]]:
+def read_lanelet2(path: Path, utm_origin: tuple[float, float] | None = None) -> tuple[HdMap, tuple[str, ...]]:
     """Read the map of an `.osm` file, with notes on skipped elements; raise InputError.
 
-    Metres from the projected origin (0, 0), the frame of INTERACTION's tracks.
+    Metres from the projected origin (0, 0), the frame of INTERACTION's tracks, or from `utm_origin`, see `read_osm`.
     """
-    osm = read_osm(path)
-    lanelets = tuple(_build_lanelet(osm, relation) for relation in osm.list_relations("lanelet"))
+    osm = read_osm(path, utm_origin)
+    lanelets, faults = _build_lanelets(osm)
     roads = {one.relation.id: one for one in lanelets if one.subtype in LANE_KIND_BY_SUBTYPE}
     if not roads:
-        raise InputError(f"{path}: expected at least one lanelet with the subtype road, found none")
+        why = f": {faults[0]}" if faults else ""
+        raise InputError(f"{path}: expected at least one lanelet with the subtype road, found none{why}")
     limits, notes = _parse_limits(osm)
+    if faults:
+        notes += (f"{len(faults)} lanelets skipped, the first: {faults[0]}",)
     lanes = _build_lanes(osm, roads, limits)
     drawn = tuple(
         build_outline(osm.build_line(one.left), osm.build_line(one.right))
@@ -102,6 +105,7 @@ def read_lanelet2(path: Path) -> tuple[HdMap, tuple[str, ...]]:
     unknown = Counter(
         one.subtype for one in lanelets if one.subtype not in LANE_KIND_BY_SUBTYPE and one.subtype != "crosswalk"
     )
+    notes += osm.notes
     notes += tuple(f"{count} lanelets of the subtype {name!r} skipped" for name, count in sorted(unknown.items()))
     areas = tuple(area for one in osm.list_relations("multipolygon") for area in _build_areas(osm, one))
     return HdMap(lanes, crosswalks, stop_lines, _build_signals(osm, lanes), drivable_areas=areas), notes
@@ -113,6 +117,18 @@ def _build_areas(osm: OsmFile, relation: OsmRelation) -> tuple[MapArea, ...]:
         return ()
     ways = [osm.build_line(way) for way in osm.list_ways(relation, "outer", "inner")]
     return split_areas(shapely.build_area(shapely.union_all(list(map(shapely.LineString, ways)))))
+
+
+def _build_lanelets(osm: OsmFile) -> tuple[tuple[_Lanelet, ...], tuple[str, ...]]:
+    """Return the lanelets, and what is wrong with those that cannot be built."""
+    lanelets: list[_Lanelet] = []
+    faults: list[str] = []
+    for relation in osm.list_relations("lanelet"):
+        try:
+            lanelets.append(_build_lanelet(osm, relation))
+        except InputError as error:
+            faults.append(str(error))
+    return tuple(lanelets), tuple(faults)
 
 
 def _build_lanelet(osm: OsmFile, relation: OsmRelation) -> _Lanelet:
@@ -127,8 +143,11 @@ def _build_lanelet(osm: OsmFile, relation: OsmRelation) -> _Lanelet:
 
 def _get_side(osm: OsmFile, relation: OsmRelation, role: str) -> OsmWay:
     ways = osm.list_ways(relation, role)
+    fault = next((osm.unusable_ways[id_] for id_ in relation.list_members(role) if id_ in osm.unusable_ways), "")
+    if fault:
+        raise InputError(f"lanelet {relation.id}: {role}: {fault}")
     if len(ways) != 1:
-        raise InputError(f"{osm.path}: lanelet {relation.id}: expected one way as {role}, found {len(ways)}")
+        raise InputError(f"lanelet {relation.id}: expected one way as {role}, found {len(ways)}")
     return ways[0]
 
 

@@ -8,7 +8,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.input_files import read_text
+from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.scenario.scenario_part import Seconds, Speed
 
@@ -108,7 +108,7 @@ def read_behaviors(folder: Path) -> tuple[BehaviorEntry, ...]:
 
 def _read_json(path: Path, shape: TypeAdapter[_T]) -> _T:
     try:
-        data: Any = json.loads(read_text(path))
+        data: Any = json.loads(read_bytes(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except (ValueError, RecursionError) as error:  # broken JSON, no text at all, or nested without end

@@ -47,20 +47,27 @@ class OsmRelation:
 
 @dataclass(frozen=True)
 class OsmFile:
-    """Contents of a file; nodes are (2,) [m]."""
+    """Contents of a file without deleted elements; nodes are (2,) [m]."""
 
     path: Path
     nodes: Mapping[str, Float]
     ways: Mapping[str, OsmWay]
+    """Ways of at least two distinct points, all of them in the file, and of a plausible length."""
     relations: Mapping[str, OsmRelation]
+    unusable_ways: Mapping[str, str]
+    """Id of a way that is not among `ways` -> what is wrong with it."""
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was skipped."""
+        if not self.unusable_ways:
+            return ()
+        first = next(iter(self.unusable_ways.values()))
+        return (f"{len(self.unusable_ways)} ways of the map skipped, the first: {first}",)
 
     def build_line(self, way: OsmWay) -> Float:
-        """Return the points (N, 2) [m]; raise InputError if there are fewer than two."""
-        where = f"{self.path}: way {way.id}"
-        line = parse_points(where, [self.nodes[node] for node in way.nodes])
-        if len(line) < 2:
-            raise InputError(f"{where}: expected at least two distinct points, found {len(line)}")
-        return line
+        """Return the points (N, 2) [m], N >= 2."""
+        return parse_points(f"{self.path}: way {way.id}", [self.nodes[node] for node in way.nodes])
 
     def list_relations(self, name: str) -> Iterator[OsmRelation]:
         """Yield the relations of a type."""
@@ -71,35 +78,72 @@ class OsmFile:
         return tuple(self.ways[id_] for id_ in dict.fromkeys(relation.list_members(*roles)) if id_ in self.ways)
 
 
-def read_osm(path: Path) -> OsmFile:
-    """Read a file and project it like Lanelet2's UtmProjector with the origin (0, 0); raise InputError."""
+def read_osm(path: Path, utm_origin: tuple[float, float] | None = None) -> OsmFile:
+    """Read a file and project it like Lanelet2's UtmProjector with the origin (0, 0); raise InputError.
+
+    `utm_origin` is another origin, easting and northing [m] in the UTM zone of the map's nodes.
+    """
     root = read_xml(path)
     if root.tag != "osm":
         raise InputError(f"{path}: expected the root <osm>, found <{root.tag}>")
-    nodes = _read_nodes(path, root)
-    ways = {way.id: way for way in (_read_way(path, element, nodes) for element in root.iter("way"))}
-    relations = {relation.id: relation for relation in (_read_relation(path, one) for one in root.iter("relation"))}
-    return OsmFile(path, nodes, ways, relations)
+    nodes = _read_nodes(path, root, utm_origin)
+    ways = {way.id: way for way in (_read_way(path, element) for element in _list_elements(root, "way"))}
+    unusable = {id_: reason for id_, way in ways.items() if (reason := _find_fault(way, nodes))}
+    relations = {
+        relation.id: relation for relation in (_read_relation(path, one) for one in _list_elements(root, "relation"))
+    }
+    return OsmFile(path, nodes, {id_: ways[id_] for id_ in ways if id_ not in unusable}, relations, unusable)
 
 
-def _read_nodes(path: Path, root: Element) -> Mapping[str, Float]:
-    elements = list(root.iter("node"))
+def _list_elements(root: Element, tag: str) -> Iterator[Element]:
+    """Yield elements that exist: the editor JOSM keeps deleted ones, without their contents."""
+    return (
+        element
+        for element in root.iter(tag)
+        if element.get("action") != "delete" and element.get("visible", "true") != "false"
+    )
+
+
+def _find_fault(way: OsmWay, nodes: Mapping[str, Float]) -> str:
+    """Return why a way is no line; "" if it is one."""
+    missing = next((node for node in way.nodes if node not in nodes), None)
+    if missing is not None:
+        return f"way {way.id}: expected nodes of this file, found node {missing}"
+    try:
+        points = len(parse_points(f"way {way.id}", [nodes[node] for node in way.nodes])) if way.nodes else 0
+    except InputError as error:  # a line that is too long
+        return str(error)
+    return "" if points > 1 else f"way {way.id}: expected at least two distinct points, found {points}"
+
+
+def _read_nodes(path: Path, root: Element, utm_origin: tuple[float, float] | None) -> Mapping[str, Float]:
+    elements = list(_list_elements(root, "node"))
     if not elements:
         raise InputError(f"{path}: expected nodes, found none")
     degrees = np.array([[read_number(path, element, name) for name in ("lon", "lat")] for element in elements])
     if (np.abs(degrees) > (180.0, 90.0)).any():
         raise InputError(f"{path}: expected latitudes within 90 and longitudes within 180 degrees, found others")
-    return dict(zip((_read_id(path, element, "id") for element in elements), _project(path, degrees), strict=True))
+    return dict(
+        zip((_read_id(path, element, "id") for element in elements), _project(path, degrees, utm_origin), strict=True)
+    )
 
 
-def _project(path: Path, degrees: Float) -> Float:
+def _project(path: Path, degrees: Float, utm_origin: tuple[float, float] | None) -> Float:
     """Project longitudes and latitudes to (N, 2) [m]."""
-    transformer: Any = _import_pyproj(path).Transformer.from_crs("EPSG:4326", UTM_OF_ORIGIN, always_xy=True)
+    crs = UTM_OF_ORIGIN if utm_origin is None else _name_utm_zone(*np.median(degrees, axis=0).tolist())
+    transformer: Any = _import_pyproj(path).Transformer.from_crs("EPSG:4326", crs, always_xy=True)
     x, y = transformer.transform(*np.vstack(((0.0, 0.0), degrees)).T)
-    plane = np.column_stack((x, y))
+    plane = np.column_stack((x, y))[1:] - (np.array((x[0], y[0])) if utm_origin is None else utm_origin)
     if not np.isfinite(plane).all():
-        raise InputError(f"{path}: expected nodes near 0 degrees north, 0 degrees east, found some out of UTM zone 31")
-    return plane[1:] - plane[0]
+        place = "0 degrees north, 0 degrees east" if utm_origin is None else "each other"
+        raise InputError(f"{path}: expected nodes near {place}, found some out of {crs}")
+    return plane
+
+
+def _name_utm_zone(longitude: float, latitude: float) -> str:
+    """Return the code of the UTM zone (WGS 84) of a place [degrees]."""
+    zone = min(int((longitude + 180.0) // 6.0) + 1, 60)
+    return f"EPSG:{(32600 if latitude >= 0.0 else 32700) + zone}"
 
 
 def _import_pyproj(path: Path) -> Any:
@@ -118,16 +162,12 @@ def _read_id(path: Path, element: Element, name: str) -> str:
     return text
 
 
-def _read_way(path: Path, element: Element, nodes: Mapping[str, Float]) -> OsmWay:
-    way = OsmWay(
+def _read_way(path: Path, element: Element) -> OsmWay:
+    return OsmWay(
         _read_id(path, element, "id"),
         tuple(_read_id(path, nd, "ref") for nd in element.iter("nd")),
         _read_tags(element),
     )
-    for node in way.nodes:
-        if node not in nodes:
-            raise InputError(f"{path}: way {way.id}: expected nodes of this file, found node {node}")
-    return way
 
 
 def _read_relation(path: Path, element: Element) -> OsmRelation:

@@ -12,6 +12,7 @@ from typing import Any
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import open_regular
 from real2sim.readers.pickled_arrays import DTYPE, FROM_BUFFER, NDARRAY, RECONSTRUCT, SCALAR
+from real2sim.readers.pickled_containers import CONTAINERS
 
 AllowedGlobals = Mapping[tuple[str, str], object]
 """(module, name) in a pickle -> object used for it. None of them may have attributes that a pickle can set."""
@@ -29,6 +30,9 @@ NUMPY_GLOBALS: AllowedGlobals = {
     ("numpy", "dtype"): DTYPE,
 }
 """Arrays and scalars of numpy."""
+
+PLAIN_GLOBALS: AllowedGlobals = {**NUMPY_GLOBALS, **CONTAINERS}
+"""Arrays, and the containers of Python's library."""
 
 UNPICKLING_ERRORS = (
     pickle.UnpicklingError, EOFError, ValueError, TypeError, AttributeError, LookupError, MemoryError, OverflowError,
@@ -55,7 +59,7 @@ MAX_PICKLE_BYTES = 2**32
 """Of a file; the largest of ScenarioNet have 100 MB."""
 
 
-def load_pickle(path: Path, allowed: AllowedGlobals = NUMPY_GLOBALS) -> Any:
+def load_pickle(path: Path, allowed: AllowedGlobals = PLAIN_GLOBALS) -> Any:
     """Load a pickle; raise InputError if it is unreadable, broken or names a class not in `allowed`."""
     try:
         with open_regular(path, MAX_PICKLE_BYTES) as file:

@@ -143,7 +143,8 @@ def _build_track(
 ) -> RecordedTrack:
     position = _read_column(where, state, "position", frames)
     valid = _read_column(where, state, "valid", frames)[:, 0] > 0.5
-    heading, length, width = (_read_column(where, state, name, frames)[:, 0] for name in ("heading", "length", "width"))
+    heading = _read_column(where, state, "heading", frames)[:, 0]
+    length, width = (_read_size(where, state, name, frames) for name in ("length", "width"))
     bad = valid & ~np.isfinite(position[:, :2]).all(1)
     if bad.any():
         first = int(np.flatnonzero(bad)[0])
@@ -162,6 +163,11 @@ def _build_track(
         width=np.where(valid & (width > 0), width, np.nan),
         parked=category is ObjectCategory.STATIC,
     )
+
+
+def _read_size(where: str, state: Mapping[str, Any], name: str, frames: int) -> Float:
+    """Return a column (T,) [m]; NaN where the source lacks it: MetaDrive records no sizes of some objects."""
+    return _read_column(where, state, name, frames)[:, 0] if name in state else np.full(frames, np.nan)
 
 
 def _read_column(where: str, state: Mapping[str, Any], name: str, frames: int) -> Float:

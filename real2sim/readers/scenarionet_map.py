@@ -21,6 +21,8 @@ TOUCH_M = 0.1
 """[m] Lane ends this close are connected: in nuScenes they agree to 1e-11 m or not at all."""
 TOUCH_RAD = np.radians(45)
 MPS_PER_MPH = 0.44704
+MAX_LIMIT_MPS = 50.0
+"""[m/s] Higher limits stand for none: MetaDrive gives its lanes 1000 km/h."""
 
 MapFeatures = Mapping[str, Mapping[str, Any]]
 Notes = tuple[str, ...]
@@ -152,7 +154,7 @@ def _read_speed_limit(where: str, feature: Mapping[str, Any]) -> float:
         read_finite(where, feature, "speed_limit_kmh") / 3.6
         or read_finite(where, feature, "speed_limit_mph") * MPS_PER_MPH
     )
-    return limit if limit > 0 else float("nan")
+    return limit if 0 < limit <= MAX_LIMIT_MPS else float("nan")
 
 
 def _is_in_junction(feature: Mapping[str, Any], dataset: str) -> bool:

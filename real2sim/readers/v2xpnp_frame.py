@@ -40,8 +40,11 @@ class V2xpnpFrame:
     """(N, 12): three numbers for each of `COLUMNS`."""
 
 
-def read_frame(path: Path) -> V2xpnpFrame:
-    """Read one file; raise InputError if it is truncated, not YAML, or incomplete."""
+def read_frame(path: Path, typed: bool = True) -> V2xpnpFrame:
+    """Read one file; raise InputError if it is truncated, not YAML, or incomplete.
+
+    `typed`: whether every object needs a type; else a missing one is "".
+    """
     try:
         text = read_text(path)
     except OSError as error:
@@ -50,13 +53,14 @@ def read_frame(path: Path) -> V2xpnpFrame:
         raise InputError(f"{path}: expected UTF-8 text, found other bytes") from None
     if not text.endswith("\n"):
         raise InputError(f"{path}: expected a last line with its end, found {text[-20:]!r}: the file is cut off")
-    frame = _parse_regular(text) or _parse_yaml(path, text)
+    frame = _parse_regular(text) or _parse_yaml(path, text, typed)
     _check_finite(path, frame)
     return frame
 
 
 _NUMBER = r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+(?:e[-+][0-9]+)?)?"
 """Numbers of YAML 1.1 that Python's float() parses identically."""
+_EXPONENT = re.compile(r"-?[0-9]+e[-+][0-9]{1,3}")
 _THREE = rf"    - ({_NUMBER})\n" * 3
 _SIX = rf"- ({_NUMBER})\n" * 6
 _HEAD = re.compile(
@@ -98,7 +102,7 @@ def _parse_regular(text: str) -> V2xpnpFrame | None:
     )
 
 
-def _parse_yaml(path: Path, text: str) -> V2xpnpFrame:
+def _parse_yaml(path: Path, text: str, typed: bool = True) -> V2xpnpFrame:
     """Return the frame of any YAML text; raise InputError."""
     try:
         _check_depth(path, text)
@@ -111,7 +115,7 @@ def _parse_yaml(path: Path, text: str) -> V2xpnpFrame:
     vehicles = raw.get("vehicles") or {}
     if not isinstance(vehicles, Mapping):
         raise InputError(f"{path}: vehicles: expected a mapping of objects, found {type(vehicles).__name__}")
-    items = [_check_object(path, key, item) for key, item in vehicles.items()]
+    items = [_check_object(path, key, item, typed) for key, item in vehicles.items()]
     sensor = _parse_numbers(f"{path}: lidar_pose", raw.get("lidar_pose"), 6)
     _parse_numbers(
         f"{path}: true_ego_pose", raw.get("true_ego_pose", sensor), 6
@@ -120,7 +124,7 @@ def _parse_yaml(path: Path, text: str) -> V2xpnpFrame:
         infrastructure=raw.get("infra") is True,
         sensor=sensor,
         ids=tuple(map(str, vehicles)),
-        labels=tuple(str(item["obj_type"]) for item in items),
+        labels=tuple(str(item.get("obj_type", "")) for item in items),
         static=tuple(item.get("attribute") == "static" for item in items),
         boxes=np.array([_parse_box(path, key, item) for key, item in zip(vehicles, items, strict=True)]).reshape(
             -1, 12
@@ -140,11 +144,14 @@ def _check_depth(path: Path, text: str) -> None:
             raise InputError(f"{path}: expected values at most {SAFE_DEPTH} deep, found more")
 
 
-def _check_object(path: Path, key: object, raw: object) -> Mapping[str, Any]:
+def _check_object(path: Path, key: object, raw: object, typed: bool) -> Mapping[str, Any]:
     if not isinstance(raw, Mapping):
         raise InputError(f"{path}: object {key}: expected a mapping with location, found {describe_value(raw)}")
-    if "obj_type" not in raw:
-        raise InputError(f"{path}: object {key}: expected obj_type, found only {', '.join(map(str, raw))}")
+    if typed and "obj_type" not in raw:
+        raise InputError(
+            f"{path}: object {key}: expected obj_type, found only {', '.join(map(str, raw))}"
+            " (logs without types, as OPV2V has them: mdrive-sumo convert opv2v)"
+        )
     return raw
 
 
@@ -155,12 +162,17 @@ def _parse_box(path: Path, key: object, item: Mapping[str, Any]) -> tuple[float,
 
 
 def _parse_numbers(where: str, raw: object, count: int) -> tuple[float, ...]:
-    if not isinstance(raw, list | tuple) or len(raw) != count or not all(type(n) in (int, float) for n in raw):
+    if not isinstance(raw, list | tuple) or len(raw) != count or not all(map(_is_number, raw)):
         raise InputError(f"{where}: expected {count} numbers, found {describe_value(raw)}")
     try:
         return tuple(map(float, raw))
     except OverflowError:
         raise InputError(f"{where}: expected {count} numbers, found an integer of more than 308 digits") from None
+
+
+def _is_number(value: object) -> bool:
+    """Return whether a value is a number; YAML 1.1 reads those without a point, such as 1e-05, as text."""
+    return type(value) in (int, float) or (isinstance(value, str) and _EXPONENT.fullmatch(value) is not None)
 
 
 def _check_finite(path: Path, frame: V2xpnpFrame) -> None:

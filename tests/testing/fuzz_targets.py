@@ -35,18 +35,29 @@ from real2sim.readers.argoverse2 import read_argoverse2
 from real2sim.readers.commonroad import read_commonroad
 from real2sim.readers.interaction import read_interaction
 from real2sim.readers.lanelet2 import read_lanelet2
+from real2sim.readers.levelx import read_levelx
 from real2sim.readers.mdrive_manifest import BEHAVIOR, MANIFEST, read_behaviors, read_manifest
 from real2sim.readers.route_file import read_route_file
 from real2sim.readers.scenarionet import read_scenarionet
 from real2sim.readers.v2xpnp_frame import read_frame
 from real2sim.readers.v2xpnp_map import read_vector_map
+from real2sim.readers.v2xseq import read_v2xseq, read_v2xseq_map
 from real2sim.recording import Recording
 from real2sim.writers.v2xpnp_map import write_vector_map
 from server.archive.limits import ArchiveLimits
 from server.archive.manifest import check_archive
 from server.settings import load_settings
 from server.store.database_check import check_sqlite_file
-from testing import archive_samples, argoverse2_samples, commonroad_samples, small_log, v2xpnp_samples
+from testing import (
+    archive_samples,
+    argoverse2_samples,
+    commonroad_samples,
+    levelx_samples,
+    opv2v_samples,
+    small_log,
+    v2xpnp_samples,
+    v2xseq_samples,
+)
 from testing.interaction_samples import build_street, write_table
 from testing.mdrive_directory import EGO
 from testing.scenarionet_samples import description
@@ -108,6 +119,15 @@ def _write_csv(folder: Path) -> Path:
     build_street().write(folder / "map.osm")
     rows = ("1,5,500,car,1,2,10,0,0.1,4.5,1.8", "1,6,600,car,2,2,10,0,0.1,4.5,1.8")
     return write_table(folder / "vehicle_tracks_007.csv", *rows)
+
+
+def _write_ground(folder: Path) -> Path:
+    rows = [levelx_samples.format_ground_row(3, frame, frame * 0.4) for frame in range(5)]
+    return levelx_samples.write_ground(folder, rows, {3: "car"}, frames=5)
+
+
+def _write_v2xseq_map(folder: Path) -> Path:
+    return v2xseq_samples.write_scene(folder, v2xseq_samples.list_rows(3))[1]
 
 
 def _write_osm(folder: Path) -> Path:
@@ -227,6 +247,15 @@ TARGETS: Mapping[str, FuzzTarget] = {
     "argoverse2 sensor": FuzzTarget(_write_sweeps, _read_sweeps, native=True),
     "argoverse2 map": FuzzTarget(_write_map_archive, _read_sweeps),
     "interaction": FuzzTarget(_write_csv, lambda path: read_interaction(path, path.parent / "map.osm")),
+    "opv2v frame": FuzzTarget(
+        _file("000068.yaml", opv2v_samples.format_frame(0)), lambda path: read_frame(path, typed=False)
+    ),
+    "levelx": FuzzTarget(_write_ground, read_levelx),
+    "v2xseq": FuzzTarget(
+        lambda folder: v2xseq_samples.write_scene(folder, v2xseq_samples.list_rows(3))[0],
+        lambda path: read_v2xseq(path, [path.parents[1] / "maps" / "hdmap1.json"]),
+    ),
+    "v2xseq map": FuzzTarget(_write_v2xseq_map, read_v2xseq_map),
     "lanelet2": FuzzTarget(_write_osm, read_lanelet2),
     "confirmed infractions": FuzzTarget(
         _file(

@@ -26,7 +26,7 @@ Log = dict[str, list[tuple[int, Any]]]
 def log(exported: Export) -> Log:
     found: Log = defaultdict(list)
     with (exported("mcap") / f"{SCENARIO}.mcap").open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
+        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
             assert schema is not None
             value = json.loads(message.data) if schema.encoding == "jsonschema" else decode(schema, message.data)
             assert message.log_time % TICK_NS == 0

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sumolib
+from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]  # it has no stubs here
 from testing.mixed_run import CAVS, SCENARIO
 
 from mdrive_sumo.core.state import TICKS_PER_SECOND
@@ -27,6 +28,12 @@ def read_points(path: Path) -> Iterator[Point]:
     for step in sumolib.xml.parse(str(path), "timestep"):
         for one in (*(step.vehicle or ()), *(step.person or ())):
             yield round(float(step.time) * TICKS_PER_SECOND), one.id, one
+
+
+@pytest.mark.parametrize(("file", "schema"), [("fcd", "fcd_file"), ("types", "additional_file")])
+def test_files_are_valid_by_the_schemas_of_sumo(exported: Export, file: str, schema: str) -> None:
+    xsd = etree.XMLSchema(etree.parse(find_netconvert().parents[1] / "data" / "xsd" / f"{schema}.xsd"))
+    xsd.assertValid(etree.parse(exported("fcd") / f"{SCENARIO}.{file}.xml"))
 
 
 def test_sumolib_reads_the_recorded_poses(exported: Export, record: EpisodeRecord) -> None:

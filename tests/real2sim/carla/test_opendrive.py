@@ -4,10 +4,12 @@ import gzip
 import json
 import math
 import os
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from testing.opendrive_samples import REFUSED
 from testing.sampling import sampled
 from testing.shared_material import SHARED_DATA, needs_data
 
@@ -126,6 +128,7 @@ def test_a_ready_net_is_taken_where_the_xodr_is_missing_or_predates_signals(tmp_
         ("<!DOCTYPE bomb [<!ENTITY a 'aaa'>]><OpenDRIVE>&a;</OpenDRIVE>", "without a document type"),
         (ROAD.format(length="nan", geometry=LINE, signals="", offset=""), "length: expected a finite number"),
         ("<OpenDRIVE><header/></OpenDRIVE>", "netconvert"),
+        *((text, re.escape(words)) for text, words in REFUSED.values()),
     ],
 )
 def test_a_bad_map_is_refused_in_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:

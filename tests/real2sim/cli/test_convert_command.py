@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from testing.convert_command import run
+from testing.interaction_samples import VEHICLES, build_street, write_table
 from testing.small_log import FRAMES, STATION, recording, road, track
 
 from mdrive_sumo.core.atomic_folder import atomic_folder
@@ -228,13 +229,29 @@ def test_a_terminated_conversion_leaves_nothing(tmp_path: Path) -> None:
     assert signal.getsignal(signal.SIGTERM) is before
 
 
+def test_every_case_of_an_interaction_table_is_a_scenario(tmp_path: Path) -> None:
+    build_street().write(tmp_path / "DR_X.osm")
+    rows = [
+        f"{case}.0,1,{frame},{100 * frame},car,{case + frame:.1f},2,10,0,0,4.5,1.8"
+        for case in (1, 2, 3)
+        for frame in range(1, 31)
+    ]
+    table = write_table(tmp_path / "DR_X_train.csv", *rows, header=f"case_id,{VEHICLES}")
+    done = run("interaction", tmp_path, "--cases", "1,3", "--out", tmp_path / "suite", "--workers", "1")
+    assert done.exit_code == 0, done.stderr
+    assert "DR_X_train.csv, case 3: passed" in done.stderr
+    assert [one.id for one in load_suite(str(tmp_path / "suite")).scenarios] == ["DR_X_train_case1", "DR_X_train_case3"]
+    twice = run("interaction", table, table, "--cases", "2", "--out", tmp_path / "again", "--workers", "1")
+    assert "expected every log once, found it twice (case 2)" in twice.stderr
+
+
 @pytest.mark.parametrize(
     ("source", "wanted"),
     [
         ("scenarionet", "*.pkl"),
         ("commonroad", "*.xml"),
         ("argoverse2", "*.parquet or *.feather"),
-        ("interaction", "vehicle_tracks_*.csv"),
+        ("interaction", "vehicle_tracks_*.csv or DR_*.csv"),
     ],
 )
 def test_a_folder_without_logs(source: str, wanted: str, tmp_path: Path) -> None:

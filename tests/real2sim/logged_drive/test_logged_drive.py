@@ -163,7 +163,7 @@ ENTRY = 'scenario = "s"\ncav = "c"\nkind = "stop-sign"\ntime_s = 1.5\nfactor = 0
 
 def test_the_file_is_read(tmp_path: Path) -> None:
     path = tmp_path / "confirmed.toml"
-    path.write_text(f"[[confirmed]]\n{ENTRY}\n[[confirmed]]\n{ENTRY.replace('1.5', '7')}")
+    path.write_text(f"\ufeff[[confirmed]]\n{ENTRY}\n[[confirmed]]\n{ENTRY.replace('1.5', '7')}")  # a byte order mark
     assert [one.time_s for one in load_confirmed_infractions(path)] == [1.5, 7.0]
 
 

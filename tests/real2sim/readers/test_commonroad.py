@@ -202,8 +202,7 @@ def test_shapes_are_boxes_about_their_centre(write: Write, name: str) -> None:
 
 
 def test_unreadable_obstacles_are_noted(write: Write) -> None:
-    cloud = "<position><circle><radius>1</radius><center><x>1</x><y>2</y></center></circle></position>"
-    vague = MOVES.replace("<position><point><x>13</x><y>0</y></point></position>", cloud)
+    vague = MOVES.replace("<exact>6</exact>", "<intervalStart>6</intervalStart><intervalEnd>8</intervalEnd>")
     path = write(
         format_lanelet(1, 0),
         format_obstacle(7),
@@ -215,8 +214,8 @@ def test_unreadable_obstacles_are_noted(write: Write) -> None:
     assert set(_tracks(recording)) == {"7"}
     assert recording.notes == (
         "1 obstacles of more than one shape skipped",
+        "1 obstacles without exact times skipped",
         "1 obstacles of the type train skipped",
-        "1 obstacles without exact positions and times skipped",
     )
 
 
@@ -231,13 +230,6 @@ def test_links_out_of_a_cut_map_are_taken_out(write: Write) -> None:
     lane = recording.map.lanes["1"]
     assert (lane.entries, lane.exits, lane.left_neighbour) == ((), ("2",), "")
     assert recording.notes == ("2 links to lanelets that are not in the file skipped",)
-
-
-def test_a_vague_heading_is_none(write: Write) -> None:
-    vague = MOVES.replace("<exact>0.5</exact>", "<intervalStart>0.4</intervalStart><intervalEnd>0.6</intervalEnd>")
-    track = _tracks(read_commonroad(write(format_lanelet(1, 0), format_obstacle(7, vague))))["7"]
-    assert np.isnan(track.yaw).all()
-    np.testing.assert_array_equal(track.x, [10, 11, np.nan, 13])
 
 
 def test_kinds_of_lanes_and_signs(write: Write) -> None:

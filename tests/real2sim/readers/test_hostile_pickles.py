@@ -4,6 +4,7 @@ import pickle
 import signal
 import subprocess
 import sys
+from collections import Counter, OrderedDict, defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -121,7 +122,7 @@ ARRAYS: tuple[Any, ...] = (
 )
 
 
-@pytest.mark.parametrize("protocol", [4, 5])
+@pytest.mark.parametrize("protocol", [2, 3, 4, 5])
 @pytest.mark.parametrize("number", range(len(ARRAYS)))
 def test_plain_arrays_are_read_as_numpy_reads_them(number: int, protocol: int, tmp_path: Path) -> None:
     path = tmp_path / "x.pkl"
@@ -131,6 +132,56 @@ def test_plain_arrays_are_read_as_numpy_reads_them(number: int, protocol: int, t
     assert found["a"].shape == wanted.shape
     assert np.array_equal(found["a"], wanted)
     assert np.array_equal(found["b"], wanted)
+
+
+CONTAINERS: tuple[Any, ...] = (
+    defaultdict(int, {"VEHICLE": 3}),
+    defaultdict(dict, {"a": {}}),
+    defaultdict(None, {1: 2}),
+    OrderedDict(b=1, a=2),
+    Counter("aab"),
+    {"PEDESTRIAN", "VEHICLE"},
+    frozenset((1, 2)),
+    b"bytes",
+    b"",
+)
+
+
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+@pytest.mark.parametrize("number", range(len(CONTAINERS)))
+def test_containers_of_pythons_library_are_read_as_plain_ones(number: int, protocol: int, tmp_path: Path) -> None:
+    """MetaDrive leaves a defaultdict(int) in the metadata of every description that it writes."""
+    path = tmp_path / "x.pkl"
+    path.write_bytes(pickle.dumps([CONTAINERS[number]], protocol))
+    (found,) = load_pickle(path)
+    assert found == CONTAINERS[number]
+    assert type(found) in (dict, set, frozenset, bytes)
+
+
+INT = name("builtins", "int")
+CONTAINER_ATTACKS = {
+    "a call of int": INT + text("9" * 200) + b"\x85R",
+    "a default that is a function": name("collections", "defaultdict") + name("numpy", "dtype") + b"\x85R",
+    "a default that is a value": name("collections", "defaultdict") + text("int") + b"\x85R",
+    "a set of a number": name("builtins", "set") + b"K\x01\x85R",
+    "a set of dicts": name("builtins", "set") + b"]}a\x85R",
+    "another encoding": name("_codecs", "encode") + text("a") + text("rot13") + b"\x86R",
+    "bytes of a number": name("builtins", "bytes") + b"J\xff\xff\xff\x7f\x85R",
+    "attributes of a default": INT + b"N}" + text("_function") + b"Ns\x86b",
+    "attributes of dict": name("metadrive.scenario.scenario_description", "ScenarioDescription")
+    + b"N}"
+    + text("keys")
+    + b"Ns\x86b",
+    "items of a factory": INT + b"(" + text("a") + b"Nu",
+}
+
+
+@pytest.mark.parametrize("attack", CONTAINER_ATTACKS)
+def test_containers_do_only_what_their_writer_does(attack: str, tmp_path: Path) -> None:
+    path = tmp_path / "scenario.pkl"
+    path.write_bytes(b"\x80\x04]" + CONTAINER_ATTACKS[attack] + b"a.")
+    with pytest.raises(InputError, match="expected a complete pickle, found: "):
+        load_pickle(path)
 
 
 @pytest.mark.slow

@@ -8,16 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from testing.interaction_samples import (
-    VEHICLES,
-    write_table,
-)
+from testing.interaction_samples import VEHICLES, build_street, write_table
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.core.state import Kind
 from real2sim.hd_map import HdMap
-from real2sim.readers.interaction import read_interaction
+from real2sim.readers.interaction import find_interaction_map, list_cases, read_interaction
 from real2sim.recording import ObjectCategory, RecordedTrack, Recording
 
 MAP = "DR_USA_Intersection_EP0.osm"
@@ -157,6 +154,68 @@ def test_nothing_is_warned_of(folder: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         read_interaction(folder / "vehicle_tracks_007.csv", folder / "map.osm")
+
+
+# --- files as editors and version 1.2 write them ---
+def test_a_byte_order_mark_is_not_part_of_the_first_column(folder: Path) -> None:
+    for path in folder.glob("*.csv"):
+        path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert [track.id for track in _tracks(read_interaction(folder, folder / "map.osm"))] == ["1", "2", "P1", "P2"]
+
+
+CASES = (
+    "1.0,1,1,100,car,1,2,10,0,0.1,4.5,1.8",
+    "1.0,1,2,200,car,2,2,10,0,0.1,4.5,1.8",
+    "1.0,2,1,100,pedestrian/bicycle,3,9,1,1,,,",
+    "2.0,1,1,100,truck,7,2,10,0,0.1,9,2.5",
+    "2.0,1,2,200,truck,8,2,10,0,0.1,9,2.5",
+)
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    """A table of version 1.2 where the data set has it, its map in a folder beside."""
+    (tmp_path / "maps").mkdir()
+    (tmp_path / "train").mkdir()
+    build_street().write(tmp_path / "maps" / "DR_X.osm")
+    return write_table(tmp_path / "train" / "DR_X_train.csv", *CASES, header=f"case_id,{VEHICLES}")
+
+
+def test_a_case_of_version_1_2_is_a_log(table: Path) -> None:
+    assert list_cases(table) == ("1", "2")
+    osm = find_interaction_map(table)
+    assert osm == table.parents[1] / "maps" / "DR_X.osm"
+    first, second = (read_interaction(table, osm, case=case) for case in ("1", "2"))
+    assert (first.id, second.id) == ("DR_X_train_case1", "DR_X_train_case2")
+    car, walker = _tracks(first)
+    assert (car.id, car.category, car.x.tolist()) == ("1", ObjectCategory.CAR, [1, 2])
+    assert walker.category is ObjectCategory.PEDESTRIAN
+    assert np.isnan([walker.yaw, walker.length, walker.width]).all()
+    assert [(track.category, track.x.tolist()) for track in _tracks(second)] == [(ObjectCategory.TRUCK, [7, 8])]
+
+
+def test_a_table_of_one_case_needs_no_name_of_it(table: Path) -> None:
+    write_table(table, *CASES[:3], header=f"case_id,{VEHICLES}")
+    assert len(_tracks(read_interaction(table, find_interaction_map(table)))) == 2
+
+
+@pytest.mark.parametrize(
+    ("case", "words"),
+    [("", "expected the name of one case, found 2 cases from 1 on"), ("9", "at least one row of the case 9")],
+)
+def test_cases_that_are_not_there(table: Path, case: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        read_interaction(table, find_interaction_map(table), case=case)
+
+
+def test_a_case_of_a_table_without_cases(folder: Path) -> None:
+    with pytest.raises(InputError, match="expected the column case_id, found track_id"):
+        read_interaction(folder, folder / "map.osm", case="1")
+
+
+def test_a_map_of_another_place_is_not_taken(table: Path) -> None:
+    with pytest.raises(InputError, match=r"expected one Lanelet2 map \*\.osm beside the tracks .* found 0"):
+        find_interaction_map(table.rename(table.with_name("DR_Y_train.csv")))
 
 
 # --- damaged files ---

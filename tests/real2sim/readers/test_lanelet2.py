@@ -9,9 +9,7 @@ import pytest
 import shapely
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from testing.interaction_samples import (
-    build_street,
-)
+from testing.interaction_samples import build_street, format_tags
 from testing.sampling import examples
 
 from mdrive_sumo.core.errors import InputError
@@ -125,6 +123,66 @@ def test_pairs_of_markings_are_crosswalks(tmp_path: Path) -> None:
     assert [shapely.Polygon(walk).area for walk in hd_map.crosswalks] == [pytest.approx(24, rel=0.01)] * 2
 
 
+@pytest.mark.parametrize(
+    "element",
+    [
+        "<node id='9901' action='delete' lat='999' lon='0'/>",
+        "<node id='9902' visible='false'/>",
+        "<way id='9903' action='delete'/>",
+        f"<relation id='9904' action='delete'>{format_tags({'type': 'lanelet', 'subtype': 'road'})}</relation>",
+    ],
+)
+def test_deleted_elements_are_not_there(tmp_path: Path, element: str) -> None:
+    """The editor JOSM keeps them in the file until it is uploaded."""
+    path = build_street().write(tmp_path / "map.osm")
+    lanes, notes = read_lanelet2(path)[0].lanes, read_lanelet2(path)[1]
+    path.write_text(path.read_text().replace("</osm>", element + "</osm>"))
+    again, more_notes = read_lanelet2(path)
+    assert again.lanes.keys() == lanes.keys()
+    assert more_notes == notes
+
+
+@pytest.mark.parametrize(
+    ("way", "reason"),
+    [
+        ("<way id='99'><nd ref='1'/><nd ref='404'/>TAGS</way>", "expected nodes of this file, found node 404"),
+        ("<way id='99'><nd ref='1'/><nd ref='1'/>TAGS</way>", "expected at least two distinct points, found 1"),
+        ("<way id='99'>TAGS</way>", "expected at least two distinct points, found 0"),
+    ],
+)
+@pytest.mark.parametrize("type_", ["stop_line", "pedestrian_marking", "curbstone"])
+def test_a_way_that_no_lanelet_needs_is_skipped_with_a_note(tmp_path: Path, way: str, reason: str, type_: str) -> None:
+    path = build_street().write(tmp_path / "map.osm")
+    path.write_text(path.read_text().replace("</osm>", way.replace("TAGS", format_tags({"type": type_})) + "</osm>"))
+    hd_map, notes = read_lanelet2(path)
+    assert len(hd_map.lanes) == 4
+    assert hd_map.stop_lines == ()
+    assert notes == (f"1 ways of the map skipped, the first: way 99: {reason}",)
+
+
+@pytest.mark.parametrize(
+    ("members", "reason"),
+    [
+        ("<member role='left' ref='11'/>", "lanelet 77: expected one way as right, found 0"),
+        (
+            "<member role='left' ref='11'/><member role='left' ref='12'/><member role='right' ref='13'/>",
+            "lanelet 77: expected one way as left, found 2",
+        ),
+        (
+            "<member role='left' ref='11'/><member role='right' ref='404'/>",
+            "lanelet 77: expected one way as right, found 0",
+        ),
+    ],
+)
+def test_a_lanelet_that_is_none_is_skipped_with_a_note(tmp_path: Path, members: str, reason: str) -> None:
+    """A faulty one does not cost the whole map."""
+    road = build_street()
+    road.relation(77, members, type="lanelet", subtype="road")
+    hd_map, notes = read_lanelet2(road.write(tmp_path / "map.osm"))
+    assert set(hd_map.lanes) == {"1", "2", "3", "4"}
+    assert notes == (f"1 lanelets skipped, the first: {reason}",)
+
+
 @pytest.mark.slow
 @settings(max_examples=examples(37, 150), suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(data=st.data())
@@ -156,6 +214,9 @@ NODES = "<node id='1' lat='0' lon='0'/><node id='2' lat='0' lon='0.001'/>"
 LINES = f"{NODES}<way id='8'><nd ref='1'/><nd ref='2'/></way>"
 
 
+DELETED_WAY = "<way action='delete'"
+
+
 LANELET = "<tag k='type' v='lanelet'/><tag k='subtype' v='road'/>"
 
 
@@ -171,8 +232,15 @@ MAPS: dict[str, tuple[str, str]] = {
     "no id": ("<osm><node lat='1' lon='0'/></osm>", "node: expected the attribute id, found none"),
     "no lanelets": (f"<osm>{LINES}</osm>", "expected at least one lanelet with the subtype road, found none"),
     "lost node": (
-        f"<osm>{NODES}<way id='8'><nd ref='9'/></way></osm>",
-        "way 8: expected nodes of this file, found node 9",
+        f"<osm>{NODES}<way id='8'><nd ref='9'/></way>"
+        f"<relation id='5'><member role='left' ref='8'/><member role='right' ref='8'/>{LANELET}</relation></osm>",
+        "lanelet 5: left: way 8: expected nodes of this file, found node 9",
+    ),
+    "deleted nodes": ("<osm><node id='1' lat='0' lon='0' action='delete'/></osm>", "expected nodes, found none"),
+    "deleted way": (
+        f"<osm>{LINES.replace('<way', DELETED_WAY)}<relation id='5'><member role='left' ref='8'/>"
+        f"<member role='right' ref='8'/>{LANELET}</relation></osm>",
+        "lanelet 5: expected one way as left, found 0",
     ),
     "lost way": (
         f"<osm>{LINES}<relation id='5'>{LANELET}</relation></osm>",

@@ -8,6 +8,7 @@ from testing.mdrive_directory import EGO, NEXT, TIMED, WALK, Directory, xml
 
 from mdrive_sumo.core.errors import InputError
 from real2sim.readers.mdrive import read_mdrive
+from real2sim.readers.mdrive_manifest import MANIFEST, read_manifest
 
 
 @pytest.fixture
@@ -114,3 +115,8 @@ def test_bad_directories_are_refused_in_one_sentence(directory: Directory, case:
     assert sentence in str(caught.value)
     assert str(directory.folder) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_byte_order_mark_before_the_manifest_is_ignored(tmp_path: Path) -> None:
+    (tmp_path / MANIFEST).write_bytes(b'\xef\xbb\xbf{"ego": [{"file": "a_0.xml"}]}')
+    assert [entry.file for _, entry in read_manifest(tmp_path)] == ["a_0.xml"]

@@ -2,6 +2,7 @@
 
 import math
 import pickle
+from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -260,7 +261,22 @@ def test_the_ego_of_nuscenes_lies_along_its_heading(tmp_path: Path) -> None:
     assert (other.length[0], other.width[0]) == (1.73, 4.08)
 
 
-@pytest.mark.parametrize("protocol", [3, 4, 5])
+def test_a_description_as_metadrive_writes_it_is_read(tmp_path: Path) -> None:
+    """Its writer leaves a defaultdict in the metadata, records no sizes of some objects, and limits of 1000 km/h."""
+    raw = description("metadrive")
+    for name in ("length", "width"):
+        del raw["tracks"]["1"]["state"][name]
+    raw["map_features"]["7"]["speed_limit_kmh"] = 1000
+    raw["metadata"]["number_summary"] = {
+        "object_types": {"VEHICLE"},
+        "num_moving_objects_each_type": defaultdict(int, {"VEHICLE": 1}),
+    }
+    recording = read(tmp_path, raw)
+    assert np.isnan(recording.views[0].tracks[0].length).all()
+    assert math.isnan(recording.map.lanes["7"].speed_limit)
+
+
+@pytest.mark.parametrize("protocol", range(6))
 def test_all_protocols_and_numpy_numbers_are_read(tmp_path: Path, protocol: int) -> None:
     raw = description() | {"length": np.int64(FRAMES)}
     assert read(tmp_path, raw, protocol).frame_count == FRAMES

@@ -1,0 +1,155 @@
+"""OPV2V and data sets in its layout (V2XSet, V2X-Real without types): read agent folders of YAML frames.
+
+Source: Xu et al., OPV2V, ICRA 2022, and the data introduction of OpenCOOD: a folder an agent, named by its id (of
+infrastructure negative), a file a frame, 10 Hz, numbered by the ticks of the simulation (mostly in steps of 2); poses
+are x, y, z [m], roll, yaw, pitch [degrees], boxes half sizes. CARLA's frame is left-handed. Objects have no types.
+"""
+
+import math
+import re
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
+from real2sim.hd_map import HdMap
+from real2sim.readers.checked_arrays import check_frame_count
+from real2sim.readers.map_fit import check_place, measure_lane_gaps
+from real2sim.readers.v2xpnp_frame import V2xpnpFrame, read_frame
+from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
+
+DT_S = 0.1
+"""[s] Files have no times; all data sets of this layout are recorded at 10 Hz."""
+CATEGORY_BY_LENGTH: tuple[tuple[float, ObjectCategory], ...] = (
+    (1.2, ObjectCategory.PEDESTRIAN),
+    (2.6, ObjectCategory.BICYCLE),
+    (6.5, ObjectCategory.CAR),
+    (math.inf, ObjectCategory.TRUCK),
+)
+"""Category of an object by the length of its box [m]; CARLA's motorcycles are up to 2.4 m long."""
+
+
+@dataclass(frozen=True)
+class LogFrame:
+    """How the coordinates of a log lie in those of its map."""
+
+    is_carla: bool = False
+    """Whether y points to the right, as in CARLA."""
+    offset: tuple[float, float] = (0.0, 0.0)
+    """[m] Added after that."""
+
+
+def read_opv2v(folder: Path, hd_map: HdMap, frame: LogFrame, agents: Sequence[str] | None = None) -> Recording:
+    """Read a scenario folder; raise InputError, also if its tracks are not on the lanes of the map.
+
+    `agents` names the folders to read, all by default. Frames that an agent lacks are not observed by it. An agent's
+    pose is that of its LiDAR.
+    """
+    files = {name: _list_frames(folder / name) for name in agents or _list_agents(folder)}
+    step = _find_step(folder, files)
+    first = min(min(one) for one in files.values())
+    last = max(max(one) for one in files.values())
+    frames = check_frame_count(str(folder), (last - first) // step + 1)
+    views = tuple(_read_view(folder / name, files[name], range(first, last + 1, step), frame) for name in files)
+    check_place(str(folder), measure_lane_gaps(views, hd_map))
+    return Recording(
+        id=folder.resolve().name,
+        source="opv2v",
+        dt_s=DT_S,
+        frame_count=frames,
+        views=views,
+        map=hd_map,
+        cavs=tuple(view.observer for view in views if not view.is_infrastructure),
+        notes=(
+            f"frames are numbered in steps of {step} and taken as {DT_S:g} s apart",
+            "objects without types, classed by their size",
+            *_note_missing_frames(files, range(first, last + 1, step)),
+        ),
+    )
+
+
+def _list_agents(folder: Path) -> list[str]:
+    """Return the agent folders, CAVs first."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder with one folder an agent, found none")
+    numbers = sorted(int(path.name) for path in folder.iterdir() if path.is_dir() and re.fullmatch(r"-?\d+", path.name))
+    cavs, stations = [n for n in numbers if n >= 0], [n for n in numbers if n < 0][::-1]
+    if not cavs:
+        raise InputError(f"{folder}: expected agent folders named by the ids of CAVs, found {numbers or 'none'}")
+    return [str(n) for n in (*cavs, *stations)]
+
+
+def _list_frames(folder: Path) -> dict[int, Path]:
+    """Return frame files by number, in order; raise InputError if there is none."""
+    named = {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+    files = {int(stem): path for stem, path in named.items() if re.fullmatch(r"[0-9]{1,9}", stem)}
+    if not files:
+        raise InputError(f"{folder}: expected frames such as 000068.yaml, found no such file")
+    check_frame_count(str(folder), len(files))
+    return dict(sorted(files.items()))
+
+
+def _find_step(folder: Path, files: Mapping[str, Mapping[int, Path]]) -> int:
+    """Return the usual step of the numbers; raise InputError if others are no multiples of it."""
+    steps = Counter(after - before for numbers in files.values() for before, after in pairwise(numbers))
+    if not steps:
+        raise InputError(f"{folder}: expected at least two frames of one agent, found one of each")
+    step = steps.most_common(1)[0][0]
+    first = min(min(one) for one in files.values())
+    for numbers in files.values():
+        for number, path in numbers.items():
+            if (number - first) % step:
+                raise InputError(f"{path}: expected a frame number in steps of {step} from {first}, found {number}")
+    return step
+
+
+def _note_missing_frames(files: Mapping[str, Mapping[int, Path]], numbers: range) -> tuple[str, ...]:
+    lacking = {name: len(numbers) - len(frames) for name, frames in files.items()}
+    return tuple(
+        f"agent {name} lacks {count} of {len(numbers)} frames: nothing is observed by it there"
+        for name, count in lacking.items()
+        if count
+    )
+
+
+def _read_view(folder: Path, files: Mapping[int, Path], numbers: range, frame: LogFrame) -> ObserverView:
+    pose = np.full((len(numbers), 3), np.nan)
+    boxes: defaultdict[str, Float] = defaultdict(lambda: np.full((len(numbers), 5), np.nan))
+    for number, path in files.items():
+        row, content = numbers.index(number), read_frame(path, typed=False)
+        pose[row] = _place(np.array([[content.sensor[0], content.sensor[1], math.radians(content.sensor[4])]]), frame)
+        for id_, box in zip(content.ids, _build_boxes(content, frame), strict=True):
+            boxes[id_][row] = box
+        check_frame_count(str(path), len(numbers), len(boxes))
+    tracks = tuple(_build_track(id_, table) for id_, table in boxes.items())
+    return ObserverView(folder.name, tracks, pose, is_infrastructure=folder.name.startswith("-"))
+
+
+def _build_boxes(content: V2xpnpFrame, frame: LogFrame) -> Float:
+    """Return x, y, yaw, length and width (N, 5) of the boxes of a file, in the frame of the map."""
+    angle, centre, extent, location = (content.boxes[:, k : k + 3] for k in (0, 3, 6, 9))
+    yaw = np.radians(angle[:, 1])
+    x = location[:, 0] + centre[:, 0] * np.cos(yaw) - centre[:, 1] * np.sin(yaw)
+    y = location[:, 1] + centre[:, 0] * np.sin(yaw) + centre[:, 1] * np.cos(yaw)
+    size = 2 * np.where(extent[:, :2] > 0, extent[:, :2], np.nan)
+    return np.column_stack((_place(np.column_stack((x, y, yaw)), frame), size))
+
+
+def _place(poses: Float, frame: LogFrame) -> Float:
+    """Return poses (N, 3) in the frame of the map."""
+    up = -1.0 if frame.is_carla else 1.0
+    x, y, yaw = poses.T
+    yaw = (up * yaw + math.pi) % (2 * math.pi) - math.pi
+    return np.column_stack((x + frame.offset[0], up * y + frame.offset[1], yaw))
+
+
+def _build_track(id_: str, table: Float) -> RecordedTrack:
+    x, y, yaw, length, width = table.T
+    longest = float(np.nanmax(length, initial=0.0))
+    category = next(category for largest, category in CATEGORY_BY_LENGTH if longest <= largest)
+    return RecordedTrack(id_, category, np.isfinite(x), x, y, yaw, length, width)
