@@ -15,7 +15,7 @@ STEP_M = 0.1
 MAX_STEPS = 10_000
 """Steps along one piece: of pieces above 1 km they are longer, as are their radii."""
 
-LARGEST = 1e6
+LARGEST = 1e8
 """Of coordinates [m], angles [rad] and curvatures [1/m]: beyond it, sums and sines of doubles mean nothing."""
 
 Pose = tuple[float, float, float]

@@ -16,6 +16,7 @@ from pydantic import BaseModel, BeforeValidator, Field, ValidationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.scenario.scenario import describe_first_error
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
 from real2sim.readers.checked_arrays import check_frame_count, parse_points
@@ -164,7 +165,7 @@ def _build_track(id_: str, category: ObjectCategory, table: Float) -> RecordedTr
 def read_v2xseq_map(path: Path) -> HdMap:
     """Read a map; raise InputError."""
     try:
-        file = _MapFile.model_validate_json(path.read_bytes())
+        file = _MapFile.model_validate_json(read_bytes(path))
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
