@@ -1,9 +1,10 @@
 """Write the tables of measured numbers in README.md and docs/results.md.
 
-    python -m tools.write_results RUN... [--bench FILE]
+    python -m tools.write_results RUN... --commit HASH [--bench FILE]
 
 RUN is a folder that `mdrive-sumo eval --suite mdrive --agent NAME --seed N` wrote. All runs of an agent, one a seed,
-replace its row in `docs/results/baselines.json` by their means; `--bench` copies the figures of `make bench` to
+replace its row in `docs/results/baselines.json` by their means, with the commit that they were driven at, which
+`tools.sample_episodes` keeps a sample of; `--bench` copies the figures of `make bench` to
 `docs/results/speed.json`. Without arguments the tables are written again from these two files, which a test compares
 with the pages.
 """
@@ -55,14 +56,19 @@ ALL_SEEDS = [0, 1, 2]
 """Of the tables; a row of fewer says which."""
 
 SCORES = ("ds", "sr", "efficient_sr", "time_ratio")
+CONDITIONS: Mapping[str, str] = {
+    "agent_clock": "ideal", "actors": "default", "friction": "dry", "ids": "random", "sensing": "realistic",
+    "others": "",
+}  # fmt: skip
+"""Conditions of every row besides the ideal channel, as the pages state them: rows under others cannot be compared."""
 
 
-def build_rows(runs: Iterable[Results]) -> dict[str, Any]:
-    """Return a row for every agent from its runs, one a seed. Raises InputError."""
+def build_rows(runs: Iterable[Results], commit: str) -> dict[str, Any]:
+    """Return a row for every agent from its runs, one a seed. commit: at which they were driven. Raises InputError."""
     by_agent: dict[str, list[Results]] = {}
     for results in runs:
         by_agent.setdefault(results.run.agent, []).append(results)
-    return {agent: build_row(found) for agent, found in by_agent.items()}
+    return {agent: build_row(found) | {"commit": commit} for agent, found in by_agent.items()}
 
 
 def build_row(runs: Sequence[Results]) -> dict[str, Any]:
@@ -101,6 +107,10 @@ def _check_runs(runs: Sequence[Results]) -> None:
         raise InputError(
             f"agent {first.run.agent}: expected a run of --suite mdrive, found none of bucket {missing[0]}"
         )
+    for name, expected in (*CONDITIONS.items(), ("channel", "ideal")):
+        found = first.run.comm.get("preset") if name == "channel" else getattr(first.run, name)
+        if found != expected:
+            raise InputError(f"agent {first.run.agent}: {name}: expected {expected or 'none'}, found {found}")
     check_seed_runs(runs)
 
 
@@ -125,7 +135,7 @@ def _describe_row(agent: str, row: Mapping[str, Any]) -> str:
 
 def format_times(rows: Mapping[str, Any], agents: Iterable[str]) -> str:
     """Return the Markdown table of efficient SR / time ratio by bucket, with the episodes that the ratio is over."""
-    lines = _format_header(("Agent", *BUCKETS, "Overall", "Timed", "Seeds"))
+    lines = _format_header(("Agent", *BUCKETS, "Overall", "Timed", "Seeds", "Commit"))
     for agent in (agent for agent in agents if agent in rows):
         row = rows[agent]
         cells = [
@@ -133,7 +143,9 @@ def format_times(rows: Mapping[str, Any], agents: Iterable[str]) -> str:
             for name in (*BUCKETS, "overall")
         ]
         timed = f"{row['timed']} of {row['episodes']}" if row["timed"] is not None else "-"
-        lines.append(f"| `{agent}` | {' | '.join(cells)} | {timed} | {', '.join(map(str, row['seeds']))} |")
+        lines.append(
+            f"| `{agent}` | {' | '.join(cells)} | {timed} | {', '.join(map(str, row['seeds']))} | {row['commit']} |"
+        )
     return "\n".join(lines)
 
 
@@ -189,11 +201,14 @@ def main() -> None:
     """Update the JSON files from the given runs, then write the pages."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("runs", nargs="*", type=Path, metavar="RUN", help="run folder with results.json")
+    parser.add_argument("--commit", metavar="HASH", help="commit that the runs were driven at")
     parser.add_argument("--bench", type=Path, metavar="FILE", help="bench.json of `make bench`")
     options = parser.parse_args()
+    if options.runs and not options.commit:
+        parser.error("--commit: expected the commit that the runs were driven at, found none")
     rows = json.loads((ROOT / BASELINES).read_text("utf-8")) if (ROOT / BASELINES).is_file() else {}
     try:
-        rows |= build_rows([load_results(folder / "results.json") for folder in options.runs])
+        rows |= build_rows([load_results(folder / "results.json") for folder in options.runs], options.commit)
     except InputError as error:
         parser.error(str(error))
     ordered = {name: rows[name] for name in DESCRIPTION_BY_AGENT if name in rows}
