@@ -7,14 +7,19 @@ driving score and digest: those at the commit that the row names. A test drives 
 drives otherwise than its row says: mend it, or drive the row anew (`tools.write_results`), then the sample (`--write`).
 """
 
-import argparse
 import json
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import click
+
 import mdrive_sumo as md
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import write_text
+from mdrive_sumo.core.terminal import echo
+from tools.tool_command import HELP, ToolCommand
 from tools.write_results import BASELINES, ROOT
 
 EPISODES = Path("docs/results/episodes.json")
@@ -50,22 +55,21 @@ def drive_agents(agents: Iterable[str]) -> dict[str, list[dict[str, Any]]]:
     return {agent: [drive_episode(agent, *episode) for episode in list_sample(agent)] for agent in agents}
 
 
-def main() -> None:
-    """Compare, or write with `--write`; exit code 1 if an episode differs."""
+@click.command(cls=ToolCommand, context_settings=HELP)
+@click.argument("agents", nargs=-1, metavar="[AGENT]...")
+@click.option("--write", is_flag=True, help=f"Write {EPISODES} instead of comparing.")
+def main(agents: Sequence[str], write: bool) -> None:
+    """Drive the sampled episodes of the AGENTs, or of all with a row, and compare; exit code 1 if one differs."""
     rows = json.loads((ROOT / BASELINES).read_text("utf-8"))
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("agents", nargs="*", metavar="AGENT", help=f"default: all of {', '.join(rows)}")
-    parser.add_argument("--write", action="store_true", help=f"write {EPISODES} instead of comparing")
-    options = parser.parse_args()
-    if unknown := [agent for agent in options.agents if agent not in rows]:
-        parser.error(f"agent: expected one with a row in {BASELINES}, found {unknown[0]}")
-    kept, driven = load_episodes(), drive_agents(options.agents or rows)
-    if options.write:
-        (ROOT / EPISODES).write_text(json.dumps({**kept, **driven}, indent=1) + "\n")
+    if unknown := [agent for agent in agents if agent not in rows]:
+        raise InputError(f"agent: expected one with a row in {BASELINES}, found {unknown[0]}")
+    kept, driven = load_episodes(), drive_agents(agents or rows)
+    if write:
+        write_text(ROOT / EPISODES, json.dumps({**kept, **driven}, indent=1) + "\n")
         return
     differing = [agent for agent, episodes in driven.items() if kept.get(agent) != episodes]
     for agent in differing:
-        sys.stdout.write(f"{agent}: expected {kept.get(agent)}, found {driven[agent]}\n")
+        echo(f"{agent}: expected {kept.get(agent)}, found {driven[agent]}")
     sys.exit(1 if differing else 0)
 
 
