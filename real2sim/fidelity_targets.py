@@ -10,7 +10,7 @@ from real2sim.logged_drive import LoggedDrive
 from real2sim.network import NetworkReport
 from real2sim.quality import SCRIPTED_CATEGORIES, ReconstructionQuality
 from real2sim.recording import Recording
-from real2sim.traffic_fidelity import MEDIAN_5S_M, ORDER_SHARE, TrafficFidelity
+from real2sim.traffic_fidelity import MEDIAN_5S_M, ORDER_SHARE, StalledVehicle, TrafficFidelity
 
 
 class FidelityTarget(BaseModel):
@@ -106,6 +106,16 @@ def build_traffic_targets(close: TrafficFidelity) -> tuple[FidelityTarget, ...]:
         FidelityTarget(
             name="order kept at conflicts", value=close.order_share, limit=ORDER_SHARE, at_least=True, unit="share"
         ),
+    )
+
+
+def build_stalled_target(stalled: Sequence[StalledVehicle]) -> FidelityTarget:
+    """Build the target that no background vehicle stalls when the scenario is driven."""
+    return FidelityTarget(
+        name="stalled",
+        value=len({vehicle.id for vehicle in stalled}),
+        limit=0,
+        detail="; ".join(vehicle.format_sentence() for vehicle in stalled),
     )
 
 

@@ -45,6 +45,10 @@ def render_traffic_section(findings: ConversionFindings, entries: tuple[ReportEn
                 "Contacts that are not in the log",
                 [pair(a, b, f", {format_frames(n)}") for a, b, n in closeness.contacts],
             ),
+            render_collapsible_list(
+                "Vehicles that stall when the scenario is driven",
+                [join_markup((link_entry(one.id, numbers), ": ", one.format_sentence())) for one in findings.stalled],
+            ),
         )
     )
 

@@ -16,7 +16,7 @@ from real2sim.fidelity_targets import FidelityTarget
 from real2sim.fit.disposition import Disposition
 from real2sim.logged_drive import LoggedDrive
 from real2sim.quality import ReconstructionQuality
-from real2sim.traffic_fidelity import TrafficFidelity
+from real2sim.traffic_fidelity import StalledVehicle, TrafficFidelity
 
 QUALITY_FILE = "quality.json"
 
@@ -97,6 +97,8 @@ class QualityFile(_Part):
     """Part of `fidelity.moving_vehicles`; the others are CAVs, or scripted on their path of the log."""
     fit: tuple[TrackRoleEntry, ...]
     closeness: TrafficFidelity
+    stalled: tuple[StalledVehicle, ...] | None = None
+    """Background vehicles that stall when the scenario is driven; None in files of versions that did not look."""
     logged_drive: LoggedDrive | None = None
     """The scorer's verdict on the CAVs' own tracks; None in files of versions before 0.2."""
     targets: tuple[FidelityTarget, ...]

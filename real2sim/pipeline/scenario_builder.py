@@ -34,7 +34,7 @@ from real2sim.quality.lane_segment_index import LaneSegmentIndex
 from real2sim.recording import RecordedTrack, Recording
 from real2sim.source_scene import SourceScene
 from real2sim.tracks.reconstruct import reconstruct_tracks
-from real2sim.traffic_fidelity import measure_traffic_fidelity
+from real2sim.traffic_fidelity import measure_stalled_traffic, measure_traffic_fidelity
 
 NETWORKS = "networks"
 LOG = "log"
@@ -88,6 +88,7 @@ def build_scenario(
     notes = describe_unused_cavs(wish.cavs, cavs, cleaned, tracks, matches)
     scenario = _assemble_scenario(replace(scene, notes=(*scene.notes, *notes)), recording, fitted, network.name)
     check_scenario(scenario, roads)
+    reactive = _with_reactive_traffic(scenario)
     steps = ConversionResults(
         id=scene.id,
         recording=recording,
@@ -100,7 +101,8 @@ def build_scenario(
         quality=_assess(recording, cleaned, tracks, roads),
         fitted=fitted,
         notes=notes,
-        closeness=measure_traffic_fidelity(_with_reactive_traffic(scenario), roads, tracks, fitted.names, dt_s),
+        closeness=measure_traffic_fidelity(reactive, roads, tracks, fitted.names, dt_s),
+        stalled=measure_stalled_traffic(reactive, roads, tracks, fitted.names, dt_s),
         logged_drive=score_logged_drive(scenario, roads, tracks, fitted.names, dt_s, wish.confirmed),
     )
     about = {"agent": LOG, "source": recording.source, "log": recording.id}
