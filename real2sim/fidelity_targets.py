@@ -64,10 +64,11 @@ def build_reconstruction_targets(quality: ReconstructionQuality) -> tuple[Fideli
 
 def build_network_targets(network: NetworkReport, unroutable: Sequence[str]) -> tuple[FidelityTarget, ...]:
     """Build the targets of the network; `unroutable` lists moving vehicles whose path the network interrupts."""
-    fit = network.deviation
+    fit, lost_m = network.deviation, network.lost_m_by_lane
+    lost = f"{sum(lost_m.values()):.1f} m of {len(lost_m)} lanes are left out of the network" if lost_m else ""
     return (
-        FidelityTarget(name="centre lines mean", value=max(fit.mean, fit.back_mean), limit=0.2, unit="m"),
-        FidelityTarget(name="centre lines p95", value=max(fit.p95, fit.back_p95), limit=0.5, unit="m"),
+        FidelityTarget(name="centre lines mean", value=max(fit.mean, fit.back_mean), limit=0.2, unit="m", detail=lost),
+        FidelityTarget(name="centre lines p95", value=max(fit.p95, fit.back_p95), limit=0.5, unit="m", detail=lost),
         FidelityTarget(name="driven ways that the network breaks", value=len(unroutable), limit=0),
     )
 

@@ -146,6 +146,7 @@ def _network_figures(report: NetworkReport) -> NetworkFigures:
         links_dropped=report.links_dropped,
         links_added=report.links_added,
         lost=dict(report.drop_reason_by_lane),
+        lost_m=dict(report.lost_m_by_lane),
         centre_mean_m=max(fit.mean, fit.back_mean),
         centre_p95_m=max(fit.p95, fit.back_p95),
         centre_max_m=max(fit.max, fit.back_max),

@@ -59,7 +59,9 @@ class NetworkFigures(_Part):
     links_dropped: tuple[tuple[str, str], ...]
     links_added: tuple[tuple[str, str], ...]
     lost: dict[str, str]
-    """Lane of the source -> why it is not in the network."""
+    """Lane of the source -> why it, or the stated part of it, is not in the network."""
+    lost_m: dict[str, float] = {}
+    """Driving lane of the source -> how much of it [m] the plan of the network leaves out."""
     centre_mean_m: float
     centre_p95_m: float
     centre_max_m: float
