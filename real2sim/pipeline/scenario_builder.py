@@ -1,6 +1,6 @@
 """Builds a scenario from a log: cleaning, network of its map, reconstruction, reactive traffic, measurement."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,8 +16,9 @@ from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
 from real2sim.clean import CleanedRecording, clean_recording
 from real2sim.conversion_findings import ConversionFindings
 from real2sim.fit import FittedTraffic, fit_traffic
+from real2sim.hd_map import HdMap
 from real2sim.logged_drive import ConfirmedInfraction, record_log, score_logged_drive
-from real2sim.match import match_track
+from real2sim.match import LaneMatch, match_track
 from real2sim.network import NetworkReport, build_network
 from real2sim.network.drivable_areas import add_observed_areas
 from real2sim.pipeline.cav_selection import (
@@ -98,7 +99,7 @@ def build_scenario(
         network=network,
         roads=roads,
         matches=matches,
-        quality=_assess(recording, cleaned, tracks, roads),
+        quality=_assess(recording, cleaned, tracks, roads, find_speed_limits(recording.map, network, matches)),
         fitted=fitted,
         notes=notes,
         closeness=measure_traffic_fidelity(reactive, roads, tracks, fitted.names, dt_s),
@@ -132,15 +133,32 @@ def _report_invalid() -> Generator[None]:
 
 
 def _assess(
-    recording: Recording, cleaned: CleanedRecording, tracks: tuple[RecordedTrack, ...], roads: RoadMap
+    recording: Recording,
+    cleaned: CleanedRecording,
+    tracks: tuple[RecordedTrack, ...],
+    roads: RoadMap,
+    limits: Mapping[str, float],
 ) -> ReconstructionQuality:
     lanes = LaneSegmentIndex.from_centre_lines(
         [lane.centre.xy for lane in roads.driving], [True] * len(roads.driving), roads.lane_width.tolist()
     )
     raw = {track.id: track for track in cleaned.tracks}
     return assess_reconstruction(
-        ReconstructedLog(recording.id, recording.dt_s, tracks, raw, lanes, cleaned.report.drop_reason_by_track)
+        ReconstructedLog(recording.id, recording.dt_s, tracks, raw, lanes, cleaned.report.drop_reason_by_track, limits)
     )
+
+
+def find_speed_limits(map_: HdMap, network: NetworkReport, matches: Mapping[str, LaneMatch]) -> dict[str, float]:
+    """Return the highest speed limit [m/s] that the map gives on the lanes of a vehicle, by track id."""
+    limits: dict[str, float] = {}
+    for id_, match in matches.items():
+        sources = {network.source_by_lane[lane] for lane in match.lanes if lane in network.source_by_lane}
+        known = [
+            map_.lanes[one].speed_limit for one in sources if one in map_.lanes and map_.lanes[one].speed_limit > 0
+        ]
+        if known:
+            limits[id_] = max(known)
+    return limits
 
 
 def _with_reactive_traffic(scenario: Scenario) -> Scenario:
