@@ -17,6 +17,8 @@ from real2sim.recording import RecordedTrack
 
 GAP_STEPS = 1.5
 """A step longer than this many usual ones is a gap: at least one frame is missing."""
+EXACT_STEPS = 0.1
+"""A frame this near to a time of the source, in steps, has the states of that time where one beside it is missing."""
 LISTED_GAPS = 8
 
 
@@ -71,7 +73,7 @@ class TimeGrid:
         share = np.clip((self.times - self.source[before]) / step, 0.0, 1.0)
         both = track.valid[before] & track.valid[after] & (step <= GAP_STEPS * self.dt_s)
         exact = np.where(share < 0.5, before, after)
-        is_exact = np.abs(self.times - self.source[exact]) <= self.dt_s / 10
+        is_exact = np.abs(self.times - self.source[exact]) <= EXACT_STEPS * self.dt_s
         valid = np.where(is_exact, track.valid[exact], both)
         yaw = _interpolate_yaw(track.yaw, before, after, share)
         columns = {name: _mix(getattr(track, name), before, after, share) for name in ("x", "y")}
@@ -110,5 +112,8 @@ def build_time_grid(where: str, source: Float) -> TimeGrid:
     dt_s = round(usual if gaps else float(steps.mean()), 3)
     if not dt_s > 0:
         raise InputError(f"{where}: expected steps of at least 1 ms, found {usual:g} s")
-    count = check_frame_count(where, round(float(source[-1]) / dt_s) + 1)
+    even = np.arange(len(source), dtype=np.float64) * dt_s
+    if not gaps and np.abs(even - source).max() <= dt_s / 2:
+        return TimeGrid(dt_s, even, source, ())
+    count = check_frame_count(where, np.floor(float(source[-1]) / dt_s + EXACT_STEPS) + 1)
     return TimeGrid(dt_s, np.arange(count, dtype=np.float64) * dt_s, source, gaps)
