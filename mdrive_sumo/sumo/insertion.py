@@ -33,8 +33,8 @@ DEPARTURE_SPEED_FACTOR = 10.0
 REACTION_S = 0.3
 """Time [s] before a departed vehicle brakes fully: until its first action, and one more."""
 ENTRY_M = 3.0
-"""[m] A schedule names the lane on which a vehicle enters an edge at the first frame of its centre there: half its length
-after its front bumper, and up to this much further: one frame of 0.1 s at 30 m/s."""
+"""[m] A schedule names the lane on which a vehicle enters an edge at the first frame of its centre there: half its
+length after its front bumper, and up to this much further: one frame of 0.1 s at 30 m/s."""
 ON_LANE, EXACT_POSE = 1, 2
 """moveToXY's keepRoute: on the centre line of a lane of its route; or exactly at the pose (sumo_pitfalls 1)."""
 MAX_LANE_DISTANCE_M = 3.0

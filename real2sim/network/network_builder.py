@@ -75,10 +75,18 @@ class NetworkReport:
     """Lanes controlled by traffic lights. The network has no lights because the log does not contain their program."""
 
 
-def build_network(map: HdMap, motions: Sequence[Float], folder: Path, name: str, dt_s: float = 0.1) -> NetworkReport:
+def build_network(
+    map: HdMap,
+    motions: Sequence[Float],
+    folder: Path,
+    name: str,
+    dt_s: float = 0.1,
+    origin: tuple[float, float] = (0.0, 0.0),
+) -> NetworkReport:
     """Build `folder` (plain XML, network.json, map.net.xml.gz) from a map; raise InputError.
 
     `motions` are observed x, y, yaw (N, 3) [m, rad] of vehicles, one row every `dt_s`; NaN where not observed.
+    `origin`: that of the map's frame in the frame of the source [m], for `network.json`.
     """
     drawn = _select_drawable_lanes(map, name)
     directions = vote_directions(drawn, motions)
@@ -90,7 +98,7 @@ def build_network(map: HdMap, motions: Sequence[Float], folder: Path, name: str,
     parts, part_links = _select_driving(segments, links)
     plan = plan_network(parts, part_links, directions.votes)
     lane_ids = {id_: f"{edge}_{k}" for id_, (edge, k) in assign_lane_indices(plan, left_hand).items()}
-    roads = _compile_network(_add_footways(plan, segments, map), map, left_hand, folder, name)
+    roads = _compile_network(_add_footways(plan, segments, map), map, left_hand, folder, NetworkName(name, origin))
     unused = _sum_lengths(plan.unused)
     contraflow = _sum_lengths([parts[id_] for id_ in plan.contraflow])
     lost |= _explain_lost(segments, unused, "no way through the junction uses it")
@@ -212,7 +220,15 @@ def _build_crosswalk(number: int, outline: Float) -> LaneSegment | None:
     return LaneSegment(name, name, build_polyline(ends), width, FOOTWAY_MPS, LaneKind.SIDEWALK, False)
 
 
-def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Path, name: str) -> RoadMap:
+@dataclass(frozen=True)
+class NetworkName:
+    """What network.json says about a network besides its content."""
+
+    name: str
+    origin: tuple[float, float]
+
+
+def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Path, called: NetworkName) -> RoadMap:
     folder.mkdir(parents=True, exist_ok=True)
     stops = place_stop_lines(plan, map)
     write_plain(plan, *derive_right_of_way(plan, stops), left_hand, folder)
@@ -220,11 +236,12 @@ def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Pat
     xml = restore_shapes(compile_plain(folder, left_hand), plan, lane_ids)
     (folder / NET_FILE).write_bytes(gzip.compress(xml, mtime=0))
     about = NetworkFile(
-        name=name,
+        name=called.name,
         description="Built from the map of a log",
-        origin=f"map of {name}",
+        origin=f"map of {called.name}",
         licence="that of the log",
-        offset=(0.0, 0.0),
+        offset=(0.0 - called.origin[0], 0.0 - called.origin[1]),
+        log_origin=called.origin if any(called.origin) else None,
         build=("netconvert", *build_plain_arguments(left_hand), "--output-file", "map.net.xml"),
         checksum=compute_net_checksum(xml),
         stop_signs=build_stop_boxes(stops, lane_ids) if map.stop_lines else None,

@@ -79,7 +79,7 @@ def build_scenario(
     if network is None:
         hd_map = add_observed_areas(recording.map, cleaned.tracks)
         seen = list(vehicle_trajectories(cleaned.tracks).values())
-        network = build_network(hd_map, seen, suite / NETWORKS / scene.id, scene.id, dt_s)
+        network = build_network(hd_map, seen, suite / NETWORKS / scene.id, scene.id, dt_s, recording.origin)
     roads = load_road_map(network.folder)
     tracks = cleaned.tracks if recording.exact else reconstruct_tracks(cleaned.tracks, dt_s)
     matches = {id_: match_track(motion, roads) for id_, motion in vehicle_trajectories(tracks).items()}
