@@ -105,15 +105,28 @@ def test_a_pedestrian_that_the_log_cuts_off_on_a_lane_does_not_block_it_for_ever
     assert find_stalled_alone(frozen) == {"a": "walker"}
 
 
-@pytest.mark.parametrize("crossed_at_m", [195.0, 199.0, 201.0])
-def test_a_lane_change_at_the_end_of_an_edge_is_due_before_it(roads: RoadMap, crossed_at_m: float) -> None:
-    x = 60.0 + 10.0 * seconds()
-    one = made(roads, track("a", x, 3.5 * np.clip((x - crossed_at_m) / 20.0 + 0.5, 0.0, 1.0)))
-    vehicle = one.scenario.background.vehicles[0]
+@pytest.mark.parametrize("crossed_at_m", [190.0, 200.0, 203.0])
+def test_a_lane_change_at_the_end_of_a_lane_that_ends_is_due_before_it(tmp_path: Path, crossed_at_m: float) -> None:
+    """The right lane ends; one whose driver leaves it at the last moment must not be left standing there."""
+    build_network(
+        lanes_map(
+            lane("w0", [(0, 0), (200, 0)]),
+            lane("w1", [(0, 3.5), (200, 3.5)], ("e1",)),
+            lane("e1", [(200, 3.5), (430, 3.5)]),
+        ),
+        [],
+        tmp_path / "net",
+        "crossing",
+    )
+    roads = load_road_map(tmp_path / "net")
+    x = 130.0 + 10.0 * seconds()
+    y = 3.5 * np.clip((x - crossed_at_m) / 20.0 + 0.5, 0.0, 1.0)
+    scene = made(roads, track("a", x, y), cav_y=3.5)
+    vehicle = scene.scenario.background.vehicles[0]
     assert vehicle.schedule is not None
-    end_m = 200.0 - vehicle.depart_pos_m
-    assert [at for at, _ in vehicle.schedule.lanes if end_m - 0.99 < at <= end_m] == []
-    assert find_stalled_alone(one) == {}
+    at = vehicle.schedule.lanes[0][0]
+    assert at <= 200.0 - vehicle.depart_pos_m - 0.99
+    assert find_stalled_alone(scene) == {}
 
 
 def test_a_vehicle_that_begins_in_a_junction_is_on_the_connector_to_its_lane(tmp_path: Path) -> None:
