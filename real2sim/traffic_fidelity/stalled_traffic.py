@@ -1,7 +1,7 @@
 """Background vehicles that stall: they stand far longer than they did in the log, and nothing ahead explains it.
 
 The log shows that every vehicle got where it went. One that stands for ever in the simulation, because it waits for
-another one that waits for it, or because its lane ends before it has changed lanes, blocks whoever comes behind. The
+another one that waits for it, or because its lane ends before it has changed lanes, blocks the traffic behind it. The
 log's own drive does not show it, because there the schedules carry the vehicles; so traffic is driven as agents meet it
 (`traffic_drives`).
 

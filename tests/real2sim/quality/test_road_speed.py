@@ -9,7 +9,7 @@ from real2sim.quality.road_speed import HIGHEST_MPS, TOWN_MPS, find_plausible_sp
 from real2sim.recording import ObjectCategory, RecordedTrack
 
 DT = 0.1
-T: Float = np.arange(60) * DT
+T: Float = np.arange(60, dtype=np.float64) * DT
 
 
 def cruise(id_: str, speed: float) -> RecordedTrack:
