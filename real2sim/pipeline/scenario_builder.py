@@ -29,13 +29,14 @@ from real2sim.pipeline.cav_selection import (
     vehicle_trajectories,
 )
 from real2sim.pipeline.conversion_results import ConversionResults, build_findings, build_quality_file
+from real2sim.pipeline.departures import begin_at, fit_departures
 from real2sim.pipeline.quality_file import QualityFile
 from real2sim.quality import ReconstructedLog, ReconstructionQuality, assess_reconstruction
 from real2sim.quality.lane_segment_index import LaneSegmentIndex
 from real2sim.recording import RecordedTrack, Recording
 from real2sim.source_scene import SourceScene
 from real2sim.tracks.reconstruct import reconstruct_tracks
-from real2sim.traffic_fidelity import measure_stalled_traffic, measure_traffic_fidelity
+from real2sim.traffic_fidelity import TrafficFidelity, measure_stalled_traffic, measure_traffic_fidelity
 
 NETWORKS = "networks"
 LOG = "log"
@@ -84,11 +85,26 @@ def build_scenario(
     tracks = cleaned.tracks if recording.exact else reconstruct_tracks(cleaned.tracks, dt_s)
     matches = {id_: match_track(motion, roads) for id_, motion in vehicle_trajectories(tracks).items()}
     cavs = select_cav_tracks(wish.cavs, cleaned, tracks, matches)
-    with _report_invalid():
-        fitted = fit_traffic(tracks, matches, roads, cavs, wish.mode, dt_s)
-    notes = describe_unused_cavs(wish.cavs, cavs, cleaned, tracks, matches)
-    scenario = _assemble_scenario(replace(scene, notes=(*scene.notes, *notes)), recording, fitted, network.name)
-    check_scenario(scenario, roads)
+
+    def fit(departures: Mapping[str, int]) -> FittedTraffic:
+        driven = tuple(begin_at(one, departures[one.id]) if one.id in departures else one for one in tracks)
+        again = {id_: match_track(vehicle_trajectories(driven)[id_], roads) for id_ in departures}
+        with _report_invalid():
+            return fit_traffic(driven, matches | again, roads, cavs, wish.mode, dt_s)
+
+    def assemble(fitted: FittedTraffic, notes: tuple[str, ...]) -> Scenario:
+        scenario = _assemble_scenario(replace(scene, notes=(*scene.notes, *notes)), recording, fitted, network.name)
+        check_scenario(scenario, roads)
+        return scenario
+
+    def measure(fitted: FittedTraffic) -> TrafficFidelity:
+        reactive = _with_reactive_traffic(assemble(fitted, ()))
+        return measure_traffic_fidelity(reactive, roads, tracks, fitted.names, dt_s)
+
+    unused = describe_unused_cavs(wish.cavs, cavs, cleaned, tracks, matches)
+    fitted, closeness, waited = fit_departures(fit, measure, dt_s)
+    notes = (*unused, *waited)
+    scenario = assemble(fitted, notes)
     reactive = _with_reactive_traffic(scenario)
     steps = ConversionResults(
         id=scene.id,
@@ -102,7 +118,7 @@ def build_scenario(
         quality=_assess(recording, cleaned, tracks, roads, find_speed_limits(recording.map, network, matches)),
         fitted=fitted,
         notes=notes,
-        closeness=measure_traffic_fidelity(reactive, roads, tracks, fitted.names, dt_s),
+        closeness=closeness,
         stalled=measure_stalled_traffic(reactive, roads, tracks, fitted.names, dt_s),
         logged_drive=score_logged_drive(scenario, roads, tracks, fitted.names, dt_s, wish.confirmed),
     )
