@@ -85,26 +85,11 @@ def build_scenario(
     tracks = cleaned.tracks if recording.exact else reconstruct_tracks(cleaned.tracks, dt_s)
     matches = {id_: match_track(motion, roads) for id_, motion in vehicle_trajectories(tracks).items()}
     cavs = select_cav_tracks(wish.cavs, cleaned, tracks, matches)
-
-    def fit(departures: Mapping[str, int]) -> FittedTraffic:
-        driven = tuple(begin_at(one, departures[one.id]) if one.id in departures else one for one in tracks)
-        again = {id_: match_track(vehicle_trajectories(driven)[id_], roads) for id_ in departures}
-        with _report_invalid():
-            return fit_traffic(driven, matches | again, roads, cavs, wish.mode, dt_s)
-
-    def assemble(fitted: FittedTraffic, notes: tuple[str, ...]) -> Scenario:
-        scenario = _assemble_scenario(replace(scene, notes=(*scene.notes, *notes)), recording, fitted, network.name)
-        check_scenario(scenario, roads)
-        return scenario
-
-    def measure(fitted: FittedTraffic) -> TrafficFidelity:
-        reactive = _with_reactive_traffic(assemble(fitted, ()))
-        return measure_traffic_fidelity(reactive, roads, tracks, fitted.names, dt_s)
-
     unused = describe_unused_cavs(wish.cavs, cavs, cleaned, tracks, matches)
-    fitted, closeness, waited = fit_departures(fit, measure, dt_s)
+    fitter = _TrafficFitter(scene, recording, network.name, roads, tracks, matches, cavs, wish.mode)
+    fitted, closeness, waited = fit_departures(fitter.fit, fitter.measure, dt_s)
     notes = (*unused, *waited)
-    scenario = assemble(fitted, notes)
+    scenario = fitter.assemble(fitted, notes)
     reactive = _with_reactive_traffic(scenario)
     steps = ConversionResults(
         id=scene.id,
@@ -125,6 +110,40 @@ def build_scenario(
     about = {"agent": LOG, "source": recording.source, "log": recording.id}
     log = record_log(scenario, {fitted.names[track.id]: track for track in tracks}, dt_s, about)
     return BuiltScenario(scenario, build_quality_file(steps), build_findings(steps), log)
+
+
+@dataclass(frozen=True)
+class _TrafficFitter:
+    """Fits, assembles and measures the scenario of one log, as often as departures need it."""
+
+    scene: SourceScene
+    recording: Recording
+    network: str
+    roads: RoadMap
+    tracks: tuple[RecordedTrack, ...]
+    matches: Mapping[str, LaneMatch]
+    cavs: tuple[str, ...]
+    mode: BackgroundMode
+
+    def fit(self, departures: Mapping[str, int]) -> FittedTraffic:
+        """Fit the traffic. `departures`: frame from which a vehicle is driven, by track id."""
+        driven = tuple(begin_at(one, departures[one.id]) if one.id in departures else one for one in self.tracks)
+        motions = vehicle_trajectories(driven)
+        matches = {**self.matches, **{id_: match_track(motions[id_], self.roads) for id_ in departures}}
+        with _report_invalid():
+            return fit_traffic(driven, matches, self.roads, self.cavs, self.mode, self.recording.dt_s)
+
+    def assemble(self, fitted: FittedTraffic, notes: tuple[str, ...] = ()) -> Scenario:
+        """Return the scenario, checked."""
+        scene = replace(self.scene, notes=(*self.scene.notes, *notes))
+        scenario = _assemble_scenario(scene, self.recording, fitted, self.network)
+        check_scenario(scenario, self.roads)
+        return scenario
+
+    def measure(self, fitted: FittedTraffic) -> TrafficFidelity:
+        """Measure how close the traffic stays to the log."""
+        reactive = _with_reactive_traffic(self.assemble(fitted))
+        return measure_traffic_fidelity(reactive, self.roads, self.tracks, fitted.names, self.recording.dt_s)
 
 
 def _clean(scene: SourceScene) -> tuple[Recording, CleanedRecording]:
