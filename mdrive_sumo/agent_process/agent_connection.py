@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 from mdrive_sumo.agent_process import wire_protocol
 from mdrive_sumo.agent_process.child_process import AgentProcess
@@ -41,6 +41,20 @@ class AgentLimits:
     """Longest answer: control or plan, messages and notes together."""
     episode_bytes: int = 2**24
     """All answers of an episode together: their messages and notes are kept in memory and recorded."""
+    option: str = ""
+    """The option by which the user changes the times, which failures name; "": they are fixed."""
+
+    def describe_time(self, name: str) -> str:
+        """Return a time limit as failures name it. name: start, tick or episode."""
+        remedy = f"; {self.option} {name}=SECONDS changes it" if self.option else ""
+        return f"the time limit {name} ({getattr(self, f'{name}_s'):g} s){remedy}"
+
+
+class _Deadline(NamedTuple):
+    """When an agent must be done, on the clock `time.monotonic`, and the limit that it follows from."""
+
+    at_s: float
+    limit: str
 
 
 class AgentConnection:
@@ -63,18 +77,17 @@ class AgentConnection:
         if self._receive_available(1, socket.MSG_PEEK):
             self._fail(FailureReason.INVALID, "expected no answer before the request, found one")
         self._frames.begin()
-        limit_s = self.limits.tick_s if tick >= 0 else self.limits.start_s
-        self._write(
-            wire_protocol.encode_frame({"call": call, "tick": tick, "value": value}, self._frames.store), limit_s
-        )
+        limit = "tick" if tick >= 0 else "start"
+        data = wire_protocol.encode_frame({"call": call, "tick": tick, "value": value}, self._frames.store)
+        self._write(data, _Deadline(time.monotonic() + getattr(self.limits, f"{limit}_s"), limit))
         self._requested_at = time.monotonic()
 
     def receive(self, read: Callable[[Any], T]) -> T:
         """Return the answer to the last request. read: a function of `reply_decoding` that checks plain values."""
         if self._tick < 0:
-            return self._read_answer(time.monotonic() + self.limits.start_s, read)
-        left_s = self.limits.episode_s - self._used_s
-        answer = self._read_answer(self._requested_at + min(self.limits.tick_s, left_s), read)
+            return self._read_answer(_Deadline(time.monotonic() + self.limits.start_s, "start"), read)
+        limit_s, limit = min((self.limits.tick_s, "tick"), (self.limits.episode_s - self._used_s, "episode"))
+        answer = self._read_answer(_Deadline(self._requested_at + limit_s, limit), read)
         self.think_times_s.append(time.monotonic() - self._requested_at)
         self._used_s += self.think_times_s[-1]
         return answer
@@ -94,7 +107,7 @@ class AgentConnection:
             finally:
                 self._frames.close()
 
-    def _read_answer(self, deadline: float, read: Callable[[Any], T]) -> T:
+    def _read_answer(self, deadline: _Deadline, read: Callable[[Any], T]) -> T:
         data = self._read(deadline)
         self._received_bytes += len(data)
         if self._received_bytes > (most := self.limits.episode_bytes):
@@ -108,15 +121,15 @@ class AgentConnection:
         except AgentFailure as error:
             self.fail(error.failure, error.text)
 
-    def _read(self, deadline: float) -> bytes:
+    def _read(self, deadline: _Deadline) -> bytes:
         """Read one frame. Its length must be below the limit, and no byte may follow it."""
         data, size, most = b"", 0, self.limits.reply_bytes
         while not size or len(data) < wire_protocol.LENGTH.size + size:
-            if not self._child.wait_readable(deadline - time.monotonic()) or (data and time.monotonic() > deadline):
-                self._fail(FailureReason.TIMEOUT, "no answer within the time limit")
+            if not self._child.wait_readable(deadline.at_s - time.monotonic()) or (data and _has_passed(deadline)):
+                self._fail_late("no answer", deadline)
             received = self._receive_available(min(wire_protocol.LENGTH.size + most + 1, AT_ONCE))
-            if not received and time.monotonic() > deadline:  # readable without data, again and again
-                self._fail(FailureReason.TIMEOUT, "no answer within the time limit")
+            if not received and _has_passed(deadline):  # readable without data, again and again
+                self._fail_late("no answer", deadline)
             data += received
             if not size and len(data) >= wire_protocol.LENGTH.size:
                 size = wire_protocol.LENGTH.unpack_from(data)[0]
@@ -136,9 +149,9 @@ class AgentConnection:
             data = b""
         return data or self._fail_process_ended()
 
-    def _write(self, data: bytes, limit_s: float) -> None:
+    def _write(self, data: bytes, deadline: _Deadline) -> None:
         """Send bytes within the agent's time limit: it may have stopped reading."""
-        left, deadline = memoryview(data), time.monotonic() + limit_s
+        left = memoryview(data)
         while left:
             try:
                 left = left[self._child.socket.send(left) :]
@@ -147,15 +160,18 @@ class AgentConnection:
             except (BrokenPipeError, ConnectionResetError):
                 self._fail_process_ended()
 
-    def _wait_for_room(self, deadline: float) -> None:
+    def _wait_for_room(self, deadline: _Deadline) -> None:
         while not select.select([], [self._child.socket], [], 0.01)[1]:
-            if time.monotonic() > deadline:
-                self._fail(FailureReason.TIMEOUT, "the agent does not read within the time limit")
+            if _has_passed(deadline):
+                self._fail_late("the agent does not read", deadline)
             self._child.wait_readable(0.0)  # its output must be drained, or it blocks
 
     def _fail_process_ended(self) -> NoReturn:
         how = self._child.describe_exit() if self._open else "it was ended"
         self._fail(FailureReason.CRASHED, f"the agent's process ended ({how})")
+
+    def _fail_late(self, what: str, deadline: _Deadline) -> NoReturn:
+        self._fail(FailureReason.TIMEOUT, f"{what} within {self.limits.describe_time(deadline.limit)}")
 
     def _fail(self, failure: FailureReason, text: str) -> NoReturn:
         self.fail(failure, f"{self._call}: {text}")
@@ -176,6 +192,10 @@ class AgentConnection:
             },
             **self._child.usage_record(),
         }
+
+
+def _has_passed(deadline: _Deadline) -> bool:
+    return time.monotonic() > deadline.at_s
 
 
 def _count_up_to(thought_ms: list[float]) -> list[int]:

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from mdrive_sumo.api.evaluation import evaluate_run
+from mdrive_sumo.cli.agent_limits_option import agent_limits_option
 from mdrive_sumo.cli.comm import episode_options, read_episode_options
 from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.workers import workers_option
@@ -45,6 +46,7 @@ EXECUTORS = ("local", "dask")
 @click.option(
     "--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Options of the agent, a JSON object."
 )
+@agent_limits_option
 @click.option(
     "--others",
     metavar="AGENT",
@@ -146,7 +148,8 @@ def _read_config(agent_options: Mapping[str, ConfigValue], options: dict[str, An
     first, count = options.pop("seed"), options.pop("seeds")
     if ((executor := options.pop("executor")) == "dask") != bool(options["scheduler"]):
         raise InputError(f"--executor {executor}: expected --scheduler with dask and only then")
-    return RunConfig(
+    limits = options.pop("agent_limits")
+    config = RunConfig(
         agent=AgentSpec(options.pop("agent"), agent_options),
         others=parse_other_agents(options.pop("others"), options.pop("penetration")),
         options=read_episode_options(options),
@@ -156,6 +159,7 @@ def _read_config(agent_options: Mapping[str, ConfigValue], options: dict[str, An
         **known,
         **options,
     )
+    return config if limits is None else config.with_agent_limits(limits)
 
 
 def with_references(ctx: click.Context, results: Results, config: RunConfig) -> CapturedCooperation:

@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from mdrive_sumo.agent_process.agent_connection import AgentLimits
+from mdrive_sumo.cli.agent_limits_option import agent_limits_option
 from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.study_options import parse_agent_names
 from mdrive_sumo.cli.workers import workers_option
@@ -42,6 +44,7 @@ from mdrive_sumo.study.study_runs import RUNS_FOLDER
 )
 @click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many seeds.")
 @click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted study.")
+@agent_limits_option
 @workers_option
 @click.pass_context
 def command(ctx: click.Context, **options: object) -> None:
@@ -100,6 +103,7 @@ class _PaperOptions:
     seeds: int
     fresh: bool
     workers: int
+    agent_limits: AgentLimits | None
 
     def prepare_study(self) -> _PreparedStudy:
         """Return the study, and claim its folder. Raises InputError before anything is driven."""
@@ -130,9 +134,10 @@ class _PaperOptions:
         return parse_agent_names(self.agents)
 
     def _make_config(self, agent: str) -> RunConfig:
+        spec = AgentSpec(agent)
         return RunConfig(
             suite=self.suite,
-            agent=AgentSpec(agent),
+            agent=spec if spec.is_builtin or self.agent_limits is None else spec.with_limits(self.agent_limits),
             seed=self.seed,
             more_seeds=tuple(range(self.seed + 1, self.seed + self.seeds)),
             workers=self.workers,

@@ -15,10 +15,10 @@ from mdrive_sumo.agent_process.child_process import AgentBox
 from mdrive_sumo.agents.registry import AGENTS, LEARNED_AGENTS
 from mdrive_sumo.contract import Agent
 from mdrive_sumo.core.checksum import compute_file_checksum, compute_files_checksum
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.runs.agent_limits import LOCAL_LIMITS, OPTION, format_agent_limits
 
 AgentFactory = Callable[[Mapping[str, Any]], Agent]
-LOCAL_LIMITS = AgentLimits(reply_bytes=2**20, episode_bytes=2**30)
-"""Limits of a user's own agent: as large as the contract allows, since notes alone may have 200 000 characters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +57,12 @@ class AgentSpec:
     def is_learned(self) -> bool:
         """Whether it is a built-in agent that ONNX Runtime computes for."""
         return isinstance(self.agent, str) and self.agent in LEARNED_AGENTS
+
+    def with_limits(self, limits: AgentLimits) -> "AgentSpec":
+        """Return the agent with other limits. Raises InputError for a built-in agent, which has none."""
+        if self.is_builtin and format_agent_limits(limits):
+            raise InputError(f"{OPTION}: expected an agent of a file or module, found {self.name}, which is built in")
+        return replace(self, limits=limits)
 
     def resolve(self) -> "AgentSpec":
         """Return the agent as any process finds it: the path of a file is absolute. Raises InputError."""

@@ -5,13 +5,15 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.runs.agent_limits import format_agent_limits, parse_agent_limits
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.scoring import ScoreMode
@@ -20,7 +22,9 @@ from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_jso
 ConfigValue = float | str | bool
 RUNS_FOLDER = Path("runs")
 FINGERPRINT_TYPES = {
-    **dict.fromkeys(("suite", "scenario", "agent", "agent_config", "score_mode", "seeds", "others"), str),
+    **dict.fromkeys(
+        ("suite", "scenario", "agent", "agent_config", "agent_limits", "score_mode", "seeds", "others"), str
+    ),
     **dict.fromkeys(("seed", "penetration"), int),
     **dict.fromkeys(("record", "sandbox"), bool),
 }
@@ -72,6 +76,11 @@ class RunConfig:
         return (self.agent, *((self.others.agent,) if self.others else ()))
 
     @property
+    def agent_limits(self) -> str:
+        """The time limits of the third-party agents as `--agent-limits` writes them; "" for the defaults."""
+        return next(filter(None, (format_agent_limits(agent.limits) for agent in self.agents)), "")
+
+    @property
     def is_builtin(self) -> bool:
         """Whether all agents are built in, so that none has a process, a log or code of its own."""
         return all(agent.is_builtin for agent in self.agents)
@@ -80,6 +89,13 @@ class RunConfig:
     def seeds(self) -> tuple[int, ...]:
         """All seeds; every scenario is driven with each."""
         return (self.seed, *self.more_seeds)
+
+    def with_agent_limits(self, limits: AgentLimits) -> "RunConfig":
+        """Return the run with these limits for its agents. Raises InputError if all of them are built in."""
+        if self.is_builtin:
+            return replace(self, agent=self.agent.with_limits(limits))
+        others = self.others and replace(self.others, agent=replace(self.others.agent, limits=limits))
+        return replace(self, agent=replace(self.agent, limits=limits), others=others)
 
     def to_dict(self) -> dict[str, str | int | bool]:
         """Return what identifies the run, as the journal's fingerprint holds it. Raises InputError for no locator.
@@ -92,6 +108,7 @@ class RunConfig:
             "scenario": self.scenario,
             "agent": self.agent.resolve().name,
             "agent_config": self.agent.config_text(),
+            **({"agent_limits": self.agent_limits} if self.agent_limits else {}),
             **(_describe_others(self.others) if self.others else {}),
             "seed": self.seed,
             **({"seeds": ",".join(map(str, self.seeds))} if self.more_seeds else {}),
@@ -107,7 +124,7 @@ class RunConfig:
         for name, kind in FINGERPRINT_TYPES.items():
             if type(values.get(name, kind())) is not kind:
                 raise TypeError(f"{name}: expected a value of type {kind.__name__}, found {values[name]!r:.60}")
-        return cls(
+        config = cls(
             suite=values["suite"],
             scenario=values["scenario"],
             agent=AgentSpec(values["agent"], json.loads(values["agent_config"])),
@@ -119,6 +136,8 @@ class RunConfig:
             record=values["record"],
             sandbox=values.get("sandbox", False),
         )
+        limits = values.get("agent_limits", "")
+        return config.with_agent_limits(parse_agent_limits(limits)) if limits else config
 
     def default_folder(self, suite_name: str) -> Path:
         """Return the folder of a run that names none: the same for the same run, another one for another."""
@@ -131,6 +150,7 @@ class RunConfig:
             _name_seeds(self.seeds),
             self.scenario if self.scenario != "*" else "",
             self.agent.config_hash()[7:13],
+            self.agent_limits,
             _name_channel(self.options.comm),
             self.options.clock.text if self.options.clock != IDEAL else "",
             *(f"{chosen[key]}-{key}" for key in EpisodeOptions.list_choices() if chosen[key] != default[key]),

@@ -68,6 +68,8 @@ def list_settings(info: RunInfo, folder: Path | None = None) -> dict[str, Any]:
     if info.sensing_track:
         found[SENSING_TRACK] = info.sensing_track
     found |= {name: getattr(info, name) for name in EpisodeOptions.list_choices()}
+    if limits := fingerprint.get("agent_limits"):
+        found["agent limits"] = limits
     if fingerprint:
         found["sandbox"] = bool(fingerprint.get("sandbox", False))
     return found
