@@ -46,8 +46,8 @@ def simulate(
     Raises InputError, WorldError and AgentFailure.
     """
     found, roads, folder = find_scenario(scenario, suite, seed)
-    spec = AgentSpec(agent, agent_config or {})
-    config = _make_config(found, roads, seed, spec.resolve().name, options)
+    spec = AgentSpec(agent, agent_config or {}).resolve()
+    config = _make_config(found, roads, seed, spec.name, options)
     Simulation.close_open()
     with _open_local_agents(spec, config.cav_pseudonyms) as drivers, open_world(config) as world:
         if raise_agent_errors:

@@ -8,7 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, find_carla_file, split_locator
+from mdrive_sumo.agent_process.agent_lookup import find_carla_file, split_locator
 from mdrive_sumo.agent_process.child_process import AGENT_FOLDER, PACKAGE, AgentBox
 from mdrive_sumo.agent_process.sandbox import BoxLimits, check_layers
 from mdrive_sumo.core.errors import InputError
@@ -66,7 +66,7 @@ def _find_file(spec: AgentSpec) -> tuple[Path, str, str]:
     """Return the file of an agent, and what stands before and behind it in the locator."""
     if isinstance(spec.agent, str):
         if (file := find_carla_file(spec.agent)) is not None:
-            return file.resolve(), CARLA_PREFIX, ""
+            return file.resolve(), f"{spec.agent.partition(':')[0]}:", ""
         place, name = split_locator(spec.agent)
         if place.endswith(".py"):
             return Path(place).resolve(), "", f":{name}"

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
-from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, find_carla_file, split_locator
+from mdrive_sumo.agent_process.agent_file import drives_one_vehicle
+from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, CARLA_SINGLE_PREFIX, find_carla_file, split_locator
 from mdrive_sumo.agent_process.child_process import AgentBox
 from mdrive_sumo.agents.registry import AGENTS, LEARNED_AGENTS
 from mdrive_sumo.contract import Agent
@@ -65,11 +66,15 @@ class AgentSpec:
         return replace(self, limits=limits)
 
     def resolve(self) -> "AgentSpec":
-        """Return the agent as any process finds it: the path of a file is absolute. Raises InputError."""
+        """Return the agent as any process finds it: the path of a file is absolute. Raises InputError.
+
+        It also says of a CARLA leaderboard agent whether it drives one vehicle or all of them.
+        """
         if not isinstance(self.agent, str) or self.is_builtin:
             return self
         if (file := find_carla_file(self.agent)) is not None:
-            return replace(self, agent=f"{CARLA_PREFIX}{file.resolve()}")
+            is_single = self.agent.startswith(CARLA_SINGLE_PREFIX) or drives_one_vehicle(file)
+            return replace(self, agent=f"{CARLA_SINGLE_PREFIX if is_single else CARLA_PREFIX}{file.resolve()}")
         place, name = split_locator(self.agent)
         return replace(self, agent=f"{Path(place).resolve()}:{name}") if place.endswith(".py") else self
 

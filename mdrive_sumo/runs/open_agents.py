@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from mdrive_sumo.agent_process.agent_connection import AgentConnection
-from mdrive_sumo.agent_process.agent_lookup import find_carla_file, split_locator
+from mdrive_sumo.agent_process.agent_lookup import find_carla_file, is_joint_locator, split_locator
 from mdrive_sumo.agent_process.child_process import PACKAGE, AgentProgram
 from mdrive_sumo.agent_process.joint_agent import JointAgentSession
 from mdrive_sumo.agent_process.remote_driver import RemoteDriver, open_agent_connection
@@ -28,6 +28,8 @@ PRIVILEGED = "privileged"
 ARRAY_SENSORS, MAX_ARRAY_SENSORS = ("lidar", "camera", "bev"), 8
 """Sensors with large arrays, and how many of them a boxed agent may have: 64 of the largest would take 1 GB of the
 evaluator's memory for each CAV."""
+SINGLE = "single"
+"""Label of an agent of the CARLA leaderboard that drives one vehicle: it neither sends nor reads messages."""
 DECLARING_CAV = "cav"
 """Id of the CAV of an agent that is created only to read its declaration."""
 
@@ -66,7 +68,8 @@ def find_unknown_sensor(sensors: Sequence[SensorSpec]) -> str:
     for spec in sensors:
         if spec.kind not in KINDS:
             known = f"sensor {spec.kind!r:.60}: expected one of {', '.join(KINDS)}, found none of that kind"
-            return describe_camera_error(spec.kind) or known
+            name = f" (id {spec.id!r:.40})" if spec.id else ""
+            return (describe_camera_error(spec.kind) or known) + name
     return ""
 
 
@@ -111,15 +114,20 @@ def _open(
             raise InputError(f"agent {spec.agent!r}: expected a third-party agent for a box, found a built-in one")
         return {ego: LocalDriver(AGENTS[spec.agent](spec.config)) for ego in pseudonyms}
     check = _check_boxed_sensors if spec.box else None
-    if isinstance(spec.agent, str) and find_carla_file(spec.agent) is not None:
+    if is_joint_locator(spec.agent):
         session = JointAgentSession(_connect(spec, "all", logs), spec.config, pseudonyms, check)
         stack.callback(_close, session, spec, _append(logs, "all.json"))
         return {**session.drivers}
     drivers: dict[str, AgentDriver] = {}
     for ego, told in sorted(pseudonyms.items(), key=lambda pair: pair[1]):
-        drivers[ego] = driver = RemoteDriver(_connect(spec, told, logs), spec.config, check)
+        line = _connect(spec, told, logs)
+        if isinstance(spec.agent, str) and find_carla_file(spec.agent) is not None:
+            closed = JointAgentSession(line, spec.config, {ego: told}, check, label=SINGLE)
+            drivers |= closed.drivers
+        else:
+            closed = drivers[ego] = RemoteDriver(line, spec.config, check)
         stack.callback(_rename, _append(logs, f"{told}.log"), _append(logs, f"{ego}.log"))
-        stack.callback(_close, driver, spec, _append(logs, f"{ego}.json"))
+        stack.callback(_close, closed, spec, _append(logs, f"{ego}.json"))
     return drivers
 
 
@@ -139,7 +147,7 @@ def _make_program(spec: AgentSpec, log: Path | None) -> AgentProgram:
             raise InputError(f"agent {spec.name!r}: expected a locator for a box, found a class")
         return AgentProgram("", "pickle", log, pickle_agent(spec.agent))
     if (file := find_carla_file(spec.agent)) is not None:
-        return AgentProgram(str(file), "carla", log)
+        return AgentProgram(str(file), "carla" if is_joint_locator(spec.agent) else "carla-single", log)
     split_locator(spec.agent)
     return AgentProgram(spec.agent, "agent", log)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdrive_sumo.agent_process.agent_file import describe_missing_class
-from mdrive_sumo.agent_process.agent_lookup import find_carla_file
+from mdrive_sumo.agent_process.agent_lookup import is_joint_locator
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
@@ -234,14 +234,10 @@ def declare_all_labels(agents: Sequence[AgentSpec], *, is_sandboxed: bool) -> tu
 
     agents: the one under test first. Raises InputError for agents that cannot be created, or cannot drive together.
     """
-    if sum(_is_joint(agent) for agent in agents) > 1:
+    if sum(is_joint_locator(agent.agent) for agent in agents) > 1:
         raise InputError("--others: expected at most one joint agent (carla:...) in a run, found two")
     declared = [declare_labels(agent, is_sandboxed=is_sandboxed) for agent in agents]
     return declared[0][0], tuple(dict.fromkeys(label for _, labels in declared for label in labels))
-
-
-def _is_joint(agent: AgentSpec) -> bool:
-    return isinstance(agent.agent, str) and find_carla_file(agent.agent) is not None
 
 
 def declare_labels(agent: AgentSpec, *, is_sandboxed: bool) -> tuple[str, tuple[str, ...]]:
@@ -254,7 +250,7 @@ def declare_labels(agent: AgentSpec, *, is_sandboxed: bool) -> tuple[str, tuple[
     if unknown := find_unknown_sensor(declaration.sensors):
         raise InputError(unknown)
     facts = {
-        JOINT: _is_joint(agent),
+        JOINT: is_joint_locator(agent.agent),
         PRIVILEGED: any(sensor.kind == PRIVILEGED for sensor in declaration.sensors),
         UNSANDBOXED: not agent.is_builtin and not is_sandboxed,
     }
