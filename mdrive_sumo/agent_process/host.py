@@ -23,7 +23,7 @@ from typing import Any, cast
 from mdrive_sumo.agent_process import wire_protocol
 from mdrive_sumo.agent_process.agent_lookup import load_agent_class
 from mdrive_sumo.agent_process.frame_reader import FrameReader
-from mdrive_sumo.contract import Agent, read_label
+from mdrive_sumo.contract import Agent, read_label, read_sensors
 
 PR_SET_PDEATHSIG = 1
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
@@ -122,7 +122,7 @@ def _handle_agent(locator: str, style: str) -> Handler:
         if call == "create":
             cls = _unpickle_agent_class(Path(locator)) if style == "pickle" else load_agent_class(locator)
             agent.append(cls(value))
-            return {"label": read_label(agent[0]), "sensors": tuple(agent[0].sensors())}
+            return {"label": read_label(agent[0]), "sensors": read_sensors(agent[0])}
         if call == "start":
             agent[0].start(value)
             return None

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Unpack
+from typing import Unpack, cast
 
 from mdrive_sumo.api.run import Run
 from mdrive_sumo.core.errors import InputError
@@ -115,6 +115,8 @@ def _locate(suite: str | Suite, scenario: str) -> tuple[str, str]:
     """Return the name or folder of a suite, and globs of the scenarios to drive. Raises InputError."""
     if isinstance(suite, str):
         return suite, scenario
+    if not isinstance(cast(object, suite), Suite):
+        raise InputError(f"suite: expected a suite, its name or its folder, found {suite!r:.40}")
     name = suite.name if list_packaged_suites().get(suite.name) == suite.folder else str(suite.folder)
     stored = load_suite(name)
     known = {one.id: one for one in stored}

@@ -3,7 +3,17 @@
 import time
 from typing import Protocol
 
-from mdrive_sumo.contract import Agent, Briefing, Observation, Reply, ReplyError, SensorSpec, check_reply, read_label
+from mdrive_sumo.contract import (
+    Agent,
+    Briefing,
+    Observation,
+    Reply,
+    ReplyError,
+    SensorSpec,
+    check_reply,
+    read_label,
+    read_sensors,
+)
 from mdrive_sumo.core.errors import MdriveError, WorldError
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.core.truncation import truncate
@@ -65,7 +75,7 @@ class LocalDriver:
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """See Driver."""
-        return self._agent.sensors()
+        return read_sensors(self._agent)
 
     def start(self, briefing: Briefing) -> None:
         """See Driver."""

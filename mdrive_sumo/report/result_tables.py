@@ -147,6 +147,15 @@ def count_notes(results: Results) -> Counter[str]:
     return _sorted(kind for scenario in results.scenarios for kind in Counter(scenario.notes).elements())
 
 
+def describe_malformed(results: Results) -> str:
+    """Return "200 messages, dropped: cam: expected at least 18 bytes (200)"; "" if none is malformed."""
+    counts = _sorted(problem for one in results.scenarios for problem in Counter(one.malformed).elements())
+    if not counts:
+        return ""
+    kinds = "; ".join(f"{problem} ({count})" for problem, count in counts.items())
+    return f"{counts.total()} messages, dropped: {kinds}"
+
+
 def _sorted(names: Iterable[str]) -> Counter[str]:
     counts = Counter(names)
     return Counter(dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))))
@@ -181,6 +190,7 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
         ("severity", _listed(count_collisions_by_severity(results))),
         ("void", str(results.void)),
         *((("notes", _listed(notes)),) if notes else ()),
+        *((("malformed", malformed),) if (malformed := describe_malformed(results)) else ()),
         *((("times", missing),) if (missing := describe_missing_reference(results)) else ()),
     )
     return "\n".join(

@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.agent_process.agent_file import drives_one_vehicle
@@ -35,6 +35,16 @@ class AgentSpec:
     """Sandbox of a third-party agent; None: a plain child process. Built-in agents run in the worker process."""
     known_as: str = ""
     """The agent as the user typed it, if `agent` is its place in the box."""
+
+    def __post_init__(self) -> None:
+        """Raises InputError for what can be no agent."""
+        if not isinstance(self.agent, str) and not callable(self.agent):
+            raise InputError(
+                f"agent: expected a name ({next(iter(AGENTS))}, idm, ...), module:Class, path.py:Class or a class,"
+                f" found {self.agent!r:.40}"
+            )
+        if not isinstance(cast(object, self.config), Mapping):
+            raise InputError(f"agent_config: expected a mapping of options, found {self.config!r:.40}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle a class by value: a worker process cannot import what a notebook defines."""

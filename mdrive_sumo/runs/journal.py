@@ -14,6 +14,7 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import blake2b
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,9 @@ FORMAT_WITHOUT_CHECKSUMS = "mdrive-sumo/journal/1"
 """Its lines cannot be checked: it is read by `verify`, `rescore` and `view`, but not continued."""
 READABLE_FORMATS = (FORMAT, FORMAT_WITHOUT_CHECKSUMS)
 JOURNAL_FILE = "journal.jsonl"
+
+MAX_CHANGES = 4
+"""Changed settings of a channel or an agent that a message names."""
 
 Fingerprint = Mapping[str, str | int | bool]
 _CHECKSUM = re.compile(rb',"checksum":"([0-9a-f]{16})"\}\n\Z')
@@ -221,9 +225,7 @@ def _check_header(path: Path, header: Mapping[str, Any], fingerprint: Fingerprin
     before = _read_header_fingerprint(path, header)
     differing = sorted(key for key in {*before, *fingerprint} if before.get(key) != fingerprint.get(key))
     if differing:
-        what = ", ".join(
-            f"{key} {_shorten(before.get(key))} (now {_shorten(fingerprint.get(key))})" for key in differing
-        )
+        what = ", ".join(_describe_change(key, before.get(key), fingerprint.get(key)) for key in differing)
         raise InputError(
             f"{path.parent}: expected a run of this command, found one with another {what};"
             " --fresh starts anew, --out names another folder"
@@ -236,8 +238,34 @@ def _read_header_fingerprint(path: Path, header: Mapping[str, Any]) -> dict[str,
     return header["fingerprint"]
 
 
+def _describe_change(key: str, before: object, now: object) -> str:
+    """Return "seed 0 (now 1)"; of settings that are a JSON object, such as the channel's, what differs in them."""
+    settings, new_settings = _parse_settings(before), _parse_settings(now)
+    if settings is not None and new_settings is not None:
+        names = [name for name in sorted({*settings, *new_settings}) if settings.get(name) != new_settings.get(name)]
+        changes = [f"{name} {_shorten(settings.get(name))} (now {_shorten(new_settings.get(name))})" for name in names]
+        left_out = f" and {len(changes) - MAX_CHANGES} more" if len(changes) > MAX_CHANGES else ""
+        return f"{key}: {', '.join(changes[:MAX_CHANGES])}{left_out}"
+    old, new = _shorten(before), _shorten(now)
+    if old == new:  # long texts that begin alike
+        alike = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(str(before), str(now), strict=False)))
+        old, new = (f"...{_shorten(str(value)[max(0, alike - 4) :])}" for value in (before, now))
+    return f"{key} {old} (now {new})"
+
+
+def _parse_settings(value: object) -> dict[str, Any] | None:
+    """Return the settings that a value of a fingerprint holds as JSON; None for other values."""
+    if not isinstance(value, str) or not value.startswith("{"):
+        return None
+    try:
+        settings = json.loads(value)
+    except (ValueError, RecursionError):
+        return None
+    return settings if isinstance(settings, dict) else None
+
+
 def _shorten(value: object) -> str:
-    text = str(value).removeprefix("sha256:")
+    text = "none" if value is None else str(value).removeprefix("sha256:")
     return text if len(text) <= 24 else text[:12] + "..."
 
 

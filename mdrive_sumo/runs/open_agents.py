@@ -50,7 +50,9 @@ def declare_agent(spec: AgentSpec) -> AgentDeclaration:
                 driver = drivers[DECLARING_CAV]
                 return AgentDeclaration(driver.label, driver.sensors())
         except AgentFailure as error:
-            raise AgentFailure(error.failure, error.text + _find_failing_line(logs)) from None
+            place = _find_failing_line(logs)
+            text = error.text if place in error.text else error.text + place  # a SyntaxError names its line itself
+            raise AgentFailure(error.failure, text) from None
 
 
 def _find_failing_line(logs: Path) -> str:

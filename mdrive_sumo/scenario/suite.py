@@ -13,8 +13,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from importlib.resources import files
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, overload
+from typing import TYPE_CHECKING, Literal, cast, overload
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -191,6 +192,8 @@ def list_suites() -> tuple[str, ...]:
 
 def load_suite(name_or_folder: str) -> Suite:
     """A packaged suite by name, or any suite by its folder; raises InputError."""
+    if not isinstance(cast(object, name_or_folder), str | PathLike):
+        raise InputError(f"suite: expected the name or the folder of a suite, found {name_or_folder!r:.40}")
     packaged = list_packaged_suites()
     folder = packaged.get(name_or_folder, Path(name_or_folder))
     if not folder.is_dir():

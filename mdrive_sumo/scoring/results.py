@@ -108,6 +108,9 @@ class ScenarioResult(Means):
     exchanged: dict[str, int] = Field(default_factory=lambda: {})
     """Messages of CAVs that reached another CAV, by type, beyond 32 types as (other). The labels of the run follow
     from them."""
+    malformed: dict[str, int] = Field(default_factory=lambda: {}, exclude_if=_is_empty)
+    """Messages that the channel dropped because their bytes are not valid for their type, by type and what is wrong;
+    absent if there are none."""
     sensing_track: TrackName = Field(default="", exclude_if=lambda track: not track)
     """Whether any CAV was given objects; absent in void scenarios and in files from before tracks existed."""
     notes: dict[str, int] = Field(default_factory=lambda: {})

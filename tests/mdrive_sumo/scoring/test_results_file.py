@@ -60,6 +60,7 @@ def test_the_schema_describes_every_key_of_the_file() -> None:
     assert set(schema["$defs"]["ScenarioResult"]["properties"]) == set(data["scenarios"][0]) | {
         "scalars",
         "sensing_track",
+        "malformed",
     }
     assert schema["$defs"]["ScenarioResult"]["additionalProperties"] is False
     assert schema["properties"]["format"]["const"] == "mdrive-sumo/results/4"
