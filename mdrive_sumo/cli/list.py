@@ -20,6 +20,7 @@ from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.runs.run_config import RUNS_FOLDER
 from mdrive_sumo.runs.run_listing import ListedRun, list_runs
+from mdrive_sumo.runs.run_results import load_run_results
 from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
@@ -185,12 +186,26 @@ def _make_run_row(run: ListedRun) -> TableRow:
     seeds = str(facts.get("seeds", facts.get("seed", "?")))
     known = (name, Path(str(facts.get("suite", "?"))).name, _name_agent(facts), seeds)
     if run.results is None:
-        state = "finished, open loop" if (run.folder / OPEN_LOOP_FILE).is_file() else "interrupted"
-        return (*known, str(run.finished), "-", "-", state)
+        state = "finished, open loop" if (run.folder / OPEN_LOOP_FILE).is_file() else _describe_state(run)
+        return (*known, str(run.finished), *_list_partial_scores(run), state)
     means = run.results.overall.scenario_mean
     failed = len({(one.result.id, one.result.seed) for one in list_agent_failures(run.results)})
     states = [f"{count} {what}" for count, what in ((run.results.void, "void"), (failed, "agent failed")) if count]
     return (*known, str(run.finished), f"{means.ds:.2f}", f"{means.sr:.2f}", ", ".join(states) or "finished")
+
+
+def _describe_state(run: ListedRun) -> str:
+    """Return "partial: 3 of 46": a run that is going on, or was interrupted."""
+    return f"partial: {run.finished} of {run.planned}" if run.planned else "interrupted"
+
+
+def _list_partial_scores(run: ListedRun) -> tuple[str, str]:
+    """Return DS and SR of what an unfinished run has finished."""
+    try:
+        means = load_run_results(run.folder).overall.scenario_mean
+    except InputError:
+        return ("-", "-")
+    return (f"{means.ds:.2f}", f"{means.sr:.2f}")
 
 
 def _name_agent(fingerprint: Mapping[str, Any]) -> str:

@@ -72,10 +72,19 @@ def _format_interval(interval: ConfidenceInterval) -> TableRow:
     return (f"{interval.mean:.2f}", f"{interval.low:.2f}", f"{interval.high:.2f}")
 
 
+def describe_partial(results: Results) -> str:
+    """Return "partial: 3 of 46" for the results of an unfinished run; "" for a finished one."""
+    return "" if results.planned is None else f"partial: {len(results.scenarios)} of {results.planned}"
+
+
 def describe_agent(results: Results) -> str:
-    """Return the agent with its labels, e.g. "omniscient [privileged, object track]"; with the other agent of two."""
+    """Return the agent with its labels, e.g. "omniscient [privileged, object track]"; with the other agent of two.
+
+    Results of an unfinished run are marked: "idm [single, sensor track, partial: 3 of 46]".
+    """
     run = results.run
-    labels = ", ".join((*run.labels, *((describe_sensing_track(run),) if run.sensing_track else ())))
+    track = describe_sensing_track(run) if run.sensing_track else ""
+    labels = ", ".join(filter(None, (*run.labels, track, describe_partial(results))))
     share = "one CAV" if run.penetration is None else f"{run.penetration} % of the CAVs"
     name = f"{run.agent} ({share}) among {run.others}" if run.others else run.agent
     return f"{name} [{labels}]" if labels else name

@@ -84,7 +84,8 @@ def evaluate(run: PreparedRun, progress: Progress, executor: EpisodeExecutor | N
     Results of earlier starts are kept, void ones are tried again. Raises InputError, KeyboardInterrupt and, with
     `fail_fast`, StoppedAtFailure; the journal then keeps every finished scenario.
     """
-    with open_journal(run.folder, run.fingerprint, fresh=run.config.fresh) as journal:
+    about = {"run": run.info.model_dump(mode="json"), "episodes": len(run.episodes)}
+    with open_journal(run.folder, run.fingerprint, fresh=run.config.fresh, about=about) as journal:
         found = _load_kept_results(run, journal)
         if journal.torn:
             progress.note("the last line of the journal was incomplete and has been dropped")

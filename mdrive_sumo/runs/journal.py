@@ -1,9 +1,10 @@
 """The journal of a run: JSON lines that are only appended, so an interrupted run loses no finished episode.
 
-Line 1 is the header: format and fingerprint, i.e. everything that makes two runs the same run. Every other
-line is `{"result": {...}, "recording": "sha256:..."}`, a finished scenario, or `{"failed": {"scenario", "reason"}}`, a
-try without one. Each line ends with a `checksum` of itself and of all lines before it, so that a line that was changed,
-inserted or removed is found. It protects against accidents and edits by hand; `verify` against forgery.
+Line 1 is the header: format and fingerprint, i.e. everything that makes two runs the same run, and `about`, which says
+what the run is: its description in results and its number of episodes. Every other line is `{"result": {...},
+"recording": "sha256:..."}`, a finished scenario, or `{"failed": {"scenario", "reason"}}`, a try without one. Each line
+ends with a `checksum` of itself and of all lines before it, so that a line that was changed, inserted or removed is
+found. It protects against accidents and edits by hand; `verify` against forgery.
 """
 
 import fcntl
@@ -27,6 +28,7 @@ FORMAT_WITHOUT_CHECKSUMS = "mdrive-sumo/journal/1"
 READABLE_FORMATS = (FORMAT, FORMAT_WITHOUT_CHECKSUMS)
 JOURNAL_FILE = "journal.jsonl"
 
+_NOTHING: Mapping[str, Any] = {}
 MAX_CHANGES = 4
 """Changed settings of a channel or an agent that a message names."""
 
@@ -47,6 +49,12 @@ class JournalText:
     """Length of the complete lines."""
     torn: bool
     """Whether an incomplete line follows them."""
+
+    @property
+    def about(self) -> Mapping[str, Any]:
+        """What the header says of the run beside its fingerprint; empty in older journals."""
+        about = self.lines[0].get("about") if self.lines else None
+        return about if isinstance(about, dict) else {}
 
     @property
     def results(self) -> tuple[dict[str, Any], ...]:
@@ -97,9 +105,9 @@ class Journal:
         """Append the reason why a try had no result."""
         self._append({"failed": {"scenario": scenario, "reason": reason}})
 
-    def add_header(self, fingerprint: Fingerprint) -> None:
+    def add_header(self, fingerprint: Fingerprint, about: Mapping[str, Any]) -> None:
         """Append the first line."""
-        self._append({"format": FORMAT, "fingerprint": dict(fingerprint)})
+        self._append({"format": FORMAT, "fingerprint": dict(fingerprint)} | ({"about": about} if about else {}))
 
     def _append(self, line: Mapping[str, Any]) -> None:
         body = json.dumps(line, separators=(",", ":"), allow_nan=False).encode()
@@ -108,10 +116,12 @@ class Journal:
 
 
 @contextmanager
-def open_journal(folder: Path, fingerprint: Fingerprint, *, fresh: bool) -> Generator[Journal]:
+def open_journal(
+    folder: Path, fingerprint: Fingerprint, *, fresh: bool, about: Mapping[str, Any] = _NOTHING
+) -> Generator[Journal]:
     """Open the journal of a run folder, new or continued; it is locked until the block ends. Raises InputError.
 
-    fresh: drop the content of an earlier run.
+    fresh: drop the content of an earlier run. about: what a new journal says of the run beside its fingerprint.
     """
     path = folder / JOURNAL_FILE
     descriptor = _open(path)
@@ -129,7 +139,7 @@ def open_journal(folder: Path, fingerprint: Fingerprint, *, fresh: bool) -> Gene
         os.lseek(descriptor, 0, os.SEEK_END)
         journal = Journal(path, descriptor, found)
         if not found.lines:
-            journal.add_header(fingerprint)
+            journal.add_header(fingerprint, about)
         yield journal
     finally:
         os.close(descriptor)

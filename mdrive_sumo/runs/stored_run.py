@@ -1,7 +1,8 @@
-"""StoredRun: a finished run, loaded again for `verify`, `rescore`, `show` and `view`."""
+"""StoredRun: a run in its folder, loaded again for `verify`, `rescore`, `show` and `view`."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
@@ -15,14 +16,15 @@ from mdrive_sumo.runs.fingerprint import (
 from mdrive_sumo.runs.journal import JOURNAL_FILE, JournalText, read_run_journal
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.run_config import RunConfig
-from mdrive_sumo.runs.run_listing import check_run_folder
+from mdrive_sumo.runs.run_listing import check_run_folder, describe_missing_run
+from mdrive_sumo.runs.run_results import build_partial_results
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results, load_results, load_unchecked_results
 
 
 @dataclass(frozen=True, slots=True)
 class StoredRun:
-    """A finished run with its results."""
+    """A run with its results; those of a run that is not finished are marked as partial."""
 
     run: PreparedRun
     results: Results
@@ -55,13 +57,32 @@ def load_stored_run(folder: Path, suite: str | None = None) -> StoredRun:
     return replace(stored, results=results)
 
 
+def load_viewed_run(folder: Path, suite: str | None = None) -> StoredRun:
+    """As `load_stored_run`, also of a run that is going on or was interrupted, with what it has finished.
+
+    Its results are then marked as partial. Raises InputError, also if nothing is finished yet.
+    """
+    if (folder / RESULTS_FILE).is_file():
+        return load_stored_run(folder, suite)
+    if not (folder / JOURNAL_FILE).is_file():
+        raise InputError(describe_missing_run(folder))
+    fingerprint, journal = read_run_journal(folder)
+    return _load_run(folder, suite, build_partial_results(folder, journal), (fingerprint, journal))
+
+
 def load_unchecked_run(folder: Path, suite: str | None = None) -> StoredRun:
     """As `load_stored_run`, with results of any content: for `verify`, which compares every number."""
     check_run_folder(folder)
     results = load_unchecked_results(folder / RESULTS_FILE)
     if not results.scenarios:
         raise InputError(f"{folder / RESULTS_FILE}: scenarios: expected at least one, found none")
-    fingerprint, journal = read_run_journal(folder)
+    return _load_run(folder, suite, results, read_run_journal(folder))
+
+
+def _load_run(
+    folder: Path, suite: str | None, results: Results, journaled: tuple[dict[str, Any], JournalText]
+) -> StoredRun:
+    fingerprint, journal = journaled
     try:
         config = replace(RunConfig.from_dict(fingerprint), out=folder)
     except (KeyError, ValueError, TypeError) as error:

@@ -232,5 +232,7 @@ class Results(_Part):
     buckets: dict[str, BucketResult]
     void: int
     """How many episodes are void."""
+    planned: int | None = Field(default=None, exclude_if=lambda planned: planned is None)
+    """How many episodes the run has, if these are the results of a part of them; absent in a finished run."""
     scenarios: tuple[ScenarioResult, ...]
     """One entry for every scenario, in a run of several seeds for every scenario and seed."""

@@ -85,6 +85,9 @@ def list_warnings(agents: Sequence[ComparedAgent]) -> tuple[str, ...]:
         if len(seeds) > 1
         else "",
     ]
+    if any(agent.results.planned is not None for agent in agents):
+        count = len({scenario.id for agent in agents for scenario in agent.results.scenarios})
+        warnings.insert(0, f"Runs are partial: all numbers are over the {count} scenarios that every run has finished.")
     for agent in agents:
         void = _shorten([scenario.key for scenario in agent.results.scenarios if scenario.status == "void"])
         warnings.append(f"{agent.name}: void episodes count as 0 in means: {void}." if void else "")

@@ -86,4 +86,6 @@ def write_page(path: Path, html: str) -> None:
     """Write a page, over one that is there. Raises InputError if that is not possible."""
     with report_write_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(html, encoding="utf-8")
+        temporary = path.with_name(f"{path.name}.tmp")  # a browser may be loading the page that is there
+        temporary.write_text(html, encoding="utf-8")
+        temporary.replace(path)

@@ -138,7 +138,11 @@ def _build_row(
     scenario = next(scenario for scenario in stored.run.scenarios if scenario.id == first.id)
     lengths = {ego.id: Polyline(ego.xy).length for ego in scenario.egos}
     by_seed = {stored.run.find_key(result)[1]: result for result in results}
-    cells = (_build_cell(stored, by_seed[seed], lengths, replays, page) for seed in stored.run.config.seeds)
+    cells = (
+        _build_cell(stored, by_seed[seed], lengths, replays, page)
+        for seed in stored.run.config.seeds
+        if seed in by_seed  # of a run that is going on some are missing
+    )
     ds = compute_mean(result.ds for result in results)
     return ScenarioRow(first.id, first.bucket, first.category, scenario.description, ds, tuple(cells))
 
