@@ -16,7 +16,7 @@ PLUG_IN_GROUP = "mdrive_sumo.commands"
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "eval": ("evaluate", "Drive a suite with an agent and score it."),
     "eval-open": ("evaluate_open", "Compare an agent's plans and detections with recorded drives."),
-    "list": ("list", "List suites, scenarios, agents, networks or runs."),
+    "list": ("list", "List suites, scenarios, agents, networks, metrics, plug-ins or runs."),
     "show": ("show", "Draw a scenario."),
     "view": ("view", "See in the browser what each CAV lost, compare runs, replay an episode."),
     "render": ("render", "Draw a recorded episode as a picture or a video."),

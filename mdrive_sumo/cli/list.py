@@ -12,6 +12,7 @@ from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import derive_sensing_track
 from mdrive_sumo.contract.agent_options import AgentFactory
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.plug_ins import PREFIX, SHORT_CHECKSUM, PlugIn, PlugInKind, list_plug_ins
 from mdrive_sumo.core.tables import TableRow, format_text_table
 from mdrive_sumo.generate.validation import is_hard_suite
 from mdrive_sumo.open_loop import OPEN_LOOP_FILE
@@ -25,6 +26,8 @@ from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
+from mdrive_sumo.scoring.metrics import METRICS, InfractionMetric
+from mdrive_sumo.scoring.metrics.registry import load_metric_plug_ins
 from mdrive_sumo.study.need_certificate import NeedCertificate, load_need
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificate, load_certificates
 
@@ -144,6 +147,7 @@ def _list_agents(_: str) -> str:
         (name, _find_builtin_track(factory), (factory.__doc__ or "").strip().split("\n")[0])
         for name, factory in AGENTS.items()
     ]
+    rows += [(name, "", f"of {one.package} {one.version}") for name, one in list_plug_ins(PlugInKind.AGENTS).items()]
     return format_text_table(("agent", "track", "what it does"), rows) + f"\n\n{TRACK_LEGEND}"
 
 
@@ -219,11 +223,45 @@ def _name_agent(fingerprint: Mapping[str, Any]) -> str:
     return f"{name} ({', '.join(words)})" if words else name
 
 
+def _list_metrics(_: str) -> str:
+    rows = [
+        (metric.name, "changes DS" if isinstance(metric, InfractionMetric) else "informative", origin)
+        for metrics, origin in ((METRICS, "built in"), (load_metric_plug_ins(), "plug-in"))
+        for metric in metrics
+    ]
+    return format_text_table(("metric", "kind", "from"), rows)
+
+
+def _list_plug_ins(_: str) -> str:
+    rows = [
+        (
+            str(kind),
+            name,
+            one.package,
+            one.version,
+            _shorten_checksum(one),
+            one.locator,
+        )
+        for kind in PlugInKind
+        for name, one in list_plug_ins(kind).items()
+    ]
+    if not rows:
+        groups = ", ".join(f"{PREFIX}{kind}" for kind in PlugInKind)
+        return f"no plug-ins are installed; their entry points are in the groups {groups}"
+    return format_text_table(("kind", "name", "package", "version", "checksum", "object"), rows)
+
+
+def _shorten_checksum(plug_in: PlugIn) -> str:
+    return plug_in.identify().rpartition("sha256:")[2][:SHORT_CHECKSUM]
+
+
 LISTS: Mapping[str, Callable[[str], str]] = {
     "suites": _list_suites,
     "scenarios": _list_scenarios,
     "agents": _list_agents,
     "networks": _list_networks,
+    "metrics": _list_metrics,
+    "plug-ins": _list_plug_ins,
 }
 
 
@@ -238,7 +276,9 @@ RUNS = "runs"
     "--occluded/--not-occluded", default=None, help="Only scenarios with, or without, an occlusion certificate."
 )
 def command(what: str, folder: Path, suite: str, occluded: bool | None) -> None:
-    """List suites (with the paper's statistics), scenarios, agents, networks or runs.
+    """List suites (with the paper's statistics), scenarios, agents, networks, metrics, plug-ins or runs.
+
+    Plug-ins are metrics, agents, scenario sources, readers and export formats of other packages.
 
     DIR is where runs are looked for, with the folders below it [default: runs].
     """

@@ -17,6 +17,7 @@ from mdrive_sumo.agents.registry import AGENTS, LEARNED_AGENTS
 from mdrive_sumo.contract import Agent
 from mdrive_sumo.core.checksum import compute_file_checksum, compute_files_checksum
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.plug_ins import PlugIn, PlugInKind, list_plug_ins
 from mdrive_sumo.runs.agent_limits import LOCAL_LIMITS, OPTION, format_agent_limits
 
 AgentFactory = Callable[[Mapping[str, Any]], Agent]
@@ -60,6 +61,12 @@ class AgentSpec:
         return f"{self.agent.__module__}:{getattr(self.agent, '__qualname__', type(self.agent).__qualname__)}"
 
     @property
+    def plug_in(self) -> PlugIn | None:
+        """The entry point of another package that `agent` names, if it does."""
+        plug_ins = list_plug_ins(PlugInKind.AGENTS) if isinstance(self.agent, str) and not self.is_builtin else {}
+        return plug_ins.get(self.known_as or str(self.agent))
+
+    @property
     def is_builtin(self) -> bool:
         """Whether it is one of `agents.AGENTS`, which run in the worker process."""
         return isinstance(self.agent, str) and self.agent in AGENTS
@@ -85,6 +92,8 @@ class AgentSpec:
         if (file := find_carla_file(self.agent)) is not None:
             is_single = self.agent.startswith(CARLA_SINGLE_PREFIX) or drives_one_vehicle(file)
             return replace(self, agent=f"{CARLA_SINGLE_PREFIX if is_single else CARLA_PREFIX}{file.resolve()}")
+        if (plug_in := self.plug_in) is not None:
+            return replace(self, agent=plug_in.locator, known_as=plug_in.name)
         place, name = split_locator(self.agent)
         return replace(self, agent=f"{Path(place).resolve()}:{name}") if place.endswith(".py") else self
 
@@ -113,12 +122,12 @@ class AgentSpec:
             return "sha256:" + hashlib.sha256(_read_source(self.agent).encode()).hexdigest()
         if (file := self.find_file()) is not None:
             return compute_file_checksum(file) if file.is_file() else ""
-        spec = importlib.util.find_spec(split_locator(self.agent)[0])
+        spec = importlib.util.find_spec(split_locator(str(self.resolve().agent))[0])
         return compute_file_checksum(Path(spec.origin)) if spec and spec.origin else ""
 
     def find_file(self) -> Path | None:
         """Return the file that `path.py:Class` or `carla:path.py` names; None for other agents. Raises InputError."""
-        if not isinstance(self.agent, str) or self.is_builtin:
+        if not isinstance(self.agent, str) or self.is_builtin or self.plug_in is not None:
             return None
         if (file := find_carla_file(self.agent)) is not None:
             return file

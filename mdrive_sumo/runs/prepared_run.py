@@ -8,13 +8,14 @@ from mdrive_sumo.agent_process.agent_file import describe_missing_class
 from mdrive_sumo.agent_process.agent_lookup import is_joint_locator
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.plug_ins import PlugInKind, check_plug_in_names, list_plug_ins
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_boxing import box_agent, list_hidden_folders
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob
-from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
+from mdrive_sumo.runs.fingerprint import compute_fingerprint, identify_run_plug_ins, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor
 from mdrive_sumo.runs.other_agents import OtherAgents
@@ -26,6 +27,7 @@ from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring import EpisodeKey, RunInfo, ScenarioResult, ScoreMode, apply_reference_times, check_reference
 from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from mdrive_sumo.scoring.labels import JOINT, PRIVILEGED, UNSANDBOXED
+from mdrive_sumo.scoring.metrics.registry import load_metric_plug_ins
 from mdrive_sumo.v2x.comm_settings import describe_comm
 from mdrive_sumo.v2x.messages import TYPES
 
@@ -146,6 +148,7 @@ def prepare(config: RunConfig) -> PreparedRun:
 
 def prepare_with_suite(config: RunConfig, suite: Suite) -> PreparedRun:
     """As `prepare`, with the suite of the configuration, whose scenarios are checked already."""
+    load_metric_plug_ins()  # what cannot be imported is found here, not after the first episode
     config = replace(config, chosen_mode=config.chosen_mode or ScoreMode(suite.score_mode))
     scenarios = suite.select(config.scenario)
     if config.score_mode is ScoreMode.HARD:
@@ -187,6 +190,7 @@ def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], decl
         "seeds": config.seeds if config.more_seeds else (),
         "score_mode": config.score_mode,
         "versions": read_versions(config.agents),
+        "plug_ins": identify_run_plug_ins(config),
         "command": config.command,
         **config.options.to_dict(),
         "comm": describe_comm(config.options.comm),
@@ -219,13 +223,15 @@ def check_agent_name(agent: AgentSpec) -> None:
     name = agent.name
     family = name.partition(":")[0]
     is_family = any(builtin.startswith(f"{family}:") for builtin in AGENTS)  # perception-swap:WHAT is no module
-    if not isinstance(agent.agent, str) or agent.is_builtin:
+    check_plug_in_names(PlugInKind.AGENTS, AGENTS)
+    if not isinstance(agent.agent, str) or agent.is_builtin or agent.plug_in is not None:
         return
     if name.endswith(".py") and ":" not in name:
         raise InputError(f"agent {name!r}: expected path.py:Class, {describe_missing_class(Path(name))}")
     if ":" not in name or is_family:
-        suggestion = suggest_name(name, AGENTS)
-        known = f"{', '.join(AGENTS)}, module:Class or path.py:Class"
+        plug_ins = list_plug_ins(PlugInKind.AGENTS)
+        suggestion = suggest_name(name, [*AGENTS, *plug_ins])
+        known = f"{', '.join((*AGENTS, *plug_ins))}, module:Class or path.py:Class"
         raise InputError(f"agent {name!r}: expected {known}, found neither{suggestion}")
 
 

@@ -1,5 +1,6 @@
 """StoredRun: a run in its folder, loaded again for `verify`, `rescore`, `show` and `view`."""
 
+import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,11 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.fingerprint import (
     FILES_KEYS,
+    PLUG_INS_KEY,
     compute_code_checksum,
     compute_networks_checksum,
     hash_option_files,
+    identify_run_plug_ins,
     read_versions,
 )
 from mdrive_sumo.runs.journal import JOURNAL_FILE, JournalText, read_run_journal
@@ -43,6 +46,8 @@ class StoredRun:
         files = hash_option_files(self.run.config)
         if any(key in then and then[key] != files.get(key) for key in FILES_KEYS):
             changes.append("file that an option of the agent names")
+        if (then.get(PLUG_INS_KEY) or "{}") != json.dumps(identify_run_plug_ins(self.run.config)):
+            changes.append("set of plug-ins")
         return ", ".join(changes)
 
 

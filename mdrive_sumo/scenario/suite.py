@@ -25,6 +25,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.scenario.scenario import Scenario, load_model, load_scenario, save_scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
+from mdrive_sumo.scenario.scenario_sources import list_source_folders
 from mdrive_sumo.scenario.statistics import compute_suite_statistics
 
 if TYPE_CHECKING:
@@ -180,9 +181,13 @@ def _describe_scenario(scenario: Scenario) -> dict[str, str | int | float]:
 
 
 def list_packaged_suites() -> dict[str, Path]:
-    """Suites that come with mdrive-sumo: name -> folder."""
+    """Suites that come with mdrive-sumo, and those of other packages (`mdrive_sumo.scenario_sources`): name -> folder.
+
+    Raises InputError for a scenario source that is none.
+    """
     root = Path(str(files("mdrive_sumo") / "scenarios"))
-    return {folder.name: folder for folder in sorted(root.iterdir()) if (folder / SUITE_FILE).is_file()}
+    own = {folder.name: folder for folder in sorted(root.iterdir()) if (folder / SUITE_FILE).is_file()}
+    return own | list_source_folders(SUITE_FILE, own)
 
 
 def list_suites() -> tuple[str, ...]:

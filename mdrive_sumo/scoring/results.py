@@ -199,6 +199,9 @@ class RunInfo(_Part):
     """All seeds of a run of several; absent in a run of one."""
     score_mode: str
     versions: dict[str, str]
+    plug_ins: dict[str, str] = Field(default_factory=lambda: {}, exclude_if=_is_empty)
+    """Metrics, agents and scenario sources of other packages that the run depends on: package, version and checksum by
+    "KIND NAME"; absent without any."""
     command: tuple[str, ...] = ()
     comm: dict[str, str | float | bool] = Field(default_factory=lambda: {})
     """Settings of the V2X channel."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.plug_ins import PlugInKind, check_plug_in_names, list_plug_ins
 from real2sim.readers.checked_arrays import MAX_COORDINATE_M
 from real2sim.readers.time_window import TimeWindow
 from real2sim.recording import Recording
@@ -30,7 +31,7 @@ class LogSource:
 def read_log(log: LogSource) -> Recording:
     """Read the whole log; raises InputError, also if a package of the extra `convert` is missing."""
     try:
-        return _check_extent(log.path, READERS[log.source](log))
+        return _check_extent(log.path, _find_reader(log.source)(log))
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         raise InputError(
@@ -85,6 +86,34 @@ def _interaction(log: LogSource) -> Recording:
     if len(maps) != 1:
         raise InputError(f"{folder}: expected one Lanelet2 map *.osm beside the tracks (or --map), found {len(maps)}")
     return read_interaction(log.path, maps[0])
+
+
+@dataclass(frozen=True, slots=True)
+class ReaderPlugIn:
+    """A reader of another package, for its entry point in the group `mdrive_sumo.readers`."""
+
+    read: Callable[[LogSource], Recording]
+    pattern: str
+    """Glob of the names of its logs, such as `*.json`."""
+    help: str = ""
+    """One line for `convert --help`."""
+
+
+def load_reader_plug_in(name: str) -> ReaderPlugIn | None:
+    """Return a reader of another package; None if none has the name. Raises InputError for what is no reader."""
+    check_plug_in_names(PlugInKind.READERS, READERS)
+    plug_in = list_plug_ins(PlugInKind.READERS).get(name)
+    if plug_in is None:
+        return None
+    reader = plug_in.load()
+    if not isinstance(reader, ReaderPlugIn):
+        raise InputError(f"{plug_in.describe()}: expected a ReaderPlugIn, found {reader!r:.80}")
+    return reader
+
+
+def _find_reader(source: str) -> Callable[[LogSource], Recording]:
+    plug_in = load_reader_plug_in(source)
+    return READERS[source] if plug_in is None else plug_in.read
 
 
 READERS: dict[str, Callable[[LogSource], Recording]] = {
