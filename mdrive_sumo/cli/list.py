@@ -2,23 +2,23 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
 from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.cli.list_networks import NETWORKS, list_networks, list_networks_of
+from mdrive_sumo.cli.list_plug_ins import list_metrics, list_plug_in_table
 from mdrive_sumo.contract import derive_sensing_track
 from mdrive_sumo.contract.agent_options import AgentFactory
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.plug_ins import PREFIX, SHORT_CHECKSUM, PlugIn, PlugInKind, list_plug_ins
+from mdrive_sumo.core.plug_ins import PlugInKind, list_plug_ins
 from mdrive_sumo.core.tables import TableRow, format_text_table
 from mdrive_sumo.generate.validation import is_hard_suite
 from mdrive_sumo.open_loop import OPEN_LOOP_FILE
 from mdrive_sumo.report.agent_failures import list_agent_failures
-from mdrive_sumo.roads import list_packaged_networks, load_road_map
-from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.runs.run_config import RUNS_FOLDER
 from mdrive_sumo.runs.run_listing import ListedRun, list_runs
 from mdrive_sumo.runs.run_results import load_run_results
@@ -26,8 +26,6 @@ from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
-from mdrive_sumo.scoring.metrics import METRICS, InfractionMetric
-from mdrive_sumo.scoring.metrics.registry import load_metric_plug_ins
 from mdrive_sumo.study.need_certificate import NeedCertificate, load_need
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificate, load_certificates
 
@@ -161,17 +159,6 @@ def _find_builtin_track(factory: AgentFactory) -> str:
     return ""
 
 
-def _list_networks(_: str) -> str:
-    return format_text_table(("network", "lanes", "buildings", "stop signs", "description"), _make_network_rows())
-
-
-def _make_network_rows() -> Iterator[TableRow]:
-    for name, folder in list_packaged_networks().items():
-        roads, about = load_road_map(folder), read_network_file(folder)
-        signs = "unknown" if roads.stop_signs is None else str(len(roads.stop_signs))
-        yield name, str(len(roads.lanes)), str(len(roads.buildings)), signs, about.description
-
-
 RUNS_HEADER: TableRow = ("run", "suite", "agent", "seeds", "episodes", "DS", "SR", "state")
 
 
@@ -223,45 +210,13 @@ def _name_agent(fingerprint: Mapping[str, Any]) -> str:
     return f"{name} ({', '.join(words)})" if words else name
 
 
-def _list_metrics(_: str) -> str:
-    rows = [
-        (metric.name, "changes DS" if isinstance(metric, InfractionMetric) else "informative", origin)
-        for metrics, origin in ((METRICS, "built in"), (load_metric_plug_ins(), "plug-in"))
-        for metric in metrics
-    ]
-    return format_text_table(("metric", "kind", "from"), rows)
-
-
-def _list_plug_ins(_: str) -> str:
-    rows = [
-        (
-            str(kind),
-            name,
-            one.package,
-            one.version,
-            _shorten_checksum(one),
-            one.locator,
-        )
-        for kind in PlugInKind
-        for name, one in list_plug_ins(kind).items()
-    ]
-    if not rows:
-        groups = ", ".join(f"{PREFIX}{kind}" for kind in PlugInKind)
-        return f"no plug-ins are installed; their entry points are in the groups {groups}"
-    return format_text_table(("kind", "name", "package", "version", "checksum", "object"), rows)
-
-
-def _shorten_checksum(plug_in: PlugIn) -> str:
-    return plug_in.identify().rpartition("sha256:")[2][:SHORT_CHECKSUM]
-
-
 LISTS: Mapping[str, Callable[[str], str]] = {
     "suites": _list_suites,
     "scenarios": _list_scenarios,
     "agents": _list_agents,
-    "networks": _list_networks,
-    "metrics": _list_metrics,
-    "plug-ins": _list_plug_ins,
+    NETWORKS: list_networks,
+    "metrics": list_metrics,
+    "plug-ins": list_plug_in_table,
 }
 
 
@@ -280,11 +235,17 @@ def command(what: str, folder: Path, suite: str, occluded: bool | None) -> None:
 
     Plug-ins are metrics, agents, scenario sources, readers and export formats of other packages.
 
-    DIR is where runs are looked for, with the folders below it [default: runs].
+    DIR is where runs are looked for, with the folders below it [default: runs], or where networks of your own are, such
+    as `convert opendrive` writes [default: the packaged ones].
     """
     if what == RUNS:
         click.echo(_list_runs(folder))
         return
+    if what == NETWORKS and folder != RUNS_FOLDER:
+        click.echo(list_networks_of(folder))
+        return
     if folder != RUNS_FOLDER:
-        raise click.UsageError(f"DIR: expected only with `list {RUNS}`, found {str(folder)!r} with `list {what}`")
+        raise click.UsageError(
+            f"DIR: expected only with `list {RUNS}` and `list {NETWORKS}`, found {str(folder)!r} with `list {what}`"
+        )
     click.echo(_list_scenarios(suite, occluded) if what == "scenarios" else LISTS[what](suite))

@@ -43,10 +43,9 @@ class CameraArchiveWriter:
     """Writes the images (`rgb`) that agents get; a context manager that leaves no file without images."""
 
     def __init__(self, path: Path) -> None:
-        """Raises OSError."""
+        """The file and its folder are made for the first image."""
         self._path, self._part = path, path.with_name(path.name + ".part")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._archive = zipfile.ZipFile(self._part, "w", zipfile.ZIP_STORED)
+        self._archive: zipfile.ZipFile | None = None
         self._number_by_camera: dict[tuple[str, str], int] = {}
         self._size, self._left_out = 0, 0
 
@@ -54,11 +53,14 @@ class CameraArchiveWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, _: BaseException | None, __: TracebackType | None) -> None:
-        """Finish the archive; drop it after an error, or if it holds nothing."""
+        """Finish the archive; drop it after an error. Without images there is none, nor its folder."""
+        if self._archive is None:
+            self._path.unlink(missing_ok=True)
+            return
         cameras = [{"ego": ego, "camera": camera} for ego, camera in self._number_by_camera]
         self._write(INDEX, json.dumps({"cameras": cameras, "left_out": self._left_out}).encode())
         self._archive.close()
-        if kind is None and cameras:
+        if kind is None:
             self._part.replace(self._path)
         else:
             self._part.unlink()
@@ -81,6 +83,9 @@ class CameraArchiveWriter:
         self._write(f"{number}/{tick:06d}.jpg", data)
 
     def _write(self, name: str, data: bytes) -> None:
+        if self._archive is None:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._archive = zipfile.ZipFile(self._part, "w", zipfile.ZIP_STORED)
         self._archive.writestr(zipfile.ZipInfo(name, _TIME), data)
 
 

@@ -1,6 +1,7 @@
 """Commands for authored sources (routes and scripted road users) and for maps."""
 
 import math
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -97,6 +98,8 @@ def opendrive(paths: tuple[Path, ...], out: Path) -> None:
         signs = "stop signs unknown" if town.stop_signs is None else f"{town.stop_signs} stop signs"
         click.echo(f"{town.name}: {signs}, offset error {town.offset_error_m:.4f} m")
     click.echo(f"Report: {out / NETWORKS_MARKDOWN}")
+    click.echo(f"Draw them: mdrive-sumo show {shlex.quote(str(out))}")
+    click.echo("Drive on them: add suite.json and <id>/scenario.json (`mdrive-sumo schema suite`, `schema scenario`)")
 
 
 def _format_report(report: "ConversionReport", out: Path) -> str:
