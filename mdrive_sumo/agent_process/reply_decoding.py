@@ -25,6 +25,7 @@ from mdrive_sumo.contract import (
     Reply,
     SensorSpec,
 )
+from mdrive_sumo.core.private_paths import hide_paths_in_text
 from mdrive_sumo.loop.agent_driver import shorten, validate_reply
 
 T = TypeVar("T")
@@ -62,7 +63,7 @@ def decode_answer(data: bytes, tick: int) -> Any:
         raise InvalidReplyError(f"expected the answer of tick {tick}, found that of {answer['tick']!r:.20}")
     for kind, error in (("crashed", AgentCrashError), ("invalid", InvalidReplyError)):
         if kind in answer:
-            raise error(shorten(_check_type(answer[kind], str, kind)))
+            raise error(shorten(hide_paths_in_text(_check_type(answer[kind], str, kind))))
     if "value" not in answer:
         raise InvalidReplyError(f"expected a value, found {_describe_value(answer)}")
     return answer["value"]

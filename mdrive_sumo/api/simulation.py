@@ -10,6 +10,7 @@ from mdrive_sumo.api.episode import Episode
 from mdrive_sumo.api.scenario_source import find_scenario
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec, check_sensors
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.private_paths import hide_locator
 from mdrive_sumo.core.state import FailureReason, Frame
 from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, SimulatedFrames, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, validate_reply
@@ -68,7 +69,7 @@ def _make_config(
     scenario: Scenario, roads: RoadMap, seed: int, agent: str, arguments: EpisodeArguments
 ) -> EpisodeConfig:
     options = EpisodeOptions.parse(**arguments)
-    about = {"agent": agent, "seed": seed, **options.to_dict()}
+    about = {"agent": hide_locator(agent), "seed": seed, **options.to_dict()}
     return EpisodeConfig(scenario, roads, seed, about, options=options)
 
 

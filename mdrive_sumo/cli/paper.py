@@ -14,6 +14,7 @@ from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failure
 from mdrive_sumo.cli.study_options import parse_agent_names
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.private_paths import hide_command
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.open_loop import OpenLoopResults
 from mdrive_sumo.report.comparison_report.score_tables import build_main_table
@@ -63,7 +64,7 @@ def command(ctx: click.Context, **options: object) -> None:
         click.echo(f"left out: {name}: {why}", err=True)
     rows = drive_with_display(ctx, prepared.study)
     numbers = compute_paper_numbers(prepared.study, rows)
-    request = PaperRequest(("mdrive-sumo", *sys.argv[1:]), prepared.left_out)
+    request = PaperRequest(hide_command(("mdrive-sumo", *sys.argv[1:]), given.out), prepared.left_out)
     pages = write_paper(given.out, numbers, request, prepared.about)
     click.echo(format_text_table(*format_text_rows(build_main_table(numbers.compared))))
     click.echo("\n" + "\n".join(map(str, pages)))

@@ -15,6 +15,7 @@ from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.study_display import warn_about_failures
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.private_paths import hide_command
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import report_write_errors
@@ -108,7 +109,9 @@ class StudyOptions:
     ) -> StudyDescription:
         """Return the study for its files. grid and factors: of a channel study."""
         suite = rows[0].results[0].run.suite
-        return StudyDescription(suite, self.scenario, grid, factors or {}, self.all_seeds, _get_command())
+        return StudyDescription(
+            suite, self.scenario, grid, factors or {}, self.all_seeds, hide_command(_get_command(), self.out)
+        )
 
     def end_study(
         self,

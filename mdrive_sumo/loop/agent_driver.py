@@ -15,6 +15,7 @@ from mdrive_sumo.contract import (
     read_sensors,
 )
 from mdrive_sumo.core.errors import MdriveError, WorldError
+from mdrive_sumo.core.private_paths import hide_paths_in_text
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.vehicle.control import CONTROLLERS
@@ -114,8 +115,8 @@ def validate_reply(reply: object) -> Reply:
 
 
 def describe_error(error: BaseException) -> str:
-    """Return an exception as one short line."""
-    return shorten(f"{type(error).__name__}: {error}")
+    """Return an exception as one short line, without folders of this machine: results and recordings have it."""
+    return shorten(hide_paths_in_text(f"{type(error).__name__}: {error}"))
 
 
 def shorten(text: str, max_length: int = 200) -> str:

@@ -102,8 +102,12 @@ class AgentSpec:
         return json.dumps(dict(self.config), sort_keys=True, separators=(",", ":"))
 
     def config_hash(self) -> str:
-        """Return the checksum of the options and of the files that they name; "" if there are none."""
-        text = self.config_text() + self.files_checksum()
+        """Return the checksum of the options and of the files that they name; "" if there are none.
+
+        Where the files are does not count: a run that is copied to another machine has the same.
+        """
+        named = {name: Path(value).name if _is_file(value) else value for name, value in self.config.items()}
+        text = replace(self, config=named).config_text() + self.files_checksum()
         return "sha256:" + hashlib.sha256(text.encode()).hexdigest() if self.config else ""
 
     def files_checksum(self) -> str:

@@ -13,6 +13,7 @@ from mdrive_sumo.core.plug_ins import PlugInKind, identify_plug_ins
 from mdrive_sumo.roads import find_network_folder
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.fingerprint_paths import hide_paths
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scenario.scenario import Scenario
@@ -29,10 +30,11 @@ ONNX_RUNTIME = ("onnxruntime", "onnxruntime-gpu")
 
 def compute_fingerprint(config: RunConfig, suite: Suite, scenarios: tuple[Scenario, ...]) -> Fingerprint:
     """Return the fingerprint of an evaluation. Raises InputError for a missing network."""
+    folder = config.find_folder(suite.name)
     is_packaged = suite.folder == list_packaged_suites().get(config.suite)
+    place = config.suite if is_packaged else str(suite.folder.resolve())
     return {
-        **config.to_dict(),
-        "suite": config.suite if is_packaged else str(suite.folder.resolve()),
+        **hide_paths({**config.to_dict(), "suite": place}, folder),
         "suite_checksum": suite.checksum(),
         "networks": compute_networks_checksum(suite, scenarios),
         "agent_code": config.agent.code_checksum(),

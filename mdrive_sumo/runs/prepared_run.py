@@ -9,6 +9,7 @@ from mdrive_sumo.agent_process.agent_lookup import is_joint_locator
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.plug_ins import PlugInKind, check_plug_in_names, list_plug_ins
+from mdrive_sumo.core.private_paths import hide_command, hide_locator
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import find_network_folder, load_road_map
@@ -154,7 +155,7 @@ def prepare_with_suite(config: RunConfig, suite: Suite) -> PreparedRun:
     if config.score_mode is ScoreMode.HARD:
         for scenario in scenarios:
             check_reference(scenario.id, find_reference_times(scenario, suite.find_folder(scenario.id)))
-    folder = config.out or config.default_folder(suite.name)
+    folder = config.find_folder(suite.name)
     if config.sandbox and config.scheduler:
         raise InputError("--sandbox: expected --executor local, found dask: a box needs the main thread of its process")
     check_mute(config, scenarios)
@@ -177,12 +178,13 @@ def _locate_agent(agent: AgentSpec, config: RunConfig, suite: Suite, run_folder:
 
 def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], declared_label: str) -> RunInfo:
     """Return the description of a run for its results. labels: those that no episode shows."""
+    folder = config.find_folder(suite.name)
     info = {
-        "agent": config.agent.name,
+        "agent": hide_locator(config.agent.name, folder),
         "labels": labels,
         "declared_label": declared_label,
         "agent_config": config.agent.config_hash(),
-        "others": config.others.agent.name if config.others else "",
+        "others": hide_locator(config.others.agent.name, folder) if config.others else "",
         "penetration": config.others.penetration if config.others else None,
         "suite": suite.name,
         "suite_checksum": suite.checksum(),
@@ -191,7 +193,7 @@ def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], decl
         "score_mode": config.score_mode,
         "versions": read_versions(config.agents),
         "plug_ins": identify_run_plug_ins(config),
-        "command": config.command,
+        "command": hide_command(config.command, folder),
         **config.options.to_dict(),
         "comm": describe_comm(config.options.comm),
     }

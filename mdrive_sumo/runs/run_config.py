@@ -15,6 +15,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.agent_limits import format_agent_limits, parse_agent_limits
 from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.fingerprint_paths import restore_paths
 from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.scoring import ScoreMode
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json
@@ -119,6 +120,11 @@ class RunConfig:
         }
 
     @classmethod
+    def from_journal(cls, values: Mapping[str, Any], folder: Path) -> "RunConfig":
+        """Return the run of the fingerprint in a run folder, to which its paths are relative. Raises as `from_dict`."""
+        return replace(cls.from_dict(restore_paths(values, folder)), out=folder)
+
+    @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "RunConfig":
         """Return the run of a fingerprint. Raises KeyError, TypeError, ValueError and InputError for a corrupt one."""
         for name, kind in FINGERPRINT_TYPES.items():
@@ -138,6 +144,10 @@ class RunConfig:
         )
         limits = values.get("agent_limits", "")
         return config.with_agent_limits(parse_agent_limits(limits)) if limits else config
+
+    def find_folder(self, suite_name: str) -> Path:
+        """Return the run folder: the given one, else `default_folder`."""
+        return self.out or self.default_folder(suite_name)
 
     def default_folder(self, suite_name: str) -> Path:
         """Return the folder of a run that names none: the same for the same run, another one for another."""

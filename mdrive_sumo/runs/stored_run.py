@@ -89,11 +89,15 @@ def _load_run(
 ) -> StoredRun:
     fingerprint, journal = journaled
     try:
-        config = replace(RunConfig.from_dict(fingerprint), out=folder)
+        config = RunConfig.from_journal(fingerprint, folder)
     except (KeyError, ValueError, TypeError) as error:
         raise InputError(
             f"{folder / JOURNAL_FILE}: expected the fingerprint of a run, found a corrupt one ({error})"
         ) from None
+    if suite is None and Path(config.suite).is_absolute() and not Path(config.suite).is_dir():
+        raise InputError(
+            f"{folder}: expected the run's suite at {config.suite}, found no folder; --suite DIR says where it is now"
+        )
     loaded = load_suite(suite or config.suite)
     if loaded.checksum() != results.run.suite_checksum:
         raise InputError(

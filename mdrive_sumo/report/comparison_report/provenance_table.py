@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
+from mdrive_sumo.core.private_paths import hide_place
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent, describe_code
 from mdrive_sumo.report.comparison_report.report_runs import SHORT_CHECKSUM, ReportRun
@@ -50,7 +51,7 @@ def _describe_run(agent: ComparedAgent, run: ReportRun) -> tuple[str, ...]:
         describe_code(run) or "-",
         ", ".join(f"{name} {version}" for name, version in sorted(info.versions.items())),
         compute_results_checksum(run) or "-",
-        run.place,
+        hide_place(Path(run.place)),
     )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from string import ascii_uppercase
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.private_paths import hide_place
 from mdrive_sumo.report.result_tables import describe_agent
 from mdrive_sumo.runs.compare import select_shared_versions
 from mdrive_sumo.runs.stored_run import StoredRun, load_viewed_run
@@ -20,6 +21,11 @@ class ComparedRun:
     letter: str
     folder: Path
     stored: StoredRun
+
+    @property
+    def place(self) -> str:
+        """The folder as a page names it: never as an absolute path."""
+        return hide_place(self.folder)
 
     @property
     def agent(self) -> str:

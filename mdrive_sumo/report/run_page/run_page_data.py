@@ -7,6 +7,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from mdrive_sumo.core.geometry import Polyline
+from mdrive_sumo.core.private_paths import hide_paths_in_text
 from mdrive_sumo.report.agent_failures import list_agent_failures, read_tail
 from mdrive_sumo.report.run_page.losses import CavLosses, explain_losses
 from mdrive_sumo.report.run_page.provenance import Fact, list_provenance
@@ -174,7 +175,8 @@ def _find_log(stored: StoredRun, result: ScenarioResult, ego: str, page: Path) -
     log = find_agent_log(run.folder, result.id, ego, result.seed if run.config.more_seeds else None)
     if log is None:
         return None
-    return AgentLog(str(log), _link(run.folder, log, page), tuple(read_tail(log)))
+    name = log.relative_to(run.folder).as_posix()
+    return AgentLog(name, _link(run.folder, log, page), tuple(map(hide_paths_in_text, read_tail(log))))
 
 
 def _link(run_folder: Path, file: Path, page: Path) -> str:

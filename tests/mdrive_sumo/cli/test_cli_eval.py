@@ -100,7 +100,7 @@ def test_a_run_ends_with_a_table_and_the_files_that_exist(
     files = [Path(line.split("  ")[0]) for line in ended.stdout.splitlines() if line.startswith(str(tmp_path))]
     assert [file.name for file in files] == ["results.json", "report.md", "journal.jsonl", "episodes"]
     assert all(file.exists() for file in files)
-    assert ended.stderr.splitlines()[1].startswith("2/2  DS   5.0  SR   0.0  eta 0:00  s")
+    assert ended.stderr.splitlines()[2].startswith("2/2  DS   5.0  SR   0.0  eta 0:00  s")
 
 
 def test_the_default_folder_is_found_again(fakes: ModuleType, here: Callable[..., Result], tmp_path: Path) -> None:
