@@ -7,7 +7,6 @@ ends with a `checksum` of itself and of all lines before it, so that a line that
 found. It protects against accidents and edits by hand; `verify` against forgery.
 """
 
-import fcntl
 import json
 import os
 import re
@@ -15,12 +14,18 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from itertools import takewhile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.posix import import_posix, is_posix
+from mdrive_sumo.runs.fingerprint_changes import describe_change
 from mdrive_sumo.scoring import EpisodeKey
+
+if TYPE_CHECKING:
+    import fcntl
+else:
+    fcntl = import_posix("fcntl")
 
 FORMAT = "mdrive-sumo/journal/2"
 FORMAT_WITHOUT_CHECKSUMS = "mdrive-sumo/journal/1"
@@ -29,9 +34,6 @@ READABLE_FORMATS = (FORMAT, FORMAT_WITHOUT_CHECKSUMS)
 JOURNAL_FILE = "journal.jsonl"
 
 _NOTHING: Mapping[str, Any] = {}
-MAX_CHANGES = 4
-"""Changed settings of a channel or an agent that a message names."""
-
 Fingerprint = Mapping[str, str | int | bool]
 _CHECKSUM = re.compile(rb',"checksum":"([0-9a-f]{16})"\}\n\Z')
 _CHECKSUM_BYTES = 8
@@ -153,12 +155,16 @@ def _is_unused(path: Path, found: JournalText, fingerprint: Fingerprint) -> bool
 def _open(path: Path) -> int:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        options = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)  # the second on Windows only
+        return os.open(path, os.O_RDWR | os.O_CREAT | options, 0o666)
     except OSError as error:
         raise InputError(f"{path.parent}: cannot be written: {error.strerror}") from None
 
 
 def _lock(path: Path, descriptor: int) -> None:
+    """Lock a journal; on Windows, which has no such locks, two runs in one folder are the user's affair."""
+    if not is_posix():
+        return
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -235,7 +241,7 @@ def _check_header(path: Path, header: Mapping[str, Any], fingerprint: Fingerprin
     before = _read_header_fingerprint(path, header)
     differing = sorted(key for key in {*before, *fingerprint} if before.get(key) != fingerprint.get(key))
     if differing:
-        what = ", ".join(_describe_change(key, before.get(key), fingerprint.get(key)) for key in differing)
+        what = ", ".join(describe_change(key, before.get(key), fingerprint.get(key)) for key in differing)
         raise InputError(
             f"{path.parent}: expected a run of this command, found one with another {what};"
             " --fresh starts anew, --out names another folder"
@@ -246,37 +252,6 @@ def _read_header_fingerprint(path: Path, header: Mapping[str, Any]) -> dict[str,
     if header.get("format") not in READABLE_FORMATS or not isinstance(header.get("fingerprint"), dict):
         raise InputError(f"{path}: expected the format {FORMAT}, found {header.get('format')!r}")
     return header["fingerprint"]
-
-
-def _describe_change(key: str, before: object, now: object) -> str:
-    """Return "seed 0 (now 1)"; of settings that are a JSON object, such as the channel's, what differs in them."""
-    settings, new_settings = _parse_settings(before), _parse_settings(now)
-    if settings is not None and new_settings is not None:
-        names = [name for name in sorted({*settings, *new_settings}) if settings.get(name) != new_settings.get(name)]
-        changes = [f"{name} {_shorten(settings.get(name))} (now {_shorten(new_settings.get(name))})" for name in names]
-        left_out = f" and {len(changes) - MAX_CHANGES} more" if len(changes) > MAX_CHANGES else ""
-        return f"{key}: {', '.join(changes[:MAX_CHANGES])}{left_out}"
-    old, new = _shorten(before), _shorten(now)
-    if old == new:  # long texts that begin alike
-        alike = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(str(before), str(now), strict=False)))
-        old, new = (f"...{_shorten(str(value)[max(0, alike - 4) :])}" for value in (before, now))
-    return f"{key} {old} (now {new})"
-
-
-def _parse_settings(value: object) -> dict[str, Any] | None:
-    """Return the settings that a value of a fingerprint holds as JSON; None for other values."""
-    if not isinstance(value, str) or not value.startswith("{"):
-        return None
-    try:
-        settings = json.loads(value)
-    except (ValueError, RecursionError):
-        return None
-    return settings if isinstance(settings, dict) else None
-
-
-def _shorten(value: object) -> str:
-    text = "none" if value is None else str(value).removeprefix("sha256:")
-    return text if len(text) <= 24 else text[:12] + "..."
 
 
 def read_fingerprint(folder: Path) -> dict[str, Any]:

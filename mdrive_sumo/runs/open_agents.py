@@ -16,6 +16,7 @@ from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.posix import check_posix
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, shorten
 from mdrive_sumo.runs.agent_spec import AgentSpec, pickle_agent
 from mdrive_sumo.sensing.cameras import describe_camera_error
@@ -115,6 +116,7 @@ def _open(
         if spec.box:
             raise InputError(f"agent {spec.agent!r}: expected a third-party agent for a box, found a built-in one")
         return {ego: LocalDriver(AGENTS[spec.agent](spec.config)) for ego in pseudonyms}
+    check_posix(f"agent {spec.name!r}: a process of its own")
     check = _check_boxed_sensors if spec.box else None
     if is_joint_locator(spec.agent):
         session = JointAgentSession(_connect(spec, "all", logs), spec.config, pseudonyms, check)

@@ -5,17 +5,24 @@ Not `subprocess`: its child leaves no number free for the descriptors that box a
 """
 
 import ctypes
-import fcntl
 import os
-import resource
 import signal
+import sys
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Never
+from typing import TYPE_CHECKING, Any, Never
 
 from mdrive_sumo.core.errors import WorldError
+from mdrive_sumo.core.posix import import_posix
+
+if TYPE_CHECKING:
+    import fcntl
+    import resource
+else:
+    fcntl = import_posix("fcntl")
+    resource = import_posix("resource")
 
 STAGE = Path("/run/mdrive-sumo")
 """Mount point, in the launched process's own view, of a folder with everything that the box will see."""
@@ -24,7 +31,7 @@ MS_BIND, MS_REC, MS_PRIVATE, MS_NOSUID, MS_NODEV, MS_RDONLY, MS_REMOUNT = 4096, 
 CLONE_NEWNS = 0x00020000
 PR_SET_PDEATHSIG = 1
 FAILED = 126
-LIBC = ctypes.CDLL(None, use_errno=True)
+LIBC: Any = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
 
 
 class BoxError(WorldError):

@@ -140,7 +140,7 @@ def test_a_worker_that_dies_twice_over_a_recording_stops_the_command_and_is_note
         tries.append(job)
         return worker_process.WorkerFailure(worker_process.FailureKind.DIED, "worker died (signal 9)")
 
-    monkeypatch.setattr(worker_process, "_run_job", die)
+    monkeypatch.setattr(worker_process, "run_job_guarded", die)
     done = run("eval-open", "--reference", reference, "--agent", "idm", "--out", tmp_path, "--workers", "1")
     assert (done.exit_code, len(tries)) == (1, 2)
     assert "i11_ins_sl_town: worker died (signal 9); the same command tries again" in done.stderr
