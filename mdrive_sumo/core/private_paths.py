@@ -56,11 +56,14 @@ def restore_locator(name: str, folder: Path) -> str:
 
 
 def restore_path(relative: str, folder: Path) -> Path:
-    """Return the absolute path of one that is relative to a folder, or is that of a file in the present folder."""
+    """Return the absolute path of one that is relative to a folder.
+
+    If nothing is there, because only the name is known or the folder was moved, it is looked for by its name in the
+    present folder; runs have checksums of agents and suites, so that another one of the name is refused.
+    """
     found = (folder / relative).resolve()
-    here = Path(relative).resolve()
-    is_name = Path(relative).name == relative.removeprefix("./")
-    return here if is_name and here.exists() and not found.exists() else found
+    here = Path.cwd() / found.name
+    return here if here.exists() and not found.exists() else found
 
 
 def hide_command(command: Sequence[str], folder: Path) -> tuple[str, ...]:
