@@ -72,7 +72,7 @@ def test_an_exported_page_stands_alone(run: Path, tmp_path: Path, replays: list[
     assert call("view", run, "--export", path).exit_code == 0
     assert replays == [] and read_links(path) == set()
     assert "Written without replays" in Page(path.read_text()).text
-    assert str(run / "logs" / "s2.0.log") in path.read_text()
+    assert "logs/s2.0.log" in path.read_text() and str(run) not in path.read_text()
 
 
 def test_a_run_without_recordings_has_a_page(tmp_path: Path, replays: list[str]) -> None:
