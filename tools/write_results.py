@@ -210,7 +210,7 @@ def build_pages(runs: Sequence[Path], commit: str | None, bench: Path | None) ->
     Raises InputError.
     """
     stored: dict[str, Any] = json.loads((ROOT / BASELINES).read_text("utf-8"))
-    stored |= build_rows([load_results(folder / "results.json") for folder in runs], commit)
+    stored |= build_rows([load_results(folder / "results.json") for folder in runs], commit or "")
     rows = {name: stored[name] for name in DESCRIPTION_BY_AGENT if name in stored}
     speed = json.loads((bench or ROOT / SPEED).read_text("utf-8"))
     measured = {BASELINES: rows} | ({SPEED: speed} if bench else {})
