@@ -55,7 +55,10 @@ def test_the_conversion_names_the_commands_that_take_its_folder(
     class Town:
         name: str = "Town"
         stop_signs: int | None = None
-        offset_error_m: float = 0.0
+        left_hand: bool = False
+        repairs: tuple[str, ...] = ()
+        measured_lanes: int = 0
+        displaced_lanes: int = 0
 
     from real2sim.carla import opendrive_converter
 

@@ -29,8 +29,9 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def interrupt(run: Path, folder: Path, episodes: int) -> Path:
-    """Copy a run as it was when so many episodes were finished."""
+    """Copy a run, with the suite beside it, as it was when so many episodes were finished."""
     shutil.copytree(run, folder)
+    shutil.copytree(run.parent / "suite", folder.parent / "suite", dirs_exist_ok=True)
     (folder / "results.json").unlink()
     lines = (folder / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
     (folder / JOURNAL_FILE).write_bytes(b"".join(lines[: 1 + episodes]))

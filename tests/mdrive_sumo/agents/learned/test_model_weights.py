@@ -89,7 +89,7 @@ def test_a_missing_output_is_named(tmp_path: Path) -> None:
 
 def test_a_missing_extra_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"agent tcp: expected ONNX Runtime .*pip install 'mdrive-sumo\[learned\]'"):
+    with pytest.raises(InputError, match=r"agent tcp: expected ONNX Runtime .*pip install '\.\[learned\]'"):
         TcpAgent({})
 
 

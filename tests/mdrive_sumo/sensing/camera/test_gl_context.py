@@ -24,7 +24,7 @@ def test_a_missing_package_is_one_sentence_with_its_extra(monkeypatch: pytest.Mo
         return real(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(InputError, match=r'pip install "mdrive-sumo\[camera\]"'):
+    with pytest.raises(InputError, match=r"pip install '\.\[camera\]'"):
         create_context()
 
 
