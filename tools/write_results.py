@@ -1,4 +1,4 @@
-"""Write the tables of measured numbers in README.md and docs/results.md.
+"""Write the tables of measured numbers in README.md, docs/results.md and docs/results/speed.md.
 
     python -m tools.write_results RUN... [--bench FILE] [--dry-run]
 
@@ -28,7 +28,7 @@ from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_change
 ROOT = Path(__file__).parents[1]
 BASELINES = Path("docs/results/baselines.json")
 SPEED = Path("docs/results/speed.json")
-README, RESULTS_PAGE = Path("README.md"), Path("docs/results.md")
+README, RESULTS_PAGE, SPEED_PAGE = Path("README.md"), Path("docs/results.md"), Path("docs/results/speed.md")
 COMPARISONS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
 BUCKETS = ("InterDrive", "Interaction", "V2XPnP")
 
@@ -181,12 +181,13 @@ def render_pages(root: Path, rows: Mapping[str, Any], speed: Mapping[str, Any]) 
 
     rows, speed: contents of `BASELINES` and `SPEED`.
     """
-    readme, results = ((root / page).read_text("utf-8") for page in (README, RESULTS_PAGE))
+    readme, results, speeds = ((root / page).read_text("utf-8") for page in (README, RESULTS_PAGE, SPEED_PAGE))
     results = replace_block(results, "baselines", format_baselines(rows, DESCRIPTION_BY_AGENT))
     results = replace_block(results, "times", format_times(rows, DESCRIPTION_BY_AGENT))
     return {
         README: replace_block(readme, "baselines", format_baselines(rows, README_AGENTS)),
-        RESULTS_PAGE: replace_block(results, "speed", format_speed(speed)),
+        RESULTS_PAGE: results,
+        SPEED_PAGE: replace_block(speeds, "speed", format_speed(speed)),
     }
 
 
@@ -211,7 +212,7 @@ def build_pages(runs: Sequence[Path], bench: Path | None) -> dict[Path, str]:
 )
 @dry_run_option
 def main(runs: Sequence[Path], bench: Path | None, dry_run: bool) -> None:
-    """Write the tables of README.md and docs/results.md, with the rows of the RUN folders (`results.json`) anew."""
+    """Write the tables of README.md and the pages of results, with the rows of the RUN folders (`results.json`)."""
     with tempfile.TemporaryDirectory() as scratch:
         for name, text in build_pages(runs, bench).items():
             path = Path(scratch, name)
