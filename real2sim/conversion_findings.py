@@ -11,7 +11,7 @@ from real2sim.logged_drive import LoggedDrive
 from real2sim.network import NetworkReport
 from real2sim.quality import ReconstructionQuality
 from real2sim.recording import RecordedTrack, Recording
-from real2sim.traffic_fidelity import TrafficFidelity
+from real2sim.traffic_fidelity import StalledVehicle, TrafficFidelity
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,7 @@ class ConversionFindings:
     names: Mapping[str, str] = field(default_factory=dict[str, str])
     """`Fitted.names`: track id -> id in the scenario."""
     closeness: TrafficFidelity | None = None
+    stalled: tuple[StalledVehicle, ...] = ()
     logged_drive: LoggedDrive | None = None
     targets: tuple[FidelityTarget, ...] = ()
     """All targets; () if the pipeline has set none: then those of quality and traffic fidelity are shown."""

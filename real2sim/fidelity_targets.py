@@ -10,7 +10,7 @@ from real2sim.logged_drive import LoggedDrive
 from real2sim.network import NetworkReport
 from real2sim.quality import SCRIPTED_CATEGORIES, ReconstructionQuality
 from real2sim.recording import Recording
-from real2sim.traffic_fidelity import MEDIAN_5S_M, ORDER_SHARE, TrafficFidelity
+from real2sim.traffic_fidelity import MEDIAN_5S_M, ORDER_SHARE, StalledVehicle, TrafficFidelity
 
 
 class FidelityTarget(BaseModel):
@@ -64,10 +64,11 @@ def build_reconstruction_targets(quality: ReconstructionQuality) -> tuple[Fideli
 
 def build_network_targets(network: NetworkReport, unroutable: Sequence[str]) -> tuple[FidelityTarget, ...]:
     """Build the targets of the network; `unroutable` lists moving vehicles whose path the network interrupts."""
-    fit = network.deviation
+    fit, lost_m = network.deviation, network.lost_m_by_lane
+    lost = f"{sum(lost_m.values()):.1f} m of {len(lost_m)} lanes are left out of the network" if lost_m else ""
     return (
-        FidelityTarget(name="centre lines mean", value=max(fit.mean, fit.back_mean), limit=0.2, unit="m"),
-        FidelityTarget(name="centre lines p95", value=max(fit.p95, fit.back_p95), limit=0.5, unit="m"),
+        FidelityTarget(name="centre lines mean", value=max(fit.mean, fit.back_mean), limit=0.2, unit="m", detail=lost),
+        FidelityTarget(name="centre lines p95", value=max(fit.p95, fit.back_p95), limit=0.5, unit="m", detail=lost),
         FidelityTarget(name="driven ways that the network breaks", value=len(unroutable), limit=0),
     )
 
@@ -106,6 +107,16 @@ def build_traffic_targets(close: TrafficFidelity) -> tuple[FidelityTarget, ...]:
         FidelityTarget(
             name="order kept at conflicts", value=close.order_share, limit=ORDER_SHARE, at_least=True, unit="share"
         ),
+    )
+
+
+def build_stalled_target(stalled: Sequence[StalledVehicle]) -> FidelityTarget:
+    """Build the target that no background vehicle stalls when the scenario is driven."""
+    return FidelityTarget(
+        name="stalled",
+        value=len({vehicle.id for vehicle in stalled}),
+        limit=0,
+        detail="; ".join(vehicle.format_sentence() for vehicle in stalled),
     )
 
 

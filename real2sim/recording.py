@@ -113,5 +113,7 @@ class Recording:
     """Connected automated vehicles named by the source: observers, or track ids in a log with one view."""
     notes: tuple[str, ...] = ()
     """What the reader skipped or assumed, for the report."""
+    origin: tuple[float, float] = (0.0, 0.0)
+    """[m] Where the origin of this frame lies in the frame of the source."""
     exact: bool = False
     """Whether poses have no error of measurement, as those of a simulation: then they are kept, not reconstructed."""

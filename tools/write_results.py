@@ -1,9 +1,10 @@
 """Write the tables of measured numbers in README.md, docs/results.md and docs/results/speed.md.
 
-    python -m tools.write_results RUN... [--bench FILE] [--dry-run]
+    python -m tools.write_results RUN... --commit HASH [--bench FILE] [--dry-run]
 
 RUN is a folder that `mdrive-sumo eval --suite mdrive --agent NAME --seed N` wrote. All runs of an agent, one a seed,
-replace its row in `docs/results/baselines.json` by their means; `--bench` copies the figures of `make bench` to
+replace its row in `docs/results/baselines.json` by their means, with the commit that they were driven at, which
+`tools.sample_episodes` keeps a sample of; `--bench` copies the figures of `make bench` to
 `docs/results/speed.json`. Without arguments the tables are written again from these two files, which a test compares
 with the pages.
 """
@@ -59,14 +60,19 @@ ALL_SEEDS = [0, 1, 2]
 """Of the tables; a row of fewer says which."""
 
 SCORES = ("ds", "sr", "efficient_sr", "time_ratio")
+CONDITIONS: Mapping[str, str] = {
+    "agent_clock": "ideal", "actors": "default", "friction": "dry", "ids": "random", "sensing": "realistic",
+    "others": "",
+}  # fmt: skip
+"""Conditions of every row besides the ideal channel, as the pages state them: rows under others cannot be compared."""
 
 
-def build_rows(runs: Iterable[Results]) -> dict[str, Any]:
-    """Return a row for every agent from its runs, one a seed. Raises InputError."""
+def build_rows(runs: Iterable[Results], commit: str) -> dict[str, Any]:
+    """Return a row for every agent from its runs, one a seed. commit: at which they were driven. Raises InputError."""
     by_agent: dict[str, list[Results]] = {}
     for results in runs:
         by_agent.setdefault(results.run.agent, []).append(results)
-    return {agent: build_row(found) for agent, found in by_agent.items()}
+    return {agent: build_row(found) | {"commit": commit} for agent, found in by_agent.items()}
 
 
 def build_row(runs: Sequence[Results]) -> dict[str, Any]:
@@ -105,6 +111,10 @@ def _check_runs(runs: Sequence[Results]) -> None:
         raise InputError(
             f"agent {first.run.agent}: expected a run of --suite mdrive, found none of bucket {missing[0]}"
         )
+    for name, expected in (*CONDITIONS.items(), ("channel", "ideal")):
+        found = first.run.comm.get("preset") if name == "channel" else getattr(first.run, name)
+        if found != expected:
+            raise InputError(f"agent {first.run.agent}: {name}: expected {expected or 'none'}, found {found}")
     check_seed_runs(runs)
 
 
@@ -129,7 +139,7 @@ def _describe_row(agent: str, row: Mapping[str, Any]) -> str:
 
 def format_times(rows: Mapping[str, Any], agents: Iterable[str]) -> str:
     """Return the Markdown table of efficient SR / time ratio by bucket, with the episodes that the ratio is over."""
-    lines = _format_header(("Agent", *BUCKETS, "Overall", "Timed", "Seeds"))
+    lines = _format_header(("Agent", *BUCKETS, "Overall", "Timed", "Seeds", "Commit"))
     for agent in (agent for agent in agents if agent in rows):
         row = rows[agent]
         cells = [
@@ -137,7 +147,9 @@ def format_times(rows: Mapping[str, Any], agents: Iterable[str]) -> str:
             for name in (*BUCKETS, "overall")
         ]
         timed = f"{row['timed']} of {row['episodes']}" if row["timed"] is not None else "-"
-        lines.append(f"| `{agent}` | {' | '.join(cells)} | {timed} | {', '.join(map(str, row['seeds']))} |")
+        lines.append(
+            f"| `{agent}` | {' | '.join(cells)} | {timed} | {', '.join(map(str, row['seeds']))} | {row['commit']} |"
+        )
     return "\n".join(lines)
 
 
@@ -191,13 +203,15 @@ def render_pages(root: Path, rows: Mapping[str, Any], speed: Mapping[str, Any]) 
     }
 
 
-def build_pages(runs: Sequence[Path], bench: Path | None) -> dict[Path, str]:
+def build_pages(runs: Sequence[Path], commit: str | None, bench: Path | None) -> dict[Path, str]:
     """Return the text of the JSON files with the figures of the runs and of `bench`, and of the pages made of them.
+
+    commit: that the runs were driven at.
 
     Raises InputError.
     """
     stored: dict[str, Any] = json.loads((ROOT / BASELINES).read_text("utf-8"))
-    stored |= build_rows([load_results(folder / "results.json") for folder in runs])
+    stored |= build_rows([load_results(folder / "results.json") for folder in runs], commit)
     rows = {name: stored[name] for name in DESCRIPTION_BY_AGENT if name in stored}
     speed = json.loads((bench or ROOT / SPEED).read_text("utf-8"))
     measured = {BASELINES: rows} | ({SPEED: speed} if bench else {})
@@ -210,11 +224,14 @@ def build_pages(runs: Sequence[Path], bench: Path | None) -> dict[Path, str]:
 @click.option(
     "--bench", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="File that `make bench` wrote."
 )
+@click.option("--commit", metavar="HASH", help="Commit that the runs were driven at.")
 @dry_run_option
-def main(runs: Sequence[Path], bench: Path | None, dry_run: bool) -> None:
+def main(runs: Sequence[Path], commit: str | None, bench: Path | None, dry_run: bool) -> None:
     """Write the tables of README.md and the pages of results, with the rows of the RUN folders (`results.json`)."""
+    if runs and not commit:
+        raise InputError("--commit: expected the commit that the runs were driven at, found none")
     with tempfile.TemporaryDirectory() as scratch:
-        for name, text in build_pages(runs, bench).items():
+        for name, text in build_pages(runs, commit, bench).items():
             path = Path(scratch, name)
             make_parents(path)
             write_text(path, text)

@@ -124,7 +124,10 @@ class Run:
 
     @property
     def intervals(self) -> tuple[MeanIntervals, ...]:
-        """Means of DS and SR by bucket and overall with 95 % bootstrap intervals, over scenarios and seeds."""
+        """Means of DS and SR by bucket and overall with 95 % bootstrap intervals, over scenarios and seeds.
+
+        Without bounds over fewer than ten scenarios.
+        """
         return compute_mean_intervals(self.results[0].model_copy(update={"scenarios": tuple(self.scores)}))
 
     @property

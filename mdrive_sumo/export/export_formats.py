@@ -26,6 +26,9 @@ class ExportFormat:
     """module:function of a `RecordingWriter`."""
     package: str = ""
     """Module of the package of the extra `export` that it needs; "" if it needs none."""
+    is_in_log_frame: bool = True
+    """Whether coordinates of a converted log are those of the log; else those of the network, whose file or picture
+    goes with it. They differ only where the conversion shifted the log."""
 
     def load_writer(self) -> RecordingWriter:
         """Import the writer. Raises InputError with the command that installs the package if it is missing."""
@@ -41,18 +44,21 @@ class ExportFormat:
 EXPORT_FORMATS: Mapping[str, ExportFormat] = {
     "csv": ExportFormat("tables for spreadsheets and pandas", "mdrive_sumo.export.csv_tables:write_csv"),
     "parquet": ExportFormat("the same tables, typed", "mdrive_sumo.export.parquet_tables:write_parquet", "pyarrow"),
-    "fcd": ExportFormat("floating car data of SUMO (XML)", "mdrive_sumo.export.sumo_fcd:write_fcd"),
+    "fcd": ExportFormat(
+        "floating car data of SUMO (XML)", "mdrive_sumo.export.sumo_fcd:write_fcd", is_in_log_frame=False
+    ),
     "scenarionet": ExportFormat(
         "ScenarioNet data set for MetaDrive (pickles)", "mdrive_sumo.export.scenarionet_description:write_scenarionet"
     ),
     "commonroad": ExportFormat(
         "CommonRoad scenarios (XML 2020a)", "mdrive_sumo.export.commonroad_scenario:write_commonroad", "commonroad"
     ),
-    "mcap": ExportFormat("3-D scenes for Foxglove", "mdrive_sumo.export.mcap_scenes:write_mcap", "foxglove"),
+    "mcap": ExportFormat("3-D scenes for Foxglove", "mdrive_sumo.export.mcap_scenes:write_mcap", "foxglove", False),
     "openscenario": ExportFormat(
         "OpenSCENARIO XML 1.2 with OpenDRIVE maps",
         "mdrive_sumo.export.openscenario_storyboard:write_openscenario",
         "scenariogeneration",
+        is_in_log_frame=False,
     ),
 }
 """Format by name, as the command line lists them."""

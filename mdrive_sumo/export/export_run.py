@@ -9,6 +9,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.export.export_formats import EXPORT_FORMATS, ExportFormat
+from mdrive_sumo.export.log_frame import restore_log_frames
 from mdrive_sumo.export.scored_recording import ScoredRecording
 from mdrive_sumo.runs.recording_check import check_recordings, load_recording
 from mdrive_sumo.runs.stored_run import StoredRun
@@ -18,9 +19,10 @@ from mdrive_sumo.scoring import ScenarioResult
 
 def export_recordings(recordings: Iterable[ScoredRecording], format_name: str, out: Path) -> Path:
     """Write recordings in a format into `out`, which must be new or an empty folder; return it. Raises InputError."""
-    writer = find_format(format_name).load_writer()
+    chosen = find_format(format_name)
+    writer = chosen.load_writer()
     with atomic_folder(out) as draft:
-        writer(recordings, draft)
+        writer(_place_in_frame(chosen, recordings), draft)
     return out
 
 
@@ -29,13 +31,18 @@ def export_runs(runs: Sequence[StoredRun], format_name: str, out: Path, patterns
 
     patterns: ids, categories or globs of scenarios; none: all. `out` must be new or an empty folder. Raises InputError.
     """
-    writer = find_format(format_name).load_writer()
+    form = find_format(format_name)
+    writer = form.load_writer()
     chosen = [(stored, select_recorded(stored, patterns)) for stored in runs]
     with atomic_folder(out) as draft:
         for stored, results in chosen:
             folder = draft if len(chosen) == 1 else draft / f"seed{stored.results.run.seed}"
-            writer(load_recordings(stored, results), make_folder(folder))
+            writer(_place_in_frame(form, load_recordings(stored, results)), make_folder(folder))
     return out
+
+
+def _place_in_frame(form: ExportFormat, recordings: Iterable[ScoredRecording]) -> Iterable[ScoredRecording]:
+    return restore_log_frames(recordings) if form.is_in_log_frame else recordings
 
 
 def find_format(name: str) -> ExportFormat:

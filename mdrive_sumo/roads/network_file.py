@@ -68,6 +68,8 @@ class NetworkFile(_Part):
     licence: str
     offset: tuple[float, float]
     """netOffset of the compiled net: source coordinates + offset = network coordinates."""
+    log_origin: tuple[float, float] | None = None
+    """Of a converted log that was shifted: its origin in the frame of the log [m]. Exports add it."""
     build: tuple[str, ...]
     """Arguments of the netconvert call that made the net, run in this folder."""
     checksum: str
@@ -80,9 +82,10 @@ class NetworkFile(_Part):
 
     @model_serializer(mode="wrap")
     def _omit_missing_areas(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out `drivable_areas` if there are none: checksums of networks without them stay as they were."""
+        """Leave out areas and origin if there are none: checksums of networks without them stay as they were."""
         plain: dict[str, Any] = serialize(self)
-        return plain if self.drivable_areas else {key: value for key, value in plain.items() if key != "drivable_areas"}
+        unset = {"drivable_areas": not self.drivable_areas, "log_origin": self.log_origin is None}
+        return {key: value for key, value in plain.items() if not unset.get(key)}
 
 
 def read_network_file(folder: Path) -> NetworkFile:

@@ -96,6 +96,8 @@ class RoadMap:
     """Indices into `pavements` of the crosswalks of a converted log, for pictures."""
     drivable_areas: tuple[DrivableArea, ...] = ()
     """Asphalt beyond the lanes, for pictures."""
+    log_origin: tuple[float, float] = (0.0, 0.0)
+    """Of a converted log that was shifted: its origin in the frame of the log [m]."""
 
     @property
     def net_file(self) -> Path:
@@ -238,6 +240,7 @@ def _build_road_map(folder: Path, about: NetworkFile, path: Path, left_hand: boo
             i for i, lane in enumerate(walks) if CROSSWALK_EDGE.fullmatch(lane.getEdge().getID())
         ),
         drivable_areas=about.drivable_areas,
+        log_origin=about.log_origin or (0.0, 0.0),
     )
 
 

@@ -179,7 +179,7 @@ def read_journal(path: Path) -> JournalText:
     for number, text in enumerate(raw.splitlines(keepends=True), start=1):
         line = _parse_line(text)
         if line is None:
-            if good_bytes + len(text) < len(raw):
+            if text.endswith(b"\n"):  # a write that was cut off has no end of line
                 raise InputError(f"{path}: line {number}: expected a JSON object, found none; --fresh starts anew")
             return JournalText(tuple(lines), checksum, good_bytes, True)
         if "checksum" in line or (lines or [line])[0].get("format") != FORMAT_WITHOUT_CHECKSUMS:

@@ -32,6 +32,9 @@ DEPARTURE_SPEED_FACTOR = 10.0
 """Speed factor at departure, because SUMO refuses vehicles above the speed limit. It is 1 while driving freely."""
 REACTION_S = 0.3
 """Time [s] before a departed vehicle brakes fully: until its first action, and one more."""
+ENTRY_M = 3.0
+"""[m] A schedule names the lane on which a vehicle enters an edge at the first frame of its centre there: half its
+length after its front bumper, and up to this much further: one frame of 0.1 s at 30 m/s."""
 ON_LANE, EXACT_POSE = 1, 2
 """moveToXY's keepRoute: on the centre line of a lane of its route; or exactly at the pose (sumo_pitfalls 1)."""
 MAX_LANE_DISTANCE_M = 3.0
@@ -141,12 +144,35 @@ def _find_departure_lanes(
     passed: list[tuple[Lane, float]] = []
     while route_offset_m and ahead > (length := libsumo.lane.getLength(lane.id)):
         route_lane_ids = find_route_lanes(vehicle.edges, roads)
-        following = next((lane_id for lane_id in lane.successors if lane_id in route_lane_ids), None)
-        if following is None:
+        onward = [lane_id for lane_id in lane.successors if lane_id in route_lane_ids]
+        if not onward:
             break
+        following = _find_scheduled_lane(vehicle, onward, roads)
         passed.append((lane, length))
         lane, ahead = roads.lanes[following], ahead - length
     return [*passed, (lane, ahead)]
+
+
+def _find_scheduled_lane(vehicle: BackgroundVehicle, onward: Sequence[str], roads: RoadMap) -> str:
+    """Return the one of the next lanes of a route that leads to the lane of the schedule; the first if none does.
+
+    Several lanes of a junction may connect one lane with the lanes of the next edge. The schedule names the lane there
+    where the edge begins, unless its index is that of the departure lane.
+    """
+    for lane_id in onward:
+        lane, passed_m = roads.lanes[lane_id], roads.lanes[f"{vehicle.edges[0]}_{vehicle.depart_lane}"].centre.length
+        while lane.junction and lane.successors:
+            passed_m += lane.centre.length
+            lane = roads.lanes[lane.successors[0]]
+        entered_m = passed_m - vehicle.depart_pos_m + vehicle.length / 2 + ENTRY_M
+        begun = [index for at_m, index in _list_lanes(vehicle) if at_m <= entered_m]
+        if lane.index == (begun[-1] if begun else vehicle.depart_lane):
+            return lane_id
+    return onward[0]
+
+
+def _list_lanes(vehicle: BackgroundVehicle) -> tuple[tuple[float, int], ...]:
+    return vehicle.schedule.lanes if vehicle.schedule else ()
 
 
 def find_takeover_point(

@@ -66,7 +66,7 @@ def describe_figure(figure: str) -> tuple[str, str, int]:
 
 def describe_failures(actor: ActorQuality) -> list[str]:
     """Return a phrase for each failed check with its figure and limit."""
-    limits = {check.figure: check.limit for check in CHECKS}
+    limits = {check.figure: check.get_limit(actor) for check in CHECKS}
     return [_describe_failure(name, getattr(actor, name, None), limits.get(name)) for name in actor.failed]
 
 

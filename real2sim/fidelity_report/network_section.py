@@ -46,7 +46,7 @@ def _select_lanes(map: HdMap, network: NetworkReport) -> list[Polyline]:
     lanes = [
         lane
         for id_, lane in map.lanes.items()
-        if lane.kind is LaneKind.DRIVING and id_ not in network.drop_reason_by_lane
+        if lane.kind is LaneKind.DRIVING and (id_ not in network.drop_reason_by_lane or id_ in network.lost_in_part)
     ]
     return [build_polyline((reverse_lane(lane) if lane.id in inverted else lane).centre) for lane in lanes]
 

@@ -39,11 +39,22 @@ def render_traffic_section(findings: ConversionFindings, entries: tuple[ReportEn
             ),
             render_collapsible_list("Could not depart", [link_entry(name, numbers) for name in closeness.not_departed]),
             render_collapsible_list(
+                "Departed late",
+                [
+                    join_markup((link_entry(name, numbers), f", {delay:.1f} s"))
+                    for name, delay in closeness.departed_late
+                ],
+            ),
+            render_collapsible_list(
                 "Left before the vehicle of the log", [link_entry(name, numbers) for name in closeness.left_early]
             ),
             render_collapsible_list(
                 "Contacts that are not in the log",
                 [pair(a, b, f", {format_frames(n)}") for a, b, n in closeness.contacts],
+            ),
+            render_collapsible_list(
+                "Vehicles that stall when the scenario is driven",
+                [join_markup((link_entry(one.id, numbers), ": ", one.format_sentence())) for one in findings.stalled],
             ),
         )
     )

@@ -30,6 +30,9 @@ OVER_M = 1.0
 """[m] A front bumper this far beyond the last lane is off the map."""
 INSERTION_MARGIN_M = 1.0
 """[m] Least distance from the end of an edge at which SUMO inserts a vehicle."""
+LANE_CHANGE_MARGIN_M = 1.0
+"""[m] A lane change is due at least this far before the end of its edge. Nearer than 0.5 m the simulation counts it to
+the next edge (`sumo.scheduled_driving.EDGE_M`), and a vehicle whose lane ends there would wait for ever."""
 
 
 @dataclass(frozen=True)
@@ -207,7 +210,8 @@ def _find_lane_changes(one: RoutedTrack, start: float) -> tuple[tuple[float, int
                     if before is None
                     else _find_crossing(seen, k, before, lane)
                 )
-                found.append((round(max(min(max(at, stage.begin), stage.end) - start, 0.0), 2), lane.index))
+                at = max(min(at, stage.end - LANE_CHANGE_MARGIN_M), stage.begin)
+                found.append((round(max(at - start, 0.0), 2), lane.index))
                 index = lane.index
     return tuple(sorted(found, key=lambda change: change[0]))
 

@@ -69,7 +69,9 @@ def explain_unusable(track: RecordedTrack, match: LaneMatch | None) -> str:
         return f"a {track.category.value} is not a vehicle"
     if not track.valid[0]:
         return (
-            f"it appears only in frame {int(track.valid_frames[0])}" if len(track.valid_frames) else "it is never seen"
+            f"it appears only in frame {int(track.valid_frames[0])}, and a CAV is there from the first frame on"
+            if len(track.valid_frames)
+            else "it is never seen"
         )
     if match is None or match.is_off_road:
         return match.reason if match is not None else "it was not matched to lanes"

@@ -3,28 +3,37 @@
 from collections.abc import Sequence
 
 import numpy as np
+import shapely
 
 from mdrive_sumo.core.geometry import box_corners, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import Kind
+from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, KindName, Motion, ReplayMotion, StandingMotion
 from real2sim.fit.background_vehicle import RoutedTrack, median_size, timed_poses
 from real2sim.fit.centreline_traffic import CentrelineTraffic, find_vehicles_through
 from real2sim.recording import RecordedTrack
 
+MAX_LANE_WIDTH_M = 6.0
+"""[m] Widths of recovered lanes are at most this (`network_builder.PLAUSIBLE_WIDTHS_M`)."""
 NAMES: dict[Kind, KindName] = {kind: name for name, kind in KIND_BY_NAME.items()}
 
 
-def build_replay_actor(track: RecordedTrack, name: str, traffic: CentrelineTraffic, dt_s: float) -> tuple[Actor, str]:
+def build_replay_actor(
+    track: RecordedTrack, name: str, traffic: CentrelineTraffic, roads: RoadMap, dt_s: float
+) -> tuple[Actor, str]:
     """Return an actor that repeats the track and stops for obstacles, and a remark.
 
-    It stays where it is if the log ends before it leaves.
+    If the log ends before it leaves, it stays where it is, unless that is on a lane: there it would stand for ever in
+    the way of traffic that drives on, so it leaves as everything does that the log loses.
     """
     timed = timed_poses(track, dt_s)
     x, y, yaw = timed[0][1:]
     length, width = median_size(track)
     corners = boxes_corners(track.x, track.y, np.nan_to_num(track.yaw), np.array(length), np.array(width))
     around = find_vehicles_through(traffic, track.valid, corners)
+    is_cut_off = bool(track.valid[-1])
+    is_in_the_way = is_cut_off and is_on_lane(roads, float(track.x[-1]), float(track.y[-1]), width)
     actor = Actor(
         id=name,
         kind=NAMES[track.category.kind],
@@ -32,10 +41,20 @@ def build_replay_actor(track: RecordedTrack, name: str, traffic: CentrelineTraff
         start=Pose(x=x, y=y, yaw=yaw),
         length=length,
         width=width,
-        motion=ReplayMotion(poses=_unwrap_yaws(timed), stays=bool(track.valid[-1])),
+        motion=ReplayMotion(poses=_unwrap_yaws(timed), stays=is_cut_off and not is_in_the_way),
         mirrored=not around,
     )
-    return actor, _describe_passing_vehicles(around)
+    leaves = "leaves with the end of the log, which it spends on a lane" if is_in_the_way else ""
+    return actor, "; ".join(part for part in (_describe_passing_vehicles(around), leaves) if part)
+
+
+def is_on_lane(roads: RoadMap, x: float, y: float, width: float) -> bool:
+    """Return whether an object of this width [m] at (x, y) [m] is in the corridor of a driving lane."""
+    point = shapely.Point(x, y)
+    return any(
+        shapely.LineString(lane.centre.xy).distance(point) < (lane.width + width) / 2
+        for lane in roads.find_lanes_near(x, y, (MAX_LANE_WIDTH_M + width) / 2)
+    )
 
 
 def _describe_passing_vehicles(around: Sequence[str]) -> str:

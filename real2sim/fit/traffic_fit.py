@@ -168,7 +168,7 @@ def _build_actors(work: _FitContext, track: RecordedTrack, traffic: CentrelineTr
         actor, said = build_standing_actor(track, name, traffic, work.dt_s)
         work.roles[track.id] = TrackRole(Disposition.STANDING, said)
         return [actor]
-    actor, said = build_replay_actor(track, name, traffic, work.dt_s)
+    actor, said = build_replay_actor(track, name, traffic, work.roads, work.dt_s)
     before = work.roles[track.id].reason if track.id in work.roles else ""
     work.roles[track.id] = TrackRole(Disposition.ACTOR, "; ".join(part for part in (before, said) if part))
     return [actor]

@@ -15,6 +15,7 @@ from mdrive_sumo.roads import RoadMap
 from real2sim.match.connector_changes import resolve_connector_changes
 from real2sim.match.lane_candidates import LaneCandidateIndex, LaneCandidates, LanePath, load_candidate_index
 from real2sim.match.lane_chain import find_best_chain
+from real2sim.match.map_border import find_route_on_map
 
 REACH_M = 4.0
 """[m] Lanes further away are no candidates: an object beyond a lane's width is off the road."""
@@ -76,8 +77,19 @@ def match_track(track: Float, roads: RoadMap) -> LaneMatch:
     if hops.count(None) or np.abs(near.offset[rows]).max() > ASIDE_M:
         unchanged = near, rows, hops, aside
         near, rows, hops, aside = _follow_connector_change(roads, near, keys, xy) or unchanged
-    found = _assemble_match(index, track, seen, near, rows, hops)
+    found = _cut_at_border(_assemble_match(index, track, seen, near, rows, hops), roads)
     return replace(found, aside_frames=tuple(int(frame) for frame in seen[aside]))
+
+
+def _cut_at_border(match: LaneMatch, roads: RoadMap) -> LaneMatch:
+    """Return the match without the ends of its route beyond the map's border, beside whose lanes the track drives."""
+    route, beyond = find_route_on_map(roads, match.route, match.lanes, match.offset)
+    if not beyond:
+        return match
+    s, offset = match.s.copy(), match.offset.copy()
+    s[list(beyond)] = offset[list(beyond)] = np.nan
+    lanes = tuple("" if frame in beyond else lane for frame, lane in enumerate(match.lanes))
+    return replace(match, route=route, lanes=lanes, s=s, offset=offset)
 
 
 def _follow_connector_change(

@@ -1,7 +1,7 @@
 """Build a network folder from the map of a log: directions, segments, links, edges, compilation, measurements."""
 
 import gzip
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Float, build_polyline
+from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from mdrive_sumo.core.output_files import make_folder, write_bytes, write_text
 from mdrive_sumo.roads import NetworkFile, RoadMap, load_road_map
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum
@@ -58,9 +58,14 @@ class NetworkReport:
     links_dropped: tuple[LaneLink, ...]
     links_added: tuple[LaneLink, ...]
     drop_reason_by_lane: Mapping[str, str]
-    """Lane of the source -> why it is not in the network."""
+    """Lane of the source -> why it, or the stated part of it, is not in the network."""
+    lost_in_part: frozenset[str]
+    """The lanes of `drop_reason_by_lane` of which a part is in the network."""
+    lost_m_by_lane: Mapping[str, float]
+    """Driving lane of the source -> how much of it [m] the plan of the network leaves out."""
     deviation: MapDeviation
-    """Distance between centre lines in both directions."""
+    """Distance between centre lines in both directions, without the parts that run against other lanes and are left
+    out."""
     default_widths: int
     """Number of lanes of unknown width: they get the spacing of their neighbours, else 3.5 m."""
     default_speeds: int
@@ -71,10 +76,18 @@ class NetworkReport:
     """Lanes controlled by traffic lights. The network has no lights because the log does not contain their program."""
 
 
-def build_network(map: HdMap, motions: Sequence[Float], folder: Path, name: str, dt_s: float = 0.1) -> NetworkReport:
+def build_network(
+    map: HdMap,
+    motions: Sequence[Float],
+    folder: Path,
+    name: str,
+    dt_s: float = 0.1,
+    origin: tuple[float, float] = (0.0, 0.0),
+) -> NetworkReport:
     """Build `folder` (plain XML, network.json, map.net.xml.gz) from a map; raise InputError.
 
     `motions` are observed x, y, yaw (N, 3) [m, rad] of vehicles, one row every `dt_s`; NaN where not observed.
+    `origin`: that of the map's frame in the frame of the source [m], for `network.json`.
     """
     drawn = _select_drawable_lanes(map, name)
     directions = vote_directions(drawn, motions)
@@ -83,12 +96,14 @@ def build_network(map: HdMap, motions: Sequence[Float], folder: Path, name: str,
     left_hand = map.left_hand if map.left_hand is not None else is_left_hand_traffic(decided, directions.votes)
     segments, lost = _build_segments(map, lanes, measure_observed_speeds(lanes, motions, dt_s))
     links = rebuild_links(segments, _collect_source_links(lanes))
-    plan = plan_network(*_select_driving(segments, links), directions.votes)
+    parts, part_links = _select_driving(segments, links)
+    plan = plan_network(parts, part_links, directions.votes)
     lane_ids = {id_: f"{edge}_{k}" for id_, (edge, k) in assign_lane_indices(plan, left_hand).items()}
-    roads = _compile_network(_add_footways(plan, segments, map), map, left_hand, folder, name)
-    lost |= dict.fromkeys(_find_unused_lanes(plan), "no way through the junction uses it")
-    contraflow = _find_contraflow_lanes(plan)
-    lost |= dict.fromkeys(contraflow, "it leads nowhere but onto a lane of the opposite direction")
+    roads = _compile_network(_add_footways(plan, segments, map), map, left_hand, folder, NetworkName(name, origin))
+    unused = _sum_lengths(plan.unused)
+    contraflow = _sum_lengths([parts[id_] for id_ in plan.contraflow])
+    lost |= _explain_lost(segments, unused, "no way through the junction uses it")
+    lost |= _explain_lost(segments, contraflow, "it leads nowhere but onto a lane of the opposite direction")
     return NetworkReport(
         name=name,
         folder=folder,
@@ -102,9 +117,9 @@ def build_network(map: HdMap, motions: Sequence[Float], folder: Path, name: str,
         links_dropped=links.dropped,
         links_added=links.added,
         drop_reason_by_lane=lost,
-        deviation=measure_centreline_deviation(
-            [s.centreline for s in segments.values() if s.kind is LaneKind.DRIVING and s.id not in contraflow], roads
-        ),
+        lost_in_part=_find_lost_in_part(segments, unused, contraflow),
+        lost_m_by_lane={id_: round(unused.get(id_, 0.0) + contraflow.get(id_, 0.0), 1) for id_ in unused | contraflow},
+        deviation=measure_centreline_deviation(_select_centrelines(segments, parts, plan), roads),
         default_widths=sum(_measure_width(lane) is None for lane in lanes.values()),
         default_speeds=sum(not lane.speed_limit > 0 for lane in lanes.values()),
         source_by_lane={lane_ids[lane.id]: lane.source_lane for edge in plan.edges for lane in edge.lanes},
@@ -206,7 +221,15 @@ def _build_crosswalk(number: int, outline: Float) -> LaneSegment | None:
     return LaneSegment(name, name, build_polyline(ends), width, FOOTWAY_MPS, LaneKind.SIDEWALK, False)
 
 
-def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Path, name: str) -> RoadMap:
+@dataclass(frozen=True)
+class NetworkName:
+    """What network.json says about a network besides its content."""
+
+    name: str
+    origin: tuple[float, float]
+
+
+def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Path, called: NetworkName) -> RoadMap:
     make_folder(folder)
     stops = place_stop_lines(plan, map)
     write_plain(plan, *derive_right_of_way(plan, stops), left_hand, folder)
@@ -214,11 +237,12 @@ def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Pat
     xml = restore_shapes(compile_plain(folder, left_hand), plan, lane_ids)
     write_bytes(folder / NET_FILE, gzip.compress(xml, mtime=0))
     about = NetworkFile(
-        name=name,
+        name=called.name,
         description="Built from the map of a log",
-        origin=f"map of {name}",
+        origin=f"map of {called.name}",
         licence="that of the log",
-        offset=(0.0, 0.0),
+        offset=(0.0 - called.origin[0], 0.0 - called.origin[1]),
+        log_origin=called.origin if any(called.origin) else None,
         build=("netconvert", *build_plain_arguments(left_hand), "--output-file", "map.net.xml"),
         checksum=compute_net_checksum(xml),
         stop_signs=build_stop_boxes(stops, lane_ids) if map.stop_lines else None,
@@ -229,14 +253,38 @@ def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Pat
     return load_road_map(folder)
 
 
-def _find_unused_lanes(plan: NetworkPlan) -> set[str]:
-    kept = {lane.source_lane for edge in plan.edges for lane in edge.lanes}
-    kept |= {id_.split("~")[0] for way in plan.connections for id_ in way.connectors}
-    return {id_.split("~")[0] for id_ in plan.unused} - kept
+def _sum_lengths(segments: Iterable[LaneSegment]) -> dict[str, float]:
+    """Return the length [m] of the segments by lane of the source."""
+    lengths: dict[str, float] = {}
+    for segment in segments:
+        lengths[segment.source_lane] = lengths.get(segment.source_lane, 0.0) + segment.centreline.length
+    return lengths
 
 
-def _find_contraflow_lanes(plan: NetworkPlan) -> set[str]:
-    """Return the lanes of the source that are left out altogether."""
-    kept = {lane.source_lane for edge in plan.edges for lane in edge.lanes}
-    kept |= {id_.split("~")[0] for way in plan.connections for id_ in way.connectors}
-    return {id_.split("~")[0] for id_ in plan.contraflow} - kept
+def _find_lost_in_part(segments: Mapping[str, LaneSegment], *lost_m: Mapping[str, float]) -> frozenset[str]:
+    """Return the lanes that are left out, but for more than `MIN_LANE_M`."""
+    lengths = {id_: sum(one.get(id_, 0.0) for one in lost_m) for one in lost_m for id_ in one}
+    return frozenset(id_ for id_, length in lengths.items() if segments[id_].centreline.length - length > MIN_LANE_M)
+
+
+def _explain_lost(segments: Mapping[str, LaneSegment], lost_m: Mapping[str, float], why: str) -> dict[str, str]:
+    """Return the reason by lane, with the metres of the lanes that are lost in part."""
+    reasons: dict[str, str] = {}
+    for id_, length in sorted(lost_m.items()):
+        whole = segments[id_].centreline.length
+        is_part = whole - length > MIN_LANE_M
+        reasons[id_] = f"{length:.1f} of its {whole:.1f} m: {why}" if is_part else why
+    return reasons
+
+
+def _select_centrelines(
+    segments: Mapping[str, LaneSegment], parts: Mapping[str, LaneSegment], plan: NetworkPlan
+) -> list[Polyline]:
+    """Return the centre lines that the network should have: of lanes that are left out in part, the rest.
+
+    Where a lane runs against another one there is nothing to compare: only the other one is in the network.
+    """
+    left_out = set(plan.contraflow)
+    affected = {parts[id_].source_lane for id_ in left_out}
+    whole = [s.centreline for s in segments.values() if s.kind is LaneKind.DRIVING and s.id not in affected]
+    return whole + [s.centreline for s in parts.values() if s.source_lane in affected and s.id not in left_out]

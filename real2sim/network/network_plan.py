@@ -48,7 +48,7 @@ class NetworkPlan:
 
     edges: tuple[PlannedEdge, ...]
     connections: tuple[PlannedConnection, ...]
-    unused: tuple[str, ...]
+    unused: tuple[LaneSegment, ...]
     """Connectors without any connection."""
     contraflow: tuple[str, ...] = ()
     """Segments that are left out: their open end lies on a lane of the opposite direction."""
@@ -95,7 +95,12 @@ def plan_network(
         sets = _join_ends(parts, joined, inside, groups)
     connections = _build_connections(parts, joined, inside)
     used = {id_ for connection in connections for id_ in connection.connectors}
-    return NetworkPlan(_build_edges(parts, groups, sets), tuple(connections), tuple(sorted(inside - used)), contraflow)
+    return NetworkPlan(
+        _build_edges(parts, groups, sets),
+        tuple(connections),
+        tuple(parts[id_] for id_ in sorted(inside - used)),
+        contraflow,
+    )
 
 
 def _leave_out_contraflow(

@@ -13,6 +13,7 @@ from real2sim.fidelity_targets import (
     build_lost_target,
     build_network_targets,
     build_reconstruction_targets,
+    build_stalled_target,
     build_traffic_targets,
     count_sumo_driven,
 )
@@ -24,7 +25,7 @@ from real2sim.network import NetworkReport
 from real2sim.pipeline.quality_file import CleaningChange, CleaningFigures, NetworkFigures, QualityFile, TrackRoleEntry
 from real2sim.quality import ReconstructionQuality
 from real2sim.recording import RecordedTrack, Recording
-from real2sim.traffic_fidelity import TrafficFidelity
+from real2sim.traffic_fidelity import StalledVehicle, TrafficFidelity
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,8 @@ class ConversionResults:
     fitted: FittedTraffic
     closeness: TrafficFidelity
     """Fidelity of reactive traffic, whatever the mode."""
+    stalled: tuple[StalledVehicle, ...]
+    """Background vehicles that stall when the scenario is driven."""
     logged_drive: LoggedDrive
     notes: tuple[str, ...]
     """What the conversion had to omit; the reader's notes are in `recording`."""
@@ -59,6 +62,7 @@ class ConversionResults:
             *build_network_targets(self.network, broken),
             build_lost_target(self.recording, self.cleaned, self.fitted.roles),
             *build_traffic_targets(self.closeness),
+            build_stalled_target(self.stalled),
             build_logged_drive_target(self.logged_drive),
         )
 
@@ -87,6 +91,7 @@ def build_quality_file(steps: ConversionResults) -> QualityFile:
         by_sumo=count_sumo_driven(steps.quality, steps.fitted.roles, steps.fitted.background.mode),
         fit=_role_entries(steps.fitted),
         closeness=steps.closeness,
+        stalled=steps.stalled,
         logged_drive=steps.logged_drive,
         targets=steps.targets,
         misses=steps.misses,
@@ -108,6 +113,7 @@ def build_findings(steps: ConversionResults) -> ConversionFindings:
         roles=steps.fitted.roles,
         names=steps.fitted.names,
         closeness=steps.closeness,
+        stalled=steps.stalled,
         logged_drive=steps.logged_drive,
         targets=steps.targets,
         misses=steps.misses,
@@ -140,6 +146,7 @@ def _network_figures(report: NetworkReport) -> NetworkFigures:
         links_dropped=report.links_dropped,
         links_added=report.links_added,
         lost=dict(report.drop_reason_by_lane),
+        lost_m=dict(report.lost_m_by_lane),
         centre_mean_m=max(fit.mean, fit.back_mean),
         centre_p95_m=max(fit.p95, fit.back_p95),
         centre_max_m=max(fit.max, fit.back_max),

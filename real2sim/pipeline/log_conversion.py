@@ -13,6 +13,7 @@ from real2sim.clean import MIN_FRAMES
 from real2sim.fidelity_report.index_page import IndexRow, build_index_row
 from real2sim.fidelity_report.report_page import write_report
 from real2sim.pipeline.limited_reader import read_log_limited
+from real2sim.pipeline.local_origin import move_to_origin
 from real2sim.pipeline.log_source import LogSource, prefix_with_log
 from real2sim.pipeline.quality_file import save_quality
 from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
@@ -43,7 +44,7 @@ class ConvertedScenario:
 def convert_log(log: LogSource, draft: Path, wish: ConversionOptions, page: bool) -> ConvertedScenario:
     """Write DRAFT/<id>/ and DRAFT/networks/<id>/; raises InputError with one sentence that names the log."""
     try:
-        recording = crop_recording(str(log.path), read_log_limited(log), log.window)
+        recording = move_to_origin(crop_recording(str(log.path), read_log_limited(log), log.window))
         _check_length(recording)
         built = build_scenario(_build_scene(recording, log.window), draft, replace(wish, window_s=log.window))
     except InputError as error:

@@ -17,7 +17,7 @@ from real2sim.fidelity_targets import FidelityTarget
 from real2sim.fit.disposition import Disposition
 from real2sim.logged_drive import LoggedDrive
 from real2sim.quality import ReconstructionQuality
-from real2sim.traffic_fidelity import TrafficFidelity
+from real2sim.traffic_fidelity import StalledVehicle, TrafficFidelity
 
 QUALITY_FILE = "quality.json"
 
@@ -60,7 +60,9 @@ class NetworkFigures(_Part):
     links_dropped: tuple[tuple[str, str], ...]
     links_added: tuple[tuple[str, str], ...]
     lost: dict[str, str]
-    """Lane of the source -> why it is not in the network."""
+    """Lane of the source -> why it, or the stated part of it, is not in the network."""
+    lost_m: dict[str, float] = {}
+    """Driving lane of the source -> how much of it [m] the plan of the network leaves out."""
     centre_mean_m: float
     centre_p95_m: float
     centre_max_m: float
@@ -98,6 +100,8 @@ class QualityFile(_Part):
     """Part of `fidelity.moving_vehicles`; the others are CAVs, or scripted on their path of the log."""
     fit: tuple[TrackRoleEntry, ...]
     closeness: TrafficFidelity
+    stalled: tuple[StalledVehicle, ...] | None = None
+    """Background vehicles that stall when the scenario is driven; None in files of versions that did not look."""
     logged_drive: LoggedDrive | None = None
     """The scorer's verdict on the CAVs' own tracks; None in files of versions before 0.2."""
     targets: tuple[FidelityTarget, ...]

@@ -9,7 +9,7 @@ from real2sim.pipeline.quality_file import QualityFile
 
 HEAD = (
     *("scenario", "moving ok", "by SUMO", "median", "p95", "jerk", "wrong", "spawn", "twice", "jumps", "overlap"),
-    *("5 s", "worst", "touch", "order", "drive", "verdict"),
+    *("5 s", "worst", "touch", "order", "stalled", "drive", "verdict"),
 )
 LEGEND = (
     "moving ok: moving vehicles that pass all checks; by SUMO: moving vehicles that SUMO drives, the others are CAVs or"
@@ -17,7 +17,8 @@ LEGEND = (
     " wrong: frames against the lane; spawn: overlaps at the start; twice: duplicate tracks; jumps: over 1 m;"
     " overlap: pairs of reconstructed boxes that overlap later (no target);"
     " 5 s, worst: traffic off the log after 5 s [m], median and worst vehicle; touch: pairs of background vehicles that"
-    " overlap in SUMO but not in the log (no target); order: kept at conflicts;"
+    " overlap in SUMO but not in the log (no target); order: kept at conflicts; stalled: background vehicles that"
+    ' stand far longer than in the log, "-": not looked for;'
     " drive: infractions of the CAVs' logged drives, unconfirmed + confirmed.\n"
     "The last row: sums of counts; median, p95, jerk and worst of the worst scenario; 5 s of the median scenario."
 )
@@ -47,6 +48,8 @@ class FidelityRow(BaseModel):
     """Pairs of background vehicles that overlap in SUMO but not in the log; no target."""
     order_kept: int
     order_pairs: int
+    stalled: int | None
+    """Background vehicles that stall when the scenario is driven; None if the conversion did not look."""
     logged_infractions: int
     """Infractions of the CAVs' logged drives that no person has confirmed."""
     confirmed_infractions: int
@@ -96,6 +99,7 @@ def _build_row(quality: QualityFile) -> FidelityRow:
         contacts=len(close.contacts),
         order_kept=close.order_kept,
         order_pairs=close.order_pairs,
+        stalled=None if quality.stalled is None else len({vehicle.id for vehicle in quality.stalled}),
         logged_infractions=len(quality.logged_drive.unconfirmed) if quality.logged_drive else 0,
         confirmed_infractions=quality.logged_drive.confirmed_count if quality.logged_drive else 0,
         passed=quality.passed,
@@ -129,9 +133,15 @@ def _aggregate(lines: Sequence[FidelityRow]) -> FidelityRow:
         jerk_p95=max(line.jerk_p95 for line in lines),
         median_at_5s=known("median_at_5s", median),
         worst_at_5s=known("worst_at_5s", max),
+        stalled=_sum_stalled(lines),
         passed=all(line.passed for line in lines),
         **{name: sum(getattr(line, name) for line in lines) for name in counts},
     )
+
+
+def _sum_stalled(lines: Sequence[FidelityRow]) -> int | None:
+    counts = [line.stalled for line in lines if line.stalled is not None]
+    return sum(counts) if counts else None
 
 
 def format_summary(found: FidelitySummary) -> str:
@@ -168,6 +178,7 @@ def _format_cells(line: FidelityRow) -> tuple[str, ...]:
         _number(line.worst_at_5s, 2),
         str(line.contacts),
         f"{line.order_kept}/{line.order_pairs}",
+        _number(line.stalled, 0),
         f"{line.logged_infractions}+{line.confirmed_infractions}",
         "passed" if line.passed else "misses",
     )

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import Kind
 from real2sim.quality.lane_segment_index import LaneSegmentIndex
+from real2sim.quality.road_speed import TOWN_MPS
 from real2sim.recording import RecordedTrack
 from real2sim.tracks import kinematics
 from real2sim.tracks.stationary import has_moved
@@ -57,6 +58,8 @@ class ActorQuality(BaseModel):
     frames_over_acceleration: int = 0
     speed_mean: float = 0.0
     speed_max: float = 0.0
+    speed_limit: float = TOWN_MPS
+    """The highest speed that is plausible on its road [m/s]."""
     frames_over_speed: int = 0
     yaw_step_max_deg: float = 0.0
     yaw_second_max_deg: float = 0.0

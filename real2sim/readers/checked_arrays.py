@@ -74,6 +74,13 @@ def parse_all_points(where: str, raw: Any) -> Float:
     return xy
 
 
+def is_empty(raw: Any) -> bool:
+    """Return whether a value of a log holds nothing: None, or a list or array without any element."""
+    if isinstance(raw, np.ndarray):
+        return raw.size == 0
+    return raw is None or (isinstance(raw, list | tuple) and not raw)
+
+
 def parse_points(where: str, raw: Any) -> Float:
     """Like `parse_all_points`, without consecutive duplicates (closer than 1 mm); raise InputError."""
     xy = parse_all_points(where, raw)

@@ -13,10 +13,11 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from real2sim.readers.checked_arrays import describe_value, parse_numbers
+from real2sim.readers.checked_arrays import check_frame_count, describe_value, parse_numbers
 from real2sim.readers.lane_geometry import shift_ahead
 from real2sim.readers.safe_pickle import load_pickle
 from real2sim.readers.scenarionet_map import build_scenarionet_map
+from real2sim.readers.time_grid import TimeGrid, build_time_grid
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {
@@ -47,13 +48,16 @@ Its pose is that of the rear axle (nutonomy/nuscenes-devkit issue 108), and the 
 def read_scenarionet(path: Path) -> Recording:
     """Read one scenario description; raise InputError.
 
-    The self-driving car (`sdc_id`) is the only connected vehicle. `dt_s` is the mean step of `metadata.ts`.
+    The self-driving car (`sdc_id`) is the only connected vehicle. Tracks are on a grid over the times of
+    `metadata.ts`, see `build_time_grid`.
     """
     description = _load_description(path)
     dataset = str(description["metadata"].get("dataset", ""))
     frames = _read_frame_count(path, description)
-    dt_s, time_notes = _compute_dt(path, description["metadata"], frames)
+    grid = _read_times(path, description["metadata"], frames)
     tracks, track_notes = _build_tracks(path, description["tracks"], frames)
+    check_frame_count(f"{path}: metadata.ts", len(grid.times), len(tracks))
+    tracks = tuple(map(grid.resample, tracks))
     hd_map, map_notes = build_scenarionet_map(path, description, dataset)
     cavs, cav_notes = _find_cavs(description["metadata"], tracks)
     if dataset == "nuscenes" and cavs:
@@ -65,12 +69,12 @@ def read_scenarionet(path: Path) -> Recording:
     return Recording(
         id=str(description.get("id", path.stem)),
         source="scenarionet",
-        dt_s=dt_s,
-        frame_count=frames,
+        dt_s=grid.dt_s,
+        frame_count=len(grid.times),
         views=(ObserverView("log", tracks),),
         map=hd_map,
         cavs=cavs,
-        notes=(*time_notes, *track_notes, *cav_notes, *map_notes),
+        notes=(*grid.describe(), *track_notes, *cav_notes, *map_notes),
     )
 
 
@@ -99,15 +103,11 @@ def _read_frame_count(path: Path, description: Mapping[str, Any]) -> int:
     return int(length)
 
 
-def _compute_dt(path: Path, metadata: Mapping[str, Any], frames: int) -> tuple[float, tuple[str, ...]]:
+def _read_times(path: Path, metadata: Mapping[str, Any], frames: int) -> TimeGrid:
     ts = parse_numbers(f"{path}: metadata.ts", metadata.get("ts", ())).ravel()
-    steps = np.diff(ts)
-    if len(ts) != frames or not np.isfinite(ts).all() or not (steps > 0).all():
+    if len(ts) != frames or not np.isfinite(ts).all() or not (np.diff(ts) > 0).all():
         raise InputError(f"{path}: metadata.ts: expected {frames} growing times, found {describe_value(ts)}")
-    dt_s = round(float(steps.mean()), 3)
-    off = float(np.abs(steps - dt_s).max())
-    uneven = f"frames are taken as {dt_s:g} s apart; the clock of the source is off by up to {off:.3f} s"
-    return dt_s, (uneven,) if off > 0.1 * dt_s else ()
+    return build_time_grid(f"{path}: metadata.ts", ts)
 
 
 def _build_tracks(path: Path, raw: Mapping[str, Any], frames: int) -> tuple[tuple[RecordedTrack, ...], tuple[str, ...]]:

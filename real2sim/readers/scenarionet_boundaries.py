@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
-from real2sim.readers.checked_arrays import describe_value, parse_all_points, parse_numbers, parse_points
+from real2sim.readers.checked_arrays import describe_value, is_empty, parse_all_points, parse_numbers, parse_points
 
 MapFeature = Mapping[str, Any]
 
@@ -45,7 +45,7 @@ def read_lane_width(where: str, feature: MapFeature) -> float:
 
 def read_lane_boundaries(where: str, feature: MapFeature, features: Mapping[str, MapFeature]) -> tuple[Float, Float]:
     """Return left and right boundaries from the lane polygon (nuScenes, nuPlan) or road lines (Waymo)."""
-    if feature.get("polygon") is not None:
+    if not is_empty(feature.get("polygon")):
         ring, line = (
             parse_points(f"{where}.polygon", feature["polygon"]),
             build_polyline(parse_points(where, feature["polyline"])),
@@ -70,7 +70,7 @@ def _read_boundary(where: str, feature: MapFeature, name: str, features: Mapping
         if not isinstance(one, dict):
             raise InputError(f"{where}.{name}: expected dicts, found {type(one).__name__}")
         line = features.get(str(one.get("boundary_feature_id")), {}).get("polyline")
-        if line is not None:
+        if not is_empty(line):
             rows = [int(read_finite(f"{where}.{name}", one, f"lane_{end}_index")) for end in ("start", "end")]
             pieces.append(_clip_line(parse_points(f"{where}.{name}", line), centre[np.clip(rows, 0, len(centre) - 1)]))
     return np.concatenate(pieces)

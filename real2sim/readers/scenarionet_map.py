@@ -1,5 +1,6 @@
 """Build the map of a ScenarioNet description with the lanes of nuScenes, Waymo or nuPlan."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline
 from real2sim.hd_map import HdMap, LaneKind, MapArea, MapLane, StopLine
-from real2sim.readers.checked_arrays import describe_value, parse_points
+from real2sim.readers.checked_arrays import describe_value, is_empty, parse_points
 from real2sim.readers.drivable_areas import build_nested_areas, build_separate_areas, is_ring
 from real2sim.readers.lane_geometry import build_cross_line
 from real2sim.readers.scenarionet_boundaries import read_finite, read_lane_boundaries, read_lane_width, read_list
@@ -30,7 +31,7 @@ Notes = tuple[str, ...]
 
 def build_scenarionet_map(path: Path, description: Mapping[str, Any], dataset: str) -> tuple[HdMap, Notes]:
     """Build the map, with notes on what was skipped or assumed; raise InputError."""
-    features = _read_features(path, description)
+    features, empty_notes = _skip_empty_features(_read_features(path, description))
     lanes, lane_notes = _build_lanes(path, features, dataset)
     stops, stop_notes = _build_stop_signs(path, features, lanes)
     lines, signals, light_notes = _build_traffic_lights(
@@ -48,7 +49,7 @@ def build_scenarionet_map(path: Path, description: Mapping[str, Any], dataset: s
         signals=signals,
         drivable_areas=_build_drivable_areas(path, features),
     )
-    return hd_map, (*lane_notes, *stop_notes, *light_notes)
+    return hd_map, (*empty_notes, *lane_notes, *stop_notes, *light_notes)
 
 
 def _build_drivable_areas(path: Path, features: MapFeatures) -> tuple[MapArea, ...]:
@@ -74,6 +75,23 @@ def _read_features(path: Path, description: Mapping[str, Any]) -> MapFeatures:
                 f"{path}: map_features.{id_}.type: expected a word, found {describe_value(feature.get('type'))}"
             )
     return features
+
+
+def _skip_empty_features(features: MapFeatures) -> tuple[MapFeatures, Notes]:
+    """Return the features that have points, and a note on the others: converters write lines and areas without any."""
+    empty = {id_ for id_, feature in features.items() if is_empty(feature.get(_find_geometry(id_, feature)))}
+    counts = Counter(features[id_]["type"] for id_ in features if id_ in empty)
+    kept = {id_: feature for id_, feature in features.items() if id_ not in empty}
+    return kept, tuple(f"{count} map features {type_} without any point skipped" for type_, count in counts.items())
+
+
+def _find_geometry(id_: str, feature: Mapping[str, Any]) -> str:
+    """Return the name of the field with the points that the map needs of a feature."""
+    if feature["type"] in ("CROSSWALK", "DRIVEWAY"):
+        return "polygon"
+    if feature["type"] == "STOP_SIGN":
+        return "position"
+    return "polyline" if feature["type"].startswith("LANE_") or id_.startswith("boundary") else "type"
 
 
 def _read_entries(path: Path, description: Mapping[str, Any], name: str) -> MapFeatures:
@@ -213,7 +231,9 @@ def _build_traffic_lights(
         if lane not in lanes:
             continue
         given = light.get("stop_point")
-        at = lanes[lane].centre[0] if dataset == "nuplan" or given is None else _read_position(f"{path}: {id_}", given)
+        at = (
+            lanes[lane].centre[0] if dataset == "nuplan" or is_empty(given) else _read_position(f"{path}: {id_}", given)
+        )
         signals[id_] = (lane,)
         lines.append(StopLine(_build_stop_line(lanes[lane], at), (lane,), "signal"))
     lost = len(lights) - len(signals)

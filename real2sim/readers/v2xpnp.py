@@ -7,11 +7,14 @@ is missing in its own view and an ordinary car in the others. Views are not merg
 import math
 import re
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from mdrive_sumo.core.errors import InputError
@@ -24,6 +27,9 @@ from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Reco
 
 DT_S = 0.1
 """[s] The files have no times; the dataset is recorded at 10 Hz."""
+MAX_MISSING_FRAMES = 19
+"""A longer hole in the frames of one agent is refused: an interval of 2 s is the longest that cleaning fills
+(`clean.track_joining.MAX_GAP_S`), and a folder that lacks more was not copied completely."""
 OFF_MAP_M = 30.0
 """[m] A point further from any lane is off the map."""
 MAX_OFF_MAP_SHARE = 0.5
@@ -58,7 +64,9 @@ def read_v2xpnp(folder: Path, maps: Path | Sequence[Path], agents: Sequence[str]
     """Read a scenario folder, and the vector map of the given ones that fits it.
 
     `agents` names the folders to read, all by default. Without any map the recording has an empty HdMap and a note.
-    Raises InputError for missing or incomplete agent folders, missing frames, unreadable files and maps of another
+    The log lasts from the first to the last frame of any agent. Frames that an agent lacks, because it begins later or
+    ends earlier or single files are missing, are not observed by it, with a note.
+    Raises InputError for missing agent folders, long holes in the frames of one, unreadable files and maps of another
     place.
     """
     views = read_views(folder, agents)
@@ -81,15 +89,47 @@ def read_views(folder: Path, agents: Sequence[str] | None = None) -> tuple[tuple
     """Return every agent's view with its notes; raise InputError."""
     names = _list_agents(folder) if agents is None else list(agents)
     files = {name: _list_frames(folder / name) for name in names}
-    first = names[0]
-    for name in names[1:]:
-        odd = sorted(files[name].keys() ^ files[first].keys())
-        if odd:
-            lacks = name if odd[0] in files[first] else first
-            raise InputError(
-                f"{folder / lacks}: expected the same frames as the other agents have, found no frame {odd[0]:06d}"
-            )
-    return tuple(_build_view(folder / name, [read_frame(path) for path in files[name].values()]) for name in names)
+    numbers = range(min(min(one) for one in files.values()), max(max(one) for one in files.values()) + 1)
+    check_frame_count(str(folder), len(numbers))
+    return tuple(_read_view(folder / name, files[name], numbers) for name in names)
+
+
+def _read_view(folder: Path, files: Mapping[int, Path], numbers: range) -> tuple[ObserverView, tuple[str, ...]]:
+    """Read the frames of one agent. `numbers`: those of the log, in which the agent's may be fewer."""
+    view, notes = _build_view(folder, [read_frame(path) for path in files.values()])
+    if len(files) == len(numbers):
+        return view, notes
+    rows = np.array(list(files)) - numbers.start
+    tracks = tuple(_spread_rows(track, rows, len(numbers)) for track in view.tracks)
+    pose = np.full((len(numbers), 3), np.nan)
+    pose[rows] = view.pose
+    return replace(view, tracks=tracks, pose=pose), (*notes, *_note_missing_frames(folder.name, files, numbers))
+
+
+def _spread_rows(track: RecordedTrack, rows: npt.NDArray[np.intp], frames: int) -> RecordedTrack:
+    """Return the track in the frames of the log, of which `rows` are those of the agent."""
+    valid = np.zeros(frames, dtype=np.bool_)
+    valid[rows] = track.valid
+    columns: dict[str, Float] = {}
+    for name in ("x", "y", "yaw", "length", "width"):
+        columns[name] = np.full(frames, np.nan)
+        columns[name][rows] = getattr(track, name)
+    return track.replace_columns(valid=valid, **columns)
+
+
+def _note_missing_frames(agent: str, files: Mapping[int, Path], numbers: range) -> Iterable[str]:
+    first, last = min(files), max(files)
+    if first > numbers.start:
+        yield f"agent {agent} begins late, {(first - numbers.start) * DT_S:.1f} s after the log, with frame {first:06d}"
+    if last < numbers[-1]:
+        yield f"agent {agent} ends early, {(numbers[-1] - last) * DT_S:.1f} s before the log, with frame {last:06d}"
+    missing = [number for number in range(first, last) if number not in files]
+    if missing:
+        listed = ", ".join(f"{number:06d}" for number in missing[:8]) + (", ..." if len(missing) > 8 else "")
+        yield (
+            f"agent {agent} lacks {len(missing)} frames: {listed}; its own pose and what no other agent sees"
+            " are interpolated there"
+        )
 
 
 def _list_agents(folder: Path) -> list[str]:
@@ -107,18 +147,19 @@ def _list_agents(folder: Path) -> list[str]:
 
 
 def _list_frames(folder: Path) -> dict[int, Path]:
-    """Return frame files by number, in order; raise InputError if there is none or one is missing."""
+    """Return frame files by number, in order; raise InputError if there is none or the hole between two is long."""
     if not folder.is_dir():
         raise InputError(f"{folder}: expected an agent folder with frames, found none")
     named = {path.stem: path for path in sorted(folder.glob("*.yaml"))}
     files = {int(stem): path for stem, path in named.items() if re.fullmatch(r"[0-9]+", stem)}
     if not files:
         raise InputError(f"{folder}: expected frames 000000.yaml, 000001.yaml, ..., found no such file")
-    missing = find_gap(files)
-    if missing is not None:
-        raise InputError(
-            f"{folder}: expected all frames from {min(files):06d} to {max(files):06d}, found no {missing:06d}.yaml"
-        )
+    for before, after in pairwise(sorted(files)):
+        if after - before - 1 > MAX_MISSING_FRAMES:
+            raise InputError(
+                f"{folder}: expected at most {MAX_MISSING_FRAMES} missing frames in a row, found none between"
+                f" {before:06d}.yaml and {after:06d}.yaml"
+            )
     check_frame_count(str(folder), len(files))
     return dict(sorted(files.items()))
 

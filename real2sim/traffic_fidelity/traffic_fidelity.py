@@ -26,6 +26,8 @@ GONE_M = 100.0
 """[m] Error of a vehicle that is absent from the simulation while the log has it."""
 MEDIAN_5S_M, ORDER_SHARE = 3.0, 0.9
 """Targets of issue C."""
+LATE_S = 0.3
+"""[s] A vehicle appears in the frame after its insertion; what is later by more than that had to wait."""
 SLACK_M = 0.1
 """[m] Each box side is moved inwards by this before two boxes count as touching, as in `quality.COLLISION_SLACK_M`."""
 
@@ -63,6 +65,9 @@ class TrafficFidelity(BaseModel):
     order_changed: tuple[tuple[str, str], ...]
     """First and second vehicle to pass in the log; in the simulation the order is different, or neither passed."""
     not_departed: tuple[str, ...]
+    departed_late: tuple[tuple[str, float], ...] = ()
+    """Vehicles that departed later than in the log by more than `LATE_S`, because their place was taken, and by how
+    much [s]."""
     left_early: tuple[str, ...]
     """Vehicles that left the simulation before they leave the log."""
     contacts: tuple[tuple[str, str, int], ...]
@@ -111,6 +116,7 @@ def measure_traffic_fidelity(
         order_share=1 - len(changed) / len(pairs) if pairs else None,
         order_changed=changed,
         not_departed=tuple(one.name for one in vehicles if one not in there),
+        departed_late=tuple((one.name, delay) for one in there if (delay := _compute_delay(one, dt_s)) > LATE_S),
         left_early=tuple(one.name for one in there if _has_left_early(one, dt_s)),
         contacts=_find_new_contacts(vehicles, by_name, run),
     )
@@ -148,6 +154,12 @@ def _has_left_early(one: _VehicleTracks, dt_s: float) -> bool:
     """Return whether the vehicle disappears more than half a second before it leaves the log."""
     last_seen, last_there = (int(np.flatnonzero(np.isfinite(xy[:, 0]))[-1]) for xy in (one.log, one.simulated))
     return last_there < last_seen - round(0.5 / dt_s)
+
+
+def _compute_delay(one: _VehicleTracks, dt_s: float) -> float:
+    """Return how much later [s] than in the log the vehicle appears."""
+    first_seen, first_there = (int(np.flatnonzero(np.isfinite(xy[:, 0]))[0]) for xy in (one.log, one.simulated))
+    return round((first_there - first_seen) * dt_s, 3)
 
 
 def _find_new_contacts(

@@ -22,7 +22,7 @@ def is_failure_by_messages(job: EpisodeJob, result: ScenarioResult, folder: Path
     """Return whether an agent of the others failed because of messages of the agent under test.
 
     It did if no such agent fails in the same episode without these messages, and one fails again in the same episode
-    with them. So nobody is blamed for an agent that fails in any company, or by chance. folder: for files of the
+    with them. So no team is blamed for an agent that fails in any company, or by chance. folder: for files of the
     repeated episodes. Raises what `run_job` raises for failures on our side.
     """
     if not have_others_failed(result) or not result.exchanged:

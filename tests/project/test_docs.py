@@ -28,6 +28,7 @@ from mdrive_sumo.report.installation import SYSTEM_LIBRARIES
 from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.sensing.camera.camera_sensor import read_camera_model
+from mdrive_sumo.v2x.comm_settings import PRESETS
 from mdrive_sumo.vehicle.control import CONTROLLERS
 from tools.write_results import README as README_PAGE
 from tools.write_results import RESULTS_PAGE, SPEED_PAGE, build_pages, format_speed, replace_block
@@ -57,7 +58,7 @@ def test_readme_uses_names_of_the_python_front_door() -> None:
 @pytest.mark.parametrize("page", [README_PAGE, RESULTS_PAGE, SPEED_PAGE], ids=str)
 def test_tables_of_measured_numbers_are_those_that_the_program_writes(page: Path) -> None:
     """After a new measurement: `python -m tools.write_results RUN...`."""
-    assert (ROOT / page).read_text("utf-8") == build_pages((), None)[page]
+    assert (ROOT / page).read_text("utf-8") == build_pages((), None, None)[page]
 
 
 @pytest.mark.parametrize("page", [*PAGES, *sorted(ROOT.glob("docs/tutorials/*.ipynb"))], ids=lambda path: path.name)
@@ -82,6 +83,18 @@ def test_every_cited_section_of_the_protocol_is_in_the_docs() -> None:
         for found in re.finditer(r"protocol (?:section )?(K?\d+(?:\.\d+)?)\b", path.read_text("utf-8"))
     }
     assert len(cited) > 30 and cited <= sections, cited - sections
+
+
+@pytest.mark.parametrize("page", [README_PAGE, RESULTS_PAGE])
+def test_the_first_table_says_what_its_scenarios_are(page: Path) -> None:
+    """They are remakes without recorded data: whoever reads "V2XPnP" must not take it for the data set."""
+    caption = (ROOT / page).read_text("utf-8").partition("<!-- baselines:begin")[0].rpartition("\n## ")[2]
+    assert "remakes of our own" in caption and re.search(r"holds? no\s+recorded data", caption)
+
+
+def test_the_tutorial_says_of_the_realistic_channel_what_it_does() -> None:
+    text = (ROOT / "docs/tutorials/02_v2x_agent.ipynb").read_text("utf-8")
+    assert ("pose errors" in text) == (PRESETS["realistic"].link.pose_error_m > 0)
 
 
 def test_a_page_without_the_block_of_a_table_is_refused() -> None:

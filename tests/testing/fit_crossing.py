@@ -72,10 +72,14 @@ class Made:
 
 
 def made(
-    roads: RoadMap, *tracks: RecordedTrack, mode: BackgroundMode = "reactive", cavs: Sequence[str] = ("cav",)
+    roads: RoadMap,
+    *tracks: RecordedTrack,
+    mode: BackgroundMode = "reactive",
+    cavs: Sequence[str] = ("cav",),
+    cav_y: float = 0.0,
 ) -> Made:
     """Fitted tracks and their scenario; a CAV far ahead of all others is added."""
-    all_tracks = (track("cav", 300.0 + 8.0 * seconds(), 0.0), *tracks)
+    all_tracks = (track("cav", 300.0 + 8.0 * seconds(), cav_y), *tracks)
     fitted = fit_traffic(all_tracks, matches_of(all_tracks, roads), roads, cavs, mode, DT_S)
     scenario = Scenario(
         id="crossing",

@@ -20,8 +20,11 @@ MODULES = [f"tools.{module.name}" for module in pkgutil.iter_modules(tools.__pat
 PARTS = {"tools.docs_site", "tools.seed_runs", "tools.tool_command", "tools.training_networks"}
 """Modules of tools that are no commands."""
 COMMANDS = sorted({*MODULES} - PARTS)
-NOT_WRITING = {"tools.compare_platforms", "tools.detector_calibration", "tools.draw_camera_pictures"}
-"""Commands that write at most to a path that the user names."""
+WITHOUT_DRY_RUN = {
+    *("tools.compare_platforms", "tools.detector_calibration", "tools.draw_camera_pictures"),
+    "tools.sample_episodes",
+}
+"""Commands that write nothing, or only to a path or with an option that the user names."""
 
 
 def load_command(name: str) -> click.Command:
@@ -33,7 +36,7 @@ def load_command(name: str) -> click.Command:
 def test_every_tool_has_help_and_a_dry_run(name: str) -> None:
     told = CliRunner().invoke(load_command(name), ["--help"])
     assert told.exit_code == 0 and "Usage:" in told.output
-    assert ("--dry-run" in told.output) is (name not in NOT_WRITING)
+    assert ("--dry-run" in told.output) is (name not in WITHOUT_DRY_RUN)
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -49,7 +52,9 @@ def test_a_tool_ends_with_a_sentence(tmp_path: Path) -> None:
         ("tools.synthetic_recordings", ["--dry-run", "--out", str(tmp_path)], "expected a new folder"),
         ("tools.build_interaction_suite", ["--dry-run", str(ROOT / "docs")], "expected a new or empty folder"),
         ("tools.write_model_card", ["--note", "fast"], "expected a SYSTEM with these options, found none"),
-        ("tools.write_results", ["--dry-run", str(tmp_path)], "results.json"),
+        ("tools.write_results", ["--dry-run", str(tmp_path)], "--commit: expected the commit"),
+        ("tools.write_results", ["--dry-run", "--commit", "abc", str(tmp_path)], "results.json"),
+        ("tools.sample_episodes", ["nobody"], "agent: expected one with a row"),
     ):
         told = CliRunner().invoke(load_command(name), arguments)
         assert told.exit_code == 2 and sentence in told.output, (name, told.output)

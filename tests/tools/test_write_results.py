@@ -28,6 +28,9 @@ def run(
         "score_mode": "mdrive",
         "versions": {"libsumo": "1.28.0"},
         "command": ("mdrive-sumo", "eval", "--seed", str(seed)),
+        "comm": {"preset": "ideal"},
+        "ids": "random",
+        "sensing": "realistic",
     }
     rows = [scenario(bucket, seed, ds, time_ratio, efficient_sr) for bucket in BUCKETS]
     return summarize_run(RunInfo.model_validate(about | facts), rows)
@@ -43,20 +46,21 @@ def test_a_row_is_the_mean_over_the_seeds() -> None:
 
 
 def test_the_tables_show_undefined_numbers_as_a_dash() -> None:
-    rows = build_rows([run(0), run(0, time_ratio=None, efficient_sr=None, agent="take-turns")])
+    rows = build_rows([run(0), run(0, time_ratio=None, efficient_sr=None, agent="take-turns")], "abc")
     table = format_baselines(rows, ("take-turns", "idm", "single")).splitlines()
     assert table[0].endswith("| Overall | Efficient SR | Time ratio |")
     assert table[2].startswith("| `take-turns` |") and table[2].endswith("| 100.00 / 100.00 | - | - |")
     assert table[3].startswith("| `idm` |") and table[3].endswith("| 100.00 / 100.00 | 50.00 | 1.50 |")
     assert len(table) == 4
     times = format_times(rows, ("take-turns", "idm")).splitlines()
-    assert times[2] == "| `take-turns` | - / - | - / - | - / - | - / - | 0 of 3 | 0 |"
-    assert times[3] == f"| `idm` | {'50.00 / 1.50 | ' * 4}3 of 3 | 0 |"
+    assert times[2] == "| `take-turns` | - / - | - / - | - / - | - / - | 0 of 3 | 0 | abc |"
+    assert times[3] == f"| `idm` | {'50.00 / 1.50 | ' * 4}3 of 3 | 0 | abc |"
 
 
 def test_a_row_of_fewer_seeds_says_which() -> None:
     rows = build_rows(
-        [run(0), *(run(seed, agent="single") for seed in (0, 1, 2)), run(0, agent="vad"), run(2, agent="vad")]
+        [run(0), *(run(seed, agent="single") for seed in (0, 1, 2)), run(0, agent="vad"), run(2, agent="vad")],
+        "abc",
     )
     cells = [line.split(" | ")[1] for line in format_baselines(rows, ("idm", "single", "vad")).splitlines()[2:]]
     assert [cell.endswith("only)") for cell in cells] == [True, False, True]
@@ -76,13 +80,27 @@ def test_a_row_of_fewer_seeds_says_which() -> None:
 )
 def test_runs_that_differ_in_more_than_the_seed_are_refused(second: Results, says: str) -> None:
     with pytest.raises(InputError, match=f"agent idm: {says}"):
-        build_rows([run(0), second])
+        build_rows([run(0), second], "abc")
+
+
+@pytest.mark.parametrize(
+    ("facts", "says"),
+    [
+        ({"comm": {"preset": "realistic"}}, "channel: expected ideal, found realistic"),
+        ({"sensing": "perfect"}, "sensing: expected realistic, found perfect"),
+        ({"ids": "scenario"}, "ids: expected random, found scenario"),
+        ({"others": "single"}, "others: expected none, found single"),
+    ],
+)
+def test_runs_under_other_conditions_than_the_table_are_refused(facts: dict[str, object], says: str) -> None:
+    with pytest.raises(InputError, match=f"agent idm: {says}"):
+        build_rows([run(0, **facts), run(1, **facts)], "abc")
 
 
 def test_a_run_of_one_bucket_is_refused() -> None:
     part = summarize_run(run(0).run, run(0).scenarios[:1])
     with pytest.raises(InputError, match="expected a run of --suite mdrive, found none of bucket Interaction"):
-        build_rows([part])
+        build_rows([part], "abc")
 
 
 def test_the_command_replaces_the_row_and_both_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,9 +113,10 @@ def test_the_command_replaces_the_row_and_both_pages(tmp_path: Path, monkeypatch
         save_results(run(seed, 90.0 + seed, agent="take-turns"), tmp_path / f"run{seed}" / "results.json")
     monkeypatch.setattr(write_results, "ROOT", tmp_path)
     monkeypatch.setattr(write_results, "load_results", load_unchecked_results)  # the scores are made up
-    write_results.main([str(tmp_path / f"run{seed}") for seed in (0, 1, 2)], standalone_mode=False)
+    runs = [str(tmp_path / f"run{seed}") for seed in (0, 1, 2)]
+    write_results.main([*runs, "--commit", "abc"], standalone_mode=False)
     row = json.loads((tmp_path / write_results.BASELINES).read_text())["take-turns"]
     assert (row["seeds"], row["scores"]["overall"]["ds"]) == ([0, 1, 2], 91.0)
     for page in (write_results.README, write_results.RESULTS_PAGE):
         assert "| 91.00 / 91.00 | 50.00 | 1.50 |" in (tmp_path / page).read_text("utf-8")
-    assert "| 9 of 9 | 0, 1, 2 |" in (tmp_path / write_results.RESULTS_PAGE).read_text("utf-8")
+    assert "| 9 of 9 | 0, 1, 2 | abc |" in (tmp_path / write_results.RESULTS_PAGE).read_text("utf-8")

@@ -52,7 +52,7 @@ def test_a_suite_as_a_frame_has_one_row_per_scenario() -> None:
 
 def test_without_pandas_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(md.InputError, match=r"pip install 'mdrive-sumo\[notebook\]'"):
+    with pytest.raises(md.InputError, match=r"pip install '\.\[notebook\]'"):
         md.load_suite("interdrive").to_frame()
 
 

@@ -51,8 +51,7 @@ def test_several_seeds_are_one_run(invoke: Invoke) -> None:
         f"seed{seed}/s{n}.npz" for seed in (1, 2, 3) for n in (0, 1)
     }
     row = next(line.split() for line in ended.stdout.splitlines() if line.startswith("Tiny") and len(line.split()) == 7)
-    mean, low, high = map(float, row[1:4])
-    assert mean == 7.0 and 1.0 <= low < 7.0 < high <= 13.0
+    assert row[1:4] == ["7.00", "-", "-"] and "too few for an interval" in ended.stdout
     assert "seeds 1, 2, 3" in ended.stdout and "95 % from" in Path("run/report.md").read_text()
 
 

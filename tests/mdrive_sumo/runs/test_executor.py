@@ -123,7 +123,7 @@ def test_what_is_no_address_is_said_at_once(fakes: ModuleType, address: str) -> 
 
 def test_without_dask_one_is_told_what_to_install(fakes: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(InputError, match=r"^--executor dask: expected the package distributed; install "):
+    with pytest.raises(InputError, match=r"^--executor dask: expected the package distributed, found none; pip "):
         opened(fakes, "tcp://127.0.0.1:1")
 
 

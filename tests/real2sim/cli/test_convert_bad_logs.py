@@ -28,11 +28,8 @@ def without_agent(log: Path) -> None:
 
 
 def with_hole(log: Path) -> None:
-    (log / "-1" / "000007.yaml").unlink()
-
-
-def ending_early(log: Path) -> None:
-    (log / "2" / "000040.yaml").unlink()
+    for number in range(7, 28):
+        (log / "-1" / f"{number:06d}.yaml").unlink()
 
 
 def with_nan(log: Path) -> None:
@@ -45,8 +42,7 @@ def with_nan(log: Path) -> None:
 BROKEN: dict[Callable[[Path], None], str] = {
     truncated: "1/000020.yaml",
     without_agent: "no folder 1",
-    with_hole: "expected all frames from 000000 to 000040, found no 000007.yaml",
-    ending_early: "expected the same frames as the other agents have, found no frame 000040",
+    with_hole: "expected at most 19 missing frames in a row, found none between 000006.yaml and 000028.yaml",
     with_nan: "2/000003.yaml",
 }
 

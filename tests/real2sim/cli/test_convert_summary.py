@@ -135,7 +135,7 @@ def test_cavs_and_scripted_vehicles_are_not_driven_by_sumo(suite: Path, mode: st
 def test_every_target_has_a_tile(suite: Path) -> None:
     page = (suite / "small" / "conversion.html").read_text()
     targets = load_quality(suite / "small" / "quality.json").targets
-    assert len(targets) == 15
+    assert len(targets) == 16
     for target in targets:
         assert f"<span>{target.name}</span>" in page
 

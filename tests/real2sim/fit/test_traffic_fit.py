@@ -118,7 +118,7 @@ def test_what_never_moves_stands_and_pedestrians_repeat_the_log(roads: RoadMap) 
         roads,
         track("parked", 50.0, -2.6, parked=True),
         track("cone", 60.0, -2.6, ObjectCategory.STATIC, parked=True),
-        track("walker", 100.0, -5.0 + seconds(), ObjectCategory.PEDESTRIAN),
+        track("walker", 100.0, -13.0 + seconds(), ObjectCategory.PEDESTRIAN),
         track("rider", 20.0 + 4.0 * seconds(), -5.0, ObjectCategory.BICYCLE),
     ).fitted
     kinds = {actor.id: actor.kind for actor in fitted.actors}

@@ -10,6 +10,7 @@ from testing.shared_material import SHARED_DATA
 
 from mdrive_sumo.core.geometry import wrap_angles
 from mdrive_sumo.roads import RoadMap
+from real2sim.fidelity_targets import build_network_targets
 from real2sim.hd_map import MapLane
 from real2sim.readers.commonroad import read_commonroad
 
@@ -70,6 +71,24 @@ def test_a_lane_before_the_phantom_that_leads_nowhere_else_goes_as_well(tmp_path
     report, roads = built(tmp_path, lanes_map(*lanes, first, second))
     assert set(report.drop_reason_by_lane) == {PHANTOM, "second"}
     assert find_overlapped_stubs(roads) == {}
+
+
+def test_a_lane_that_is_left_out_in_part_is_listed_with_its_metres_and_not_measured_there(tmp_path: Path) -> None:
+    """The phantom is one lane with the pocket before it: only what lies beyond the cut at its neighbour is removed."""
+    lanes = [one for one in junction_with_phantom() if one.id not in ("pocket", PHANTOM, "turn")]
+    long = lane(PHANTOM, [(0.5, -100), (0.5, -31), (0.5, -1), (0.0, 19)])
+    beside = lane("beside", [(4, -100), (4, 7)], ())
+    report, _ = built(tmp_path, lanes_map(*lanes, long, beside))
+    assert report.lost_in_part == {PHANTOM}
+    assert report.lost_m_by_lane.keys() == {PHANTOM}
+    assert 10.0 < report.lost_m_by_lane[PHANTOM] < 60.0
+    metres, _, why = report.drop_reason_by_lane[PHANTOM].partition(": ")
+    assert metres == f"{report.lost_m_by_lane[PHANTOM]:.1f} of its 119.0 m"
+    assert why == "it leads nowhere but onto a lane of the opposite direction"
+    assert report.deviation.max < 0.5
+    means = build_network_targets(report, ())[0]
+    assert means.met
+    assert means.detail == f"{report.lost_m_by_lane[PHANTOM]:.1f} m of 1 lanes are left out of the network"
 
 
 def test_a_connector_that_the_log_drives_on_stays(tmp_path: Path) -> None:

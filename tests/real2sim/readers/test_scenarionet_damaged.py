@@ -89,14 +89,12 @@ NAN = np.array([(0.0, 0.0)] * 3 + [(np.nan, 1.0)] + [(0.0, 0.0)])
         (_set("tracks", to={}), "tracks: expected at least one with a valid frame, found none"),
         (_set("map_features", to=KeyError), "map_features: expected a dict"),
         (_set("map_features", to={}), "expected at least one lane, found none in 0 features"),
-        (_set("map_features", "7", "type", to="DRIVEWAY"), "expected at least one lane, found none in 1 features"),
+        (_set("map_features", "7", "type", to="DRIVEWAY"), "expected at least one lane, found none in 0 features"),
         (_set("map_features", "7", to=[1]), r"map_features\.7: expected a dict, found list"),
         (_set("map_features", "7", "type", to=3), r"map_features\.7\.type: expected a word, found 3"),
-        (
-            _set("map_features", "7", "polyline", to=KeyError),
-            "7: expected points with x and y, found None",
-        ),
-        (_set("map_features", "7", "polyline", to=[]), r"map_features\.7: expected points with x and y, found \[\]"),
+        (_set("map_features", "7", "polyline", to=KeyError), "expected at least one lane, found none in 0 features"),
+        (_set("map_features", "7", "polyline", to=[]), "expected at least one lane, found none in 0 features"),
+        (_set("map_features", "7", "polyline", to=[(1,)]), r"7: expected points with x and y, found \[\(1,\)\]"),
         (
             _set("map_features", "7", "polyline", to=[(1, 2), (3,)]),
             r"7: expected numbers, found \[\(1, 2\), \(3,\)\]",

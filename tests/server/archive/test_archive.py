@@ -131,8 +131,8 @@ def test_bad_archives_are_refused_with_one_sentence(case: str, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("environment: python2.7", "one of python3.11-numpy, python3.11-torch-cpu, found 'python2.7'"),
-        ("name: colmdriver", "one of python3.11-numpy, python3.11-torch-cpu, found 'colmdriver'"),
+        ("environment: python2.7", "one of python3.11-numpy, python3.11-onnx, python3.11-torch-cpu, found 'python2.7'"),
+        ("name: colmdriver", "one of python3.11-numpy, python3.11-onnx, python3.11-torch-cpu, found 'colmdriver'"),
         ("environment: 3.11", "found '3.11'"),
         ("{}", "expected a line `environment: python3.11-numpy"),
         ("", "expected a line `environment: python3.11-numpy"),

@@ -52,7 +52,9 @@ def test_late_answers_alone_are_a_flag() -> None:
 def test_the_record_of_a_box_becomes_a_part_of_the_usage(tmp_path: Path) -> None:
     thought = {"p50": 1.0, "p99": 2.0, "max": 3.0, "sum": 4.0, "counts": [1, 2]}
     for name, more in (("one.0.json", SENDER), ("one.1.json", {})):  # records of an older version have none
-        (tmp_path / name).write_text(json.dumps({"thought_ms": {**thought, **more}, "answers": 3}))
+        (tmp_path / name).write_text(
+            json.dumps({"thought_ms": {**thought, **more}, "answers": 3, "backend": "bubblewrap"})
+        )
     found = collect_usage(tmp_path)
     assert found[THINKING] == {"0": SENDER, "1": {"modes": None, "late": None}}
 

@@ -28,7 +28,7 @@ def test_two_submissions_side_by_side(server: Server) -> None:
     assert [each.attributes["value"] for each in choice.all("option")] == [b]
     page = Visit(server).get(f"/submissions/{a}/compare?other={b}")
     assert "A: <old> of red" in page.words and "B: new of blue" in page.words
-    assert page.all("b", id="difference")[0].text == "+19.5" and "It does not contain 0" in page.words
+    assert page.all("b", id="difference")[0].text == "+19.5" and "too few for an interval" in page.words
     assert "+19.5" in page.words and f"/submissions/{a}/scenarios/left-turn/0" in links(page)
     back = Visit(server).get(f"/submissions/{b}/compare?other={a}")
     assert back.all("b", id="difference")[0].text == "−19.5" and len(back.all("td", class_="loss")) == 2
