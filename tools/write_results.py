@@ -36,7 +36,7 @@ BUCKETS = ("InterDrive", "Interaction", "V2XPnP")
 DESCRIPTION_BY_AGENT: Mapping[str, str] = {
     "stationary": "stands still: the lower bound",
     "constant-speed": "blind, 8 m/s",
-    "take-turns": "waits for the number in its id, then drives blindly: a schedule, to be beaten",
+    "take-turns": "waits for the number in its id, then drives blindly: a fixed schedule, which agents should beat",
     "perception-swap:attfuse": "hazard rule of CARLA's BasicAgent behind a surrogate detector",
     "perception-swap:disconet": "the same, another detector",
     "perception-swap:fcooper": "the same, another detector",
@@ -211,7 +211,7 @@ def build_pages(runs: Sequence[Path], commit: str | None, bench: Path | None) ->
     Raises InputError.
     """
     stored: dict[str, Any] = json.loads((ROOT / BASELINES).read_text("utf-8"))
-    stored |= build_rows([load_results(folder / "results.json") for folder in runs], commit)
+    stored |= build_rows([load_results(folder / "results.json") for folder in runs], commit or "")
     rows = {name: stored[name] for name in DESCRIPTION_BY_AGENT if name in stored}
     speed = json.loads((bench or ROOT / SPEED).read_text("utf-8"))
     measured = {BASELINES: rows} | ({SPEED: speed} if bench else {})

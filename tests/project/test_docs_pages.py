@@ -33,7 +33,7 @@ def test_links_work_on_the_site_and_in_the_repository(page: Path) -> None:
 MOST_WORDS = 2200
 """Of a page of one subject: about ten minutes of reading."""
 LONG_PAGES = {
-    "agents.md": "is divided at the moment",
+    "agents.md": "not divided yet",
     "api.md": "one reference of all paths",
     "findings.md": "one argument with its evidence",
     "gallery.md": "generated",
