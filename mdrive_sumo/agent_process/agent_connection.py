@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 from mdrive_sumo.agent_process import wire_protocol
 from mdrive_sumo.agent_process.child_process import AgentProcess
@@ -49,6 +49,20 @@ class AgentLimits:
     """Time from a request to the next one of a run with a pace: `usage_record` counts the answers that took longer."""
     episode_bytes: int = 2**24
     """All answers of an episode together: their messages and notes are kept in memory and recorded."""
+    option: str = ""
+    """The option by which the user changes the times, which failures name; "": they are fixed."""
+
+    def describe_time(self, name: str) -> str:
+        """Return a time limit as failures name it. name: start, tick or episode."""
+        remedy = f"; {self.option} {name}=SECONDS changes it" if self.option else ""
+        return f"the time limit {name} ({getattr(self, f'{name}_s'):g} s){remedy}"
+
+
+class _Deadline(NamedTuple):
+    """When an agent must be done, on the clock `time.monotonic`, and the limit that it follows from."""
+
+    at_s: float
+    limit: str
 
 
 class AgentConnection:
@@ -100,7 +114,7 @@ class AgentConnection:
         """Return the answer to the last request. read: a function of `reply_decoding` that checks plain values."""
         self.send_prepared()
         if self._tick < 0:
-            return self._read_answer(time.monotonic() + self.limits.start_s, read)
+            return self._read_answer(_Deadline(time.monotonic() + self.limits.start_s, "start"), read)
         self._group.wait()
         answer = self._read_answer(self._find_deadline(), read)
         answered_at = self._answered_at if self._answered_at is not None else time.monotonic()
@@ -121,7 +135,7 @@ class AgentConnection:
     def is_awaited(self) -> bool:
         """Return whether the answer to the observation of a tick can still arrive in time."""
         is_asked = self._open and self._tick >= 0 and self._requested_at > 0 and self._prepared is None
-        return is_asked and self._answered_at is None and time.monotonic() <= self._find_deadline()
+        return is_asked and self._answered_at is None and not _has_passed(self._find_deadline())
 
     def take_available(self) -> None:
         """Send and receive what is possible without waiting; failures show in `receive`."""
@@ -139,10 +153,11 @@ class AgentConnection:
 
     def find_left_s(self) -> float:
         """Return the time that is left for the answer, at least 0 [s]."""
-        return max(0.0, self._find_deadline() - time.monotonic())
+        return max(0.0, self._find_deadline().at_s - time.monotonic())
 
-    def _find_deadline(self) -> float:
-        return self._requested_at + min(self.limits.tick_s, self.limits.episode_s - self._used_s)
+    def _find_deadline(self) -> _Deadline:
+        limit_s, limit = min((self.limits.tick_s, "tick"), (self.limits.episode_s - self._used_s, "episode"))
+        return _Deadline(self._requested_at + limit_s, limit)
 
     def _find_missing(self, data: bytes) -> int:
         """Return how many bytes of a frame are missing at least; 0 or less where it is complete or invalid."""
@@ -166,7 +181,7 @@ class AgentConnection:
             finally:
                 self._frames.close()
 
-    def _read_answer(self, deadline: float, read: Callable[[Any], T]) -> T:
+    def _read_answer(self, deadline: _Deadline, read: Callable[[Any], T]) -> T:
         data = self._read(deadline)
         self._received_bytes += len(data)
         if self._received_bytes > (most := self.limits.episode_bytes):
@@ -180,14 +195,14 @@ class AgentConnection:
         except AgentFailure as error:
             self.fail(error.failure, error.text)
 
-    def _read(self, deadline: float) -> bytes:
+    def _read(self, deadline: _Deadline) -> bytes:
         """Read one frame. Its length must be below the limit, and no byte may follow it."""
         data, self._received, most = self._received, b"", self.limits.reply_bytes
         while self._find_missing(data) > 0:
             self._wait(deadline, is_begun=bool(data))
             received = self._receive_available(min(wire_protocol.LENGTH.size + most + 1 - len(data), AT_ONCE))
-            if not received and time.monotonic() > deadline:  # readable without data, again and again
-                self._fail_late()
+            if not received and _has_passed(deadline):  # readable without data, again and again
+                self._fail_late(deadline)
             data += received
         size = wire_protocol.LENGTH.unpack_from(data)[0]
         if not 0 < size <= most:
@@ -198,16 +213,17 @@ class AgentConnection:
             self._fail(FailureReason.INVALID, "expected no answer before the whole request, found one")
         return data[wire_protocol.LENGTH.size :]
 
-    def _wait(self, deadline: float, is_begun: bool) -> None:
+    def _wait(self, deadline: _Deadline, is_begun: bool) -> None:
         """Wait for a part of the answer, and meanwhile send what is left of the request."""
         while self._unsent:
             if self._child.wait_readable(SENDING_S):  # it takes over the output, without which the agent may not read
                 return
             self._send_more()
-            if time.monotonic() > deadline:
-                self._fail_late()
-        if not self._child.wait_readable(deadline - time.monotonic()) or (is_begun and time.monotonic() > deadline):
-            self._fail_late()
+            if _has_passed(deadline):
+                self._fail_late(deadline)
+        left_s = deadline.at_s - time.monotonic()
+        if not self._child.wait_readable(left_s) or (is_begun and _has_passed(deadline)):
+            self._fail_late(deadline)
 
     def _send_more(self) -> None:
         try:
@@ -218,9 +234,9 @@ class AgentConnection:
         except (BrokenPipeError, ConnectionResetError):
             self._unsent = memoryview(b"")  # `receive` finds the end of the process
 
-    def _fail_late(self) -> NoReturn:
-        text = "the agent does not read within the time limit" if self._unsent else "no answer within the time limit"
-        self._fail(FailureReason.TIMEOUT, text)
+    def _fail_late(self, deadline: _Deadline) -> NoReturn:
+        what = "the agent does not read" if self._unsent else "no answer"
+        self._fail(FailureReason.TIMEOUT, f"{what} within {self.limits.describe_time(deadline.limit)}")
 
     def _receive_available(self, size: int, flags: int = 0) -> bytes:
         """Return the available bytes, b"" if there are none yet. `recv` drops passed file descriptors."""
@@ -259,6 +275,10 @@ class AgentConnection:
             },
             **self._child.usage_record(),
         }
+
+
+def _has_passed(deadline: _Deadline) -> bool:
+    return time.monotonic() > deadline.at_s
 
 
 def _count_up_to(thought_ms: list[float]) -> list[int]:

@@ -14,14 +14,22 @@ from mdrive_sumo.core.suggestion import suggest_name
 
 Config = Mapping[str, Any]
 CARLA_PREFIX = "carla:"
-"""Prefix of the file of a CARLA leaderboard agent, which drives all CAVs of a scenario together."""
+"""Prefix of the file of a CARLA leaderboard agent. Once resolved: one that drives all CAVs of a scenario together."""
+CARLA_SINGLE_PREFIX = "carla-single:"
+"""Prefix of the file of a CARLA leaderboard agent for one vehicle, of which every CAV gets an instance."""
 
 
 def find_carla_file(locator: str) -> Path | None:
-    """Return the file of a CARLA leaderboard agent; None for other locators."""
-    if not locator.startswith(CARLA_PREFIX) or not locator.endswith(".py"):
+    """Return the file of a CARLA leaderboard agent of either kind; None for other locators."""
+    prefix, colon, file = locator.partition(":")
+    if f"{prefix}{colon}" not in (CARLA_PREFIX, CARLA_SINGLE_PREFIX) or not file.endswith(".py"):
         return None
-    return Path(locator.removeprefix(CARLA_PREFIX))
+    return Path(file)
+
+
+def is_joint_locator(locator: object) -> bool:
+    """Return whether a resolved locator names one program for all CAVs."""
+    return isinstance(locator, str) and locator.startswith(CARLA_PREFIX) and find_carla_file(locator) is not None
 
 
 def split_locator(locator: str) -> tuple[str, str]:

@@ -1,7 +1,9 @@
-"""Agents of the CARLA leaderboard, as MDrive's challenge takes them: one object for all CAVs, run unchanged.
+"""Agents of the CARLA leaderboard, run unchanged: for one vehicle, or one object for all CAVs as in MDrive's challenge.
 
 The module names its class by `get_entry_point()`; then `setup(config, ego_num)`, `sensors()`, `set_global_plan(gps,
-world)`, and per tick `run_step(input_data, timestamp)`, which returns a list of controls, one a CAV (protocol 9).
+world)`, and per tick `run_step(input_data, timestamp)`, which returns a list of controls, one a CAV (protocol 9). An
+agent for one vehicle has `setup(config)`, one route in its plan, sensors without a number in `input_data`, and returns
+one control.
 
 Everything is told in CARLA's conventions: left-handed, y to the right or south, degrees, yaw clockwise. This runs in
 the agent's process.
@@ -10,8 +12,9 @@ the agent's process.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -48,6 +51,10 @@ ROAD_OPTIONS: Mapping[int, RoadOption] = {
 """CARLA's name of a command. STRAIGHT, which CARLA says in junctions, is never said: a briefing knows none."""
 
 
+NO_SERVER = ("localhost", 2000, False)
+"""Where an agent of the second leaderboard is told that CARLA's server is: host, port, debug. There is none."""
+
+
 @dataclass(frozen=True, slots=True)
 class CarlaSensor:
     """One declared sensor: the agent's name for it, its kind here, and where it sits ahead, to the left, up [m]."""
@@ -60,16 +67,20 @@ class CarlaSensor:
 class CarlaAgentAdapter:
     """Such an agent behind the calls of `host`."""
 
-    def __init__(self, path: str, config: Mapping[str, Any], cavs: Sequence[str]) -> None:
-        """config: `config` is the file that `setup` is told. Raises InputError, and whatever the agent raises."""
+    def __init__(self, path: str, config: Mapping[str, Any], cavs: Sequence[str], *, is_single: bool = False) -> None:
+        """config: `config` is the file that `setup` is told. is_single: whether it is an agent for one vehicle.
+
+        Raises InputError, and whatever the agent raises.
+        """
         install_stubs()
         module = load_module_from_file(Path(path))
         entry: Any = getattr(module, "get_entry_point", None)
         cls: Any = getattr(module, str(entry()), None) if callable(entry) else None
         if not callable(cls):
             raise InputError(f"agent {path}: expected get_entry_point() to name a class of the module, found none")
-        self._cavs = tuple(cavs)
-        self._agent = _create_agent(cls, str(config.get("config", "")), len(cavs))
+        self._cavs, self._is_single = tuple(cavs), is_single
+        file = str(config.get("config", ""))
+        self._agent = _create_single_agent(cls, file) if is_single else _create_agent(cls, file, len(cavs))
         self._sensors: tuple[CarlaSensor, ...] = ()
 
     def sensors(self) -> tuple[SensorSpec, ...]:
@@ -97,22 +108,28 @@ class CarlaAgentAdapter:
             list(zip(make_transforms(briefings[cav]), row, strict=True))
             for cav, row in zip(self._cavs, told, strict=True)
         ]
-        self._agent.set_global_plan(on_globe, in_world)
+        if self._is_single:
+            self._agent.set_global_plan(on_globe[0], in_world[0])
+        else:
+            self._agent.set_global_plan(on_globe, in_world)
 
     def act(self, seen: Mapping[str, Observation]) -> dict[str, Reply | None]:
         """One step for all CAVs that are asked; the others' controls are not looked at."""
         tick = next(iter(seen.values())).tick
-        data: dict[str, tuple[int, Any]] = {}
+        data = SensorReadings()
         for number, cav in enumerate(self._cavs):
             if cav in seen:
-                data |= _convert_reading(self._sensors, number, seen[cav])
+                data.update(_convert_reading(self._sensors, "" if self._is_single else f"_{number}", seen[cav]))
         controls = self._agent.run_step(data, tick * DT)
         if len(self._cavs) == 1 and not isinstance(controls, list | tuple):
             controls = [controls]
-        if not isinstance(controls, list | tuple) or len(controls) != len(self._cavs):
+        if not isinstance(controls, list | tuple):
             raise TypeError(
-                f"run_step(): expected a list of {len(self._cavs)} controls, found {type(controls).__name__}"
+                f"run_step(): expected a list of {len(self._cavs)} controls, found {type(controls).__name__}; "
+                "docs/agents.md says how an agent for one vehicle is started"
             )
+        if len(controls) != len(self._cavs):
+            raise TypeError(f"run_step(): expected a list of {len(self._cavs)} controls, found {len(controls)}")
         return {cav: _make_reply(control) for cav, control in zip(self._cavs, controls, strict=True) if cav in seen}
 
 
@@ -123,6 +140,27 @@ def _create_agent(cls: Any, config: str, vehicles: int) -> Any:
         call_setup(agent, config, vehicles)
         return agent
     return cls(config, vehicles)
+
+
+def _create_single_agent(cls: Any, config: str) -> Any:
+    """The base class of the first leaderboard calls `setup`, that of the second is told where CARLA's server is."""
+    if cls.__init__ is object.__init__:
+        agent = cls()
+        call_setup(agent, config, 1)
+        return agent
+    names = [*signature(cls).parameters]
+    if names and "host" in names[0]:
+        agent = cls(*NO_SERVER[: len(names)])
+        call_setup(agent, config, 1)
+        return agent
+    return cls(config)
+
+
+class SensorReadings(dict[str, tuple[int, Any]]):
+    """(tick, data) by the sensor's id; asking for another one names those that there are."""
+
+    def __missing__(self, name: str) -> NoReturn:
+        raise KeyError(f"{name}: expected a sensor of this tick ({', '.join(self) or 'none'}), found no such sensor")
 
 
 def _read_sensor(row: Mapping[str, Any]) -> CarlaSensor:
@@ -140,7 +178,9 @@ def _read_metres(row: Mapping[str, Any], name: str) -> float:
 def _make_specs(row: Mapping[str, Any], sensor: CarlaSensor, slow: bool) -> list[SensorSpec]:
     if sensor.kind in CAMERAS.values():
         return make_camera_specs(row, sensor.id, sensor.kind, _read_pose(row, sensor))
-    return [_make_lidar_spec(row, sensor, slow) if sensor.kind == "lidar" else SensorSpec(sensor.kind)]
+    if sensor.kind == "lidar":
+        return [_make_lidar_spec(row, sensor, slow)]
+    return [SensorSpec(sensor.kind) if sensor.kind in KINDS.values() else SensorSpec(sensor.kind, sensor.id)]
 
 
 def _read_pose(row: Mapping[str, Any], sensor: CarlaSensor) -> dict[str, float]:
@@ -156,9 +196,9 @@ def _make_lidar_spec(row: Mapping[str, Any], sensor: CarlaSensor, slow: bool) ->
     return SensorSpec("lidar", sensor.id, options={**_read_pose(row, sensor), "profile": profile})
 
 
-def _convert_reading(sensors: Sequence[CarlaSensor], number: int, seen: Observation) -> dict[str, tuple[int, Any]]:
-    """What one CAV's sensors read: (tick, data) by the sensor's id with the CAV's number behind it."""
-    read = {f"{sensor.id}_{number}": READERS[sensor.kind](sensor, seen) for sensor in sensors}
+def _convert_reading(sensors: Sequence[CarlaSensor], ending: str, seen: Observation) -> dict[str, tuple[int, Any]]:
+    """What one CAV's sensors read: (tick, data) by the sensor's id with the ending of the CAV behind it."""
+    read = {f"{sensor.id}{ending}": READERS[sensor.kind](sensor, seen) for sensor in sensors}
     return {name: (seen.tick, data) for name, data in read.items() if data is not None}
 
 

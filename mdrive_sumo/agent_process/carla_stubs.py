@@ -10,12 +10,14 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
-from inspect import signature
+from inspect import Parameter, signature
 from types import ModuleType
 from typing import Any
 
+from mdrive_sumo.agent_process.agent_file import is_vehicle_count
 from mdrive_sumo.core import portable
 
+POSITIONAL = (Parameter.POSITIONAL_ONLY, Parameter.POSITIONAL_OR_KEYWORD, Parameter.VAR_POSITIONAL)
 DEFAULT_SPACING_M = 50.0
 """Between points of the plan that the leaderboard's base class keeps."""
 
@@ -129,7 +131,12 @@ class AutonomousAgent:
         return []
 
     def set_global_plan(self, global_plan_gps: Sequence[Any], global_plan_world_coord: Sequence[Any]) -> None:
-        """Keeps the routes of all vehicles, whole and thinned out."""
+        """Keeps the routes of all vehicles, whole and thinned out; of an agent for one vehicle its own route."""
+        if global_plan_world_coord and isinstance(global_plan_world_coord[0], tuple):
+            rows = select_kept_points(global_plan_world_coord, _compute_spacing(self))
+            self._global_plan = [global_plan_gps[row] for row in rows]
+            self._global_plan_world_coord = [global_plan_world_coord[row] for row in rows]
+            return
         self._global_plan_all = list(global_plan_gps)
         self._global_plan_world_coord_all = list(global_plan_world_coord)
         kept = [select_kept_points(route, _compute_spacing(self)) for route in global_plan_world_coord]
@@ -144,8 +151,9 @@ class AutonomousAgent:
 
 
 def call_setup(agent: Any, config: str, vehicles: int) -> None:
-    """Calls `setup`, which in single-vehicle agents takes the configuration only."""
-    takes_two = len(signature(agent.setup).parameters) > 1
+    """Calls `setup`, which in single-vehicle agents takes the configuration, and perhaps what is optional."""
+    taken = [one for one in signature(agent.setup).parameters.values() if one.kind in POSITIONAL]
+    takes_two = len(taken) > 1 and is_vehicle_count(taken[1].name, taken[1].default is Parameter.empty)
     agent.setup(*((config, vehicles) if takes_two else (config,)))
 
 

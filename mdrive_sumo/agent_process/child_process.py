@@ -63,7 +63,10 @@ class AgentProgram:
     """The program of an agent's process: its style, its place, and the file for its output."""
 
     locator: str
-    """`module:Class`, `path.py:Class`, for the style carla `path.py`, for the style pickle "": paths of the child."""
+    """`module:Class`, `path.py:Class`, for the styles carla and carla-single `path.py`, for the style pickle "".
+
+    Paths are those of the child.
+    """
     style: str = "agent"
     log: Path | None = None
     """File for its output; None discards it."""

@@ -5,20 +5,25 @@ gets the previous frame and never half of the next one. The files are memory-map
 writing and reading (400 kB: 4 against 40 microseconds).
 """
 
-import fcntl
 import mmap
 import os
 import shutil
 import tempfile
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.agent_process.frame_reader import NAMES, view_bytes
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.posix import import_posix
+
+if TYPE_CHECKING:
+    import fcntl
+else:
+    fcntl = import_posix("fcntl")
 
 PREFIX = "mdrive-frames-"
 ALIGNMENT = 64

@@ -23,7 +23,7 @@ from typing import Any, cast
 from mdrive_sumo.agent_process import wire_protocol
 from mdrive_sumo.agent_process.agent_lookup import load_agent_class
 from mdrive_sumo.agent_process.frame_reader import FrameReader
-from mdrive_sumo.contract import Agent, read_label
+from mdrive_sumo.contract import Agent, read_label, read_sensors
 
 PR_SET_PDEATHSIG = 1
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
@@ -44,7 +44,7 @@ def main() -> None:
     cast(TextIOWrapper, sys.stdout).reconfigure(line_buffering=True)  # the agent's output survives its end
     line, reader = int(fd), FrameReader(frames)
     os.set_inheritable(line, False)
-    handle = _handle_carla_agent(locator) if style == "carla" else _handle_agent(locator, style)
+    handle = _handle_carla_agent(locator, style) if style.startswith("carla") else _handle_agent(locator, style)
     sys.argv = sys.argv[:1]
     gc.freeze()
     gc.enable()
@@ -122,7 +122,7 @@ def _handle_agent(locator: str, style: str) -> Handler:
         if call == "create":
             cls = _unpickle_agent_class(Path(locator)) if style == "pickle" else load_agent_class(locator)
             agent.append(cls(value))
-            return {"label": read_label(agent[0]), "sensors": tuple(agent[0].sensors())}
+            return {"label": read_label(agent[0]), "sensors": read_sensors(agent[0])}
         if call == "start":
             agent[0].start(value)
             return None
@@ -137,16 +137,17 @@ def _unpickle_agent_class(path: Path) -> Callable[[Mapping[str, Any]], Agent]:
     return pickle.loads(pickled)
 
 
-def _handle_carla_agent(path: str) -> Handler:
-    """Return the handler of an agent of the CARLA leaderboard for all CAVs."""
+def _handle_carla_agent(path: str, style: str) -> Handler:
+    """Return the handler of an agent of the CARLA leaderboard: for all CAVs, of style "carla-single" for one."""
     from mdrive_sumo.agent_process.carla_adapter import CarlaAgentAdapter
 
     agent: list[CarlaAgentAdapter] = []
 
     def handle(call: str, value: Any) -> Any:
         if call == "create":
-            agent.append(CarlaAgentAdapter(path, value["config"], value["cavs"]))
-            return {"label": "joint", "sensors": agent[0].sensors()}
+            is_single = style == "carla-single"
+            agent.append(CarlaAgentAdapter(path, value["config"], value["cavs"], is_single=is_single))
+            return {"label": "single" if is_single else "joint", "sensors": agent[0].sensors()}
         if call == "start":
             agent[0].start(value["briefings"], value["gps"])
             return None

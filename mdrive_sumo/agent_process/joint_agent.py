@@ -1,6 +1,7 @@
 """Joint agents: one program drives all CAVs of a scenario, as in the original code base. Labelled `joint` in results.
 
-Its CAVs share all knowledge without a channel, so they are ranked separately.
+Its CAVs share all knowledge without a channel, so they are ranked separately. An agent of the CARLA leaderboard for one
+vehicle is a program of this kind with a single CAV.
 """
 
 from collections.abc import Mapping
@@ -33,10 +34,12 @@ class JointAgentSession:
         config: Mapping[str, Any],
         pseudonyms: Mapping[str, str],
         check: SensorCheck | None = None,
+        label: str = LABEL,
     ) -> None:
         """Take ownership of the connection.
 
         pseudonyms: the id by which the program knows each CAV, by CAV. check: raises an exception for refused sensors.
+        label: of the drivers.
         """
         self._line, self._pseudonyms, self._check_sensors = line, dict(pseudonyms), check
         self._declared: reply_decoding.AgentDeclaration | None = None
@@ -46,7 +49,7 @@ class JointAgentSession:
         self._requested: tuple[str, ...] = ()
         self._answers: dict[str, object] = {}
         self.think_time_s = 0.0
-        self.drivers = {ego: JointDriver(self, ego, told) for ego, told in self._pseudonyms.items()}
+        self.drivers = {ego: JointDriver(self, ego, told, label) for ego, told in self._pseudonyms.items()}
         with _FailureKeeper(self):
             line.send("create", CREATE_TICK, {"config": dict(config), "cavs": tuple(self._pseudonyms.values())})
 
@@ -138,10 +141,9 @@ class _FailureKeeper:
 class JointDriver:
     """The AgentDriver of one CAV of a joint agent."""
 
-    label = LABEL
-
-    def __init__(self, session: JointAgentSession, ego: str, told: str) -> None:
+    def __init__(self, session: JointAgentSession, ego: str, told: str, label: str = LABEL) -> None:
         self._session, self._ego, self._told = session, ego, told
+        self.label = label
 
     @property
     def think_time_s(self) -> float:

@@ -25,6 +25,7 @@ from mdrive_sumo.contract import (
     Reply,
     SensorSpec,
 )
+from mdrive_sumo.core.private_paths import hide_paths_in_text
 from mdrive_sumo.loop.agent_driver import shorten, validate_reply
 
 T = TypeVar("T")
@@ -62,7 +63,7 @@ def decode_answer(data: bytes, tick: int) -> Any:
         raise InvalidReplyError(f"expected the answer of tick {tick}, found that of {answer['tick']!r:.20}")
     for kind, error in (("crashed", AgentCrashError), ("invalid", InvalidReplyError)):
         if kind in answer:
-            raise error(shorten(_check_type(answer[kind], str, kind)))
+            raise error(shorten(hide_paths_in_text(_check_type(answer[kind], str, kind))))
     if "value" not in answer:
         raise InvalidReplyError(f"expected a value, found {_describe_value(answer)}")
     return answer["value"]
@@ -86,6 +87,8 @@ def read_reply(value: object) -> Reply:
     """Return one CAV's checked reply; raises AgentFailure, too."""
     if value is None:
         return validate_reply(None)
+    if type(value) is dict and cast("dict[str, object]", value).get("") == "map":
+        return validate_reply({})  # the agent has returned a dict
     fields = _check_fields(value, "Reply", ("control", "plan", "messages", "notes", "detections"))
     return validate_reply(
         Reply(
@@ -218,9 +221,15 @@ def _read_option(value: object, name: str) -> float | str | bool:
 def _check_fields(value: object, cls: str, names: tuple[str, ...]) -> dict[str, object]:
     """Return the fields of an encoded dataclass without its class name, if class and fields are as expected."""
     if type(value) is not dict or cast("dict[str, object]", value).get("") != cls:
-        raise InvalidReplyError(f"expected a {cls}, found {_describe_value(value)}")
+        raise InvalidReplyError(f"expected a {cls}, found {_describe_object(value)}")
     fields = cast("dict[str, object]", value)
     return _check_names({name: field for name, field in fields.items() if name}, names, cls)
+
+
+def _describe_object(value: object) -> str:
+    """Return what an encoded value was in the agent: mappings and dataclasses are maps on their way."""
+    name = cast("dict[str, object]", value).get("") if type(value) is dict else None
+    return "dict" if name == "map" else f"{name!r:.40}" if isinstance(name, str) else _describe_value(value)
 
 
 def _check_names(fields: dict[str, object], names: tuple[str, ...], what: str) -> dict[str, object]:

@@ -3,13 +3,14 @@
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Unpack
+from typing import Unpack, cast
 
 from mdrive_sumo.api.run import Run
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop.episode_config import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.run_report import save_run_report
+from mdrive_sumo.runs.agent_limits import parse_agent_limits
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
 from mdrive_sumo.runs.evaluate import Progress
 from mdrive_sumo.runs.evaluate import evaluate as run_jobs
@@ -28,6 +29,7 @@ def evaluate(
     *,
     scenario: str = "*",
     agent_config: Mapping[str, ConfigValue] | None = None,
+    agent_limits: Mapping[str, float] | str = "",
     others: str | None = None,
     penetration: int | None = None,
     seeds: int | Iterable[int] = 1,
@@ -48,6 +50,7 @@ def evaluate(
 
     suite: a suite (also a part of one, such as `suite["i1*"]`), its name or its folder. scenario: a glob over ids and
     categories. agent: a built-in name, a class, `module:Class`, `path.py:Class`, `carla:path.py`.
+    agent_limits: seconds that a third-party agent may take, such as {"start": 600, "tick": 30, "episode": 7200}.
     others: the agent of the CAVs that are not under test; `agent` then drives one CAV of each scenario, drawn by the
     seed, or the percentage of them that `penetration` says (without `others`, the rest drives as `single`).
     score_mode: by default that of the suite, `mdrive` or `hard` (docs/scoring.md).
@@ -88,7 +91,7 @@ def evaluate(
         sandbox=sandbox,
         fail_fast=fail_fast,
     )
-    run = prepare(config)
+    run = prepare(config.with_agent_limits(parse_agent_limits(agent_limits)) if agent_limits else config)
     return Run((run.folder,), (evaluate_with_progress(run, progress),))
 
 
@@ -115,6 +118,8 @@ def _locate(suite: str | Suite, scenario: str) -> tuple[str, str]:
     """Return the name or folder of a suite, and globs of the scenarios to drive. Raises InputError."""
     if isinstance(suite, str):
         return suite, scenario
+    if not isinstance(cast(object, suite), Suite):
+        raise InputError(f"suite: expected a suite, its name or its folder, found {suite!r:.40}")
     name = suite.name if list_packaged_suites().get(suite.name) == suite.folder else str(suite.folder)
     stored = load_suite(name)
     known = {one.id: one for one in stored}

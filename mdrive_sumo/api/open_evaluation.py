@@ -12,6 +12,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop.episode_config import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.open_loop import REFERENCE_AGENT, OpenLoopResults, OpenLoopScenario, find_reference, prepare_open_loop
 from mdrive_sumo.open_loop import evaluate_open as show_recordings
+from mdrive_sumo.runs.agent_limits import parse_agent_limits
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
 from mdrive_sumo.runs.prepared_run import prepare
 from mdrive_sumo.runs.process_pool import count_available_cores
@@ -26,6 +27,7 @@ def evaluate_open(
     scenario: str = "*",
     seed: int | None = None,
     agent_config: Mapping[str, ConfigValue] | None = None,
+    agent_limits: Mapping[str, float] | str = "",
     workers: int | None = None,
     out: str | Path | None = None,
     fresh: bool = False,
@@ -52,6 +54,7 @@ def evaluate_open(
 
     found = find_reference(_find_name(reference), drive, suite=suite, pattern=scenario, seed=seed)
     spec, chosen = AgentSpec(agent, agent_config or {}), EpisodeOptions.parse(**options)
+    spec = spec.with_limits(parse_agent_limits(agent_limits)) if agent_limits else spec
     folder = None if out is None else Path(out)
     run = prepare_open_loop(found, spec, chosen, folder, count, sandbox=sandbox)
 

@@ -12,10 +12,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.export.export_run import export_runs
 from mdrive_sumo.report.result_tables import SCORE_HEADER, format_optional, format_scores, format_summary
-from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.process_pool import count_available_cores
 from mdrive_sumo.runs.rescore import rescore_run
-from mdrive_sumo.runs.run_listing import check_run_folder
+from mdrive_sumo.runs.run_results import load_run_results
 from mdrive_sumo.runs.stored_run import load_stored_run, load_unchecked_run
 from mdrive_sumo.runs.verify import VerificationResult
 from mdrive_sumo.scoring import (
@@ -25,7 +24,6 @@ from mdrive_sumo.scoring import (
     ScenarioResult,
     ScoreMode,
     compute_mean_intervals,
-    load_results,
 )
 from mdrive_sumo.scoring.score_mode import parse_score_mode
 from mdrive_sumo.scoring.summary import compute_means
@@ -197,8 +195,9 @@ class Run:
 
 
 def load_run(folder: str | Path | Iterable[str | Path]) -> Run:
-    """Load the results of one run folder, or of several folders of one run with different seeds. Raises InputError."""
+    """Load the results of one run folder, or of several folders of one run with different seeds. Raises InputError.
+
+    Of a run that is going on or was interrupted these are the results of its finished episodes (`Results.planned`).
+    """
     folders = tuple(map(Path, (folder,) if isinstance(folder, str | Path) else folder))
-    for path in folders:
-        check_run_folder(path)
-    return Run(folders, tuple(load_results(path / RESULTS_FILE) for path in folders))
+    return Run(folders, tuple(map(load_run_results, folders)))

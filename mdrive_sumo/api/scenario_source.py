@@ -1,7 +1,7 @@
 """Find the scenario that a user names, and its road network."""
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
@@ -25,13 +25,17 @@ def find_scenario(scenario: str | Scenario, suite: str | Suite | None = None, se
     scenario: an id, or a scenario itself. suite: a suite, its name or its folder; None: the packaged suites. A scenario
     whose network belongs to a suite of one's own needs that suite. Raises InputError.
     """
+    if not isinstance(cast(object, scenario), str | Scenario):
+        raise InputError(f"scenario: expected the id of a scenario, or a scenario, found {scenario!r:.40}")
+    if not isinstance(cast(object, seed), int):
+        raise InputError(f"seed: expected an integer, found {seed!r:.40}")
     written = _find_written(scenario, suite)
     return written._replace(scenario=vary_scenario(written.scenario, written.roads, seed))
 
 
 def _find_written(scenario: str | Scenario, suite: str | Suite | None) -> ScenarioSource:
     if suite is not None:
-        owner = load_suite(suite) if isinstance(suite, str) else suite
+        owner = suite if isinstance(suite, Suite) else load_suite(suite)
         found = scenario if isinstance(scenario, Scenario) else _find_in(owner, scenario)
         folder = owner.find_folder(found.id)
         return ScenarioSource(found, load_road_map(find_network_folder(found.network, folder)), folder)

@@ -8,8 +8,9 @@ from mdrive_sumo.agent_process.agent_lookup import find_carla_file, load_agent_c
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.api.episode import Episode
 from mdrive_sumo.api.scenario_source import find_scenario
-from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec, check_sensors
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.private_paths import hide_locator
 from mdrive_sumo.core.state import FailureReason, Frame
 from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, SimulatedFrames, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, validate_reply
@@ -18,6 +19,7 @@ from mdrive_sumo.loop.open_world import open_world
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
 from mdrive_sumo.runs.open_agents import open_agents
+from mdrive_sumo.runs.prepared_run import check_agent_name
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.sumo import SumoWorld
@@ -47,7 +49,9 @@ def simulate(
     """
     found, roads, folder = find_scenario(scenario, suite, seed)
     spec = AgentSpec(agent, agent_config or {})
-    config = _make_config(found, roads, seed, spec.resolve().name, options)
+    check_agent_name(spec)
+    spec = spec.resolve()
+    config = _make_config(found, roads, seed, spec.name, options)
     Simulation.close_open()
     with _open_local_agents(spec, config.cav_pseudonyms) as drivers, open_world(config) as world:
         if raise_agent_errors:
@@ -65,7 +69,7 @@ def _make_config(
     scenario: Scenario, roads: RoadMap, seed: int, agent: str, arguments: EpisodeArguments
 ) -> EpisodeConfig:
     options = EpisodeOptions.parse(**arguments)
-    about = {"agent": agent, "seed": seed, **options.to_dict()}
+    about = {"agent": hide_locator(agent), "seed": seed, **options.to_dict()}
     return EpisodeConfig(scenario, roads, seed, about, options=options)
 
 
@@ -141,7 +145,7 @@ class Simulation:
         self.seed = seed
         egos = [ego.id for ego in self.scenario.egos]
         by_ego = sensors if isinstance(sensors, Mapping) else dict.fromkeys(egos, sensors)
-        self._sensors = {ego: tuple(by_ego.get(ego, ())) for ego in egos}
+        self._sensors = {ego: check_sensors(by_ego.get(ego, ())) for ego in egos}
         if "agent_clock" in options:
             raise InputError("Simulation: agent_clock: expected none, for the caller replies in the tick it was asked")
         self._config = _make_config(self.scenario, self.roads, seed, "external", options)

@@ -1,10 +1,11 @@
 """Verify a run folder: drive it again, and compare recordings, results, journal and report with what comes out."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.report.report_check import find_report_differences, has_captured_cooperation
@@ -45,10 +46,15 @@ class Permission:
     sandbox: bool = False
     place: str | None = None
     ask: Callable[[str], bool] | None = None
+    limits: AgentLimits | None = None
+    """Limits of the agents, for a slower machine; None: those of the run."""
 
     def apply(self, run: PreparedRun) -> PreparedRun:
         """Return the stored run as it may be executed again. Raises InputError if its agent may not or cannot run."""
-        return permit_agent(run, trusted=self.trusted, sandbox=self.sandbox, place=self.place, ask=self.ask)
+        permitted = permit_agent(run, trusted=self.trusted, sandbox=self.sandbox, place=self.place, ask=self.ask)
+        if self.limits is None:
+            return permitted
+        return replace(permitted, config=permitted.config.with_agent_limits(self.limits))
 
 
 class RunVerification:

@@ -17,8 +17,8 @@ PLUG_IN_GROUP = "mdrive_sumo.commands"
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "eval": ("evaluate", "Drive a suite with an agent and score it."),
     "eval-open": ("evaluate_open", "Compare an agent's plans and detections with recorded drives."),
-    "list": ("list", "List suites, scenarios, agents, networks or runs."),
-    "show": ("show", "Draw a scenario."),
+    "list": ("list", "List suites, scenarios, agents, networks, metrics, plug-ins or runs."),
+    "show": ("show", "Draw a scenario or a network."),
     "view": ("view", "See in the browser what each CAV lost, compare runs, replay an episode."),
     "render": ("render", "Draw a recorded episode as a picture or a video."),
     "export": ("export", "Write recorded episodes for Foxglove, CommonRoad, SUMO, OpenSCENARIO, pandas, ..."),

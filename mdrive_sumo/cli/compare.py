@@ -6,8 +6,7 @@ import click
 
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.runs.compare import compare, comparison_table
-from mdrive_sumo.runs.evaluate import RESULTS_FILE
-from mdrive_sumo.runs.run_listing import check_run_folder
+from mdrive_sumo.runs.run_results import load_run_results
 from mdrive_sumo.scoring import load_results
 
 
@@ -19,15 +18,8 @@ def command(run_a: Path, run_b: Path) -> None:
 
     Mean paired differences of DS, SR, efficient SR and time ratio come with 95 % bootstrap confidence intervals over
     the scenarios that both runs have; those of the time ratio over the scenarios in which every CAV arrives in both
-    runs. RUN_A and RUN_B are folders written by `eval`, or results files. Settings that differ are listed.
+    runs. RUN_A and RUN_B are folders written by `eval`, or results files. Settings that differ are listed. Of a run
+    that is going on or was interrupted the finished episodes are compared.
     """
-    a, b = (load_results(results_file(run)) for run in (run_a, run_b))
+    a, b = (load_results(run) if run.is_file() else load_run_results(run) for run in (run_a, run_b))
     echo(comparison_table(compare(a, b, (run_a, run_b))))
-
-
-def results_file(run: Path) -> Path:
-    """Return the results file of a run's folder; a file stands for itself, e.g. one written by `rescore`."""
-    if run.is_file():
-        return run
-    check_run_folder(run)
-    return run / RESULTS_FILE

@@ -10,10 +10,12 @@ from typing import Any
 import click
 
 from mdrive_sumo.api.evaluation import evaluate_run
+from mdrive_sumo.cli.agent_limits_option import agent_limits_option
 from mdrive_sumo.cli.comm import episode_options, read_episode_options
 from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.state import DT
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.loop.request_pace import MAX_PACE_S
 from mdrive_sumo.report.agent_failures import format_agent_failures, format_first_failure
@@ -28,6 +30,7 @@ from mdrive_sumo.runs.prepared_run import CAMERAS_FOLDER, EPISODES_FOLDER, LOGS_
 from mdrive_sumo.runs.run_config import ConfigValue, RunConfig, load_agent_config
 from mdrive_sumo.scoring import Results, ScoreMode
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation
+from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from mdrive_sumo.study.reference_runs import evaluate_captured_cooperation
 
 MODES = tuple(mode.value for mode in ScoreMode)
@@ -47,6 +50,7 @@ EXECUTORS = ("local", "dask")
 @click.option(
     "--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Options of the agent, a JSON object."
 )
+@agent_limits_option
 @click.option(
     "--others",
     metavar="AGENT",
@@ -138,6 +142,8 @@ def command(
     mode = ScoreMode(score_mode) if score_mode else None
     config = _read_config(agent_options, options, record=not no_record, chosen_mode=mode)
     run = prepare(config)
+    if len(run.episodes) > 1 and (config.fresh or not (run.folder / RESULTS_FILE).is_file()):
+        echo(describe_cost(run), err=True)
     whole = evaluate_with_display(ctx, run, evaluate_run)
     shares = with_references(ctx, whole, config) if captured else None
     if shares is not None:
@@ -150,6 +156,17 @@ def command(
     ctx.exit(1 if whole.void or failures else 0)
 
 
+def describe_cost(run: PreparedRun) -> str:
+    """Return how much a run of several episodes drives: "92 episodes (46 scenarios, 2 seeds), ..., at most 61 min"."""
+    scenarios, seeds = run.scenarios, len(run.config.seeds)
+    drives = seeds * sum(len(scenario.egos) for scenario in scenarios)
+    limit_s = seeds * sum(max(compute_time_limit_ticks(scenario).values()) * DT for scenario in scenarios)
+    what = f"{len(scenarios)} scenario{'s' * (len(scenarios) > 1)}" + (f", {seeds} seeds" if seeds > 1 else "")
+    hint = "; --scenario GLOB drives fewer" if len(scenarios) > 1 and run.config.scenario == "*" else ""
+    limit = f"{limit_s:.0f} s" if limit_s < 120.0 else f"{limit_s / 60:.0f} min"
+    return f"{len(run.episodes)} episodes ({what}), {drives} drives of CAVs, at most {limit} of simulated time{hint}"
+
+
 def _read_config(agent_options: Mapping[str, ConfigValue], options: dict[str, Any], **known: Any) -> RunConfig:
     """Return the configuration that the options of the command line ask for. Raises InputError.
 
@@ -158,7 +175,8 @@ def _read_config(agent_options: Mapping[str, ConfigValue], options: dict[str, An
     first, count = options.pop("seed"), options.pop("seeds")
     if ((executor := options.pop("executor")) == "dask") != bool(options["scheduler"]):
         raise InputError(f"--executor {executor}: expected --scheduler with dask and only then")
-    return RunConfig(
+    limits = options.pop("agent_limits")
+    config = RunConfig(
         agent=AgentSpec(options.pop("agent"), agent_options),
         others=parse_other_agents(options.pop("others"), options.pop("penetration")),
         options=read_episode_options(options),
@@ -169,6 +187,7 @@ def _read_config(agent_options: Mapping[str, ConfigValue], options: dict[str, An
         **known,
         **options,
     )
+    return config if limits is None else config.with_agent_limits(limits)
 
 
 def with_references(ctx: click.Context, results: Results, config: RunConfig) -> CapturedCooperation:
@@ -212,4 +231,6 @@ def _list_written_files(run: PreparedRun) -> str:
     if (run.folder / CAMERAS_FOLDER).is_dir():
         files[f"{CAMERAS_FOLDER}/"] = "images of cameras, for view"
     lines = [f"{run.folder / name}  {what}" for name, what in files.items()]
+    if run.config.record_cameras and not (run.folder / CAMERAS_FOLDER).is_dir():
+        lines.append("no camera images: --record-cameras keeps those of kind rgb, and the agent was given none")
     return "\n".join((*lines, f"mdrive-sumo view {shlex.quote(str(run.folder))}  what each CAV lost, in the browser"))

@@ -8,6 +8,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from mdrive_sumo.cli.agent_limits_option import agent_limits_option
 from mdrive_sumo.cli.comm import episode_options, read_episode_options
 from mdrive_sumo.cli.evaluate import evaluate_with_display
 from mdrive_sumo.cli.scenario_option import make_scenario_option
@@ -70,6 +71,7 @@ COLUMNS = {
     help="The agent that sees the drives; every CAV gets an instance of it.",
 )
 @click.option("--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Options of the agent, JSON.")
+@agent_limits_option
 @episode_options
 @workers_option
 @click.option(
@@ -102,6 +104,7 @@ def command(
         seed=_find_given(ctx, "seed"),
     )
     spec = AgentSpec(agent, load_agent_config(agent_config) if agent_config else {})
+    spec = spec.with_limits(limits) if (limits := options["agent_limits"]) else spec
     open_run = prepare_open_loop(reference, spec, chosen, out, workers, sandbox=sandbox)
     try:
         results = evaluate_open(open_run, _report, fresh=fresh)

@@ -6,19 +6,26 @@ import click
 
 from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.terminal import echo
-from mdrive_sumo.export.export_formats import EXPORT_FORMATS
+from mdrive_sumo.export.export_formats import list_export_formats
 
 
 def _describe_formats() -> str:
     """Return the paragraph of the help text that lists the formats."""
-    rows = [f"  {name:13} {entry.description}{' *' if entry.package else ''}" for name, entry in EXPORT_FORMATS.items()]
+    rows = [
+        f"  {name:13} {entry.description}{' *' if entry.package else ''}"
+        for name, entry in list_export_formats().items()
+    ]
     return "\n".join(("\b", *rows, f"  * needs {format_installation('export')}"))
 
 
 @click.command("export", epilog=_describe_formats())
 @click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
 @click.option(
-    "--format", "format_name", type=click.Choice(tuple(EXPORT_FORMATS)), required=True, help="What to write, see below."
+    "--format",
+    "format_name",
+    type=click.Choice(tuple(list_export_formats())),
+    required=True,
+    help="What to write, see below.",
 )
 @click.option("--scenario", "patterns", multiple=True, metavar="GLOB", help="Only these; repeatable [default: all].")
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="New or empty folder.")

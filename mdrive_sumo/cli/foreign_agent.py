@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from mdrive_sumo.api.verification import Permission
+from mdrive_sumo.cli.agent_limits_option import agent_limits_option
 
 
 def foreign_agent_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -15,6 +16,7 @@ def foreign_agent_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--trust-agent", is_flag=True, help="Run the agent's file that RUN names with your permissions."),
         click.option("--sandbox", is_flag=True, help="Run it in boxes, as a run made with `eval --sandbox` always is."),
         click.option("--agent", metavar="PATH:CLASS", help="Where the run's agent is now, if it has moved."),
+        agent_limits_option,
     )
     for option in reversed(options):
         function = option(function)
@@ -24,4 +26,5 @@ def foreign_agent_options(function: Callable[..., Any]) -> Callable[..., Any]:
 def read_permission(options: dict[str, Any]) -> Permission:
     """Take the options out of a command's and return them. On a terminal the user is asked if none permits it."""
     ask = click.confirm if sys.stdin.isatty() else None
-    return Permission(options.pop("trust_agent"), options.pop("sandbox"), options.pop("agent"), ask)
+    trusted, sandbox, place = (options.pop(name) for name in ("trust_agent", "sandbox", "agent"))
+    return Permission(trusted, sandbox, place, ask, options.pop("agent_limits"))

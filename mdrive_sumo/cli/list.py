@@ -2,25 +2,27 @@
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
 
 from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.cli.list_networks import NETWORKS, list_networks, list_networks_of
+from mdrive_sumo.cli.list_plug_ins import list_metrics, list_plug_in_table
 from mdrive_sumo.contract import derive_sensing_track
 from mdrive_sumo.contract.agent_options import AgentFactory
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.plug_ins import PlugInKind, list_plug_ins
 from mdrive_sumo.core.tables import TableRow, format_text_table
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.generate.validation import is_hard_suite
 from mdrive_sumo.open_loop import OPEN_LOOP_FILE
 from mdrive_sumo.report.agent_failures import list_agent_failures
-from mdrive_sumo.roads import list_packaged_networks, load_road_map
-from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.runs.run_config import RUNS_FOLDER
 from mdrive_sumo.runs.run_listing import ListedRun, list_runs
+from mdrive_sumo.runs.run_results import load_run_results
 from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
@@ -144,6 +146,7 @@ def _list_agents(_: str) -> str:
         (name, _find_builtin_track(factory), (factory.__doc__ or "").strip().split("\n")[0])
         for name, factory in AGENTS.items()
     ]
+    rows += [(name, "", f"of {one.package} {one.version}") for name, one in list_plug_ins(PlugInKind.AGENTS).items()]
     return format_text_table(("agent", "track", "what it does"), rows) + f"\n\n{TRACK_LEGEND}"
 
 
@@ -155,17 +158,6 @@ def _find_builtin_track(factory: AgentFactory) -> str:
         except InputError:
             continue
     return ""
-
-
-def _list_networks(_: str) -> str:
-    return format_text_table(("network", "lanes", "buildings", "stop signs", "description"), _make_network_rows())
-
-
-def _make_network_rows() -> Iterator[TableRow]:
-    for name, folder in list_packaged_networks().items():
-        roads, about = load_road_map(folder), read_network_file(folder)
-        signs = "unknown" if roads.stop_signs is None else str(len(roads.stop_signs))
-        yield name, str(len(roads.lanes)), str(len(roads.buildings)), signs, about.description
 
 
 RUNS_HEADER: TableRow = ("run", "suite", "agent", "seeds", "episodes", "DS", "SR", "state")
@@ -186,12 +178,26 @@ def _make_run_row(run: ListedRun) -> TableRow:
     seeds = str(facts.get("seeds", facts.get("seed", "?")))
     known = (name, Path(str(facts.get("suite", "?"))).name, _name_agent(facts), seeds)
     if run.results is None:
-        state = "finished, open loop" if (run.folder / OPEN_LOOP_FILE).is_file() else "interrupted"
-        return (*known, str(run.finished), "-", "-", state)
+        state = "finished, open loop" if (run.folder / OPEN_LOOP_FILE).is_file() else _describe_state(run)
+        return (*known, str(run.finished), *_list_partial_scores(run), state)
     means = run.results.overall.scenario_mean
     failed = len({(one.result.id, one.result.seed) for one in list_agent_failures(run.results)})
     states = [f"{count} {what}" for count, what in ((run.results.void, "void"), (failed, "agent failed")) if count]
     return (*known, str(run.finished), f"{means.ds:.2f}", f"{means.sr:.2f}", ", ".join(states) or "finished")
+
+
+def _describe_state(run: ListedRun) -> str:
+    """Return "partial: 3 of 46": a run that is going on, or was interrupted."""
+    return f"partial: {run.finished} of {run.planned}" if run.planned else "interrupted"
+
+
+def _list_partial_scores(run: ListedRun) -> tuple[str, str]:
+    """Return DS and SR of what an unfinished run has finished."""
+    try:
+        means = load_run_results(run.folder).overall.scenario_mean
+    except InputError:
+        return ("-", "-")
+    return (f"{means.ds:.2f}", f"{means.sr:.2f}")
 
 
 def _name_agent(fingerprint: Mapping[str, Any]) -> str:
@@ -209,7 +215,9 @@ LISTS: Mapping[str, Callable[[str], str]] = {
     "suites": _list_suites,
     "scenarios": _list_scenarios,
     "agents": _list_agents,
-    "networks": _list_networks,
+    NETWORKS: list_networks,
+    "metrics": list_metrics,
+    "plug-ins": list_plug_in_table,
 }
 
 
@@ -224,13 +232,21 @@ RUNS = "runs"
     "--occluded/--not-occluded", default=None, help="Only scenarios with, or without, an occlusion certificate."
 )
 def command(what: str, folder: Path, suite: str, occluded: bool | None) -> None:
-    """List suites (with the paper's statistics), scenarios, agents, networks or runs.
+    """List suites (with the paper's statistics), scenarios, agents, networks, metrics, plug-ins or runs.
 
-    DIR is where runs are looked for, with the folders below it [default: runs].
+    Plug-ins are metrics, agents, scenario sources, readers and export formats of other packages.
+
+    DIR is where runs are looked for, with the folders below it [default: runs], or where networks of your own are, such
+    as `convert opendrive` writes [default: the packaged ones].
     """
     if what == RUNS:
         echo(_list_runs(folder))
         return
+    if what == NETWORKS and folder != RUNS_FOLDER:
+        echo(list_networks_of(folder))
+        return
     if folder != RUNS_FOLDER:
-        raise click.UsageError(f"DIR: expected only with `list {RUNS}`, found {str(folder)!r} with `list {what}`")
+        raise click.UsageError(
+            f"DIR: expected only with `list {RUNS}` and `list {NETWORKS}`, found {str(folder)!r} with `list {what}`"
+        )
     echo(_list_scenarios(suite, occluded) if what == "scenarios" else LISTS[what](suite))

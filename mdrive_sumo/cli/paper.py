@@ -8,10 +8,13 @@ from typing import Any
 
 import click
 
+from mdrive_sumo.agent_process.agent_connection import AgentLimits
+from mdrive_sumo.cli.agent_limits_option import agent_limits_option
 from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.study_options import parse_agent_names
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.private_paths import hide_command
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.open_loop import OpenLoopResults
@@ -43,6 +46,7 @@ from mdrive_sumo.study.study_runs import RUNS_FOLDER
 )
 @click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many seeds.")
 @click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted study.")
+@agent_limits_option
 @workers_option
 @click.pass_context
 def command(ctx: click.Context, **options: object) -> None:
@@ -61,7 +65,7 @@ def command(ctx: click.Context, **options: object) -> None:
         echo(f"left out: {name}: {why}", err=True)
     rows = drive_with_display(ctx, prepared.study)
     numbers = compute_paper_numbers(prepared.study, rows)
-    request = PaperRequest(("mdrive-sumo", *sys.argv[1:]), prepared.left_out)
+    request = PaperRequest(hide_command(("mdrive-sumo", *sys.argv[1:]), given.out), prepared.left_out)
     pages = write_paper(given.out, numbers, request, prepared.about)
     echo(format_text_table(*format_text_rows(build_main_table(numbers.compared))))
     echo("\n" + "\n".join(map(str, pages)))
@@ -101,6 +105,7 @@ class _PaperOptions:
     seeds: int
     fresh: bool
     workers: int
+    agent_limits: AgentLimits | None
 
     def prepare_study(self) -> _PreparedStudy:
         """Return the study, and claim its folder. Raises InputError before anything is driven."""
@@ -131,9 +136,10 @@ class _PaperOptions:
         return parse_agent_names(self.agents)
 
     def _make_config(self, agent: str) -> RunConfig:
+        spec = AgentSpec(agent)
         return RunConfig(
             suite=self.suite,
-            agent=AgentSpec(agent),
+            agent=spec if spec.is_builtin or self.agent_limits is None else spec.with_limits(self.agent_limits),
             seed=self.seed,
             more_seeds=tuple(range(self.seed + 1, self.seed + self.seeds)),
             workers=self.workers,

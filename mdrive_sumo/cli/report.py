@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.core.atomic_folder import check_new_folder
+from mdrive_sumo.core.private_paths import hide_command
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.comparison_report.compared_agent import make_compared_agents
@@ -34,7 +35,7 @@ def command(runs: tuple[Path, ...], out: Path, baseline: str, with_published: bo
     """
     check_new_folder(out)
     agents = make_compared_agents(load_report_runs(runs))
-    command_line = ("mdrive-sumo", *sys.argv[1:])
+    command_line = hide_command(("mdrive-sumo", *sys.argv[1:]), Path.cwd())
     report = build_comparison_report(agents, baseline=baseline, with_published=with_published, command=command_line)
     files = write_comparison_report(report, out)
     echo(format_text_table(*format_text_rows(report.tables[0])))

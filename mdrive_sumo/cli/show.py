@@ -1,5 +1,7 @@
 """`mdrive-sumo show`."""
 
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,8 +16,9 @@ from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.agent_failures import format_agent_failures
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.report.run_report import build_run_report
-from mdrive_sumo.report.scenario_plot import save_scenario_plot
+from mdrive_sumo.report.scenario_plot import save_network_plot, save_scenario_plot
 from mdrive_sumo.roads import find_network_folder, load_road_map
+from mdrive_sumo.roads.network_file import NETWORK_FILE
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, report_write_errors
 from mdrive_sumo.runs.journal import JOURNAL_FILE
 from mdrive_sumo.runs.run_listing import check_run_folder
@@ -24,7 +27,7 @@ from mdrive_sumo.scenario.suite import load_suite
 
 
 @click.command("show")
-@click.argument("whats", metavar="SCENARIO...|RUN", nargs=-1, required=True)
+@click.argument("whats", metavar="SCENARIO...|RUN|NETWORKS", nargs=-1, required=True)
 @click.option(
     "--suite", metavar="NAME|DIR", help="Packaged suite, or a suite's folder [default: interdrive, the run's]."
 )
@@ -39,11 +42,14 @@ from mdrive_sumo.scenario.suite import load_suite
 def command(
     ctx: click.Context, whats: tuple[str, ...], suite: str | None, out: Path | None, captured: bool, workers: int
 ) -> None:
-    """Draw a scenario, or print the table of a finished run.
+    """Draw a scenario or a network, or print the table of a finished run.
 
     A drawn SCENARIO shows network, buildings, signs, CAVs with routes and goals, and background traffic. It is
     an id, or a glob that fits exactly one; several are drawn into a picture each. The ending of --out (.png, .svg,
     .pdf) is the format.
+
+    NETWORKS is a network's folder (with network.json), or a folder with networks/, such as `convert opendrive` writes;
+    each network is drawn.
 
     RUN is a folder that `eval` has written. --captured compares it with the same agent without a channel and
     with omniscient, which are looked for in their default folders below runs/, and driven if they are not there.
@@ -58,6 +64,8 @@ def command(
     folder = Path(what)
     if (folder / RESULTS_FILE).is_file():
         _show_run(ctx, folder, suite, out, workers if captured else 0)
+    elif networks := _find_networks(folder):
+        _show_networks(networks, out)
     elif captured:
         raise InputError(f"show --captured: expected the folder of a finished run, found {what!r}")
     elif (folder / JOURNAL_FILE).is_file() or len(folder.parts) > 1:
@@ -83,14 +91,35 @@ def _show_run(ctx: click.Context, folder: Path, suite: str | None, out: Path | N
         echo(f"\n{out}")
 
 
+def _find_networks(folder: Path) -> list[Path]:
+    """Return the folders of the networks that a folder is or has."""
+    found = [folder, *sorted((folder / "networks").glob("*"))]
+    return [place for place in found if (place / NETWORK_FILE).is_file()]
+
+
+def _show_networks(networks: Sequence[Path], out: Path | None) -> None:
+    if out is not None and len(networks) > 1:
+        raise click.UsageError(f"--out: expected one network with it, found {len(networks)}")
+    for folder in networks:
+        path = out or Path(f"{folder.resolve().name}.png")
+        with _report_picture_errors(path):
+            save_network_plot(load_road_map(folder), path)
+        echo(path)
+
+
+@contextmanager
+def _report_picture_errors(path: Path) -> Generator[None]:
+    try:
+        yield
+    except (OSError, ValueError) as error:  # ValueError: matplotlib does not know the ending
+        raise InputError(f"{path}: cannot be written: {error}") from None
+
+
 def _show_scenario(pattern: str, suite: str, out: Path | None) -> None:
     loaded = load_suite(suite)
     chosen = find_one_scenario(loaded, pattern)
     path = out or Path(f"{chosen.id}.png")
-    try:
-        save_scenario_plot(
-            chosen, load_road_map(find_network_folder(chosen.network, beside=loaded.find_folder(chosen.id))), path
-        )
-    except (OSError, ValueError) as error:  # ValueError: matplotlib does not know the ending
-        raise InputError(f"{path}: cannot be written: {error}") from None
+    roads = load_road_map(find_network_folder(chosen.network, beside=loaded.find_folder(chosen.id)))
+    with _report_picture_errors(path):
+        save_scenario_plot(chosen, roads, path)
     echo(path)

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.ablate import command as ablate_command
+from mdrive_sumo.cli.agent_limits_option import agent_limits_option
 from mdrive_sumo.cli.comm import parse_comm_options
 from mdrive_sumo.cli.cross_play import command as cross_play_command
 from mdrive_sumo.cli.gain import command as gain_command
@@ -75,6 +76,7 @@ command.add_command(paper_command)
 @click.option("--no-record", is_flag=True, help="Keep no recordings: no view, verify or ablate of single runs.")
 @click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted study.")
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder.")
+@agent_limits_option
 @workers_option
 @click.pass_context
 def comm_command(ctx: click.Context, **options: object) -> None:

@@ -8,12 +8,15 @@ from typing import Any, NoReturn, Protocol
 
 import click
 
+from mdrive_sumo.agent_process.agent_connection import AgentLimits
+from mdrive_sumo.cli.agent_limits_option import agent_limits_option
 from mdrive_sumo.cli.comm import parse_comm_options
 from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.study_display import warn_about_failures
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import write_text
+from mdrive_sumo.core.private_paths import hide_command
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
@@ -41,6 +44,7 @@ def study_options(*, suite: str, seed: int, seeds: int) -> Callable[[Callable[..
         click.option(
             "--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder."
         ),
+        agent_limits_option,
         workers_option,
     )
 
@@ -74,6 +78,7 @@ class StudyOptions:
     fresh: bool
     out: Path
     workers: int
+    agent_limits: AgentLimits | None
 
     @property
     def all_seeds(self) -> tuple[int, ...]:
@@ -86,10 +91,11 @@ class StudyOptions:
 
     def prepare_agent(self, name: str, agent_config: Mapping[str, ConfigValue] | None = None) -> PreparedRun:
         """Return the run of an agent with the first seed. Raises InputError."""
+        spec = AgentSpec(name, agent_config or {})
         config = RunConfig(
             suite=self.suite,
             scenario=self.scenario,
-            agent=AgentSpec(name, agent_config or {}),
+            agent=spec if spec.is_builtin or self.agent_limits is None else spec.with_limits(self.agent_limits),
             seed=self.seed,
             options=self.make_episode_options(),
             record=not self.no_record,
@@ -105,7 +111,9 @@ class StudyOptions:
     ) -> StudyDescription:
         """Return the study for its files. grid and factors: of a channel study."""
         suite = rows[0].results[0].run.suite
-        return StudyDescription(suite, self.scenario, grid, factors or {}, self.all_seeds, _get_command())
+        return StudyDescription(
+            suite, self.scenario, grid, factors or {}, self.all_seeds, hide_command(_get_command(), self.out)
+        )
 
     def end_study(
         self,

@@ -3,8 +3,10 @@
 import sys
 import webbrowser
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from time import sleep as _sleep
 
 import click
 
@@ -33,11 +35,17 @@ from mdrive_sumo.report.run_page.replay_files import (
 )
 from mdrive_sumo.report.run_page.run_page import render_run_page
 from mdrive_sumo.report.run_page.run_page_data import build_run_page_data
-from mdrive_sumo.runs.stored_run import StoredRun, load_stored_run
+from mdrive_sumo.runs.evaluate import RESULTS_FILE
+from mdrive_sumo.runs.journal import JOURNAL_FILE, read_run_journal
+from mdrive_sumo.runs.stored_run import StoredRun, load_viewed_run
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scoring import Results, ScenarioResult
+from mdrive_sumo.scoring import EpisodeKey, Results, ScenarioResult
 
 RUN_PAGE = "index.html"
+LIVE_INTERVAL_S = 1.0
+"""How often `--live` looks for finished episodes [s]: they take seconds."""
+LIVE_REFRESH_S = 5
+"""How often the browser loads the page of a run that is going on [s]: often enough to follow, rarely enough to read."""
 RUN_NOTES: Mapping[ReplaySelection, str] = {
     ReplaySelection.LOST: "Replays are linked where something was lost; `mdrive-sumo view RUN --replays all` writes the"
     " others as well.",
@@ -74,6 +82,9 @@ COMPARISON_NOTES: Mapping[ReplaySelection, str] = {
     help="Replays beside the page: where something was lost (of several runs: where scores differ), all, none"
     " [default: lost].",
 )
+@click.option(
+    "--live", is_flag=True, help="Write the page of a run that is going on anew as it grows, until it is finished."
+)
 @click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
 def command(run_folders: tuple[Path, ...], **options: object) -> None:
     """Open the page of a run in the browser, compare runs, or replay an episode.
@@ -81,6 +92,9 @@ def command(run_folders: tuple[Path, ...], **options: object) -> None:
     The page of a run lists its scenarios, the worst first: what each CAV lost and why, with links into the replays.
     Several runs are compared with the first of them: paired differences, settings that differ, and two replays of a
     scenario in step. --scenario opens the replay of one episode, or those of two runs in step.
+
+    A run that is going on or was interrupted is shown with what it has finished, marked "partial". With --live its page
+    is written anew as episodes finish, and the browser shows it; Ctrl-C ends this, and never the run.
 
     All pages are HTML files below the (first) RUN/view that never reach the network; those of earlier calls are written
     anew. `?` in a replay lists the keys.
@@ -92,7 +106,10 @@ def command(run_folders: tuple[Path, ...], **options: object) -> None:
         runs = load_compared_runs(run_folders, given.suite)
         paths = [*_write_in_step(runs, given)] if given.patterns else [_write_comparison(runs, given)]
     else:
-        stored = load_stored_run(first, given.suite)
+        if given.live:
+            _follow_run(first, given)
+            return
+        stored = load_viewed_run(first, given.suite)
         paths = [*_write_episodes(stored, given)] if given.patterns else [_write_run_page(stored, given)]
     _open(paths, is_wanted=not (given.export or given.no_open))
 
@@ -104,6 +121,7 @@ class _ViewOptions:
     export: Path | None
     no_open: bool
     replays: str | None
+    live: bool
     suite: str | None
 
     @property
@@ -113,6 +131,8 @@ class _ViewOptions:
 
     def check(self, runs: int) -> None:
         """Raise click.UsageError for options that do not go together. runs: how many are viewed."""
+        if self.live and (runs > 1 or self.patterns or self.export):
+            raise click.UsageError("--live: expected one RUN with it, without --scenario and --export")
         if self.patterns and runs > 2:
             raise click.UsageError(f"--scenario: expected one RUN or two with it, found {runs}")
         if self.export is not None and len(self.patterns) > 1:
@@ -131,6 +151,45 @@ def _write_run_page(stored: StoredRun, given: _ViewOptions) -> Path:
     data = build_run_page_data(stored, {result.key for result in chosen}, path)
     write_page(path, render_run_page(data, replays_note=RUN_NOTES[selection]))
     return path
+
+
+def _follow_run(folder: Path, given: _ViewOptions) -> None:
+    """Write the page of a run whenever an episode has finished, until all have; open it once."""
+    path = folder / VIEW_FOLDER / RUN_PAGE
+    written: set[EpisodeKey] = set()
+    shown: tuple[int, int | None] | None = None
+    with suppress(KeyboardInterrupt):
+        while True:
+            stored = _load_begun_run(folder, given.suite)
+            state = None if stored is None else (len(stored.results.scenarios), stored.results.planned)
+            if stored is not None and state != shown:
+                _write_live_page(stored, given.selection, written, path)
+                if shown is None:
+                    _open([path], is_wanted=not given.no_open)
+                shown = state
+            if stored is not None and stored.results.planned is None:
+                return
+            _sleep(LIVE_INTERVAL_S)
+
+
+def _load_begun_run(folder: Path, suite: str | None) -> StoredRun | None:
+    """Return a run with what it has finished; None before its first episode has. Raises InputError."""
+    if (folder / JOURNAL_FILE).is_file() and not (folder / RESULTS_FILE).is_file():
+        journal = read_run_journal(folder)[1]
+        if journal.about and not journal.results:
+            return None
+    return load_viewed_run(folder, suite)
+
+
+def _write_live_page(stored: StoredRun, selection: ReplaySelection, written: set[EpisodeKey], path: Path) -> None:
+    """Write the page of a run, and the replays that are not among the written ones, which become more."""
+    chosen = select_replays(stored.run, stored.results.scenarios, selection)
+    for _ in write_replays(path.parent, stored.run, [one for one in chosen if one.key not in written]):
+        pass
+    written |= {result.key for result in chosen}
+    data = build_run_page_data(stored, {result.key for result in chosen}, path)
+    refresh_s = 0 if stored.results.planned is None else LIVE_REFRESH_S
+    write_page(path, render_run_page(data, replays_note=RUN_NOTES[selection], refresh_s=refresh_s))
 
 
 def _write_comparison(runs: Sequence[ComparedRun], given: _ViewOptions) -> Path:

@@ -2,6 +2,8 @@
 
 import click
 
+from mdrive_sumo.core.posix import check_posix
+
 
 def parse_worker_count(_: click.Context, __: click.Parameter, value: str) -> int:
     """Return the value of --workers: a positive number; "auto" is every core that this process may use."""
@@ -13,6 +15,8 @@ def parse_worker_count(_: click.Context, __: click.Parameter, value: str) -> int
         return count_available_cores()
     if not value.isdecimal() or int(value) < 1:
         raise click.BadParameter(f"expected a positive number or auto, found {value!r}")
+    if int(value) > 1:
+        check_posix(f"--workers {value}: more than one worker")
     return int(value)
 
 

@@ -20,7 +20,9 @@ from mdrive_sumo.contract.exchange import (
     Plan,
     Privileged,
     Reply,
+    check_sensors,
     read_label,
+    read_sensors,
 )
 from mdrive_sumo.contract.reply_check import (
     CONTROL_STEP,
@@ -74,6 +76,8 @@ __all__ = [
     "Privileged",
     "Reply",
     "read_label",
+    "check_sensors",
+    "read_sensors",
     "CONTROL_STEP",
     "MAX_DETECTIONS",
     "MAX_MESSAGES",

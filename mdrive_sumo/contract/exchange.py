@@ -1,9 +1,9 @@
 """What goes back and forth in every tick: an Observation, and a Reply with a Control or a Plan and messages."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, cast
 
 from mdrive_sumo.contract.briefing import Briefing
 from mdrive_sumo.contract.sensors import CameraImage, Detections, Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
@@ -207,6 +207,21 @@ class Agent(Protocol):
     def act(self, seen: Observation) -> Reply:
         """Return the reply to one observation; called on every tick until the CAV ends."""
         ...
+
+
+def read_sensors(agent: Agent) -> tuple[SensorSpec, ...]:
+    """Return the sensors that an agent declares. Raises InputError unless they are a sequence of SensorSpec."""
+    return check_sensors(agent.sensors())
+
+
+def check_sensors(sensors: object) -> tuple[SensorSpec, ...]:
+    """Return declared sensors as a tuple. Raises InputError unless they are a sequence of SensorSpec."""
+    if not isinstance(sensors, list | tuple):
+        raise InputError(f"sensors(): expected a tuple of SensorSpec, found {type(sensors).__name__}")
+    for sensor in cast("Sequence[object]", sensors):
+        if not isinstance(sensor, SensorSpec):
+            raise InputError(f"sensors(): expected a tuple of SensorSpec, found {sensor!r:.60} in it")
+    return tuple(cast("Sequence[SensorSpec]", sensors))
 
 
 def read_label(agent: object) -> str:

@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Mapping
 from typing import Any, cast
 
 import numpy as np
@@ -28,7 +29,8 @@ class ReplyError(ValueError):
 def check_reply(reply: object, controllers: frozenset[str]) -> Reply:
     """Return the reply with its control rounded to `CONTROL_STEP`. Raises ReplyError that names the first problem."""
     if not isinstance(reply, Reply):
-        raise ReplyError(f"expected a Reply, found {type(reply).__name__}")
+        remedy = "; return Reply(control=Control(throttle, brake, steer))" if isinstance(reply, Mapping) else ""
+        raise ReplyError(f"expected a Reply, found {type(reply).__name__}{remedy}")
     if (reply.control is None) == (reply.plan is None):
         raise ReplyError("expected either a control or a plan, found " + ("neither" if reply.plan is None else "both"))
     attachments = _check_messages(reply.messages), _check_notes(reply.notes), _check_detections(reply.detections)

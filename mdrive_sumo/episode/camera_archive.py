@@ -47,10 +47,10 @@ class CameraArchiveWriter:
     """Writes the images (`rgb`) that agents get; a context manager that leaves no file without images."""
 
     def __init__(self, path: Path) -> None:
-        """Raises OSError."""
-        make_parents(path)
-        self._path, self._new = path, NewFile(path)
-        self._archive = zipfile.ZipFile(self._new.file, "w", zipfile.ZIP_STORED)
+        """The file and its folder are made for the first image."""
+        self._path = path
+        self._new: NewFile | None = None
+        self._archive: zipfile.ZipFile | None = None
         self._number_by_camera: dict[tuple[str, str], int] = {}
         self._size, self._left_out = 0, 0
 
@@ -58,11 +58,14 @@ class CameraArchiveWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, _: BaseException | None, __: TracebackType | None) -> None:
-        """Finish the archive; drop it after an error, or if it holds nothing."""
+        """Finish the archive; drop it after an error. Without images there is none, nor its folder."""
+        if self._archive is None or self._new is None:
+            self._path.unlink(missing_ok=True)
+            return
         cameras = [{"ego": ego, "camera": camera} for ego, camera in self._number_by_camera]
         self._write(INDEX, json.dumps({"cameras": cameras, "left_out": self._left_out}).encode())
         self._archive.close()
-        if kind is None and cameras:
+        if kind is None:
             self._new.keep()
         else:
             self._new.drop()
@@ -85,6 +88,10 @@ class CameraArchiveWriter:
         self._write(f"{number}/{tick:06d}.jpg", data)
 
     def _write(self, name: str, data: bytes) -> None:
+        if self._archive is None:
+            make_parents(self._path)
+            self._new = NewFile(self._path)
+            self._archive = zipfile.ZipFile(self._new.file, "w", zipfile.ZIP_STORED)
         self._archive.writestr(zipfile.ZipInfo(name, _TIME), data)
 
 

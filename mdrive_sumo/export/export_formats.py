@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.installation_command import format_installation
+from mdrive_sumo.core.plug_ins import PlugIn, PlugInKind, check_plug_in_names, list_plug_ins
 
 if TYPE_CHECKING:  # `export --help` lists the formats without loading NumPy and pydantic
     from mdrive_sumo.export.scored_recording import ScoredRecording
@@ -61,4 +62,18 @@ EXPORT_FORMATS: Mapping[str, ExportFormat] = {
         is_in_log_frame=False,
     ),
 }
-"""Format by name, as the command line lists them."""
+"""Built-in format by name, as the command line lists them."""
+
+
+def list_export_formats() -> Mapping[str, ExportFormat]:
+    """Return all formats by name, those of other packages (`mdrive_sumo.export_formats`) last. Raises InputError."""
+    check_plug_in_names(PlugInKind.EXPORT_FORMATS, EXPORT_FORMATS)
+    plug_ins = list_plug_ins(PlugInKind.EXPORT_FORMATS)
+    return {**EXPORT_FORMATS, **{name: _load_format(plug_in) for name, plug_in in plug_ins.items()}}
+
+
+def _load_format(plug_in: PlugIn) -> ExportFormat:
+    loaded = plug_in.load()
+    if not isinstance(loaded, ExportFormat):
+        raise InputError(f"{plug_in.describe()}: expected an ExportFormat, found {loaded!r:.80}")
+    return loaded

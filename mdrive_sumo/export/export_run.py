@@ -8,7 +8,7 @@ from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.core.suggestion import suggest_name
-from mdrive_sumo.export.export_formats import EXPORT_FORMATS, ExportFormat
+from mdrive_sumo.export.export_formats import ExportFormat, list_export_formats
 from mdrive_sumo.export.log_frame import restore_log_frames
 from mdrive_sumo.export.scored_recording import ScoredRecording
 from mdrive_sumo.runs.recording_check import check_recordings, load_recording
@@ -47,9 +47,10 @@ def _place_in_frame(form: ExportFormat, recordings: Iterable[ScoredRecording]) -
 
 def find_format(name: str) -> ExportFormat:
     """Return a format by its name. Raises InputError."""
-    if name not in EXPORT_FORMATS:
-        raise InputError(f"export: format: expected one of {', '.join(EXPORT_FORMATS)}, found {name!r}")
-    return EXPORT_FORMATS[name]
+    formats = list_export_formats()
+    if name not in formats:
+        raise InputError(f"export: format: expected one of {', '.join(formats)}, found {name!r}")
+    return formats[name]
 
 
 def select_recorded(stored: StoredRun, patterns: Sequence[str] = ()) -> list[ScenarioResult]:

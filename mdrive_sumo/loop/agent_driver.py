@@ -3,8 +3,19 @@
 import time
 from typing import Protocol
 
-from mdrive_sumo.contract import Agent, Briefing, Observation, Reply, ReplyError, SensorSpec, check_reply, read_label
+from mdrive_sumo.contract import (
+    Agent,
+    Briefing,
+    Observation,
+    Reply,
+    ReplyError,
+    SensorSpec,
+    check_reply,
+    read_label,
+    read_sensors,
+)
 from mdrive_sumo.core.errors import MdriveError, WorldError
+from mdrive_sumo.core.private_paths import hide_paths_in_text
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.vehicle.control import CONTROLLERS
@@ -73,7 +84,7 @@ class LocalDriver:
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """See Driver."""
-        return self._agent.sensors()
+        return read_sensors(self._agent)
 
     def start(self, briefing: Briefing) -> None:
         """See Driver."""
@@ -115,8 +126,8 @@ def validate_reply(reply: object) -> Reply:
 
 
 def describe_error(error: BaseException) -> str:
-    """Return an exception as one short line."""
-    return shorten(f"{type(error).__name__}: {error}")
+    """Return an exception as one short line, without folders of this machine: results and recordings have it."""
+    return shorten(hide_paths_in_text(f"{type(error).__name__}: {error}"))
 
 
 def shorten(text: str, max_length: int = 200) -> str:

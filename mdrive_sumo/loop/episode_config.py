@@ -91,6 +91,8 @@ class EpisodeOptions:
             if comm not in PRESETS:
                 raise InputError(f"comm: {describe_unknown(comm, PRESETS)}")
             comm = PRESETS[comm]
+        if not isinstance(cast(object, comm), CommSettings):
+            raise InputError(f"comm: expected one of {', '.join(PRESETS)} or CommSettings, found {comm!r:.40}")
         choices = cls.list_choices()
         chosen: dict[str, Any] = {}
         for key, value in values.items():

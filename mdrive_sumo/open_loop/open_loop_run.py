@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdrive_sumo.core.checksum import compute_file_checksum
+from mdrive_sumo.core.private_paths import hide_locator
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.open_loop.open_loop_job import OpenLoopJob
 from mdrive_sumo.open_loop.reference import Reference
@@ -73,7 +74,7 @@ def prepare_open_loop(
     folder: for results and journal; None: a folder of runs/ that is named after agent and reference. sandbox: whether a
     third-party agent runs in boxes that hide suite and recordings. Raises InputError for whatever the user has to mend.
     """
-    config = replace(reference.config, agent=agent, options=options, sandbox=sandbox, record=True)
+    config = replace(reference.config, agent=agent, options=options, sandbox=sandbox, record=True, out=None)
     out = folder or _name_folder(config, reference)
     check_agent_name(agent)
     located = agent.resolve()
@@ -82,7 +83,7 @@ def prepare_open_loop(
         located = box_agent(located, hidden, out)
     _, labels = declare_labels(located, is_sandboxed=located.box is not None)
     info = OpenLoopRunInfo(
-        agent=agent.name,
+        agent=hide_locator(agent.name, out),
         labels=labels,
         agent_config=agent.config_hash(),
         suite=reference.suite.name,
@@ -92,7 +93,9 @@ def prepare_open_loop(
         versions=read_versions((agent,)),
         options=options.to_dict(),
     )
-    return OpenLoopRun(reference, located, options, out, workers, info, _compute_fingerprint(config, reference))
+    return OpenLoopRun(
+        reference, located, options, out, workers, info, _compute_fingerprint(replace(config, out=out), reference)
+    )
 
 
 def _compute_fingerprint(config: RunConfig, reference: Reference) -> Fingerprint:

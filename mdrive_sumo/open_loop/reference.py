@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.private_paths import hide_locator
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER
@@ -34,8 +35,8 @@ class Reference:
 
     @property
     def name(self) -> str:
-        """What drove: an agent, or "log"."""
-        return self.config.agent.name
+        """What drove: an agent, of a file without its folder, or "log"."""
+        return hide_locator(self.config.agent.name)
 
     @property
     def scenarios(self) -> tuple[Scenario, ...]:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import GAPS, OWN_KERNEL, SHARED_KERNEL, KernelTrial, SandboxLayer
 from mdrive_sumo.core.installation_command import format_installation
+from mdrive_sumo.core.posix import REMEDY, is_posix
 from mdrive_sumo.core.tables import format_text_table
 
 SIMULATOR_CHECK = "import libsumo; libsumo.getVersion()"
@@ -71,7 +72,7 @@ def examine_installation() -> tuple[InstallationCheck, ...]:
     return (
         InstallationCheck("mdrive-sumo", _version("mdrive-sumo"), "everything"),
         _python(),
-        InstallationCheck("platform", f"{platform.system()} {platform.machine()}", "everything"),
+        InstallationCheck("platform", _describe_platform(), "everything"),
         InstallationCheck("cores", str(count_usable_cores()), "eval --workers auto"),
         *(_package(*row) for row in PACKAGES),
         _simulator(),
@@ -80,6 +81,12 @@ def examine_installation() -> tuple[InstallationCheck, ...]:
         _program("bwrap", "serve, submit --dry-run", "on Debian and Ubuntu: apt-get install bubblewrap"),
         _program("ffmpeg", "render --out x.mp4", "on Debian and Ubuntu: apt-get install ffmpeg"),
     )
+
+
+def _describe_platform() -> str:
+    """Return system and processor, and on a system without POSIX what works there."""
+    found = f"{platform.system()} {platform.machine()}"
+    return found if is_posix() else f"{found}: built-in agents with one worker; all else {REMEDY}"
 
 
 def count_usable_cores() -> int:

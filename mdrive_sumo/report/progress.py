@@ -11,6 +11,8 @@ from mdrive_sumo.core.terminal import CLEAR_LINE
 from mdrive_sumo.scoring import EpisodeKey, ScenarioResult
 
 BAR_WIDTH = 24
+RUNNING_LINE_INTERVAL_S = 60.0
+"""How often a line in a log says that episodes are still running [s]."""
 
 
 class ProgressDisplay:
@@ -23,6 +25,7 @@ class ProgressDisplay:
         self._total = self._kept = 0
         self._results: list[ScenarioResult] = []
         self._began = clock()
+        self._running_shown_s = self._began
 
     def begin(self, total: int, kept: Mapping[EpisodeKey, ScenarioResult]) -> None:
         """See Progress."""
@@ -42,6 +45,14 @@ class ProgressDisplay:
             self._draw(_name(result))
         else:
             self._write(f"{self._state()}  {_name(result)} {_brief(result)}\n")
+
+    def show_running(self, running: Mapping[str, float]) -> None:
+        """See Progress. Elsewhere than on a terminal a line comes at most every minute."""
+        if self._live:
+            self._draw(_describe_running(running))
+        elif self._clock() - self._running_shown_s >= RUNNING_LINE_INTERVAL_S:
+            self._running_shown_s = self._clock()
+            self._write(f"{self._state()}  {_describe_running(running)}\n")
 
     def note(self, text: str) -> None:
         """See Progress."""
@@ -75,8 +86,7 @@ class ProgressDisplay:
         if not fresh:
             return "-:--"
         left_s = (self._clock() - self._began) / fresh * (self._total - self._count_done())
-        minutes, seconds = divmod(round(left_s), 60)
-        return f"{minutes}:{seconds:02}"
+        return _format_duration(left_s)
 
     def _write(self, text: str) -> None:
         if self._stream is not None:
@@ -90,6 +100,18 @@ def _mean(values: Iterable[float]) -> str:
 
 def _name(result: ScenarioResult) -> str:
     return clean_line(f"{result.id} seed {result.seed}" if result.seed else result.id)
+
+
+def _describe_running(running: Mapping[str, float]) -> str:
+    """Return "running: i1 for 2:05, i2 for 1:10"; one more number counts those that are left out."""
+    texts = [f"{name} for {_format_duration(seconds)}" for name, seconds in running.items()]
+    left_out = f", {len(texts) - 3} more" if len(texts) > 3 else ""
+    return f"running: {', '.join(texts[:3])}{left_out}"
+
+
+def _format_duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes}:{rest:02}"
 
 
 def _brief(result: ScenarioResult) -> str:

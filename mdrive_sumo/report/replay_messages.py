@@ -15,7 +15,7 @@ from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.v2x.channel import DeliveryStatus
-from mdrive_sumo.v2x.messages import Cam, Content, Cpm, Mcm, MessageError, decode
+from mdrive_sumo.v2x.messages import Cam, Content, Cpm, Mcm, MessageError, decode, find_problem
 
 SHOWN_EVERY_TICKS = 4
 """Objects of CPMs and trajectories of MCMs are included at 5 Hz at most, to limit the size of the page."""
@@ -53,6 +53,7 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
         "types": types,
         "fates": [str(fate) for fate in FATES],
         "terms": terms,
+        "problems": [(row.row, problem) for row in rows if (problem := find_problem(row.message)) is not None],
         "texts": [(row.row, row.content) for row in rows if isinstance(row.content, str)],
     }
     heads = [(types.index(m.type), column[m.sender], m.tick, len(m.payload)) for m in (row.message for row in rows)]

@@ -69,10 +69,19 @@ def build_interval_rows(results: Results) -> list[TableRow]:
     return [(one.group, *format_interval_cells(one.ds), *format_interval_cells(one.sr)) for one in found]
 
 
+def describe_partial(results: Results) -> str:
+    """Return "partial: 3 of 46" for the results of an unfinished run; "" for a finished one."""
+    return "" if results.planned is None else f"partial: {len(results.scenarios)} of {results.planned}"
+
+
 def describe_agent(results: Results) -> str:
-    """Return the agent with its labels, e.g. "omniscient [privileged, object track]"; with the other agent of two."""
+    """Return the agent with its labels, e.g. "omniscient [privileged, object track]"; with the other agent of two.
+
+    Results of an unfinished run are marked: "idm [single, sensor track, partial: 3 of 46]".
+    """
     run = results.run
-    labels = ", ".join((*run.labels, *((describe_sensing_track(run),) if run.sensing_track else ())))
+    track = describe_sensing_track(run) if run.sensing_track else ""
+    labels = ", ".join(filter(None, (*run.labels, track, describe_partial(results))))
     share = "one CAV" if run.penetration is None else f"{run.penetration} % of the CAVs"
     name = f"{run.agent} ({share}) among {run.others}" if run.others else run.agent
     return clean_line(f"{name} [{labels}]" if labels else name)
@@ -144,6 +153,15 @@ def count_notes(results: Results) -> Counter[str]:
     return _sorted(kind for scenario in results.scenarios for kind in Counter(scenario.notes).elements())
 
 
+def describe_malformed(results: Results) -> str:
+    """Return "200 messages, dropped: cam: expected at least 18 bytes (200)"; "" if none is malformed."""
+    counts = _sorted(problem for one in results.scenarios for problem in Counter(one.malformed).elements())
+    if not counts:
+        return ""
+    kinds = "; ".join(f"{problem} ({count})" for problem, count in counts.items())
+    return f"{counts.total()} messages, dropped: {kinds}"
+
+
 def _sorted(names: Iterable[str]) -> Counter[str]:
     counts = Counter(names)
     return Counter(dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))))
@@ -178,6 +196,7 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
         ("severity", _listed(count_collisions_by_severity(results))),
         ("void", str(results.void)),
         *((("notes", _listed(notes)),) if notes else ()),
+        *((("malformed", malformed),) if (malformed := describe_malformed(results)) else ()),
         *((("times", missing),) if (missing := describe_missing_reference(results)) else ()),
     )
     return "\n".join(

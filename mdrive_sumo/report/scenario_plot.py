@@ -51,6 +51,16 @@ def save_scenario_plot(scenario: Scenario, roads: RoadMap, path: Path, dpi: int 
         figure.savefig(file, format=path.suffix[1:] or "png", dpi=dpi)
 
 
+def save_network_plot(roads: RoadMap, path: Path, dpi: int = 130) -> None:
+    """Write the picture of a network without a scenario; as `save_scenario_plot`."""
+    view = fit_view(np.concatenate([lane.centre.xy for lane in roads.lanes.values()]))
+    figure, axes = _make_figure(view)
+    draw_map(axes, roads, view)
+    _draw_scale(axes, view)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=dpi)
+
+
 def draw_scenario(axes: Axes, scenario: Scenario, roads: RoadMap, view: MapView) -> None:
     """Draw a scenario at its start: network, background vehicles, scripted actors, CAVs and their routes."""
     draw_map(axes, roads, view)

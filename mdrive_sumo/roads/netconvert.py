@@ -2,16 +2,22 @@
 
 import importlib.util
 import re
-import resource
 import shutil
 import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.installation_command import format_installation
+from mdrive_sumo.core.posix import import_posix
+
+if TYPE_CHECKING:
+    import resource
+else:
+    resource = import_posix("resource")
 
 LIMIT_S = 600
 MEMORY_BYTES = 2 * 2**30

@@ -8,7 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, find_carla_file, split_locator
+from mdrive_sumo.agent_process.agent_lookup import find_carla_file, split_locator
 from mdrive_sumo.agent_process.child_process import AGENT_FOLDER, PACKAGE, AgentBox
 from mdrive_sumo.agent_process.sandbox import BoxLimits, check_layers
 from mdrive_sumo.core.errors import InputError
@@ -69,7 +69,7 @@ def find_boxed_file(spec: AgentSpec) -> tuple[Path, str, str]:
     """
     if isinstance(spec.agent, str):
         if (file := find_carla_file(spec.agent)) is not None:
-            return file.resolve(), CARLA_PREFIX, ""
+            return file.resolve(), f"{spec.agent.partition(':')[0]}:", ""
         place, name = split_locator(spec.agent)
         if place.endswith(".py"):
             return Path(place).resolve(), "", f":{name}"

@@ -6,18 +6,26 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
-from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, find_carla_file, find_module_file, split_locator
+from mdrive_sumo.agent_process.agent_file import drives_one_vehicle
+from mdrive_sumo.agent_process.agent_lookup import (
+    CARLA_PREFIX,
+    CARLA_SINGLE_PREFIX,
+    find_carla_file,
+    find_module_file,
+    split_locator,
+)
 from mdrive_sumo.agent_process.child_process import AgentBox
 from mdrive_sumo.agents.registry import AGENTS, LEARNED_AGENTS
 from mdrive_sumo.contract import Agent
 from mdrive_sumo.core.checksum import compute_file_checksum, compute_files_checksum
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.plug_ins import PlugIn, PlugInKind, list_plug_ins
+from mdrive_sumo.runs.agent_limits import LOCAL_LIMITS, OPTION, format_agent_limits
 
 AgentFactory = Callable[[Mapping[str, Any]], Agent]
-LOCAL_LIMITS = AgentLimits(reply_bytes=2**20, episode_bytes=2**30)
-"""Limits of a user's own agent: as large as the contract allows, since notes alone may have 200 000 characters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +42,16 @@ class AgentSpec:
     known_as: str = ""
     """The agent as the user typed it, if `agent` is its place in the box."""
 
+    def __post_init__(self) -> None:
+        """Raises InputError for what can be no agent."""
+        if not isinstance(self.agent, str) and not callable(self.agent):
+            raise InputError(
+                f"agent: expected a name ({next(iter(AGENTS))}, idm, ...), module:Class, path.py:Class or a class,"
+                f" found {self.agent!r:.40}"
+            )
+        if not isinstance(cast(object, self.config), Mapping):
+            raise InputError(f"agent_config: expected a mapping of options, found {self.config!r:.40}")
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle a class by value: a worker process cannot import what a notebook defines."""
         if isinstance(self.agent, str):
@@ -46,6 +64,12 @@ class AgentSpec:
         if isinstance(self.agent, str):
             return self.known_as or self.agent
         return f"{self.agent.__module__}:{getattr(self.agent, '__qualname__', type(self.agent).__qualname__)}"
+
+    @property
+    def plug_in(self) -> PlugIn | None:
+        """The entry point of another package that `agent` names, if it does."""
+        plug_ins = list_plug_ins(PlugInKind.AGENTS) if isinstance(self.agent, str) and not self.is_builtin else {}
+        return plug_ins.get(self.known_as or str(self.agent))
 
     @property
     def is_builtin(self) -> bool:
@@ -61,12 +85,24 @@ class AgentSpec:
         """Return the agent as it is asked in a run with a pace; 0: none."""
         return replace(self, limits=replace(self.limits, pace_s=pace_s))
 
+    def with_limits(self, limits: AgentLimits) -> "AgentSpec":
+        """Return the agent with other limits. Raises InputError for a built-in agent, which has none."""
+        if self.is_builtin and format_agent_limits(limits):
+            raise InputError(f"{OPTION}: expected an agent of a file or module, found {self.name}, which is built in")
+        return replace(self, limits=limits)
+
     def resolve(self) -> "AgentSpec":
-        """Return the agent as any process finds it: the path of a file is absolute. Raises InputError."""
+        """Return the agent as any process finds it: the path of a file is absolute. Raises InputError.
+
+        It also says of a CARLA leaderboard agent whether it drives one vehicle or all of them.
+        """
         if not isinstance(self.agent, str) or self.is_builtin:
             return self
         if (file := find_carla_file(self.agent)) is not None:
-            return replace(self, agent=f"{CARLA_PREFIX}{file.resolve()}")
+            is_single = self.agent.startswith(CARLA_SINGLE_PREFIX) or drives_one_vehicle(file)
+            return replace(self, agent=f"{CARLA_SINGLE_PREFIX if is_single else CARLA_PREFIX}{file.resolve()}")
+        if (plug_in := self.plug_in) is not None:
+            return replace(self, agent=plug_in.locator, known_as=plug_in.name)
         place, name = split_locator(self.agent)
         return replace(self, agent=f"{Path(place).resolve()}:{name}") if place.endswith(".py") else self
 
@@ -79,8 +115,12 @@ class AgentSpec:
         return json.dumps(dict(self.config), sort_keys=True, separators=(",", ":"))
 
     def config_hash(self) -> str:
-        """Return the checksum of the options and of the files that they name; "" if there are none."""
-        text = self.config_text() + self.files_checksum()
+        """Return the checksum of the options and of the files that they name; "" if there are none.
+
+        Where the files are does not count: a run that is copied to another machine has the same.
+        """
+        named = {name: Path(value).name if _is_file(value) else value for name, value in self.config.items()}
+        text = replace(self, config=named).config_text() + self.files_checksum()
         return "sha256:" + hashlib.sha256(text.encode()).hexdigest() if self.config else ""
 
     def files_checksum(self) -> str:
@@ -99,12 +139,12 @@ class AgentSpec:
             return "sha256:" + hashlib.sha256(_read_source(self.agent).encode()).hexdigest()
         if (file := self.find_file()) is not None:
             return compute_file_checksum(file) if file.is_file() else ""
-        file = find_module_file(split_locator(self.agent)[0])
+        file = find_module_file(split_locator(str(self.resolve().agent))[0])
         return compute_file_checksum(file) if file else ""
 
     def find_file(self) -> Path | None:
         """Return the file that `path.py:Class` or `carla:path.py` names; None for other agents. Raises InputError."""
-        if not isinstance(self.agent, str) or self.is_builtin:
+        if not isinstance(self.agent, str) or self.is_builtin or self.plug_in is not None:
             return None
         if (file := find_carla_file(self.agent)) is not None:
             return file

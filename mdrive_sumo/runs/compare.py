@@ -152,7 +152,13 @@ def _find_warnings(a: Results, b: Results) -> list[str]:
         "seeds": (_list_seeds(a), _list_seeds(b)),
         "versions": select_shared_versions(a.run, b.run),
     }
+    partial = [
+        f"{letter} is partial: {len(one.scenarios)} of {one.planned} episodes are finished"
+        for letter, one in zip("AB", (a, b), strict=True)
+        if one.planned is not None
+    ]
     found = [f"A and B differ in {what}: {x} and {y}" for what, (x, y) in compared.items() if x != y]
+    found = partial + found
     tracks = (a.run.sensing_track, b.run.sensing_track)
     if all(tracks) and len(set(tracks)) > 1:
         found.append(f"A is in the {tracks[0]} track and B in the {tracks[1]} track, which are ranked apart")

@@ -11,6 +11,7 @@ from pathlib import Path
 from mdrive_sumo.agent_process.agent_connection import ConnectionGroup
 from mdrive_sumo.agent_process.sandbox import BoxKilledError
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.private_paths import hide_locator
 from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
 from mdrive_sumo.episode.camera_archive import CameraArchiveWriter
@@ -162,8 +163,9 @@ def _load_suite_once(folder: Path, scenario: str) -> Suite:
     return load_suite_of_one(Path(folder), scenario)
 
 
-def _describe_others(others: OtherAgents | None) -> dict[str, str]:
-    return {"others": others.agent.name} if others else {}
+def _describe_agents(job: EpisodeJob) -> dict[str, str]:
+    others = {"others": hide_locator(job.others.agent.name)} if job.others else {}
+    return {"agent": hide_locator(job.agent.name), **others}
 
 
 def _drive(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord:
@@ -185,7 +187,11 @@ def _drive_once(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeR
         scenario,
         roads,
         job.seed,
-        {"agent": job.agent.name, **_describe_others(job.others), "seed": job.seed, **job.options.to_dict()},
+        {
+            **_describe_agents(job),
+            "seed": job.seed,
+            **job.options.to_dict(),
+        },
         replayed_failures=job.replayed_failures,
         options=job.options,
         think_times=job.think_times,

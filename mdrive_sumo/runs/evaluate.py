@@ -14,7 +14,7 @@ from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
-from mdrive_sumo.runs.executor import Executor, run_jobs
+from mdrive_sumo.runs.executor import Executor, ReportRunning, run_jobs
 from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.prepared_run import PreparedRun
@@ -61,6 +61,10 @@ class Progress(Protocol):
         """A scenario has its result."""
         ...
 
+    def show_running(self, running: Mapping[str, float]) -> None:
+        """No episode has finished for a while. running: for how long each has been running [s], the oldest first."""
+        ...
+
     def note(self, text: str) -> None:
         """A message for the user: a failed try, a dropped line of the journal."""
         ...
@@ -81,7 +85,8 @@ def evaluate(run: PreparedRun, progress: Progress, executor: EpisodeExecutor | N
     Results of earlier starts are kept, void ones are tried again. Raises InputError, KeyboardInterrupt and, with
     `fail_fast`, StoppedAtFailure; the journal then keeps every finished scenario.
     """
-    with open_journal(run.folder, run.fingerprint, fresh=run.config.fresh) as journal:
+    about = {"run": run.info.model_dump(mode="json"), "episodes": len(run.episodes)}
+    with open_journal(run.folder, run.fingerprint, fresh=run.config.fresh, about=about) as journal:
         found = _load_kept_results(run, journal)
         if journal.torn:
             progress.note("the last line of the journal was incomplete and has been dropped")
@@ -176,8 +181,11 @@ def _drive(
         journal.add_failure(name, reason)
         progress.note(f"{name}: {reason}" + ("" if is_last else "; tried again later"))
 
+    def report_running(running: Sequence[tuple[EpisodeJob, float]]) -> None:
+        progress.show_running({run.name_episode((job.scenario, job.seed)): seconds for job, seconds in running})
+
     with nullcontext(shared) if shared else _make_own_executor(run, len(jobs)) as executor:
-        for job, outcome in run_with_retries(executor, jobs, note_failure):
+        for job, outcome in run_with_retries(executor, jobs, note_failure, report_running):
             if isinstance(outcome, WorkerFailure):
                 yield make_void_result(todo[job.scenario, job.seed], job.seed, outcome.reason)
             else:
@@ -193,17 +201,20 @@ def _make_own_executor(run: PreparedRun, jobs: int) -> AbstractContextManager[Ep
 
 
 def run_with_retries(
-    executor: Executor[J, R], jobs: Sequence[J], note_failure: Callable[[J, str, bool], None]
+    executor: Executor[J, R],
+    jobs: Sequence[J],
+    note_failure: Callable[[J, str, bool], None],
+    report_running: ReportRunning[J] | None = None,
 ) -> Generator[tuple[J, R | WorkerFailure]]:
     """Yield every job with its result, or with its failure after the last try, in the order in which they finish.
 
     A job that fails is tried again after all others. note_failure: receives job, reason and whether that was the last
-    try. Raises InputError if a job reports unusable input.
+    try. report_running: see `run_jobs`. Raises InputError if a job reports unusable input.
     """
     left = tuple(jobs)
     for tries_left in reversed(range(TRIES)):
         failed: list[J] = []
-        for job, outcome in run_jobs(executor, left):
+        for job, outcome in run_jobs(executor, left, report_running):
             if not isinstance(outcome, WorkerFailure):
                 yield job, outcome
                 continue

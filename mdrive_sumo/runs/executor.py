@@ -4,8 +4,9 @@ Results are the same bit for bit. A job may run more than once, because workers 
 names every job by a key.
 """
 
+import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from multiprocessing.connection import Connection
 from socket import socket
 from typing import Protocol, TypeVar
@@ -46,14 +47,29 @@ class Executor(Protocol[J_contra, R]):
         ...
 
 
-def run_jobs(executor: Executor[J, R], jobs: Iterable[J]) -> Iterator[tuple[J, R | WorkerFailure]]:
-    """Run the jobs and yield each with its result or failure, in the order in which they finish."""
+REPORT_INTERVAL_S = 10.0
+"""How often the running jobs are reported while none finishes [s]."""
+ReportRunning = Callable[[Sequence[tuple[J, float]]], None]
+"""Receives the running jobs and for how long each has been running [s], the oldest first."""
+
+
+def run_jobs(
+    executor: Executor[J, R], jobs: Iterable[J], report_running: ReportRunning[J] | None = None
+) -> Iterator[tuple[J, R | WorkerFailure]]:
+    """Run the jobs and yield each with its result or failure, in the order in which they finish.
+
+    report_running: is called every few seconds as long as no job finishes.
+    """
     queue = deque(enumerate(jobs))
-    running: dict[Key, J] = {}
+    running: dict[Key, tuple[J, float]] = {}
     while queue or running:
         while queue and executor.free_slots > 0:
             number, job = queue.popleft()
-            running[str(number)] = job
+            running[str(number)] = job, time.monotonic()
             executor.submit(str(number), job)
-        for key, outcome in executor.collect_outcomes():
-            yield running.pop(key), outcome
+        outcomes = executor.collect_outcomes(None if report_running is None else REPORT_INTERVAL_S)
+        if not outcomes and report_running is not None:
+            now = time.monotonic()
+            report_running([(job, now - started_s) for job, started_s in running.values()])
+        for key, outcome in outcomes:
+            yield running.pop(key)[0], outcome

@@ -1,6 +1,7 @@
 """The fingerprint of a run: everything that makes two runs the same run, and that their results depend on."""
 
 import hashlib
+import json
 from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -8,9 +9,11 @@ from platform import python_version
 
 from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.core.checksum import compute_files_checksum
+from mdrive_sumo.core.plug_ins import PlugInKind, identify_plug_ins
 from mdrive_sumo.roads import find_network_folder
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.fingerprint_paths import hide_paths
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scenario.scenario import Scenario
@@ -19,23 +22,40 @@ from mdrive_sumo.scenario.suite import Suite, list_packaged_suites
 PACKAGES = ("mdrive-sumo", "libsumo", "numpy")
 FILES_KEYS = ("agent_files", "others_files")
 """Where a fingerprint has the checksums of the files that options of the agents of a run name, in their order."""
+PLUG_INS_KEY = "plug_ins"
+"""Where a fingerprint has the plug-ins of other packages that a run depends on, as JSON; absent without any."""
 ONNX_RUNTIME = ("onnxruntime", "onnxruntime-gpu")
 """Packages that hold it: one of them is installed."""
 
 
 def compute_fingerprint(config: RunConfig, suite: Suite, scenarios: tuple[Scenario, ...]) -> Fingerprint:
     """Return the fingerprint of an evaluation. Raises InputError for a missing network."""
+    folder = config.find_folder(suite.name)
     is_packaged = suite.folder == list_packaged_suites().get(config.suite)
+    place = config.suite if is_packaged else str(suite.folder.resolve())
     return {
-        **config.to_dict(),
-        "suite": config.suite if is_packaged else str(suite.folder.resolve()),
+        **hide_paths({**config.to_dict(), "suite": place}, folder),
         "suite_checksum": suite.checksum(),
         "networks": compute_networks_checksum(suite, scenarios),
         "agent_code": config.agent.code_checksum(),
         **({"others_code": config.others.agent.code_checksum()} if config.others else {}),
         **hash_option_files(config),
         "code": compute_code_checksum(),
+        **({PLUG_INS_KEY: json.dumps(plug_ins)} if (plug_ins := identify_run_plug_ins(config)) else {}),
         **read_versions(config.agents),
+    }
+
+
+def identify_run_plug_ins(config: RunConfig) -> dict[str, str]:
+    """Return package, version and checksum of the plug-ins that a run depends on, by "KIND NAME".
+
+    These are all metrics, and its agents and its suite if they are plug-ins.
+    """
+    agents = [plug_in.name for agent in config.agents if (plug_in := agent.plug_in) is not None]
+    return {
+        **identify_plug_ins(PlugInKind.METRICS),
+        **identify_plug_ins(PlugInKind.AGENTS, agents),
+        **identify_plug_ins(PlugInKind.SCENARIO_SOURCES, [config.suite]),
     }
 
 

@@ -1,12 +1,12 @@
 """The journal of a run: JSON lines that are only appended, so an interrupted run loses no finished episode.
 
-Line 1 is the header: format and fingerprint, i.e. everything that makes two runs the same run. Every other
-line is `{"result": {...}, "recording": "sha256:..."}`, a finished scenario, or `{"failed": {"scenario", "reason"}}`, a
-try without one. Each line ends with a `checksum` of itself and of all lines before it, so that a line that was changed,
-inserted or removed is found. It protects against accidents and edits by hand; `verify` against forgery.
+Line 1 is the header: format and fingerprint, i.e. everything that makes two runs the same run, and `about`, which says
+what the run is: its description in results and its number of episodes. Every other line is `{"result": {...},
+"recording": "sha256:..."}`, a finished scenario, or `{"failed": {"scenario", "reason"}}`, a try without one. Each line
+ends with a `checksum` of itself and of all lines before it, so that a line that was changed, inserted or removed is
+found. It protects against accidents and edits by hand; `verify` against forgery.
 """
 
-import fcntl
 import json
 import os
 import re
@@ -15,12 +15,19 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import check_tree, read_bytes
 from mdrive_sumo.core.output_files import make_parents, open_appended
+from mdrive_sumo.core.posix import import_posix, is_posix
+from mdrive_sumo.runs.fingerprint_changes import describe_change
 from mdrive_sumo.scoring import EpisodeKey
+
+if TYPE_CHECKING:
+    import fcntl
+else:
+    fcntl = import_posix("fcntl")
 
 FORMAT = "mdrive-sumo/journal/2"
 FORMAT_WITHOUT_CHECKSUMS = "mdrive-sumo/journal/1"
@@ -28,6 +35,7 @@ FORMAT_WITHOUT_CHECKSUMS = "mdrive-sumo/journal/1"
 READABLE_FORMATS = (FORMAT, FORMAT_WITHOUT_CHECKSUMS)
 JOURNAL_FILE = "journal.jsonl"
 
+_NOTHING: Mapping[str, Any] = {}
 Fingerprint = Mapping[str, str | int | bool]
 MAX_JOURNAL_BYTES = 2**30
 """The longest journals, of all scenarios with 20 seeds, have 60 MB."""
@@ -47,6 +55,12 @@ class JournalText:
     """Length of the complete lines."""
     torn: bool
     """Whether an incomplete line follows them."""
+
+    @property
+    def about(self) -> Mapping[str, Any]:
+        """What the header says of the run beside its fingerprint; empty in older journals."""
+        about = self.lines[0].get("about") if self.lines else None
+        return about if isinstance(about, dict) else {}
 
     @property
     def results(self) -> tuple[dict[str, Any], ...]:
@@ -97,9 +111,9 @@ class Journal:
         """Append the reason why a try had no result."""
         self._append({"failed": {"scenario": scenario, "reason": reason}})
 
-    def add_header(self, fingerprint: Fingerprint) -> None:
+    def add_header(self, fingerprint: Fingerprint, about: Mapping[str, Any]) -> None:
         """Append the first line."""
-        self._append({"format": FORMAT, "fingerprint": dict(fingerprint)})
+        self._append({"format": FORMAT, "fingerprint": dict(fingerprint)} | ({"about": about} if about else {}))
 
     def _append(self, line: Mapping[str, Any]) -> None:
         body = json.dumps(line, separators=(",", ":"), allow_nan=False).encode()
@@ -108,10 +122,12 @@ class Journal:
 
 
 @contextmanager
-def open_journal(folder: Path, fingerprint: Fingerprint, *, fresh: bool) -> Generator[Journal]:
+def open_journal(
+    folder: Path, fingerprint: Fingerprint, *, fresh: bool, about: Mapping[str, Any] = _NOTHING
+) -> Generator[Journal]:
     """Open the journal of a run folder, new or continued; it is locked until the block ends. Raises InputError.
 
-    fresh: drop the content of an earlier run.
+    fresh: drop the content of an earlier run. about: what a new journal says of the run beside its fingerprint.
     """
     path = folder / JOURNAL_FILE
     if folder.is_dir():
@@ -131,7 +147,7 @@ def open_journal(folder: Path, fingerprint: Fingerprint, *, fresh: bool) -> Gene
         os.lseek(descriptor, 0, os.SEEK_END)
         journal = Journal(path, descriptor, found)
         if not found.lines:
-            journal.add_header(fingerprint)
+            journal.add_header(fingerprint, about)
         yield journal
     finally:
         os.close(descriptor)
@@ -151,6 +167,9 @@ def _open(path: Path) -> int:
 
 
 def _lock(path: Path, descriptor: int) -> None:
+    """Lock a journal; on Windows, which has no such locks, two runs in one folder are the user's affair."""
+    if not is_posix():
+        return
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -227,9 +246,7 @@ def _check_header(path: Path, header: Mapping[str, Any], fingerprint: Fingerprin
     before = _read_header_fingerprint(path, header)
     differing = sorted(key for key in {*before, *fingerprint} if before.get(key) != fingerprint.get(key))
     if differing:
-        what = ", ".join(
-            f"{key} {_shorten(before.get(key))} (now {_shorten(fingerprint.get(key))})" for key in differing
-        )
+        what = ", ".join(describe_change(key, before.get(key), fingerprint.get(key)) for key in differing)
         raise InputError(
             f"{path.parent}: expected a run of this command, found one with another {what};"
             " --fresh starts anew, --out names another folder"
@@ -240,11 +257,6 @@ def _read_header_fingerprint(path: Path, header: Mapping[str, Any]) -> dict[str,
     if header.get("format") not in READABLE_FORMATS or not isinstance(header.get("fingerprint"), dict):
         raise InputError(f"{path}: expected the format {FORMAT}, found {header.get('format')!r}")
     return header["fingerprint"]
-
-
-def _shorten(value: object) -> str:
-    text = str(value).removeprefix("sha256:")
-    return text if len(text) <= 24 else text[:12] + "..."
 
 
 def read_fingerprint(folder: Path) -> dict[str, Any]:

@@ -8,7 +8,9 @@ from typing import TypeVar
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.installation_command import format_installation
+from mdrive_sumo.core.posix import REMEDY, is_posix
 from mdrive_sumo.runs.executor import Executor
+from mdrive_sumo.runs.in_process_executor import InProcessExecutor
 from mdrive_sumo.runs.process_pool import ProcessPool
 
 J = TypeVar("J")
@@ -24,6 +26,10 @@ def make_executor(
     function: top-level and picklable. limit_s: wall clock of one job [s]. Raises InputError without such a scheduler or
     without Dask.
     """
+    if not is_posix():
+        if workers > 1 or scheduler:
+            raise InputError(f"--workers: expected 1, found {workers}: a worker process {REMEDY}")
+        return InProcessExecutor[J, R](function)
     if not scheduler:
         return ProcessPool[J, R](function, workers, limit_s)
     check_scheduler_address(scheduler)

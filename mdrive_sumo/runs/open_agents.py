@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from mdrive_sumo.agent_process.agent_connection import AgentConnection, ConnectionGroup
-from mdrive_sumo.agent_process.agent_lookup import find_carla_file, split_locator
+from mdrive_sumo.agent_process.agent_lookup import find_carla_file, is_joint_locator, split_locator
 from mdrive_sumo.agent_process.child_process import PACKAGE, AgentProgram
 from mdrive_sumo.agent_process.joint_agent import JointAgentSession
 from mdrive_sumo.agent_process.remote_driver import RemoteDriver, open_agent_connection
@@ -19,6 +19,7 @@ from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import write_text
+from mdrive_sumo.core.posix import check_posix
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, shorten
 from mdrive_sumo.runs.agent_spec import AgentSpec, pickle_agent
 from mdrive_sumo.sensing.cameras import describe_camera_error
@@ -31,6 +32,8 @@ PRIVILEGED = "privileged"
 ARRAY_SENSORS, MAX_ARRAY_SENSORS = ("lidar", "camera", "bev"), 8
 """Sensors with large arrays, and how many of them a boxed agent may have: 64 of the largest would take 1 GB of the
 evaluator's memory for each CAV."""
+SINGLE = "single"
+"""Label of an agent of the CARLA leaderboard that drives one vehicle: it neither sends nor reads messages."""
 DECLARING_CAV = "cav"
 """Id of the CAV of an agent that is created only to read its declaration."""
 
@@ -58,7 +61,9 @@ def _declare_agent(spec: AgentSpec) -> AgentDeclaration:
                 driver = drivers[DECLARING_CAV]
                 return AgentDeclaration(driver.label, driver.sensors())
         except AgentFailure as error:
-            raise AgentFailure(error.failure, error.text + _find_failing_line(logs)) from None
+            place = _find_failing_line(logs)
+            text = error.text if place in error.text else error.text + place  # a SyntaxError names its line itself
+            raise AgentFailure(error.failure, text) from None
 
 
 def _find_failing_line(logs: Path) -> str:
@@ -76,7 +81,8 @@ def find_unknown_sensor(sensors: Sequence[SensorSpec]) -> str:
     for spec in sensors:
         if spec.kind not in KINDS:
             known = f"sensor {spec.kind!r:.60}: expected one of {', '.join(KINDS)}, found none of that kind"
-            return describe_camera_error(spec.kind) or known
+            name = f" (id {spec.id!r:.40})" if spec.id else ""
+            return (describe_camera_error(spec.kind) or known) + name
     return ""
 
 
@@ -121,16 +127,22 @@ def _open(
         if spec.box:
             raise InputError(f"agent {spec.agent!r}: expected a third-party agent for a box, found a built-in one")
         return {ego: LocalDriver(AGENTS[spec.agent](spec.config)) for ego in pseudonyms}
+    check_posix(f"agent {spec.name!r}: a process of its own")
     check = _check_boxed_sensors if spec.box else None
-    if isinstance(spec.agent, str) and find_carla_file(spec.agent) is not None:
+    if is_joint_locator(spec.agent):
         session = JointAgentSession(_connect(spec, "all", logs, group), spec.config, pseudonyms, check)
         stack.callback(_close, session, spec, _append(logs, "all.json"))
         return {**session.drivers}
     drivers: dict[str, AgentDriver] = {}
     for ego, told in sorted(pseudonyms.items(), key=lambda pair: pair[1]):
-        drivers[ego] = driver = RemoteDriver(_connect(spec, told, logs, group), spec.config, check)
+        line = _connect(spec, told, logs, group)
+        if isinstance(spec.agent, str) and find_carla_file(spec.agent) is not None:
+            closed = JointAgentSession(line, spec.config, {ego: told}, check, label=SINGLE)
+            drivers |= closed.drivers
+        else:
+            closed = drivers[ego] = RemoteDriver(line, spec.config, check)
         stack.callback(_rename, _append(logs, f"{told}.log"), _append(logs, f"{ego}.log"))
-        stack.callback(_close, driver, spec, _append(logs, f"{ego}.json"))
+        stack.callback(_close, closed, spec, _append(logs, f"{ego}.json"))
     return drivers
 
 
@@ -150,7 +162,7 @@ def _make_program(spec: AgentSpec, log: Path | None) -> AgentProgram:
             raise InputError(f"agent {spec.name!r}: expected a locator for a box, found a class")
         return AgentProgram("", "pickle", log, pickle_agent(spec.agent))
     if (file := find_carla_file(spec.agent)) is not None:
-        return AgentProgram(str(file), "carla", log)
+        return AgentProgram(str(file), "carla" if is_joint_locator(spec.agent) else "carla-single", log)
     split_locator(spec.agent)
     return AgentProgram(spec.agent, "agent", log)
 

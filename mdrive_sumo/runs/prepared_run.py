@@ -5,18 +5,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mdrive_sumo.agent_process.agent_file import describe_missing_class
-from mdrive_sumo.agent_process.agent_lookup import find_carla_file
+from mdrive_sumo.agent_process.agent_lookup import is_joint_locator
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder, remove_parts
+from mdrive_sumo.core.plug_ins import PlugInKind, check_plug_in_names, list_plug_ins
+from mdrive_sumo.core.private_paths import hide_command, hide_locator
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_boxing import box_agent, list_hidden_folders
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import ATTEMPTS, EpisodeJob
-from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
+from mdrive_sumo.runs.fingerprint import compute_fingerprint, identify_run_plug_ins, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor
 from mdrive_sumo.runs.other_agents import OtherAgents
@@ -28,6 +30,7 @@ from mdrive_sumo.scenario.suite import Suite, load_suite
 from mdrive_sumo.scoring import EpisodeKey, RunInfo, ScenarioResult, ScoreMode, apply_reference_times, check_reference
 from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from mdrive_sumo.scoring.labels import JOINT, PRIVILEGED, UNSANDBOXED
+from mdrive_sumo.scoring.metrics.registry import load_metric_plug_ins
 from mdrive_sumo.v2x.comm_settings import describe_comm
 from mdrive_sumo.v2x.messages import TYPES
 
@@ -152,12 +155,13 @@ def prepare(config: RunConfig) -> PreparedRun:
 
 def prepare_with_suite(config: RunConfig, suite: Suite) -> PreparedRun:
     """As `prepare`, with the suite of the configuration, whose scenarios are checked already."""
+    load_metric_plug_ins()  # what cannot be imported is found here, not after the first episode
     config = replace(config, chosen_mode=config.chosen_mode or ScoreMode(suite.score_mode))
     scenarios = suite.select(config.scenario)
     if config.score_mode is ScoreMode.HARD:
         for scenario in scenarios:
             check_reference(scenario.id, find_reference_times(scenario, suite.find_folder(scenario.id)))
-    folder = config.out or config.default_folder(suite.name)
+    folder = config.find_folder(suite.name)
     if config.sandbox and config.scheduler:
         raise InputError("--sandbox: expected --executor local, found dask: a box needs the main thread of its process")
     check_mute(config, scenarios)
@@ -180,12 +184,13 @@ def _locate_agent(agent: AgentSpec, config: RunConfig, suite: Suite, run_folder:
 
 def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], declared_label: str) -> RunInfo:
     """Return the description of a run for its results. labels: those that no episode shows."""
+    folder = config.find_folder(suite.name)
     info = {
-        "agent": config.agent.name,
+        "agent": hide_locator(config.agent.name, folder),
         "labels": labels,
         "declared_label": declared_label,
         "agent_config": config.agent.config_hash(),
-        "others": config.others.agent.name if config.others else "",
+        "others": hide_locator(config.others.agent.name, folder) if config.others else "",
         "penetration": config.others.penetration if config.others else None,
         "suite": suite.name,
         "suite_checksum": suite.checksum(),
@@ -193,7 +198,8 @@ def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], decl
         "seeds": config.seeds if config.more_seeds else (),
         "score_mode": config.score_mode,
         "versions": read_versions(config.agents),
-        "command": config.command,
+        "plug_ins": identify_run_plug_ins(config),
+        "command": hide_command(config.command, folder),
         **config.options.to_dict(),
         "comm": describe_comm(config.options.comm),
     }
@@ -225,15 +231,17 @@ def check_agent_name(agent: AgentSpec) -> None:
     name = agent.name
     family = name.partition(":")[0]
     is_family = any(builtin.startswith(f"{family}:") for builtin in AGENTS)  # perception-swap:WHAT is no module
-    if not isinstance(agent.agent, str) or agent.is_builtin:
+    check_plug_in_names(PlugInKind.AGENTS, AGENTS)
+    if not isinstance(agent.agent, str) or agent.is_builtin or agent.plug_in is not None:
         return
     if clean_line(name) != name:
         raise InputError(f"agent {name!a:.80}: expected a name of printable characters, found others")
     if name.endswith(".py") and ":" not in name:
         raise InputError(f"agent {name!r}: expected path.py:Class, {describe_missing_class(Path(name))}")
     if ":" not in name or is_family:
-        suggestion = suggest_name(name, AGENTS)
-        known = f"{', '.join(AGENTS)}, module:Class or path.py:Class"
+        plug_ins = list_plug_ins(PlugInKind.AGENTS)
+        suggestion = suggest_name(name, [*AGENTS, *plug_ins])
+        known = f"{', '.join((*AGENTS, *plug_ins))}, module:Class or path.py:Class"
         raise InputError(f"agent {name!r}: expected {known}, found neither{suggestion}")
 
 
@@ -242,14 +250,10 @@ def declare_all_labels(agents: Sequence[AgentSpec], *, is_sandboxed: bool) -> tu
 
     agents: the one under test first. Raises InputError for agents that cannot be created, or cannot drive together.
     """
-    if sum(_is_joint(agent) for agent in agents) > 1:
+    if sum(is_joint_locator(agent.agent) for agent in agents) > 1:
         raise InputError("--others: expected at most one joint agent (carla:...) in a run, found two")
     declared = [declare_labels(agent, is_sandboxed=is_sandboxed) for agent in agents]
     return declared[0][0], tuple(dict.fromkeys(label for _, labels in declared for label in labels))
-
-
-def _is_joint(agent: AgentSpec) -> bool:
-    return isinstance(agent.agent, str) and find_carla_file(agent.agent) is not None
 
 
 def declare_labels(agent: AgentSpec, *, is_sandboxed: bool) -> tuple[str, tuple[str, ...]]:
@@ -262,7 +266,7 @@ def declare_labels(agent: AgentSpec, *, is_sandboxed: bool) -> tuple[str, tuple[
     if unknown := find_unknown_sensor(declaration.sensors):
         raise InputError(unknown)
     facts = {
-        JOINT: _is_joint(agent),
+        JOINT: is_joint_locator(agent.agent),
         PRIVILEGED: any(sensor.kind == PRIVILEGED for sensor in declaration.sensors),
         UNSANDBOXED: not agent.is_builtin and not is_sandboxed,
     }

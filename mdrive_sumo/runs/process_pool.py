@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait
 from typing import Generic, TypeVar
 
+from mdrive_sumo.core.posix import is_posix
 from mdrive_sumo.runs.executor import Key, Waitable, run_jobs
 from mdrive_sumo.runs.worker_process import (
     FailureKind,
@@ -105,5 +106,7 @@ class ProcessPool(Generic[J, R]):
 
 
 def count_available_cores() -> int:
-    """Return the number of cores that this process may use: what `--workers auto` means."""
+    """Return what `--workers auto` means: the number of cores that this process may use; 1 without worker processes."""
+    if not is_posix():
+        return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

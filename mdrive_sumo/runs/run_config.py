@@ -5,15 +5,18 @@ import json
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.runs.agent_limits import format_agent_limits, parse_agent_limits
 from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.fingerprint_paths import restore_paths
 from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.scoring import ScoreMode
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json
@@ -21,7 +24,9 @@ from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_jso
 ConfigValue = float | str | bool
 RUNS_FOLDER = Path("runs")
 FINGERPRINT_TYPES = {
-    **dict.fromkeys(("suite", "scenario", "agent", "agent_config", "score_mode", "seeds", "others"), str),
+    **dict.fromkeys(
+        ("suite", "scenario", "agent", "agent_config", "agent_limits", "score_mode", "seeds", "others"), str
+    ),
     **dict.fromkeys(("seed", "penetration"), int),
     **dict.fromkeys(("record", "sandbox"), bool),
 }
@@ -75,6 +80,11 @@ class RunConfig:
         return (self.agent, *((self.others.agent,) if self.others else ()))
 
     @property
+    def agent_limits(self) -> str:
+        """The time limits of the third-party agents as `--agent-limits` writes them; "" for the defaults."""
+        return next(filter(None, (format_agent_limits(agent.limits) for agent in self.agents)), "")
+
+    @property
     def is_builtin(self) -> bool:
         """Whether all agents are built in, so that none has a process, a log or code of its own."""
         return all(agent.is_builtin for agent in self.agents)
@@ -83,6 +93,13 @@ class RunConfig:
     def seeds(self) -> tuple[int, ...]:
         """All seeds; every scenario is driven with each."""
         return (self.seed, *self.more_seeds)
+
+    def with_agent_limits(self, limits: AgentLimits) -> "RunConfig":
+        """Return the run with these limits for its agents. Raises InputError if all of them are built in."""
+        if self.is_builtin:
+            return replace(self, agent=self.agent.with_limits(limits))
+        others = self.others and replace(self.others, agent=replace(self.others.agent, limits=limits))
+        return replace(self, agent=replace(self.agent, limits=limits), others=others)
 
     def to_dict(self) -> dict[str, str | int | bool]:
         """Return what identifies the run, as the journal's fingerprint holds it. Raises InputError for no locator.
@@ -95,6 +112,7 @@ class RunConfig:
             "scenario": self.scenario,
             "agent": self.agent.resolve().name,
             "agent_config": self.agent.config_text(),
+            **({"agent_limits": self.agent_limits} if self.agent_limits else {}),
             **(_describe_others(self.others) if self.others else {}),
             "seed": self.seed,
             **({"seeds": ",".join(map(str, self.seeds))} if self.more_seeds else {}),
@@ -105,12 +123,17 @@ class RunConfig:
         }
 
     @classmethod
+    def from_journal(cls, values: Mapping[str, Any], folder: Path) -> "RunConfig":
+        """Return the run of the fingerprint in a run folder, to which its paths are relative. Raises as `from_dict`."""
+        return replace(cls.from_dict(restore_paths(values, folder)), out=folder)
+
+    @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "RunConfig":
         """Return the run of a fingerprint. Raises KeyError, TypeError, ValueError and InputError for a corrupt one."""
         for name, kind in FINGERPRINT_TYPES.items():
             if type(values.get(name, kind())) is not kind:
                 raise TypeError(f"{name}: expected a value of type {kind.__name__}, found {values[name]!r:.60}")
-        return cls(
+        config = cls(
             suite=values["suite"],
             scenario=values["scenario"],
             agent=AgentSpec(values["agent"], json.loads(values["agent_config"])),
@@ -122,6 +145,12 @@ class RunConfig:
             record=values["record"],
             sandbox=values.get("sandbox", False),
         )
+        limits = values.get("agent_limits", "")
+        return config.with_agent_limits(parse_agent_limits(limits)) if limits else config
+
+    def find_folder(self, suite_name: str) -> Path:
+        """Return the run folder: the given one, else `default_folder`."""
+        return self.out or self.default_folder(suite_name)
 
     def default_folder(self, suite_name: str) -> Path:
         """Return the folder of a run that names none: the same for the same run, another one for another."""
@@ -134,6 +163,7 @@ class RunConfig:
             _name_seeds(self.seeds),
             self.scenario if self.scenario != "*" else "",
             self.agent.config_hash()[7:13],
+            self.agent_limits,
             _name_channel(self.options.comm),
             self.options.clock.text if self.options.clock != IDEAL else "",
             *(f"{chosen[key]}-{key}" for key in EpisodeOptions.list_choices() if chosen[key] != default[key]),

@@ -25,6 +25,8 @@ class ListedRun:
     fingerprint: Mapping[str, Any]
     finished: int
     """Episodes that have a result."""
+    planned: int
+    """Episodes of the whole run; 0 if its journal does not say."""
     results: Results | None
     problem: str = ""
     """Why it cannot be read; "" if it can."""
@@ -80,6 +82,8 @@ def _read_run(folder: Path) -> ListedRun:
         fingerprint, journal = read_run_journal(folder)
         finished = len({(str(one.get("id")), one.get("seed")) for one in journal.results})
         path = folder / RESULTS_FILE
-        return ListedRun(folder, fingerprint, finished, load_unchecked_results(path) if path.is_file() else None)
+        results = load_unchecked_results(path) if path.is_file() else None
+        planned = journal.about.get("episodes", 0)
+        return ListedRun(folder, fingerprint, finished, planned if isinstance(planned, int) else 0, results)
     except InputError as error:
-        return ListedRun(folder, {}, 0, None, str(error))
+        return ListedRun(folder, {}, 0, 0, None, str(error))

@@ -68,6 +68,9 @@ def list_settings(info: RunInfo, folder: Path | None = None) -> dict[str, Any]:
     if info.sensing_track:
         found[SENSING_TRACK] = info.sensing_track
     found |= {name: getattr(info, name) for name in EpisodeOptions.list_choices()}
+    if limits := fingerprint.get("agent_limits"):
+        found["agent limits"] = limits
+    found |= {f"plug-in {name}": identity for name, identity in info.plug_ins.items()}
     if fingerprint:
         found["sandbox"] = bool(fingerprint.get("sandbox", False))
     return found

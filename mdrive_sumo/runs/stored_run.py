@@ -1,28 +1,33 @@
-"""StoredRun: a finished run, loaded again for `verify`, `rescore`, `show` and `view`."""
+"""StoredRun: a run in its folder, loaded again for `verify`, `rescore`, `show` and `view`."""
 
+import json
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.fingerprint import (
     FILES_KEYS,
+    PLUG_INS_KEY,
     compute_code_checksum,
     compute_networks_checksum,
     hash_option_files,
+    identify_run_plug_ins,
     read_versions,
 )
 from mdrive_sumo.runs.journal import JOURNAL_FILE, JournalText, read_run_journal
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.run_config import RunConfig
-from mdrive_sumo.runs.run_listing import check_run_folder
+from mdrive_sumo.runs.run_listing import check_run_folder, describe_missing_run
+from mdrive_sumo.runs.run_results import build_partial_results
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results, load_results, load_unchecked_results
 
 
 @dataclass(frozen=True, slots=True)
 class StoredRun:
-    """A finished run with its results."""
+    """A run with its results; those of a run that is not finished are marked as partial."""
 
     run: PreparedRun
     results: Results
@@ -41,6 +46,8 @@ class StoredRun:
         files = hash_option_files(self.run.config)
         if any(key in then and then[key] != files.get(key) for key in FILES_KEYS):
             changes.append("file that an option of the agent names")
+        if (then.get(PLUG_INS_KEY) or "{}") != json.dumps(identify_run_plug_ins(self.run.config)):
+            changes.append("set of plug-ins")
         return ", ".join(changes)
 
 
@@ -55,19 +62,42 @@ def load_stored_run(folder: Path, suite: str | None = None) -> StoredRun:
     return replace(stored, results=results)
 
 
+def load_viewed_run(folder: Path, suite: str | None = None) -> StoredRun:
+    """As `load_stored_run`, also of a run that is going on or was interrupted, with what it has finished.
+
+    Its results are then marked as partial. Raises InputError, also if nothing is finished yet.
+    """
+    if (folder / RESULTS_FILE).is_file():
+        return load_stored_run(folder, suite)
+    if not (folder / JOURNAL_FILE).is_file():
+        raise InputError(describe_missing_run(folder))
+    fingerprint, journal = read_run_journal(folder)
+    return _load_run(folder, suite, build_partial_results(folder, journal), (fingerprint, journal))
+
+
 def load_unchecked_run(folder: Path, suite: str | None = None) -> StoredRun:
     """As `load_stored_run`, with results of any content: for `verify`, which compares every number."""
     check_run_folder(folder)
     results = load_unchecked_results(folder / RESULTS_FILE)
     if not results.scenarios:
         raise InputError(f"{folder / RESULTS_FILE}: scenarios: expected at least one, found none")
-    fingerprint, journal = read_run_journal(folder)
+    return _load_run(folder, suite, results, read_run_journal(folder))
+
+
+def _load_run(
+    folder: Path, suite: str | None, results: Results, journaled: tuple[dict[str, Any], JournalText]
+) -> StoredRun:
+    fingerprint, journal = journaled
     try:
-        config = replace(RunConfig.from_dict(fingerprint), out=folder)
+        config = RunConfig.from_journal(fingerprint, folder)
     except (KeyError, ValueError, TypeError) as error:
         raise InputError(
             f"{folder / JOURNAL_FILE}: expected the fingerprint of a run, found a corrupt one ({error})"
         ) from None
+    if suite is None and Path(config.suite).is_absolute() and not Path(config.suite).is_dir():
+        raise InputError(
+            f"{folder}: expected the run's suite at {config.suite}, found no folder; --suite DIR says where it is now"
+        )
     loaded = load_suite(suite or config.suite)
     if loaded.checksum() != results.run.suite_checksum:
         raise InputError(

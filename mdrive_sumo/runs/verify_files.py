@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mdrive_sumo.agent_process.agent_lookup import find_carla_file
 from mdrive_sumo.core.tree_difference import find_tree_differences, format_leaf
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.journal import JournalText, find_entry_key
@@ -133,7 +134,13 @@ def _expect_info(run: PreparedRun, found: RunInfo, mode: ScoreMode, facts: Mappi
 
 def _is_same_agent(run: PreparedRun, found: RunInfo) -> bool:
     """Return whether the agent of the results is that of the fingerprint, whose path is absolute."""
-    return run.config.agent.name.rpartition("/")[2] == found.agent.rpartition("/")[2]
+    return _shorten_locator(run.config.agent.name) == _shorten_locator(found.agent)
+
+
+def _shorten_locator(name: str) -> str:
+    """Return a locator without its folder and without what `carla:` was resolved to."""
+    file = find_carla_file(name)
+    return file.name if file is not None else name.rpartition("/")[2]
 
 
 def _drop_times(value: Any) -> Any:

@@ -23,6 +23,7 @@ from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 from mdrive_sumo.core.errors import InputError, WorldError
+from mdrive_sumo.core.posix import check_posix
 
 J = TypeVar("J")
 R = TypeVar("R")
@@ -56,6 +57,7 @@ class WorkerProcess(Generic[J, R]):
     """A worker process for `function`, which is top-level and picklable."""
 
     def __init__(self, function: Callable[[J], R]) -> None:
+        check_posix("a worker process")
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a core for each worker: numpy's own threads only fight
         if current_process().daemon:  # as workers of Dask are: Python would let them have no processes of their own
             current_process().daemon = False
@@ -155,7 +157,7 @@ def _serve_jobs(pipe: Connection, function: Callable[[Any], Any]) -> None:
             job = pipe.recv()
         except EOFError:
             return
-        pipe.send(_run_job(function, job))
+        pipe.send(run_job_guarded(function, job))
 
 
 def _ignore_terminal_signals() -> None:
@@ -173,7 +175,8 @@ def _die_with_parent() -> None:
         os._exit(1)
 
 
-def _run_job(function: Callable[[Any], Any], job: Any) -> Any:
+def run_job_guarded(function: Callable[[Any], Any], job: Any) -> Any:
+    """Return the result of a job, or a WorkerFailure for whatever it raises."""
     try:
         return function(job)
     except InputError as error:

@@ -13,8 +13,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from importlib.resources import files
+from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, overload
+from typing import TYPE_CHECKING, Literal, cast, overload
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -26,6 +27,7 @@ from mdrive_sumo.core.output_files import make_folder, write_text
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.scenario.scenario import Scenario, load_model, load_scenario, save_scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
+from mdrive_sumo.scenario.scenario_sources import list_source_folders
 from mdrive_sumo.scenario.statistics import compute_suite_statistics
 
 if TYPE_CHECKING:
@@ -181,9 +183,13 @@ def _describe_scenario(scenario: Scenario) -> dict[str, str | int | float]:
 
 
 def list_packaged_suites() -> dict[str, Path]:
-    """Suites that come with mdrive-sumo: name -> folder."""
+    """Suites that come with mdrive-sumo, and those of other packages (`mdrive_sumo.scenario_sources`): name -> folder.
+
+    Raises InputError for a scenario source that is none.
+    """
     root = Path(str(files("mdrive_sumo") / "scenarios"))
-    return {folder.name: folder for folder in sorted(root.iterdir()) if (folder / SUITE_FILE).is_file()}
+    own = {folder.name: folder for folder in sorted(root.iterdir()) if (folder / SUITE_FILE).is_file()}
+    return own | list_source_folders(SUITE_FILE, own)
 
 
 def list_suites() -> tuple[str, ...]:
@@ -193,6 +199,8 @@ def list_suites() -> tuple[str, ...]:
 
 def load_suite(name_or_folder: str) -> Suite:
     """A packaged suite by name, or any suite by its folder; raises InputError."""
+    if not isinstance(cast(object, name_or_folder), str | PathLike):
+        raise InputError(f"suite: expected the name or the folder of a suite, found {name_or_folder!r:.40}")
     packaged = list_packaged_suites()
     folder = packaged.get(name_or_folder, Path(name_or_folder))
     if not folder.is_dir():

@@ -108,6 +108,9 @@ class ScenarioResult(Means):
     exchanged: dict[str, int] = Field(default_factory=lambda: {})
     """Messages of CAVs that reached another CAV, by type, beyond 32 types as (other). The labels of the run follow
     from them."""
+    malformed: dict[str, int] = Field(default_factory=lambda: {}, exclude_if=_is_empty)
+    """Messages that the channel dropped because their bytes are not valid for their type, by type and what is wrong;
+    absent if there are none."""
     sensing_track: TrackName = Field(default="", exclude_if=lambda track: not track)
     """Whether any CAV was given objects; absent in void scenarios and in files from before tracks existed."""
     notes: dict[str, int] = Field(default_factory=lambda: {})
@@ -196,6 +199,9 @@ class RunInfo(_Part):
     """All seeds of a run of several; absent in a run of one."""
     score_mode: str
     versions: dict[str, str]
+    plug_ins: dict[str, str] = Field(default_factory=lambda: {}, exclude_if=_is_empty)
+    """Metrics, agents and scenario sources of other packages that the run depends on: package, version and checksum by
+    "KIND NAME"; absent without any."""
     command: tuple[str, ...] = ()
     comm: dict[str, str | float | bool] = Field(default_factory=lambda: {})
     """Settings of the V2X channel."""
@@ -229,5 +235,7 @@ class Results(_Part):
     buckets: dict[str, BucketResult]
     void: int
     """How many episodes are void."""
+    planned: int | None = Field(default=None, exclude_if=lambda planned: planned is None)
+    """How many episodes the run has, if these are the results of a part of them; absent in a finished run."""
     scenarios: tuple[ScenarioResult, ...]
     """One entry for every scenario, in a run of several seeds for every scenario and seed."""

@@ -12,7 +12,7 @@ from mdrive_sumo.scoring.efficiency import apply_reference_times
 from mdrive_sumo.scoring.metrics import EgoRecord, ScoredEpisode, build_ego_records, list_scalar_metrics
 from mdrive_sumo.scoring.results import EgoResult, Infraction, ScenarioResult
 from mdrive_sumo.scoring.score_mode import ScoreMode, compute_driving_score, compute_scenario_means
-from mdrive_sumo.v2x.channel import count_deliveries, count_exchanged
+from mdrive_sumo.v2x.channel import count_deliveries, count_exchanged, count_malformed
 
 DROPPED = "(dropped)"
 
@@ -48,6 +48,7 @@ def score_episode(
         egos=tuple(_ego_result(record) for record in records),
         comm=count_deliveries(episode.messages),
         exchanged=count_exchanged(episode.messages, episode.ego_ids),
+        malformed=count_malformed(episode.messages),
         sensing_track=episode.sensing_track,
         notes=_count_notes(episode),
     )

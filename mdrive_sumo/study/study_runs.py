@@ -117,7 +117,7 @@ def _prepare_cell(prepared: PreparedRun, condition: ChannelCondition, seed: int,
 
 def make_variant(prepared: PreparedRun, options: EpisodeOptions, seed: int, folder: Path) -> PreparedRun:
     """Return a prepared run with other options, another seed and another folder."""
-    config = replace(prepared.config, options=options, seed=seed)
+    config = replace(prepared.config, options=options, seed=seed, out=folder)
     return replace(
         prepared,
         config=config,

@@ -19,6 +19,10 @@ MAX_COUNTED_TYPES, OTHER = 32, "(other)"
 """Types of messages that results count one by one, and the name of all others, which no agent can use as a type."""
 
 
+MAX_COUNTED_PROBLEMS = 8
+"""Kinds of malformed messages that results count one by one."""
+
+
 class DeliveryStatus(StrEnum):
     """Delivery status of a message for one receiver, or (the last four) for all receivers."""
 
@@ -215,14 +219,40 @@ def count_exchanged(messages: Iterable[SentMessage], cavs: Collection[str]) -> d
     return dict(sorted(counts.items()))
 
 
+def count_malformed(messages: Iterable[SentMessage]) -> dict[str, int]:
+    """Return how many messages were malformed, by type and what is wrong with them; empty if none was.
+
+    Sorted, the most frequent first. From the 9th kind on, all are counted together as `OTHER`.
+    """
+    problems = (
+        f"{one.message.type}: {(find_shared_problem(one.message) or '').partition(', found')[0]}"
+        for one in messages
+        if is_malformed(one)
+    )
+    counts: Counter[str] = Counter()
+    for problem in problems:
+        counts[problem if problem in counts or len(counts) < MAX_COUNTED_PROBLEMS else OTHER] += 1
+    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+
+
+def is_malformed(sent: SentMessage) -> bool:
+    """Return whether the channel has stopped a message because its bytes are not valid for its type."""
+    return any(status is DeliveryStatus.MALFORMED for status, _ in sent.deliveries.values())
+
+
+def count_bytes(messages: Iterable[SentMessage]) -> int:
+    """Return the payload bytes of all messages that the channel takes: malformed ones are never transmitted."""
+    return sum(len(one.message.payload) for one in messages if not is_malformed(one))
+
+
 def count_deliveries(messages: Iterable[SentMessage]) -> dict[str, int]:
     """Return counts of sent messages ("sent"), payload bytes ("bytes") and receivers by delivery status.
 
-    Empty if no message was sent.
+    The bytes of malformed messages do not count. Empty if no message was sent.
     """
     sent = tuple(messages)
     if not sent:
         return {}
     deliveries = Counter(status for one in sent for status, _ in one.deliveries.values())
-    size = sum(len(one.message.payload) for one in sent)
-    return {"sent": len(sent), "bytes": size} | {status.value: deliveries[status] for status in DeliveryStatus}
+    totals = {"sent": len(sent), "bytes": count_bytes(sent)}
+    return totals | {status.value: deliveries[status] for status in DeliveryStatus}

@@ -1,6 +1,7 @@
 """Commands for authored sources (routes and scripted road users) and for maps."""
 
 import math
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -98,6 +99,8 @@ def opendrive(paths: tuple[Path, ...], out: Path) -> None:
         lanes = f"{town.displaced_lanes} of {town.measured_lanes} lanes compared over 0.5 m off the map"
         echo(f"{town.name}: {found}, {lanes}")
     echo(f"Report: {out / NETWORKS_MARKDOWN}")
+    echo(f"Draw them: mdrive-sumo show {shlex.quote(str(out))}")
+    echo("Drive on them: add suite.json and <id>/scenario.json (`mdrive-sumo schema suite`, `schema scenario`)")
 
 
 def _format_report(report: "ConversionReport", out: Path) -> str:

@@ -7,9 +7,11 @@ from typing import Any
 import click
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.plug_ins import PlugInKind, list_plug_ins
 from mdrive_sumo.core.terminal import echo
 from real2sim.cli.authored_commands import interdrive, mdrive, opendrive
 from real2sim.cli.log_options import V2XPNP_FOLDER, log_options, match_file, match_folder, run_conversion
+from real2sim.pipeline.log_source import ReaderPlugIn, load_reader_plug_in
 
 map_option = click.option(
     "--map",
@@ -30,7 +32,31 @@ lanelet_option = click.option(
 )
 
 
-@click.group(invoke_without_command=True)
+class ConvertGroup(click.Group):
+    """The sources of this package, and the readers of other packages (`mdrive_sumo.readers`)."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of all sources."""
+        return [*super().list_commands(ctx), *list_plug_ins(PlugInKind.READERS)]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return the command of a source. Raises InputError for a plug-in that is no reader."""
+        own = super().get_command(ctx, cmd_name)
+        reader = None if own else load_reader_plug_in(cmd_name)
+        return own if reader is None else _make_plug_in_command(cmd_name, reader)
+
+
+def _make_plug_in_command(name: str, reader: ReaderPlugIn) -> click.Command:
+    @click.command(name, help=reader.help or f"Convert {reader.pattern} with the reader of another package.")
+    @log_options
+    @click.pass_context
+    def command(ctx: click.Context, **options: Any) -> None:
+        run_conversion(ctx, name, match_file(reader.pattern), options)
+
+    return command
+
+
+@click.group(cls=ConvertGroup, invoke_without_command=True)
 @click.option(
     "--summary",
     "suite",

@@ -9,6 +9,7 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.installation_command import format_installation
+from mdrive_sumo.core.plug_ins import PlugInKind, check_plug_in_names, list_plug_ins
 from real2sim.readers.checked_arrays import MAX_COORDINATE_M
 from real2sim.readers.time_window import TimeWindow
 from real2sim.recording import Recording
@@ -34,7 +35,7 @@ class LogSource:
 def read_log(log: LogSource) -> Recording:
     """Read the whole log; raises InputError, also if a package of the extra `convert` is missing."""
     try:
-        return _check_extent(log.path, READERS[log.source](log))
+        return _check_extent(log.path, _find_reader(log.source)(log))
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         raise InputError(
@@ -117,6 +118,34 @@ def _v2xseq(log: LogSource) -> Recording:
     from real2sim.readers.v2xseq import read_v2xseq
 
     return read_v2xseq(log.path, log.maps)
+
+
+@dataclass(frozen=True, slots=True)
+class ReaderPlugIn:
+    """A reader of another package, for its entry point in the group `mdrive_sumo.readers`."""
+
+    read: Callable[[LogSource], Recording]
+    pattern: str
+    """Glob of the names of its logs, such as `*.json`."""
+    help: str = ""
+    """One line for `convert --help`."""
+
+
+def load_reader_plug_in(name: str) -> ReaderPlugIn | None:
+    """Return a reader of another package; None if none has the name. Raises InputError for what is no reader."""
+    check_plug_in_names(PlugInKind.READERS, READERS)
+    plug_in = list_plug_ins(PlugInKind.READERS).get(name)
+    if plug_in is None:
+        return None
+    reader = plug_in.load()
+    if not isinstance(reader, ReaderPlugIn):
+        raise InputError(f"{plug_in.describe()}: expected a ReaderPlugIn, found {reader!r:.80}")
+    return reader
+
+
+def _find_reader(source: str) -> Callable[[LogSource], Recording]:
+    plug_in = load_reader_plug_in(source)
+    return READERS[source] if plug_in is None else plug_in.read
 
 
 READERS: dict[str, Callable[[LogSource], Recording]] = {

@@ -6,17 +6,22 @@ sentence. `limited_reader` starts it.
 
 import json
 import os
-import resource
 import sys
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.posix import import_posix
 from real2sim.hd_map import HdMap
 from real2sim.pipeline.log_source import LogSource, read_log
 from real2sim.pipeline.recording_transfer import encode_value
+
+if TYPE_CHECKING:
+    import resource
+else:
+    resource = import_posix("resource")
 
 ANSWER_BYTES = 4 * 2**30
 READ, REFUSED, FAILED, NO_MEMORY = b"R", b"E", b"F", b"M"

@@ -1,18 +1,24 @@
 """The data folder of a server: private to its user, and served by one process at a time."""
 
-import fcntl
 import os
 import socket
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sqlalchemy import make_url
 from sqlalchemy.exc import ArgumentError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder, open_appended
+from mdrive_sumo.core.posix import import_posix
 from server.settings import ServerSettings
+
+if TYPE_CHECKING:
+    import fcntl
+else:
+    fcntl = import_posix("fcntl")
 
 LOCK_FILE = "serve.lock"
 FOLDER_MODE = 0o700

@@ -11,6 +11,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -53,6 +54,7 @@ def apply_block(folder: Path, block: CodeBlock) -> None:
     """Create the file, or insert the lines beside the anchor; of several such lines, the one indented as the block."""
     if block.new_file:
         assert not (folder / block.new_file).exists()
+        (folder / block.new_file).parent.mkdir(exist_ok=True)
         (folder / block.new_file).write_text(block.text, "utf-8")
         return
     path = folder / block.file
@@ -80,7 +82,24 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for page in PAGES:
         for block in read_blocks(page):
             apply_block(folder, block)
+    for project in folder.glob("*/pyproject.toml"):
+        install_project(project)
     return folder
+
+
+def install_project(project: Path) -> None:
+    """Write what an installation leaves, beside the package's module: its folder is put on the path."""
+    content = tomllib.loads(project.read_text("utf-8"))["project"]
+    about = project.parent / f"{content['name'].replace('-', '_')}-{content['version']}.dist-info"
+    about.mkdir()
+    about.joinpath("METADATA").write_text(
+        f"Metadata-Version: 2.1\nName: {content['name']}\nVersion: {content['version']}\n"
+    )
+    groups = [
+        f"[{group}]\n" + "".join(f"{name} = {place}\n" for name, place in entries.items())
+        for group, entries in content["entry-points"].items()
+    ]
+    about.joinpath("entry_points.txt").write_text("\n".join(groups))
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +110,7 @@ def in_scratch(scratch: Path) -> Generator[Callable[[Callable[[Path], Any]], Any
 
 
 def enter_scratch(folder: Path) -> None:
-    sys.path[:0] = [str(folder), str(TESTS)]
+    sys.path[:0] = [str(folder), *(str(project.parent) for project in folder.glob("*/pyproject.toml")), str(TESTS)]
     os.environ["PYTHONPATH"] = os.pathsep.join((str(folder), str(ROOT)))
     os.chdir(folder)
 
@@ -153,6 +172,7 @@ def test_a_baseline_is_one_file_and_a_line_in_the_registry(results: dict[str, An
 @pytest.mark.slow
 def test_a_scalar_metric_is_a_value_per_scenario_and_a_column(run: tuple[dict[str, Any], str]) -> None:
     results, report = run
+    assert set(results["run"]["plug_ins"]) == {"metrics episode_length", "metrics speeding"}
     assert all(scenario["scalars"]["episode_length"] > 0 for scenario in results["scenarios"])
     assert "length [s]" in report
 

@@ -73,6 +73,55 @@ class Follower(AutonomousAgent):
         return controls
 '''
 
+SINGLE = '''
+import math
+
+import carla
+from leaderboard.autoagents.autonomous_agent import AutonomousAgent, Track
+
+
+def get_entry_point():
+    return "Lone"
+
+
+class Lone(AutonomousAgent):
+    """As `Follower`, as the leaderboards of CARLA have it: for one vehicle, with one control."""
+
+    RADIUS = 6378137.0
+
+    def setup(self, path_to_conf_file):
+        self.track = Track.SENSORS
+        self.config = {"target_point_distance": 3.0, "file": path_to_conf_file}
+        self.next = 0
+
+    def sensors(self):
+        return [
+            {"type": "sensor.other.gnss", "x": 0.0, "y": 0.0, "z": 2.0, "id": "gps"},
+            {"type": "sensor.other.imu", "x": 0.0, "y": 0.0, "z": 0.0, "yaw": 0.0, "id": "imu"},
+            {"type": "sensor.speedometer", "reading_frequency": 20, "id": "speed"},
+        ]
+
+    def world(self, lat, lon):
+        return self.RADIUS * math.radians(lon), -self.RADIUS * math.asinh(math.tan(math.radians(lat)))
+
+    def run_step(self, input_data, timestamp):
+        x, y = self.world(*input_data["gps"][1][:2])
+        yaw = input_data["imu"][1][6] - math.pi / 2
+        plan = self._global_plan
+        while self.next < len(plan) - 1:
+            tx, ty = self.world(plan[self.next][0]["lat"], plan[self.next][0]["lon"])
+            if math.hypot(tx - x, ty - y) > 4.0:
+                break
+            self.next += 1
+        tx, ty = self.world(plan[self.next][0]["lat"], plan[self.next][0]["lon"])
+        assert self._global_plan_world_coord[self.next][0].location.distance(carla.Location(tx, ty, 0.0)) < 0.01
+        ahead = math.cos(yaw) * (tx - x) + math.sin(yaw) * (ty - y)
+        right = -math.sin(yaw) * (tx - x) + math.cos(yaw) * (ty - y)
+        steer = math.atan2(2 * 2.9 * right, ahead**2 + right**2) / math.radians(70)
+        slow = input_data["speed"][1]["speed"] < 4.0
+        return carla.VehicleControl(throttle=0.5 if slow else 0.0, steer=min(max(steer, -1.0), 1.0))
+'''
+
 CAMERA = """
 from leaderboard.autoagents.autonomous_agent import AutonomousAgent
 

@@ -36,7 +36,7 @@ class LocalExecutor(Generic[J, R]):
         """There is nothing to end."""
 
     def submit(self, key: str, job: J) -> None:
-        self._done.append((key, worker_process._run_job(self._function, job)))
+        self._done.append((key, worker_process.run_job_guarded(self._function, job)))
 
     def collect_outcomes(self, *_: object) -> list[tuple[str, R | WorkerFailure]]:
         done, self._done = self._done, []

@@ -5,19 +5,26 @@ Not `subprocess`: its child leaves no number free for the descriptors that box a
 """
 
 import ctypes
-import fcntl
 import os
-import resource
 import signal
 import socket
+import sys
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Never
+from typing import TYPE_CHECKING, Any, Never
 
 from mdrive_sumo.core.errors import WorldError
+from mdrive_sumo.core.posix import import_posix
+
+if TYPE_CHECKING:
+    import fcntl
+    import resource
+else:
+    fcntl = import_posix("fcntl")
+    resource = import_posix("resource")
 
 STAGE = Path("/run/mdrive-sumo")
 """Mount point, in the launched process's own view, of a folder with everything that the box will see."""
@@ -29,7 +36,7 @@ PR_SET_PDEATHSIG, PR_SET_NO_NEW_PRIVS = 1, 38
 SECCOMP_SET_MODE_FILTER, NEW_LISTENER, WAIT_KILLABLE = 1, 8, 32
 """The last: a signal does not end a call that the supervisor has taken (Linux 5.19)."""
 FAILED = 126
-LIBC = ctypes.CDLL(None, use_errno=True)
+LIBC: Any = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
 
 
 class BoxError(WorldError):

@@ -1,11 +1,17 @@
 """Ceilings that the kernel keeps for each process."""
 
 import os
-import resource
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
+from mdrive_sumo.core.posix import import_posix
+
+if TYPE_CHECKING:
+    import resource
+else:
+    resource = import_posix("resource")
 
 CPU_GRACE_S = 1
 """Between SIGXCPU, which says what happened, and SIGKILL."""

@@ -14,6 +14,7 @@ from mdrive_sumo.report.comparison_report.drive_conditions import (
     list_conditions,
 )
 from mdrive_sumo.report.comparison_report.report_runs import ReportRun, check_report_runs
+from mdrive_sumo.report.result_tables import describe_partial
 from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, compare_settings, format_setting
 from mdrive_sumo.scoring import MeanIntervals, Results, ScenarioResult, compute_mean_intervals, summarize_run
 from mdrive_sumo.scoring.labels import JOINT, NEGOTIATION, PRIVILEGED, SHARING, SHARING_TYPES
@@ -102,11 +103,16 @@ def make_compared_agents(runs: Iterable[ReportRun]) -> tuple[ComparedAgent, ...]
             same.append(run)
     conditions = list_conditions(groups)
     names = name_agents([group[0] for group in groups], conditions)
+    pooled = [pool_results([run.results for run in group]) for group in groups]
     agents = [
-        ComparedAgent(name, pool_results([run.results for run in group]), tuple(group), its_conditions)
-        for name, group, its_conditions in zip(names, groups, conditions, strict=True)
+        ComparedAgent(_mark_partial(name, results), results, tuple(group), its_conditions)
+        for name, results, group, its_conditions in zip(names, pooled, groups, conditions, strict=True)
     ]
     return tuple(sorted(agents, key=lambda agent: SECTIONS.index(agent.section)))
+
+
+def _mark_partial(name: str, results: Results) -> str:
+    return f"{name} ({partial})" if (partial := describe_partial(results)) else name
 
 
 def make_agents_of_results(results: Iterable[Results], folders: Iterable[Path] = ()) -> tuple[ComparedAgent, ...]:
@@ -133,7 +139,10 @@ def pool_results(results: Sequence[Results]) -> Results:
     seeds = tuple(sorted(seed for one in results for seed in one.run.all_seeds))
     labels = tuple(dict.fromkeys(label for one in results for label in one.run.labels))
     info = results[0].run.model_copy(update={"seed": seeds[0], "seeds": seeds, "labels": labels})
-    return summarize_run(info, sorted(scenarios, key=lambda scenario: (scenario.seed, scenario.id)))
+    is_partial = any(one.planned is not None for one in results)
+    planned = sum(one.planned or len(one.scenarios) for one in results) if is_partial else None
+    pooled = summarize_run(info, sorted(scenarios, key=lambda scenario: (scenario.seed, scenario.id)))
+    return pooled.model_copy(update={"planned": planned})
 
 
 def name_agents(runs: Sequence[ReportRun], conditions: Sequence[DriveConditions]) -> list[str]:

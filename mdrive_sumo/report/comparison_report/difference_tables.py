@@ -74,8 +74,9 @@ def compute_differences(agents: Sequence[ComparedAgent], baseline: str = "") -> 
 
 
 def find_compared_agent(agents: Sequence[ComparedAgent], name: str) -> ComparedAgent:
-    """Return the agent of a name. Raises InputError."""
+    """Return the agent of a name, which may leave out that its run is partial. Raises InputError."""
     names = [agent.name for agent in agents]
+    names = [full if name == full else full.partition(" (partial: ")[0] for full in names]
     if name not in names:
         suggestion = suggest_name(name, names)
         raise InputError(f"--baseline: expected one of {', '.join(names)}, found {name!r:.60}{suggestion}")

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.core.private_paths import hide_place
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent, describe_code
 from mdrive_sumo.report.comparison_report.drive_conditions import SEEDS, find_differing_conditions
@@ -52,7 +53,7 @@ def _describe_run(agent: ComparedAgent, run: ReportRun) -> tuple[str, ...]:
         describe_code(run) or "-",
         ", ".join(f"{name} {version}" for name, version in sorted(info.versions.items())),
         compute_results_checksum(run) or "-",
-        run.place,
+        hide_place(Path(run.place)),
     )
 
 
@@ -84,6 +85,9 @@ def list_warnings(agents: Sequence[ComparedAgent]) -> tuple[str, ...]:
         _describe_differing_conditions(agents),
         f"The runs were driven with different code of the library: {', '.join(codes)}." if len(codes) > 1 else "",
     ]
+    if any(agent.results.planned is not None for agent in agents):
+        count = len({scenario.id for agent in agents for scenario in agent.results.scenarios})
+        warnings.insert(0, f"Runs are partial: all numbers are over the {count} scenarios that every run has finished.")
     for agent in agents:
         void = _shorten([scenario.key for scenario in agent.results.scenarios if scenario.status == "void"])
         warnings.append(f"{agent.name}: void episodes count as 0 in means: {void}." if void else "")

@@ -1,16 +1,16 @@
 """Load the runs of a report and check that their numbers can stand in one table."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
-from mdrive_sumo.runs.run_listing import check_run_folder
+from mdrive_sumo.runs.run_results import load_run_results
 from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, list_settings
-from mdrive_sumo.scoring import Results, load_results, read_results_format
+from mdrive_sumo.scoring import Results, load_results, read_results_format, summarize_run
 from mdrive_sumo.scoring.results import FORMAT
 
 VERSIONS_THAT_COUNT = ("mdrive-sumo", "libsumo")
@@ -43,9 +43,29 @@ def load_report_runs(places: Iterable[Path]) -> tuple[ReportRun, ...]:
     """Load runs by their folders or results files. Raises InputError for what cannot stand in one report."""
     found = tuple(places)
     _check_places(found)
-    runs = tuple(_load_run(place) for place in found)
+    runs = _keep_shared_scenarios(tuple(_load_run(place) for place in found))
     check_report_runs(runs)
     return runs
+
+
+def _keep_shared_scenarios(runs: Sequence[ReportRun]) -> tuple[ReportRun, ...]:
+    """Return the runs, if some are partial with the scenarios that all have: other means could not be compared.
+
+    Raises InputError if they share none.
+    """
+    if all(run.results.planned is None for run in runs):
+        return tuple(runs)
+    shared = set[str].intersection(*({one.id for one in run.results.scenarios} for run in runs))
+    if not shared:
+        raise InputError("report: expected runs with finished scenarios in common, found none yet")
+    return tuple(replace(run, results=_keep_scenarios(run.results, shared)) for run in runs)
+
+
+def _keep_scenarios(results: Results, names: Collection[str]) -> Results:
+    """Return the results of some of the scenarios, marked as partial unless these are all."""
+    kept = [one for one in results.scenarios if one.id in names]
+    planned = results.planned or (len(results.scenarios) if len(kept) < len(results.scenarios) else None)
+    return summarize_run(results.run, kept).model_copy(update={"planned": planned})
 
 
 def check_report_runs(runs: Sequence[ReportRun]) -> None:
@@ -81,11 +101,12 @@ def _check_places(places: Sequence[Path]) -> None:
 
 
 def _load_run(place: Path) -> ReportRun:
-    if not place.is_file():
-        check_run_folder(place)
-    path = place if place.is_file() else place / RESULTS_FILE
-    run = ReportRun.from_results(load_results(path), None if place.is_file() else place)
-    return ReportRun(run.results, str(place), run.settings, read_results_format(path))
+    if place.is_file():
+        run = ReportRun.from_results(load_results(place))
+        return replace(run, place=str(place), format=read_results_format(place))
+    run = ReportRun.from_results(load_run_results(place), place)
+    path = place / RESULTS_FILE
+    return replace(run, format=read_results_format(path) if path.is_file() else FORMAT)
 
 
 def _check_shared(runs: Sequence[ReportRun], what: str, values: Sequence[str]) -> None:

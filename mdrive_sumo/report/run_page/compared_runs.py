@@ -6,9 +6,10 @@ from pathlib import Path
 from string import ascii_uppercase
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.private_paths import hide_place
 from mdrive_sumo.report.result_tables import describe_agent
 from mdrive_sumo.runs.compare import select_shared_versions
-from mdrive_sumo.runs.stored_run import StoredRun, load_stored_run
+from mdrive_sumo.runs.stored_run import StoredRun, load_viewed_run
 
 MAX_RUNS = len(ascii_uppercase)
 
@@ -20,6 +21,11 @@ class ComparedRun:
     letter: str
     folder: Path
     stored: StoredRun
+
+    @property
+    def place(self) -> str:
+        """The folder as a page names it: never as an absolute path."""
+        return hide_place(self.folder)
 
     @property
     def agent(self) -> str:
@@ -38,7 +44,7 @@ def load_compared_runs(folders: Sequence[Path], suite: str | None) -> tuple[Comp
     if twice := next((folder for folder, place in zip(folders, places, strict=True) if places.count(place) > 1), None):
         raise InputError(f"view: expected different runs, found {str(twice)!r} twice")
     runs = tuple(
-        ComparedRun(letter, folder, load_stored_run(folder, suite))
+        ComparedRun(letter, folder, load_viewed_run(folder, suite))
         for letter, folder in zip(ascii_uppercase, folders, strict=False)
     )
     for run in runs[1:]:

@@ -11,6 +11,7 @@ from mdrive_sumo.report.result_tables import (
     count_infractions,
     count_outcomes,
     describe_agent,
+    describe_partial,
     describe_seeds,
     format_scores,
     list_void,
@@ -20,8 +21,11 @@ from mdrive_sumo.report.score_terms import SCORE_TERMS
 from mdrive_sumo.scoring import compute_category_means
 
 
-def render_run_page(data: RunPageData, *, replays_note: str = "") -> str:
-    """Return the page. The same run gives the same bytes. replays_note: a sentence about which replays there are."""
+def render_run_page(data: RunPageData, *, replays_note: str = "", refresh_s: int = 0) -> str:
+    """Return the page. The same run gives the same bytes.
+
+    replays_note: a sentence about which replays there are. refresh_s: how often a browser loads it anew; 0: never.
+    """
     results = data.stored.results
     header, rows = build_score_rows(results)
     category_rows = [
@@ -33,6 +37,8 @@ def render_run_page(data: RunPageData, *, replays_note: str = "") -> str:
         title=f"{results.run.suite}: {describe_agent(results)} · mdrive-sumo",
         data=data,
         run=results.run,
+        partial=describe_partial(results),
+        refresh_s=refresh_s,
         agent=describe_agent(results),
         seeds_text=describe_seeds(results.run),
         overall=results.overall,

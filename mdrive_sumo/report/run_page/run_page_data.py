@@ -9,6 +9,7 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from mdrive_sumo.core.geometry import Polyline
+from mdrive_sumo.core.private_paths import hide_paths_in_text
 from mdrive_sumo.report.agent_failures import list_agent_failures, read_tail
 from mdrive_sumo.report.run_page.losses import CavLosses, explain_losses
 from mdrive_sumo.report.run_page.provenance import Fact, list_provenance
@@ -144,7 +145,11 @@ def _build_row(
     scenario = next(scenario for scenario in stored.run.scenarios if scenario.id == first.id)
     lengths = {ego.id: Polyline(ego.xy).length for ego in scenario.egos}
     by_seed = {stored.run.find_key(result)[1]: result for result in results}
-    cells = (_build_cell(stored, by_seed[seed], lengths, replays, page) for seed in stored.run.config.seeds)
+    cells = (
+        _build_cell(stored, by_seed[seed], lengths, replays, page)
+        for seed in stored.run.config.seeds
+        if seed in by_seed  # of a run that is going on some are missing
+    )
     ds = compute_mean(result.ds for result in results)
     roads = load_road_map(find_network_folder(scenario.network, stored.run.suite.find_folder(scenario.id)))
     sketch = draw_scenario_sketch(scenario, roads)
@@ -178,7 +183,8 @@ def _find_log(stored: StoredRun, result: ScenarioResult, ego: str, page: Path) -
     log = find_agent_log(run.folder, result.id, ego, result.seed if run.config.more_seeds else None)
     if log is None:
         return None
-    return AgentLog(str(log), _link(run.folder, log, page), tuple(read_tail(log)))
+    name = log.relative_to(run.folder).as_posix()
+    return AgentLog(name, _link(run.folder, log, page), tuple(map(hide_paths_in_text, read_tail(log))))
 
 
 def _link(run_folder: Path, file: Path, page: Path) -> str:

@@ -98,11 +98,12 @@ class Lists {
     const arrived = message.fates.filter((one) => one.fate === "delivered" && one.tick <= tick).length;
     const texts = [
       this.replay.seconds(at).toFixed(2), message.type, own ? "→ sent" : `← ${this.talk.stations[message.from]}`,
-      `${message.bytes} B`, own ? `${arrived} of ${message.fates.length}` : outcome(this.replay, message, fate),
+      `${message.bytes} B`, own ? sentOutcome(message, arrived) : outcome(this.replay, message, fate),
     ];
     parts.forEach((part, i) => setText(part, texts[i]));
     parts[1].className = `chip ${message.type}`;
-    button.className = `message ${own || fate.fate === "delivered" ? "" : "bad"} ${message === this.detail ? "open" : ""}`;
+    const good = own ? !message.problem : fate.fate === "delivered";
+    button.className = `message ${good ? "" : "bad"} ${message === this.detail ? "open" : ""}`;
   }
 
   showDetail(message) {
@@ -150,6 +151,10 @@ function asked(text) {
   return details;
 }
 
+function sentOutcome(message, arrived) {
+  return message.problem ? "malformed" : `${arrived} of ${message.fates.length}`;
+}
+
 function outcome(replay, message, { fate, tick }) {
   return fate === "delivered" ? `${Math.round((tick - message.tick) * replay.tick_s * 1000)} ms` : fate;
 }
@@ -159,7 +164,8 @@ function headFacts(replay, talk, message) {
   return [["sent", `${replay.seconds(message.tick).toFixed(2)} s, ${message.bytes} bytes`], ["to", fates.join("\n") || "no station"]];
 }
 
-function contentFacts(replay, own, { type, content }) {
+function contentFacts(replay, own, { type, content, problem }) {
+  if (problem) return [["malformed", problem]];
   if (!content) return [["content", "not readable here"]];
   if (type === "text") return [["text", content.text]];
   if (type === "cam") return camFacts(replay, content);

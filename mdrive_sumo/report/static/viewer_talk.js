@@ -18,6 +18,7 @@ class Talk {
     this.links = new Map(); // "type from to" -> [{ tick, until, message, fate }] by the tick of sending
     for (const [row, to, fate, tick] of table("fates")) this.addFate(this.sent[row], to, this.fates[fate], tick);
     for (const list of this.arrivals.values()) list.sort((a, b) => a.tick - b.tick || a.message.row - b.message.row);
+    for (const [row, problem] of this.problems) this.sent[row].problem = problem; // malformed: the channel has dropped it
     for (const [row, text] of this.texts) this.sent[row].content = { text };
     this.addCams(table("cams"));
     this.addCpms(table("cpms"), table("cpm_objects"));

@@ -3,11 +3,15 @@
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.scoring.metrics.metric import ScalarMetric
+from mdrive_sumo.v2x.channel import count_bytes
 
 
 def compute_message_rate(episode: EpisodeRecord) -> float:
-    """Return the payload bytes that all stations together send in a second; a message to many counts once."""
-    return sum(len(sent.message.payload) for sent in episode.messages) / (episode.ticks * DT)
+    """Return the payload bytes that all stations together send in a second; a message to many counts once.
+
+    Malformed messages, which the channel never transmits, do not count.
+    """
+    return count_bytes(episode.messages) / (episode.ticks * DT)
 
 
 MESSAGE_RATE = ScalarMetric("message_rate", "messages [B/s]", lambda scored: compute_message_rate(scored.episode), 0)

@@ -60,7 +60,7 @@ def style(
             return more.get("controls", [VehicleControl()] * len(cavs))
 
     made = carla_adapter.CarlaAgentAdapter.__new__(carla_adapter.CarlaAgentAdapter)
-    made._agent, made._cavs, made._sensors = Agent(), cavs, ()
+    made._agent, made._cavs, made._sensors, made._is_single = Agent(), cavs, (), False
     return made
 
 

@@ -85,11 +85,12 @@ def test_all_cavs_are_driven_by_one_program_until_they_end(tmp_path: Path, two: 
     [
         ("setup", FailureReason.CRASHED, "OSError: no weights in config/my.yaml"),
         pytest.param("plan", FailureReason.CRASHED, "RuntimeError: too far", marks=pytest.mark.full),
-        ("short", FailureReason.CRASHED, "TypeError: run_step(): expected a list of 2 controls, found list"),
+        ("short", FailureReason.CRASHED, "TypeError: run_step(): expected a list of 2 controls, found 1"),
         pytest.param(
             "one",
             FailureReason.CRASHED,
-            "TypeError: run_step(): expected a list of 2 controls, found VehicleControl",
+            "TypeError: run_step(): expected a list of 2 controls, found VehicleControl; docs/agents.md says how an"
+            " agent for one vehicle is started",
             marks=pytest.mark.full,
         ),
         ("raise", FailureReason.CRASHED, "RuntimeError: lost"),

@@ -164,7 +164,7 @@ def test_an_episode_has_a_time_limit_too(path: Path) -> None:
     [
         ("{path}:Broken", FailureReason.CRASHED, "ValueError: no such weights"),
         ("{path}:Nobody", FailureReason.CRASHED, "InputError: expected a class"),
-        ("/no/file.py:Driver", FailureReason.CRASHED, "InputError: agent file /no/file.py: expected a Python file"),
+        ("/no/file.py:Driver", FailureReason.CRASHED, "InputError: agent file file.py: expected a Python file"),
         ("no.such.module:Driver", FailureReason.CRASHED, "InputError: agent module 'no.such.module'"),
     ],
 )

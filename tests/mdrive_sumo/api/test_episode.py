@@ -122,7 +122,7 @@ def test_a_scenario_of_a_suite_can_be_given_itself() -> None:
             {"scenario": SCENARIO, "frictions": "dry"},
             "frictions: unknown option, expected one of comm, agent_clock, actors",
         ),
-        ({"scenario": SCENARIO, "agent": "nobody"}, "agent 'nobody': expected a built-in name"),
+        ({"scenario": SCENARIO, "agent": "nobody"}, "agent 'nobody': expected stationary"),
     ],
 )
 def test_unusable_arguments_are_named(options: dict[str, str], problem: str) -> None:

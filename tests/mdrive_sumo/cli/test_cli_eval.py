@@ -95,12 +95,12 @@ def test_a_run_ends_with_a_table_and_the_files_that_exist(
 ) -> None:
     fakes.make_suite(tmp_path / "suite", "answer", "answer")
     ended = here()
-    assert (ended.exit_code, ended.stderr.count("\n")) == (0, 2)
+    assert (ended.exit_code, ended.stderr.count("\n")) == (0, 3)  # what it costs, and a line for each
     assert "Tiny" in ended.stdout and "scenario mean" in ended.stdout
     files = [Path(line.split("  ")[0]) for line in ended.stdout.splitlines() if line.startswith(str(tmp_path))]
     assert [file.name for file in files] == ["results.json", "report.md", "journal.jsonl", "episodes"]
     assert all(file.exists() for file in files)
-    assert ended.stderr.splitlines()[1].startswith("2/2  DS   5.0  SR   0.0  eta 0:00  s")
+    assert ended.stderr.splitlines()[2].startswith("2/2  DS   5.0  SR   0.0  eta 0:00  s")
 
 
 def test_the_default_folder_is_found_again(fakes: ModuleType, here: Callable[..., Result], tmp_path: Path) -> None:
@@ -253,6 +253,8 @@ def test_a_terminal_gets_one_live_line(fakes: ModuleType, tmp_path: Path) -> Non
     os.close(ours)
     assert process.returncode == 0
     assert "2/2" in seen.decode()
+    cost, _, seen = seen.partition(b"\n")
+    assert cost.startswith(b"2 episodes (2 scenarios), 2 drives of CAVs, at most ")
     assert b"\n" not in seen
     assert seen.endswith(b"\r\x1b[K")
 

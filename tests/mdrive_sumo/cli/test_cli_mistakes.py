@@ -76,7 +76,10 @@ def test_help_of_every_command_writes_nothing(empty: Path) -> None:
         (("show", "i11*", "i12*", "--out", "x.png"), "expected one SCENARIO or RUN with them, found 2"),
         (("view", "r", "--scenario", "a", "--scenario", "b", "--export", "x"), "expected one --scenario with it"),
         (("show", "i11_ins_sl_twn"), "did you mean 'i11_ins_sl_town'?"),
-        (("list", "agents", "there"), "DIR: expected only with `list runs`, found 'there' with `list agents`"),
+        (
+            ("list", "agents", "there"),
+            "DIR: expected only with `list runs` and `list networks`, found 'there' with `list agents`",
+        ),
         (("admin", "team", "create", ""), "name of a team: expected 1 to 64 printable characters, found ''"),
         (("admin", "team", "list"), "found none; --data or --settings says where it is"),
         (("admin", "token", "issue"), "found none; --data or --settings says where it is"),

@@ -108,8 +108,12 @@ def test_runs_are_listed(invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> Non
     Path("runs/more/mine/results.json").unlink()
     found = [line.split() for line in invoke("list", "runs").stdout.splitlines()[2:]]
     assert [row[0] for row in found] == ["runs/more/mine", "runs/tiny-stationary-seeds0-1"]
-    assert (found[0][-1], found[1][2:5], found[1][-1]) == ("interrupted", ["stationary", "0,1", "4"], "finished")
-    assert "found an interrupted one" in invoke("view", "runs/more/mine").stderr
+    assert (found[0][-4:], found[1][2:5], found[1][-1]) == (
+        ["partial:", "2", "of", "2"],
+        ["stationary", "0,1", "4"],
+        "finished",
+    )
+    assert "found an interrupted one" in invoke("verify", "runs/more/mine").stderr
     assert "did you mean 'runs/tiny-stationary-seeds0-1'?" in invoke("view", "tiny-stationary-seed0-1").stderr
 
 

@@ -72,7 +72,7 @@ def test_an_exported_page_stands_alone(run: Path, tmp_path: Path, replays: list[
     assert call("view", run, "--export", path).exit_code == 0
     assert replays == [] and read_links(path) == set()
     assert "Written without replays" in Page(path.read_text()).text
-    assert str(run / "logs" / "s2.0.log") in path.read_text()
+    assert "logs/s2.0.log" in path.read_text() and str(run) not in path.read_text()
 
 
 def test_a_run_without_recordings_has_a_page(tmp_path: Path, replays: list[str]) -> None:
@@ -110,9 +110,9 @@ def test_what_view_refuses(run: Path, words: tuple[str, ...], sentence: str) -> 
 def test_an_empty_run_is_one_sentence(run: Path, tmp_path: Path) -> None:
     empty = tmp_path / "empty"
     empty.mkdir()
-    (empty / "journal.jsonl").write_bytes((run / "journal.jsonl").read_bytes())
+    (empty / "journal.jsonl").write_bytes((run / "journal.jsonl").read_bytes().splitlines(keepends=True)[0])
     done = call("view", empty)
-    assert done.exit_code == 2 and "expected a finished run, found an interrupted one" in done.stderr
+    assert done.exit_code == 2 and "expected at least one finished episode, found 0 of 3" in done.stderr
 
 
 @pytest.fixture(scope="module")

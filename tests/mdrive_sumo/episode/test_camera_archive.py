@@ -49,6 +49,12 @@ def test_without_images_or_after_an_error_there_is_no_file(tmp_path: Path) -> No
     assert not list(tmp_path.iterdir())
 
 
+def test_without_images_there_is_no_folder(tmp_path: Path) -> None:
+    with CameraArchiveWriter(tmp_path / "cameras" / "x.zip") as archive:
+        archive.add(0, observe(0, 1, kind="depth"))
+    assert not list(tmp_path.iterdir())
+
+
 def test_an_archive_has_a_largest_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(camera_archive, "MAX_ARCHIVE_BYTES", 2000)
     with CameraArchiveWriter(tmp_path / "x.zip") as archive:

@@ -112,7 +112,7 @@ def copy_run(run_folder: Path, folder: Path) -> Path:
 
 
 def test_a_missing_or_changed_recording_is_named(run_folder: Path, tmp_path: Path) -> None:
-    copy = copy_run(run_folder, tmp_path / "copy")
+    copy = copy_run(run_folder, run_folder.with_name(f"{tmp_path.name}-copy"))  # beside its suite
     recording = copy / "episodes" / f"{SCENARIO}.npz"
     recording.write_bytes(recording.read_bytes() + b"x")
     assert "it was changed or damaged" in call(copy, "--format", "csv", "--out", tmp_path / "out").stderr

@@ -140,7 +140,7 @@ def test_a_worker_that_dies_twice_over_a_recording_stops_the_command_and_is_note
         tries.append(job)
         return worker_process.WorkerFailure(worker_process.FailureKind.DIED, "worker died (signal 9)")
 
-    monkeypatch.setattr(worker_process, "_run_job", die)
+    monkeypatch.setattr(worker_process, "run_job_guarded", die)
     done = run("eval-open", "--reference", reference, "--agent", "idm", "--out", tmp_path, "--workers", "1")
     assert (done.exit_code, len(tries)) == (1, 2)
     assert "i11_ins_sl_town: worker died (signal 9); the same command tries again" in done.stderr
@@ -160,7 +160,7 @@ def test_a_box_hides_suite_and_recordings(reference: Path, tmp_path: Path) -> No
     made = prepare_open_loop(opened, AgentSpec(agent), EpisodeOptions(), tmp_path / "out", sandbox=True)
     assert made.agent.box is not None
     assert {opened.suite.folder.resolve(), reference.resolve()} <= {*made.agent.box.hidden}
-    assert made.info.labels == () and made.info.agent == agent
+    assert made.info.labels == () and made.info.agent == "../mine/still.py:Still"
     command = ("eval-open", "--reference", reference, "--agent", agent, "--workers", "1")
     boxed = run(*command, "--sandbox", "--out", tmp_path / "boxed")
     assert boxed.exit_code == 0, boxed.output
@@ -178,8 +178,10 @@ def test_an_agent_without_a_box_is_labelled(reference: Path, tmp_path: Path) -> 
 
 
 def copy_run(reference: Path, folder: Path) -> Path:
-    shutil.copytree(reference, folder)
-    return folder
+    """Copy a run beside its suite, to which its journal has a relative path."""
+    copy = reference.with_name(f"{folder.parent.name}-{folder.name}")
+    shutil.copytree(reference, copy)
+    return copy
 
 
 def test_recordings_that_are_missing_or_changed_are_refused(reference: Path, tmp_path: Path) -> None:

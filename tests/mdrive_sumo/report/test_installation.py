@@ -26,6 +26,14 @@ def test_what_is_missing_is_named_with_its_command_and_its_cure(monkeypatch: pyt
     assert "missing for convert: no-such-package (pip install '.[convert]')" in table
 
 
+def test_a_system_without_posix_is_told_what_works_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert "WSL2" not in installation._describe_platform()
+    monkeypatch.setattr(installation, "is_posix", lambda: False)
+    assert installation._describe_platform().endswith(
+        ": built-in agents with one worker; all else needs Linux; on Windows use WSL2"
+    )
+
+
 def test_a_broken_simulator_is_found_without_breaking_the_doctor(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(installation, "SIMULATOR_CHECK", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     result = CliRunner().invoke(command)

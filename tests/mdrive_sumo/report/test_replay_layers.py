@@ -77,6 +77,7 @@ def test_unreadable_and_foreign_messages_are_only_named() -> None:
     sent = tuple(SentMessage(message, fate) for message, fate in zip(said, fates, strict=True))
     header, tables = carried(page_of(replace(record(), messages=sent), egos=2))
     assert header["talk"]["types"] == ["cam", "own-type"]
+    assert header["talk"]["problems"] == [[0, "expected at least 18 bytes, found 1"]]
     assert tables["messages"][2:].T.tolist() == [[3, 1], [4, 2]]
     assert tables["cams"].size == 0 and header["talk"]["texts"] == []
 

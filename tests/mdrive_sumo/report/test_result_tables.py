@@ -52,6 +52,19 @@ def results() -> Results:
     )
 
 
+def test_malformed_messages_have_a_line_only_if_there_are_any(results: Results) -> None:
+    assert "malformed" not in format_summary(results)
+    problems = {"cam: expected at least 18 bytes": 150, "text: too long": 50}
+    marked = [one.model_copy(update={"malformed": problems}) for one in results.scenarios[:1]]
+    said = format_summary(summarize_run(results.run, [*marked, *results.scenarios[1:]])).splitlines()
+    line = "200 messages, dropped: cam: expected at least 18 bytes (150); text: too long (50)"
+    assert f"malformed    {line}" in said
+
+
+def test_results_without_malformed_messages_are_written_as_before(results: Results) -> None:
+    assert all("malformed" not in one.model_dump(mode="json") for one in results.scenarios)
+
+
 def test_text_table_aligns_names_left_and_numbers_right() -> None:
     assert format_text_table(("name", "n"), (("a", "1"), ("longer", "10"))).splitlines() == [
         "name     n",

@@ -98,7 +98,7 @@ def test_a_boxed_agent_reads_nothing_of_the_suite_and_a_plain_one_does(folder: P
     plain_results, boxed_results = (load_results(out / "results.json") for out in (plain, boxed))
     assert [one.digest for one in plain_results.scenarios] == [one.digest for one in boxed_results.scenarios]
     assert "unsandboxed" in plain_results.run.labels and "unsandboxed" not in boxed_results.run.labels
-    assert boxed_results.run.agent == plain_results.run.agent == f"{folder}/thief.py:Thief"
+    assert boxed_results.run.agent == plain_results.run.agent == "../../thief.py:Thief"
     assert "unsandboxed" in (plain / "report.md").read_text()
     for run, permission in ((boxed, ()), (plain, ("--sandbox",)), (plain, ("--trust-agent",))):
         verified = invoke("verify", run, "--workers", 1, *permission)

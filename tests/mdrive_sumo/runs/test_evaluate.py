@@ -34,6 +34,9 @@ class Notes:
     def done(self, result: ScenarioResult) -> None:
         self.finished.append(result.id)
 
+    def show_running(self, running: dict[str, float]) -> None:
+        """Nothing to remember."""
+
     def note(self, text: str) -> None:
         self.notes.append(text)
 

@@ -83,7 +83,7 @@ def test_a_module_is_not_even_imported(run: Path) -> None:
     package.mkdir()
     (package / "__init__.py").write_text(AGENT)
     (package / "module.py").write_text(AGENT)
-    rewrite_journal(run / "journal.jsonl", lambda line: line.replace(f"{run.parent}/mine.py:", "package.module:"))
+    rewrite_journal(run / "journal.jsonl", lambda line: line.replace("../mine.py:", "package.module:"))
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(run.parent))
         ended = invoke("verify", run)
@@ -147,7 +147,7 @@ def test_a_run_made_in_boxes_is_verified_in_boxes(run: Path) -> None:
 
 def test_a_builtin_agent_needs_no_permission(run: Path) -> None:
     stored = load_stored_run(run).run
-    rewrite_journal(run / "journal.jsonl", lambda line: line.replace(f"{run.parent}/mine.py:Driver", "idm"))
+    rewrite_journal(run / "journal.jsonl", lambda line: line.replace("../mine.py:Driver", "idm"))
     assert not stored.config.agent.is_builtin
     stored = load_stored_run(run).run
     assert permit_agent(stored) is stored

@@ -97,6 +97,35 @@ def test_a_journal_of_another_command_is_refused_and_left_alone(tmp_path: Path) 
     assert (tmp_path / JOURNAL_FILE).read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ("before", "now", "sentence"),
+    [
+        (
+            {"comm": '{"header_bytes":0,"latency_ticks":0,"preset":"ideal"}'},
+            {"comm": '{"header_bytes":0,"latency_ticks":2,"loss":0.1,"preset":"realistic"}'},
+            "comm: latency_ticks 0 (now 2), loss none (now 0.1), preset ideal (now realistic);",
+        ),
+        ({"agent_config": "{}"}, {"agent_config": '{"range":3}'}, "agent_config: range none (now 3);"),
+        (
+            {"agent_config": json.dumps({str(key): 0 for key in range(6)})},
+            {"agent_config": json.dumps({str(key): 1 for key in range(6)})},
+            "agent_config: 0 0 (now 1), 1 0 (now 1), 2 0 (now 1), 3 0 (now 1) and 2 more;",
+        ),
+        ({"scenario": "a" * 50 + "b"}, {"scenario": "a" * 50 + "c"}, "scenario ...aaaab (now ...aaaac);"),
+        ({"scenario": "{a,b}"}, {"scenario": "{a,c}"}, "scenario {a,b} (now {a,c});"),
+        ({}, {"agent_limits": "tick=30"}, "agent_limits none (now tick=30);"),
+    ],
+)
+def test_another_command_is_told_by_what_differs(
+    tmp_path: Path, before: dict[str, str], now: dict[str, str], sentence: str
+) -> None:
+    with open_journal(tmp_path, before, fresh=False) as journal:
+        journal.add_result({"id": "a"})
+    with pytest.raises(InputError) as caught, open_journal(tmp_path, now, fresh=False):
+        pass
+    assert f"found one with another {sentence}" in str(caught.value)
+
+
 def test_a_journal_in_which_nothing_was_done_gives_way_to_another_command(tmp_path: Path) -> None:
     """Such as that of an agent that was refused when its first episode began."""
     with open_journal(tmp_path, PRINT, fresh=False):

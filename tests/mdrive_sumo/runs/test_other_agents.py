@@ -108,7 +108,7 @@ def test_a_changed_role_is_found(run: Path, tmp_path: Path) -> None:
         ("idn", (), "agent 'idn': expected"),
         ("idm", (), "found one with another others stationary (now idm)"),
         ("stationary", ("--penetration", "100"), "100 is not in the range 1<=x<=99"),
-        ("stationary", ("--penetration", "50"), "found one with another penetration None (now 50)"),
+        ("stationary", ("--penetration", "50"), "found one with another penetration none (now 50)"),
     ],
 )
 def test_bad_input_is_one_sentence(run: Path, others: str, words: tuple[str, ...], sentence: str) -> None:

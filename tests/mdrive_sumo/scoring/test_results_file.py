@@ -56,10 +56,11 @@ def test_the_file_has_the_published_form(tmp_path: Path) -> None:
 def test_the_schema_describes_every_key_of_the_file() -> None:
     schema = build_results_schema()
     data = full_results().model_dump(mode="json")
-    assert set(schema["properties"]) == set(data)
+    assert set(schema["properties"]) == set(data) | {"planned"}
     assert set(schema["$defs"]["ScenarioResult"]["properties"]) == set(data["scenarios"][0]) | {
         "scalars",
         "sensing_track",
+        "malformed",
     }
     assert schema["$defs"]["ScenarioResult"]["additionalProperties"] is False
     assert schema["properties"]["format"]["const"] == "mdrive-sumo/results/4"

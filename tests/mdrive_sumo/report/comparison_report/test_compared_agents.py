@@ -169,7 +169,7 @@ def test_unusable_places_are_refused_in_one_sentence(tmp_path: Path) -> None:
     cases = {
         "expected every run once": [good, tmp_path / "x" / ".." / good.name],
         "expected runs of one results format, found mdrive-sumo/results/4": [good, other],
-        "expected a finished run, found an interrupted one": [good, begun],
+        "expected a journal, found an empty file": [good, begun],
         "scenarios: expected at least one, found none": [good, tmp_path / "empty.json"],
         "expected a folder that": [tmp_path / "nothing"],
         "expected at least one run, found none": [],

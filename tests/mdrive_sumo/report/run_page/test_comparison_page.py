@@ -84,7 +84,7 @@ def test_texts_stay_texts(html: str) -> None:
 
 
 def test_runs_of_two_versions_are_refused(folders: tuple[Path, Path], tmp_path: Path) -> None:
-    other = tmp_path / "other"
+    other = folders[1].with_name(f"{tmp_path.name}-other")  # beside its suite, to which its journal has a relative path
     other.mkdir()
     for name in ("results.json", "journal.jsonl"):
         (other / name).write_bytes((folders[1] / name).read_bytes())

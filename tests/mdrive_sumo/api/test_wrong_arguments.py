@@ -1,0 +1,71 @@
+"""Arguments of the Python front door that are of a wrong type get a sentence, not an AttributeError from inside."""
+
+from typing import Any
+
+import pytest
+
+import mdrive_sumo as md
+from mdrive_sumo.contract import Briefing, Observation, SensorSpec
+from mdrive_sumo.core.errors import InputError
+
+SCENARIO = "i01_ins_c_main_street_right"
+
+
+class Agent:
+    label = "single"
+
+    def __init__(self, config: object) -> None:
+        """It needs no options."""
+
+    def sensors(self) -> Any:
+        return ()
+
+    def start(self, briefing: Briefing) -> None: ...
+
+    def act(self, seen: Observation) -> Any:
+        return {"throttle": 0.5}
+
+
+class NoSensors(Agent):
+    def sensors(self) -> Any:
+        return None
+
+
+class DictSensors(Agent):
+    def sensors(self) -> Any:
+        return ({"kind": "lidar"},)
+
+
+@pytest.mark.parametrize("agent", [3, None, ["idm"], md])
+def test_what_is_no_agent_is_refused(agent: Any) -> None:
+    for call in (lambda: md.simulate(SCENARIO, agent), lambda: md.evaluate(agent=agent, scenario=SCENARIO)):
+        with pytest.raises(InputError, match=r"agent: expected a name .* found "):
+            call()
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda: md.simulate(3), "scenario: expected the id of a scenario, or a scenario, found 3"),  # pyright: ignore
+        (lambda: md.simulate(SCENARIO, "imd"), "found neither; did you mean 'idm'?"),
+        (lambda: md.simulate(SCENARIO, agent_config=3), "agent_config: expected a mapping"),  # pyright: ignore
+        (lambda: md.simulate(SCENARIO, seed="a"), "seed: expected an integer, found 'a'"),  # pyright: ignore
+        (lambda: md.simulate(SCENARIO, suite=4), "suite: expected the name or the folder"),  # pyright: ignore
+        (lambda: md.simulate(SCENARIO, comm=4), "comm: expected one of ideal"),  # pyright: ignore
+        (lambda: md.load_suite(4), "suite: expected the name or the folder of a suite, found 4"),  # pyright: ignore
+        (lambda: md.evaluate(4), "suite: expected a suite, its name or its folder, found 4"),  # pyright: ignore
+        (lambda: md.Simulation(SCENARIO, sensors=3), "sensors(): expected a tuple of SensorSpec, found int"),  # pyright: ignore
+        (lambda: md.simulate(SCENARIO, NoSensors), "sensors(): expected a tuple of SensorSpec, found NoneType"),
+        (lambda: md.simulate(SCENARIO, DictSensors), "expected a tuple of SensorSpec, found {'kind': 'lidar'} in it"),
+        (lambda: md.simulate(SCENARIO, agent=Agent), "CAV 0: expected a Reply, found dict; return Reply(control="),
+    ],
+)
+def test_a_wrong_type_is_named(call: Any, sentence: str) -> None:
+    with pytest.raises(md.MdriveError) as caught:
+        call()
+    assert sentence in str(caught.value)
+
+
+def test_sensors_may_be_a_list() -> None:
+    with md.Simulation(SCENARIO, sensors=[SensorSpec("speedometer")]) as simulation:
+        assert next(iter(simulation.reset().values())).speedometer is not None

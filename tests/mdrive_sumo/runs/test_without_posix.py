@@ -1,0 +1,113 @@
+"""Windows, simulated: an interpreter in which modules that only POSIX systems have cannot be imported.
+
+It shows that nothing needs them on import and what is said where they are needed. It is no test on Windows itself.
+"""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from testing.short_suite import make_short_suite
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.posix import MissingModule, check_posix, import_posix, is_posix
+
+pytestmark = pytest.mark.slow
+
+WITHOUT_POSIX = """
+import sys
+BLOCKED = {"fcntl", "resource", "pwd", "grp", "termios", "pty", "tty", "syslog"}
+def is_imported_by_click():  # which has a part of its own for Windows
+    frame = sys._getframe(1)
+    while frame is not None:
+        if frame.f_globals.get("__name__", "").startswith("click."):
+            return frame.f_globals["__name__"] == "click._termui_impl"
+        frame = frame.f_back
+    return False
+class Block:
+    def find_spec(self, name, path=None, target=None):
+        if name in BLOCKED and not is_imported_by_click():
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+        return None
+for name in BLOCKED:
+    sys.modules.pop(name, None)
+sys.meta_path.insert(0, Block())
+"""
+MAIN = WITHOUT_POSIX + "from mdrive_sumo.cli import main\nmain()\n"
+NEEDS = "needs Linux; on Windows use WSL2"
+AGENT = """
+class Mine:
+    label = "single"
+    def __init__(self, config): ...
+"""
+
+
+def call(*words: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run((sys.executable, "-c", MAIN, *map(str, words)), capture_output=True, text=True, timeout=240)
+
+
+@pytest.fixture(scope="module")
+def suite(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_short_suite(tmp_path_factory.mktemp("windows") / "suite", "i02*", metres=4)
+
+
+@pytest.fixture(scope="module")
+def run(suite: Path) -> Path:
+    done = call("eval", "--suite", suite, "--agent", "idm", "--out", suite.parent / "run")
+    assert done.returncode == 0, done.stderr
+    return suite.parent / "run"
+
+
+def test_an_agent_in_process_drives_with_one_worker(run: Path) -> None:
+    assert (run / "results.json").is_file()
+
+
+def test_what_reads_a_run_works(run: Path) -> None:
+    listed = call("list", "runs", run.parent)
+    assert listed.returncode == 0, listed.stderr
+    viewed = call("view", run, "--no-open")
+    assert viewed.returncode == 0, viewed.stderr
+    assert (run / "view" / "index.html").is_file()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("eval", "--agent", "idm", "--workers", "2"),
+        ("eval", "--agent", "mine.py:Mine"),
+        ("verify", "RUN"),
+    ],
+)
+def test_the_rest_says_what_it_needs_in_one_sentence(suite: Path, run: Path, words: tuple[str, ...]) -> None:
+    (suite.parent / "mine.py").write_text(AGENT)
+    told = [
+        str(suite.parent / word) if word == "mine.py:Mine" else str(run) if word == "RUN" else word for word in words
+    ]
+    more = () if words[0] == "verify" else ("--suite", suite, "--out", suite.parent / "other")
+    done = call(*told, *more)
+    assert done.returncode == 2, done.stderr
+    (line,) = [line for line in done.stderr.splitlines() if NEEDS in line]
+    assert line.startswith("Error: ")
+    assert "Traceback" not in done.stderr
+
+
+def test_every_module_of_the_library_is_imported_without_them() -> None:
+    program = WITHOUT_POSIX + (
+        "import pkgutil, importlib, mdrive_sumo\n"
+        "for one in pkgutil.walk_packages(mdrive_sumo.__path__, 'mdrive_sumo.'):\n"
+        "    left_out = ('.learning', '.scenarios', '__main__', 'agent_process.host', 'dask_executor')\n"
+        "    if not any(part in one.name for part in left_out):\n"
+        "        importlib.import_module(one.name)\n"
+    )
+    done = subprocess.run((sys.executable, "-c", program), capture_output=True, text=True, timeout=240)
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_missing_module_is_a_sentence_when_it_is_used() -> None:
+    module = import_posix("no_such_posix_module")
+    assert isinstance(module, MissingModule)
+    with pytest.raises(InputError, match=r"no_such_posix_module\.flock: this needs Linux; on Windows use WSL2"):
+        module.flock  # noqa: B018
+    assert is_posix()
+    check_posix("a box")
