@@ -81,7 +81,7 @@ platforms: install ## the same digests with other processor features and the old
 	PYTHONPATH=build/oldest-numpy $(BIN)/python -m tools.compare_platforms compare build/digests.json
 
 docs: install ## build the documentation site into site/, without a network
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
 networks: install ## compile networks/ anew from their recipes
 	$(BIN)/python -m tools.build_networks

@@ -1,4 +1,4 @@
-"""Write the tables of measured numbers in README.md and docs/results.md.
+"""Write the tables of measured numbers in README.md, docs/results.md and docs/results/speed.md.
 
     python -m tools.write_results RUN... --commit HASH [--bench FILE] [--dry-run]
 
@@ -29,14 +29,14 @@ from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_change
 ROOT = Path(__file__).parents[1]
 BASELINES = Path("docs/results/baselines.json")
 SPEED = Path("docs/results/speed.json")
-README, RESULTS_PAGE = Path("README.md"), Path("docs/results.md")
+README, RESULTS_PAGE, SPEED_PAGE = Path("README.md"), Path("docs/results.md"), Path("docs/results/speed.md")
 COMPARISONS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
 BUCKETS = ("InterDrive", "Interaction", "V2XPnP")
 
 DESCRIPTION_BY_AGENT: Mapping[str, str] = {
     "stationary": "stands still: the lower bound",
     "constant-speed": "blind, 8 m/s",
-    "take-turns": "waits for the number in its id, then drives blindly: a schedule, to be beaten",
+    "take-turns": "waits for the number in its id, then drives blindly: a fixed schedule, which agents should beat",
     "perception-swap:attfuse": "hazard rule of CARLA's BasicAgent behind a surrogate detector",
     "perception-swap:disconet": "the same, another detector",
     "perception-swap:fcooper": "the same, another detector",
@@ -193,12 +193,13 @@ def render_pages(root: Path, rows: Mapping[str, Any], speed: Mapping[str, Any]) 
 
     rows, speed: contents of `BASELINES` and `SPEED`.
     """
-    readme, results = ((root / page).read_text("utf-8") for page in (README, RESULTS_PAGE))
+    readme, results, speeds = ((root / page).read_text("utf-8") for page in (README, RESULTS_PAGE, SPEED_PAGE))
     results = replace_block(results, "baselines", format_baselines(rows, DESCRIPTION_BY_AGENT))
     results = replace_block(results, "times", format_times(rows, DESCRIPTION_BY_AGENT))
     return {
         README: replace_block(readme, "baselines", format_baselines(rows, README_AGENTS)),
-        RESULTS_PAGE: replace_block(results, "speed", format_speed(speed)),
+        RESULTS_PAGE: results,
+        SPEED_PAGE: replace_block(speeds, "speed", format_speed(speed)),
     }
 
 
@@ -226,7 +227,7 @@ def build_pages(runs: Sequence[Path], commit: str | None, bench: Path | None) ->
 @click.option("--commit", metavar="HASH", help="Commit that the runs were driven at.")
 @dry_run_option
 def main(runs: Sequence[Path], commit: str | None, bench: Path | None, dry_run: bool) -> None:
-    """Write the tables of README.md and docs/results.md, with the rows of the RUN folders (`results.json`) anew."""
+    """Write the tables of README.md and the pages of results, with the rows of the RUN folders (`results.json`)."""
     if runs and not commit:
         raise InputError("--commit: expected the commit that the runs were driven at, found none")
     with tempfile.TemporaryDirectory() as scratch:

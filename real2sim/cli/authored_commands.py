@@ -51,7 +51,7 @@ def parse_carla_offset(_: click.Context, __: click.Parameter, value: str | None)
     "frame",
     callback=parse_carla_offset,
     metavar="X,Y[,YAW]",
-    help=f"Where CARLA's origin lies in the vector map [m, deg] [default: {UCLA_FRAME.x:g},{UCLA_FRAME.y:g}].",
+    help=f"Where CARLA's origin lies in the vector map, in m and degrees [default: {UCLA_FRAME.x:g},{UCLA_FRAME.y:g}].",
 )
 @out_option
 @name_option

@@ -187,7 +187,7 @@ def list_environments(admin_context: _AdminContext) -> None:
 @click.argument("pip_options", nargs=-1, type=click.UNPROCESSED)
 @_pass_admin
 def build_environment(admin_context: _AdminContext, name: str, wheels: Path | None, pip_options: Sequence[str]) -> None:
-    """Build an environment with venv and pip; options after NAME go to pip (docs/server.md, Environments)."""
+    """Build an environment with venv and pip; options after NAME go to pip (docs/server-environments.md)."""
     folder = admin_context.settings.environments.absolute()
     environments.find_recipe(name)
     make_folder(folder)

@@ -16,7 +16,9 @@ from server.settings import ServerSettings
 from server.store import phases
 
 SHARED_KERNEL_SETTING = "[sandbox] hidden_on_shared_kernel = true"
-_ADVICE = "Install what is missing (docs/sandbox.md), or require less with MDRIVE_SANDBOX__REQUIRED=LAYER,LAYER,..."
+_ADVICE = (
+    "Install what is missing (docs/sandbox-backends.md), or require less with MDRIVE_SANDBOX__REQUIRED=LAYER,LAYER,..."
+)
 
 
 def check_machine(settings: ServerSettings) -> None:

@@ -160,8 +160,8 @@ def drop_page_cache() -> bool:
 def move_inode_numbers() -> None:
     """Have the kernel give away a random amount of the numbers that it counts for all boxes.
 
-    A second wall: boxes are not told these numbers ([sandbox](sandbox.md#numbers-that-the-kernel-counts)). The kernel
-    takes them in batches for each processor.
+    A second wall: boxes are not told these numbers (docs/sandbox-channels.md, Numbers that the kernel counts). The
+    kernel takes them in batches for each processor.
     """
     before = os.sched_getaffinity(0)
     try:
@@ -181,5 +181,5 @@ def describe_mixed_phases(kinds: str, publics: frozenset[bool]) -> str:
     return (
         "hidden and public phases share the workers of this machine, one kind at a time: for a challenge with prizes"
         " run the hidden ones on a machine of their own ([work] phase_kinds = 'hidden' there and 'public' here, see"
-        " docs/server.md)"
+        " docs/server-phases.md)"
     )

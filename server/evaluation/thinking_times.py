@@ -1,6 +1,6 @@
 """Flags submissions whose agents think either briefly or long: so they could send bits to other CAVs of a scenario.
 
-The time of a request shows when the slowest answer before it arrived: docs/server.md, "Timing between CAVs".
+The time of a request shows when the slowest answer before it arrived: docs/server-phases.md, "Timing between CAVs".
 The flag is an entry of the audit log, which only organisers see.
 """
 

@@ -1,6 +1,6 @@
 """Backup and restore. A backup is a SQLite file for either database, so it also migrates a challenge to PostgreSQL.
 
-It contains the tables only; archives and recordings are copied as files (docs/server.md).
+It contains the tables only; archives and recordings are copied as files (docs/server-database.md).
 """
 
 import shutil

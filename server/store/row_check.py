@@ -1,7 +1,7 @@
 """Compare rows with the audit log: a score changed in the database is found, because the hash chain holds the true one.
 
 Compared are teams, tokens, phases, webhooks, submissions with their summaries, the results of their scenarios,
-leaderboards, and the results of cross-play. docs/server.md lists every table and what is not compared.
+leaderboards, and the results of cross-play. docs/server-database.md lists every table and what is not compared.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -3,7 +3,8 @@
 Two agents in processes of their own are asked tick by tick as in an episode, without a simulation between. One draws a
 symbol a tick and waits so many steps before it answers; the other notes the time from request to request. The table
 shows the mutual information of symbols and times, and that of symbols and shuffled times, which is the bias of the
-estimate. Pauses are sleep, so the run costs little processor time. Figures: docs/server.md, "Timing between CAVs".
+estimate. Pauses are sleep, so the run costs little processor time.
+Figures: docs/server-phases.md, "Timing between CAVs".
 """
 
 import json

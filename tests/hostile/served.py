@@ -1,4 +1,4 @@
-"""What hostile agents get from a real server: one table, checked over HTTP and shown in docs/sandbox.md."""
+"""What hostile agents get from a real server: one table, checked over HTTP and shown in docs/sandbox-hostile.md."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -123,6 +123,6 @@ SERVED: Mapping[str, Served] = {**PROGRAMS, **ABUSES, **DRIVERS}
 
 
 def page() -> str:
-    """The table of docs/sandbox.md."""
+    """The table of docs/sandbox-hostile.md."""
     rows = [f"| `{name}` | {each.does} | {each.verdict} |" for name, each in SERVED.items()]
     return "\n".join(("| agent | does | verdict |", "|---|---|---|", *rows))

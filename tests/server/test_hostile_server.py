@@ -35,7 +35,7 @@ from tests.server.archive.test_archive import BAD
 
 LOG = logging.getLogger(__name__)
 """`-o log_cli_level=INFO` shows how fast the server answered meanwhile."""
-PAGE = ROOT / "docs" / "sandbox.md"
+PAGE = ROOT / "docs" / "sandbox-hostile.md"
 SAMPLE = ROOT / "server" / "samples" / "agent"
 FEW = (
     *("net", "files", "setuid", "procs", "forkbomb", "membomb", "membomb_fork", "diskfill", "stdoutflood", "daemon"),

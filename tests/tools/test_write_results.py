@@ -104,7 +104,8 @@ def test_a_run_of_one_bucket_is_refused() -> None:
 
 
 def test_the_command_replaces_the_row_and_both_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for page in (write_results.README, write_results.RESULTS_PAGE, write_results.BASELINES, write_results.SPEED):
+    pages = (write_results.README, write_results.RESULTS_PAGE, write_results.SPEED_PAGE)
+    for page in (*pages, write_results.BASELINES, write_results.SPEED):
         (tmp_path / page).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / page).write_text((write_results.ROOT / page).read_text("utf-8"), "utf-8")
     for seed in (0, 1, 2):

@@ -89,6 +89,6 @@ def check_shared_kernel(backend: str, *, may_share: bool, setting: str) -> None:
     why = "the backend bubblewrap is set" if trial.succeeded else f"there is no kernel for each box: {trial.detail}"
     raise InputError(
         f"hidden phases: expected boxes with a kernel each, found boxes of {backend} ({why}), whose agents share the"
-        " host's kernel and could carry what they see of hidden scenarios to other boxes (docs/sandbox.md, Residual"
-        f" channels); install gVisor, run hidden phases on another machine, or accept that with {setting}"
+        " host's kernel and could carry what they see of hidden scenarios to other boxes (docs/sandbox-channels.md,"
+        f" Residual channels); install gVisor, run hidden phases on another machine, or accept that with {setting}"
     )

@@ -40,16 +40,20 @@ echo looked >&3; read -r wait <&3
 
 WAIT_S = 10.0
 
+TIMING_GAP = (
+    "what boxes tell each other by timing: CPU, memory and caches are shared"
+    " (docs/sandbox-channels.md, Residual channels)"
+)
 GAPS = {
     "bubblewrap": (
         "faults of the kernel, which all boxes share with the host (for a public event use gVisor or a machine each)",
-        "what boxes tell each other by timing: CPU, memory and caches are shared (docs/sandbox.md, Residual channels)",
+        TIMING_GAP,
         "the numbers of the devices on which a box's own temporary folders lie: they tell how many boxes live",
         "what a program keeps in its own temporary folder while its box lasts",
         "GPU devices, which no box is given",
     ),
     "gvisor": (
-        "what boxes tell each other by timing: CPU, memory and caches are shared (docs/sandbox.md, Residual channels)",
+        TIMING_GAP,
         "faults of gVisor together with faults of the host's kernel",
         "GPU devices, which no box is given",
     ),

@@ -159,7 +159,8 @@ def test_a_bomb_does_not_stop_its_neighbour() -> None:
         assert np.frombuffer(neighbour.socket.recv(64)).item() == 3.0
 
 
-def test_the_page_names_every_program_and_every_layer() -> None:
-    page = (AGENTS.parents[2] / "docs" / "sandbox.md").read_text()
+def test_the_pages_name_every_program_and_every_layer() -> None:
+    folder = AGENTS.parents[2] / "docs"
+    page = "".join((folder / name).read_text() for name in ("sandbox.md", "sandbox-hostile.md"))
     names = {path.stem for path in AGENTS.glob("*.py")} - {"tell"} | {layer.name for layer in examine_layers()}
     assert {name for name in names if f"`{name}`" not in page} == set()

@@ -1,10 +1,14 @@
 """Settings: a file, variables over it, and one sentence where something is wrong."""
 
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import BaseModel
+from testing.paths import ROOT
 
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.core.errors import InputError
@@ -37,6 +41,24 @@ per_day = 5
 def written(folder: Path, content: str) -> Path:
     (file := folder / "server.toml").write_text(content, "utf-8")
     return file
+
+
+def test_the_example_of_the_docs_names_every_setting_with_its_default(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "server.md").read_text("utf-8")
+    example = page.partition("```toml\n")[2].partition("```")[0]
+    settings = load_settings(written(tmp_path, example), {})
+    without_examples = settings.model_copy(update={"data": ServerSettings().data, "phases": ()})
+    assert without_examples == ServerSettings()
+    assert [name for name in list_fields(settings) if not re.search(rf"\b{name}\b", example)] == []
+
+
+def list_fields(model: BaseModel) -> Iterator[str]:
+    """Names of the fields of a model, and of the models in it."""
+    for name, value in model:
+        yield name
+        for inner in value if isinstance(value, tuple) else (value,):
+            if isinstance(inner, BaseModel):
+                yield from list_fields(inner)
 
 
 def test_defaults_are_a_laptop() -> None:

@@ -244,7 +244,7 @@ NOT_COVERED = {
     "events": "id submission at_us kind data",
     "audit": "id",
 }
-"""docs/server.md, "Audit log", says why of each table."""
+"""docs/server-database.md, "Audit log", says why of each table."""
 
 
 def test_every_column_is_compared_or_named_in_the_docs() -> None:
@@ -255,7 +255,7 @@ def test_every_column_is_compared_or_named_in_the_docs() -> None:
         for name in COVERED | NOT_COVERED
     }
     assert told == {name: sorted(column.name for column in table.columns) for name, table in tables.items()}
-    page = (ROOT / "docs" / "server.md").read_text().partition("## Audit log")[2]
+    page = (ROOT / "docs" / "server-database.md").read_text().partition("## Audit log")[2]
     for table, names in NOT_COVERED.items():
         assert f"`{table}`" in page or table == "audit"
         assert (
