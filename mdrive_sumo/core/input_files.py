@@ -11,12 +11,13 @@ from io import BufferedReader
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.posix import find_open_flags
 
 MAX_BYTES = 2**28
 """Of a file that is read as a whole, unless the caller knows better. The largest results have 20 MB."""
 MAX_ENTRIES = 200_000
 """Of a folder that a stranger sent. A run of all scenarios with 20 seeds has 20 000."""
-OPENED_FILE = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
+OPENED_FILE = find_open_flags("O_RDONLY", "O_NONBLOCK", "O_CLOEXEC")
 _KINDS = (
     (stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"),
     (stat.S_ISSOCK, "a socket"), (stat.S_ISLNK, "a link"),
