@@ -64,7 +64,7 @@ def find_module_file(name: str) -> Path | None:
 def _find_spec(name: str, path: Sequence[str] | None) -> ModuleSpec | None:
     """Return where a module is, as `import` would look for it. `importlib.util.find_spec` imports the packages.
 
-    name: without its packages, whose folders are `path`: with them, a namespace package asks for the imported one above.
+    name: without its packages, whose folders are `path`: the full name has a namespace package ask for imported ones.
     """
     if path is not None:
         return PathFinder.find_spec(name, path)

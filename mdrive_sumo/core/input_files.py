@@ -7,6 +7,8 @@ OSError with a sentence as its `strerror`, as a missing file does.
 import errno
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import suppress
 from io import BufferedReader
 from pathlib import Path
 
@@ -64,22 +66,30 @@ def check_tree(root: Path, what: str = "a run") -> None:
     """
     left, count = [root], 0
     while left:
+        folder = left.pop()
         try:
-            with os.scandir(left.pop()) as entries:
-                for entry in entries:
-                    count += 1
-                    mode = entry.stat(follow_symlinks=False).st_mode
-                    if stat.S_ISDIR(mode):
-                        left.append(Path(entry.path))
-                    elif not stat.S_ISREG(mode):
-                        raise InputError(
-                            f"{entry.path}: expected {what} of regular files and folders, found {name_kind(mode)};"
-                            " remove it"
-                        )
+            for path, mode in _list_entries(folder):
+                count += 1
+                if stat.S_ISDIR(mode):
+                    left.append(path)
+                elif not stat.S_ISREG(mode):
+                    raise InputError(
+                        f"{path}: expected {what} of regular files and folders, found {name_kind(mode)}; remove it"
+                    )
         except OSError as error:
+            if folder != root and isinstance(error, FileNotFoundError):
+                continue  # removed meanwhile by a run that goes on
             raise InputError(f"{root}: cannot be read: {error.strerror}") from None
         if count > MAX_ENTRIES:
             raise InputError(f"{root}: expected {what} of at most {MAX_ENTRIES} files, found more")
+
+
+def _list_entries(folder: Path) -> Iterator[tuple[Path, int]]:
+    """Yield path and mode of what is in a folder, without what is removed meanwhile: files that a run renames."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            with suppress(FileNotFoundError):
+                yield Path(entry.path), entry.stat(follow_symlinks=False).st_mode
 
 
 def name_kind(mode: int) -> str:
