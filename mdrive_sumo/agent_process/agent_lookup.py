@@ -4,7 +4,7 @@ import importlib
 import importlib.util
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from importlib.machinery import ModuleSpec
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Any, cast
 
@@ -52,7 +52,7 @@ def find_module_file(name: str) -> Path | None:
     spec: ModuleSpec | None = None
     parts = name.split(".")
     for i in range(len(parts)):
-        spec = _find_spec(".".join(parts[: i + 1]), path)
+        spec = _find_spec(parts[i], path)
         if spec is None or (spec.submodule_search_locations is None and i + 1 < len(parts)):
             return None
         path = None if spec.submodule_search_locations is None else [*spec.submodule_search_locations]
@@ -62,8 +62,13 @@ def find_module_file(name: str) -> Path | None:
 
 
 def _find_spec(name: str, path: Sequence[str] | None) -> ModuleSpec | None:
-    """Return where a module is, as `import` would look for it. `importlib.util.find_spec` imports the packages."""
-    found = (finder.find_spec(name, path, None) for finder in sys.meta_path)
+    """Return where a module is, as `import` would look for it. `importlib.util.find_spec` imports the packages.
+
+    name: without its packages, whose folders are `path`: the full name has a namespace package ask for imported ones.
+    """
+    if path is not None:
+        return PathFinder.find_spec(name, path)
+    found = (finder.find_spec(name, None, None) for finder in sys.meta_path)
     return next((spec for spec in found if spec is not None), None)
 
 

@@ -7,16 +7,19 @@ OSError with a sentence as its `strerror`, as a missing file does.
 import errno
 import os
 import stat
+from collections.abc import Iterator
+from contextlib import suppress
 from io import BufferedReader
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.posix import find_open_flags
 
 MAX_BYTES = 2**28
 """Of a file that is read as a whole, unless the caller knows better. The largest results have 20 MB."""
 MAX_ENTRIES = 200_000
 """Of a folder that a stranger sent. A run of all scenarios with 20 seeds has 20 000."""
-OPENED_FILE = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
+OPENED_FILE = find_open_flags("O_RDONLY", "O_NONBLOCK", "O_CLOEXEC")
 _KINDS = (
     (stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"),
     (stat.S_ISSOCK, "a socket"), (stat.S_ISLNK, "a link"),
@@ -63,22 +66,30 @@ def check_tree(root: Path, what: str = "a run") -> None:
     """
     left, count = [root], 0
     while left:
+        folder = left.pop()
         try:
-            with os.scandir(left.pop()) as entries:
-                for entry in entries:
-                    count += 1
-                    mode = entry.stat(follow_symlinks=False).st_mode
-                    if stat.S_ISDIR(mode):
-                        left.append(Path(entry.path))
-                    elif not stat.S_ISREG(mode):
-                        raise InputError(
-                            f"{entry.path}: expected {what} of regular files and folders, found {name_kind(mode)};"
-                            " remove it"
-                        )
+            for path, mode in _list_entries(folder):
+                count += 1
+                if stat.S_ISDIR(mode):
+                    left.append(path)
+                elif not stat.S_ISREG(mode):
+                    raise InputError(
+                        f"{path}: expected {what} of regular files and folders, found {name_kind(mode)}; remove it"
+                    )
         except OSError as error:
+            if folder != root and isinstance(error, FileNotFoundError):
+                continue  # removed meanwhile by a run that goes on
             raise InputError(f"{root}: cannot be read: {error.strerror}") from None
         if count > MAX_ENTRIES:
             raise InputError(f"{root}: expected {what} of at most {MAX_ENTRIES} files, found more")
+
+
+def _list_entries(folder: Path) -> Iterator[tuple[Path, int]]:
+    """Yield path and mode of what is in a folder, without what is removed meanwhile: files that a run renames."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            with suppress(FileNotFoundError):
+                yield Path(entry.path), entry.stat(follow_symlinks=False).st_mode
 
 
 def name_kind(mode: int) -> str:

@@ -1,5 +1,6 @@
-"""Modules of Python that Windows does not have: what needs them says so in one sentence, everything else works."""
+"""What Python does not have on Windows: what needs it says so in one sentence, everything else works."""
 
+import os
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, NoReturn
@@ -7,6 +8,17 @@ from typing import Any, NoReturn
 from mdrive_sumo.core.errors import InputError
 
 REMEDY = "needs Linux; on Windows use WSL2"
+
+
+def find_open_flags(*names: str) -> int:
+    """Return flags of `os.open` together; those that this system lacks are left out.
+
+    `O_BINARY` is among them where there is one: without it Windows changes the line ends of what is written.
+    """
+    found = 0
+    for name in (*names, "O_BINARY"):
+        found |= getattr(os, name, 0)
+    return found
 
 
 def is_posix() -> bool:

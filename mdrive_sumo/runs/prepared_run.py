@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.agent_process.agent_file import describe_missing_class
 from mdrive_sumo.agent_process.agent_lookup import is_joint_locator
 from mdrive_sumo.agents.registry import AGENTS
@@ -132,16 +133,23 @@ class PreparedRun:
 
     def limit_s(self) -> float:
         """Return the wall clock after which an episode counts as hung [s]."""
-        return compute_limit_s(self.config.agents, self.scenarios)
+        return compute_limit_s(self.config.agents, self.scenarios, self.config.pace_s)
 
 
-def compute_limit_s(agents: Sequence[AgentSpec], scenarios: Sequence[Scenario]) -> float:
-    """Return the wall clock after which an episode counts as hung [s]: more than its agents may take together."""
+def compute_limit_s(agents: Sequence[AgentSpec], scenarios: Sequence[Scenario], pace_s: float = 0.0) -> float:
+    """Return the wall clock after which an episode counts as hung [s]; see `compute_job_limit_s`."""
     foreign = [agent.limits for agent in agents if not agent.is_builtin]
-    most = max(len(scenario.egos) for scenario in scenarios)
-    paced_s = PACED_TICKS * max((agent.limits.pace_s for agent in agents), default=0.0)
-    of_agents_s = most * max((2 * one.start_s + one.episode_s for one in foreign), default=0.0)
-    return SIMULATION_LIMIT_S + ATTEMPTS * (paced_s + of_agents_s)
+    return compute_job_limit_s(max(len(scenario.egos) for scenario in scenarios), foreign, pace_s)
+
+
+def compute_job_limit_s(cavs: int, limits: Sequence[AgentLimits], pace_s: float = 0.0, episodes: int = 1) -> float:
+    """Return the wall clock after which a job counts as hung [s]: more than its agents may take together.
+
+    cavs: most of a scenario. limits: of agents that are not built in. episodes: that the job drives at most, each of
+    them `ATTEMPTS` times.
+    """
+    of_agents_s = cavs * max((2 * one.start_s + one.episode_s for one in limits), default=0.0)
+    return episodes * (SIMULATION_LIMIT_S + ATTEMPTS * (PACED_TICKS * pace_s + of_agents_s))
 
 
 def prepare(config: RunConfig) -> PreparedRun:

@@ -62,13 +62,17 @@ def describe_missing_run(folder: Path) -> str:
     return f"run {str(folder)!r}: expected a folder that `mdrive-sumo eval` has written, found {found}{where}"
 
 
-def check_run_folder(folder: Path) -> None:
-    """Raise InputError for a folder that holds no finished run, or more than regular files, and say what to do."""
+def check_run_folder(folder: Path, *, may_be_unfinished: bool = False) -> None:
+    """Raise InputError for a folder that holds no finished run, or more than regular files, and say what to do.
+
+    Every reader of a run calls it first. may_be_unfinished: a journal is enough.
+    """
     if (folder / RESULTS_FILE).exists() or (folder / JOURNAL_FILE).exists():
         check_tree(folder)
-    if (folder / RESULTS_FILE).is_file():
+    has_journal = (folder / JOURNAL_FILE).is_file()
+    if (folder / RESULTS_FILE).is_file() or (has_journal and may_be_unfinished):
         return
-    if (folder / JOURNAL_FILE).is_file():
+    if has_journal:
         raise InputError(
             f"run {str(folder)!r}: expected a finished run, found an interrupted one; the same `mdrive-sumo eval`"
             " command continues it"

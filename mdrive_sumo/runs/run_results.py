@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.journal import JOURNAL_FILE, JournalText, find_entry_key, read_run_journal
-from mdrive_sumo.runs.run_listing import check_run_folder, describe_missing_run
+from mdrive_sumo.runs.run_listing import check_run_folder
 from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult, load_results, summarize_run
 from mdrive_sumo.scoring.results_check import find_result_faults
@@ -23,10 +23,9 @@ def load_run_results(folder: Path) -> Results:
 
     Raises InputError for a folder without a run, a run of which no episode is finished, and corrupt files.
     """
+    check_run_folder(folder, may_be_unfinished=True)
     if (folder / RESULTS_FILE).is_file():
         return load_results(folder / RESULTS_FILE)
-    if not (folder / JOURNAL_FILE).is_file():
-        raise InputError(describe_missing_run(folder))
     return build_partial_results(folder, read_run_journal(folder)[1])
 
 

@@ -19,7 +19,7 @@ from mdrive_sumo.runs.fingerprint import (
 from mdrive_sumo.runs.journal import JOURNAL_FILE, JournalText, read_run_journal
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.run_config import RunConfig
-from mdrive_sumo.runs.run_listing import check_run_folder, describe_missing_run
+from mdrive_sumo.runs.run_listing import check_run_folder
 from mdrive_sumo.runs.run_results import build_partial_results
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results, load_results, load_unchecked_results
@@ -67,10 +67,9 @@ def load_viewed_run(folder: Path, suite: str | None = None) -> StoredRun:
 
     Its results are then marked as partial. Raises InputError, also if nothing is finished yet.
     """
+    check_run_folder(folder, may_be_unfinished=True)
     if (folder / RESULTS_FILE).is_file():
         return load_stored_run(folder, suite)
-    if not (folder / JOURNAL_FILE).is_file():
-        raise InputError(describe_missing_run(folder))
     fingerprint, journal = read_run_journal(folder)
     return _load_run(folder, suite, build_partial_results(folder, journal), (fingerprint, journal))
 

@@ -7,7 +7,7 @@ measured 0.35 s of CPU and 0.96 s in total, against 0.13 s and 0.31 s here (medi
 
 import asyncio
 import hashlib
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from http import HTTPStatus
@@ -52,6 +52,7 @@ async def receive_upload(
     """
     _check_length(request, max_bytes)
     part = folder / f"{new_id()}.part"
+    request.state.upload_under_way = True
     try:
         with part.open("xb") as file:
             form = _Form(file, names, max_bytes)
@@ -59,7 +60,13 @@ async def receive_upload(
             await _read(request, form)
         yield form.upload(part)
     finally:
+        request.state.upload_under_way = False
         part.unlink(missing_ok=True)
+
+
+def is_upload_under_way(state: Mapping[str, Any]) -> bool:
+    """Return whether an upload is being received that was let in. state: of the request's ASGI scope."""
+    return bool(state.get("upload_under_way"))
 
 
 def received_fields(request: Request) -> dict[str, str]:

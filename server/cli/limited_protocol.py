@@ -7,8 +7,7 @@ from typing import ClassVar
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from server.api.app import UPLOADS
-from server.api.upload import UPLOAD_S
+from server.api.upload import UPLOAD_S, is_upload_under_way
 
 REQUEST_S = 20.0
 """Time from the connection, or the last response, to the end of the next request's headers [s]."""
@@ -98,11 +97,14 @@ class LimitedProtocol(H11Protocol):
         self.transport.abort()
 
     def is_waiting(self) -> bool:
-        """Return whether the connection waits for a request of its client, archives excepted."""
+        """Return whether the connection waits for a request of its client, archives that are received excepted.
+
+        The body of a refused request is none: who has no token could keep all connections with such bodies.
+        """
         if self.transport.is_closing():
             return False
         if self.conn.their_state is h11.SEND_BODY:
-            return self.scope["path"] not in UPLOADS
+            return not is_upload_under_way(self.scope.get("state", {}))
         return self.conn.their_state is h11.IDLE
 
 

@@ -9,6 +9,8 @@ from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.open_agents import RejectedError
 from mdrive_sumo.scoring import ScenarioResult
 
+JUDGED_EPISODES = 3
+"""Episodes of a job whose partner failed: the scored one, one without the messages, and one with them."""
 REPEATS_FOLDER = "again"
 """Of the files of repeated episodes, so that those of the scored one are alone in theirs."""
 

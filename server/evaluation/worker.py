@@ -16,13 +16,13 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.log_lines import CleanFormatter
-from mdrive_sumo.runs.episode_job import ATTEMPTS
 from mdrive_sumo.runs.make_executor import make_executor
-from mdrive_sumo.runs.prepared_run import PACED_TICKS, SIMULATION_LIMIT_S
+from mdrive_sumo.runs.prepared_run import compute_job_limit_s
 from server.clock import now_us
 from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.job_task import JobResult, JobTask
 from server.evaluation.machine_check import check_hidden_phases, check_machine
+from server.evaluation.message_blame import JUDGED_EPISODES
 from server.evaluation.stop_request import StopRequest
 from server.evaluation.submission_job import run_submission_job
 from server.phase_suites import LoadedPhaseSuites
@@ -88,8 +88,8 @@ def _compute_limit_s(store: Store, settings: ServerSettings, suites: LoadedPhase
         every = phases.list_phases(session)
     egos = [len(scenario.egos) for phase in every for scenario in suites.suite(phase).scenarios]
     limits = settings.sandbox.line_limits()
-    of_agents_s = max(egos, default=1) * (2 * limits.start_s + limits.episode_s)
-    return SIMULATION_LIMIT_S + ATTEMPTS * (PACED_TICKS * limits.pace_s + of_agents_s)
+    episodes = JUDGED_EPISODES if any(phase.cross_play_scenarios for phase in every) else 1
+    return compute_job_limit_s(max(egos, default=1), (limits,), limits.pace_s, episodes)
 
 
 def _read_line(fd: int) -> bytes:

@@ -12,8 +12,9 @@ from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import format_optional
-from mdrive_sumo.runs.episode_job import ATTEMPTS, EpisodeJob, run_job
+from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.open_agents import RejectedError
+from mdrive_sumo.runs.prepared_run import compute_job_limit_s
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Means, ScenarioResult
@@ -27,9 +28,6 @@ from server.tracks import COMM_BY_TRACK
 
 if TYPE_CHECKING:
     from server.settings import SandboxSettings
-
-SIMULATION_S = 600.0
-"""Wall time for everything but the agents of a scenario [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +130,7 @@ def run_jobs(
         for one in scenarios
     ]
     most = max(len(one.egos) for one in scenarios)
-    limit_s = SIMULATION_S + ATTEMPTS * most * (2 * agent.limits.start_s + agent.limits.episode_s)
+    limit_s = compute_job_limit_s(most, (agent.limits,), agent.limits.pace_s)
     with ProcessPool[EpisodeJob, ScenarioResult | RejectedJob](
         run_dry_job, min(course.workers, len(jobs)), limit_s
     ) as pool:

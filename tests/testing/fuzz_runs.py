@@ -107,17 +107,21 @@ class RunHarness:
             ["export", a, "--format", "mcap", "--out", str(out / "mcap")],
             ["export", a, "--format", "fcd", "--out", str(out / "fcd")],
             ["export", a, "--format", "openscenario", "--out", str(out / "osc")],
-            ["eval", "--suite", str(self.folder / "suite"), "--agent", "stationary", "--out", a],
+            ["eval", "--suite", str(run.parent / "suite"), "--agent", "stationary", "--out", a],
         ]
 
     def copy_run(self) -> Path:
-        """A new copy of the valid run, with an empty folder `out` beside it, and a file outside of both."""
+        """A new copy of the valid run with its suite and an empty folder `out` beside it, and a file outside of all.
+
+        A run names its suite relative to itself: without it most commands would look at nothing else.
+        """
         work = self.folder / "work"
         shutil.rmtree(work, ignore_errors=True)
         shutil.rmtree(self.outside, ignore_errors=True)
         self.outside.mkdir()
         (self.outside / "keys").write_text("mine\n")
         (work / "out").mkdir(parents=True)
+        shutil.copytree(self.folder / "suite", work / "suite")
         return shutil.copytree(self.valid, work / "run")
 
     def try_run(self, draws: random.Random, commands: int | None = None) -> None:

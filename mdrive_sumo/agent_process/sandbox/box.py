@@ -33,9 +33,10 @@ SIGNAL_BASE = 128
 RUNSC_ENDED = 255 - SIGNAL_BASE
 """What runsc ends with if its kernel was ended, and not the program in it, seen as a signal."""
 
-OUTSIDE_SIGNALS = frozenset({signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT, RUNSC_ENDED})
-"""Signals that an operator, earlyoom or a service manager sends, and that a program may also send to itself. Others are
-the program's own: faults (SEGV, BUS, FPE, ILL), ABRT, SYS, and those of limits (XCPU, XFSZ)."""
+OUTSIDE_SIGNALS = frozenset({1, 2, 9, 15, RUNSC_ENDED})
+"""SIGHUP, SIGINT, SIGKILL and SIGTERM, which an operator, earlyoom or a service manager sends, and which a program may
+also send to itself. Others are the program's own: faults (SEGV, BUS, FPE, ILL), ABRT, SYS, and those of limits (XCPU,
+XFSZ). Numbers, because Windows lacks the names."""
 
 
 class BoxKilledError(BoxError):

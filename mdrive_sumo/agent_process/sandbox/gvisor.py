@@ -2,17 +2,22 @@
 
 import json
 import os
-import resource
 import subprocess
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
 from mdrive_sumo.agent_process.sandbox.bubblewrap import ENVIRONMENT, find_hidden_paths, working_folder
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
+from mdrive_sumo.core.posix import import_posix
+
+if TYPE_CHECKING:
+    import resource
+else:
+    resource = import_posix("resource")
 
 FAST_PLATFORM, PLATFORM = "systrap", "ptrace"
 """How gVisor catches the system calls of a program. Both work everywhere, unprivileged too; `runsc` has systrap since

@@ -1,10 +1,17 @@
 """Both ends of what connects a box with its evaluator."""
 
-import fcntl
 import os
 import socket
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from mdrive_sumo.core.posix import import_posix
+
+if TYPE_CHECKING:
+    import fcntl
+else:
+    fcntl = import_posix("fcntl")
 
 SOCKET_BUFFER = 4 << 20
 """Bytes; with the default a large observation waits for its reader several times."""

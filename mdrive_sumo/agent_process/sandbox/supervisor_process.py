@@ -5,10 +5,9 @@ import socket
 import sys
 from pathlib import Path
 
-from mdrive_sumo.agent_process.sandbox import stat_supervisor
 from mdrive_sumo.agent_process.sandbox.launch import BoxError
 
-PROGRAM = Path(stat_supervisor.__file__)
+PROGRAM = Path(__file__).with_name("stat_supervisor.py")
 _CONTROLS: dict[int, socket.socket] = {}
 """Our end, by process: a process that was forked starts one of its own."""
 

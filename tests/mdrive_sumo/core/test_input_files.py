@@ -2,7 +2,8 @@
 
 import os
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import pytest
@@ -97,3 +98,24 @@ def test_a_run_has_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(input_files, "MAX_ENTRIES", 3)
     with pytest.raises(InputError, match="expected a run of at most 3 files, found more"):
         check_tree(tmp_path)
+
+
+def test_what_is_removed_meanwhile_is_no_trouble(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that goes on renames its files, and one that is looked at live must not fail for that."""
+    (tmp_path / "episodes").mkdir()
+    (tmp_path / ".0.part").touch()
+    found = os.scandir
+
+    def scan(folder: Path) -> AbstractContextManager[Iterable[os.DirEntry[str]]]:
+        entries = [*found(folder)]
+        (tmp_path / ".0.part").unlink(missing_ok=True)
+        if folder == tmp_path:
+            return nullcontext(entries)
+        (tmp_path / "episodes").rmdir()
+        return found(folder)
+
+    monkeypatch.setattr(os, "scandir", scan)
+    check_tree(tmp_path)
+    monkeypatch.undo()
+    with pytest.raises(InputError, match="cannot be read: No such file or directory"):
+        check_tree(tmp_path / "none")

@@ -46,7 +46,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
 
 def call(harness: RunHarness, name: str, run: Path) -> tuple[int, str]:
     """Call a command on a run; return its exit code and the last line of its errors, or of its output."""
-    places = {"OUT": run.parent / "out", "OTHER": harness.other, "SUITE": harness.folder / "suite", "RUN": run}
+    places = {"OUT": run.parent / "out", "OTHER": harness.other, "SUITE": run.parent / "suite", "RUN": run}
     words = [*COMMANDS[name]]
     for key, place in places.items():
         words = [word.replace(key, str(place)) for word in words]
@@ -79,6 +79,19 @@ def test_nothing_is_written_through_a_link(
 
 UNREAD = {("compare", "journal.jsonl"), ("compare", "episodes/s0.npz")}
 """What a command does not need."""
+
+
+@pytest.mark.parametrize("command", ["view", "compare", "report"])
+@pytest.mark.parametrize("place", ["view", "results.json", "episodes/s9.npz"])
+def test_a_run_that_is_not_finished_has_no_links_either(
+    harness: RunHarness, run: Path, command: str, place: str
+) -> None:
+    """A journal is enough for these commands, and a link to a folder in the place of results is no results."""
+    (run / "results.json").unlink()
+    (run / place).symlink_to(harness.outside, target_is_directory=True)
+    code, error = call(harness, command, run)
+    expected = f"Error: {run / place}: expected a run of regular files and folders, found a link; remove it"
+    assert (code, error) == (2, expected)
 
 
 @pytest.mark.parametrize("command", ["view", "compare", "eval"])

@@ -276,6 +276,19 @@ def test_the_connection_that_waits_longest_makes_room(server: Server, monkeypatc
         assert next(stream.iter_lines()).startswith("id: ")
 
 
+def test_refused_uploads_do_not_keep_others_out(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their bodies could be awaited for as long as that of an archive: 15 minutes, and without a token."""
+    monkeypatch.setattr(request_bodies, "_DRAIN_S", 0.1)
+    with listening(server, http=limited_protocol.limit_connections(4)) as address, ExitStack() as stack:
+        port = int(address.rpartition(":")[2])
+        head = f"POST {API}/submissions HTTP/1.1\r\nHost: x\r\nContent-Length: 9\r\n\r\n-"
+        for _ in range(8):
+            line = stack.enter_context(socket.create_connection(("127.0.0.1", port), 60))
+            line.sendall(head.encode())
+            assert line.recv(4096).startswith(b"HTTP/1.1 401")
+        assert httpx.get(f"{address}{API}/health", timeout=60).status_code == 200
+
+
 def test_open_files_are_raised_as_far_as_possible(monkeypatch: pytest.MonkeyPatch) -> None:
     given: list[tuple[int, int]] = []
     monkeypatch.setattr("resource.setrlimit", lambda _, limits: given.append(limits))

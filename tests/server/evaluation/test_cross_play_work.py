@@ -17,6 +17,9 @@ from server.api.problems import HiddenScenariosError
 from server.api.schemas.cross_play import CrossPlayOut
 from server.enums import JobState, ScenarioVerdict, TokenScope
 from server.evaluation.job_task import AgentRejection, JobResult, JobTask
+from server.evaluation.message_blame import JUDGED_EPISODES
+from server.evaluation.worker import _compute_limit_s
+from server.phase_suites import LoadedPhaseSuites
 from server.store import audit, phases, submissions, teams
 from server.store.jobs import JobOutcome
 from server.store.tables import CrossPlayJobRow, WorkerTimeRow
@@ -195,3 +198,12 @@ def test_a_worker_that_stops_returns_its_job(tmp_path: Path) -> None:
     shared.run()
     assert {job.state for job in shared.jobs()} == {JobState.DONE}
     assert max(job.failures for job in shared.jobs()) == 0
+
+
+def test_a_job_has_time_to_find_whose_fault_a_failure_was(tmp_path: Path) -> None:
+    """Else an agent that takes its time could have every judgement of it ended as hung."""
+    shared = Shared(tmp_path)
+    store, settings = shared.bench.store, shared.bench.settings
+    alone_s = _compute_limit_s(store, settings, LoadedPhaseSuites(settings))
+    shared.switch_on()
+    assert _compute_limit_s(store, settings, LoadedPhaseSuites(settings)) == JUDGED_EPISODES * alone_s
