@@ -63,22 +63,32 @@ def check_tree(root: Path, what: str = "a run") -> None:
     """
     left, count = [root], 0
     while left:
+        folder = left.pop()
         try:
-            with os.scandir(left.pop()) as entries:
+            with os.scandir(folder) as entries:
                 for entry in entries:
                     count += 1
-                    mode = entry.stat(follow_symlinks=False).st_mode
-                    if stat.S_ISDIR(mode):
+                    if _is_folder(entry, what):
                         left.append(Path(entry.path))
-                    elif not stat.S_ISREG(mode):
-                        raise InputError(
-                            f"{entry.path}: expected {what} of regular files and folders, found {name_kind(mode)};"
-                            " remove it"
-                        )
         except OSError as error:
+            if isinstance(error, FileNotFoundError) and folder != root:
+                continue  # a run that is going on renames what it has written
             raise InputError(f"{root}: cannot be read: {error.strerror}") from None
         if count > MAX_ENTRIES:
             raise InputError(f"{root}: expected {what} of at most {MAX_ENTRIES} files, found more")
+
+
+def _is_folder(entry: "os.DirEntry[str]", what: str) -> bool:
+    """Return whether an entry is a folder. Raises InputError unless it is one, a regular file, or gone by now."""
+    try:
+        mode = entry.stat(follow_symlinks=False).st_mode
+    except FileNotFoundError:
+        return False
+    if not stat.S_ISDIR(mode) and not stat.S_ISREG(mode):
+        raise InputError(
+            f"{entry.path}: expected {what} of regular files and folders, found {name_kind(mode)}; remove it"
+        )
+    return stat.S_ISDIR(mode)
 
 
 def name_kind(mode: int) -> str:

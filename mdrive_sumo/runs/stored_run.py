@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.input_files import check_tree
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.fingerprint import (
     FILES_KEYS,
@@ -71,6 +72,7 @@ def load_viewed_run(folder: Path, suite: str | None = None) -> StoredRun:
         return load_stored_run(folder, suite)
     if not (folder / JOURNAL_FILE).is_file():
         raise InputError(describe_missing_run(folder))
+    check_tree(folder)  # what is written below it stays there
     fingerprint, journal = read_run_journal(folder)
     return _load_run(folder, suite, build_partial_results(folder, journal), (fingerprint, journal))
 

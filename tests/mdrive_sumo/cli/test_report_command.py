@@ -12,12 +12,15 @@ from playwright.sync_api import Page, sync_playwright
 from testing.chromium import CHROMIUM, list_flags
 from testing.report_samples import BEST, make_agent_run, make_sample_runs, save_run, save_sample_runs
 from testing.study_samples import invoke
+from testing.view_runs import make_run
 
 from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_results
 from mdrive_sumo.report.comparison_report.comparison_report import build_comparison_report
 from mdrive_sumo.report.comparison_report.report_page import render_report_page
 from mdrive_sumo.report.comparison_report.table_latex import format_latex
 from mdrive_sumo.report.comparison_report.write_comparison_report import format_report_markdown
+from mdrive_sumo.report.run_page import replay_files
+from mdrive_sumo.scoring import ScenarioResult
 
 pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 TABLES = {
@@ -132,6 +135,24 @@ def test_bad_input_is_one_sentence(
     ended = invoke("report", *given)
     assert ended.exit_code == 2 and sentence in ended.output.replace("\n", " ")
     assert not Path("new").exists()
+
+
+def test_replays_are_written_and_led_to(out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def build(_: object, result: ScenarioResult) -> str:
+        return result.id
+
+    monkeypatch.setattr(replay_files, "build_replay", build)
+    run = make_run(tmp_path)
+    for selection, names in (("lost", {"s0", "s2"}), ("all", {"s0", "s1", "s2"})):
+        folder = tmp_path / selection
+        ended = invoke("report", run, "--out", folder, "--replays", selection)
+        assert ended.exit_code == 0, ended.output
+        links = {link for link in _PageParts((folder / "report.html").read_text("utf-8")).links if "view" in link}
+        assert {(folder / link).read_text() for link in links} == names
+    results = out.parent / "runs" / "single" / "results.json"
+    ended = invoke("report", results, "--out", tmp_path / "new", "--replays", "lost")
+    assert ended.exit_code == 2 and "expected folders of runs with it, found the file" in ended.output
+    assert not (tmp_path / "new").exists()
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")

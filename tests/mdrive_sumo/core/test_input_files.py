@@ -3,6 +3,7 @@
 import os
 import socket
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import pytest
@@ -89,6 +90,30 @@ def test_a_run_folder_may_itself_be_a_link(tmp_path: Path) -> None:
     (tmp_path / "disk").mkdir()
     (tmp_path / "run").symlink_to("disk")
     check_tree(tmp_path / "run")
+
+
+def test_a_run_may_change_while_it_is_looked_at(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Files that are being written have other names first, and drafts have folders of their own."""
+    for name in ("gone", "kept"):
+        (tmp_path / f"{name}.part").mkdir()
+    (tmp_path / "kept.part" / "file").touch()
+    real = os.scandir
+
+    def scan(folder: Path) -> AbstractContextManager[list["os.DirEntry[str]"]]:
+        if folder.name == "gone.part":
+            folder.rmdir()
+        with real(folder) as found:
+            entries = list(found)
+        if folder.name == "kept.part":
+            (folder / "file").unlink()
+        return nullcontext(entries)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(input_files.os, "scandir", scan)
+        check_tree(tmp_path)
+    assert [path.name for path in tmp_path.rglob("*")] == ["kept.part"]
+    with pytest.raises(InputError, match="cannot be read: No such file or directory"):
+        check_tree(tmp_path / "gone.part")
 
 
 def test_a_run_has_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
