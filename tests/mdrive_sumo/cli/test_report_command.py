@@ -9,7 +9,7 @@ from typing import Literal
 
 import pytest
 from playwright.sync_api import Page, sync_playwright
-from testing.chromium import CHROMIUM, list_flags
+from testing.chromium import CHROMIUM, list_flags, wait_until
 from testing.report_samples import BEST, make_agent_run, make_sample_runs, save_run, save_sample_runs
 from testing.study_samples import invoke
 from testing.view_runs import make_run
@@ -35,7 +35,9 @@ FIGURES = {"levels", "differences", "distribution", "scenarios"}
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A report over the sample runs, written by the command."""
     folder = tmp_path_factory.mktemp("report")
-    ended = invoke("report", *save_sample_runs(folder / "runs"), "--out", folder / "out")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["mdrive-sumo", "report", "a_run_whose_name_is_wider_than_a_phone/" * 3])
+        ended = invoke("report", *save_sample_runs(folder / "runs"), "--out", folder / "out")
     assert ended.exit_code == 0, ended.output
     assert "Privileged: an upper bound, not ranked:" in ended.output and "report.html" in ended.output
     return folder / "out"
@@ -165,7 +167,7 @@ def test_the_page_fits_screens(out: Path) -> None:
         page.goto((out / "report.html").as_uri())
         for width, height in ((1440, 900), (390, 844)):
             page.set_viewport_size({"width": width, "height": height})
-            page.wait_for_function(f"document.documentElement.scrollWidth === {width}")  # a busy machine lays out late
+            wait_until(page, f"document.documentElement.scrollWidth === {width}")  # a busy machine lays out late
         is_dark = {scheme: find_dark_parts(page, scheme) for scheme in ("light", "dark")}
         place = page.evaluate("getComputedStyle(document.querySelector('td.rank-1 > span')).fontWeight")
         browser.close()

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from testing.chromium import CHROMIUM, open_quietly
+from testing.chromium import CHROMIUM, open_quietly, wait_until
 from testing.html_page import Page
 from testing.report_samples import SINGLE, make_agent_run, save_run
 from testing.view_runs import drive_story, make_run
@@ -173,7 +173,7 @@ def test_a_click_on_a_score_opens_its_replay(browser: Any, home: Path) -> None:
         cell = tab.locator("#scenarios_ds td", has=tab.locator("a"))
         assert link.bounding_box()["width"] == pytest.approx(cell.bounding_box()["width"], abs=1), "all of the cell"
         link.click()
-        tab.wait_for_function("window.viewer && viewer.ticks === 9")
+        wait_until(tab, "window.viewer && viewer.ticks === 9")
         assert tab.url == (home / "run" / "view" / "s0-seed0.html").as_uri()
 
 
