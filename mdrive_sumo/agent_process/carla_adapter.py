@@ -126,7 +126,7 @@ class CarlaAgentAdapter:
         if not isinstance(controls, list | tuple):
             raise TypeError(
                 f"run_step(): expected a list of {len(self._cavs)} controls, found {type(controls).__name__}; "
-                "docs/agents.md says how an agent for one vehicle is started"
+                "docs/carla-agents.md says how an agent for one vehicle is started"
             )
         if len(controls) != len(self._cavs):
             raise TypeError(f"run_step(): expected a list of {len(self._cavs)} controls, found {len(controls)}")

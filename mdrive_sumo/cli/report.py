@@ -5,7 +5,9 @@ from pathlib import Path
 
 import click
 
+from mdrive_sumo.cli.replay_bar import write_run_replays
 from mdrive_sumo.core.atomic_folder import check_new_folder
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_command
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.core.terminal import echo
@@ -14,6 +16,8 @@ from mdrive_sumo.report.comparison_report.comparison_report import build_compari
 from mdrive_sumo.report.comparison_report.report_runs import load_report_runs
 from mdrive_sumo.report.comparison_report.table_text import format_text_rows
 from mdrive_sumo.report.comparison_report.write_comparison_report import write_comparison_report
+from mdrive_sumo.report.run_page.replay_files import ReplaySelection
+from mdrive_sumo.runs.stored_run import load_viewed_run
 
 
 @click.command("report")
@@ -21,7 +25,17 @@ from mdrive_sumo.report.comparison_report.write_comparison_report import write_c
 @click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="A new or empty folder.")
 @click.option("--baseline", default="", metavar="NAME", help="Compare all with this agent, not every pair.")
 @click.option("--with-published", is_flag=True, help="Add the paper's CARLA rows to the main table, not ranked.")
-def command(runs: tuple[Path, ...], out: Path, baseline: str, with_published: bool) -> None:
+@click.option(
+    "--replays",
+    type=click.Choice([str(selection) for selection in ReplaySelection]),
+    default=str(ReplaySelection.NONE),
+    show_default=True,
+    help="Write replays for the scores to lead to, as `view` does: where something was lost, all, none.",
+)
+@click.option("--suite", metavar="NAME|DIR", help="Of --replays: where the runs' suite is now, if it has moved.")
+def command(
+    runs: tuple[Path, ...], out: Path, baseline: str, with_published: bool, replays: str, suite: str | None
+) -> None:
     """Write tables and figures over several runs.
 
     RUN is a folder written by `eval`, or a results file. All runs have one suite, set of scenarios, score mode and
@@ -32,11 +46,24 @@ def command(runs: tuple[Path, ...], out: Path, baseline: str, with_published: bo
     \\input, with booktabs), every figure as SVG and PNG. The best three of a column are marked as in the paper;
     privileged agents and published rows are never ranked. Differences are paired by scenario and seed, each with a
     95 % bootstrap interval.
+
+    A score of a scenario leads to its replay in RUN/view, where `view` or --replays has written one.
     """
     check_new_folder(out)
     agents = make_compared_agents(load_report_runs(runs))
     command_line = hide_command(("mdrive-sumo", *sys.argv[1:]), Path.cwd())
     report = build_comparison_report(agents, baseline=baseline, with_published=with_published, command=command_line)
+    _write_replays(runs, ReplaySelection(replays), suite)
     files = write_comparison_report(report, out)
     echo(format_text_table(*format_text_rows(report.tables[0])))
     echo("\n" + "\n".join((*(f"note: {warning}" for warning in report.warnings), *map(str, files))))
+
+
+def _write_replays(places: tuple[Path, ...], selection: ReplaySelection, suite: str | None) -> None:
+    """Write the replays of runs into their folders. Raises InputError for a results file: it has no recordings."""
+    if selection is ReplaySelection.NONE:
+        return
+    for place in places:
+        if place.is_file():
+            raise InputError(f"--replays: expected folders of runs with it, found the file {str(place)!r}")
+        write_run_replays(load_viewed_run(place, suite), selection)

@@ -1,8 +1,7 @@
 """`mdrive-sumo view`."""
 
-import sys
 import webbrowser
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ from time import sleep as _sleep
 import click
 
 from mdrive_sumo.cli.choice import choose_seed, find_one_scenario
+from mdrive_sumo.cli.replay_bar import follow_pages, write_run_replays
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.run_page.compared_runs import ComparedRun, load_compared_runs
@@ -144,10 +144,9 @@ class _ViewOptions:
 
 
 def _write_run_page(stored: StoredRun, given: _ViewOptions) -> Path:
-    folder, selection = stored.run.folder / VIEW_FOLDER, given.selection
-    path = given.export or folder / RUN_PAGE
-    chosen = select_replays(stored.run, stored.results.scenarios, selection)
-    _follow(write_replays(folder, stored.run, chosen), len(chosen))
+    selection = given.selection
+    path = given.export or stored.run.folder / VIEW_FOLDER / RUN_PAGE
+    chosen = write_run_replays(stored, selection)
     data = build_run_page_data(stored, {result.key for result in chosen}, path)
     write_page(path, render_run_page(data, replays_note=RUN_NOTES[selection]))
     return path
@@ -199,7 +198,7 @@ def _write_comparison(runs: Sequence[ComparedRun], given: _ViewOptions) -> Path:
     check_recordings_exist(runs, seeds.items())
     links = {(scenario, letter): name_in_step_file(scenario, letter) for scenario, letter in seeds}
     data = build_comparison_data(runs, links, path)
-    _follow(write_in_step_pages(folder, runs, seeds.items()), len(seeds))
+    follow_pages(write_in_step_pages(folder, runs, seeds.items()), len(seeds))
     write_page(path, render_comparison_page(data, replays_note=COMPARISON_NOTES[selection]))
     return path
 
@@ -216,19 +215,12 @@ def _write_in_step(runs: Sequence[ComparedRun], given: _ViewOptions) -> Iterator
         yield path
 
 
-def _follow(written: Iterable[Path], count: int) -> None:
-    """Write the pages, with a bar on a terminal."""
-    with click.progressbar(written, count, "replays", file=sys.stderr, hidden=not sys.stderr.isatty()) as bar:
-        for _ in bar:
-            pass
-
-
 def _write_episodes(stored: StoredRun, given: _ViewOptions) -> Iterator[Path]:
     run, results = stored.run, stored.results
     chosen = [find_one_scenario(run.suite, pattern) for pattern in given.patterns]
     found = [_find_result(results, scenario, choose_seed(results, given.seed)) for scenario in chosen]
     for result in found:
-        path = given.export or run.folder / VIEW_FOLDER / name_replay_file(run, result)
+        path = given.export or run.folder / VIEW_FOLDER / name_replay_file(run.info, result)
         write_page(path, build_replay(run, result))
         yield path
 

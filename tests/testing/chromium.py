@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -44,3 +45,15 @@ def open_quietly(browser: Any, address: str, size: tuple[int, int] = (1280, 720)
     yield tab
     tab.close()
     assert trouble == []
+
+
+def wait_until(frame: Any, expression: str, timeout_s: float = 10) -> None:
+    """Wait until an expression of JavaScript is true in a page or a frame.
+
+    `wait_for_function` evaluates it anew by `eval`, which the content policy of our pages refuses: it fails unless the
+    expression is true at once.
+    """
+    end = time.monotonic() + timeout_s
+    while not frame.evaluate(expression):
+        assert time.monotonic() < end, f"not true within {timeout_s} s: {expression}"
+        frame.wait_for_timeout(25)

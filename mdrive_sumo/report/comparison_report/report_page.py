@@ -1,11 +1,13 @@
 """`report.html`: a comparison report as one self-contained page without scripts, light and dark, also on a phone."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from markupsafe import Markup
 
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport
+from mdrive_sumo.report.comparison_report.replay_pages import describe_replays
 from mdrive_sumo.report.comparison_report.report_figure import ReportFigure, inline_svg
 from mdrive_sumo.report.comparison_report.report_figures import pick_shade
 from mdrive_sumo.report.comparison_report.report_table import (
@@ -28,14 +30,17 @@ MAX_OPEN_ROWS = 60
 
 @dataclass(frozen=True, slots=True)
 class ReportLinks:
-    """Places of the files beside a page, by the name of a table; "" where there is none."""
+    """Links of a page: to its tables in other formats, by the name of a table, and to replays."""
 
     csv: dict[str, str]
     latex: dict[str, str]
+    replays: dict[Path, str] = field(default_factory=dict[Path, str])
+    """Links to the replays that exist, by their pages; "" for a page that none leads to."""
 
 
 def render_report_page(report: ComparisonReport, images: dict[str, bytes], links: ReportLinks | None = None) -> str:
-    """Return the page. images: the figures as SVG by name. links: the files of the tables, if they are written."""
+    """Return the page. images: the figures as SVG by name. links: if the page is written beside other files."""
+    known = links or ReportLinks({}, {})
     shades = "".join(
         f".shade-{i} {{ background: {pick_shade(i, SHADES)}; color: {'#111' if i >= SHADES // 2 else '#fff'}; }}\n"
         for i in range(SHADES)
@@ -44,7 +49,8 @@ def render_report_page(report: ComparisonReport, images: dict[str, bytes], links
     return PAGE_TEMPLATES.get_template(TEMPLATE).render(
         report=report,
         style=Markup(style),
-        links=links or ReportLinks({}, {}),
+        links=known,
+        replays_notes={table.name: describe_replays(table, links.replays) for table in report.tables} if links else {},
         images={figure.name: _inline(figure, images) for figure in report.figures},
         text_of=_format_value,
         interval_of=format_cell_interval,

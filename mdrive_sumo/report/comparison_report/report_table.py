@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from pathlib import Path
 
 from mdrive_sumo.core.statistics import TOO_FEW, ConfidenceInterval
 
@@ -52,6 +53,8 @@ class ReportCell:
     value: CellValue
     interval: ConfidenceInterval | None = None
     rank: int = 0
+    replay: Path | None = None
+    """Where the replay page of a recorded episode lies or would lie, for the page of the report."""
 
     @property
     def number(self) -> float | None:

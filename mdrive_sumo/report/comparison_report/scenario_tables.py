@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.comparison_report.published_rows import order_buckets
-from mdrive_sumo.report.comparison_report.report_table import CellValue, ReportColumn, ReportRow, ReportTable, make_row
+from mdrive_sumo.report.comparison_report.replay_pages import list_replay_pages
+from mdrive_sumo.report.comparison_report.report_table import ReportCell, ReportColumn, ReportRow, ReportTable, make_row
 from mdrive_sumo.runs.compare import average_seeds
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS
@@ -51,6 +52,7 @@ def find_ds_class(score: float) -> int:
 def build_scenario_table(agents: Sequence[ComparedAgent], score: str = "ds", name: str = "") -> ReportTable:
     """Return a score of every agent in every scenario, in sections by bucket. score: "ds" or "sr"."""
     means = [average_seeds(agent.results.scenarios) for agent in agents]
+    replays = [list_replay_pages(agent) for agent in agents]
     columns = (
         ReportColumn("scenario", "Scenario"),
         ReportColumn("category", "Category"),
@@ -61,10 +63,11 @@ def build_scenario_table(agents: Sequence[ComparedAgent], score: str = "ds", nam
     for bucket in order_buckets({result.bucket for result in first.values()}):
         names = [name for name, result in first.items() if result.bucket == bucket]
         for scenario in sorted(names, key=lambda name: (sum(found[name].ds for found in means), name)):
-            values: list[CellValue] = [
-                None if found[scenario].status == "void" else getattr(found[scenario], score) for found in means
+            cells = [
+                ReportCell(_find_score(found[scenario], score), replay=pages.get(scenario))
+                for found, pages in zip(means, replays, strict=True)
             ]
-            rows.append(make_row((scenario, first[scenario].category, *values), bucket))
+            rows.append(make_row((scenario, first[scenario].category, *cells), bucket))
     return ReportTable(
         name or f"scenarios_{score}",
         f"{score.upper()} by scenario",
@@ -73,3 +76,7 @@ def build_scenario_table(agents: Sequence[ComparedAgent], score: str = "ds", nam
         f"{MATRIX_NOTE} -: void.",
         is_shaded=True,
     )
+
+
+def _find_score(result: ScenarioResult, score: str) -> float | None:
+    return None if result.status == "void" else getattr(result, score)

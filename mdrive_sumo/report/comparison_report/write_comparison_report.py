@@ -6,6 +6,7 @@ from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.clean_text import clean_for_markdown
 from mdrive_sumo.core.output_files import make_parents, write_bytes
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, ReportSection
+from mdrive_sumo.report.comparison_report.replay_pages import find_replay_links
 from mdrive_sumo.report.comparison_report.report_page import ReportLinks, render_report_page
 from mdrive_sumo.report.comparison_report.table_csv import format_csv
 from mdrive_sumo.report.comparison_report.table_latex import format_latex, format_latex_document
@@ -23,7 +24,7 @@ def write_comparison_report(report: ComparisonReport, out: Path) -> tuple[Path, 
 
     Raises InputError if the folder holds something or cannot be written.
     """
-    contents = render_report_files(report, PAGE_FILE, MARKDOWN_FILE)
+    contents = render_report_files(report, PAGE_FILE, MARKDOWN_FILE, out)
     with atomic_folder(out) as draft:
         for name, content in contents.items():
             make_parents(draft / name)
@@ -31,13 +32,17 @@ def write_comparison_report(report: ComparisonReport, out: Path) -> tuple[Path, 
     return out / PAGE_FILE, out / MARKDOWN_FILE, out / LATEX_FOLDER, out / CSV_FOLDER, out / FIGURES_FOLDER
 
 
-def render_report_files(report: ComparisonReport, page_file: str, markdown_file: str) -> dict[str, bytes]:
-    """Return the content of every file of a report by its path: the two pages, tables and figures."""
+def render_report_files(report: ComparisonReport, page_file: str, markdown_file: str, folder: Path) -> dict[str, bytes]:
+    """Return the content of every file of a report by its path: the two pages, tables and figures.
+
+    folder: where they will lie; the page has links from there to the replays that exist.
+    """
     images = {figure.name: figure.render("png", "svg") for figure in report.figures}
     latex = [table for table in report.tables if len(table.rows) <= MAX_LATEX_ROWS]
     links = ReportLinks(
         {table.name: f"{CSV_FOLDER}/{table.name}.csv" for table in report.tables},
         {table.name: f"{LATEX_FOLDER}/{table.name}.tex" for table in latex},
+        find_replay_links(report.tables, folder),
     )
     texts = {
         page_file: render_report_page(report, {name: svg for name, (_, svg) in images.items()}, links),

@@ -13,7 +13,7 @@ from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.recording_check import load_recording
 from mdrive_sumo.scenario.variation import load_varied_scenario
-from mdrive_sumo.scoring import ScenarioResult
+from mdrive_sumo.scoring import RunInfo, ScenarioResult
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS
 
 VIEW_FOLDER = "view"
@@ -29,9 +29,9 @@ class ReplaySelection(StrEnum):
     NONE = auto()
 
 
-def name_replay_file(run: PreparedRun, result: ScenarioResult) -> str:
-    """Return the name of an episode's replay page."""
-    ending = f"-seed{result.seed}" if run.config.more_seeds else ""
+def name_replay_file(info: RunInfo, result: ScenarioResult) -> str:
+    """Return the name of an episode's replay page. info: of its run."""
+    ending = f"-seed{result.seed}" if len(info.all_seeds) > 1 else ""
     return f"{result.id}{ending}.html"
 
 
@@ -78,7 +78,7 @@ def build_replay(run: PreparedRun, result: ScenarioResult) -> str:
 def write_replays(folder: Path, run: PreparedRun, results: Iterable[ScenarioResult]) -> Iterator[Path]:
     """Write the replay pages of episodes into a folder; yield each path after its page is written."""
     for result in results:
-        path = folder / name_replay_file(run, result)
+        path = folder / name_replay_file(run.info, result)
         write_page(path, build_replay(run, result))
         yield path
 

@@ -171,7 +171,7 @@ def _build_cell(
         result.ds,
         "void" if result.status == "void" else "success" if result.sr == SUCCESS_SR else "failed",
         " ".join(result.reason.split()),
-        quote(name_replay_file(stored.run, result)) if result.key in replays else "",
+        quote(name_replay_file(stored.run.info, result)) if result.key in replays else "",
         cavs,
         tuple(sorted(kinds)),
         {ego: log for ego, log in logs.items() if log is not None},

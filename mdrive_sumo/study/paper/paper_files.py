@@ -22,7 +22,7 @@ def write_paper(
 
     Raises InputError if that is not possible.
     """
-    contents = render_report_files(build_paper_report(numbers, request), PAGE_FILE, MARKDOWN_FILE)
+    contents = render_report_files(build_paper_report(numbers, request), PAGE_FILE, MARKDOWN_FILE, folder)
     contents[JSON_FILE] = build_paper_json(numbers, request, about).encode()
     for name, content in contents.items():
         path = folder / name

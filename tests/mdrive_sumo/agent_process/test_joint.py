@@ -89,8 +89,8 @@ def test_all_cavs_are_driven_by_one_program_until_they_end(tmp_path: Path, two: 
         pytest.param(
             "one",
             FailureReason.CRASHED,
-            "TypeError: run_step(): expected a list of 2 controls, found VehicleControl; docs/agents.md says how an"
-            " agent for one vehicle is started",
+            "TypeError: run_step(): expected a list of 2 controls, found VehicleControl; docs/carla-agents.md says"
+            " how an agent for one vehicle is started",
             marks=pytest.mark.full,
         ),
         ("raise", FailureReason.CRASHED, "RuntimeError: lost"),

@@ -134,6 +134,20 @@ def test_reports_comparisons_exports_and_pictures(run: Path, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
+def test_a_report_leads_to_replays_by_relative_links(
+    run: Path, home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(home)
+    assert call("report", "runs/one", "--out", "report", "--replays", "lost").exit_code == 0
+    assert call("report", "runs/one", "--out", tmp_path / "elsewhere").exit_code == 0
+    check(home / "report")
+    check(tmp_path / "elsewhere")
+    links = set(re.findall(r'href="([^"#]*/view/[^"]*)"', (home / "report" / "report.html").read_text()))
+    assert links and all((home / "report" / link).is_file() for link in links)
+    assert "/view/" not in (tmp_path / "elsewhere" / "report.html").read_text()
+
+
+@pytest.mark.slow
 def test_the_run_is_still_found_and_verified(run: Path, tmp_path: Path) -> None:
     assert read_fingerprint(run)["agent"] == "../../mine.py:Mine"
     assert read_fingerprint(run)["suite"] == "../../suite"

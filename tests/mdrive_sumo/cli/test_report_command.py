@@ -9,15 +9,18 @@ from typing import Literal
 
 import pytest
 from playwright.sync_api import Page, sync_playwright
-from testing.chromium import CHROMIUM, list_flags
+from testing.chromium import CHROMIUM, list_flags, wait_until
 from testing.report_samples import BEST, make_agent_run, make_sample_runs, save_run, save_sample_runs
 from testing.study_samples import invoke
+from testing.view_runs import make_run
 
 from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_results
 from mdrive_sumo.report.comparison_report.comparison_report import build_comparison_report
 from mdrive_sumo.report.comparison_report.report_page import render_report_page
 from mdrive_sumo.report.comparison_report.table_latex import format_latex
 from mdrive_sumo.report.comparison_report.write_comparison_report import format_report_markdown
+from mdrive_sumo.report.run_page import replay_files
+from mdrive_sumo.scoring import ScenarioResult
 
 pytestmark = [pytest.mark.slow, pytest.mark.costly_fixture]
 TABLES = {
@@ -32,7 +35,9 @@ FIGURES = {"levels", "differences", "distribution", "scenarios"}
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A report over the sample runs, written by the command."""
     folder = tmp_path_factory.mktemp("report")
-    ended = invoke("report", *save_sample_runs(folder / "runs"), "--out", folder / "out")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sys.argv", ["mdrive-sumo", "report", "a_run_whose_name_is_wider_than_a_phone/" * 3])
+        ended = invoke("report", *save_sample_runs(folder / "runs"), "--out", folder / "out")
     assert ended.exit_code == 0, ended.output
     assert "Privileged: an upper bound, not ranked:" in ended.output and "report.html" in ended.output
     return folder / "out"
@@ -134,6 +139,24 @@ def test_bad_input_is_one_sentence(
     assert not Path("new").exists()
 
 
+def test_replays_are_written_and_led_to(out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def build(_: object, result: ScenarioResult) -> str:
+        return result.id
+
+    monkeypatch.setattr(replay_files, "build_replay", build)
+    run = make_run(tmp_path)
+    for selection, names in (("lost", {"s0", "s2"}), ("all", {"s0", "s1", "s2"})):
+        folder = tmp_path / selection
+        ended = invoke("report", run, "--out", folder, "--replays", selection)
+        assert ended.exit_code == 0, ended.output
+        links = {link for link in _PageParts((folder / "report.html").read_text("utf-8")).links if "view" in link}
+        assert {(folder / link).read_text() for link in links} == names
+    results = out.parent / "runs" / "single" / "results.json"
+    ended = invoke("report", results, "--out", tmp_path / "new", "--replays", "lost")
+    assert ended.exit_code == 2 and "expected folders of runs with it, found the file" in ended.output
+    assert not (tmp_path / "new").exists()
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
 def test_the_page_fits_screens(out: Path) -> None:
     messages: list[str] = []
@@ -144,7 +167,7 @@ def test_the_page_fits_screens(out: Path) -> None:
         page.goto((out / "report.html").as_uri())
         for width, height in ((1440, 900), (390, 844)):
             page.set_viewport_size({"width": width, "height": height})
-            page.wait_for_function(f"document.documentElement.scrollWidth === {width}")  # a busy machine lays out late
+            wait_until(page, f"document.documentElement.scrollWidth === {width}")  # a busy machine lays out late
         is_dark = {scheme: find_dark_parts(page, scheme) for scheme in ("light", "dark")}
         place = page.evaluate("getComputedStyle(document.querySelector('td.rank-1 > span')).fontWeight")
         browser.close()

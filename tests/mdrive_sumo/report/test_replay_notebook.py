@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from testing.chromium import wait_until
 from testing.viewer_crossing import crossing, record, scenario
 
 from mdrive_sumo.report.replay_page import ReplayPage, render_replay
@@ -22,7 +23,7 @@ def test_the_replay_works_inside_a_notebook(browser: Any, tmp_path: Path) -> Non
     tab.on("pageerror", lambda error: trouble.append(str(error)))
     tab.goto(path.as_uri())
     frame = tab.frames[1]
-    frame.wait_for_function("window.viewer && viewer.drawTimes.length > 0")
+    wait_until(frame, "window.viewer && viewer.drawTimes.length > 0")
     frame.evaluate("viewer.seek(20)")
     frame.wait_for_timeout(400)  # the address of a page of its own is updated after 250 ms
     assert frame.evaluate("viewer.tick") == 20 and trouble == []

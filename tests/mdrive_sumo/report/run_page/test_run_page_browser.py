@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from testing.chromium import CHROMIUM, open_quietly
+from testing.chromium import CHROMIUM, open_quietly, wait_until
 from testing.view_runs import make_run
 from testing.viewer_crossing import crossing, record, scenario, some_marks
 
@@ -57,7 +57,7 @@ def test_filters_show_what_fits_and_stay_in_the_address(page: Any, page_file: Pa
 
 def wait_for_rows(page: Any, count: int) -> None:
     """Wait until the table shows so many scenarios."""
-    page.wait_for_function(f"({SHOWN}).length === {count}")
+    wait_until(page, f"({SHOWN}).length === {count}")
 
 
 @needs_browser
@@ -167,7 +167,7 @@ def in_both_at_rest(tab: Any, tick: int) -> list[list[float]]:
 def test_the_map_has_most_of_each_side(step: Any) -> None:
     """The panel of a replay begins folded beside another one: below the map it would cover a third."""
     for frame in step.frames[1:]:
-        frame.wait_for_function("window.viewer && document.body.classList.contains('panel-folded')")
+        wait_until(frame, "window.viewer && document.body.classList.contains('panel-folded')")
         assert frame.evaluate("document.getElementById('panel').offsetHeight") < 60
         assert frame.evaluate("document.getElementById('stage').clientHeight / innerHeight") > 0.8
         frame.click("#panel-fold")
