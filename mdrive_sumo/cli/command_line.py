@@ -38,13 +38,12 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
 
 
 class InputProblem(click.ClickException):
-    """Unusable input: one sentence, exit code 2."""
+    """Unusable input: a sentence for each, exit code 2."""
 
     exit_code = 2
 
-    def format_message(self) -> str:
-        """Return the sentence as a terminal may show it."""
-        return clean_line(self.message)
+    def __init__(self, *sentences: str) -> None:
+        super().__init__("\n".join(map(clean_line, sentences)))
 
 
 class CommandLine(click.Group):
@@ -85,7 +84,7 @@ class CommandLine(click.Group):
         try:
             return super().invoke(ctx)
         except InputError as error:
-            raise InputProblem(str(error)) from None
+            raise InputProblem(*map(str, error.args)) from None
         except click.ClickException as problem:  # it may name a stranger's file
             vars(problem)["message"] = clean_for_terminal(problem.message)
             raise

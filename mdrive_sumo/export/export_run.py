@@ -6,7 +6,6 @@ from pathlib import Path
 
 from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.export.export_formats import ExportFormat, list_export_formats
 from mdrive_sumo.export.log_frame import restore_log_frames
@@ -37,7 +36,9 @@ def export_runs(runs: Sequence[StoredRun], format_name: str, out: Path, patterns
     with atomic_folder(out) as draft:
         for stored, results in chosen:
             folder = draft if len(chosen) == 1 else draft / f"seed{stored.results.run.seed}"
-            writer(_place_in_frame(form, load_recordings(stored, results)), make_folder(folder))
+            if len(chosen) > 1:
+                folder.mkdir()  # two runs of one seed
+            writer(_place_in_frame(form, load_recordings(stored, results)), folder)
     return out
 
 

@@ -86,7 +86,7 @@ def convert_logs(logs: Sequence[LogSource], out: Path, about: SuiteFile, options
             else:
                 refused.append(answer)
         if not outcomes:
-            raise InputError("\n".join(refused) or "expected at least one log, found none")
+            raise InputError(*(refused or ["expected at least one log, found none"]))
         shutil.rmtree(parts)
         save_suite(Suite(about, draft, ()))
         if options.report:

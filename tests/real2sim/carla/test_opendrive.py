@@ -227,7 +227,7 @@ def test_without_netconvert_the_extra_is_named(tmp_path: Path, monkeypatch: pyte
     xodr(tmp_path)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     monkeypatch.setitem(os.environ, "PATH", "")
-    with pytest.raises(InputError, match=r"pip install 'mdrive-sumo\[convert\]'"):
+    with pytest.raises(InputError, match=r"pip install '\.\[convert\]'"):
         build_town_network("TownXX", tmp_path, tmp_path / "net")
 
 

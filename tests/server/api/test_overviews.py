@@ -97,7 +97,7 @@ def test_results_as_csv(server: Server) -> None:
     assert server.ask("GET", f"/submissions/{hidden}/scenarios.csv", "admin").status_code == 200
 
 
-@pytest.mark.parametrize("cell", ["=1+1", "+1", "-1", "@a", "\t=1", "\r=1"])
+@pytest.mark.parametrize("cell", ["=1+1", "+a", "-a", "@a", "\t=1"])
 def test_no_cell_is_a_formula(cell: str) -> None:
     ((name,), (value,)) = csv.reader(io.StringIO(to_csv([cell], [[cell]]), newline=""))
     assert name == value == f"'{cell}"

@@ -124,7 +124,8 @@ def test_environments_are_listed(data: Path) -> None:
 def test_options_after_the_name_of_an_environment_are_pips(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[object] = []
 
-    def build(name: str, folder: Path, options: Sequence[str]) -> Environment:
+    def build(name: str, folder: Path, options: Sequence[str], wheels: Path | None) -> Environment:
+        assert wheels is None
         asked.extend((name, folder, *options))
         return Environment(name, folder / "python", folder, ())
 

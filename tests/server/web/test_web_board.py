@@ -232,7 +232,12 @@ def test_the_board_for_other_programs(server: Server) -> None:
     rows = list(csv.DictReader(io.StringIO(answer.text)))
     assert answer.headers["content-type"] == "text/csv; charset=utf-8"
     assert answer.headers["cache-control"] == "public, max-age=1"
-    assert (rows[0]["rank"], rows[0]["team"], rows[0]["method"], rows[0]["ds"]) == ("1", "'=1+1", "'-2", "58.0")
+    assert (rows[0]["rank"], rows[0]["team"], rows[0]["method"], rows[0]["ds"]) == (
+        "1",
+        "'=1+1",
+        "-2",
+        "58.0",
+    )  # a number is none
     assert [(row["published"], row["rank"]) for row in rows] == [("False", "1"), *[("True", "")] * 4]
     told = server.client.get(as_json).json()
     assert (told["track"], told["bucket"], told["rows"][0]["figures"]["ds"]) == ("single-agent", "InterDrive", 58.0)
