@@ -4,6 +4,7 @@ import io
 import json
 import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -62,14 +63,20 @@ class CameraArchiveWriter:
         if self._archive is None or self._new is None:
             self._path.unlink(missing_ok=True)
             return
-        cameras = [{"ego": ego, "camera": camera} for ego, camera in self._number_by_camera]
-        self._write(INDEX, json.dumps({"cameras": cameras, "left_out": self._left_out}).encode())
-        self._archive.close()
-        if kind is None:
-            self._new.keep()
-        else:
-            self._new.drop()
-            self._path.unlink(missing_ok=True)
+        is_kept = False
+        try:
+            if kind is None:
+                cameras = [{"ego": ego, "camera": camera} for ego, camera in self._number_by_camera]
+                self._write(INDEX, json.dumps({"cameras": cameras, "left_out": self._left_out}).encode())
+                self._archive.close()
+                self._new.keep()
+                is_kept = True
+        finally:
+            if not is_kept:  # also where the disk is full
+                with suppress(OSError):
+                    self._archive.close()
+                self._new.drop()
+                self._path.unlink(missing_ok=True)
 
     def add(self, tick: int, observations: Mapping[str, Observation]) -> None:
         """Write the images of a tick, by CAV id."""

@@ -130,6 +130,9 @@ class PreparedRun:
         for kind in kinds:
             for seed in self.config.seeds:
                 remove_parts(make_folder(seed_folder(self.folder / kind, self._folder_seed(seed))))
+        for kind in (CAMERAS_FOLDER, TRANSCRIPTS_FOLDER):  # made only when there is something to write
+            for seed in self.config.seeds:
+                remove_parts(seed_folder(self.folder / kind, self._folder_seed(seed)))
 
     def limit_s(self) -> float:
         """Return the wall clock after which an episode counts as hung [s]."""

@@ -5,12 +5,12 @@ import shutil
 from pathlib import Path
 from zipfile import ZipFile, ZipInfo
 
+from mdrive_sumo.core.output_files import NEW_FILE
 from server.archive import layout
 from server.archive.errors import ArchiveRefused
 from server.archive.manifest import Manifest, compute_sha256
 from server.archive.zip_reader import read_entry, translate_zip_errors
 
-NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 FILE_MODE, FOLDER_MODE = 0o644, 0o755
 """Modes of extracted files, whatever the archive says: sandboxes run as other users and execute no file directly."""
 

@@ -1,13 +1,18 @@
 """The HTTP protocol of `serve`: limits of time and number of connections, of which uvicorn has none."""
 
 import asyncio
-import resource
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from mdrive_sumo.core.posix import import_posix
 from server.api.upload import UPLOAD_S, is_upload_under_way
+
+if TYPE_CHECKING:
+    import resource
+else:
+    resource = import_posix("resource")
 
 REQUEST_S = 20.0
 """Time from the connection, or the last response, to the end of the next request's headers [s]."""

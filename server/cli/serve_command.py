@@ -16,6 +16,7 @@ from uvicorn.config import LOGGING_CONFIG
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.log_lines import CleanFormatter
+from mdrive_sumo.core.posix import check_posix
 from mdrive_sumo.core.terminal import echo
 from server import environments
 from server.api.app import create_app, prepare_storage
@@ -61,6 +62,7 @@ def serve(
 
     Ctrl-C or SIGTERM stops it: running jobs return to the queue.
     """
+    check_posix("serve: the server")
     settings = _apply_executor(load_settings_with(file, data, host=host, port=port), executor, scheduler)
     signal.signal(signal.SIGTERM, _exit_on_signal)
     with report_store_errors(), lock_data_folder(settings), _open_listener(settings) as listener:

@@ -17,6 +17,7 @@ from mdrive_sumo.agent_process.sandbox.output_log import LogRing
 from mdrive_sumo.agent_process.sandbox.pipe_ends import PipeEnds
 from mdrive_sumo.agent_process.sandbox.private_files import provide_private_files
 from mdrive_sumo.agent_process.sandbox.user_slots import UserSlot, take
+from mdrive_sumo.core.posix import check_posix
 
 GVISOR_START_S = 30.0
 
@@ -37,6 +38,7 @@ def opened(spec: BoxSpec, start_s: float = GVISOR_START_S) -> Box:
 
     start_s: time limit for gVisor's kernel to begin the program.
     """
+    check_posix("a box")
     with ExitStack() as undo:
         slot = take(spec.slot)
         undo.callback(slot.release, clean=True)

@@ -1,5 +1,6 @@
 """Camera images beside a recording: what is kept, how much, and files from strangers."""
 
+import errno
 import io
 import zipfile
 from pathlib import Path
@@ -46,6 +47,20 @@ def test_without_images_or_after_an_error_there_is_no_file(tmp_path: Path) -> No
     with pytest.raises(RuntimeError, match="stop"), CameraArchiveWriter(path) as archive:
         archive.add(0, observe(0, 1))
         raise RuntimeError("stop")
+    assert not list(tmp_path.iterdir())
+
+
+def test_where_the_disk_is_full_no_part_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write = CameraArchiveWriter._write
+
+    def fail_at_the_end(self: CameraArchiveWriter, name: str, data: bytes) -> None:
+        if name == INDEX:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write(self, name, data)
+
+    monkeypatch.setattr(CameraArchiveWriter, "_write", fail_at_the_end)
+    with pytest.raises(OSError, match="No space"), CameraArchiveWriter(tmp_path / "x.zip") as archive:
+        archive.add(0, observe(0, 1))
     assert not list(tmp_path.iterdir())
 
 

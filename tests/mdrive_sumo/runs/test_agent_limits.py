@@ -14,7 +14,6 @@ from mdrive_sumo.runs.agent_limits import LOCAL_LIMITS, SHORTEST_S, format_agent
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.executor import run_jobs
 from mdrive_sumo.runs.other_agents import OtherAgents
-from mdrive_sumo.runs.prepared_run import prepare
 from mdrive_sumo.runs.run_config import RunConfig
 
 SLOW = "start=600,tick=30,episode=7200"
@@ -85,12 +84,6 @@ def test_a_failure_names_the_option_only_where_there_is_one() -> None:
     assert AgentLimits(tick_s=3.0).describe_time("tick") == "the time limit tick (3 s)"
     text = LOCAL_LIMITS.describe_time("start")
     assert text == "the time limit start (60 s); --agent-limits start=SECONDS changes it"
-
-
-def test_a_run_with_a_pace_is_given_the_time_that_its_requests_take() -> None:
-    """Also one of built-in agents: 2400 ticks of a second each are no hung episode."""
-    free, paced = (prepare(RunConfig(scenario="i13*", agent=AgentSpec("idm"), pace_s=pace_s)) for pace_s in (0.0, 1.0))
-    assert paced.limit_s() >= free.limit_s() + 2400
 
 
 class SlowExecutor:

@@ -82,6 +82,7 @@ def test_what_reads_a_run_works(run: Path) -> None:
         ("eval", "--agent", "idm", "--workers", "2"),
         ("eval", "--agent", "mine.py:Mine"),
         ("verify", "RUN"),
+        ("serve",),
     ],
 )
 def test_the_rest_says_what_it_needs_in_one_sentence(suite: Path, run: Path, words: tuple[str, ...]) -> None:
@@ -89,12 +90,17 @@ def test_the_rest_says_what_it_needs_in_one_sentence(suite: Path, run: Path, wor
     told = [
         str(suite.parent / word) if word == "mine.py:Mine" else str(run) if word == "RUN" else word for word in words
     ]
-    more = () if words[0] == "verify" else ("--suite", suite, "--out", suite.parent / "other")
+    more = () if words[0] in ("verify", "serve") else ("--suite", suite, "--out", suite.parent / "other")
     done = call(*told, *more)
     assert done.returncode == 2, done.stderr
     (line,) = [line for line in done.stderr.splitlines() if NEEDS in line]
     assert line.startswith("Error: ")
     assert "Traceback" not in done.stderr
+
+
+def test_boxes_are_examined_without_a_traceback() -> None:
+    done = call("doctor", "--sandbox")
+    assert NEEDS in done.stdout and not done.stderr, done.stderr
 
 
 def test_every_module_of_the_library_is_imported_without_them() -> None:
