@@ -12,7 +12,7 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.core.geometry import Bool, Float
+from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
 from mdrive_sumo.core.state import Kind
 from real2sim.hd_map import HdMap
 
@@ -70,6 +70,13 @@ class RecordedTrack:
     """Full length and width [m]; NaN where the source gives none."""
     parked: bool = False
     """Whether the source labels it static."""
+
+    @classmethod
+    def from_table(cls, id: str, category: ObjectCategory, table: Float) -> "RecordedTrack":
+        """Return a track of x, y, yaw, length, width (T, 5) [m, rad]; NaN: not observed. A size of 0 is unknown."""
+        x, y, yaw, length, width = table.T
+        length, width = (np.where(size > 0, size, np.nan) for size in (length, width))
+        return cls(id, category, np.isfinite(x), x, y, wrap_angles(yaw), length, width)
 
     @property
     def xy(self) -> Float:

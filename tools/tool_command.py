@@ -23,7 +23,7 @@ class ToolCommand(click.Command):
         try:
             return super().invoke(ctx)
         except InputError as error:
-            raise InputProblem(*map(str, error.args)) from None
+            raise InputProblem(str(error)) from None
 
 
 def find_changed_files(built: Path, target: Path) -> list[Path]:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Unpack, cast
 
 from mdrive_sumo.api.run import Run
+from mdrive_sumo.api.scenario_source import read_seed
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.loop.episode_config import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.report.progress import ProgressDisplay
@@ -70,7 +71,7 @@ def evaluate(
     Raises InputError, also if the folder holds another run.
     """
     name, pattern = _locate(suite, scenario)
-    chosen = tuple(range(seeds) if isinstance(seeds, int) else seeds)
+    chosen = tuple(map(read_seed, seeds)) if isinstance(seeds, Iterable) else tuple(range(read_seed(seeds)))
     check_seeds(chosen)
     config = RunConfig(
         suite=name,

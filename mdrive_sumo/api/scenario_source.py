@@ -1,7 +1,8 @@
 """Find the scenario that a user names, and its road network."""
 
+from operator import index
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import NamedTuple, SupportsIndex, cast
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
@@ -27,10 +28,17 @@ def find_scenario(scenario: str | Scenario, suite: str | Suite | None = None, se
     """
     if not isinstance(cast(object, scenario), str | Scenario):
         raise InputError(f"scenario: expected the id of a scenario, or a scenario, found {scenario!r:.40}")
-    if not isinstance(cast(object, seed), int):
-        raise InputError(f"seed: expected an integer, found {seed!r:.40}")
+    seed = read_seed(seed)
     written = _find_written(scenario, suite)
     return written._replace(scenario=vary_scenario(written.scenario, written.roads, seed))
+
+
+def read_seed(seed: SupportsIndex) -> int:
+    """Return a seed as a Python integer; those of NumPy are taken, too. Raises InputError."""
+    try:
+        return index(seed)
+    except TypeError:
+        raise InputError(f"seed: expected an integer, found {seed!r:.40}") from None
 
 
 def _find_written(scenario: str | Scenario, suite: str | Suite | None) -> ScenarioSource:

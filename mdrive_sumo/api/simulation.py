@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Self, Unpack, cast
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file, load_agent_class
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.api.episode import Episode
-from mdrive_sumo.api.scenario_source import find_scenario
+from mdrive_sumo.api.scenario_source import find_scenario, read_seed
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec, check_sensors
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_locator
@@ -47,6 +47,7 @@ def simulate(
 
     Raises InputError, WorldError and AgentFailure.
     """
+    seed = read_seed(seed)
     found, roads, folder = find_scenario(scenario, suite, seed)
     spec = AgentSpec(agent, agent_config or {})
     check_agent_name(spec)
@@ -141,14 +142,14 @@ class Simulation:
 
         There is no agent clock here: the caller may think as long as it likes. Raises InputError.
         """
-        self.scenario, self.roads, self._suite_folder = find_scenario(scenario, suite, seed)
-        self.seed = seed
+        self.seed = read_seed(seed)
+        self.scenario, self.roads, self._suite_folder = find_scenario(scenario, suite, self.seed)
         egos = [ego.id for ego in self.scenario.egos]
         by_ego = sensors if isinstance(sensors, Mapping) else dict.fromkeys(egos, sensors)
         self._sensors = {ego: check_sensors(by_ego.get(ego, ())) for ego in egos}
         if "agent_clock" in options:
             raise InputError("Simulation: agent_clock: expected none, for the caller replies in the tick it was asked")
-        self._config = _make_config(self.scenario, self.roads, seed, "external", options)
+        self._config = _make_config(self.scenario, self.roads, self.seed, "external", options)
         self._world: SumoWorld | None = None
         self._simulation = self._make_simulation(open_world(self._config))
 

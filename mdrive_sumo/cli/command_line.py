@@ -38,12 +38,13 @@ COMMANDS: Mapping[str, tuple[str, str]] = {
 
 
 class InputProblem(click.ClickException):
-    """Unusable input: a sentence for each, exit code 2."""
+    """Unusable input: one sentence, exit code 2."""
 
     exit_code = 2
 
-    def __init__(self, *sentences: str) -> None:
-        super().__init__("\n".join(map(clean_line, sentences)))
+    def format_message(self) -> str:
+        """Return the sentence as a terminal may show it."""
+        return clean_line(self.message)
 
 
 class CommandLine(click.Group):
@@ -84,7 +85,7 @@ class CommandLine(click.Group):
         try:
             return super().invoke(ctx)
         except InputError as error:
-            raise InputProblem(*map(str, error.args)) from None
+            raise InputProblem(str(error)) from None
         except click.ClickException as problem:  # it may name a stranger's file
             vars(problem)["message"] = clean_for_terminal(problem.message)
             raise

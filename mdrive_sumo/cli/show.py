@@ -64,10 +64,10 @@ def command(
     folder = Path(what)
     if (folder / RESULTS_FILE).is_file():
         _show_run(ctx, folder, suite, out, workers if captured else 0)
-    elif networks := _find_networks(folder):
-        _show_networks(networks, out)
     elif captured:
         raise InputError(f"show --captured: expected the folder of a finished run, found {what!r}")
+    elif networks := _find_networks(folder):
+        _show_networks(networks, out)
     elif (folder / JOURNAL_FILE).is_file() or len(folder.parts) > 1:
         check_run_folder(folder)
     else:

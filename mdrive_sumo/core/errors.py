@@ -6,14 +6,7 @@ class MdriveError(Exception):
 
 
 class InputError(MdriveError):
-    """Unusable input. The text is one sentence for the user: what, where, expected, found. Exit code 2.
-
-    Several sentences, one for each unusable input of a batch, are several arguments; as text they are lines.
-    """
-
-    def __str__(self) -> str:
-        """Return the sentences."""
-        return "\n".join(map(str, self.args))
+    """Unusable input. The text is one sentence for the user: what, where, expected, found. Exit code 2."""
 
 
 class WorldError(MdriveError):

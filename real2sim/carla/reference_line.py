@@ -16,7 +16,8 @@ MAX_STEPS = 10_000
 """Steps along one piece: of pieces above 1 km they are longer, as are their radii."""
 
 LARGEST = 1e8
-"""Of coordinates [m], angles [rad] and curvatures [1/m]: beyond it, sums and sines of doubles mean nothing."""
+"""Of coordinates [m], angles [rad], curvatures [1/m] and coefficients of cubics: beyond it, sums and sines of doubles
+mean nothing."""
 
 Pose = tuple[float, float, float]
 """x, y [m], direction [rad]."""
@@ -59,17 +60,17 @@ def _follow(path: Path, piece: Element, ds: float, length: float) -> Pose:
     if shape.tag == "line" or ds == 0.0:
         return ds, 0.0, 0.0
     if shape.tag == "arc":
-        turned = ds * _read_curvature(path, shape, "curvature")
+        turned = ds * _read_bounded(path, shape, "curvature")
         chord = ds * float(np.sinc(turned / 2 / math.pi))
         return chord * math.cos(turned / 2), chord * math.sin(turned / 2), turned
     if shape.tag == "spiral":
-        first, last = (_read_curvature(path, shape, name) for name in ("curvStart", "curvEnd"))
+        first, last = (_read_bounded(path, shape, name) for name in ("curvStart", "curvEnd"))
         return _follow_spiral(first, (last - first) / length, ds)
     return _follow_cubic(*_read_cubic(path, shape, length), ds)
 
 
-def _read_curvature(path: Path, shape: Element, name: str) -> float:
-    """Return a curvature [1/m]; raise InputError for one whose angles have no sine."""
+def _read_bounded(path: Path, shape: Element, name: str) -> float:
+    """Return a curvature [1/m] or a coefficient; raise InputError for one whose angles or places mean nothing."""
     if abs(value := read_number(path, shape, name)) > LARGEST:
         raise InputError(f"{path}: {shape.tag}: {name}: expected a number within {LARGEST:g}, found {value:g}")
     return value
@@ -92,8 +93,8 @@ def _follow_spiral(curvature: float, change: float, ds: float) -> Pose:
 def _read_cubic(path: Path, shape: Element, length: float) -> tuple[Float, Float, float]:
     """Return coefficients of u(p) and v(p), lowest first, and the parameter at the end of the piece."""
     if shape.tag == "poly3":
-        return np.array((0.0, 1.0, 0.0, 0.0)), np.array([read_number(path, shape, name) for name in "abcd"]), length
-    u, v = ([read_number(path, shape, f"{name}{axis}") for name in "abcd"] for axis in "UV")
+        return np.array((0.0, 1.0, 0.0, 0.0)), np.array([_read_bounded(path, shape, name) for name in "abcd"]), length
+    u, v = ([_read_bounded(path, shape, f"{name}{axis}") for name in "abcd"] for axis in "UV")
     return np.array(u), np.array(v), length if shape.get("pRange") == "arcLength" else 1.0
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo, echo_live
 from real2sim.pipeline.log_source import LogSource
@@ -149,16 +150,22 @@ def run_conversion(
         for path in paths
         for case in pattern.find_cases(path)
     ]
-    batch = _convert(logs, cli_options)
+    batch = _convert(ctx, logs, cli_options)
     echo(format_batch(batch, cli_options))
-    for sentence in batch.refused:
-        echo(f"Error: {sentence}", err=True)
+    _echo_refused(batch.refused)
     ctx.exit(2 if batch.refused else 1 if batch.below_target else 0)
 
 
-def _convert(logs: Sequence[LogSource], cli_options: LogCliOptions) -> "BatchResult":
+def _echo_refused(sentences: Sequence[str]) -> None:
+    """Print a line for each log that cannot be converted."""
+    for sentence in sentences:
+        echo(f"Error: {clean_line(sentence)}", err=True)
+
+
+def _convert(ctx: click.Context, logs: Sequence[LogSource], cli_options: LogCliOptions) -> "BatchResult":
+    """Convert the logs. Exits if none can be converted."""
     from real2sim.logged_drive import load_confirmed_infractions
-    from real2sim.pipeline.batch import BatchOptions, convert_logs
+    from real2sim.pipeline.batch import BatchOptions, NoLogConvertedError, convert_logs
     from real2sim.pipeline.scenario_builder import ConversionOptions
 
     order = BatchOptions(
@@ -172,7 +179,12 @@ def _convert(logs: Sequence[LogSource], cli_options: LogCliOptions) -> "BatchRes
         cli_options.workers,
         show_progress,
     )
-    return convert_logs(logs, cli_options.out, build_suite_file(cli_options.out, cli_options.name), order)
+    about = build_suite_file(cli_options.out, cli_options.name)
+    try:
+        return convert_logs(logs, cli_options.out, about, order)
+    except NoLogConvertedError as error:
+        _echo_refused(error.refused or (str(error),))
+        ctx.exit(2)
 
 
 def build_suite_file(out: Path, name: str | None) -> "SuiteFile":

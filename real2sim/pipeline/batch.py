@@ -49,6 +49,15 @@ class BatchResult:
         return tuple(outcome for outcome in self.outcomes if outcome.misses)
 
 
+class NoLogConvertedError(InputError):
+    """None of several logs can be converted."""
+
+    def __init__(self, refused: Sequence[str]) -> None:
+        """refused: a sentence about each log."""
+        super().__init__("; ".join(refused) or "expected at least one log, found none")
+        self.refused = tuple(refused)
+
+
 def _ignore_progress(_done: int, _total: int, _text: str) -> None:
     """Report nothing."""
 
@@ -67,7 +76,8 @@ class BatchOptions:
 
 
 def convert_logs(logs: Sequence[LogSource], out: Path, about: SuiteFile, options: BatchOptions) -> BatchResult:
-    """Write the suite of all logs that can be converted; raises InputError if there is none or `out` cannot be written.
+    """Write the suite of all logs that can be converted; raises InputError if `out` cannot be written,
+    NoLogConvertedError if there is none.
 
     `out`, which must be new or empty, appears only at the end, complete.
     """
@@ -86,7 +96,7 @@ def convert_logs(logs: Sequence[LogSource], out: Path, about: SuiteFile, options
             else:
                 refused.append(answer)
         if not outcomes:
-            raise InputError(*(refused or ["expected at least one log, found none"]))
+            raise NoLogConvertedError(refused)
         shutil.rmtree(parts)
         save_suite(Suite(about, draft, ()))
         if options.report:

@@ -1,6 +1,6 @@
 """Quality of a conversion: MDrive's fidelity checks on every actor, and the figures of quality.json.
 
-The checks follow MDrive's list (spec data_formats.md section 3.1). The source of a threshold is "MDrive", "issue C" or,
+The checks follow MDrive's list (spec data_formats.md section 3.1). The source of a threshold is "MDrive", "asked" or,
 where both name none, "ours" with the reason.
 """
 
@@ -47,8 +47,8 @@ class QualityCheck:
 
 
 CHECKS: tuple[QualityCheck, ...] = (
-    QualityCheck("jumps_1m", 0, "issue C: teleports over 1 m 0"),
-    QualityCheck("jerk_p95", 5.0, "MDrive 5 m/s³, issue C: 95th percentile"),
+    QualityCheck("jumps_1m", 0, "asked: teleports over 1 m 0"),
+    QualityCheck("jerk_p95", 5.0, "MDrive 5 m/s³, asked: 95th percentile"),
     QualityCheck("acceleration_max", 6.0, "MDrive 6 m/s²"),
     QualityCheck(
         "speed_max",
@@ -60,8 +60,8 @@ CHECKS: tuple[QualityCheck, ...] = (
     QualityCheck("yaw_second_max_deg", 75.0, "ours: a tight right turn at 5 m radius and 24 km/h"),
     QualityCheck("curvature_spread", 0.05, "ours: a whole steering wheel turn in 0.4 s"),
     QualityCheck("backward_max", 0.05, "ours: half the position noise of a log"),
-    QualityCheck("error_median", 0.3, "issue C"),
-    QualityCheck("error_p95", 1.0, "issue C"),
+    QualityCheck("error_median", 0.3, "asked"),
+    QualityCheck("error_p95", 1.0, "asked"),
     QualityCheck("lateral_shift_max", 2.0, "ours: half a lane and a bit; more is another lane"),
     QualityCheck(
         "dtw_mean",
@@ -74,7 +74,7 @@ CHECKS: tuple[QualityCheck, ...] = (
         "lateral_mean", 1.75, "ours: half a lane, so that its centre is in the lane", applies_when_stationary=False
     ),
     QualityCheck("off_route_frames", 0, "MDrive: over 3 m from any lane", applies_when_stationary=False),
-    QualityCheck("wrong_way_frames", 0, "issue C; MDrive: over 90 deg", applies_when_stationary=False),
+    QualityCheck("wrong_way_frames", 0, "asked; MDrive: over 90 deg", applies_when_stationary=False),
 )
 """All thresholds with their sources."""
 PEDESTRIAN_CHECKS = frozenset(

@@ -163,7 +163,7 @@ def _read_tracks(log: _Log, frames: int) -> tuple[RecordedTrack, ...]:
         if frame % log.stride == 0:
             numbers = [row.parse_number(k, column) for k, column in enumerate(values, start=2)]
             tables[name][frame // log.stride] = _place_in_plane(numbers, log.headings.get(name))
-    return tuple(_build_track(name, log.classes[name], table) for name, table in tables.items())
+    return tuple(RecordedTrack.from_table(name, log.classes[name], table) for name, table in tables.items())
 
 
 def _place_in_plane(numbers: Sequence[float], heading: float | None) -> tuple[float, ...]:
@@ -173,21 +173,6 @@ def _place_in_plane(numbers: Sequence[float], heading: float | None) -> tuple[fl
         return x, y, math.radians(degrees), length, width
     x, y, length, width = numbers
     return x + length / 2, -(y + width / 2), heading, length, width
-
-
-def _build_track(name: str, category: ObjectCategory, table: Float) -> RecordedTrack:
-    """Build a track; a size of 0 is unknown, as those of pedestrians and bicycles are."""
-    x, y, yaw, length, width = table.T
-    return RecordedTrack(
-        name,
-        category,
-        np.isfinite(x),
-        x,
-        y,
-        (yaw + math.pi) % (2 * math.pi) - math.pi,
-        np.where(length > 0, length, np.nan),
-        np.where(width > 0, width, np.nan),
-    )
 
 
 def _find_map(log: _Log, maps: Sequence[Path]) -> Path:

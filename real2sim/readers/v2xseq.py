@@ -4,7 +4,6 @@ Source: Yu et al., V2X-Seq, CVPR 2023, and the description of its trajectory for
 radians in UTM, full sizes; the vehicle with the tag AV has recorded the scene. Points of the map are texts, "(x, y)".
 """
 
-import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
@@ -136,7 +135,7 @@ def _build_tracks(rows: Sequence[TableRow], times: Float, frames: int) -> tuple[
             raise InputError(f"{row.where}: expected one row of object {row.cells[1]} at a time, found two")
         tables[row.cells[1]][frame] = [row.parse_number(5 + k, name) for k, name in enumerate(VALUES)]
         types[row.cells[1]][_classify(row)] += 1
-    return tuple(_build_track(id_, types[id_].most_common(1)[0][0], table) for id_, table in tables.items())
+    return tuple(RecordedTrack.from_table(id_, types[id_].most_common(1)[0][0], table) for id_, table in tables.items())
 
 
 def _classify(row: TableRow) -> ObjectCategory:
@@ -146,20 +145,6 @@ def _classify(row: TableRow) -> ObjectCategory:
         known = ", ".join(CATEGORY_BY_TYPE)
         raise InputError(f"{row.where}: sub_type: expected one of {known}, found {row.cells[3]!r}")
     return category
-
-
-def _build_track(id_: str, category: ObjectCategory, table: Float) -> RecordedTrack:
-    x, y, yaw, length, width = table.T
-    return RecordedTrack(
-        id_,
-        category,
-        np.isfinite(x),
-        x,
-        y,
-        (yaw + math.pi) % (2 * math.pi) - math.pi,
-        np.where(length > 0, length, np.nan),
-        np.where(width > 0, width, np.nan),
-    )
 
 
 def read_v2xseq_map(path: Path) -> HdMap:

@@ -1,7 +1,8 @@
 """The figures of a report: categories, differences, distribution of the driving score, scores by scenario."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
+from textwrap import fill
 
 import numpy as np
 from matplotlib import colormaps
@@ -30,6 +31,30 @@ SHADE_STEPS = 20
 """Shades of a heat map: few, because an SVG file holds a picture of points instead of more."""
 
 
+MAX_LINE = 30
+"""Characters of a name in one line: 2.2 inches. Without breaks, names with conditions leave no room for the axes."""
+LINE_IN = 0.16
+"""[inch] A line of text."""
+
+
+def break_name(name: str) -> str:
+    """Return the name of an agent in lines of at most `MAX_LINE` characters; a new line for its conditions."""
+    if len(name) <= MAX_LINE:
+        return name
+    agent, bracket, conditions = name.partition(" (")
+    return "\n".join(fill(part, MAX_LINE) for part in (agent, bracket.strip() + conditions) if part)
+
+
+def _name_difference(one: AgentDifference) -> str:
+    names = break_name(one.agent), break_name(one.other)
+    return ("\n−  " if any("\n" in name for name in names) else "  −  ").join(names)
+
+
+def _measure_lines(names: Iterable[str]) -> float:
+    """Return the height [inch] of the lines that names have beyond the first, of the one with most."""
+    return LINE_IN * max((break_name(name).count("\n") for name in names), default=0)
+
+
 def make_level_figure(agents: Sequence[ComparedAgent], name: str = "levels") -> ReportFigure | None:
     """Return the category figure, H by interactivity level; None without scenarios of the levels."""
     values = {
@@ -46,11 +71,14 @@ def make_level_figure(agents: Sequence[ComparedAgent], name: str = "levels") -> 
 
     def draw(figure: Figure) -> None:
         axes = figure.add_subplot()
-        _draw_bars(axes, levels, {agent: [found[level] for level in levels] for agent, found in values.items()})
+        _draw_bars(
+            axes, levels, {break_name(agent): [found[level] for level in levels] for agent, found in values.items()}
+        )
         axes.set(ylabel="H, harmonic mean of DS and SR [%]", ylim=(0, 108))
         figure.legend(loc="outside lower center", ncols=min(len(values), 4), frameon=False)
 
-    height = 3.6 + 0.25 * ((len(agents) - 1) // 4)
+    more_rows = (len(agents) - 1) // 4
+    height = 3.6 + 0.25 * more_rows + _measure_lines(values) * (more_rows + 1)
     return ReportFigure(name, "Harmonic mean of DS and SR by interactivity level", described, (WIDTH_IN, height), draw)
 
 
@@ -72,7 +100,8 @@ def make_difference_figure(differences: Sequence[AgentDifference], name: str = "
     if not known:
         return None
     described = "; ".join(f"{one.agent} minus {one.other}: {one.ds.mean:+.2f}" for one in known if one.ds)
-    size = (WIDTH_IN, 1.2 + 0.3 * len(known))
+    lines_in = LINE_IN * max(_name_difference(one).count("\n") for one in known)
+    size = (WIDTH_IN, 1.2 + (0.3 + lines_in) * len(known))
     return ReportFigure(
         name, "Paired differences of the driving score", described, size, partial(_draw_differences, known)
     )
@@ -88,7 +117,7 @@ def _draw_differences(differences: Sequence[AgentDifference], figure: Figure) ->
             axes.plot(one.ds.ends, [i, i], color=COLOURS[0], linewidth=2.2, solid_capstyle="butt")
         face = COLOURS[0] if one.ds.is_clear else "#ffffff"
         axes.plot(one.ds.mean, i, "o", color=COLOURS[0], markerfacecolor=face, markersize=6)
-    axes.set_yticks(range(len(differences)), [f"{one.agent}  −  {one.other}" for one in differences])
+    axes.set_yticks(range(len(differences)), [_name_difference(one) for one in differences])
     axes.set(xlabel="difference of DS [percentage points], 95 % interval; filled: without 0")
     axes.set_ylim(len(differences) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
@@ -108,7 +137,14 @@ def make_distribution_figure(agents: Sequence[ComparedAgent], name: str = "distr
         left = np.zeros(len(shares))
         for i, label in enumerate(labels):
             widths = np.array([found[label] for found in shares.values()])
-            bars = axes.barh(list(shares), widths, left=left, height=0.7, label=label, color=pick_shade(i, len(labels)))
+            bars = axes.barh(
+                [break_name(agent) for agent in shares],
+                widths,
+                left=left,
+                height=0.7,
+                label=label,
+                color=pick_shade(i, len(labels)),
+            )
             texts = [f"{width:.0f}" if width >= 4 else "" for width in widths]
             light = i >= len(labels) // 2
             axes.bar_label(bars, texts, label_type="center", fontsize=8, color="#111111" if light else "#fefefe")
@@ -118,7 +154,7 @@ def make_distribution_figure(agents: Sequence[ComparedAgent], name: str = "distr
         axes.grid(axis="y", visible=False)
         figure.legend(loc="outside lower center", ncols=len(labels), frameon=False, title="driving score DS")
 
-    size = (WIDTH_IN, 1.7 + 0.36 * len(agents))
+    size = (WIDTH_IN, 1.7 + (0.36 + _measure_lines(shares)) * len(agents))
     return ReportFigure(name, "Distribution of the driving score", described, size, draw)
 
 
@@ -143,7 +179,7 @@ def make_scenario_figure(table: ReportTable, name: str = "scenarios") -> ReportF
             *places, np.array(numbers), cmap=shades, vmin=0, vmax=100, edgecolors="face", linewidth=0.4
         )
         axes.invert_yaxis()
-        axes.set_xticks(range(len(agents)), agents, rotation=30, ha="right", rotation_mode="anchor")
+        axes.set_xticks(range(len(agents)), map(break_name, agents), rotation=30, ha="right", rotation_mode="anchor")
         starts = [i for i, section in enumerate(sections) if i == 0 or section != sections[i - 1]]
         for start in starts[1:]:
             axes.axhline(start - 0.5, color="#ffffff", linewidth=2)
@@ -159,6 +195,6 @@ def make_scenario_figure(table: ReportTable, name: str = "scenarios") -> ReportF
         name,
         table.title,
         "A row for each scenario, a column for each agent; the numbers are in the table.",
-        (min(WIDTH_IN, 4.0 + 0.7 * len(agents)), 1.6 + row_in * len(names)),
+        (min(WIDTH_IN, 4.0 + 0.7 * len(agents)), 1.6 + row_in * len(names) + 2 * _measure_lines(agents)),
         draw,
     )

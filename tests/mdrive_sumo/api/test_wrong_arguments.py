@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 import mdrive_sumo as md
@@ -50,6 +51,9 @@ def test_what_is_no_agent_is_refused(agent: Any) -> None:
         (lambda: md.simulate(SCENARIO, "imd"), "found neither; did you mean 'idm'?"),
         (lambda: md.simulate(SCENARIO, agent_config=3), "agent_config: expected a mapping"),  # pyright: ignore
         (lambda: md.simulate(SCENARIO, seed="a"), "seed: expected an integer, found 'a'"),  # pyright: ignore
+        (lambda: md.Simulation(SCENARIO, seed=1.5), "seed: expected an integer, found 1.5"),  # pyright: ignore
+        (lambda: md.evaluate(seeds=1.5), "seed: expected an integer, found 1.5"),  # pyright: ignore
+        (lambda: md.evaluate(seeds=["a"]), "seed: expected an integer, found 'a'"),  # pyright: ignore
         (lambda: md.simulate(SCENARIO, suite=4), "suite: expected the name or the folder"),  # pyright: ignore
         (lambda: md.simulate(SCENARIO, comm=4), "comm: expected one of ideal"),  # pyright: ignore
         (lambda: md.load_suite(4), "suite: expected the name or the folder of a suite, found 4"),  # pyright: ignore
@@ -69,3 +73,9 @@ def test_a_wrong_type_is_named(call: Any, sentence: str) -> None:
 def test_sensors_may_be_a_list() -> None:
     with md.Simulation(SCENARIO, sensors=[SensorSpec("speedometer")]) as simulation:
         assert next(iter(simulation.reset().values())).speedometer is not None
+
+
+def test_a_seed_of_numpy_is_a_seed() -> None:
+    simulation = md.Simulation(SCENARIO, seed=np.int64(3))  # pyright: ignore
+    md.Simulation.close_open()
+    assert type(simulation.seed) is int and simulation.seed == 3

@@ -8,7 +8,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from mdrive_sumo.cli import main
+from mdrive_sumo.roads import find_network_folder
 
+NETWORK = str(find_network_folder("boulevard"))
 AGENT_FILE = """
 class Careful:
     label = "single"
@@ -73,6 +75,7 @@ def test_help_of_every_command_writes_nothing(empty: Path) -> None:
         (("view", "nosuchrun"), "found no such folder; `mdrive-sumo eval` makes one"),
         (("compare", "a", "b"), "run 'a': expected a folder that `mdrive-sumo eval` has written, found no such folder"),
         (("show", "runs/nosuch"), "run 'runs/nosuch': expected a folder"),
+        (("show", NETWORK, "--captured"), "show --captured: expected the folder of a finished run, found"),
         (("show", "i11*", "i12*", "--out", "x.png"), "expected one SCENARIO or RUN with them, found 2"),
         (("view", "r", "--scenario", "a", "--scenario", "b", "--export", "x"), "expected one --scenario with it"),
         (("show", "i11_ins_sl_twn"), "did you mean 'i11_ins_sl_town'?"),

@@ -19,7 +19,6 @@ from mdrive_sumo.core.clean_text import (
     clean_line,
     format_markdown_code,
 )
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.log_lines import CleanFormatter
 from mdrive_sumo.core.tables import format_csv_table, format_markdown_table, format_text_table
 from mdrive_sumo.core.terminal import echo
@@ -56,8 +55,6 @@ def test_all_that_is_printed_is_cleaned(monkeypatch: pytest.MonkeyPatch, capsys:
     out, errors = capsys.readouterr()
     assert "\x1b" not in out and "\x07" not in out and "\u202e" not in errors
     assert InputProblem("a\n\x1b").format_message() == r"a\n\x1b"
-    assert InputProblem("a", "b\n").format_message() == "a\nb\\n"
-    assert str(InputError("a", "b")) == "a\nb"
 
 
 def test_so_are_the_names_of_files_in_errors() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from testing.opendrive_samples import NORMALIZED, SPIRAL, format_geometry, format_map, format_road
 
+from mdrive_sumo.core.errors import InputError
 from real2sim.carla.reference_line import compute_pose
 
 
@@ -44,3 +45,19 @@ def test_a_pose_turned_and_moved_is_that_of_the_piece(tmp_path: Path, shape: str
     x, y, yaw = compute_pose(tmp_path, plain, 60)
     expected = (7 + x * math.cos(1) - y * math.sin(1), 9 + x * math.sin(1) + y * math.cos(1), yaw + 1)
     np.testing.assert_allclose(compute_pose(tmp_path, road, 60), expected)
+
+
+@pytest.mark.parametrize(
+    ("shape", "name"),
+    [
+        ('<arc curvature="1e300"/>', "curvature"),
+        ('<spiral curvStart="0" curvEnd="1e300"/>', "curvEnd"),
+        ('<poly3 a="0" b="0" c="1e300" d="0"/>', "c"),
+        ('<paramPoly3 aU="0" bU="1" cU="0" dU="1e308" aV="0" bV="0" cV="0" dV="0"/>', "dU"),
+        ('<paramPoly3 aU="0" bU="1" cU="0" dU="0" aV="0" bV="0" cV="0" dV="-1e308"/>', "dV"),
+    ],
+)
+def test_numbers_whose_places_overflow_are_refused_before_they_are_used(tmp_path: Path, shape: str, name: str) -> None:
+    road = ElementTree.fromstring(format_road(geometry=format_geometry(shape, 100), length=100))
+    with pytest.raises(InputError, match=rf"{name}: expected a number within 1e\+08, found -?1e\+30"):
+        compute_pose(tmp_path, road, 50)

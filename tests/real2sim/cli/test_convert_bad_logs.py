@@ -54,7 +54,7 @@ def test_every_broken_log_of_a_batch_is_reported_in_a_sentence(small: tuple[Path
         spoil(tmp_path / "logs" / spoil.__name__)
     done = run("v2xpnp", tmp_path / "logs", "--map", small[1], "--out", tmp_path / "out", "--workers", "2")
     assert done.exit_code == 2
-    sentences = [line for line in done.stderr.splitlines() if ": expected " in line]
+    sentences = [line for line in done.stderr.splitlines() if line.startswith("Error: ") and ": expected " in line]
     assert len(sentences) == len(BROKEN)
     for spoil, words in BROKEN.items():
         (sentence,) = [line for line in sentences if f"logs/{spoil.__name__}" in line]

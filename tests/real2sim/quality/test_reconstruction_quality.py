@@ -250,7 +250,7 @@ def test_nothing_at_all_can_be_assessed() -> None:
 
 def test_every_threshold_names_its_source() -> None:
     assert len({check.figure for check in CHECKS}) == len(CHECKS)
-    assert all(check.source.startswith(("issue C", "MDrive", "ours")) for check in CHECKS)
+    assert all(check.source.startswith(("asked", "MDrive", "ours")) for check in CHECKS)
 
 
 def test_turn_ignores_noise_at_rest() -> None:
