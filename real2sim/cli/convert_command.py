@@ -181,9 +181,10 @@ def levelx(ctx: click.Context, osm: Path | None, **options: Any) -> None:
 @click.option("--agents", metavar="ID,...", help="Agent folders to read [default: all].")
 @click.pass_context
 def opv2v(ctx: click.Context, maps: tuple[Path, ...], agents: str | None, **options: Any) -> None:
-    """Convert OPV2V, V2XSet and V2X-Real: folders of agent folders with YAML frames, or folders with such in them.
+    """Convert OPV2V, V2XSet, V2X-Real, V2V4Real: folders of agent folders with YAML frames, or folders with such.
 
-    With an OpenDRIVE map (Town05.xodr) the log is in CARLA's frame, y to the right; with a vector map in that map's.
+    With an OpenDRIVE map (Town05.xodr) the log is in CARLA's frame, y to the right; with a vector map, or with matrices
+    for poses as V2V4Real has them, in that map's.
     """
     if not maps:
         raise InputError("opv2v: expected the map of the town, found no --map")

@@ -1,15 +1,20 @@
-"""OPV2V and data sets in its layout (V2XSet, V2X-Real without types): read agent folders of YAML frames.
+"""OPV2V and data sets in its layout (V2XSet, V2X-Real, V2V4Real): read agent folders of YAML frames.
 
 Source: Xu et al., OPV2V, ICRA 2022, and the data introduction of OpenCOOD: a folder an agent, named by its id (of
 infrastructure negative), a file a frame, 10 Hz, numbered by the ticks of the simulation (mostly in steps of 2); poses
-are x, y, z [m], roll, yaw, pitch [degrees], boxes half sizes. CARLA's frame is left-handed. Objects have no types.
+are x, y, z [m], roll, yaw, pitch [degrees], boxes half sizes. CARLA's frame is left-handed. Objects may have no types.
+
+V2V4Real (Xu et al., CVPR 2023; loaders of ucla-mobility/V2V4Real): `lidar_pose` is a matrix (4, 4) from the LiDAR to
+the world, both taken as right-handed; boxes are in the frame of the LiDAR of their file (`transformation_matrix` of
+`reform_param` and `generate_object_center`), at `location` + `center`. Ids are those of the agent, `ass_id` is the
+common one or -1.
 """
 
 import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,18 +25,12 @@ from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap
 from real2sim.readers.checked_arrays import check_frame_count
 from real2sim.readers.map_fit import check_place, measure_lane_gaps
+from real2sim.readers.object_labels import find_category, find_category_by_length
 from real2sim.readers.v2xpnp_frame import V2xpnpFrame, read_frame
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 DT_S = 0.1
 """[s] Files have no times; all data sets of this layout are recorded at 10 Hz."""
-CATEGORY_BY_LENGTH: tuple[tuple[float, ObjectCategory], ...] = (
-    (1.2, ObjectCategory.PEDESTRIAN),
-    (2.6, ObjectCategory.BICYCLE),
-    (6.5, ObjectCategory.CAR),
-    (math.inf, ObjectCategory.TRUCK),
-)
-"""Category of an object by the length of its box [m]; CARLA's motorcycles are up to 2.4 m long."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class LogFrame:
     """How the coordinates of a log lie in those of its map."""
 
     is_carla: bool = False
-    """Whether y points to the right, as in CARLA."""
+    """Whether y points to the right, as in CARLA; never so for poses that are matrices."""
     offset: tuple[float, float] = (0.0, 0.0)
     """[m] Added after that."""
 
@@ -55,7 +54,8 @@ def read_opv2v(folder: Path, hd_map: HdMap, frame: LogFrame, agents: Sequence[st
     first = min(min(one) for one in files.values())
     last = max(max(one) for one in files.values())
     frames = check_frame_count(str(folder), (last - first) // step + 1)
-    views = tuple(_read_view(folder / name, files[name], range(first, last + 1, step), frame) for name in files)
+    found = [_read_view(folder / name, files[name], range(first, last + 1, step), frame) for name in files]
+    views, untyped = tuple(view for view, _ in found), sum(count for _, count in found)
     check_place(str(folder), measure_lane_gaps(views, hd_map))
     return Recording(
         id=folder.resolve().name,
@@ -67,7 +67,7 @@ def read_opv2v(folder: Path, hd_map: HdMap, frame: LogFrame, agents: Sequence[st
         cavs=tuple(view.observer for view in views if not view.is_infrastructure),
         notes=(
             f"frames are numbered in steps of {step} and taken as {DT_S:g} s apart",
-            "objects without types, classed by their size",
+            *(["objects without types, classed by their size"] if untyped else []),
             *_note_missing_frames(files, range(first, last + 1, step)),
         ),
     )
@@ -117,25 +117,57 @@ def _note_missing_frames(files: Mapping[str, Mapping[int, Path]], numbers: range
     )
 
 
-def _read_view(folder: Path, files: Mapping[int, Path], numbers: range, frame: LogFrame) -> ObserverView:
+def _read_view(folder: Path, files: Mapping[int, Path], numbers: range, frame: LogFrame) -> tuple[ObserverView, int]:
+    """Return a view, and the number of its objects without a known type."""
     pose = np.full((len(numbers), 3), np.nan)
     boxes: defaultdict[str, Float] = defaultdict(lambda: np.full((len(numbers), 5), np.nan))
+    labels: defaultdict[str, Counter[str]] = defaultdict(Counter)
+    shared: defaultdict[str, Counter[str]] = defaultdict(Counter)
     for number, path in files.items():
         row, content = numbers.index(number), read_frame(path, typed=False)
-        pose[row] = _place(np.array([[content.sensor[0], content.sensor[1], math.radians(content.sensor[4])]]), frame)
-        for id_, box in zip(content.ids, _build_boxes(content, frame), strict=True):
+        here = frame if content.matrix is None else replace(frame, is_carla=False)
+        pose[row] = _place(np.array([[content.sensor[0], content.sensor[1], math.radians(content.sensor[4])]]), here)
+        for id_, label, box in zip(content.ids, content.labels, _build_boxes(content, here), strict=True):
             boxes[id_][row] = box
+            labels[id_][label] += 1
+        for id_, name in zip(content.ids, content.shared_ids, strict=False):
+            shared[id_][name] += 1
         check_frame_count(str(path), len(numbers), len(boxes))
-    tracks = tuple(_build_track(id_, table) for id_, table in boxes.items())
-    return ObserverView(folder.name, tracks, pose, is_infrastructure=folder.name.startswith("-"))
+    names = _name_objects(folder.name, list(boxes), shared)
+    found = {id_: find_category(labels[id_].most_common(1)[0][0]) for id_ in boxes}
+    tracks = tuple(_build_track(names[id_], table, found[id_]) for id_, table in boxes.items())
+    view = ObserverView(folder.name, tracks, pose, is_infrastructure=folder.name.startswith("-"))
+    return view, sum(category is None for category in found.values())
+
+
+def _name_objects(agent: str, ids: Sequence[str], shared: Mapping[str, Counter[str]]) -> dict[str, str]:
+    """Return names that mean the same object for all agents.
+
+    An object of V2V4Real may change its common id; the most frequent one names all of their frames. An object whose
+    common id another one of the agent has, or that has none, is named after the agent.
+    """
+    names: dict[str, str] = {}
+    for id_ in ids:
+        if id_ not in shared:
+            names[id_] = id_
+            continue
+        known = [name for name, _ in shared[id_].most_common() if name and name not in names.values()]
+        names[id_] = known[0] if known else f"{agent}_{id_}"
+    return names
 
 
 def _build_boxes(content: V2xpnpFrame, frame: LogFrame) -> Float:
     """Return x, y, yaw, length and width (N, 5) of the boxes of a file, in the frame of the map."""
     angle, centre, extent, location = (content.boxes[:, k : k + 3] for k in (0, 3, 6, 9))
     yaw = np.radians(angle[:, 1])
-    x = location[:, 0] + centre[:, 0] * np.cos(yaw) - centre[:, 1] * np.sin(yaw)
-    y = location[:, 1] + centre[:, 0] * np.sin(yaw) + centre[:, 1] * np.cos(yaw)
+    if content.matrix is None:
+        x = location[:, 0] + centre[:, 0] * np.cos(yaw) - centre[:, 1] * np.sin(yaw)
+        y = location[:, 1] + centre[:, 0] * np.sin(yaw) + centre[:, 1] * np.cos(yaw)
+    else:
+        turn, pitch = content.matrix[:3, :3], np.radians(angle[:, 2])
+        x, y, _ = turn @ (location + centre).T + content.matrix[:3, 3:]
+        east, north, _ = turn @ np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
+        yaw = np.arctan2(north, east)
     size = 2 * np.where(extent[:, :2] > 0, extent[:, :2], np.nan)
     return np.column_stack((_place(np.column_stack((x, y, yaw)), frame), size))
 
@@ -148,8 +180,8 @@ def _place(poses: Float, frame: LogFrame) -> Float:
     return np.column_stack((x + frame.offset[0], up * y + frame.offset[1], yaw))
 
 
-def _build_track(id_: str, table: Float) -> RecordedTrack:
+def _build_track(id_: str, table: Float, category: ObjectCategory | None) -> RecordedTrack:
+    """Build a track; without a category that of its length."""
     x, y, yaw, length, width = table.T
-    longest = float(np.nanmax(length, initial=0.0))
-    category = next(category for largest, category in CATEGORY_BY_LENGTH if longest <= largest)
+    category = category or find_category_by_length(float(np.nanmax(length, initial=0.0)))
     return RecordedTrack(id_, category, np.isfinite(x), x, y, yaw, length, width)

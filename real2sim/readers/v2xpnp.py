@@ -4,14 +4,12 @@ Each agent has one view. The same object has the same id in every view, but its 
 is missing in its own view and an ordinary car in the others. Views are not merged here.
 """
 
-import math
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -21,9 +19,10 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap
 from real2sim.readers.checked_arrays import check_frame_count, find_gap
+from real2sim.readers.object_labels import find_category, find_category_by_length
 from real2sim.readers.v2xpnp_frame import V2xpnpFrame, read_frame
 from real2sim.readers.v2xpnp_map import read_vector_map
-from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
+from real2sim.recording import ObserverView, RecordedTrack, Recording
 
 DT_S = 0.1
 """[s] The files have no times; the dataset is recorded at 10 Hz."""
@@ -36,28 +35,6 @@ MAX_OFF_MAP_SHARE = 0.5
 """A larger share of points off the map means that the map shows another place."""
 MAX_PROBES = 3000
 """Number of track points that suffices to distinguish maps."""
-CATEGORY_BY_LABEL: Mapping[str, ObjectCategory] = MappingProxyType(
-    {
-        **dict.fromkeys(("car", "policecar"), ObjectCategory.CAR),
-        **dict.fromkeys(("van", "ambulance"), ObjectCategory.VAN),
-        **dict.fromkeys(("truck", "longvehicle", "concretetruck", "firetruck", "trailer"), ObjectCategory.TRUCK),
-        "bus": ObjectCategory.BUS,
-        **dict.fromkeys(("motorcycle", "motorcyclerider"), ObjectCategory.MOTORCYCLE),
-        **dict.fromkeys(("bicyclerider", "cyclist", "bicycle", "scooter", "scooterrider"), ObjectCategory.BICYCLE),
-        **dict.fromkeys(("pedestrian", "child", "roadworker"), ObjectCategory.PEDESTRIAN),
-        **dict.fromkeys(
-            ("trashcan", "trafficcone", "cone", "barrier", "constructioncart", "firehydrant"), ObjectCategory.STATIC
-        ),
-    }
-)
-"""Labels without case and separators."""
-CATEGORY_BY_LENGTH: tuple[tuple[float, ObjectCategory], ...] = (
-    (1.2, ObjectCategory.PEDESTRIAN),
-    (2.6, ObjectCategory.BICYCLE),
-    (6.5, ObjectCategory.CAR),
-    (math.inf, ObjectCategory.TRUCK),
-)
-"""Category of an unknown label by the length of the box [m]."""
 
 
 def read_v2xpnp(folder: Path, maps: Path | Sequence[Path], agents: Sequence[str] | None = None) -> Recording:
@@ -196,14 +173,10 @@ def _count_labels(frames: Sequence[V2xpnpFrame]) -> tuple[dict[str, Counter[str]
 
 
 def _note_labels(labels: Mapping[str, Counter[str]]) -> list[str]:
-    unknown = Counter(label for count in labels.values() if _find_category(label := _find_most_frequent(count)) is None)
+    unknown = Counter(label for count in labels.values() if find_category(label := _find_most_frequent(count)) is None)
     changing = sorted(name for name, count in labels.items() if len(count) > 1)
     notes = [f"{n} objects of unknown type {label!r} classed by size" for label, n in sorted(unknown.items())]
     return notes + [f"object {name} changes its type: {dict(labels[name])}" for name in changing]
-
-
-def _find_category(label: str) -> ObjectCategory | None:
-    return CATEGORY_BY_LABEL.get(re.sub(r"[^a-z]", "", label.lower()))
 
 
 def _find_most_frequent(votes: Counter[str]) -> str:
@@ -217,10 +190,9 @@ def _build_track(name: str, boxes: Float, labels: Counter[str], static: Counter[
     size = 2 * np.where(extent > 0, extent, np.nan)
     valid = np.isfinite(location[:, 0])
     longest = float(np.nanmax(size[:, 0], initial=0.0))
-    by_size = next(category for largest, category in CATEGORY_BY_LENGTH if longest <= largest)
     return RecordedTrack(
         id=name,
-        category=_find_category(_find_most_frequent(labels)) or by_size,
+        category=find_category(_find_most_frequent(labels)) or find_category_by_length(longest),
         valid=valid,
         x=location[:, 0] + centre[:, 0],
         y=location[:, 1] + centre[:, 1],

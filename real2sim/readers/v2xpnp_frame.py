@@ -18,9 +18,13 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.input_files import read_text
 from real2sim.readers.checked_arrays import describe_value
+from real2sim.readers.numpy_yaml import NumpyLoader
 
 COLUMNS = ("angle", "center", "extent", "location")
 """Fields of an object, three numbers each, in the order of `V2xpnpFrame.boxes`."""
+
+RIGID = 1e-3
+"""Largest error of the product of a rotation and its transpose; poses in files of V2V4Real are rounded near 1e-6."""
 
 SAFE_DEPTH = 1000
 """Levels of nested values that libyaml's binding reads without trouble; a frame has four."""
@@ -38,12 +42,16 @@ class V2xpnpFrame:
     static: tuple[bool, ...]
     boxes: Float
     """(N, 12): three numbers for each of `COLUMNS`."""
+    matrix: Float | None = None
+    """(4, 4) from the frame of the lidar, in which the boxes of such a file are, to the world; None: they are in it."""
+    shared_ids: tuple[str, ...] = ()
+    """`ass_id`: names that an object has for all observers, "" for none; empty if `matrix` is None."""
 
 
 def read_frame(path: Path, typed: bool = True) -> V2xpnpFrame:
     """Read one file; raise InputError if it is truncated, not YAML, or incomplete.
 
-    `typed`: whether every object needs a type; else a missing one is "".
+    `typed`: whether every object needs a type; else a missing one is "", and the pose may be a matrix (V2V4Real).
     """
     try:
         text = read_text(path)
@@ -106,7 +114,7 @@ def _parse_yaml(path: Path, text: str, typed: bool = True) -> V2xpnpFrame:
     """Return the frame of any YAML text; raise InputError."""
     try:
         _check_depth(path, text)
-        raw: Any = yaml.load(text, yaml.CSafeLoader)
+        raw: Any = yaml.load(text, NumpyLoader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         found = " ".join(str(error).split())
         raise InputError(f"{path}: expected well-formed YAML, found: {found}") from None
@@ -116,10 +124,11 @@ def _parse_yaml(path: Path, text: str, typed: bool = True) -> V2xpnpFrame:
     if not isinstance(vehicles, Mapping):
         raise InputError(f"{path}: vehicles: expected a mapping of objects, found {type(vehicles).__name__}")
     items = [_check_object(path, key, item, typed) for key, item in vehicles.items()]
-    sensor = _parse_numbers(f"{path}: lidar_pose", raw.get("lidar_pose"), 6)
-    _parse_numbers(
-        f"{path}: true_ego_pose", raw.get("true_ego_pose", sensor), 6
-    )  # same content; incomplete in truncated files
+    where, pose = f"{path}: lidar_pose", raw.get("lidar_pose")
+    matrix = None if typed or not isinstance(pose, list) or len(pose) != 4 else _parse_matrix(where, pose)
+    sensor = _parse_numbers(where, pose, 6) if matrix is None else _find_pose(matrix)
+    if matrix is None:  # same content; incomplete in truncated files
+        _parse_numbers(f"{path}: true_ego_pose", raw.get("true_ego_pose", sensor), 6)
     return V2xpnpFrame(
         infrastructure=raw.get("infra") is True,
         sensor=sensor,
@@ -129,7 +138,32 @@ def _parse_yaml(path: Path, text: str, typed: bool = True) -> V2xpnpFrame:
         boxes=np.array([_parse_box(path, key, item) for key, item in zip(vehicles, items, strict=True)]).reshape(
             -1, 12
         ),
+        matrix=matrix,
+        shared_ids=() if matrix is None else tuple(map(_find_shared_id, items)),
     )
+
+
+def _parse_matrix(where: str, raw: list[Any]) -> Float:
+    """Return a transform (4, 4); raise InputError if it does more than move and turn."""
+    matrix = np.array([_parse_numbers(f"{where}: row {i}", row, 4) for i, row in enumerate(raw)])
+    turn = matrix[:3, :3]
+    small = np.isfinite(matrix).all() and np.abs(turn).max() < 2  # else products of large numbers overflow
+    rigid = small and np.abs(turn @ turn.T - np.eye(3)).max() < RIGID and np.linalg.det(turn) > 0
+    if not rigid or matrix[3].tolist() != [0, 0, 0, 1]:
+        raise InputError(f"{where}: expected a rotation, a translation and a last row 0, 0, 0, 1, found {raw}")
+    return matrix
+
+
+def _find_pose(matrix: Float) -> tuple[float, ...]:
+    """Return x, y, z [m], roll, yaw, pitch [degrees] of a transform; the inverse of OpenCOOD's `x_to_world`."""
+    roll, yaw = math.atan2(-matrix[2, 1], matrix[2, 2]), math.atan2(matrix[1, 0], matrix[0, 0])
+    pitch = math.asin(max(-1.0, min(1.0, matrix[2, 0])))
+    return (*matrix[:3, 3].tolist(), *map(math.degrees, (roll, yaw, pitch)))
+
+
+def _find_shared_id(item: Mapping[str, Any]) -> str:
+    id_ = item.get("ass_id", -1)
+    return str(id_) if type(id_) is int and id_ >= 0 else ""
 
 
 def _check_depth(path: Path, text: str) -> None:

@@ -250,6 +250,9 @@ TARGETS: Mapping[str, FuzzTarget] = {
     "opv2v frame": FuzzTarget(
         _file("000068.yaml", opv2v_samples.format_frame(0)), lambda path: read_frame(path, typed=False)
     ),
+    "v2v4real frame": FuzzTarget(
+        _file("000000.yaml", opv2v_samples.format_real_frame(1)), lambda path: read_frame(path, typed=False)
+    ),
     "levelx": FuzzTarget(_write_ground, read_levelx),
     "v2xseq": FuzzTarget(
         lambda folder: v2xseq_samples.write_scene(folder, v2xseq_samples.list_rows(3))[0],

@@ -1,8 +1,10 @@
-"""Small logs in the layout of OPV2V for tests."""
+"""Small logs in the layouts of OPV2V and V2V4Real for tests."""
 
+import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 CAVS = ("641", "650")
@@ -51,4 +53,52 @@ def write_log(folder: Path, frames: int = 31, agents: tuple[str, ...] = (*CAVS, 
         for frame in range(frames):
             (folder / agent / f"{first + 2 * frame:06d}.yaml").write_text(format_frame(frame, agent))
     (folder / "data_protocol.yaml").write_text("world: {}\n")
+    return folder
+
+
+REAL_IDS = {"0": {"641": (7, -1), "650": (2, 3), "700": (3, 4)}, "1": {"641": (1, 5), "650": (9, -1), "700": (5, 4)}}
+"""V2V4Real: id of an object for an agent, and its common id or -1. Agent 0 is car 641, agent 1 car 650."""
+
+
+def find_real_pose(agent: str, frame: int) -> np.ndarray:
+    """Return the transform from the LiDAR of a car to the world: y to the left, turned against the car, tilted."""
+    x, y, yaw = locate({"0": "641", "1": "650"}[agent], frame)
+    turn, tilt = math.radians(-yaw + (90.0 if agent == "0" else -30.0)), math.radians(2.0)
+    about_z = np.array([[math.cos(turn), -math.sin(turn), 0], [math.sin(turn), math.cos(turn), 0], [0, 0, 1]])
+    about_y = np.array([[math.cos(tilt), 0, math.sin(tilt)], [0, 1, 0], [-math.sin(tilt), 0, math.cos(tilt)]])
+    pose = np.eye(4)
+    pose[:3, :3] = about_z @ about_y
+    pose[:3, 3] = x, -y, 1.9
+    return pose
+
+
+def format_real_frame(frame: int, agent: str = "0", module: str = "numpy.core") -> str:
+    """Format a file of V2V4Real: NumPy's arrays as PyYAML dumps them, boxes in the frame of the agent's LiDAR."""
+    pose = find_real_pose(agent, frame)
+    vehicles = {}
+    for car, (id_, common) in REAL_IDS[agent].items():
+        if car == {"0": "641", "1": "650"}[agent]:
+            continue
+        x, y, yaw = locate(car, frame)
+        location = np.linalg.inv(pose) @ [x, -y, 0.8, 1.0]
+        ahead, left, up = pose[:3, :3].T @ [math.cos(math.radians(-yaw)), math.sin(math.radians(-yaw)), 0.0]
+        vehicles[id_] = {
+            "angle": [0.0, math.degrees(math.atan2(left, ahead)), math.degrees(math.asin(up))],
+            "ass_id": common if frame else -1,
+            "center": [0.0, 0.0, 0.0],
+            "extent": [2.4, 1.0, 0.75],
+            "location": location[:3].tolist(),
+            "obj_type": "Truck" if car == "700" else "Car",
+        }
+    gps = list(np.array([34.0, -118.0, 80.0, 0.0, 0.0, 0.0]))
+    content = {"ego_speed": 0, "gps": gps, "lidar_pose": pose, "true_ego_pos": pose, "vehicles": vehicles}
+    return yaml.dump(content).replace("numpy._core", module)
+
+
+def write_real_log(folder: Path, frames: int = 5, module: str = "numpy.core") -> Path:
+    """Write a scenario of V2V4Real, whose frames are numbered one by one from 0."""
+    for agent in REAL_IDS:
+        (folder / agent).mkdir(parents=True)
+        for frame in range(frames):
+            (folder / agent / f"{frame:06d}.yaml").write_text(format_real_frame(frame, agent, module))
     return folder

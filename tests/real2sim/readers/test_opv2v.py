@@ -1,5 +1,6 @@
-"""OPV2V: small logs in its layout. No real log was available."""
+"""OPV2V and V2V4Real: small logs in their layouts. No real log was available."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 from testing.convert_command import refused, run
 from testing.opendrive_samples import format_geometry, format_map, format_road
-from testing.opv2v_samples import format_frame, locate, write_log
+from testing.opv2v_samples import format_frame, format_real_frame, locate, write_log, write_real_log
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.suite import load_suite
@@ -102,7 +103,7 @@ DAMAGE: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda folder: (folder / "641/000068.yaml").write_text("vehicles: {}\n"),
         "lidar_pose: expected 6 numbers, found None",
     ),
-    "a matrix for a pose": (  # V2V4Real
+    "a small matrix for a pose": (
         lambda folder: (folder / "641/000068.yaml").write_text("lidar_pose: [[1,0],[0,1]]\nvehicles: {}\n"),
         "lidar_pose: expected 6 numbers, found [[1, 0], [0, 1]]",
     ),
@@ -136,3 +137,95 @@ def test_a_map_of_another_place_is_refused(log: Path) -> None:
 
 def test_a_map_is_asked_for(log: Path, tmp_path: Path) -> None:
     assert refused(tmp_path, "opv2v", log) == "opv2v: expected the map of the town, found no --map"
+
+
+@pytest.mark.parametrize("module", ["numpy.core", "numpy._core"])
+def test_boxes_of_v2v4real_are_moved_from_the_lidar_to_the_world(tmp_path: Path, module: str) -> None:
+    recording = read_opv2v(write_real_log(tmp_path / "log", module=module), ROAD, LogFrame())
+    assert (recording.cavs, recording.frame_count) == (("0", "1"), 5)
+    for view, car in zip(recording.views, ("641", "650"), strict=True):
+        (truck,) = [track for track in view.tracks if track.id == "4"]
+        assert truck.category is ObjectCategory.TRUCK
+        for frame in range(5):
+            x, y, _ = locate("700", frame)
+            np.testing.assert_allclose((truck.x[frame], truck.y[frame]), (x, -y), atol=1e-9)
+            x, y, _ = locate(car, frame)
+            np.testing.assert_allclose(view.pose[frame, :2], (x, -y), atol=1e-9)
+        np.testing.assert_allclose(np.cos(truck.yaw), -1.0)
+
+
+def test_objects_of_v2v4real_have_common_ids_or_ids_of_their_agent(tmp_path: Path) -> None:
+    """Ids change their meaning from agent to agent: the common id names an object, also where a frame lacks it."""
+    first, second = read_opv2v(write_real_log(tmp_path / "log"), ROAD, LogFrame()).views
+    assert {track.id for track in first.tracks} == {"3", "4"}
+    assert {track.id for track in second.tracks} == {"5", "4"}
+    log = write_real_log(tmp_path / "alone")
+    for path in log.glob("*/*.yaml"):
+        path.write_text(re.sub(r"ass_id: [345]", "ass_id: -1", path.read_text()))
+    first, second = read_opv2v(log, ROAD, LogFrame()).views
+    assert {track.id for track in first.tracks} == {"0_2", "0_3"}
+    assert {track.id for track in second.tracks} == {"1_1", "1_5"}
+
+
+def test_two_objects_with_one_common_id_stay_two(tmp_path: Path) -> None:
+    log = write_real_log(tmp_path / "log")
+    for path in log.glob("0/*.yaml"):
+        path.write_text(path.read_text().replace("ass_id: 3", "ass_id: 4"))
+    assert [track.id for track in read_opv2v(log, ROAD, LogFrame()).views[0].tracks] == ["4", "0_3"]
+
+
+def test_a_right_handed_log_is_not_mirrored_with_an_opendrive_map(tmp_path: Path) -> None:
+    recording = read_opv2v(write_real_log(tmp_path / "log"), PLACED, CARLA)
+    x, y, _ = locate("641", 0)
+    np.testing.assert_allclose(recording.views[0].pose[0, :2], (100 + x, 7 - y))
+
+
+def test_types_are_used_where_the_log_has_them(log: Path) -> None:
+    assert "objects without types, classed by their size" in read_opv2v(log, ROAD, LogFrame()).notes
+    for path in log.glob("*/*.yaml"):
+        path.write_text(path.read_text().replace("    location:", "    obj_type: Van\n    location:"))
+    recording = read_opv2v(log, ROAD, LogFrame())
+    assert {track.category for view in recording.views for track in view.tracks} == {ObjectCategory.VAN}
+    assert not any("without types" in note for note in recording.notes)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "words"),
+    [
+        ("[[1,0,0,5],[0,1,0,5],[0,0,-1,1],[0,0,0,1]]", "expected a rotation, a translation and a last row 0, 0, 0, 1"),
+        ("[[2,0,0,5],[0,2,0,5],[0,0,2,1],[0,0,0,1]]", "expected a rotation, a translation"),
+        ("[[1,0,0,5],[0,1,0,5],[0,0,1,1],[0,0,1,1]]", "expected a rotation, a translation"),
+        ("[[1,0,0,.nan],[0,1,0,5],[0,0,1,1],[0,0,0,1]]", "expected a rotation, a translation"),
+        ("[[1e+300,0,0,5],[0,1,0,5],[0,0,1,1],[0,0,0,1]]", "expected a rotation, a translation"),
+        ("[[1,0,0,5],[0,1,0,5],[0,0,1],[0,0,0,1]]", "row 2: expected 4 numbers"),
+        ("[[1,0,0,5],[0,1,0,5],[0,0,a,1],[0,0,0,1]]", "row 2: expected 4 numbers"),
+        ("[1,2,3,4]", "row 0: expected 4 numbers"),
+    ],
+)
+def test_matrices_that_are_no_poses(tmp_path: Path, matrix: str, words: str) -> None:
+    log = write_real_log(tmp_path / "log", frames=2)
+    (log / "0/000001.yaml").write_text(f"lidar_pose: {matrix}\nvehicles: {{}}\n")
+    with pytest.raises(InputError) as caught:
+        read_opv2v(log, ROAD, LogFrame())
+    assert f"{log / '0/000001.yaml'}: lidar_pose" in str(caught.value) and words in str(caught.value)
+
+
+def test_code_named_in_a_file_is_not_run(tmp_path: Path) -> None:
+    log = write_real_log(tmp_path / "log", frames=2)
+    trap = tmp_path / "trap"
+    text = format_real_frame(1).replace("ego_speed: 0", f"ego_speed: !!python/object/apply:os.mkdir [{trap}]")
+    (log / "0/000001.yaml").write_text(text)
+    with pytest.raises(InputError, match="expected well-formed YAML, found: could not determine a constructor"):
+        read_opv2v(log, ROAD, LogFrame())
+    assert not trap.exists()
+
+
+@pytest.mark.slow
+def test_a_log_of_v2v4real_becomes_a_scenario(tmp_path: Path) -> None:
+    log = write_real_log(tmp_path / "log", frames=31)
+    road = tmp_path / "road.xodr"
+    road.write_text(format_map(format_road(geometry=format_geometry(length=150, x=-20), length=150)))
+    done = run("opv2v", log, "--map", road, "--out", tmp_path / "suite", "--workers", "1")
+    assert done.exit_code == 0, done.stderr
+    (scenario,) = load_suite(str(tmp_path / "suite")).scenarios
+    assert len(scenario.egos) == 2
