@@ -69,11 +69,16 @@ class PlugIn:
 
 @lru_cache(maxsize=8)
 def list_plug_ins(kind: PlugInKind) -> Mapping[str, PlugIn]:
-    """Return the installed plug-ins of a kind by name, sorted. Raises InputError for a name that two packages give."""
+    """Return the installed plug-ins of a kind by name, sorted.
+
+    Raises InputError for a name that two packages give, and for an entry point that names no object of its module.
+    """
     found: dict[str, PlugIn] = {}
     for entry in sorted(entry_points(group=f"{PREFIX}{kind}"), key=lambda entry: entry.name):
         package, version = (entry.dist.name, entry.dist.version) if entry.dist else ("unknown", "")
         plug_in = PlugIn(kind, entry.name, package, version, entry)
+        if (parts := EntryPoint.pattern.match(entry.value)) is None or not parts["attr"]:
+            raise InputError(f"{plug_in.describe()}: expected module:object as its entry point, found {entry.value!r}")
         if (other := found.get(entry.name)) is not None and other.locator != plug_in.locator:
             raise InputError(f"{plug_in.describe()}: expected a name of its own, found that of {other.describe()}")
         found[entry.name] = plug_in

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from testing.plug_in_package import MODULE, install_package
+from testing.plug_in_package import MODULE, forget_plug_ins, install_package
 from testing.short_suite import make_short_suite
 
 from mdrive_sumo.cli import main
@@ -177,6 +177,16 @@ def test_a_plug_in_that_is_none_is_a_sentence(tmp_path: Path, kind: str, name: s
         done = call(*commands[kind])
     assert done.exit_code == 2, (done.output, done.exception)
     assert sentence in done.output
+
+
+@pytest.mark.parametrize("value", ["tiny_plug_ins", "tiny_plug_ins:", "no module"])
+def test_an_entry_point_without_an_object_is_a_sentence(tmp_path: Path, value: str) -> None:
+    with install_package(tmp_path, "X = 3", {"agents": {"mine": "X"}}, "tiny"):
+        (about,) = tmp_path.glob("*.dist-info/entry_points.txt")
+        about.write_text(f"[mdrive_sumo.agents]\nmine = {value}\n")
+        forget_plug_ins()
+        with pytest.raises(InputError, match=f"expected module:object as its entry point, found '{value}'"):
+            list_plug_ins(PlugInKind.AGENTS)
 
 
 def test_a_name_that_two_packages_give_is_a_sentence(tmp_path: Path) -> None:
