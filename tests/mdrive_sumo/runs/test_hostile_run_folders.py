@@ -149,6 +149,12 @@ def test_a_continued_run_has_text_that_files_can_hold(harness: RunHarness, run: 
     assert code == 2 and "journal.jsonl: expected text, found a lone surrogate" in error
 
 
+def test_so_has_a_rescored_one(harness: RunHarness, run: Path) -> None:
+    edit_results(run, lambda data: data["run"].update(versions={"python": "\ud800"}))
+    code, error = call(harness, "rescore", run)
+    assert code == 2 and "expected text, found a lone surrogate" in error
+
+
 @pytest.mark.parametrize("text", [FORMULA, IMAGE])
 def test_a_name_is_neither_a_formula_nor_an_image(harness: RunHarness, run: Path, text: str) -> None:
     """`RunHarness.call` looks at every table and page that is written."""
