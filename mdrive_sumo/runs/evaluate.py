@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Protocol, TypeVar
 
 from pydantic import ValidationError
+from pydantic_core import PydanticSerializationError
 
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
@@ -149,8 +150,14 @@ def _load_kept_results(run: PreparedRun, journal: Journal) -> dict[EpisodeKey, S
     place = run.folder / JOURNAL_FILE
     try:
         entries = [ScenarioResult.model_validate(entry) for entry in journal.results]
+        for entry in entries:
+            entry.model_dump_json()  # they will be written
     except ValidationError as error:
         raise InputError(f"{place}: {describe_first_error(error)}; --fresh starts anew") from None
+    except PydanticSerializationError:
+        raise InputError(
+            f"{place}: expected text, found a lone surrogate, which no file can hold; --fresh starts anew"
+        ) from None
     known = {scenario.id for scenario in run.scenarios}
     for entry in entries:
         if entry.id not in known:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
+from pydantic_core import PydanticSerializationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
@@ -65,8 +66,15 @@ def _upgrade(path: Path, data: Any) -> Any:
 
 
 def save_results(results: Results, path: Path) -> None:
-    """Write the file atomically (a new file is renamed); equal results give equal bytes."""
-    write_text(path, results.model_dump_json(indent=1) + "\n")
+    """Write the file atomically (a new file is renamed); equal results give equal bytes.
+
+    Raises InputError for text that UTF-8 lacks: lone surrogates, as a changed file may hold.
+    """
+    try:
+        text = results.model_dump_json(indent=1)
+    except PydanticSerializationError:
+        raise InputError(f"{path}: expected text, found a lone surrogate, which no file can hold") from None
+    write_text(path, text + "\n")
 
 
 def build_results_schema() -> dict[str, Any]:

@@ -139,6 +139,22 @@ def test_a_name_is_a_line_of_text(harness: RunHarness, run: Path, command: str, 
     assert code == 2 and "results.json: run.agent: expected " in error
 
 
+@pytest.mark.parametrize("field", ["category", "reason"])
+def test_a_continued_run_has_text_that_files_can_hold(harness: RunHarness, run: Path, field: str) -> None:
+    lines = read_lines(run)
+    lines[1]["result"][field] = "\ud800"
+    sign(run, lines)
+    (run / "results.json").unlink()
+    code, error = call(harness, "eval", run)
+    assert code == 2 and "journal.jsonl: expected text, found a lone surrogate" in error
+
+
+def test_so_has_a_rescored_one(harness: RunHarness, run: Path) -> None:
+    edit_results(run, lambda data: data["run"].update(versions={"python": "\ud800"}))
+    code, error = call(harness, "rescore", run)
+    assert code == 2 and "expected text, found a lone surrogate" in error
+
+
 @pytest.mark.parametrize("text", [FORMULA, IMAGE])
 def test_a_name_is_neither_a_formula_nor_an_image(harness: RunHarness, run: Path, text: str) -> None:
     """`RunHarness.call` looks at every table and page that is written."""
