@@ -121,8 +121,7 @@ def find_repeated_episodes(results: Iterable[ScenarioResult]) -> Iterator[str]:
 def _find_name_faults(results: Results) -> Iterator[str]:
     """Yield a sentence about every name that is too long, or that is no line of text."""
     run = results.run
-    named = {"run.agent": run.agent, "run.others": run.others, "run.suite": run.suite}
-    yield from _find_text_faults(named)
+    yield from _find_text_faults({f"run.{name}": value for name, value in run if isinstance(value, str)})
     for result in results.scenarios:
         yield from _find_text_faults({"scenarios.id": result.id, "bucket": result.bucket, "category": result.category})
         for ego in result.egos:

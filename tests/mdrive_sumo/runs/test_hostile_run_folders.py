@@ -131,6 +131,13 @@ def test_so_is_a_place_or_a_time_without_end(harness: RunHarness, run: Path, nam
     assert code == 2
 
 
+def test_a_setting_that_is_no_line_of_text_is_one_sentence(harness: RunHarness, run: Path) -> None:
+    """Figures of a report name the settings in which runs differ."""
+    edit_results(run, lambda data: data["run"].update(friction="\ud800"))
+    code, error = call(harness, "report", run)
+    assert code == 2 and "run.friction: expected a line of text, found '\\ud800'" in error, error
+
+
 @pytest.mark.parametrize("command", ["compare", "report", "rescore", "show", "view"])
 @pytest.mark.parametrize("text", [ESCAPE, BIDI, KEY, "x" * 5000, "\ud800"])
 def test_a_name_is_a_line_of_text(harness: RunHarness, run: Path, command: str, text: str) -> None:
