@@ -119,12 +119,16 @@ def test_links_name_no_folder_that_the_report_does_not_name(
 
 
 def test_links_of_a_strangers_run_stay_inside(home: Path, tmp_path: Path) -> None:
+    """A run with links is refused when it is read; links that come later have no link in the report."""
     write_pages(Path("run"), "s1-seed0", "s2-seed0")
-    secret = tmp_path / "secret.html"
-    secret.write_text("secret")
-    (home / "run" / "view" / "s0-seed0.html").symlink_to(secret)
     report = build(Path("run"))
+    secret, page = tmp_path / "secret.html", home / "run" / "view" / "s0-seed0.html"
+    secret.write_text("secret")
+    page.symlink_to(secret)
     assert {*list_links(render(report, Path("report")))} == ALL_SEEDS - {"../run/view/s0-seed0.html"}
+    with pytest.raises(InputError, match=r"s0-seed0\.html: expected a run of regular files and folders, found a link"):
+        build(Path("run"))
+    page.unlink()
     (home / "run" / "view").rename(home / "pages")
     (home / "run" / "view").symlink_to(home / "pages")
     try:
