@@ -200,8 +200,8 @@ def test_an_episode_whose_box_is_killed_is_driven_again_with_the_same_result(
     def kill_first(number: int, process: BoxedAgentProcess) -> None:
         if number == 1:
             agent = program(process._box)
-            while b"agent_process.host" not in Path(f"/proc/{agent}/cmdline").read_bytes():
-                time.sleep(0.01)  # bubblewrap has not begun it yet
+            while b"bwrap" in Path(f"/proc/{agent}/cmdline").read_bytes().partition(b"\0")[0]:
+                time.sleep(0.01)  # bubblewrap, whose own command line ends with the agent's, has not begun it yet
             os.kill(agent, signal.SIGKILL)
 
     opened = count_boxes(monkeypatch, kill_first)
