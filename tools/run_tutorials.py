@@ -29,7 +29,9 @@ PICTURE_PX, PICTURE_COLOURS = 520, 128
 def execute_notebook(path: Path, folder: Path) -> Any:
     """Return the notebook with the outputs of an execution in the new folder `folder`, reduced to what readers need."""
     notebook = nbformat.read(path, as_version=4)
-    NotebookClient(notebook, timeout=LIMIT_S, resources={"metadata": {"path": str(folder)}}).execute()
+    NotebookClient(
+        notebook, timeout=LIMIT_S, coalesce_streams=True, resources={"metadata": {"path": str(folder)}}
+    ).execute()
     notebook.metadata.pop("language_info", None)  # names the machine's version of Python
     for number, cell in enumerate(cell for cell in notebook.cells if cell.cell_type == "code"):
         cell.execution_count = number + 1
