@@ -8,12 +8,11 @@ PyTorch answer the same recorded observations.
 import shutil
 import sys
 import tempfile
-import time
 from functools import partial
 from pathlib import Path
 
 import click
-from sandbox import Probe, recorded, row, times_ms
+from sandbox import Probe, recorded, row, started_ms, times_ms
 
 from mdrive_sumo.agent_process.child_process import AgentBox, AgentProgram
 from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, open_agent_connection
@@ -120,18 +119,8 @@ def main() -> None:
             first.close()
             probe: Probe = recorded(scenario, sensors)
             for backend, make in makers.items():
-                click.echo(row(f"{what}: start, {backend}", [start_ms(make) for _ in range(STARTS)]))
+                click.echo(row(f"{what}: start, {backend}", [started_ms(make) for _ in range(STARTS)]))
                 click.echo(row(f"{what}: tick, {backend}", times_ms(make(), probe)))
-
-
-def start_ms(make: partial[RemoteDriver]) -> float:
-    """Until the agent has declared its sensors; the slot has its copies already."""
-    since = time.perf_counter()
-    driver = make()
-    driver.sensors()
-    took = 1000 * (time.perf_counter() - since)
-    driver.close()
-    return took
 
 
 if __name__ == "__main__":
