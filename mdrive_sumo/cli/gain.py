@@ -22,7 +22,7 @@ def command(ctx: click.Context, **options: Any) -> None:
 
     Exit codes: 0 every scenario has a score, 1 some are void or an agent failed, 2 unusable input, 130 interrupted.
     """
-    given = StudyOptions(**options)
+    given = StudyOptions(**options, agent_limits=None)  # its agents are built in, and have no limits
     study = GainStudy({name: given.prepare_agent(name) for name in AGENTS}, given.all_seeds, given.out)
     rows = drive_with_display(ctx, study)
     summary = summarise_gain(rows)

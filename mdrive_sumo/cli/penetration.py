@@ -4,6 +4,7 @@ from typing import Any
 
 import click
 
+from mdrive_sumo.cli.agent_limits_option import agent_limits_option
 from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names, study_options
 from mdrive_sumo.core.errors import InputError
@@ -38,6 +39,7 @@ from mdrive_sumo.study.two_agent_plots import draw_penetration
     help="Shares of the CAVs that drive as the agent; 0 and 100 are always driven.",
 )
 @study_options(suite="interdrive", seed=0, seeds=1)
+@agent_limits_option
 @click.pass_context
 def command(ctx: click.Context, agents: str, others: str, levels: str, **options: Any) -> None:
     """Measure agents of which only a share of the CAVs drives, the others being another agent's.

@@ -9,7 +9,6 @@ from typing import Any, NoReturn, Protocol
 import click
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
-from mdrive_sumo.cli.agent_limits_option import agent_limits_option
 from mdrive_sumo.cli.comm import parse_comm_options
 from mdrive_sumo.cli.scenario_option import scenario_option
 from mdrive_sumo.cli.study_display import warn_about_failures
@@ -44,7 +43,6 @@ def study_options(*, suite: str, seed: int, seeds: int) -> Callable[[Callable[..
         click.option(
             "--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder."
         ),
-        agent_limits_option,
         workers_option,
     )
 

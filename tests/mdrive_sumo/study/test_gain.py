@@ -149,6 +149,12 @@ def study(tmp_path: Path, *more: str) -> Result:
     return invoke("study", "gain", "--suite", tmp_path / "suite", "--out", tmp_path / "out", "--workers", "1", *more)
 
 
+def test_the_study_takes_no_limits_of_agents(tmp_path: Path) -> None:
+    """It drives built-in agents only, which have none."""
+    ended = study(tmp_path, "--agent-limits", "tick=3")
+    assert ended.exit_code == 2 and "No such option '--agent-limits'" in ended.output
+
+
 @pytest.mark.slow
 def test_one_command_makes_the_tables_and_a_second_one_drives_nothing(calls: list[EpisodeJob], tmp_path: Path) -> None:
     ended = study(tmp_path)
