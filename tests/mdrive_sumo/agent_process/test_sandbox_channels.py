@@ -9,6 +9,7 @@ import sys
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import pytest
@@ -40,6 +41,8 @@ CHANNELS = (
 )
 NUMBERS = CHANNELS[CHANNELS.index("inode of a pipe") :]
 """That the kernel counts, and that outlive who had them counted."""
+LOOKS = 3
+"""Other work on the machine disturbs one look: it opens a closed channel, or hides what an open one carries."""
 STEP = 600
 """A number has moved if it differs by more; half of what `relay` makes for a bit."""
 MOVED_BY_OTHERS = {
@@ -169,14 +172,16 @@ def find_moved_numbers(found: dict[str, dict[int, list[tuple[object, object]]]])
 
 
 def find_carrying_numbers(found: dict[str, dict[int, list[tuple[object, object]]]]) -> set[str]:
-    """The numbers that every bit that is set has moved by more than any that is not set."""
+    """The numbers that bits that are set move further than the others, by the median: other work moves some of both."""
     steps = {
         channel: [
             [now - before for before, now in seen[bit] if type(now) is int and type(before) is int] for bit in (0, 1)
         ]
         for channel, seen in found.items()
     }
-    return {channel for channel, (zeros, ones) in steps.items() if zeros and ones and min(ones) > max(zeros)}
+    return {
+        channel for channel, (zeros, ones) in steps.items() if zeros and ones and median(ones) - median(zeros) > STEP
+    }
 
 
 def find_open_channels(pair: Pair, channels: Collection[str] = CHANNELS) -> dict[str, dict[int, set[str]]]:
@@ -191,7 +196,7 @@ def find_open_channels(pair: Pair, channels: Collection[str] = CHANNELS) -> dict
 def confirm_open_channels(pair: Pair) -> set[str]:
     """The channels that are found open three times: once is what other work on the machine does to the noisy ones."""
     found = set(find_open_channels(pair))
-    for _ in range(2):
+    for _ in range(LOOKS - 1):
         found &= set(find_open_channels(pair, found))
     return found
 
@@ -218,14 +223,19 @@ def test_boxes_that_share_files_have_no_lock_watch_or_residency(shared: Path) ->
 
 
 def test_without_boxes_every_channel_carries_every_bit(shared: Path) -> None:
+    missing = set(CHANNELS) - NOISY
     with open_pair(shared, backend="none") as pair:
-        found = find_open_channels(pair)
-    assert find_clear_channels(found) >= set(CHANNELS) - NOISY, found
+        for _ in range(LOOKS):
+            missing -= find_clear_channels(find_open_channels(pair, [name for name in CHANNELS if name in missing]))
+    assert missing == set()
 
 
-def test_without_boxes_every_number_carries_every_bit_when_its_sender_has_ended(shared: Path) -> None:
-    found = carry_in_turns(shared, backend="none")
-    assert find_carrying_numbers(found) >= set(NUMBERS) - NOISY - MOVED_BY_OTHERS, found
+def test_without_boxes_every_number_carries_the_bits_of_a_sender_that_has_ended(shared: Path) -> None:
+    missing = set(NUMBERS) - NOISY - MOVED_BY_OTHERS
+    for _ in range(LOOKS):
+        if missing:
+            missing -= find_carrying_numbers(carry_in_turns(shared, backend="none"))
+    assert missing == set()
 
 
 def find_clear_channels(found: dict[str, dict[int, set[str]]]) -> set[str]:
