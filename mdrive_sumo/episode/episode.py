@@ -16,7 +16,7 @@ from mdrive_sumo.episode.quantization import Quanta, from_quanta
 from mdrive_sumo.v2x.channel import SentMessage
 
 SENSING_TRACK = "sensing_track"
-"""Key of `EpisodeRecord.about`: a `contract.SensingTrack`, absent in recordings from before tracks existed."""
+"""Key of `EpisodeRecord.about`: a `contract.SensingTrack`; absent in recordings of logs, which no agent drove."""
 ReceivedMessages: TypeAlias = Mapping[str, tuple[Message, ...]]
 """The messages that each CAV receives in a tick."""
 
@@ -34,11 +34,6 @@ class Ending:
     failure: FailureReason | None = None
     text: str = ""
     failed_tick: int | None = None
-
-    def __post_init__(self) -> None:
-        """An agent whose failure has no tick of its own failed in the last tick of its CAV, as in older recordings."""
-        if self.end is End.AGENT_FAILED and self.failed_tick is None:
-            object.__setattr__(self, "failed_tick", self.tick)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from mdrive_sumo.core.output_files import new_file
 from mdrive_sumo.core.state import Contact, End, FailureReason, Kind
 from mdrive_sumo.episode.array_archive import read_arrays
 from mdrive_sumo.episode.episode import Ending, EpisodeRecord, NoteRecord, PlanRecord, SignalChange, ThinkTime
-from mdrive_sumo.episode.episode_schema import FORMAT, READABLE_FORMATS
+from mdrive_sumo.episode.episode_schema import FORMAT
 from mdrive_sumo.episode.recording_checks import check_recording, parse_header
 from mdrive_sumo.scenario.scenario import shorten_value
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
@@ -75,7 +75,7 @@ def load_episode(path: Path) -> EpisodeRecord:
     try:
         arrays = read_arrays(path)
         header = json.loads(arrays["header"].tobytes())
-        if header["format"] not in READABLE_FORMATS:
+        if header["format"] != FORMAT:
             raise InputError(f"{path}: expected the format {FORMAT}, found {shorten_value(header['format'])}")
         check_recording(parse_header(header), arrays)
         return _build_record(header, arrays)
@@ -114,7 +114,7 @@ def _build_record(header: dict[str, Any], data: dict[str, Any]) -> EpisodeRecord
         notes=tuple(NoteRecord(tick, ego, Note(kind, text)) for tick, ego, kind, text in header["notes"]),
         dropped_notes=int(header.get("dropped_notes", 0)),
         thinking=tuple(ThinkTime(*thinking) for thinking in header["thinking"]),
-        pseudonyms=header.get("pseudonyms", {}),
+        pseudonyms=header["pseudonyms"],
     )
 
 
@@ -144,9 +144,7 @@ def _build_messages(header: dict[str, Any], data: dict[str, Any]) -> tuple[SentM
     return tuple(messages)
 
 
-def _build_ending(
-    ego: str, tick: int, end: str, failure: str | None, text: str, failed_tick: int | None = None
-) -> Ending:
+def _build_ending(ego: str, tick: int, end: str, failure: str | None, text: str, failed_tick: int | None) -> Ending:
     return Ending(ego, tick, End(end), FailureReason(failure) if failure else None, text, failed_tick)
 
 

@@ -14,8 +14,6 @@ from mdrive_sumo.core.state import End, FailureReason, Kind
 from mdrive_sumo.v2x.channel import DeliveryStatus
 
 FORMAT = "mdrive-sumo/episode/3"
-READABLE_FORMATS = (FORMAT, "mdrive-sumo/episode/2")
-"""Version 2 has no `pseudonyms` and no `failed_tick`."""
 
 
 class ContactEntry(NamedTuple):

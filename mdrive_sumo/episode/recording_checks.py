@@ -7,9 +7,9 @@ import numpy as np
 from pydantic import ValidationError
 
 from mdrive_sumo.core.clean_text import clean_line
-from mdrive_sumo.core.state import Kind
+from mdrive_sumo.core.state import End, Kind
 from mdrive_sumo.episode.array_archive import Arrays, check_shapes
-from mdrive_sumo.episode.episode_schema import FORMAT, EpisodeHeader
+from mdrive_sumo.episode.episode_schema import EpisodeHeader
 from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.v2x.channel import DeliveryStatus
 
@@ -20,13 +20,9 @@ MAX_NAME = 1000
 
 
 def parse_header(header: dict[str, Any]) -> EpisodeHeader:
-    """Return the header of either format as its present version. Raises ValueError."""
-    endings: Any = header.get("endings")
-    if isinstance(endings, list):
-        endings = [{"failed_tick": None} | one if isinstance(one, dict) else one for one in endings]
-    upgraded = {"pseudonyms": {}} | header | {"format": FORMAT, "endings": endings}
+    """Return the checked header. Raises ValueError."""
     try:
-        return EpisodeHeader.model_validate_json(json.dumps(upgraded), strict=True)
+        return EpisodeHeader.model_validate_json(json.dumps(header), strict=True)
     except ValidationError as error:
         raise ValueError(f"header: {describe_first_error(error)}") from None
 
@@ -63,6 +59,8 @@ def _check_counts(header: EpisodeHeader) -> None:
     named = {one.ego for one in (*header.contacts, *header.plans, *header.notes, *header.endings)}
     if not named <= egos:
         raise ValueError(f"header: no CAV {sorted(named - egos)[0][:60]!r}")
+    if any((one.end is End.AGENT_FAILED) != (one.failed_tick is not None) for one in header.endings):
+        raise ValueError("header: an agent that failed in no tick, or in one without having failed")
 
 
 def _check_references(header: EpisodeHeader, arrays: Arrays) -> None:

@@ -23,7 +23,6 @@ from mdrive_sumo.scoring.results_file import (
     build_results_schema,
     load_results,
     load_unchecked_results,
-    read_results_format,
     save_results,
 )
 from mdrive_sumo.scoring.scenario_score import make_void_result, score_episode
@@ -68,7 +67,6 @@ __all__ = [
     "find_scenario_faults",
     "load_results",
     "load_unchecked_results",
-    "read_results_format",
     "save_results",
     "build_results_schema",
 ]

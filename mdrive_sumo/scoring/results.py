@@ -8,9 +8,6 @@ from mdrive_sumo.contract import TrackName
 from mdrive_sumo.core.state import End
 
 FORMAT = "mdrive-sumo/results/4"
-READABLE_FORMATS = (FORMAT, "mdrive-sumo/results/3", "mdrive-sumo/results/2")
-"""Version 3 has no runs of several seeds and no scalars but `min_ttc`. Version 2 has no times, either: its time ratios
-and efficient success rates are undefined."""
 EpisodeKey = tuple[str, int]
 """What an episode of a run is found by: the id of its scenario and its seed."""
 
@@ -63,7 +60,7 @@ class EgoResult(_Part):
     rc: Number
     ip: Number
     ticks: int | None = None
-    """Ticks from the start to its end; null in files of version 2."""
+    """Ticks from the start to its end."""
     time_ratio: Number | None = None
     """Its ticks divided by those of `omniscient`; null unless both arrived."""
     time_factor: Number | None = Field(default=None, exclude_if=lambda factor: factor is None)
@@ -112,7 +109,7 @@ class ScenarioResult(Means):
     """Messages that the channel dropped because their bytes are not valid for their type, by type and what is wrong;
     absent if there are none."""
     sensing_track: TrackName = Field(default="", exclude_if=lambda track: not track)
-    """Whether any CAV was given objects; absent in void scenarios and in files from before tracks existed."""
+    """Whether any CAV was given objects; absent in void scenarios."""
     notes: dict[str, int] = Field(default_factory=lambda: {})
     """How many notes of each kind the agents left, e.g. fallbacks of a language model; (dropped): notes beyond the
     limits of an episode (32 kinds, 20 000 notes, 8 Mi characters)."""
@@ -182,7 +179,7 @@ class RunInfo(_Part):
     privileged; unsandboxed for a third-party agent without a box."""
     sensing_track: TrackName = Field(default="", exclude_if=lambda track: not track)
     """sensor: CAVs had only what a car carries; object: some had lists of objects. Follows from the scenarios; absent
-    in files from before tracks existed, and if all scenarios are void."""
+    if all scenarios are void."""
     declared_label: str = ""
     """What the agent says of itself; nothing depends on it."""
     agent_config: str = ""

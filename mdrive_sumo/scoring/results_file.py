@@ -11,14 +11,14 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.scenario.scenario import describe_first_error, shorten_value
-from mdrive_sumo.scoring.results import FORMAT, READABLE_FORMATS, Results
+from mdrive_sumo.scoring.results import FORMAT, Results
 from mdrive_sumo.scoring.results_check import find_result_faults
 
 
 def load_results(path: Path) -> Results:
-    """Load a results file, also one of an older version in `READABLE_FORMATS`, and return it as the present version.
+    """Load a results file.
 
-    Raises InputError for one that is missing, corrupt, of any other version, or contains what cannot be: a value out of
+    Raises InputError for one that is missing, corrupt, of another version, or contains what cannot be: a value out of
     its range, a scenario twice, a mean that does not fit.
     """
     results = load_unchecked_results(path)
@@ -32,37 +32,19 @@ def load_results(path: Path) -> Results:
 def load_unchecked_results(path: Path) -> Results:
     """As `load_results`, of any content that has the right form: for `verify`, which compares every number.
 
-    Raises InputError for a file that is missing, corrupt or of an unknown version.
+    Raises InputError for a file that is missing, corrupt or of another version.
     """
     try:
         data: Any = json.loads(read_bytes(path))
-        return Results.model_validate(_upgrade(path, data))
+        if isinstance(data, dict) and (stated := data.get("format")) != FORMAT:  # else the first missing field is named
+            raise InputError(f"{path}: format: expected {FORMAT!r}, found {shorten_value(stated)}")
+        return Results.model_validate(data)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     except ValidationError as error:
         raise InputError(f"{path}: {describe_first_error(error)}") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: expected JSON, found a corrupt file ({error})") from None
-
-
-def read_results_format(path: Path) -> str:
-    """Return the format that a results file states, before `load_results` upgrades it. Raises InputError."""
-    try:
-        data: Any = json.loads(read_bytes(path))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: expected JSON, found a corrupt file ({error})") from None
-    return str(data.get("format")) if isinstance(data, dict) else ""
-
-
-def _upgrade(path: Path, data: Any) -> Any:
-    """Return a file's content as the present version. Raises InputError for an unknown version."""
-    if not isinstance(data, dict):
-        return data
-    if (found := data.get("format")) not in READABLE_FORMATS:
-        raise InputError(f"{path}: format: expected {FORMAT!r}, found {shorten_value(found)}")
-    return {**data, "format": FORMAT}
 
 
 def save_results(results: Results, path: Path) -> None:

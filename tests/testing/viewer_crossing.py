@@ -114,7 +114,7 @@ def record(ticks: int = 40, egos: int = 2, actors: int = 3, prefix: str = "car_"
         pedal = math.sin(tick / 30)
         control = Control(max(pedal, 0.0), max(-pedal, 0.0), 0.4 * math.sin(tick / 25))
         recorder.add(frame, dict.fromkeys(living, control), plans, {})
-    failed = Ending("cav_1", int(0.7 * ticks), End.AGENT_FAILED, FailureReason.CRASHED, text)
+    failed = Ending("cav_1", int(0.7 * ticks), End.AGENT_FAILED, FailureReason.CRASHED, text, int(0.7 * ticks))
     return recorder.finish([Ending("cav_0", ticks - 1, End.ARRIVED), failed])
 
 

@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import Any, Self
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
 from mdrive_sumo.runs.run_results import load_run_results
 from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, list_settings
-from mdrive_sumo.scoring import Results, load_results, read_results_format, summarize_run
-from mdrive_sumo.scoring.results import FORMAT
+from mdrive_sumo.scoring import Results, load_results, summarize_run
 
 VERSIONS_THAT_COUNT = ("mdrive-sumo", "libsumo")
 """Packages whose releases change results; Python and NumPy do not (docs/decisions/030)."""
@@ -27,8 +25,6 @@ class ReportRun:
     """The folder or file; the agent of results without one."""
     settings: Mapping[str, Any]
     """As `list_settings` returns them, with the checksum of the library's code where it is known."""
-    format: str = FORMAT
-    """Format of the results file, before it was upgraded."""
 
     @classmethod
     def from_results(cls, results: Results, folder: Path | None = None) -> Self:
@@ -69,13 +65,12 @@ def _keep_scenarios(results: Results, names: Collection[str]) -> Results:
 
 
 def check_report_runs(runs: Sequence[ReportRun]) -> None:
-    """Raise InputError unless the runs have one format, suite, score mode, version and set of scenarios."""
+    """Raise InputError unless the runs have one suite, score mode, version and set of scenarios."""
     if not runs:
         raise InputError("report: expected at least one run, found none")
     for run in runs:
         if not run.results.scenarios:
             raise InputError(f"{run.place}: scenarios: expected at least one, found none")
-    _check_shared(runs, "results format", [run.format for run in runs])
     _check_shared(runs, "suite", [_describe_suite(run) for run in runs])
     _check_shared(runs, "score mode", [run.results.run.score_mode for run in runs])
     _check_shared(runs, "version", [_describe_versions(run) for run in runs])
@@ -102,11 +97,8 @@ def _check_places(places: Sequence[Path]) -> None:
 
 def _load_run(place: Path) -> ReportRun:
     if place.is_file():
-        run = ReportRun.from_results(load_results(place))
-        return replace(run, place=str(place), format=read_results_format(place))
-    run = ReportRun.from_results(load_run_results(place), place)
-    path = place / RESULTS_FILE
-    return replace(run, format=read_results_format(path) if path.is_file() else FORMAT)
+        return replace(ReportRun.from_results(load_results(place)), place=str(place))
+    return ReportRun.from_results(load_run_results(place), place)
 
 
 def _check_shared(runs: Sequence[ReportRun], what: str, values: Sequence[str]) -> None:

@@ -176,23 +176,18 @@ def test_a_corrupt_recording_gets_one_sentence(tmp_path: Path) -> None:
         load_episode(path)
 
 
-def test_a_recording_of_version_2_is_read(tmp_path: Path) -> None:
-    """It has no pseudonyms, and a CAV ended in the tick in which its agent failed."""
+def test_a_failed_agent_without_its_tick_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "e.npz"
-    episode = recorded()
-    save_episode(episode, path)
+    save_episode(recorded(), path)
     with np.load(path) as data:
         arrays = dict(data)
     header = json.loads(bytes(arrays["header"]))
-    header["format"] = "mdrive-sumo/episode/2"
-    del header["pseudonyms"]
-    for ending in header["endings"]:
-        del ending["failed_tick"]
-    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
-    np.savez(path, **arrays)
-    old = load_episode(path)
-    assert old.pseudonyms == {} and old.digest == episode.digest
-    assert [ending.failed_tick for ending in old.endings] == [None, old.find_ending("1").tick]
+    for ending, failed_tick in ((header["endings"][1], None), (header["endings"][0], 3)):
+        ending["failed_tick"] = failed_tick
+        arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
+        np.savez(path, **arrays)
+        with pytest.raises(InputError, match="an agent that failed in no tick"):
+            load_episode(path)
 
 
 def test_every_flipped_byte_is_found_or_harmless(tmp_path: Path) -> None:

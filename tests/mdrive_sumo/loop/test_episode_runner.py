@@ -151,7 +151,7 @@ def test_an_agent_that_fails_before_the_first_tick_never_drives() -> None:
 
 
 def test_a_recorded_timeout_happens_again_without_waiting() -> None:
-    timeout = Ending("0", 12, End.AGENT_FAILED, FailureReason.TIMEOUT, "act: no answer within the time limit")
+    timeout = Ending("0", 12, End.AGENT_FAILED, FailureReason.TIMEOUT, "act: no answer within the time limit", 12)
     episode, _ = drive(straight_scenario(straight_ego("0")), {"0": Says(lambda seen: go)}, replayed=(timeout,))
     (ending,) = episode.endings
     assert replace(ending, tick=12) == timeout

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 from testing.score_golden import scenario
@@ -97,24 +96,3 @@ def test_unknown_keys_and_nan_are_refused(tmp_path: Path) -> None:
         path.write_text(json.dumps({**full_results().model_dump(mode="json"), **change}))
         with pytest.raises(InputError):
             load_results(path)
-
-
-def test_a_file_of_version_2_is_read_with_undefined_times(tmp_path: Path) -> None:
-    path = tmp_path / "results.json"
-    data = full_results().model_dump(mode="json")
-    old: dict[str, Any] = data | {"format": "mdrive-sumo/results/2"}
-    means = [old["overall"]["bucket_mean"], old["overall"]["scenario_mean"], *old["buckets"].values()]
-    for part in (*means, *old["scenarios"], *(ego for one in old["scenarios"] for ego in one["egos"])):
-        for name in ("efficient_sr", "time_ratio"):
-            part.pop(name, None)
-    del old["overall"]["timed"]
-    for bucket in old["buckets"].values():
-        del bucket["timed"]
-    for ego in (ego for one in old["scenarios"] for ego in one["egos"]):
-        del ego["ticks"]
-    path.write_text(json.dumps(old))
-    found = load_results(path)
-    assert found.format == "mdrive-sumo/results/4"
-    assert (found.overall.scenario_mean.time_ratio, found.overall.timed) == (None, 0)
-    assert [ego.ticks for one in found.scenarios for ego in one.egos] == [None, None]
-    assert found.overall.scenario_mean.ds == full_results().overall.scenario_mean.ds

@@ -159,8 +159,8 @@ def test_runs_of_different_python_belong_together() -> None:
 
 def test_unusable_places_are_refused_in_one_sentence(tmp_path: Path) -> None:
     good, other = save_sample_runs(tmp_path)[:2]
-    old = json.loads((other / "results.json").read_text()) | {"format": "mdrive-sumo/results/3"}
-    (other / "results.json").write_text(json.dumps(old))
+    unknown = json.loads((other / "results.json").read_text()) | {"format": "mdrive-sumo/results/3"}
+    (other / "results.json").write_text(json.dumps(unknown))
     begun = tmp_path / "begun"
     begun.mkdir()
     (begun / "journal.jsonl").write_text("")
@@ -168,7 +168,7 @@ def test_unusable_places_are_refused_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "empty.json").write_text(json.dumps(empty))
     cases = {
         "expected every run once": [good, tmp_path / "x" / ".." / good.name],
-        "expected runs of one results format, found mdrive-sumo/results/4": [good, other],
+        "format: expected 'mdrive-sumo/results/4', found 'mdrive-sumo/results/3'": [good, other],
         "expected a journal, found an empty file": [good, begun],
         "scenarios: expected at least one, found none": [good, tmp_path / "empty.json"],
         "expected a folder that": [tmp_path / "nothing"],
