@@ -13,9 +13,7 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import RejectedError, declare_agent
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.sensing.camera.camera_renderer import check_renderer
-from mdrive_sumo.sensing.cameras import describe_camera_error
-from mdrive_sumo.sensing.observation_builder import KINDS
-from mdrive_sumo.sensing.sensor_cost import check_sensor_budget
+from mdrive_sumo.sensing.sensor_kinds import SENSOR_KINDS, check_sensor_budget, describe_camera_error
 from server.archive import ArchiveRefused, Manifest
 from server.enums import ChallengeTrack, ScenarioVerdict
 from server.environments import RECIPES, Environment
@@ -83,8 +81,9 @@ def read_declaration(agent: SubmittedAgent) -> AgentDeclaration:
             "agent: expected sensors that a car can have, found the privileged one, which is not allowed"
         )
     for sensor in found.sensors:
-        if sensor.kind not in KINDS:
-            unknown = f"sensor {sensor.kind!r:.40}: expected one of {', '.join(KINDS[:-1])}, found none of that kind"
+        if sensor.kind not in SENSOR_KINDS:
+            allowed = ", ".join(name for name, kind in SENSOR_KINDS.items() if not kind.knows_everything)
+            unknown = f"sensor {sensor.kind!r:.40}: expected one of {allowed}, found none of that kind"
             raise ArchiveRefused(describe_camera_error(sensor.kind) or unknown)
     try:
         check_sensor_budget(found.sensors)

@@ -9,9 +9,10 @@ joint                one program for all CAVs, which needs no messages; they arr
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from mdrive_sumo.contract import SensingTrack, SensorSpec, find_object_source
-from mdrive_sumo.contract.sensing_track import CARRIED, HIT_IDS
+from mdrive_sumo.contract import SensingTrack, SensorSpec
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.sensing.lidar_sensor import HIT_IDS
+from mdrive_sumo.sensing.sensor_kinds import SENSOR_KINDS, find_object_source
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, LinkSettings
 from mdrive_sumo.v2x.content import CAM, CPM
 from server.enums import ChallengeTrack
@@ -55,8 +56,9 @@ SENSING_LABELS: Mapping[SensingTrack, tuple[str, str]] = {
 def check_sensing(sensors: Sequence[SensorSpec], *, sensor_track_only: bool) -> None:
     """Raises InputError, for the participant, for a sensor that gives objects in a phase of the sensor track."""
     if sensor_track_only and (source := find_object_source(sensors)):
+        carried = ", ".join(name for name in SENSOR_KINDS if not find_object_source([SensorSpec(name)]))
         raise InputError(
-            f"sensor {source:.60}: expected sensors of the sensor track, which this phase is for ({', '.join(CARRIED)}"
+            f"sensor {source:.60}: expected sensors of the sensor track, which this phase is for ({carried}"
             f" without {HIT_IDS}), found one that lists objects"
         )
 

@@ -50,7 +50,7 @@ SCENARIOS = (
     "corridor_011",
     "crossing_032",
 )
-"""Of every bucket, with and without background traffic, pedestrians and props; i29 and i35 differed (decision 024)."""
+"""Of every bucket, with and without background traffic, pedestrians and props; i29 and i35 differed (decision 030)."""
 SAMPLE_AGENTS = ("sharing", "sharing+negotiation", "single", "idm", "omniscient")
 LEVEL_3, LEVEL_4 = "AVX2 FMA3", "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL"
 """Names of NumPy up to 2.3; from 2.4 on X86_V3 and X86_V4. Names that NumPy does not know are left out."""

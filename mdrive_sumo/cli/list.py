@@ -11,7 +11,6 @@ import click
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.cli.list_networks import NETWORKS, list_networks, list_networks_of
 from mdrive_sumo.cli.list_plug_ins import list_metrics, list_plug_in_table
-from mdrive_sumo.contract import derive_sensing_track
 from mdrive_sumo.contract.agent_options import AgentFactory
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.plug_ins import PlugInKind, list_plug_ins
@@ -27,6 +26,7 @@ from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
+from mdrive_sumo.sensing.sensor_kinds import derive_sensing_track
 from mdrive_sumo.study.need_certificate import NeedCertificate, load_need
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificate, load_certificates
 

@@ -36,13 +36,7 @@ from mdrive_sumo.contract.reply_check import (
 )
 from mdrive_sumo.contract.schema import CONTRACT, schema
 from mdrive_sumo.contract.semantic_classes import SemanticClass
-from mdrive_sumo.contract.sensing_track import (
-    SensingTrack,
-    TrackName,
-    derive_sensing_track,
-    find_object_source,
-    join_sensing_tracks,
-)
+from mdrive_sumo.contract.sensing_track import SensingTrack, TrackName, join_sensing_tracks
 from mdrive_sumo.contract.sensors import CameraImage, Detections, Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
 
 __all__ = [
@@ -57,8 +51,6 @@ __all__ = [
     "SensorSpec",
     "SensingTrack",
     "TrackName",
-    "derive_sensing_track",
-    "find_object_source",
     "join_sensing_tracks",
     "Briefing",
     "StopSign",

@@ -12,7 +12,6 @@ from mdrive_sumo.contract import (
     Plan,
     Reply,
     SensorSpec,
-    derive_sensing_track,
 )
 from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
 from mdrive_sumo.core.seeding import derive_seed
@@ -36,6 +35,7 @@ from mdrive_sumo.sensing.briefing_builder import build_briefing
 from mdrive_sumo.sensing.observation_builder import ObservationBuilder, SensorContext, build_sensing_frame
 from mdrive_sumo.sensing.roadside_units import RoadsideUnits
 from mdrive_sumo.sensing.sensing_frame import SensingFrame
+from mdrive_sumo.sensing.sensor_kinds import SENSOR_KINDS, derive_sensing_track
 from mdrive_sumo.sensing.signal_lamps import SignalLampObserver
 from mdrive_sumo.v2x.channel import Channel
 from mdrive_sumo.vehicle import control, dynamics
@@ -78,8 +78,8 @@ class EpisodeSimulation:
         common = SensorContext(config.roads, WEATHERS[scenario.weather], seed, config.options.sensing)
         self._roadside = RoadsideUnits(scenario.rsus if config.options.comm.on else (), common)
         self._senses = ObservationBuilder(sensors, self.briefings, common)
-        has_cameras = any(spec.kind == "camera" for specs in sensors.values() for spec in specs)
-        self._signal_lamps = SignalLampObserver(config.roads) if has_cameras else None
+        show_lamps = any(SENSOR_KINDS[spec.kind].shows_lamps for specs in sensors.values() for spec in specs)
+        self._signal_lamps = SignalLampObserver(config.roads) if show_lamps else None
 
     @property
     def frame(self) -> Frame:

@@ -23,7 +23,7 @@ from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import PRIVILEGED, declare_agent, find_unknown_sensor
 from mdrive_sumo.sensing.camera.camera_renderer import check_renderer
-from mdrive_sumo.sensing.sensor_cost import BUDGET_MS, price_sensor
+from mdrive_sumo.sensing.sensor_kinds import BUDGET_MS, price_sensor
 
 CARLA_ROOTS = frozenset(("carla", "leaderboard", "agents", "srunner"))
 """Packages of CARLA, of its leaderboard and of its scenario runner."""

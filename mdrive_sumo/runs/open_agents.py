@@ -22,16 +22,13 @@ from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.posix import check_posix
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, shorten
 from mdrive_sumo.runs.agent_spec import AgentSpec, pickle_agent
-from mdrive_sumo.sensing.cameras import describe_camera_error
-from mdrive_sumo.sensing.observation_builder import KINDS
-from mdrive_sumo.sensing.sensor_cost import check_sensor_budget
+from mdrive_sumo.sensing.sensor_kinds import SENSOR_KINDS, check_sensor_budget, describe_camera_error
 
 _TRACEBACK_PLACE = re.compile(r'^  File "(.+)", line (\d+)', re.MULTILINE)
 MAX_LOG_BYTES = 2**16
-PRIVILEGED = "privileged"
-ARRAY_SENSORS, MAX_ARRAY_SENSORS = ("lidar", "camera", "bev"), 8
-"""Sensors with large arrays, and how many of them a boxed agent may have: 64 of the largest would take 1 GB of the
-evaluator's memory for each CAV."""
+MAX_ARRAY_SENSORS = 8
+"""Sensors with large arrays that a boxed agent may have: 64 of the largest would take 1 GB of the evaluator's memory
+for each CAV."""
 SINGLE = "single"
 """Label of an agent of the CARLA leaderboard that drives one vehicle: it neither sends nor reads messages."""
 DECLARING_CAV = "cav"
@@ -79,8 +76,8 @@ def _find_failing_line(logs: Path) -> str:
 def find_unknown_sensor(sensors: Sequence[SensorSpec]) -> str:
     """Return a sentence about the first sensor whose kind does not exist; "" if all exist."""
     for spec in sensors:
-        if spec.kind not in KINDS:
-            known = f"sensor {spec.kind!r:.60}: expected one of {', '.join(KINDS)}, found none of that kind"
+        if spec.kind not in SENSOR_KINDS:
+            known = f"sensor {spec.kind!r:.60}: expected one of {', '.join(SENSOR_KINDS)}, found none of that kind"
             name = f" (id {spec.id!r:.40})" if spec.id else ""
             return (describe_camera_error(spec.kind) or known) + name
     return ""
@@ -90,14 +87,14 @@ def _check_boxed_sensors(sensors: tuple[SensorSpec, ...]) -> None:
     """Raise RejectedError for sensors that a competing agent must not have."""
     if unknown := find_unknown_sensor(sensors):
         raise RejectedError(unknown)
-    if any(spec.kind == PRIVILEGED for spec in sensors):
-        raise RejectedError(
-            f"sensor {PRIVILEGED!r}: expected sensors that a car can have, found one that knows everything"
-        )
-    if (count := sum(sensor.kind in ARRAY_SENSORS for sensor in sensors)) > MAX_ARRAY_SENSORS:
-        raise RejectedError(
-            f"sensors: expected at most {MAX_ARRAY_SENSORS} of {' and '.join(ARRAY_SENSORS)}, found {count}"
-        )
+    for spec in sensors:
+        if SENSOR_KINDS[spec.kind].knows_everything:
+            raise RejectedError(
+                f"sensor {spec.kind!r}: expected sensors that a car can have, found one that knows everything"
+            )
+    large = [name for name, kind in SENSOR_KINDS.items() if kind.has_large_arrays]
+    if (count := sum(sensor.kind in large for sensor in sensors)) > MAX_ARRAY_SENSORS:
+        raise RejectedError(f"sensors: expected at most {MAX_ARRAY_SENSORS} of {' and '.join(large)}, found {count}")
     try:
         check_sensor_budget(sensors)
     except InputError as error:

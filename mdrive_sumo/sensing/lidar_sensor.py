@@ -61,6 +61,12 @@ RAY_ATTRIBUTES = (
 """Options that CARLA agents declare; the paper's wrapper overrides them."""
 OPTIONS = ("profile", "x", "y", "z", "roll_deg", "pitch_deg", "yaw_deg", "noise_m", "dropout", "hit_ids")
 
+HIT_IDS = "hit_ids"
+"""Option that says which object each point lies on: a list of objects by another name."""
+RAY_MS, EXTRA_RAY_MS, TILTED_RAY_MS = 2.0e-4, 0.7e-4, 1.0e-3
+"""Price of a ray of a LiDAR that stands upright, the addition for names of hits, noise and dropout, and of a ray of one
+that leans [ms]; measured 4.7, 6.4 and 23 ms for the 25 024 rays of the default profile, see `price_sensor`."""
+
 NOTHING = 0xFFFFFFFF
 """Owner of a ray that hits nothing; 0 is the ground, then come the boxes and the buildings."""
 NOISE, DROPOUT = 0, 1
@@ -99,7 +105,7 @@ class LidarSensor:
         self._mount = _mount(spec, fitting)
         self._noise_m = read_number(spec, "noise_m", 0.0, 0.0, 1.0)
         self._dropout = read_number(spec, "dropout", 0.0, 0.0, 1.0)
-        self._names = _read_flag(spec, "hit_ids")
+        self._names = _read_flag(spec, HIT_IDS)
         self._fitting = fitting
         self._rays = _rays(self._profile.columns, self._mount.roll, self._mount.pitch)
         self._range = RANGE_M * fitting.weather.lidar_range
@@ -153,6 +159,21 @@ class LidarSensor:
         index = np.full(len(count), -1, dtype=np.int32)
         index[[number_by_name[name] for name in names]] = np.arange(len(names))
         return index[owner], names
+
+
+def price_lidar(spec: SensorSpec) -> float:
+    """Return the price of a LiDAR [ms a tick]."""
+    profile = PROFILES.get(str(spec.options.get("profile", "default")), PROFILES["default"])
+    leans = bool(spec.options.get("roll_deg", 0.0)) or bool(spec.options.get("pitch_deg", 0.0))
+    ray_ms = TILTED_RAY_MS if leans else RAY_MS
+    if any(spec.options.get(name) for name in (HIT_IDS, "noise_m", "dropout")):
+        ray_ms += EXTRA_RAY_MS
+    return ray_ms * profile.columns * CHANNELS / profile.every_ticks
+
+
+def find_lidar_labels(spec: SensorSpec) -> str:
+    """Return by what a LiDAR gives objects; "" for bare points."""
+    return f"{spec.kind!r} with {HIT_IDS}" if spec.options.get(HIT_IDS, False) else ""
 
 
 def _cast_on_ground(rays: LidarRays, height: float, reach: float) -> HitKeys:

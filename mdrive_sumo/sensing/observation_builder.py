@@ -12,27 +12,12 @@ from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import EgoState, Frame
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.weather import Weather
-from mdrive_sumo.sensing.camera.camera_sensor import CameraSensor
-from mdrive_sumo.sensing.cameras import describe_camera_error
-from mdrive_sumo.sensing.lidar_sensor import LidarSensor
 from mdrive_sumo.sensing.localization import OwnStateEstimator, to_own_state
-from mdrive_sumo.sensing.navigation_sensors import GnssSensor, ImuSensor, SpeedometerSensor
 from mdrive_sumo.sensing.objects_sensor import ObjectsSensor
-from mdrive_sumo.sensing.raster_sensor import RasterSensor
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
+from mdrive_sumo.sensing.sensor_kinds import SENSOR_KINDS, Sensor, SensorKind, find_kind
 from mdrive_sumo.sensing.signal_lamps import SignalLampObserver
-
-SINGLE: Mapping[str, Callable[[SensorSpec, SensorSetup], Any]] = MappingProxyType(
-    {
-        "objects": ObjectsSensor,
-        "gnss": GnssSensor,
-        "imu": ImuSensor,
-        "speedometer": SpeedometerSensor,
-    }
-)
-"""Sensor kinds with at most one instance per CAV; each fills the observation field of that name."""
-KINDS = (*SINGLE, "lidar", "camera", "bev", "privileged")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,62 +107,54 @@ class _Carrier:
     """The sensors of one CAV."""
 
     def __init__(self, ego: str, specs: tuple[SensorSpec, ...], briefing: Briefing, common: SensorContext) -> None:
-        self._single: dict[str, Any] = {}
-        self.objects_sensor: ObjectsSensor | None = None
-        """Computes only what an agent reads."""
-        self._lidar: dict[str, LidarSensor] = {}
-        self._cameras: dict[str, CameraSensor] = {}
-        self._bev: dict[str, RasterSensor] = {}
-        self.privileged = any(spec.kind == "privileged" for spec in specs)
         self.has_sensors = bool(specs)
+        self.privileged = False
+        """Whether one of the sensors knows everything."""
+        self._single: dict[str, Sensor] = {}
+        """By the field of `Observation` that it fills."""
+        self._named: dict[str, dict[str, Sensor]] = {}
+        """By that field and the sensor's id."""
+        self._drawn: tuple[SensingFrame, Objects] | None = None
+        """What `_look` returned last, and for which frame: several sensors draw it."""
         salt = common.derive_track_salt(ego)
         for spec in specs:
             seed = derive_seed(common.seed, "sensor", ego, spec.kind, spec.id)
             standard = common.sensing.standard_detector
-            self._add(spec, SensorSetup(ego, seed, common.roads, common.weather, briefing, salt, standard))
-        # A raster shows only what an ideal detector sees: it must not show objects behind walls.
-        view = max((spec.range_m for spec in specs if spec.kind == "bev"), default=0.0)
+            setup = SensorSetup(ego, seed, common.roads, common.weather, briefing, salt, standard, self._look)
+            self._add(find_kind(spec), spec, setup)
+        # The ideal detector reaches as far as the sensor that draws the farthest.
+        drawn_m = max((spec.range_m for spec in specs if SENSOR_KINDS[spec.kind].draws_ideal_sight), default=None)
         ideal = SensorSetup(ego, 0, common.roads, common.weather, briefing, salt)
-        self._sight = ObjectsSensor(SensorSpec("objects", range_m=view), ideal) if self._bev else None
-        self.objects_sensor = self._single.pop("objects", None)
+        self._sight = None if drawn_m is None else ObjectsSensor(SensorSpec("objects", range_m=drawn_m), ideal)
+        objects = self._single.pop("objects", None)
+        self.objects_sensor = objects if isinstance(objects, ObjectsSensor) else None
+        """Computes only what an agent reads (`Observation.defer_objects`)."""
 
-    def _add(self, spec: SensorSpec, fitting: SensorSetup) -> None:
-        if spec.kind in SINGLE:
-            _check_unique(self._single, spec.kind, spec)[spec.kind] = SINGLE[spec.kind](spec, fitting)
-        elif spec.kind == "lidar":
-            _check_unique(self._lidar, spec.id, spec)[spec.id] = LidarSensor(spec, fitting)
-        elif spec.kind == "camera":
-            _check_unique(self._cameras, spec.id, spec)[spec.id] = CameraSensor(spec, fitting)
-        elif spec.kind == "bev":
-            _check_unique(self._bev, spec.id, spec)[spec.id] = RasterSensor(spec, fitting)
-        elif spec.kind != "privileged":
-            raise InputError(describe_camera_error(spec.kind) or _format_unknown_kind(spec.kind))
+    def _add(self, kind: SensorKind, spec: SensorSpec, setup: SensorSetup) -> None:
+        if kind.build is None:
+            self.privileged |= kind.knows_everything
+            return
+        key, sensors = kind.field, self._single
+        if kind.is_named:
+            key, sensors = spec.id, self._named.setdefault(kind.field, {})
+        if key in sensors:
+            raise InputError(f"sensor {spec.kind!r}: expected one of this kind and id, found two with id {spec.id!r}")
+        sensors[key] = kind.build(spec, setup)
+
+    def _look(self, scene: SensingFrame, eye: SensorPose) -> Objects:
+        """Return what an ideal detector sees, once per frame."""
+        assert self._sight is not None, "a sensor that draws what is in sight has it"
+        if self._drawn is None or self._drawn[0] is not scene:
+            self._drawn = scene, self._sight.sense(scene, eye)
+        return self._drawn[1]
 
     def sense(self, scene: SensingFrame, eye: SensorPose) -> dict[str, Any]:
         """Return the sensor fields of the observation but `objects`."""
-        fields: dict[str, Any] = {kind: sensor.sense(scene, eye) for kind, sensor in self._single.items()}
-        scans = {name: sensor.sense(scene, eye) for name, sensor in self._lidar.items()}
-        if scans:
-            fields["lidar"] = MappingProxyType({name: scan for name, scan in scans.items() if scan is not None})
-        images = {name: sensor.sense(scene, eye) for name, sensor in self._cameras.items()}
-        if images:
-            fields["cameras"] = MappingProxyType({name: image for name, image in images.items() if image is not None})
-        if self._sight is not None:
-            visible = self._sight.sense(scene, eye)
-            fields["bev"] = MappingProxyType(
-                {name: sensor.sense(scene, eye.to_estimate(), visible) for name, sensor in self._bev.items()}
-            )
+        fields: dict[str, Any] = {field: sensor.sense(scene, eye) for field, sensor in self._single.items()}
+        for field, sensors in self._named.items():
+            measured = {name: sensor.sense(scene, eye) for name, sensor in sensors.items()}
+            fields[field] = MappingProxyType({name: value for name, value in measured.items() if value is not None})
         return fields
-
-
-def _check_unique(sensors: dict[str, Any], key: str, spec: SensorSpec) -> dict[str, Any]:
-    if key in sensors:
-        raise InputError(f"sensor {spec.kind!r}: expected one of this kind and id, found two with id {spec.id!r}")
-    return sensors
-
-
-def _format_unknown_kind(kind: str) -> str:
-    return f"sensor {kind!r}: expected one of {', '.join(KINDS)}, found none of that kind"
 
 
 def _sense_or_void(sense: Callable[[], Objects]) -> Objects:

@@ -1,11 +1,11 @@
 """SensingFrame: the world of one tick as input of all sensors, built once per tick."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from hashlib import blake2b
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,10 +18,7 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.weather import Weather
 from mdrive_sumo.v2x.messages import format_track_name
 
-if TYPE_CHECKING:
-    from mdrive_sumo.sensing.camera.instances import SceneInstances
-    from mdrive_sumo.sensing.sight_batch import SightBatch
-
+DerivedT = TypeVar("DerivedT")
 LOW_M = 2.5
 """Static objects with a longer side up to this count as low: sensors look over cones, crates and barrier pieces."""
 
@@ -37,12 +34,14 @@ class SensingFrame:
     """States of traffic lights (SUMO letters) by id; only cameras see them here."""
     announced_eyes: list[tuple["SensorPose", float]] = field(default_factory=list, compare=False, repr=False)
     """Poses and ranges [m] of the sensors that may look at the scene, see `visibility.announce_eye`."""
-    sight_batches: list["SightBatch"] = field(default_factory=list, compare=False, repr=False)
-    """What these eyes see, as far as it was asked for. A pure cache."""
     signal_lamps: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     """`SignalLamp`s of vehicles that shine, by true id; only cameras see them."""
-    rendered: list["SceneInstances"] = field(default_factory=list, compare=False, repr=False)
-    """What cameras draw of this frame. A pure cache."""
+    derived: dict[type[Any], list[Any]] = field(default_factory=dict[type[Any], list[Any]], compare=False, repr=False)
+    """What sensors compute of this frame for each other, by type, see `list_derived`. A pure cache."""
+
+    def list_derived(self, kind: type[DerivedT]) -> list[DerivedT]:
+        """Return what was computed of this type so far; sensors append what they compute."""
+        return self.derived.setdefault(kind, [])
 
     @cached_property
     def directions(self) -> tuple[Float, Float]:
@@ -116,6 +115,8 @@ class SensorSetup:
     """Of the track names of this carrier in this episode; the same for all its sensors."""
     standard_detector: str = IDEAL
     """The detector profile that `standard` stands for."""
+    look: Callable[[SensingFrame, SensorPose], Objects] = lambda _scene, _eye: Objects.empty()
+    """What an ideal detector of the carrier sees, for sensors that draw it; by default nothing."""
 
 
 def derive_track_name(carrier: str, true_id: str, salt: int = 0) -> str:

@@ -44,7 +44,7 @@ class SightView:
     def _batch_and_row(self) -> tuple[SightBatch, int]:
         if self.number is None:
             return SightBatch(self.scene, self.buildings, ((self.eye, self.range_m),)), 0
-        begin, batches = 0, self.scene.sight_batches
+        begin, batches = 0, self.scene.list_derived(SightBatch)
         for batch in batches:
             if self.number < begin + len(batch.distances):
                 return batch, self.number - begin

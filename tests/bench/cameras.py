@@ -55,7 +55,7 @@ def measure(scene: SensingFrame, setup: SensorSetup, specs: tuple[SensorSpec, ..
     eye = SensorPose(float(boxes.x[0]), float(boxes.y[0]), float(boxes.yaw[0]), 0)
     times: list[float] = []
     for _ in range(REPEATS + FIRST):
-        fresh = replace(scene, rendered=[])
+        fresh = replace(scene, derived={})
         since = time.process_time()
         for camera in cameras:
             camera.sense(fresh, eye)

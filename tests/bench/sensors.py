@@ -1,4 +1,4 @@
-"""What sensors cost the evaluator: `python tests/bench/sensors.py`; the prices of `sensing/sensor_cost.py` are from it.
+"""What sensors cost the evaluator: `python tests/bench/sensors.py`; prices of `sensing.sensor_kinds` are from it.
 
 CPU time of a call on a dense and a wide packaged network, with 100 boxes around the car (20 in a raster), and the
 price of the same sensor. The writing of the arrays for the box (`frame_file`) is part of both.
@@ -25,7 +25,7 @@ from mdrive_sumo.sensing.lidar_sensor import LidarSensor  # noqa: E402
 from mdrive_sumo.sensing.objects_sensor import ObjectsSensor  # noqa: E402
 from mdrive_sumo.sensing.raster_sensor import RasterSensor  # noqa: E402
 from mdrive_sumo.sensing.sensing_frame import SensorPose, SensorSetup  # noqa: E402
-from mdrive_sumo.sensing.sensor_cost import price_sensor  # noqa: E402
+from mdrive_sumo.sensing.sensor_kinds import price_sensor  # noqa: E402
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts  # noqa: E402
 
 REPEATS = 25
@@ -68,7 +68,7 @@ def measure(network: str) -> None:
     for spec in SPECS:
         if spec.kind == "bev":
             raster = RasterSensor(spec, plain)
-            found = cpu_ms(lambda raster=raster: raster.sense(scene, here, near).pixels.tobytes())
+            found = cpu_ms(lambda raster=raster: raster.draw(scene, here, near).pixels.tobytes())
         elif spec.kind == "lidar":
             lidar = LidarSensor(spec, walls)
             found = cpu_ms(lambda lidar=lidar: lidar.sense(scene, centre).points.tobytes())  # pyright: ignore

@@ -195,7 +195,10 @@ def iterate_egos(results: dict[str, Any]) -> Iterator[dict[str, Any]]:
 def read_headways(_: Path) -> tuple[float | None, float, float | None]:
     """Return the headway of a CAV, the gap to the CAV that stands before it, and the headway of one without sensors."""
     import mdrive_sumo as md
+    from mdrive_sumo.sensing.sensor_kinds import SMALL_MS, find_object_source, price_sensor
 
+    spec = md.SensorSpec("headway")
+    assert (price_sensor(spec), find_object_source([spec])) == (SMALL_MS, "'headway'")  # what its row says of it
     sensors = {"2": [md.SensorSpec("headway", range_m=80.0), md.SensorSpec("objects")]}
     with md.Simulation("i11_ins_sl_town", sensors=sensors) as simulation:
         observations = simulation.reset()

@@ -80,9 +80,10 @@ class SceneInstances:
 
 def load_instances(scene: SensingFrame, static: StaticScene) -> SceneInstances:
     """Return the models of a tick, which all cameras share."""
-    if not scene.rendered:
-        scene.rendered.append(_build_instances(scene, static.lamps, static.origin))
-    return scene.rendered[0]
+    known = scene.list_derived(SceneInstances)
+    if not known:
+        known.append(_build_instances(scene, static.lamps, static.origin))
+    return known[0]
 
 
 def _build_instances(scene: SensingFrame, lamps: SignalLamps, origin: Float) -> SceneInstances:

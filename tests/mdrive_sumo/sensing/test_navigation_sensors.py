@@ -13,9 +13,9 @@ from mdrive_sumo.contract import Objects, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.scenario.weather import WEATHERS
-from mdrive_sumo.sensing.cameras import describe_camera_error
 from mdrive_sumo.sensing.navigation_sensors import GnssSensor, ImuSensor, SpeedometerSensor, to_compass, to_gnss, to_xy
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup
+from mdrive_sumo.sensing.sensor_kinds import describe_camera_error
 
 EGO = EgoState(12.0, -34.0, 0.5, speed=8.0, acceleration=-1.5, yaw_rate=0.25)
 FITTING = SensorSetup("a", 7, straight_road(), WEATHERS["default"], None)

@@ -55,7 +55,7 @@ def objects(*boxes: tuple[Kind, float, float, float, float, float]) -> Objects:
 def look(top: RasterSensor, pose: tuple[float, float, float], seen: Objects, *others: tuple[float, float]) -> Raster:
     """What the sensor draws for a car at the pose; the others are there, but not seen."""
     cars = [(Kind.VEHICLE, *pose, 4.9, 2.1), *((Kind.VEHICLE, x, y, 0.0, 4.9, 2.1) for x, y in others)]
-    return top.sense(SensingFrame(0, objects(*cars), {"a": EgoState(*pose, 0.0)}), SensorPose(*pose, 0), seen)
+    return top.draw(SensingFrame(0, objects(*cars), {"a": EgoState(*pose, 0.0)}), SensorPose(*pose, 0), seen)
 
 
 def layer(raster: Raster, name: str) -> Bool:

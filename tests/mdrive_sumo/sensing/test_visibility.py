@@ -17,6 +17,7 @@ from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
+from mdrive_sumo.sensing.sight_batch import SightBatch
 from mdrive_sumo.sensing.visibility import (
     BuildingEdges,
     SightView,
@@ -281,4 +282,4 @@ class TestProperties:
             assert one.free_sight(24).tobytes() == alone.free_sight(24).tobytes()
         late = SightView(HERE, view, walls, reach, announce_eye(view, HERE, reach))
         assert late.visible_fractions().tolist() == SightView(HERE, view, walls, reach).visible_fractions().tolist()
-        assert len(view.sight_batches) == 2
+        assert len(view.list_derived(SightBatch)) == 2

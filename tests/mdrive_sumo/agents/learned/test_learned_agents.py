@@ -25,9 +25,9 @@ from mdrive_sumo.contract import (
     Reply,
     TrafficLight,
     check_reply,
-    derive_sensing_track,
 )
 from mdrive_sumo.core.state import DT
+from mdrive_sumo.sensing.sensor_kinds import derive_sensing_track
 from mdrive_sumo.vehicle.control import CONTROLLERS
 
 EAST = np.column_stack((np.arange(101.0), np.zeros(101)))

@@ -8,13 +8,12 @@ from testing.camera_scenes import build_camera, build_scene, find_eye, load_town
 
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.contract.camera_rigs import RIGS, build_camera_rig
-from mdrive_sumo.contract.sensing_track import find_object_source
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.sensing.camera.camera_sensor import read_camera_model
 from mdrive_sumo.sensing.camera.lighting import LIGHT_OF_WEATHER, LIGHTS
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, derive_track_name
-from mdrive_sumo.sensing.sensor_cost import BUDGET_MS, price_sensor
+from mdrive_sumo.sensing.sensor_kinds import BUDGET_MS, find_object_source, price_sensor
 
 
 def street_scene(tick: int = 0) -> SensingFrame:

@@ -5,10 +5,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from testing.report_samples import BEST, make_agent_run
 
-from mdrive_sumo.contract import SensingTrack, SensorSpec, derive_sensing_track, find_object_source, join_sensing_tracks
+from mdrive_sumo.contract import SensingTrack, SensorSpec, join_sensing_tracks
 from mdrive_sumo.runs.compare import compare
 from mdrive_sumo.scoring import find_result_faults
-from mdrive_sumo.sensing.observation_builder import KINDS
+from mdrive_sumo.sensing.sensor_kinds import SENSOR_KINDS, derive_sensing_track, find_object_source
 
 LISTING = {
     "objects": SensorSpec("objects"),
@@ -41,9 +41,9 @@ def test_what_a_car_carries_is_the_sensor_track() -> None:
 
 def test_every_kind_of_sensor_has_a_track() -> None:
     """A new kind must be entered here and in docs/sensors.md, on one side or the other."""
-    harmless = {kind for kind in KINDS if not find_object_source([SensorSpec(kind)])}
+    harmless = {kind for kind in SENSOR_KINDS if not find_object_source([SensorSpec(kind)])}
     assert harmless == {"lidar", "camera", "gnss", "imu", "speedometer"}
-    assert {*KINDS} - harmless == {"objects", "bev", "privileged"}
+    assert {*SENSOR_KINDS} - harmless == {"objects", "bev", "privileged"}
 
 
 @given(st.lists(st.sampled_from(("", "sensor", "object")), max_size=5))

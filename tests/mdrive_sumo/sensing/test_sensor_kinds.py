@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.open_agents import MAX_ARRAY_SENSORS
-from mdrive_sumo.sensing.sensor_cost import BUDGET_MS, check_sensor_budget, price_sensor
+from mdrive_sumo.sensing.sensor_kinds import BUDGET_MS, check_sensor_budget, price_sensor
 
 
 def bev(**options: float | str | bool) -> SensorSpec:
