@@ -164,6 +164,8 @@ class ConnectionSettings(SettingsModel):
 
     total: Annotated[int, Field(ge=16)] = 1000
     """Connections of this server; for a new one beyond, the one that has waited longest for its client is closed."""
+    per_address: Annotated[int, Field(ge=16)] = 256
+    """Connections of one address, that of a proxy on this machine excepted; one beyond is closed at once."""
     streams: Count = 256
     """Event streams of all teams: each queries the database once a second."""
     streams_per_team: Count = 16

@@ -1,7 +1,9 @@
 """The HTTP protocol of `serve`: limits of time and number of connections, of which uvicorn has none."""
 
 import asyncio
-from typing import TYPE_CHECKING, ClassVar
+import socket
+from collections import Counter
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -20,6 +22,19 @@ READ_S = 60.0
 """Time in which a client that reads slowly must take what the kernel and asyncio hold for it, some 100 kB [s]."""
 TRIM_S = 0.1
 """Time from a connection too many until some are closed [s]: requests that have arrived are read by then."""
+SPARE = 4
+"""A quarter more connections than stay are accepted until some are closed, if they bring a request."""
+FIRST_WORD_S = 3
+"""Time for which the kernel keeps a connection whose client says nothing [s]: two of its repetitions (1 s and 2 s)."""
+ACCEPTED_AT_ONCE = 16
+"""Connections that asyncio accepts before it does other work: 2 ms. Its default, the length of the queue, is 0.2 s."""
+REFUSED_AT_ONCE = 64
+"""Connections refused before other work is done: 1 ms."""
+PROXIES = frozenset({"127.0.0.1", "::1"})
+"""Addresses without a limit: behind a proxy of this machine, as docs/server.md describes it, all clients have these."""
+HEADER_BYTES = 32 * 1024
+"""Size limit of a request's headers [bytes]."""
+_PEEK = int(socket.MSG_PEEK) | int(socket.MSG_DONTWAIT)
 OTHER_FILES = 256
 """Files that the server opens besides connections and what they are sent: database, uploads, pipes of children."""
 
@@ -28,11 +43,15 @@ class LimitedProtocol(H11Protocol):
     """Closes connections that wait for their client for too long, and those beyond `max_connections`."""
 
     max_connections: ClassVar[int] = 1000
-    """Connections that stay; up to twice as many are accepted, until `TRIM_S` later."""
+    """Connections that stay; a quarter more are accepted, until `TRIM_S` later."""
+    max_per_address: ClassVar[int] = 256
+    """Connections of one address, `PROXIES` excepted."""
+    origins: ClassVar[Counter[str]] = Counter()
+    """Open connections by address."""
     is_trim_due: ClassVar[bool] = False
-    trimmed: ClassVar[int] = 0
-    """Connections that are being closed because there were too many."""
-    _is_trimmed: bool = False
+    held: ClassVar[set["LimitedProtocol"]] = set()
+    """Open connections, without those that are being closed because there were too many."""
+    _origin: str
     _timer: asyncio.TimerHandle
     _stall: asyncio.TimerHandle | None = None
     waiting_since_s: float = 0.0
@@ -41,21 +60,22 @@ class LimitedProtocol(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
         """asyncio's callback."""
         super().connection_made(transport)
+        self._origin = name_origin(transport.get_extra_info("peername")[0])
+        self.origins[self._origin] += 1
+        self.held.add(self)
         self.waiting_since_s = float(self.loop.time())
         self._timer = self.loop.call_later(REQUEST_S, self._check_timeout, self.cycle)
-        if self._count_open() > 2 * self.max_connections:
-            self._trim()
-            if self._count_open() > 2 * self.max_connections:  # all have work under way
-                transport.abort()
-        elif self._count_open() > self.max_connections and not self.is_trim_due:
+        if len(self.held) > self.max_connections and not self.is_trim_due:
             type(self).is_trim_due = True
-            self.loop.call_later(TRIM_S, self._trim)
+            self.loop.call_later(TRIM_S, self.trim)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """asyncio's callback."""
         super().connection_lost(exc)
-        if self._is_trimmed:
-            type(self).trimmed -= 1
+        self.held.discard(self)
+        self.origins[self._origin] -= 1
+        if not self.origins[self._origin]:
+            del self.origins[self._origin]
         self._timer.cancel()
         self.resume_writing()
 
@@ -84,22 +104,15 @@ class LimitedProtocol(H11Protocol):
         if self.cycle is answered and not self.transport.is_closing():
             self.transport.close()
 
-    def _count_open(self) -> int:
-        return len(self.connections) - self.trimmed
-
-    def _trim(self) -> None:
+    @classmethod
+    def trim(cls) -> None:
         """Close the connections that have waited longest for their clients, as many as are too many."""
-        type(self).is_trim_due = False
-        excess = max(0, self._count_open() - self.max_connections)
-        waiting = [one for one in self.connections if isinstance(one, LimitedProtocol) and one.is_waiting()]
+        cls.is_trim_due = False
+        excess = max(0, len(cls.held) - cls.max_connections)
+        waiting = [connection for connection in cls.held if connection.is_waiting()]
         for longest in sorted(waiting, key=_get_since)[:excess]:
-            longest.abort_trimmed()
-
-    def abort_trimmed(self) -> None:
-        """Close this connection, because there are too many."""
-        self._is_trimmed = True
-        type(self).trimmed += 1
-        self.transport.abort()
+            cls.held.discard(longest)
+            longest.transport.abort()
 
     def is_waiting(self) -> bool:
         """Return whether the connection waits for a request of its client, archives that are received excepted.
@@ -117,15 +130,68 @@ def _get_since(connection: LimitedProtocol) -> float:
     return connection.waiting_since_s
 
 
-def limit_connections(total: int) -> type[LimitedProtocol]:
-    """Return the protocol of a server with at most `total` connections at a time."""
-    return type("LimitedProtocol", (LimitedProtocol,), {"max_connections": total, "is_trim_due": False, "trimmed": 0})
+def name_origin(address: str) -> str:
+    """Return what counts as one address: of IPv6 the network of a customer (64 bits; RFC 6177)."""
+    return socket.inet_pton(socket.AF_INET6, address)[:8].hex() if ":" in address else address
+
+
+class LimitedListener(socket.socket):
+    """A listening socket that refuses connections beyond the limits, before asyncio makes anything for them."""
+
+    protocol: type[LimitedProtocol]
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Accept a connection within the limits. Raises BlockingIOError if there is none, or to let others work."""
+        for _ in range(REFUSED_AT_ONCE):
+            connection, address = super().accept()
+            if self._has_room(connection, address[0]):
+                return connection, address
+            connection.close()
+        raise BlockingIOError
+
+    def _has_room(self, connection: socket.socket, address: str) -> bool:
+        protocol = self.protocol
+        if address not in PROXIES and protocol.origins[name_origin(address)] >= protocol.max_per_address:
+            return False
+        if len(protocol.held) < protocol.max_connections:
+            return True
+        if not has_request(connection):
+            return False
+        most = protocol.max_connections + protocol.max_connections // SPARE
+        if len(protocol.held) >= most:
+            protocol.trim()
+        return len(protocol.held) < most  # else all have work under way
+
+
+def has_request(connection: socket.socket) -> bool:
+    """Return whether the headers of a request have arrived."""
+    try:
+        return b"\r\n\r\n" in connection.recv(HEADER_BYTES, _PEEK)
+    except OSError:  # nothing yet, or the client has left
+        return False
+
+
+def limit_connections(total: int, per_address: int) -> type[LimitedProtocol]:
+    """Return the protocol of a server with at most so many connections at a time."""
+    limits = {"max_connections": total, "max_per_address": per_address}
+    return type(
+        "LimitedProtocol", (LimitedProtocol,), limits | {"origins": Counter(), "held": set(), "is_trim_due": False}
+    )
+
+
+def limit_listener(listener: socket.socket, protocol: type[LimitedProtocol]) -> LimitedListener:
+    """Return a listening socket, taken from `listener`, with the limits of `protocol`."""
+    limited = LimitedListener(fileno=listener.detach())
+    limited.protocol = protocol
+    if hasattr(socket, "TCP_DEFER_ACCEPT"):  # Linux
+        limited.setsockopt(socket.IPPROTO_TCP, socket.TCP_DEFER_ACCEPT, FIRST_WORD_S)
+    return limited
 
 
 def raise_open_files(connections: int) -> int:
     """Let this process open enough files for so many connections, as far as its hard limit goes; return for how many.
 
-    A response can hold a file, too, and for `TRIM_S` there can be twice as many.
+    A response can hold a file, too.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = 2 * connections + OTHER_FILES

@@ -22,7 +22,13 @@ from server import environments
 from server.api.app import create_app, prepare_storage
 from server.api.webhook_sender import WebhookSender
 from server.cli.data_folder import lock_data_folder
-from server.cli.limited_protocol import limit_connections, raise_open_files
+from server.cli.limited_protocol import (
+    ACCEPTED_AT_ONCE,
+    HEADER_BYTES,
+    limit_connections,
+    limit_listener,
+    raise_open_files,
+)
 from server.cli.options import data_option, load_settings_with, report_store_errors, settings_option
 from server.clock import now_us
 from server.evaluation.supervisor import Supervisor
@@ -33,11 +39,10 @@ from server.web.mount_pages import mount_pages
 
 GRACE_S = 5
 """Time for open responses when the server stops [s]; event streams are closed, and clients reconnect."""
-HEADER_BYTES = 32 * 1024
-"""Size limit of a request's headers [bytes]."""
 SWITCH_S = 0.001
 """Time after which a busy thread lets another one run [s]; Python's 5 ms delay the event loop often."""
-BACKLOG = 2048
+BACKLOG = 4096
+"""Connections that wait in the kernel to be accepted, and as many that have said nothing yet."""
 EXECUTORS = ("local", "dask")
 """Executors as in `eval`, whose module would import the simulator."""
 
@@ -113,11 +118,13 @@ def build_log_config() -> dict[str, Any]:
 
 
 def _run(app: FastAPI, settings: ServerSettings, listener: socket.socket) -> None:
+    protocol = limit_connections(settings.connections.total, settings.connections.per_address)
     config = uvicorn.Config(
         app,
         host=settings.host,
         port=settings.port,
-        http=limit_connections(settings.connections.total),
+        http=protocol,
+        backlog=ACCEPTED_AT_ONCE,
         timeout_graceful_shutdown=GRACE_S,
         h11_max_incomplete_event_size=HEADER_BYTES,
         server_header=False,
@@ -128,7 +135,8 @@ def _run(app: FastAPI, settings: ServerSettings, listener: socket.socket) -> Non
         echo(f"note: connections.total: this process may open too few files; about {most} are possible", err=True)
     server = _Server(config)
     try:
-        server.run(sockets=[listener])
+        with limit_listener(listener, protocol) as limited:
+            server.run(sockets=[limited])
     except KeyboardInterrupt:
         echo("stopped; running jobs return to the queue", err=True)
     if not server.started:
@@ -136,12 +144,16 @@ def _run(app: FastAPI, settings: ServerSettings, listener: socket.socket) -> Non
 
 
 class _Server(uvicorn.Server):
-    """Prints its address, which uvicorn does not for a socket that it is given."""
+    """Prints its address, which uvicorn does not for a socket that it is given; sets the length of the kernel's queue.
+
+    asyncio takes one number for this length and for how many connections it accepts before it does other work.
+    """
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """uvicorn's callback."""
         await super().startup(sockets)
         if self.started and sockets:
+            sockets[0].listen(BACKLOG)
             host, port = self.config.host, sockets[0].getsockname()[1]
             address = f"[{host}]" if ":" in host else host
             echo(f"running on http://{address}:{port} (Ctrl-C stops it)", err=True)

@@ -1,15 +1,17 @@
 """What connections that stay open cost a server: `python tests/bench/streams.py [SECONDS] [CONNECTIONS.STREAMS]`.
 
 A server in a process of its own, without workers. First it is quiet; then 150 teams try to hold 16 event streams each
-(2400); then, beside the streams that it accepted, 3000 connections are opened that send nothing, opened again as soon
-as the server closes them. Meanwhile a visitor asks for /health ten times a second on connections of its own. Printed:
-streams accepted, the server's CPU time per second, median and maximum of /health. A second argument sets
-`connections.streams` and its limit per team out of reach, as before these limits existed.
+(2400); then, beside the streams that it accepted, 3000 connections at once that send nothing, or a byte, opened again a
+second after the server has closed them: from the address of a proxy, from another one, from thousands. Meanwhile a
+visitor asks for /health ten times a second on connections of its own. Printed: streams accepted, the server's CPU time
+per second, median and maximum of /health. A second argument sets `connections.streams` and its limit per team out of
+reach, as before these limits existed; 0 leaves the streams out. On a busy machine begin it with `nice -n -15`.
 """
 
 import asyncio
 import json
 import os
+import select
 import socket
 import statistics
 import subprocess
@@ -36,7 +38,10 @@ from server.settings import ServerSettings  # noqa: E402
 from server.store import Store, phases, submissions, teams, tokens  # noqa: E402
 
 TEAMS, STREAMS, IDLE = 150, 16, 3000
-ATTACK, MORE = "--attack", "more"
+ATTACK, HOLD = "--attack", "--hold"
+MANY = "many"
+SOURCES = {"a proxy's address": "127.0.0.1", "another address": "127.0.0.2", "many addresses": MANY}
+WORDS = {"silent connections": "", "a byte each": "G"}
 TICKS = os.sysconf("SC_CLK_TCK")
 
 
@@ -81,15 +86,14 @@ class Attack:
 
     def __init__(self, address: str) -> None:
         self._host, _, self._port = address.partition(":")
-        self.accepted = self.refused = self.reopened = 0
+        self.accepted = self.refused = 0
 
     async def run(self, held: list[tuple[str, str]]) -> None:
-        """Open the streams; after a line `MORE` the silent connections; print counts after each line of input."""
+        """Open the streams; print counts after each line of input."""
         tasks = [asyncio.create_task(self._stream(token, mine)) for token, mine in held * STREAMS]
-        while line := await asyncio.to_thread(sys.stdin.readline):
-            if line.strip() == MORE:
-                tasks += [asyncio.create_task(self._stay()) for _ in range(IDLE)]
-            click.echo(f"{self.accepted} {self.refused} {self.reopened}")
+        while await asyncio.to_thread(sys.stdin.readline):
+            click.echo(f"{self.accepted} {self.refused}")
+        del tasks  # kept until here: the event loop alone does not keep tasks
 
     async def _stream(self, token: str, mine: str) -> None:
         try:
@@ -114,21 +118,57 @@ class Attack:
         while await reader.read(65536):
             pass
 
-    async def _stay(self) -> None:
+
+class Holder:
+    """Opens connections without waiting for one another, says a word on each, and opens them again."""
+
+    def __init__(self, address: str, source: str, words: str) -> None:
+        host, _, port = address.partition(":")
+        self._to, self._source, self._words = (host, int(port)), source, words.encode()
+        self._poller, self._lines, self._opened = select.epoll(), dict[int, socket.socket](), 0
+
+    def run(self) -> None:
+        """Until the process is ended."""
+        due = [0.0] * IDLE
         while True:
-            try:
-                reader, writer = await asyncio.open_connection(self._host, int(self._port))
-                await reader.read(1)
-                writer.close()
-            except OSError:
-                pass
-            await asyncio.sleep(1.0)
-            self.reopened += 1
+            while due and due[0] < time.monotonic():
+                due.pop(0)
+                self._open()
+            due += [time.monotonic() + 1.0 for fd, events in self._poller.poll(0.1) if not self._go_on(fd, events)]
+
+    def _open(self) -> None:
+        number, line = self._opened, socket.socket()
+        line.setblocking(False)
+        line.bind((f"127.1.{number // 250 % 250}.{1 + number % 250}" if self._source == MANY else self._source, 0))
+        line.connect_ex(self._to)
+        self._lines[line.fileno()] = line
+        self._opened += 1
+        self._poller.register(line, select.EPOLLOUT | select.EPOLLIN | select.EPOLLRDHUP)
+
+    def _go_on(self, fd: int, events: int) -> bool:
+        """Say the word once it is open; whether it still is."""
+        if events & ~select.EPOLLOUT:
+            self._lines.pop(fd).close()
+            return False
+        with suppress(OSError):
+            self._lines[fd].send(self._words)
+        self._poller.modify(fd, select.EPOLLIN | select.EPOLLRDHUP)
+        return True
 
 
 @contextmanager
-def attacking(address: str, held: list[tuple[str, str]]) -> Iterator[Callable[[str], list[int]]]:
-    """Run the attack; each call of the result returns its counts, and with `MORE` begins the silent connections."""
+def holding(address: str, source: str, words: str) -> Iterator[None]:
+    """Run a `Holder`."""
+    with subprocess.Popen([sys.executable, str(Path(__file__).resolve()), HOLD, address, source, words]) as process:
+        try:
+            yield
+        finally:
+            process.kill()
+
+
+@contextmanager
+def attacking(address: str, held: list[tuple[str, str]]) -> Iterator[Callable[[], list[int]]]:
+    """Run the attack; each call of the result returns its counts."""
     command = [sys.executable, str(Path(__file__).resolve()), ATTACK, address]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdin is not None and process.stdout is not None
@@ -136,8 +176,8 @@ def attacking(address: str, held: list[tuple[str, str]]) -> Iterator[Callable[[s
     to.write(json.dumps(held) + "\n")
     to.flush()
 
-    def count(what: str = "") -> list[int]:
-        to.write(f"{what}\n")
+    def count() -> list[int]:
+        to.write("\n")
         to.flush()
         return [int(word) for word in answers.readline().split()]
 
@@ -173,29 +213,46 @@ def measure(name: str, address: str, pid: int, seconds: float) -> None:
     share = (cpu_s(pid) - before) / (time.monotonic() - begin)
     middle = statistics.median(health)
     figures = f"/health {len(health)} x  median {middle:.0f} ms  max {max(health):.0f} ms  resets {resets}"
-    click.echo(f"{name:28} CPU {share:.2f}  {figures}")
+    click.echo(f"{name:40} CPU {share:.2f}  {figures}")
+
+
+def measure_streams(address: str, pid: int, seconds: float, held: list[tuple[str, str]]) -> None:
+    """Print the rows of the streams."""
+    with attacking(address, held) as count:
+        measure("while streams are opened", address, pid, seconds)
+        while sum(counts := count()) < TEAMS * STREAMS:
+            time.sleep(0.5)
+        click.echo(f"streams: {counts[0]} accepted, {counts[1]} refused")
+        measure("with these streams", address, pid, seconds)
+        measure_connections(address, pid, seconds)
+
+
+def measure_connections(address: str, pid: int, seconds: float) -> None:
+    """Print the rows of connections without a request."""
+    for what, words in WORDS.items():
+        for where, source in SOURCES.items():
+            with holding(address, source, words):
+                measure(f"{what}, {where}", address, pid, seconds)
+            time.sleep(3)  # until the server has closed them
 
 
 def main() -> None:
     """Measure and print."""
-    if sys.argv[1:2] == [ATTACK]:
+    if sys.argv[1:2] in ([ATTACK], [HOLD]):
         raise_open_files(4000)
+        if sys.argv[1] == HOLD:
+            Holder(*sys.argv[2:]).run()
         asyncio.run(Attack(sys.argv[2]).run(json.loads(sys.stdin.readline())))
         return
-    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 15.0
-    more = f"[connections]\ntotal = 9000\nstreams = {sys.argv[2]}\n" if len(sys.argv) > 2 else ""
+    seconds, streams = float((sys.argv[1:2] or ["15"])[0]), (sys.argv[2:] or [""])[0]
+    more = f"[connections]\ntotal = 9000\nstreams = {streams}\n" if streams not in ("", "0") else ""
     with tempfile.TemporaryDirectory(dir="/dev/shm") as scratch, serving(Path(scratch), more) as (address, pid):
-        held = prepare(Path(scratch))
+        click.echo("load " + " ".join(f"{load:.1f}" for load in os.getloadavg()))
         measure("quiet", address, pid, seconds)
-        with attacking(address, held) as count:
-            measure("while streams are opened", address, pid, seconds)
-            while sum((counts := count(""))[:2]) < TEAMS * STREAMS:
-                time.sleep(0.5)
-            click.echo(f"streams: {counts[0]} accepted, {counts[1]} refused")
-            measure("with these streams", address, pid, seconds)
-            count(MORE)
-            measure("and silent connections", address, pid, seconds)
-            click.echo(f"silent connections: {count('')[2]} opened again")
+        if streams == "0":
+            measure_connections(address, pid, seconds)
+        else:
+            measure_streams(address, pid, seconds, prepare(Path(scratch)))
 
 
 if __name__ == "__main__":

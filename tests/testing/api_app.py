@@ -1,5 +1,6 @@
 """A server for the tests of the API: an in-memory client, a database of its own, a clock that stands still."""
 
+import socket
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
@@ -11,6 +12,7 @@ from typing import Any
 import uvicorn
 from httpx import Response
 
+from server.cli.limited_protocol import limit_listener
 from server.clock import DAY_US
 from server.enums import TokenScope
 from server.environments import ABOUT_FILE
@@ -113,9 +115,10 @@ def with_environment(settings: ServerSettings, name: str = "python3.11-numpy") -
 
 @contextmanager
 def listening(server: Server, **options: Any) -> Generator[str]:
-    """The application behind a real HTTP server; its address. `options`: of uvicorn."""
+    """The application behind a real HTTP server; its address. `options`: of uvicorn; with `http` as `serve` listens."""
     http = uvicorn.Server(uvicorn.Config(server.app, port=0, log_level="critical", lifespan="off", **options))
-    thread = Thread(target=http.run, daemon=True)
+    sockets = [limit_listener(socket.create_server(("127.0.0.1", 0)), options["http"])] if "http" in options else None
+    thread = Thread(target=http.run, args=(sockets,), daemon=True)
     thread.start()
     deadline_s = time.monotonic() + 60
     while not http.started:

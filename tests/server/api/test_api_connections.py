@@ -2,6 +2,7 @@
 
 import asyncio
 import socket
+import sys
 import time
 from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager, suppress
@@ -18,7 +19,7 @@ from server.api import request_bodies
 from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.problems import ProblemError
 from server.cli import limited_protocol
-from server.cli.limited_protocol import LimitedProtocol
+from server.cli.limited_protocol import LimitedProtocol, name_origin
 
 pytestmark = pytest.mark.slow
 
@@ -256,7 +257,7 @@ def test_a_client_that_does_not_read_is_cut(server: Server, monkeypatch: pytest.
 def test_the_connection_that_waits_longest_makes_room(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     """Clients that connect and say nothing do not keep others out; an upload and a stream under way stay."""
     mine = server.send().json()["id"]
-    with listening(server, http=limited_protocol.limit_connections(6)) as address, ExitStack() as stack:
+    with listening(server, http=limited_protocol.limit_connections(6, 6)) as address, ExitStack() as stack:
         port = int(address.rpartition(":")[2])
         token = {"Authorization": f"Bearer {server.tokens['red']}"}
         http = stack.enter_context(httpx.Client(timeout=60))
@@ -266,7 +267,7 @@ def test_the_connection_that_waits_longest_makes_room(server: Server, monkeypatc
         head += f"Authorization: {token['Authorization']}\r\nContent-Type: multipart/form-data; boundary=b\r\n\r\n"
         upload.sendall(f"{head}--b".encode())
         monkeypatch.setattr(limited_protocol, "TRIM_S", 0.05)
-        idle = [stack.enter_context(socket.create_connection(("127.0.0.1", port), 60)) for _ in range(9)]
+        idle = [say(stack, port, b"G") for _ in range(9)]
         assert httpx.get(f"{address}{API}/health", timeout=60).status_code == 200
         with suppress(ConnectionError):
             assert idle[0].recv(1) == b""
@@ -276,10 +277,82 @@ def test_the_connection_that_waits_longest_makes_room(server: Server, monkeypatc
         assert next(stream.iter_lines()).startswith("id: ")
 
 
+def say(stack: ExitStack, port: int, words: bytes, source: str = "127.0.0.1") -> socket.socket:
+    """A connection from an address, on which so much has been said."""
+    line = stack.enter_context(socket.create_connection(("127.0.0.1", port), 60, (source, 0)))
+    line.sendall(words)
+    return line
+
+
+def is_refused(line: socket.socket) -> bool:
+    with suppress(ConnectionError):
+        return line.recv(1) == b""
+    return True
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel of Linux waits for the first words")
+def test_a_connection_that_says_nothing_stays_in_the_kernel(server: Server) -> None:
+    """Three thousand of them at once silenced the server for 0.2 s of its own time."""
+    protocol = limited_protocol.limit_connections(100, 100)
+    with listening(server, http=protocol) as address, ExitStack() as stack:
+        port = int(address.rpartition(":")[2])
+        silent = [stack.enter_context(socket.create_connection(("127.0.0.1", port), 60)) for _ in range(20)]
+        assert httpx.get(f"{address}{API}/health", timeout=60).status_code == 200
+        spoken = say(stack, port, b"GET /")
+        wait_for(lambda: spoken.getsockname() in peers(protocol), 60.0)
+        assert not peers(protocol) & {line.getsockname() for line in silent}
+
+
+def peers(protocol: type[LimitedProtocol]) -> set[object]:
+    return {connection.transport.get_extra_info("peername") for connection in set(protocol.held)}
+
+
+def test_an_address_has_so_many_connections_and_a_proxy_more(server: Server) -> None:
+    protocol = limited_protocol.limit_connections(100, 3)
+    with listening(server, http=protocol) as address, ExitStack() as stack:
+        port, half = int(address.rpartition(":")[2]), b"GET "
+        lines = [say(stack, port, half, "127.0.0.2") for _ in range(3)]
+        wait_for(lambda: protocol.origins["127.0.0.2"] == 3, 60.0)
+        assert is_refused(say(stack, port, half, "127.0.0.2"))
+        request = f"GET {API}/health HTTP/1.1\r\nHost: x\r\n\r\n".encode()
+        for source in ("127.0.0.3", *["127.0.0.1"] * 5):
+            assert say(stack, port, request, source).recv(12) == b"HTTP/1.1 200"
+        lines.pop().close()
+        wait_for(lambda: protocol.origins["127.0.0.2"] == 2, 60.0)
+        assert say(stack, port, request, "127.0.0.2").recv(12) == b"HTTP/1.1 200"
+
+
+def test_beyond_the_total_only_requests_are_let_in(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are let in however many come, since those that say nothing make room."""
+    monkeypatch.setattr(limited_protocol, "TRIM_S", 60.0)  # only what a new connection does is seen
+    protocol = limited_protocol.limit_connections(8, 100)
+    with listening(server, http=protocol) as address, ExitStack() as stack:
+        port = int(address.rpartition(":")[2])
+        half = [say(stack, port, b"GET ") for _ in range(8)]
+        wait_for(lambda: len(protocol.held) == 8, 60.0)
+        assert is_refused(say(stack, port, b"GET "))
+        request = f"GET {API}/health HTTP/1.1\r\nHost: x\r\n\r\n".encode()
+        for _ in range(30):
+            assert say(stack, port, request).recv(12) == b"HTTP/1.1 200"
+        assert all(map(is_refused, half)) and len(protocol.held) <= 10
+
+
+@pytest.mark.parametrize(
+    ("address", "other", "same"),
+    [
+        ("10.0.0.1", "10.0.0.2", False),
+        ("2001:db8:0:1::1", "2001:db8:0:1:ffff::2", True),
+        ("2001:db8:0:1::1", "2001:db8:0:2::1", False),
+    ],
+)
+def test_an_address_of_ipv6_is_its_network(address: str, other: str, same: bool) -> None:
+    assert (name_origin(address) == name_origin(other)) is same
+
+
 def test_refused_uploads_do_not_keep_others_out(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     """Their bodies could be awaited for as long as that of an archive: 15 minutes, and without a token."""
     monkeypatch.setattr(request_bodies, "_DRAIN_S", 0.1)
-    with listening(server, http=limited_protocol.limit_connections(4)) as address, ExitStack() as stack:
+    with listening(server, http=limited_protocol.limit_connections(4, 4)) as address, ExitStack() as stack:
         port = int(address.rpartition(":")[2])
         head = f"POST {API}/submissions HTTP/1.1\r\nHost: x\r\nContent-Length: 9\r\n\r\n-"
         for _ in range(8):
