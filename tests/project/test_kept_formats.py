@@ -1,0 +1,100 @@
+"""Files of every format since 0.2.0 are read: tests/kept_formats holds one file of each, which no change may rewrite.
+
+A new version of a format adds a file beside that of the version before. They were written by mdrive-sumo itself: `run`
+by `eval --agent sharing --comm realistic` on 8 m of i11_ins_sl_town (testing.short_suite), `open_loop.json` by
+`eval-open` on that run, `dataset.json` by `learn data` on that suite, `suite` by `convert v2xpnp` from
+testing.small_log; the others are entries of packaged suites and weights.
+"""
+
+import json
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from testing.paths import ROOT, TESTS
+
+from mdrive_sumo.agents.learned.weights_manifest import read_manifest
+from mdrive_sumo.core.input_files import read_bytes
+from mdrive_sumo.episode import load_episode
+from mdrive_sumo.generate.hard.hard_recipe import load_hard_recipe
+from mdrive_sumo.generate.recipe import load_recipe
+from mdrive_sumo.learning.shard_reading import load_dataset_file
+from mdrive_sumo.open_loop.results import OpenLoopResults
+from mdrive_sumo.roads import load_road_map
+from mdrive_sumo.roads.network_file import read_network_file
+from mdrive_sumo.runs.journal import read_run_journal
+from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.scenario.reference_times import read_reference_times
+from mdrive_sumo.scenario.scenario import load_model, load_scenario
+from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.scoring import load_results
+from mdrive_sumo.study.need_certificate import read_need
+from mdrive_sumo.study.occlusion_certificate import read_certificates
+from real2sim.pipeline.quality_file import load_quality
+
+KEPT = TESTS / "kept_formats"
+RECORDING = "i11_ins_sl_town.npz"
+
+
+def read_journal(folder: Path) -> tuple[str, float]:
+    """Return the agent of a run, and the driving score of its only episode."""
+    fingerprint, journal = read_run_journal(folder)
+    (result,) = journal.results
+    return RunConfig.from_dict(fingerprint).agent.name, result["ds"]
+
+
+READERS: Mapping[str, tuple[Callable[[], Any], Any]] = {
+    "results/4": (lambda: load_results(KEPT / "run/results.json").overall.bucket_mean.ds, 100.0),
+    "journal/2": (lambda: read_journal(KEPT / "run"), ("sharing", 100.0)),
+    "episode/3": (lambda: load_episode(KEPT / "run/episodes" / RECORDING).ticks, 88),
+    "open-loop/1": (lambda: len(load_model(KEPT / "open_loop.json", OpenLoopResults).scenarios), 1),
+    "training-data/1": (lambda: load_dataset_file(KEPT).samples, 53),
+    "suite/1": (lambda: load_suite(str(KEPT / "suite")).name, "suite"),
+    "scenario/1": (lambda: len(load_scenario(KEPT / "suite/small/scenario.json").background.vehicles), 2),
+    "network/1": (lambda: read_network_file(KEPT / "suite/networks/small").name, "small"),
+    "quality/1": (lambda: load_quality(KEPT / "suite/small/quality.json").by_sumo, 2),
+    "recipe/1": (lambda: load_recipe(KEPT / "recipe.json").id, "construction_03"),
+    "hard-recipe/1": (lambda: load_hard_recipe(KEPT / "hard_recipe.json").family, "emergency-vehicle"),
+    "reference-times/1": (lambda: len(read_reference_times(KEPT).scenarios), 1),  # pyright: ignore[reportOptionalMemberAccess]
+    "need/1": (lambda: len(read_need(KEPT).certificates), 1),  # pyright: ignore[reportOptionalMemberAccess]
+    "occlusion/1": (lambda: len(read_certificates(KEPT).certificates), 1),  # pyright: ignore[reportOptionalMemberAccess]
+}
+"""By format: what reads the example, and one thing that it says."""
+NOT_KEPT = {
+    **dict.fromkeys(("ablation/1", "study/1", "paper/1", "gain/1", "cross-play/1", "penetration/1"), "written only"),
+    **dict.fromkeys(("networks/1", "conversion/1"), "written only"),
+    **dict.fromkeys(("hard-search/2", "hard-archive/3", "paper-plan/1"), "goes on with the version that began"),
+    "contract/3": "no file: what crosses the border to an agent",
+}
+"""Formats without an example, and why."""
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_kept_file_is_read(name: str) -> None:
+    read, said = READERS[name]
+    assert read() == said
+
+
+def test_weights_are_read() -> None:
+    assert read_manifest(KEPT / "weights.json").system == "tcp"
+
+
+def test_a_recorded_log_is_read() -> None:
+    assert load_episode(KEPT / "suite/small/log.npz").scenario == "small"
+    assert load_road_map(KEPT / "suite/networks/small").driving
+
+
+def test_every_format_has_an_example_or_a_reason() -> None:
+    sources = [path for room in ("mdrive_sumo", "real2sim") for path in (ROOT / room).rglob("*.py")]
+    stated = {found for path in sources for found in re.findall(r'"mdrive-sumo/([a-z-]+/\d+)"', path.read_text())}
+    assert stated == READERS.keys() | NOT_KEPT.keys()
+
+
+def test_an_example_states_the_format_that_its_test_names() -> None:
+    """Files are examples of their own version, also when a newer one is written."""
+    texts = [path.read_text() for path in KEPT.rglob("*.json*")]
+    stated = {found for text in texts for found in re.findall(r'"mdrive-sumo/([a-z-]+/\d+)"', text)}
+    assert stated | {"episode/3"} == READERS.keys()
+    assert json.loads(read_bytes(KEPT / "weights.json"))["format_version"] == 1
