@@ -21,9 +21,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text_table
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.runs.agent_spec import AgentSpec
-from mdrive_sumo.runs.open_agents import PRIVILEGED, declare_agent, find_unknown_sensor
+from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor
 from mdrive_sumo.sensing.camera.camera_renderer import check_renderer
-from mdrive_sumo.sensing.sensor_kinds import BUDGET_MS, price_sensor
+from mdrive_sumo.sensing.sensor_kinds import BUDGET_MS, SENSOR_KINDS, price_sensor
 
 CARLA_ROOTS = frozenset(("carla", "leaderboard", "agents", "srunner"))
 """Packages of CARLA, of its leaderboard and of its scenario runner."""
@@ -179,7 +179,7 @@ def _examine_sensor(sensor: SensorSpec) -> AgentFinding:
     what = f"sensor {sensor.id!r} ({sensor.kind})" if sensor.id else f"sensor {sensor.kind}"
     if unknown := find_unknown_sensor((sensor,)):
         return AgentFinding(what, False, REPLACEMENTS.get(sensor.kind, unknown.partition(": ")[2]))
-    if sensor.kind == PRIVILEGED:
+    if SENSOR_KINDS[sensor.kind].knows_everything:
         return AgentFinding(what, True, "labels the run privileged; a challenge refuses it")
     try:
         check_renderer((sensor,))
