@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from mdrive_sumo.scenario.scenario import Scenario
     from mdrive_sumo.scenario.suite import Suite, list_suites, load_suite
 
-    __version__: str
+__version__ = "0.2.0"
+"""The only place that a release changes, beside CITATION.cff; pyproject.toml reads it."""
 
 __all__ = [
     # scenarios
@@ -100,11 +101,7 @@ _MODULE_BY_NAME = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name on first use (PEP 562). `__version__` needs the installed package, which agents lack."""
-    if name == "__version__":
-        from importlib.metadata import version
-
-        return version("mdrive-sumo")
+    """Import a public name on first use (PEP 562)."""
     if name not in _MODULE_BY_NAME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module

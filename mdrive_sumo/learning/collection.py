@@ -5,12 +5,12 @@ What is in a shard depends on the settings and the indices of its scenarios only
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Protocol
 
 from pydantic import ValidationError
 
+from mdrive_sumo import __version__
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import remove_parts, write_text
@@ -172,7 +172,7 @@ def _write_dataset(
     """Write `dataset.json`, whole or not at all."""
     shards = tuple(entry for _, entry in sorted(entries.items()))
     dataset = DatasetFile(
-        program=version("mdrive-sumo"),
+        program=__version__,
         split=settings.split,
         seed=settings.seed,
         expert=settings.expert,

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from mdrive_sumo import __version__
 from mdrive_sumo.agent_process.sandbox import GAPS, OWN_KERNEL, SHARED_KERNEL, KernelTrial, SandboxLayer
 from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.posix import REMEDY, is_posix
@@ -70,7 +71,7 @@ class InstallationCheck:
 def examine_installation() -> tuple[InstallationCheck, ...]:
     """Examine this machine. SUMO's library is loaded in a child process, because a broken one may crash."""
     return (
-        InstallationCheck("mdrive-sumo", _version("mdrive-sumo"), "everything"),
+        InstallationCheck("mdrive-sumo", __version__, "everything"),
         _python(),
         InstallationCheck("platform", _describe_platform(), "everything"),
         InstallationCheck("cores", str(count_usable_cores()), "eval --workers auto"),

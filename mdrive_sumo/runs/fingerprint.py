@@ -7,6 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
 
+from mdrive_sumo import __version__
 from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.core.checksum import compute_files_checksum
 from mdrive_sumo.core.plug_ins import PlugInKind, identify_plug_ins
@@ -19,7 +20,8 @@ from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites
 
-PACKAGES = ("mdrive-sumo", "libsumo", "numpy")
+PACKAGES = ("libsumo", "numpy")
+"""Besides mdrive-sumo itself: what else decides the bits of an episode."""
 FILES_KEYS = ("agent_files", "others_files")
 """Where a fingerprint has the checksums of the files that options of the agents of a run name, in their order."""
 PLUG_INS_KEY = "plug_ins"
@@ -67,7 +69,8 @@ def hash_option_files(config: RunConfig) -> dict[str, str]:
 
 def read_versions(agents: Iterable[AgentSpec] = ()) -> dict[str, str]:
     """Return the versions of the packages that results depend on, by name; that of ONNX Runtime if an agent learned."""
-    versions = {"python": python_version()} | {package: version(package) for package in PACKAGES}
+    versions = {"python": python_version(), "mdrive-sumo": __version__}
+    versions |= {package: version(package) for package in PACKAGES}
     if any(agent.is_learned for agent in agents):
         versions[ONNX_RUNTIME[0]] = _read_onnx_runtime_version()
     return versions

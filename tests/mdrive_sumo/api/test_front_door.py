@@ -2,8 +2,10 @@
 
 import subprocess
 import sys
+import tomllib
 
 import pytest
+from testing.paths import ROOT
 
 import mdrive_sumo as md
 from mdrive_sumo.scenario.suite import load_suite
@@ -13,7 +15,15 @@ def test_every_public_name_can_be_imported() -> None:
     assert {name for name in md.__all__ if getattr(md, name, None) is None} == set()
     assert set(md.__all__) <= set(dir(md))
     assert md.load_suite is load_suite
-    assert md.__version__
+
+
+def test_a_release_changes_one_variable() -> None:
+    """The package has the version of `__version__`; the citation says the same."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    assert (
+        "version" not in project["project"] and project["tool"]["hatch"]["version"]["path"] == "mdrive_sumo/__init__.py"
+    )
+    assert f"\nversion: {md.__version__}\n" in (ROOT / "CITATION.cff").read_text()
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
