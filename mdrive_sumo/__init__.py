@@ -22,15 +22,13 @@ if TYPE_CHECKING:
     from mdrive_sumo.api.simulation import Simulation, simulate
     from mdrive_sumo.contract import Agent, Briefing, Control, Message, Note, Observation, Plan, Reply, SensorSpec
     from mdrive_sumo.core.errors import InputError, MdriveError, WorldError
+    from mdrive_sumo.core.version import __version__ as __version__
     from mdrive_sumo.loop.agent_driver import AgentFailure
     from mdrive_sumo.open_loop.results import OpenLoopResults
     from mdrive_sumo.report.replay_page import ReplayPage
     from mdrive_sumo.runs.compare import RunComparison
     from mdrive_sumo.scenario.scenario import Scenario
     from mdrive_sumo.scenario.suite import Suite, list_suites, load_suite
-
-__version__ = "0.2.0"
-"""The only place that a release changes, beside CITATION.cff; pyproject.toml reads it."""
 
 __all__ = [
     # scenarios
@@ -97,6 +95,7 @@ _MODULE_BY_NAME = {
     ),
     "AgentFailure": "loop.agent_driver",
     **dict.fromkeys(("InputError", "MdriveError", "WorldError"), "core.errors"),
+    "__version__": "core.version",
 }
 
 

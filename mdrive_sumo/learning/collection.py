@@ -10,10 +10,10 @@ from typing import Protocol
 
 from pydantic import ValidationError
 
-from mdrive_sumo import __version__
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import remove_parts, write_text
+from mdrive_sumo.core.version import __version__
 from mdrive_sumo.learning.collection_settings import CollectionSettings
 from mdrive_sumo.learning.drive_episode import collect_scenario
 from mdrive_sumo.learning.sample_files import SampleFiles, write_shard

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from mdrive_sumo import __version__
 from mdrive_sumo.agent_process.sandbox import GAPS, OWN_KERNEL, SHARED_KERNEL, KernelTrial, SandboxLayer
 from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.posix import REMEDY, is_posix
 from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.version import __version__
 
 SIMULATOR_CHECK = "import libsumo; libsumo.getVersion()"
 TIME_LIMIT_S = 30.0

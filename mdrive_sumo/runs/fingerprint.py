@@ -7,10 +7,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
 
-from mdrive_sumo import __version__
 from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.core.checksum import compute_files_checksum
 from mdrive_sumo.core.plug_ins import PlugInKind, identify_plug_ins
+from mdrive_sumo.core.version import __version__
 from mdrive_sumo.roads import find_network_folder
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.runs.agent_spec import AgentSpec

@@ -21,7 +21,8 @@ def test_a_release_changes_one_variable() -> None:
     """The package has the version of `__version__`; the citation says the same."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     assert (
-        "version" not in project["project"] and project["tool"]["hatch"]["version"]["path"] == "mdrive_sumo/__init__.py"
+        "version" not in project["project"]
+        and project["tool"]["hatch"]["version"]["path"] == "mdrive_sumo/core/version.py"
     )
     assert f"\nversion: {md.__version__}\n" in (ROOT / "CITATION.cff").read_text()
 
