@@ -5,11 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from testing.bent_road import WIDTH, things, told
+import shapely
+from testing.bent_road import CAR, WIDTH, things, told
 
 from mdrive_sumo.contract import Objects, Observation, OwnState
+from mdrive_sumo.core.geometry import box_corners
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.planning.obstacle_avoidance import ObstacleAvoidance
+from mdrive_sumo.planning.parameters import AVOIDANCE
+from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner
 
 STANDING_OWN = OwnState(10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -32,6 +36,37 @@ class Driver:
             _, holds = self.avoidance.update(Observation(tick, own, objects), objects, self.planner, list(halts))
             held = [barrier.s for barrier in holds]
         return self.planner.path is not self.path, held
+
+
+OBSTACLE = (35.0, 0.0, 0.0)
+
+
+def with_oncoming(x: float, speed: float) -> Objects:
+    """The obstacle, and a vehicle on the other lane that drives towards the car."""
+    both = things(OBSTACLE, (x, WIDTH, speed))
+    return replace(both, kind=np.array([Kind.STATIC, Kind.VEHICLE], dtype=np.uint8), yaw=np.array([0.0, math.pi]))
+
+
+def update_at(driver: Driver, tick: int, objects: Objects) -> list[float]:
+    """Where to wait after one more observation."""
+    driver.planner.track_ego(tick, STANDING_OWN)
+    _, waits = driver.avoidance.update(Observation(tick, STANDING_OWN, objects), objects, driver.planner, [])
+    return [wait.s for wait in waits]
+
+
+def begins_detour(x: float, speed: float) -> bool:
+    """Whether the car leaves its path when the obstacle is confirmed and a vehicle comes towards it at x."""
+    driver = Driver()
+    driver.looks(0.8, things(OBSTACLE))
+    update_at(driver, 24, with_oncoming(x, speed))
+    return driver.planner.path is not driver.path
+
+
+def wait_on_detour(x: float, speed: float) -> tuple[list[float], ReferencePath]:
+    """Where the car waits on its detour for a vehicle that appears at x, and the detour's path."""
+    driver = Driver()
+    assert driver.looks(1.4, things(OBSTACLE))[0]
+    return update_at(driver, 32, with_oncoming(x, speed)), driver.planner.path
 
 
 class TestObstacleAvoidance:
@@ -79,6 +114,26 @@ class TestObstacleAvoidance:
                 diverted_at = x
         assert diverted_at is not None
         assert diverted_at < 20.0
+
+    @pytest.mark.slow
+    def test_a_detour_begun_goes_on_with_half_the_time_that_it_takes_to_begin_one(self) -> None:
+        """Else a car that has turned out would stop, half in the other lane, for what it had just judged to be free."""
+        speed, places = 4.0, np.arange(88.0, 106.0, 2.0).tolist()
+        begins_from = next(x for x in places if begins_detour(x, speed))
+        goes_on_from = next(x for x in places if not wait_on_detour(x, speed)[0])
+        assert goes_on_from > places[0]
+        assert begins_from - goes_on_from == pytest.approx(speed * AVOIDANCE.time_reserve_s / 2, abs=2.0)
+
+    def test_a_waiting_car_leaves_three_metres_to_what_passes(self) -> None:
+        (stop_s,), path = wait_on_detour(40.0, 8.0)
+        swept = shapely.box(0.0, WIDTH - 0.9, 100.0, WIDTH + 0.9)
+        length, width = CAR.length, CAR.width + 2 * AVOIDANCE.side_gap_m
+        poses = zip(*path.xy.T.tolist(), path.body_yaw.tolist(), strict=True)
+        boxes = shapely.polygons([box_corners(x, y, yaw, length, width) for x, y, yaw in poses])
+        stations = np.arange(len(boxes)) * SPACING_M
+        touches_from = stations[shapely.intersects(boxes, swept) & (stations > stop_s)][0]
+        assert touches_from - stop_s == pytest.approx(3.0, abs=AVOIDANCE.stride_m)
+        assert stop_s > STANDING_OWN.x  # it drives on to there
 
     @pytest.mark.slow
     def test_standing_vehicles_side_by_side_are_not_passed(self) -> None:

@@ -130,3 +130,15 @@ def test_ghosts_cover_what_a_box_has_of_each_corridor(roads: RoadMap) -> None:
         assert ghost.lane.centre.at(ghost.front_s)[0] == pytest.approx(-59.0)
     assert sorted(find_ghosts([SourceBox("b", -60.0, -3.2, np.pi / 2, 0.0, 4.9, 2.0, "a_0")], roads)) == ["ghost:b:a_1"]
     assert find_ghosts([], roads) == {}
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(("gap_m", "is_seen"), [(-0.05, True), (0.05, False)])
+def test_a_lane_has_a_ghost_for_what_its_vehicles_would_touch_and_none_for_what_they_pass(
+    gap_m: float, is_seen: bool, side: float, roads: RoadMap
+) -> None:
+    """`gap_m`: between a box beside the lane and a background vehicle of the usual size in the middle of it."""
+    width = 0.4
+    x = lane_x(roads) + side * (car("bg").width / 2 + gap_m + width / 2)
+    found = find_ghosts([SourceBox("b", x, -80.0, np.pi / 2, 0.0, 0.4, width)], roads)
+    assert sorted(found) == (["ghost:b:c_0"] if is_seen else [])

@@ -128,6 +128,41 @@ def test_messages_that_were_due_between_two_calls_arrive_in_the_order_of_sending
     assert said.deliveries == {"a": (DeliveryStatus.DELIVERED, 4), "c": (DeliveryStatus.GONE, 4)}
 
 
+def test_what_was_sent_earlier_arrives_first_whoever_sent_it() -> None:
+    """Both were due between two calls: the slow one in tick 6, the quick one in tick 5."""
+    channel = Channel(CommSettings(by_type={"cam": LinkSettings(latency_ticks=6)}), 1)
+    channel.send(0, {"b": (cam(),)}, NEAR)
+    channel.send(4, {"a": (text("later"),)}, NEAR)
+    assert [(one.tick, one.sender) for one in channel.deliver(8, ("c",))["c"]] == [(0, "b"), (4, "a")]
+
+
+@given(
+    st.lists(st.tuples(st.sampled_from("abc"), st.integers(0, 9), st.booleans()), max_size=12),
+    st.sets(st.integers(1, 15)),
+)
+def test_every_inbox_is_in_the_order_of_sending_whenever_it_is_read(
+    what: list[tuple[str, int, bool]], reads: set[int]
+) -> None:
+    """Messages of one tick in the order of sender ids, those of one sender as it gave them."""
+    channel = Channel(CommSettings(by_type={"cam": LinkSettings(latency_ticks=5)}), 1)
+    boxes: list[Box] = []
+    for tick in range(17):
+        if tick in reads or tick == 16:
+            boxes.append(channel.deliver(tick, tuple(NEAR)))
+        said: dict[str, tuple[Message, ...]] = {}
+        for i, (sender, when, slow) in enumerate(what):
+            if when == tick:
+                said[sender] = (*said.get(sender, ()), cam(i) if slow else text(f"{i}"))
+        channel.send(tick, said, NEAR)
+    log = [one.message for one in channel.sent_messages()]
+    for receiver in NEAR:
+        heard = [[log.index(one) for one in box[receiver]] for box in boxes]
+        assert all(places == sorted(places) for places in heard)
+        assert sorted(place for places in heard for place in places) == [
+            i for i, one in enumerate(log) if one.sender != receiver
+        ]
+
+
 def test_messages_in_flight_have_no_fate_yet() -> None:
     _, channel = run(CommSettings(link=LinkSettings(latency_ticks=9)), {0: {"a": (text("x"),)}}, 5)
     assert fates(channel.sent_messages()) == [{}]

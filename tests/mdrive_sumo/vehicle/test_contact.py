@@ -252,6 +252,21 @@ def test_actors_are_matched_by_id_and_newcomers_do_not_sweep() -> None:
     assert build_obstacle_motion(before, same).before is before
 
 
+@pytest.mark.parametrize(
+    ("step_m", "is_swept"), [(4.5, True), (6.0, False), (20.0, False), (49.0, False), (400.0, False)]
+)
+def test_what_moves_faster_than_any_vehicle_was_relocated_and_hits_nothing_on_its_way(
+    step_m: float, is_swept: bool
+) -> None:
+    """No road user drives 100 m/s, which are 5 m in a tick. A bollard passes over a car that stands half way."""
+    half, thin = step_m / 2, (0.4, 0.4)
+    jumps = build_obstacle_motion(actors(("v", 0.0, -half, 0), size=thin), actors(("v", 0.0, half, 0), size=thin))
+    body = VehicleState(0, 0, 0)
+    settled, met = resolve_contacts({"e": body}, {"e": body}, {"e": MKZ_2017}, jumps, NOTHING)
+    assert met == ((Contact("e", "v", Kind.VEHICLE),) if is_swept else ())
+    assert (settled["e"] != body) is is_swept
+
+
 def test_order_of_egos_does_not_matter() -> None:
     rows = {f"e{i}": VehicleState(4.8 * i, 0.1 * i, 0, vx=10.0 - 6 * i) for i in range(4)}
     cars = dict.fromkeys(rows, MKZ_2017)

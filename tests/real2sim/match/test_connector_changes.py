@@ -102,6 +102,26 @@ def test_the_route_of_a_cav_runs_where_it_drove_before_the_change(entry: Junctio
     Scenario(id="s", bucket="t", category="t", network="n", egos=(ego,))
 
 
+@pytest.mark.parametrize(("aside_m", "is_route"), [(2.0, True), (24.0, False)])
+def test_a_route_covers_nine_tenths_of_the_drive_near_lanes_or_there_is_none(
+    aside_m: float, is_route: bool, tmp_path: Path
+) -> None:
+    """Late into the pocket, on its connector or through a gap 24 m beyond the last point where the pocket is in reach.
+
+    What is left out would be driven by nobody: a route without it is another drive.
+    """
+    ahead = lane("ahead", [(0, 0), (60, 0)], ("ahead2",), junction=True)
+    pocket = lane("pocket", [(0, 0), (12, 3), (20, 9), (60, 9)], ("pocket2",), junction=True)
+    roads = built(
+        tmp_path,
+        lanes_map(IN, ahead, pocket, lane("ahead2", [(60, 0), (100, 0)]), lane("pocket2", [(60, 9), (100, 9)])),
+    )[1]
+    leaves = 13.0 + aside_m
+    track = drive(np.array([(-30.0, 0.0), (leaves, 0.0), (leaves + 9.0, 9.0), (80.0, 9.0)]), 5.0)
+    found = match_track(track, roads)
+    assert (found.reason == "") is is_route, found.reason
+
+
 # --- U-turns, gateways --------------------------------------------------------------------------------------------
 RING = [(60.0 + 5.0 * np.sin(a), 4.0 - 4.0 * np.cos(a)) for a in np.linspace(0, np.pi, 9)]
 STREET = (

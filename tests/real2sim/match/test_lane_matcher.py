@@ -12,10 +12,7 @@ from testing.sampling import sampled
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap, build_lane_route, list_packaged_networks, load_road_map
 from real2sim.hd_map import HdMap
-from real2sim.match.lane_matcher import (
-    LaneMatch,
-    match_track,
-)
+from real2sim.match.lane_matcher import KEY_FRAME_M, LaneMatch, _select_key_frames, match_track
 from real2sim.network import build_network
 
 EAST = np.column_stack((np.arange(0.0, 201.0, 5.0), np.zeros(41)))
@@ -120,7 +117,7 @@ def test_every_way_through_the_packaged_networks_is_found_in_noise(name: str) ->
         found = match_track(track, roads)
         assert (found.route, found.reason) == (path, "")
         driven += 1
-    assert driven >= (3 if name == "lane_drop" else 5)
+    assert driven >= 3
 
 
 @pytest.mark.slow
@@ -255,3 +252,43 @@ def test_where_no_way_leads_on_the_match_says_so(tmp_path: Path) -> None:
     assert len(found.break_frames) == 1
     assert found.lanes[found.break_frames[0]] == "eb_0"
     assert found.route in (("ea_0",), ("eb_0",))
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_vehicle_at_a_slant_is_in_the_lane_and_one_across_is_not(side: float, street: RoadMap) -> None:
+    """A stopped vehicle of a tight turn stands at up to 75 degrees to its lane; at more it crosses the lane."""
+    for slant_deg in (45.0, 61.0, 74.0):
+        assert checked(standing(50.0, 0.3, side * np.radians(slant_deg)), street, 0.6).route == ("eeast_0",)
+    for slant_deg in (76.0, 90.0, 104.0):
+        found = match_track(standing(50.0, 0.3, side * np.radians(slant_deg)), street)
+        assert found.reason.startswith("parked across or against the lanes")
+
+
+@pytest.mark.parametrize(
+    ("speed", "lane_of_motion"),
+    [pytest.param(2.6, True, id="driving"), pytest.param(2.4, False, id="creeping")],
+)
+def test_the_box_tells_the_direction_of_what_creeps_and_the_motion_of_what_drives(
+    speed: float, lane_of_motion: bool, street: RoadMap
+) -> None:
+    """A vehicle that manoeuvres backwards stays in its lane. The yaw of one that drives is wrong: trackers turn boxes.
+
+    Between frames of 0.1 s it drives from 0.25 m on.
+    """
+    track = drive(moved(EAST[5:10], 0.0, 1.7), speed)  # between the eastbound and the westbound lane
+    track[:, 2] = np.pi  # the box looks west
+    track[[0, -1], 2] = np.nan  # the ends have one neighbour each, so half the motion
+    lanes = set(match_track(track, street).lanes)
+    assert lanes == ({"eeast_0"} if lane_of_motion else {"ewest_0"})
+
+
+@pytest.mark.parametrize("step_m", [0.09, 0.3, 0.45])
+def test_key_frames_are_evenly_spaced_along_the_track(step_m: float) -> None:
+    """Wherever it ends: from half to one and a half of their distance apart, and a step between frames."""
+    for frames, first in itertools.product(range(2, 80), (0, 1)):
+        x = step_m * np.arange(frames)
+        keys = _select_key_frames(np.column_stack((x, 0 * x)), np.arange(first, frames))
+        assert (keys[0], keys[-1]) == (first, frames - 1)
+        gaps = np.diff(x[keys])
+        assert (gaps <= 1.5 * KEY_FRAME_M + step_m).all()
+        assert len(gaps) <= 1 or (gaps >= 0.5 * KEY_FRAME_M).all()

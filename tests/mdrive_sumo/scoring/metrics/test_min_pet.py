@@ -40,6 +40,18 @@ def test_one_behind_the_other_has_no_conflict() -> None:
     assert compute_min_pet(two(straight(100), straight(100, begin=-10.0))) is None
 
 
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize(("turn_deg", "is_conflict"), [(0, False), (29, False), (31, True), (90, True), (180, True)])
+def test_paths_conflict_where_they_cross_at_thirty_degrees_or_more(turn_deg: int, is_conflict: bool, side: int) -> None:
+    """Below that one follows or merges behind the other: docs/scoring.md. The second comes 2 s after the first."""
+    yaw = side * math.radians(turn_deg)
+    ahead = (np.arange(200) / 20 - 4.5) * 10.0
+    second = [(20.0 + s * math.cos(yaw), s * math.sin(yaw), yaw, 10.0) for s in ahead.tolist()]
+    found = compute_min_pet(two(straight(200, begin=-5.0), second))
+    assert (found is not None) is is_conflict
+    assert found is None or found <= 2.0
+
+
 def test_what_never_moves_is_left_out() -> None:
     """A parked car is driven through: a collision, but no place was left and taken."""
     parked = actor(20.0, 0.0, math.pi / 2)
