@@ -1,7 +1,8 @@
 """Runs slow calls, and calls on untrusted input, in a subprocess, because a process can be killed and a thread cannot.
 
 The child starts with the first call and stays for the next one, since starting takes longer than most calls. A call
-that exceeds its time limit or crashes ends the child.
+that exceeds its time limit or crashes ends the child. One whose child is ended by a signal that an operator, earlyoom
+or a service manager may have sent is made once more.
 """
 
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from queue import Empty, LifoQueue
 from threading import BoundedSemaphore, Lock
 from typing import Any, ParamSpec, Protocol, TypeVar
 
+from mdrive_sumo.agent_process.sandbox.box import OUTSIDE_SIGNALS
 from server.api.problems import ProblemError
 from server.api.subprocess_child import answer_calls
 
@@ -87,12 +89,12 @@ class SubprocessRunner:
         finally:
             self._turn.release()
 
-    def _send(self, request: object, limit_s: float) -> tuple[bool, Any]:
+    def _send(self, request: object, limit_s: float, *, is_repeated: bool = False) -> tuple[bool, Any]:
         if self._child is None or not self._child[0].is_alive():
             self._end_child()
             self._child = _start_child(self._nice)
             self._wait_until_ready(self._child[1])
-        pipe = self._child[1]
+        process, pipe = self._child
         try:
             pipe.send(request)
             if pipe.poll(limit_s):
@@ -100,7 +102,11 @@ class SubprocessRunner:
             problem = f"it took longer than {limit_s:g} s"
         except (EOFError, OSError):
             problem = "its process ended"
+            process.join(_KILL_S)
+        is_killed = process.exitcode is not None and -process.exitcode in OUTSIDE_SIGNALS
         self._end_child()
+        if is_killed and not is_repeated and not self._closed:
+            return self._send(request, limit_s, is_repeated=True)
         raise _describe_busy(CallEndedError, problem)
 
     def _wait_until_ready(self, pipe: Connection) -> None:

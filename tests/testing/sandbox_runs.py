@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mdrive_sumo.agent_process.sandbox import BoxLimits, BoxReport, BoxSpec, open_box
+from mdrive_sumo.agent_process.sandbox import Box, BoxLimits, BoxReport, BoxSpec, open_box
 from mdrive_sumo.agent_process.sandbox.box_spec import SLOTS
 from mdrive_sumo.agent_process.sandbox.cgroups import find_hierarchy
 from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
@@ -141,6 +141,21 @@ def left_behind(slot: int) -> list[str]:
     own = set(hierarchy.folders.values()) if hierarchy else set()
     groups = [str(folder / f"mdrive-box-{slot}") for folder in own if (folder / f"mdrive-box-{slot}").exists()]
     return groups + [str(pid) for pid in processes_of(FIRST_UID + slot)]
+
+
+def find_supervisor(box: Box) -> int:
+    """The process of a slot's user that is not of the box: it sees the processes of the host. Needs root."""
+    own = os.stat("/proc/self/ns/pid").st_ino  # noqa: PTH116
+    found = [
+        pid
+        for pid in processes_of(FIRST_UID + box.slot)
+        if (
+            Path(f"/proc/{pid}/ns/pid").stat().st_ino == own
+            and "supervisor" in Path(f"/proc/{pid}/cmdline").read_text()
+        )
+    ]
+    assert len(found) == 1
+    return found[0]
 
 
 def processes_of(uid: int) -> list[int]:

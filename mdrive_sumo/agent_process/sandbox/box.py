@@ -14,6 +14,7 @@ from pathlib import Path
 from mdrive_sumo.agent_process.sandbox.cgroups import Cgroup
 from mdrive_sumo.agent_process.sandbox.launch import BoxError
 from mdrive_sumo.agent_process.sandbox.output_log import LogRing
+from mdrive_sumo.agent_process.sandbox.supervisor_process import has_been_killed
 from mdrive_sumo.agent_process.sandbox.user_slots import UserSlot
 
 DYING_S = 20.0
@@ -40,7 +41,10 @@ XFSZ). Numbers, because Windows lacks the names."""
 
 
 class BoxKilledError(BoxError):
-    """A signal that may have come from outside ended the program. Repeat it once, with `BoxSpec.owns_signals`."""
+    """A signal that may have come from outside ended the program, or the supervisor that answers its `fstat`.
+
+    Repeat it once, with `BoxSpec.owns_signals`.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +73,8 @@ class BoxParts:
     pidfd: int
     status: int
     """Reading end of bubblewrap's own report."""
+    supervisor: socket.socket | None
+    """From the supervisor of `fstat`; None: the box has none."""
     slot: UserSlot
     group: Cgroup | None
     began: float
@@ -144,7 +150,7 @@ class Box:
 
         Raises BoxError if bubblewrap failed before the program had begun, or was killed from outside, and if memory ran
         out on the host (or in the evaluator's group) while the box kept to its own limit; BoxKilledError if a signal
-        that may have come from outside ended the program.
+        that may have come from outside ended the program or its supervisor.
         """
         if self._report is None:
             self._report = self._close_and_report()
@@ -175,6 +181,8 @@ class Box:
 
     def _close_and_report(self) -> BoxReport:
         parts, by_itself = self._parts, self._wait_for_exit(GOING_S[self._backend] if self._has_hung_up() else 0.0)
+        # Asked before the group is killed, to which the supervisor belongs.
+        unsupervised = parts.supervisor is not None and has_been_killed(parts.supervisor)
         if not by_itself:
             with suppress(ProcessLookupError):
                 os.killpg(parts.pid, signal.SIGKILL)
@@ -192,7 +200,7 @@ class Box:
         report = BoxReport(
             exit_code, ended_by, oom, peak, cpu, time.monotonic() - parts.began, self._log.seen_bytes, clean
         )
-        killed = by_itself and not oom and self._may_be_killed(report)
+        killed = "" if oom or parts.owns_signals else self._find_killed(report, by_itself, unsupervised)
         if ours or starved or killed:
             self._report = report
         if starved:
@@ -201,7 +209,7 @@ class Box:
             why = f"ended by signal {ended_by} from outside" if ended_by is not None else _read_last_words(problem)
             raise BoxError(f"sandbox: {PROGRAMS[self._backend]} failed: {why}")
         if killed:
-            raise BoxKilledError(f"sandbox: the program ended by signal {ended_by}, which may have come from outside")
+            raise BoxKilledError(f"sandbox: {killed}, which may have come from outside")
         return report
 
     def _is_our_failure(self, by_itself: bool, oom: bool) -> bool:
@@ -219,20 +227,25 @@ class Box:
             return True
         return self._backend == "bubblewrap" and not any("exit-code" in json.loads(line) for line in text.splitlines())
 
-    def _may_be_killed(self, report: BoxReport) -> bool:
-        """Whether a process outside may have ended the program: nothing tells the sender of a signal that kills.
+    def _find_killed(self, report: BoxReport, by_itself: bool, unsupervised: bool) -> str:
+        """Return what a process outside may have ended, and how; "" if none: nothing tells the sender of a signal.
 
-        A program that has used up its CPU time was ended for that.
+        A program that has used up its CPU time was ended for that. The program may have gone on without its supervisor,
+        but it was told errors.
         """
-        if self._backend == "none" or self._parts.owns_signals:
-            return False
+        if unsupervised:
+            return "the supervisor of the box was ended by a signal"
         spent = report.cpu_s is not None and report.cpu_s >= self._parts.cpu_limit_s
-        return report.signal in OUTSIDE_SIGNALS and not spent
+        if self._backend == "none" or not by_itself or spent or report.signal not in OUTSIDE_SIGNALS:
+            return ""
+        return f"the program ended by signal {report.signal}"
 
     def _release(self, clean: bool) -> None:
         self._log.close()
         self.socket.close()
         os.close(self._parts.pidfd)
+        if self._parts.supervisor is not None:
+            self._parts.supervisor.close()
         if self._parts.folder is not None:
             shutil.rmtree(self._parts.folder, ignore_errors=True)
         self._parts.slot.release(clean)

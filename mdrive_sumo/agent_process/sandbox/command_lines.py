@@ -53,7 +53,7 @@ def _plan_bubblewrap(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> Laun
 
 def _plan_watch(ends: PipeEnds, place: BoxPlacement) -> StatWatch:
     found = seccomp.compile_stat_filter()
-    link = ends.theirs.enter_context(request_supervisor(place.uid, found.fstat, place.entries))
+    link = ends.undo.enter_context(request_supervisor(place.uid, found.fstat, place.entries))
     return StatWatch(make_program(found.program), found.seccomp, link)
 
 

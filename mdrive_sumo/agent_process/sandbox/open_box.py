@@ -96,8 +96,19 @@ def _start(spec: BoxSpec, slot: UserSlot, group: cgroups.Cgroup | None, folder: 
         for fd in entries:
             ends.theirs.callback(os.close, fd)
         seen = provide_private_files(spec, slot.number) if spec.copies is not None else bubblewrap.sources(spec)
-        pid = start(launch(spec, ends, BoxPlacement(slot.uid, entries, folder, seen)))
-        began, cpu_s = time.monotonic(), spec.limits.cpu_s
-        parts = BoxParts(pid, os.pidfd_open(pid), ends.status, slot, group, began, folder, cpu_s, spec.owns_signals)
+        plan = launch(spec, ends, BoxPlacement(slot.uid, entries, folder, seen))
+        pid = start(plan)
+        parts = BoxParts(
+            pid=pid,
+            pidfd=os.pidfd_open(pid),
+            status=ends.status,
+            supervisor=None if plan.watch is None else plan.watch.link,
+            slot=slot,
+            group=group,
+            began=time.monotonic(),
+            folder=folder,
+            cpu_limit_s=spec.limits.cpu_s,
+            owns_signals=spec.owns_signals,
+        )
         ends.undo.pop_all()
     return Box(parts, ends.own, LogRing(ends.log, spec.limits.log_bytes), spec.backend)

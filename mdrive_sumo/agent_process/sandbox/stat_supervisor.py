@@ -7,7 +7,7 @@ exchanging descriptor or path meanwhile. Files on the box's own mounts are told 
 
 Run by `supervisor_process` as a program of its own that imports little: one for each evaluator, with a child for each
 box, which has the box's user and control group. Its standard input is a socket; the evaluator sends one message a box.
-Where a supervisor ends before its box, the kernel answers ENOSYS.
+Where a supervisor ends before its box, the kernel answers ENOSYS, and the evaluator misses the last word on the socket.
 """
 
 import ctypes
@@ -48,6 +48,8 @@ MOST_GROUPS = 16
 MOST_DESCRIPTORS = 1 << 20
 LIBC = ctypes.CDLL(None, use_errno=True)
 PR_SET_PDEATHSIG = 1
+DONE = b"."
+"""Told to the evaluator when no process of the box is left."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,8 +237,10 @@ def supervise(message: bytes, descriptors: list[int]) -> Never:
         LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # the change of user has cleared it
     with socket.socket(fileno=link) as channel:
         listener = socket.recv_fds(channel, 1, 1)[1]
-    if listener:
-        StatSupervisor(listener[0], fstat_number, held).serve()
+        if listener:
+            StatSupervisor(listener[0], fstat_number, held).serve()
+        with suppress(OSError):  # the evaluator has closed the box meanwhile
+            channel.send(DONE)
     os._exit(0)
 
 

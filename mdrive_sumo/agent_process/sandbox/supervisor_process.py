@@ -13,7 +13,7 @@ _CONTROLS: dict[int, socket.socket] = {}
 
 
 def request_supervisor(uid: int | None, fstat_number: int, groups: tuple[int, ...]) -> socket.socket:
-    """Return where the launch sends the listener of its filter.
+    """Return where the launch sends the listener of its filter, and which says when the supervisor has ended.
 
     uid: of the box; None: this user. groups: open `cgroup.procs` files of the box, which the supervisor joins, so that
     its work counts as the box's.
@@ -27,6 +27,16 @@ def request_supervisor(uid: int | None, fstat_number: int, groups: tuple[int, ..
             _CONTROLS.pop(os.getpid()).close()
             socket.send_fds(_find_control(), [message], [theirs.fileno(), *groups])
     return ours
+
+
+def has_been_killed(link: socket.socket) -> bool:
+    """Return whether the supervisor of a box has ended before the box."""
+    try:
+        return link.recv(1, socket.MSG_DONTWAIT) == b""
+    except BlockingIOError:
+        return False
+    except ConnectionResetError:  # before it read the listener
+        return True
 
 
 def _find_control() -> socket.socket:

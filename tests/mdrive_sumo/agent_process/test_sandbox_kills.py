@@ -12,7 +12,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from testing.sandbox_runs import PATIENCE_S, left_behind, needs_bubblewrap, own_slot, shell_spec
+from testing.sandbox_runs import (
+    PATIENCE_S,
+    find_supervisor,
+    left_behind,
+    needs_bubblewrap,
+    needs_root,
+    own_slot,
+    shell_spec,
+)
 from testing.short_suite import make_short_suite
 
 from mdrive_sumo.agent_process.child_process import AgentBox, BoxedAgentProcess
@@ -209,6 +217,27 @@ def test_an_episode_whose_box_is_killed_is_driven_again_with_the_same_result(
         assert run_job(job) == undisturbed
     assert len(opened) == 2 * len(undisturbed.egos)
     assert "signal 9, which may have come from outside; the episode is driven once more" in caplog.text
+
+
+def test_an_episode_whose_supervisor_is_killed_is_driven_again(
+    suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The agent fails without it; that was scored as the agent's crash."""
+    needs_root()
+    job = job_of(suite, tmp_path, act="os.fstat(0)")
+    undisturbed = run_job(job)
+    opened = count_boxes(monkeypatch, kill_supervisor_of_the_first)
+    with caplog.at_level(logging.WARNING):
+        assert run_job(job) == undisturbed
+    assert End.AGENT_FAILED not in {ego.outcome for ego in undisturbed.egos}
+    assert len(opened) == 2 * len(undisturbed.egos)
+    assert "the supervisor of the box was ended by a signal" in caplog.text
+
+
+def kill_supervisor_of_the_first(number: int, process: BoxedAgentProcess) -> None:
+    if number == 1:
+        supervisor = find_supervisor(process._box)
+        os.kill(supervisor, signal.SIGKILL)
 
 
 def test_an_agent_that_kills_itself_fails_after_one_repetition(

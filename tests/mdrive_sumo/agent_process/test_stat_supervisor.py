@@ -5,19 +5,28 @@ import json
 import os
 import platform
 import signal
+import socket
 import stat
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.sandbox_runs import PATIENCE_S, SMALL, needs_bubblewrap, needs_root, own_slot, processes_of
+from testing.sandbox_runs import PATIENCE_S, SMALL, find_supervisor, needs_bubblewrap, needs_root, own_slot
 
-from mdrive_sumo.agent_process.sandbox import Box, BoxSpec, cgroups, open_box, stat_supervisor
+from mdrive_sumo.agent_process.sandbox import (
+    Box,
+    BoxKilledError,
+    BoxSpec,
+    cgroups,
+    open_box,
+    stat_supervisor,
+    supervisor_process,
+)
 from mdrive_sumo.agent_process.sandbox.stat_supervisor import STAT, pack_stat
-from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
 
 pytestmark = [
     needs_bubblewrap,
@@ -69,23 +78,8 @@ class AskedProgram:
 
 @pytest.fixture
 def caller() -> Iterator[AskedProgram]:
-    with open_box(BoxSpec(("/usr/bin/python3", "-c", SERVE), {}, slot=SLOT, limits=SMALL)) as box:
+    with open_box(SPEC) as box:
         yield AskedProgram(box)
-
-
-def find_supervisor(box: Box) -> int:
-    """The process of a slot's user that is not of the box: it sees the processes of the host."""
-    own = os.stat("/proc/self/ns/pid").st_ino  # noqa: PTH116
-    found = [
-        pid
-        for pid in processes_of(FIRST_UID + box.slot)
-        if (
-            Path(f"/proc/{pid}/ns/pid").stat().st_ino == own
-            and "supervisor" in Path(f"/proc/{pid}/cmdline").read_text()
-        )
-    ]
-    assert len(found) == 1
-    return found[0]
 
 
 def test_files_are_told_as_they_are(caller: AskedProgram) -> None:
@@ -146,29 +140,65 @@ def test_a_program_that_lets_nobody_look_into_it_gets_an_error(caller: AskedProg
     assert caller.ask("look(3)") == "EACCES"
 
 
-def test_a_box_whose_supervisor_is_killed_gets_an_error_and_no_number(caller: AskedProgram) -> None:
-    needs_root()
-    assert isinstance(caller.ask("look(3)"), list)
-    supervisor = find_supervisor(caller.box)
-    os.kill(supervisor, signal.SIGKILL)
+SPEC = BoxSpec(("/usr/bin/python3", "-c", SERVE), {}, slot=SLOT, limits=SMALL)
+
+
+def wait_until_unanswered(caller: AskedProgram) -> None:
     end = time.monotonic() + PATIENCE_S
     while caller.ask("look(3)") != "ENOSYS" and time.monotonic() < end:
         time.sleep(0.01)
-    assert caller.ask("look(os.pipe()[0])") == "ENOSYS"
-    assert caller.box.close().signal == signal.SIGKILL
+    assert caller.ask("look(os.pipe()[0])") == "ENOSYS"  # an error and no number
 
 
-def test_after_the_death_of_all_supervisors_the_next_box_has_one(caller: AskedProgram) -> None:
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_killed_supervisor_is_ours_once(number: int) -> None:
+    """Also where the program goes on without: it was told errors. The second time it is the program's failure."""
     needs_root()
+    caller = AskedProgram(open_box(SPEC))
+    assert isinstance(caller.ask("look(3)"), list)
+    os.kill(find_supervisor(caller.box), number)
+    wait_until_unanswered(caller)
+    with pytest.raises(BoxKilledError, match="the supervisor of the box was ended by a signal, which may have come"):
+        caller.box.close()
+    with open_box(replace(SPEC, owns_signals=True)) as box:
+        caller = AskedProgram(box)
+        caller.ask("look(3)")
+        os.kill(find_supervisor(box), number)
+        wait_until_unanswered(caller)
+        assert box.close().signal == signal.SIGKILL
+
+
+@pytest.mark.parametrize(("end", "code"), [("os._exit(3)", 3), ("os.abort()", None)])
+def test_a_program_that_ends_lets_its_supervisor_end(end: str, code: int | None) -> None:
+    """The supervisor has ended then, too, and that is nobody's kill."""
+    with open_box(SPEC) as box:
+        caller = AskedProgram(box)
+        caller.ask("look(3)")
+        with pytest.raises((ConnectionError, json.JSONDecodeError)):
+            caller.ask(end)
+        while box.alive():
+            time.sleep(0.01)
+        time.sleep(0.2)
+        assert box.close().exit_code == code
+
+
+def test_the_death_of_all_supervisors_ends_those_of_boxes_and_the_next_box_has_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    needs_root()
+    own: dict[int, socket.socket] = {}
+    monkeypatch.setattr(supervisor_process, "_CONTROLS", own)  # not those of other tests
+    caller = AskedProgram(open_box(SPEC))
     caller.ask("look(3)")
     parent = int(Path(f"/proc/{find_supervisor(caller.box)}/stat").read_text().rpartition(")")[2].split()[1])
     assert Path(f"/proc/{parent}/cmdline").read_text().split("\0")[-2] == stat_supervisor.__file__
     os.kill(parent, signal.SIGKILL)
-    end = time.monotonic() + PATIENCE_S
-    while caller.ask("look(3)") != "ENOSYS" and time.monotonic() < end:
-        time.sleep(0.01)
-    with open_box(BoxSpec(("/usr/bin/python3", "-c", SERVE), {}, limits=SMALL)) as box:
+    wait_until_unanswered(caller)
+    with pytest.raises(BoxKilledError, match="supervisor"):
+        caller.box.close()
+    with open_box(SPEC) as box:
         assert isinstance(AskedProgram(box).ask("look(3)"), list)
+    own.popitem()[1].close()
 
 
 def test_the_work_of_a_supervisor_counts_as_the_boxs(caller: AskedProgram) -> None:

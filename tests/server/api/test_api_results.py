@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import signal
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -14,7 +15,7 @@ import httpx
 import pytest
 from testing.api_app import API, Server, listening, problem
 from testing.processes import wait_for, written
-from testing.runner_jobs import noted_sleep, refuse
+from testing.runner_jobs import end_by_signal, noted_sleep, refuse
 from testing.store_samples import LEASE, S, summary
 
 from mdrive_sumo.core.errors import InputError
@@ -26,7 +27,7 @@ from server import paths
 from server.api import replay_page
 from server.api.app import MAX_REPLAYS
 from server.api.problems import ProblemError
-from server.api.subprocess_runner import SubprocessRunner
+from server.api.subprocess_runner import CallEndedError, SubprocessRunner
 from server.enums import ScenarioVerdict
 from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
@@ -208,6 +209,20 @@ def test_a_process_of_its_own_answers_and_raises() -> None:
         assert aside.call(60.0, os.getpid) != before
         with pytest.raises(ProcessLookupError):
             os.kill(before, 0)
+    finally:
+        aside.close()
+
+
+def test_a_call_whose_process_is_killed_from_outside_is_made_once_more(tmp_path: Path) -> None:
+    """Else a kill by an operator or for want of memory is a refused archive of the team."""
+    aside = SubprocessRunner(1)
+    try:
+        assert aside.call(60.0, end_by_signal, tmp_path / "killed", signal.SIGKILL, 1) == 2
+        with pytest.raises(CallEndedError, match="process ended"):
+            aside.call(60.0, end_by_signal, tmp_path / "killed twice", signal.SIGTERM, 2)
+        with pytest.raises(CallEndedError, match="process ended"):
+            aside.call(60.0, end_by_signal, tmp_path / "crashed", signal.SIGSEGV, 1)
+        assert [(tmp_path / name).read_text() for name in ("killed twice", "crashed")] == ["xx", "x"]
     finally:
         aside.close()
 
