@@ -42,6 +42,17 @@ class SubmissionState(StrEnum):
     """Its jobs used more worker time than a submission has; nothing is scored, and it counts against the quota."""
 
 
+class JobKind(StrEnum):
+    """What a job is for. All kinds share table, lease, retry and dispatcher."""
+
+    SUBMISSION = auto()
+    """One scenario and seed of a submission."""
+    CROSS_PLAY = "cross-play"
+    """One scenario in which a CAV of a submission drives among CAVs of another."""
+    SPOT_CHECK = "spot-check"
+    """A finished scenario of a submission, run again for comparison."""
+
+
 class JobState(StrEnum):
     """State of one scenario and seed of a submission."""
 

@@ -14,7 +14,7 @@ from server.enums import ChallengeTrack, JobState
 from server.store import NotFound, cross_play, phases
 from server.store.cross_play import CrossPlayScore
 from server.store.queries import LeaderboardEntry
-from server.store.tables import CrossPlayJobRow
+from server.store.tables import JobRow
 
 
 def read_cross_play(session: Session, caller: Caller | None, phase_id: str) -> CrossPlayOut:
@@ -29,7 +29,7 @@ def read_cross_play(session: Session, caller: Caller | None, phase_id: str) -> C
     if not submission_views.may_see_scenarios(caller, phase):
         raise HiddenScenariosError
     agents = cross_play.list_agents(session, phase_id)
-    jobs = cross_play.list_jobs(session, phase_id, agents)
+    jobs = cross_play.list_jobs(session, agents)
     rows = [_make_agent(entry, agents, jobs) for entry in agents]
     rows.sort(key=lambda row: (row.sensing_track != SensingTrack.OBJECT, row.ds is None, -(row.ds or 0.0)))
     order = {row.submission: place for place, row in enumerate(rows)}
@@ -42,9 +42,9 @@ def read_cross_play(session: Session, caller: Caller | None, phase_id: str) -> C
 
 
 def _make_agent(
-    entry: LeaderboardEntry, agents: Sequence[LeaderboardEntry], jobs: Sequence[CrossPlayJobRow]
+    entry: LeaderboardEntry, agents: Sequence[LeaderboardEntry], jobs: Sequence[JobRow]
 ) -> CrossPlayAgentOut:
-    mine = [job for job in jobs if job.tested == entry.submission]
+    mine = [job for job in jobs if job.submission == entry.submission]
     cells = [_make_cell(entry, other, mine) for other in agents]
     known = [cell for cell in cells if cell.ds is not None and cell.sr is not None]
     return CrossPlayAgentOut(
@@ -63,7 +63,7 @@ def _make_agent(
     )
 
 
-def _make_cell(entry: LeaderboardEntry, other: LeaderboardEntry, jobs: Sequence[CrossPlayJobRow]) -> CrossPlayCellOut:
+def _make_cell(entry: LeaderboardEntry, other: LeaderboardEntry, jobs: Sequence[JobRow]) -> CrossPlayCellOut:
     """Return one cell over the episodes that say something about the agent under test."""
     found = [job.result for job in jobs if job.others == other.submission and job.result is not None]
     results = [CrossPlayScore(**result) for result in found]

@@ -11,7 +11,7 @@ from server.api import submission_views
 from server.api.caller import Caller
 from server.api.problems import HiddenScenariosError
 from server.api.schemas.scenarios import MatrixCellOut, MatrixColumnOut, MatrixOut, MatrixRowOut
-from server.enums import ChallengeTrack, ScenarioVerdict
+from server.enums import ChallengeTrack, JobKind, ScenarioVerdict
 from server.store import phases, queries
 from server.store.tables import JobOverviewRow, JobRow
 
@@ -55,7 +55,7 @@ def _read_rows(session: Session, submissions: Sequence[str]) -> list[MatrixRowOu
             *(data["bucket"].as_string(), data["category"].as_string()),
         )
         .join(JobOverviewRow, JobOverviewRow.job == JobRow.id)
-        .where(JobRow.submission.in_(submissions))
+        .where(JobRow.kind == JobKind.SUBMISSION, JobRow.submission.in_(submissions))
         .order_by(JobRow.scenario, JobRow.submission, JobRow.seed)
     )
     seeds: dict[str, dict[str, list[tuple[float, bool]]]] = defaultdict(lambda: defaultdict(list))

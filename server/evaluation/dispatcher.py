@@ -1,7 +1,7 @@
 """The dispatcher: claims jobs, submits them to an executor, prolongs their leases, and writes each result once.
 
-It is a worker's main loop; the executor is one local process or a cluster. Killing it at any moment neither loses nor
-duplicates a result, because the database decides.
+It is a worker's main loop, for jobs of every kind; the executor is one local process or a cluster. Killing it at any
+moment neither loses nor duplicates a result, because the database decides.
 """
 
 import logging
@@ -12,20 +12,30 @@ from dataclasses import dataclass
 
 from sqlalchemy.orm import Session
 
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.executor import Executor
 from mdrive_sumo.runs.worker_process import WorkerFailure, describe_write_error
+from mdrive_sumo.scoring import ScenarioResult
 from server.clock import now_us
-from server.enums import ScenarioVerdict
+from server.enums import JobKind
 from server.evaluation import spot_checks
-from server.evaluation.cross_play_work import CROSS_PLAY_PREFIX, CrossPlayWork
-from server.evaluation.disk_space import has_disk_space
-from server.evaluation.job_task import AgentRejection, EvaluatorMismatchError, JobResult, JobTask, load_task, move_files
+from server.evaluation.cross_play import compute_score, plan_pairs
+from server.evaluation.job_task import (
+    BY_MESSAGES,
+    AgentRejection,
+    EvaluatorMismatchError,
+    JobResult,
+    JobTask,
+    describe_failure,
+    load_task,
+    move_files,
+)
 from server.evaluation.phase_separation import CLAIMED, PhaseSeparation
 from server.evaluation.stop_request import StopRequest
 from server.evaluation.write_summaries import write_left_over_summaries, write_summary
 from server.phase_suites import PhaseSuites
 from server.settings import ServerSettings
-from server.store import Store, StoreUnavailable, audit, jobs, phases, submissions, workers
+from server.store import Store, StoreUnavailable, cross_play, jobs, submissions, workers
 from server.store.jobs import JobOutcome
 from server.store.tables import JobRow
 
@@ -34,8 +44,11 @@ SECOND_US = 1_000_000
 IDLE_S = 1.0
 """Pause between queries of an idle worker [s]."""
 MAX_PAUSE_S = 60.0
+"""Longest pause after failures on our side in a row, which doubles from 1 s on [s]."""
 DISK_FULL_PAUSE_S = 10.0
-SPOT_CHECK_PREFIX = "spot-"
+"""Pause until the next look at a disk without room [s]."""
+MIN_FREE_BYTES = 64 * 2**20
+"""Free disk space without which no job is claimed [bytes]: results that cannot be written count as our failures."""
 
 
 @dataclass(slots=True)
@@ -62,9 +75,7 @@ class Dispatcher:
         self._owner, self._clock = owner, clock
         self._held: dict[str, _HeldJob] = {}
         self._unwritten: deque[tuple[str, JobResult | WorkerFailure]] = deque()
-        self._spot_checks: deque[int] = deque()
         self._separation = PhaseSeparation(settings.work.phase_kinds, settings.data, settings.work.drop_caches)
-        self._cross_play = CrossPlayWork(store, settings, suites, owner, clock)
         self._failed_in_a_row, self._resume_us = 0, 0
         self._seen_us: int | None = None
 
@@ -124,30 +135,32 @@ class Dispatcher:
         if self._seen_us is None or now - self._seen_us >= self._beat_us:
             with self._store.write() as session:
                 workers.record_heartbeat(session, self._owner, self._settings.work.scheduler, now)
-            write_left_over_summaries(self._store, self._clock, self._draw_spot_checks)
-            self._cross_play.plan()
+            write_left_over_summaries(self._store, self._clock, self._plan_check)
+            plan_pairs(self._store, self._suites)
             self._seen_us = now
 
     def _claim(self) -> None:
         while self._clock() >= self._resume_us and self._executor.free_slots > 0:
-            if self._spot_checks:  # before new jobs: a queue that is never empty must not delay them for ever
-                if not self._start_spot_check():
-                    return
-            elif self._has_queued_job():
-                if not (self._has_disk_space() and self._claim_one()):
-                    return
-            elif not self._cross_play.start_one(self._separation, self._executor):  # only while nothing else waits
+            if not (self._is_any_waiting() and self._has_disk_space() and self._claim_one()):
                 return
 
-    def _has_disk_space(self) -> bool:
-        if has_disk_space(self._settings.data):
-            return True
-        self._resume_us = self._clock() + int(DISK_FULL_PAUSE_S * SECOND_US)
-        return False
-
-    def _has_queued_job(self) -> bool:
+    def _is_any_waiting(self) -> bool:
         with self._store.read() as session:
             return jobs.is_any_waiting(session, self._clock())
+
+    def _has_disk_space(self) -> bool:
+        """Return whether the data folder has room for a result; if not, pause. Raises InputError for no folder."""
+        data = self._settings.data
+        try:
+            free = shutil.disk_usage(data).free
+        except OSError as error:
+            raise InputError(f"data: expected a folder {data}, found none ({error.strerror})") from None
+        if free >= MIN_FREE_BYTES:
+            return True
+        wanted, found = MIN_FREE_BYTES // 2**20, free // 2**20
+        LOG.error("%s: expected %d MiB free, found %d: nothing new is begun", data, wanted, found)
+        self._resume_us = self._clock() + int(DISK_FULL_PAUSE_S * SECOND_US)
+        return False
 
     def _claim_one(self) -> bool:
         now = self._clock()
@@ -158,39 +171,44 @@ class Dispatcher:
                 )
                 if job is None:
                     return False
-                ours = self._has_our_evaluator(session, job)
-                task = load_task(session, job, self._settings, self._suites) if ours else None
+                task = load_task(session, job, self._settings, self._suites)
                 if task is None:
-                    jobs.release(session, job.id, self._owner, job.attempt)
+                    self._decline(session, job, now)
         except Exception:
             self._separation.end(CLAIMED)
             raise
         if task is None:
             self._separation.end(CLAIMED)
-            raise EvaluatorMismatchError(
-                f"submission {job.submission}: expected this worker's code, suite, sandbox and environment, found"
-                " another evaluator's; restart the server, which queues it anew"
-            )
+            if job.kind == JobKind.SUBMISSION:
+                raise EvaluatorMismatchError(
+                    f"submission {job.submission}: expected this worker's code, suite, sandbox and environment, found"
+                    " another evaluator's; restart the server, which queues it anew"
+                )
+            return True
         key = f"{task.job}.{task.attempt}"
         self._separation.rename(CLAIMED, key)
         self._held[key] = _HeldJob(task, now)
         self._executor.submit(key, task)
         return True
 
-    def _has_our_evaluator(self, session: Session, job: JobRow) -> bool:
-        submission = submissions.get(session, job.submission)
-        phase = phases.get(session, submission.phase)
-        return submission.evaluator == self._suites.evaluator(phase, submission.environment)
+    def _decline(self, session: Session, job: JobRow, now: int) -> None:
+        """Give up a job of another evaluator: pairs are planned anew under the present one, checks compare nothing."""
+        if job.kind == JobKind.SUBMISSION:
+            jobs.release(session, job.id, self._owner, job.attempt)
+            return
+        if job.kind == JobKind.SPOT_CHECK:
+            LOG.warning("submission %s: %s", job.submission, spot_checks.NOT_COMPARED)
+        jobs.cancel(session, job.id, now)
 
     def _prolong_leases(self) -> None:
         now = self._clock()
-        self._cross_play.prolong(self._executor, self._separation)
         due = [key for key, held in self._held.items() if now - held.beat_us >= self._beat_us]
         if not due:
             return
         waiting = {key for key, _ in self._unwritten}
         with self._store.write() as session:
-            for submission in {self._held[key].task.submission for key in due}:
+            tasks = [self._held[key].task for key in due]
+            for submission in {task.submission for task in tasks if task.kind is JobKind.SUBMISSION}:
                 submissions.end_if_over_budget(session, submission, self._settings.work.job_budget_us, now)
             lost = [key for key in due if not self._prolong(session, self._held[key].task, now)]
         for key in due:
@@ -203,39 +221,63 @@ class Dispatcher:
         return jobs.heartbeat(session, task.job, self._owner, task.attempt, self._lease_us, now)
 
     def _handle_outcome(self, key: str, outcome: JobResult | WorkerFailure) -> None:
-        if key.startswith(SPOT_CHECK_PREFIX):
-            self._separation.end(key)
-            spot_checks.record_outcome(self._store, int(key.removeprefix(SPOT_CHECK_PREFIX)), outcome, self._clock())
-            return
-        if key.startswith(CROSS_PLAY_PREFIX):
-            if self._cross_play.finish(key, outcome, self._separation):
-                self._pause()
-            return
         if key not in self._held:
             return
         task = self._held[key].task
-        if isinstance(outcome, WorkerFailure):
-            outcome = JobOutcome(ScenarioVerdict.FAILED_OURS, None, failure=f"{outcome.kind}: {outcome.reason}")
-        if isinstance(outcome, AgentRejection):
-            self._reject(task, outcome)
+        if failure := describe_failure(outcome):
+            self._record_failure(task, failure)
         else:
-            self._finish(task, outcome)
-        self._pause_after(task, outcome)  # once, when the result is written
+            assert not isinstance(outcome, WorkerFailure), "a failure on our side"
+            try:
+                self._write_outcome(task, outcome)
+            except OSError as error:
+                self._record_failure(task, f"the files of a result: {describe_write_error(error, error.filename)}")
+            else:
+                self._failed_in_a_row = 0
         self._drop(key)
 
-    def _finish(self, task: JobTask, outcome: JobOutcome) -> None:
-        try:
-            self._write_outcome(task, outcome)
-        except OSError as error:
-            why = f"the files of a result: {describe_write_error(error, error.filename)}"
-            self._write_outcome(task, JobOutcome(ScenarioVerdict.FAILED_OURS, None, failure=why))
+    def _record_failure(self, task: JobTask, failure: str) -> None:
+        with self._store.write() as session:
+            jobs.record_failure(session, task.job, self._owner, task.attempt, failure, self._clock())
+        LOG.error("%s job %d, attempt %d: %s", task.kind, task.job, task.attempt, failure)
+        self._pause()  # once, when the failure is written
 
-    def _write_outcome(self, task: JobTask, outcome: JobOutcome) -> None:
+    def _write_outcome(self, task: JobTask, outcome: JobResult) -> None:
+        """Write what is no failure on our side. Raises StoreUnavailable, or OSError for files: nothing is written."""
+        if task.kind is JobKind.SPOT_CHECK:
+            self._write_check(task, outcome)
+        elif isinstance(outcome, AgentRejection):
+            self._reject(task, outcome)
+        elif task.kind is JobKind.CROSS_PLAY:
+            by_messages = bool((outcome.usage or {}).get(BY_MESSAGES))
+            score = compute_score(ScenarioResult.model_validate(outcome.result), by_messages=by_messages)
+            with self._store.write() as session:
+                cross_play.finish(session, task.job, self._owner, task.attempt, score, self._clock())
+        else:
+            self._write_result(task, outcome)
+
+    def _write_check(self, task: JobTask, outcome: JobResult) -> None:
+        now = self._clock()
+        with self._store.write() as session:
+            if jobs.end(session, task.job, self._owner, task.attempt, None, now) is not None:
+                spot_checks.record_outcome(session, task, outcome, now)
+
+    def _reject(self, task: JobTask, rejection: AgentRejection) -> None:
+        """Reject the submission; of a pair neither team is blamed, since it is not known which of the two it was."""
+        now = self._clock()
+        with self._store.write() as session:
+            if task.kind is JobKind.CROSS_PLAY:
+                why = f"one of the agents was rejected: {rejection.why}"
+                jobs.give_up(session, task.job, self._owner, task.attempt, why, now)
+            elif self._prolong(session, task, now):
+                submissions.reject(session, task.submission, rejection.why, now)
+
+    def _write_result(self, task: JobTask, outcome: JobOutcome) -> None:
         now = self._clock()
         complete = False
         with self._store.write() as session:
             counted = jobs.finish(session, task.job, self._owner, task.attempt, outcome, now)
-            if counted and outcome.verdict is not ScenarioVerdict.FAILED_OURS:
+            if counted:
                 move_files(task)  # before the commit: a committed result has its files
                 complete = submissions.is_complete(session, task.submission)
                 if not complete:
@@ -243,41 +285,16 @@ class Dispatcher:
         if not counted:
             LOG.info("job %d: result of attempt %d dropped: the lease had ended", task.job, task.attempt)
         if complete:
-            self._try(lambda: write_summary(self._store, task.submission, self._clock, self._draw_spot_checks))
+            self._try(lambda: write_summary(self._store, task.submission, self._clock, self._plan_check))
 
-    def _draw_spot_checks(self, session: Session, submission: str) -> None:
-        draw = audit.find_head(session)
-        if spot_checks.is_drawn(draw, self._settings.work.spot_check):
-            self._spot_checks.extend(job.id for job in spot_checks.sample_jobs(session, submission, draw))
-
-    def _reject(self, task: JobTask, rejection: AgentRejection) -> None:
-        now = self._clock()
-        with self._store.write() as session:
-            if self._prolong(session, task, now):
-                submissions.reject(session, task.submission, rejection.why, now)
-
-    def _pause_after(self, task: JobTask, outcome: JobResult) -> None:
-        if isinstance(outcome, JobOutcome) and outcome.verdict is ScenarioVerdict.FAILED_OURS:
-            LOG.error("job %d, attempt %d: %s", task.job, task.attempt, outcome.failure)
-            self._pause()
-        else:
-            self._failed_in_a_row = 0
+    def _plan_check(self, session: Session, submission: str) -> None:
+        spot_checks.plan_check(session, submission, self._settings.work.spot_check)
 
     def _pause(self) -> None:
         """Pause after a failure on our side: a broken machine must not fail all submissions at full speed."""
         pause_s = min(2.0 ** min(self._failed_in_a_row, 10), MAX_PAUSE_S)  # bounds the exponent
         self._failed_in_a_row += 1
         self._resume_us = self._clock() + int(pause_s * SECOND_US)
-
-    def _start_spot_check(self) -> bool:
-        """Start the first; return False while the other kind of phases has this host."""
-        task = spot_checks.make_check_task(self._store, self._spot_checks[0], self._settings, self._suites)
-        key = f"{SPOT_CHECK_PREFIX}{task.job}"
-        if not self._separation.try_begin(key, task.public, self._clock()):
-            return False
-        self._spot_checks.popleft()
-        self._executor.submit(key, task)
-        return True
 
     def _drop(self, key: str) -> None:
         self._separation.end(key)
@@ -295,6 +312,5 @@ class Dispatcher:
         for key in self._held:
             self._executor.cancel(key)
         self._try(release)
-        self._try(lambda: self._cross_play.release(self._executor, self._separation))
         for key in tuple(self._held):
             self._drop(key)

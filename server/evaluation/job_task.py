@@ -1,13 +1,14 @@
 """The job that a worker process receives, and what it returns."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder
-from server.enums import ChallengeTrack
+from mdrive_sumo.runs.worker_process import WorkerFailure
+from server.enums import ChallengeTrack, JobKind, ScenarioVerdict
 from server.phase_suites import PhaseSuites
 from server.settings import ArchiveSettings, SandboxSettings, ServerSettings
 from server.store import phases, submissions
@@ -23,13 +24,15 @@ class OtherArchive:
     environment: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class JobTask:
-    """One (submission, scenario, seed) as plain values, valid on every machine with the same data folder."""
+    """A job as plain values, valid on every machine with the same data folder."""
 
+    kind: JobKind = JobKind.SUBMISSION
     job: int
     attempt: int
     submission: str
+    """The submission under test."""
     archive_sha256: str
     environment: str
     track: ChallengeTrack
@@ -37,19 +40,22 @@ class JobTask:
     scenario: str
     seed: int
     public: bool
-    """Whether recording and logs are stored."""
+    """Whether the scenario is one of a public phase."""
     data: Path
     """The server's data folder; shared by the machines of a cluster."""
     sandbox: SandboxSettings
-    sensor_track_only: bool = field(default=False, kw_only=True)
+    sensor_track_only: bool = False
     """Whether an agent that is given lists of objects is rejected."""
-    hidden: bool = field(default=False, kw_only=True)
-    """Whether the scenario is one of a hidden phase, also where a spot check stores nothing of a public one."""
-    other: OtherArchive | None = field(default=None, kw_only=True)
-    """In cross-play, where neither recording nor logs are stored; None: the agent drives all CAVs."""
+    other: OtherArchive | None = None
+    """In cross-play; None: the agent drives all CAVs."""
     limits: ArchiveSettings
     checksum: str = ""
     """Of the scenario's file when this worker read the suite; see `EpisodeJob.checksum`."""
+
+    @property
+    def keeps_files(self) -> bool:
+        """Whether recording and logs are stored: of the scenarios of submissions in public phases only."""
+        return self.public and self.kind is JobKind.SUBMISSION
 
     @property
     def archive(self) -> Path:
@@ -90,23 +96,36 @@ class EvaluatorMismatchError(InputError):
 JobResult = JobOutcome | AgentRejection
 
 
-def load_task(session: Session, job: JobRow, settings: ServerSettings, suites: PhaseSuites) -> JobTask:
-    """Return the task of a claimed job. Raises NotFound."""
-    submission = submissions.get(session, job.submission)
-    phase = phases.get(session, submission.phase)
+def describe_failure(outcome: JobResult | WorkerFailure) -> str:
+    """Return why an outcome is a failure on our side; "" if it is none."""
+    if isinstance(outcome, WorkerFailure):
+        return f"{outcome.kind}: {outcome.reason}"
+    is_ours = isinstance(outcome, JobOutcome) and outcome.verdict is ScenarioVerdict.FAILED_OURS
+    return outcome.failure if is_ours else ""
+
+
+def load_task(session: Session, job: JobRow, settings: ServerSettings, suites: PhaseSuites) -> JobTask | None:
+    """Return the task of a claimed job; None if one of its submissions needs another evaluator. Raises NotFound."""
+    kind = JobKind(job.kind)
+    tested, others = (submissions.get(session, name) for name in (job.submission, job.others))
+    phase = phases.get(session, tested.phase)
+    if any(each.evaluator != suites.evaluator(phase, each.environment) for each in (tested, others)):
+        return None
+    is_pair = kind is JobKind.CROSS_PLAY
     return JobTask(
+        kind=kind,
         job=job.id,
         attempt=job.attempt,
-        submission=submission.id,
-        archive_sha256=submission.archive_sha256,
-        environment=submission.environment,
-        track=ChallengeTrack(submission.track),
+        submission=tested.id,
+        archive_sha256=tested.archive_sha256,
+        environment=tested.environment,
+        track=ChallengeTrack.NEGOTIATION if is_pair else ChallengeTrack(tested.track),
         suite=phase.suite,
         scenario=job.scenario,
         seed=job.seed,
         public=phase.public,
-        hidden=not phase.public,
-        sensor_track_only=phase.sensor_track_only,
+        sensor_track_only=phase.sensor_track_only and not is_pair,
+        other=OtherArchive(others.archive_sha256, others.environment) if is_pair else None,
         data=settings.data.absolute(),
         sandbox=settings.sandbox,
         limits=settings.limits,
@@ -116,7 +135,7 @@ def load_task(session: Session, job: JobRow, settings: ServerSettings, suites: P
 
 def move_files(task: JobTask) -> None:
     """Move recording and logs to their final folder. Raises OSError: then the job is not finished."""
-    if not task.public or not task.stage.is_dir():
+    if not task.keeps_files or not task.stage.is_dir():
         return
     make_folder(task.home)
     for path in sorted(task.stage.iterdir()):

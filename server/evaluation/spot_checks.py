@@ -15,17 +15,19 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.runs.process_pool import ProcessPool
 from mdrive_sumo.runs.worker_process import WorkerFailure
-from server.enums import JobState, ScenarioVerdict, SubmissionState
-from server.evaluation.job_task import AgentRejection, JobResult, JobTask, load_task
+from server.enums import JobKind, JobState, ScenarioVerdict, SubmissionState
+from server.evaluation.job_task import AgentRejection, JobResult, JobTask, describe_failure, load_task
 from server.phase_suites import LoadedPhaseSuites, PhaseSuites
 from server.settings import ServerSettings
-from server.store import Store, audit, jobs, phases, submissions
+from server.store import Store, audit, submissions
 from server.store.tables import JobRow, SubmissionRow
 
 LOG = logging.getLogger("mdrive.worker")
 SAMPLE_SIZE = 1
 """Scenarios of a submission that are run again."""
 LIMIT_S = 3600.0
+"""Wall time after which a check of `mdrive-sumo admin verify` counts as hanging [s]."""
+NOT_COMPARED = "run by another version of code, suite, sandbox or environment: not compared"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,10 +50,27 @@ def is_drawn(draw: str, share: float) -> bool:
     return int(draw[:8], 16) < share * 2**32
 
 
+def plan_check(session: Session, submission: str, share: float) -> None:
+    """Queue the spot checks of a submission that has just been done, if it is one of those that are drawn."""
+    draw = audit.find_head(session)
+    if is_drawn(draw, share):
+        session.add_all(
+            JobRow(
+                kind=JobKind.SPOT_CHECK.value,
+                submission=submission,
+                others=submission,
+                scenario=job.scenario,
+                seed=job.seed,
+                state=JobState.QUEUED.value,
+            )
+            for job in sample_jobs(session, submission, draw)
+        )
+
+
 def sample_jobs(session: Session, submission: str, draw: str, size: int = SAMPLE_SIZE) -> Sequence[JobRow]:
     """Return finished jobs without agent failures (time-outs are not reproducible), chosen by `draw`."""
     finished = select(JobRow).where(
-        JobRow.submission == submission,
+        JobRow.is_of(submission),
         JobRow.state == JobState.DONE,
         JobRow.verdict == ScenarioVerdict.OK,
         JobRow.result.is_not(None),  # its retention period may be over
@@ -63,27 +82,16 @@ def sample_jobs(session: Session, submission: str, draw: str, size: int = SAMPLE
     return sorted(session.scalars(finished), key=place)[:size]
 
 
-def make_check_task(store: Store, job_id: int, settings: ServerSettings, suites: PhaseSuites) -> JobTask:
-    """Return the task that runs a job again without storing files. Raises NotFound."""
-    with store.read() as session:
-        job = jobs.get(session, job_id)
-        again = load_task(session, job, settings, suites)
-    return replace(again, public=False, attempt=-os.getpid())  # a stage folder of its own
-
-
-def record_outcome(store: Store, job_id: int, outcome: JobResult | WorkerFailure, now_us: int) -> SpotCheck | None:
-    """Compare the outcome and write the result to the audit log; return None if the job could not be run."""
-    if isinstance(outcome, WorkerFailure):
-        LOG.warning("spot check of job %d: %s", job_id, outcome.reason)
-        return None
-    with store.write() as session:
-        job = jobs.get(session, job_id)
-        found = _compare(job, outcome)
-        entry = {"submission": found.submission, "job": job.id, "same": found.same, "text": found.text}
-        audit.add_entry(session, "server", "spot-check", entry, now_us)
-    if not found.same:
-        LOG.error("spot check of job %d, submission %s: %s", job_id, found.submission, found.text)
-    return found
+def record_outcome(session: Session, task: JobTask, outcome: JobResult, now_us: int) -> SpotCheck:
+    """Compare an outcome with the result of the submission, and write the comparison to the audit log."""
+    checked = (JobRow.is_of(task.submission), JobRow.scenario == task.scenario, JobRow.seed == task.seed)
+    job = session.scalars(select(JobRow).where(*checked)).one()
+    check = _compare(job, outcome)
+    entry = {"submission": check.submission, "job": job.id, "same": check.same, "text": check.text}
+    audit.add_entry(session, "server", "spot-check", entry, now_us)
+    if not check.same:
+        LOG.error("spot check of job %d, submission %s: %s", job.id, check.submission, check.text)
+    return check
 
 
 def run_spot_checks(
@@ -99,16 +107,16 @@ def run_spot_checks(
     """
     suites = LoadedPhaseSuites(settings)
     with store.read() as session:
-        draw = audit.find_head(session)
-        ids = [
-            job.id for one in chosen if _is_comparable(session, one, suites) for job in sample_jobs(session, one, draw)
-        ]
-    tasks = [make_check_task(store, job_id, settings, suites) for job_id in ids]
+        tasks = [task for submission in chosen for task in _make_tasks(session, submission, settings, suites)]
     with ProcessPool[JobTask, JobResult](function, max(1, min(settings.work.processes, len(tasks))), LIMIT_S) as pool:
-        for done, outcome in pool.run(tasks):
-            found = record_outcome(store, done.job, outcome, clock())
-            if found is not None:
-                yield found
+        for task, outcome in pool.run(tasks):
+            if failure := describe_failure(outcome):
+                LOG.warning("spot check of job %d: %s", task.job, failure)
+            else:
+                assert not isinstance(outcome, WorkerFailure), "a failure on our side"
+                with store.write() as session:
+                    check = record_outcome(session, task, outcome, clock())
+                yield check
 
 
 def list_finished(session: Session, most: int) -> Sequence[str]:
@@ -121,14 +129,17 @@ def list_finished(session: Session, most: int) -> Sequence[str]:
     return session.scalars(done.limit(most)).all()
 
 
-def _is_comparable(session: Session, submission: str, suites: PhaseSuites) -> bool:
-    found = submissions.get(session, submission)
-    same = found.evaluator == suites.evaluator(phases.get(session, found.phase), found.environment)
-    if not same:
-        LOG.warning(
-            "submission %s: run by another version of code, suite, sandbox or environment: not compared", submission
-        )
-    return same
+def _make_tasks(session: Session, submission: str, settings: ServerSettings, suites: PhaseSuites) -> Sequence[JobTask]:
+    """Return the tasks of a submission's spot checks; none if it was run by another evaluator. Raises NotFound."""
+    submissions.get(session, submission)
+    tasks: list[JobTask] = []
+    for job in sample_jobs(session, submission, audit.find_head(session)):
+        task = load_task(session, job, settings, suites)
+        if task is None:
+            LOG.warning("submission %s: %s", submission, NOT_COMPARED)
+        else:  # a stage folder of its own
+            tasks.append(replace(task, kind=JobKind.SPOT_CHECK, attempt=-os.getpid()))
+    return tasks
 
 
 def _compare(job: JobRow, outcome: JobResult) -> SpotCheck:

@@ -25,9 +25,9 @@ from mdrive_sumo.scenario.suite import list_packaged_suites
 from server.archive import ArchiveRefused
 from server.environments import load_environment
 from server.evaluation.archive_cache import unpack_archive
+from server.evaluation.cross_play import is_failure_by_messages
 from server.evaluation.job_task import BY_MESSAGES, AgentRejection, JobResult, JobTask
 from server.evaluation.machine_check import SHARED_KERNEL_SETTING
-from server.evaluation.message_blame import is_failure_by_messages
 from server.evaluation.thinking_times import THINKING
 from server.store.jobs import JobOutcome
 from server.store.overviews import MAX_RESULT_BYTES, count_bytes
@@ -61,7 +61,7 @@ def run_submission_job(task: JobTask) -> JobResult:
     try:
         return _run_agents(task, *agents)
     finally:
-        if not task.public or task.other is not None:
+        if not task.keeps_files:
             shutil.rmtree(task.stage, ignore_errors=True)
 
 
@@ -74,7 +74,7 @@ def _join_group(memory_bytes: int) -> bool:
 def _choose_backend(task: JobTask) -> JobTask:
     """Return the task with the backend of this machine. Raises InputError if a hidden scenario must not run on it."""
     backend = task.sandbox.choose_backend()
-    if task.hidden:
+    if not task.public:
         check_shared_kernel(backend, may_share=task.sandbox.hidden_on_shared_kernel, setting=SHARED_KERNEL_SETTING)
     return replace(task, sandbox=task.sandbox.model_copy(update={"backend": backend}))
 
@@ -147,7 +147,7 @@ def _make_job(task: JobTask, agent: SubmittedAgent, other: SubmittedAgent | None
         others=OtherAgents(other.agent_spec()) if other is not None else None,
         seed=task.seed,
         options=EpisodeOptions(comm=COMM_BY_TRACK[task.track]),
-        recording=task.stage / f"{task.scenario}.npz" if task.public and other is None else None,
+        recording=task.stage / f"{task.scenario}.npz" if task.keeps_files else None,
         logs=task.stage,
         checksum=task.checksum,
     )

@@ -64,7 +64,7 @@ def _get_d(modes: Mapping[str, float]) -> float:
 
 def record_thinking_flag(session: Session, submission: str, now_us: int) -> None:
     """Write the flag of a finished submission to the audit log, if there is one."""
-    flag = find_thinking_flag(session.scalars(select(JobRow.usage).where(JobRow.submission == submission)))
+    flag = find_thinking_flag(session.scalars(select(JobRow.usage).where(JobRow.is_of(submission))))
     if flag is not None:
         entry = {"submission": submission, "bimodal": flag.bimodal, "agents": flag.agents, "late": flag.late}
         audit.add_entry(session, "server", FLAG_ACTION, entry | {"text": flag.text}, now_us)

@@ -19,10 +19,10 @@ from mdrive_sumo.core.log_lines import CleanFormatter
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.prepared_run import compute_job_limit_s
 from server.clock import now_us
+from server.evaluation.cross_play import JUDGED_EPISODES
 from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.job_task import JobResult, JobTask
 from server.evaluation.machine_check import check_hidden_phases, check_machine
-from server.evaluation.message_blame import JUDGED_EPISODES
 from server.evaluation.stop_request import StopRequest
 from server.evaluation.submission_job import run_submission_job
 from server.phase_suites import LoadedPhaseSuites

@@ -7,7 +7,7 @@ from sqlalchemy import func, select, true
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.contract import SensingTrack
-from server.enums import ChallengeTrack, JobState, SubmissionState
+from server.enums import ChallengeTrack, JobKind, JobState, SubmissionState
 from server.store.errors import NotFound
 from server.store.quota import UNFINISHED
 from server.store.standings import OVERALL, FiguresData, slice_key
@@ -148,7 +148,7 @@ def find_score_histories(
 
 def count_jobs(session: Session, submission: str) -> dict[JobState, int]:
     """Return the number of a submission's jobs by state."""
-    counts = select(JobRow.state, func.count()).where(JobRow.submission == submission).group_by(JobRow.state)
+    counts = select(JobRow.state, func.count()).where(JobRow.is_of(submission)).group_by(JobRow.state)
     return {JobState(state): number for state, number in session.execute(counts)}
 
 
@@ -164,23 +164,25 @@ def find_queue_position(session: Session, submission_id: str) -> QueuePosition:
         (SubmissionRow.created_us < submission.created_us)
         | ((SubmissionRow.created_us == submission.created_us) & (SubmissionRow.id <= submission.id)),
     )
-    undone = JobRow.state.in_((JobState.QUEUED.value, JobState.RUNNING.value))
-    jobs = select(func.count()).select_from(JobRow).where(undone, JobRow.submission.in_(waiting))
+    undone = (JobRow.kind == JobKind.SUBMISSION, JobRow.state.in_((JobState.QUEUED.value, JobState.RUNNING.value)))
+    jobs = select(func.count()).select_from(JobRow).where(*undone, JobRow.submission.in_(waiting))
     position = select(func.count()).select_from(waiting.subquery())
     return QueuePosition(session.scalar(position) or 0, session.scalar(jobs) or 0, mean_job_us(session))
 
 
 def mean_job_us(session: Session) -> int | None:
-    """Return the mean duration of the last finished jobs [us]; None before the first."""
-    last = select(JobRow.finished_us - JobRow.started_us).where(JobRow.state == JobState.DONE)
+    """Return the mean duration of the last finished jobs of submissions [us]; None before the first."""
+    done = (JobRow.kind == JobKind.SUBMISSION, JobRow.state == JobState.DONE)
+    last = select(JobRow.finished_us - JobRow.started_us).where(*done)
     durations = session.scalars(last.order_by(JobRow.id.desc()).limit(_RECENT_JOBS)).all()
     return sum(durations) // len(durations) if durations else None
 
 
 def count_by_state(session: Session) -> tuple[dict[SubmissionState, int], dict[JobState, int]]:
-    """Return the numbers of submissions and of jobs by state."""
+    """Return the numbers of submissions and of their jobs by state."""
     submissions = session.execute(select(SubmissionRow.state, func.count()).group_by(SubmissionRow.state))
-    jobs = session.execute(select(JobRow.state, func.count()).group_by(JobRow.state))
+    of_submissions = select(JobRow.state, func.count()).where(JobRow.kind == JobKind.SUBMISSION)
+    jobs = session.execute(of_submissions.group_by(JobRow.state))
     return (
         {SubmissionState(state): number for state, number in submissions},
         {JobState(state): number for state, number in jobs},

@@ -85,7 +85,7 @@ def count_rejected(session: Session, submission: SubmissionRow, now_us: int) -> 
 
     Its agent's sensors could not be checked at upload. In a hidden phase it counts: every start may disclose something.
     """
-    done = select(func.count()).where(JobRow.submission == submission.id, JobRow.state == JobState.DONE)
+    done = select(func.count()).where(JobRow.is_of(submission.id), JobRow.state == JobState.DONE)
     phase = session.get(PhaseRow, submission.phase)
     if submission.counts and phase is not None and phase.public and not session.scalar(done):
         add_refused(session, submission.team, now_us)

@@ -84,7 +84,7 @@ def delete_expired_rows(store: Store, policy: RetentionPolicy, now_us: int) -> i
         expired = _find_expired_submissions(session, policy, now_us)
     for submission in expired:
         with store.write() as session:
-            jobs = update(JobRow).where(JobRow.submission == submission)
+            jobs = update(JobRow).where(JobRow.is_of(submission))
             session.execute(jobs.values(result=None, usage=None), execution_options={"synchronize_session": False})
             for table in (JobOverviewRow, EventRow):
                 session.execute(delete(table).where(table.submission == submission))

@@ -12,12 +12,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.tree_difference import format_leaf
-from server.enums import JobState, SubmissionState
+from server.enums import JobKind, JobState, SubmissionState
 from server.store import checksums, overviews, standings, webhooks
 from server.store.audited_rows import Columns, load_audited_rows, name_pair
 from server.store.quota import UNFINISHED
 from server.store.tables import (
-    CrossPlayJobRow,
     JobOverviewRow,
     JobRow,
     PhaseRow,
@@ -116,7 +115,8 @@ def _compare_webhooks(session: Session, expected: Mapping[str, Columns]) -> Iter
 
 def _compare_jobs(session: Session, row: SubmissionRow, expected: Columns) -> Iterator[RowDifference]:
     """Compare which scenarios and seeds a submission is driven in: without its worst ones its score would be better."""
-    jobs = session.execute(select(JobRow.scenario, JobRow.seed).where(JobRow.submission == row.id))
+    own = JobRow.is_of(row.id), JobRow.others == row.id
+    jobs = session.execute(select(JobRow.scenario, JobRow.seed).where(*own))
     found = checksums.compute_jobs_checksum((scenario, seed) for scenario, seed in jobs)
     if found != expected.get("jobs_sha256", found):
         text = f"scenarios and seeds: expected the checksum {expected['jobs_sha256']}, found {found}"
@@ -128,7 +128,7 @@ def _compare_results(session: Session, row: SubmissionRow) -> Iterator[RowDiffer
     expected = (row.summary or {}).get("results_sha256")
     if expected is None:
         return
-    jobs = select(JobRow).where(JobRow.submission == row.id).order_by(JobRow.scenario, JobRow.seed)
+    jobs = select(JobRow).where(JobRow.is_of(row.id)).order_by(JobRow.scenario, JobRow.seed)
     found = session.scalars(jobs).all()
     if not all(job.result is None for job in found):
         checksum = checksums.compute_results_checksum(found)
@@ -164,15 +164,16 @@ def _is_part(found: Any, expected: Any) -> bool:
 
 def _compare_cross_play(session: Session, expected: Mapping[str, Sequence[Columns]]) -> Iterator[RowDifference]:
     """Compare the results of finished pairs with the log's, which tells no evaluators apart: in the order of ending."""
-    done = select(CrossPlayJobRow).where(CrossPlayJobRow.state == JobState.DONE)
+    done = select(JobRow, SubmissionRow.phase).join(SubmissionRow, SubmissionRow.id == JobRow.submission)
+    done = done.where(JobRow.kind == JobKind.CROSS_PLAY, JobRow.state == JobState.DONE)
     found: dict[str, list[Columns | None]] = {}
-    for row in session.scalars(done.order_by(CrossPlayJobRow.finished_us, CrossPlayJobRow.id)):
-        found.setdefault(name_pair(row.phase, row.tested, row.others, row.scenario), []).append(row.result)
-    yield from _compare_ids("cross_play_jobs", expected, found)
+    for row, phase in session.execute(done.order_by(JobRow.finished_us, JobRow.id)):
+        found.setdefault(name_pair(phase, row.submission, row.others, row.scenario), []).append(row.result)
+    yield from _compare_ids("jobs of cross-play", expected, found)
     for name in expected.keys() & found.keys():
         if list(expected[name]) != found[name]:
             text = f"result: expected {format_leaf(list(expected[name]))}, found {format_leaf(found[name])}"
-            yield RowDifference("cross_play_jobs", name, text)
+            yield RowDifference("jobs of cross-play", name, text)
 
 
 def _compare_standings(session: Session) -> Iterator[RowDifference]:

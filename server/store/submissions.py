@@ -131,7 +131,7 @@ def renew(
     now_us: int,
 ) -> None:
     """Restart an unfinished submission under another evaluator, with the present jobs of its suite."""
-    old = JobRow.submission == submission.id
+    old = JobRow.is_of(submission.id)
     begun = session.scalar(select(func.max(JobRow.attempt)).where(old)) or 0
     session.execute(delete(JobOverviewRow).where(JobOverviewRow.submission == submission.id))
     session.execute(delete(JobRow).where(old))
@@ -157,15 +157,16 @@ def is_complete(session: Session, submission_id: str) -> bool:
 
 def list_complete(session: Session) -> Sequence[str]:
     """Return the unfinished submissions that only wait for their summary: a worker may die before it writes one."""
-    undone = exists().where(JobRow.submission == SubmissionRow.id, JobRow.state != JobState.DONE)
+    undone = exists().where(JobRow.is_of(SubmissionRow.id), JobRow.state != JobState.DONE)
     found = select(SubmissionRow.id).where(SubmissionRow.state == SubmissionState.RUNNING, ~undone)
     return session.scalars(found.order_by(SubmissionRow.created_us)).all()
 
 
 def list_finished_jobs(session: Session, submission_id: str) -> Sequence[JobRow]:
     """Return the jobs of a complete submission for its summary, by scenario and seed."""
-    own = JobRow.submission == submission_id
-    return session.scalars(select(JobRow).where(own).order_by(JobRow.scenario, JobRow.seed)).all()
+    return session.scalars(
+        select(JobRow).where(JobRow.is_of(submission_id)).order_by(JobRow.scenario, JobRow.seed)
+    ).all()
 
 
 def finish_if_complete(session: Session, submission_id: str, summary: standings.SummaryData, now_us: int) -> bool:
@@ -190,7 +191,7 @@ def end_if_over_budget(session: Session, submission_id: str, job_budget_us: int,
     submission = get(session, submission_id)
     if submission.state not in quota.UNFINISHED:
         return False
-    jobs = session.scalar(select(func.count()).where(JobRow.submission == submission_id)) or 0
+    jobs = session.scalar(select(func.count()).where(JobRow.is_of(submission_id))) or 0
     budget_us = max(MIN_BUDGET_US, jobs * job_budget_us)
     if worker_time.spent_us(session, submission, now_us) <= budget_us:
         return False
@@ -205,7 +206,7 @@ def end_if_over_budget(session: Session, submission_id: str, job_budget_us: int,
 def cancel(session: Session, submission_id: str, now_us: int, actor: str = "server") -> None:
     """Cancel a submission; it does not count if no job was started. Raises NotNow if it is finished."""
     submission = _get_unfinished(session, submission_id, "cancelled")
-    started = select(func.count()).where(JobRow.submission == submission_id, JobRow.attempt > 0)
+    started = select(func.count()).where(JobRow.is_of(submission_id), JobRow.attempt > 0)
     submission.counts = submission.counts and bool(session.scalar(started))
     _stop(session, submission, SubmissionState.CANCELLED, "", now_us, actor)
 
@@ -252,14 +253,15 @@ def _queue_jobs(
 ) -> None:
     if not jobs:
         raise ValueError("expected at least one job, found none: it would never finish")
-    queued = {"submission": submission.id, "state": JobState.QUEUED.value, "attempt": attempt}
-    session.add_all(JobRow(scenario=scenario, seed=seed, **queued) for scenario, seed in jobs)
+    own = {"submission": submission.id, "others": submission.id}
+    queued = {"state": JobState.QUEUED.value, "attempt": attempt}
+    session.add_all(JobRow(scenario=scenario, seed=seed, **own, **queued) for scenario, seed in jobs)
     events.add_event(session, submission.id, "state", {"state": SubmissionState.QUEUED.value}, now_us)
     session.flush()
 
 
 def _are_jobs_done(session: Session, submission_id: str) -> bool:
-    undone = select(JobRow.id).where(JobRow.submission == submission_id, JobRow.state != JobState.DONE).limit(1)
+    undone = select(JobRow.id).where(JobRow.is_of(submission_id), JobRow.state != JobState.DONE).limit(1)
     session.flush()
     return session.scalar(undone) is None
 
@@ -275,7 +277,7 @@ def _stop(
     session: Session, submission: SubmissionRow, state: SubmissionState, why: str, now_us: int, actor: str = "server"
 ) -> None:
     worker_time.charge_running(session, submission, now_us)
-    open_jobs = update(JobRow).where(JobRow.submission == submission.id, JobRow.state.in_(UNFINISHED_JOBS))
+    open_jobs = update(JobRow).where(JobRow.is_of(submission.id), JobRow.state.in_(UNFINISHED_JOBS))
     session.execute(open_jobs.values(state=JobState.CANCELLED.value, finished_us=now_us, lease_us=None))
     submission.why = why
     _enter(session, submission, state, now_us)

@@ -5,8 +5,21 @@ Times are integers, microseconds since 1970 in UTC: they compare the same way in
 
 from typing import Any
 
-from sqlalchemy import JSON, BigInteger, ForeignKey, Index, Integer, String, Text, UniqueConstraint, false
-from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    ColumnElement,
+    ForeignKey,
+    Index,
+    Integer,
+    String,
+    Text,
+    UniqueConstraint,
+    and_,
+)
+from sqlalchemy.orm import DeclarativeBase, InstrumentedAttribute, Mapped, mapped_column
+
+from server.enums import JobKind
 
 Id = String(32)
 """Random ids of 128 bits in hexadecimal, which cannot be counted or guessed."""
@@ -61,9 +74,9 @@ class PhaseRow(TableBase):
     in_total: Mapped[int]
     seeds: Mapped[int] = mapped_column(default=1)
     """Seeds 0 .. n-1 of every scenario."""
-    sensor_track_only: Mapped[bool] = mapped_column(default=False, server_default=false())
+    sensor_track_only: Mapped[bool] = mapped_column(default=False)
     """Whether agents that are given lists of objects are rejected."""
-    cross_play_scenarios: Mapped[int] = mapped_column(default=0, server_default="0")
+    cross_play_scenarios: Mapped[int] = mapped_column(default=0)
     """Scenarios of each pair of agents on the board of cross-play; 0: there is none."""
 
 
@@ -102,28 +115,34 @@ class SubmissionRow(TableBase):
     """A `standings.SummaryData`; written once, when the submission is done."""
     ds: Mapped[float | None]
     """Overall DS as in `summary`: leaderboards sort by it."""
-    spent_us: Mapped[int] = mapped_column(default=0, server_default="0")
+    spent_us: Mapped[int] = mapped_column(default=0)
     """Worker time of its finished jobs [us]: counts towards its budget."""
 
 
 class JobRow(TableBase):
-    """One scenario and seed of a submission: claimed under a lease, finished once."""
+    """One scenario and seed to drive, of any `JobKind`: claimed under a lease, finished once."""
 
     __tablename__ = "jobs"
     __table_args__ = (
-        UniqueConstraint("submission", "scenario", "seed"),
+        UniqueConstraint("kind", "submission", "others", "evaluator", "scenario", "seed"),
         Index("jobs_to_claim", "state", "lease_us"),
-        Index("jobs_of_submission", "submission", "state"),
+        Index("jobs_of_submission", "submission", "kind", "state"),
     )
     id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
+    kind: Mapped[str] = mapped_column(String(16), default=JobKind.SUBMISSION.value)
     submission: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
+    """The submission under test."""
+    others: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
+    """The submission that drives the other CAVs: the same one, but in cross-play."""
+    evaluator: Mapped[str] = mapped_column(String(16), default="")
+    """In cross-play the digest of `SubmissionRow.evaluator`: another evaluator drives the pair again. Else ""."""
     scenario: Mapped[str] = mapped_column(String(120))
     seed: Mapped[int]
     state: Mapped[str] = mapped_column(String(16))
     attempt: Mapped[int] = mapped_column(default=0)
     """How often it was claimed; together with `owner` it identifies the claim, so it never decreases."""
     failures: Mapped[int] = mapped_column(default=0)
-    """Attempts that failed on our side; after three the submission fails. A graceful shutdown does not count."""
+    """Attempts that failed on our side, see `store.jobs.MAX_FAILURES`. A graceful shutdown does not count."""
     owner: Mapped[str | None] = mapped_column(String(80))
     lease_us: Mapped[int | None]
     started_us: Mapped[int | None]
@@ -131,36 +150,16 @@ class JobRow(TableBase):
     verdict: Mapped[str | None] = mapped_column(String(16))
     reason: Mapped[str | None] = mapped_column(String(16))
     result: Mapped[dict[str, Any] | None]
-    """`mdrive_sumo.scoring.ScenarioResult`."""
+    """`mdrive_sumo.scoring.ScenarioResult`; in cross-play a `store.cross_play.CrossPlayScore`; none of spot checks."""
     usage: Mapped[dict[str, Any] | None]
     """Usage of the sandboxes: CPU time, memory, latency histogram, exit, layers."""
     failure: Mapped[str] = mapped_column(Text, default="")
     """Failure on our side in the last attempt; for admins only."""
 
-
-class CrossPlayJobRow(TableBase):
-    """One scenario in which a CAV of one submission drives among CAVs of another; see `store.cross_play`."""
-
-    __tablename__ = "cross_play_jobs"
-    __table_args__ = (
-        UniqueConstraint("phase", "evaluator", "tested", "others", "scenario"),
-        Index("cross_play_jobs_to_claim", "state", "lease_us"),
-    )
-    id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
-    phase: Mapped[str] = mapped_column(ForeignKey("phases.id"))
-    evaluator: Mapped[str] = mapped_column(String(16))
-    tested: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
-    others: Mapped[str] = mapped_column(ForeignKey("submissions.id"))
-    scenario: Mapped[str] = mapped_column(String(120))
-    state: Mapped[str] = mapped_column(String(16))
-    attempt: Mapped[int] = mapped_column(default=0)
-    failures: Mapped[int] = mapped_column(default=0)
-    owner: Mapped[str | None] = mapped_column(String(80))
-    lease_us: Mapped[int | None]
-    finished_us: Mapped[int | None]
-    result: Mapped[dict[str, Any] | None]
-    """A `store.cross_play.CrossPlayScore`."""
-    failure: Mapped[str] = mapped_column(Text, default="")
+    @classmethod
+    def is_of(cls, submission: str | InstrumentedAttribute[str]) -> ColumnElement[bool]:
+        """Return the condition of the jobs that make a submission's score, one for each scenario and seed."""
+        return and_(cls.kind == JobKind.SUBMISSION, cls.submission == submission)
 
 
 class JobOverviewRow(TableBase):
@@ -285,6 +284,6 @@ class AuditEntryRow(TableBase):
     id: Mapped[int] = mapped_column(Integer, primary_key=True, autoincrement=True)
     at_us: Mapped[int]
     actor: Mapped[str] = mapped_column(String(80))
-    action: Mapped[str] = mapped_column("deed", String(40))
+    action: Mapped[str] = mapped_column(String(40))
     data: Mapped[dict[str, Any]]
     hash: Mapped[str] = mapped_column(String(64), unique=True)

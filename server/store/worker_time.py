@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from server.enums import JobState
+from server.enums import JobKind, JobState
 from server.store.tables import JobRow, SubmissionRow, WorkerTimeRow
 
 HALF_LIFE_US = 24 * 3_600_000_000
@@ -36,7 +36,7 @@ def load_recent(session: Session, now_us: int) -> dict[tuple[str, str], int]:
     running = (
         select(SubmissionRow.team, SubmissionRow.phase, func.sum(now_us - JobRow.started_us))
         .join(SubmissionRow, SubmissionRow.id == JobRow.submission)
-        .where(JobRow.state == JobState.RUNNING)
+        .where(JobRow.kind == JobKind.SUBMISSION, JobRow.state == JobState.RUNNING)
         .group_by(SubmissionRow.team, SubmissionRow.phase)
     )
     for team, phase, used_us in session.execute(running):
@@ -61,6 +61,6 @@ def spent_us(session: Session, submission: SubmissionRow, now_us: int) -> int:
 
 def _running_us(session: Session, submission_id: str, now_us: int) -> int:
     running = select(func.sum(now_us - JobRow.started_us)).where(
-        JobRow.submission == submission_id, JobRow.state == JobState.RUNNING
+        JobRow.is_of(submission_id), JobRow.state == JobState.RUNNING
     )
     return max(0, int(session.scalar(running) or 0))

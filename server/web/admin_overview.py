@@ -9,7 +9,7 @@ from pathlib import Path
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from server.enums import JobState
+from server.enums import JobKind, JobState
 from server.settings import ServerSettings
 from server.store import Store, audit, queries, tables, workers
 from server.store.quota import UNFINISHED
@@ -108,9 +108,8 @@ def list_queue(session: Session) -> list[QueuedSubmission]:
 def list_workers(session: Session, settings: ServerSettings, now_us: int) -> list[WorkerStatus]:
     """Return the workers with a heartbeat within the last hour, and others that hold a job."""
     running: dict[str, list[RunningJob]] = {}
-    for job in session.scalars(
-        select(tables.JobRow).where(tables.JobRow.state == JobState.RUNNING).order_by(tables.JobRow.id)
-    ):
+    of_submissions = (tables.JobRow.state == JobState.RUNNING, tables.JobRow.kind == JobKind.SUBMISSION)
+    for job in session.scalars(select(tables.JobRow).where(*of_submissions).order_by(tables.JobRow.id)):
         driven = RunningJob(
             job.submission, job.scenario, job.seed, job.attempt, job.started_us or now_us, job.lease_us or now_us
         )

@@ -7,6 +7,7 @@ from typing import Any
 from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.runs.executor import Executor, Waitable
 from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure
+from server.enums import JobKind
 from server.evaluation.dispatcher import Dispatcher
 from server.evaluation.job_task import JobResult, JobTask
 from server.evaluation.stop_request import StopRequest
@@ -83,8 +84,9 @@ class Bench:
             self.now_us += pause_us
 
     def rows(self) -> list[JobRow]:
+        """The jobs of submissions."""
         with self.store.read() as session:
-            return list(session.query(JobRow).order_by(JobRow.id))
+            return list(session.query(JobRow).filter_by(kind=JobKind.SUBMISSION).order_by(JobRow.id))
 
     def calls(self) -> int:
         path = self.settings.data / "calls"

@@ -114,7 +114,7 @@ def fake(task: JobTask) -> JobResult:
             time.sleep(0.01)
         case _:
             pass
-    if task.public:
+    if task.keeps_files:
         task.stage.mkdir(parents=True, exist_ok=True)
         (task.stage / f"{task.scenario}.npz").write_text(f"recorded in attempt {task.attempt}")
     failed = scenario.description == "agent fails"

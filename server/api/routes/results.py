@@ -182,7 +182,7 @@ def _find_job(session: Session, caller: Caller | None, submission: str, scenario
     """Return a job that the caller may see. Raises NotFound and HiddenScenariosError."""
     _find_disclosed(session, caller, submission)
     wanted = select(tables.JobRow).where(
-        tables.JobRow.submission == submission, tables.JobRow.scenario == scenario, tables.JobRow.seed == seed
+        tables.JobRow.is_of(submission), tables.JobRow.scenario == scenario, tables.JobRow.seed == seed
     )
     if (job := session.scalar(wanted)) is None:
         raise NotFound(f"scenario: this submission has no {scenario!r} with seed {seed}")
@@ -224,7 +224,7 @@ def _read_rows(
         rows = session.execute(
             select(*columns, data.label("data"))
             .outerjoin(tables.JobOverviewRow, tables.JobOverviewRow.job == tables.JobRow.id)
-            .where(tables.JobRow.submission == submission)
+            .where(tables.JobRow.is_of(submission))
             .order_by(tables.JobRow.scenario, tables.JobRow.seed)
         )
         return rows.mappings().all(), own

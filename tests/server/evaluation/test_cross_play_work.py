@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from testing import databases
-from testing.evaluation_bench import Bench, S
+from testing.evaluation_bench import Bench, Inline, S
 from testing.evaluation_fakes import scored, submitted
 
 from mdrive_sumo.core.errors import WorldError
@@ -15,14 +15,15 @@ from server.api.caller import Caller
 from server.api.cross_play_board import read_cross_play
 from server.api.problems import HiddenScenariosError
 from server.api.schemas.cross_play import CrossPlayOut
-from server.enums import JobState, ScenarioVerdict, TokenScope
+from server.enums import JobKind, JobState, ScenarioVerdict, TokenScope
+from server.evaluation.cross_play import JUDGED_EPISODES
 from server.evaluation.job_task import AgentRejection, JobResult, JobTask
-from server.evaluation.message_blame import JUDGED_EPISODES
 from server.evaluation.worker import _compute_limit_s
 from server.phase_suites import LoadedPhaseSuites
 from server.store import audit, phases, submissions, teams
 from server.store.jobs import JobOutcome
-from server.store.tables import CrossPlayJobRow, WorkerTimeRow
+from server.store.row_check import find_row_differences
+from server.store.tables import AuditEntryRow, JobRow, WorkerTimeRow
 
 DEEDS = ("", "")
 Pair = tuple[str, str]
@@ -73,9 +74,9 @@ class Shared:
         egos = ego("0", 30.0 if tested_fails else 90.0, tested_fails), ego("1", 100.0, others_fail, is_other=True)
         return JobOutcome(ScenarioVerdict.OK, replace_egos(task.scenario, *egos))
 
-    def jobs(self) -> list[CrossPlayJobRow]:
+    def jobs(self) -> list[JobRow]:
         with self.bench.store.read() as session:
-            return list(session.query(CrossPlayJobRow).order_by(CrossPlayJobRow.id))
+            return list(session.query(JobRow).filter_by(kind=JobKind.CROSS_PLAY).order_by(JobRow.id))
 
     def run(self, steps: int = 15) -> None:
         self.bench.steps(steps, pause_us=20 * S)
@@ -198,6 +199,32 @@ def test_a_worker_that_stops_returns_its_job(tmp_path: Path) -> None:
     shared.run()
     assert {job.state for job in shared.jobs()} == {JobState.DONE}
     assert max(job.failures for job in shared.jobs()) == 0
+
+
+def test_a_pair_whose_worker_dies_is_scored_once_by_another(tmp_path: Path) -> None:
+    shared = Shared(tmp_path)
+    shared.switch_on(1)
+    while len(shared.jobs()) < 6:
+        shared.run(1)
+    bench = shared.bench
+    bench.executor.slots, bench.executor.stuck = 1, {job.scenario for job in shared.jobs()}
+    bench.steps(2)
+    [late] = bench.executor.waiting.items()
+    bench.now_us += 61 * S
+    executor = Inline(shared.drive)
+    other = bench.another("two", executor)
+    for _ in range(15):
+        other.step(0.0, bench.stop)
+        bench.now_us += 20 * S
+    bench.executor.stuck = set()
+    bench.dispatcher._write_results()
+    bench.dispatcher._handle_outcome(late[0], shared.drive(late[1]))  # dropped: the lease had ended
+    assert {job.state for job in shared.jobs()} == {JobState.DONE}
+    assert sorted(job.attempt for job in shared.jobs()) == [1, 1, 1, 1, 1, 2]
+    with bench.store.read() as session:
+        entries = [entry for entry in session.query(AuditEntryRow) if entry.action == "cross-play-done"]
+        assert len(entries) == 6
+        assert {found.table for found in find_row_differences(session)} == {"phases"}  # switched on behind its back
 
 
 def test_a_job_has_time_to_find_whose_fault_a_failure_was(tmp_path: Path) -> None:

@@ -10,24 +10,25 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from testing import databases, evaluation_fakes
-from testing.evaluation_bench import Bench, S
+from testing.evaluation_bench import Bench, Inline, S
 from testing.evaluation_fakes import fake, read, scored, submitted
 from testing.local_executor import LocalExecutor
 from testing.paths import TESTS
 from testing.suite_fakes import make_suite
 
+from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.scenario.suite import SCENARIO_FILE
 from server import environments
-from server.enums import JobState, ScenarioVerdict, SubmissionState
+from server.enums import JobKind, JobState, ScenarioVerdict, SubmissionState
 from server.evaluation import spot_checks, submission_job
 from server.evaluation.dispatcher import EvaluatorMismatchError
 from server.evaluation.job_task import JobResult, JobTask
 from server.evaluation.requeue import requeue_outdated
 from server.store import audit, events, submissions
 from server.store.jobs import JobOutcome
-from server.store.tables import AuditEntryRow
+from server.store.tables import AuditEntryRow, JobRow
 
 pytestmark = pytest.mark.slow
 
@@ -252,3 +253,52 @@ def test_verify_does_not_compare_two_versions(bench: Bench, caplog: pytest.LogCa
         submissions.get(session, submission).evaluator = {"code": "older"}
     assert list(spot_checks.run_spot_checks(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
     assert "run by another version" in caplog.text
+
+
+def test_a_spot_check_whose_worker_dies_is_done_once_by_another(bench: Bench) -> None:
+    """It is a job like any other: its lease ends, and a late result of the dead worker is dropped."""
+    submission = bench.begin("nap")
+    bench.with_spot_checks()
+    bench.steps(1)
+    bench.executor.stuck = {"s0"}
+    bench.steps(1)
+    assert [task.kind for task in bench.executor.waiting.values()] == [JobKind.SPOT_CHECK]
+    bench.now_us += 61 * S
+    executor = Inline()
+    bench.another("two", executor).step(0.0, bench.stop)
+    assert [(check["submission"], check["same"]) for check in bench.spot_checks()] == [(submission, True)]
+    assert executor.waiting == {}
+    bench.executor.stuck = set()
+    bench.steps(2)
+    assert len(bench.spot_checks()) == 1
+    with bench.store.read() as session:
+        [check] = session.query(JobRow).filter_by(kind=JobKind.SPOT_CHECK)
+    assert (check.state, check.attempt, check.failures) == (JobState.DONE, 2, 1)
+
+
+def test_a_spot_check_that_fails_on_our_side_is_tried_three_times_and_blames_nobody(bench: Bench) -> None:
+    submission = bench.begin("nap")
+    bench.with_spot_checks()
+    bench.steps(1)
+
+    def break_down(_: JobTask) -> JobResult:
+        raise WorldError("SUMO lost the road")
+
+    bench.executor.function = break_down
+    bench.steps(40, pause_us=S)
+    with bench.store.read() as session:
+        [check] = session.query(JobRow).filter_by(kind=JobKind.SPOT_CHECK)
+    assert (check.state, check.failures, check.failure) == (JobState.FAILED, 3, "raised: SUMO lost the road")
+    assert bench.spot_checks() == [] and read(bench.store, submission).state == SubmissionState.DONE
+
+
+def test_a_spot_check_of_another_evaluator_is_not_made(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    submission = bench.begin("nap")
+    bench.with_spot_checks()
+    bench.steps(1)
+    with bench.store.write() as session:
+        submissions.get(session, submission).evaluator = {"code": "older"}
+    bench.steps(2)
+    assert bench.spot_checks() == [] and "run by another version" in caplog.text
+    with bench.store.read() as session:
+        assert [job.state for job in session.query(JobRow).filter_by(kind=JobKind.SPOT_CHECK)] == [JobState.CANCELLED]

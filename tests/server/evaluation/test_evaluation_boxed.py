@@ -29,8 +29,8 @@ from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.v2x.channel import DeliveryStatus
 from server import environments
-from server.enums import ChallengeTrack, ScenarioVerdict
-from server.evaluation.cross_play_work import compute_score
+from server.enums import ChallengeTrack, JobKind, ScenarioVerdict
+from server.evaluation.cross_play import compute_score
 from server.evaluation.job_task import AgentRejection, JobTask, OtherArchive
 from server.evaluation.submission_job import run_submission_job
 from server.settings import ArchiveSettings, SandboxSettings
@@ -79,19 +79,19 @@ def task(data: Path, archive: bytes, **changed: Any) -> JobTask:
     about.mkdir(parents=True, exist_ok=True)
     (about / "environment.json").write_text(json.dumps(asdict(environments.current_environment()), default=str))
     made = JobTask(
-        1,
-        1,
-        "ab" * 16,
-        sha,
-        "python3.11-numpy",
-        ChallengeTrack.SINGLE,
-        "interdrive",
-        SCENARIO,
-        0,
-        True,
-        data,
-        evaluation_fakes.SHARED,
-        ArchiveSettings(),
+        job=1,
+        attempt=1,
+        submission="ab" * 16,
+        archive_sha256=sha,
+        environment="python3.11-numpy",
+        track=ChallengeTrack.SINGLE,
+        suite="interdrive",
+        scenario=SCENARIO,
+        seed=0,
+        public=True,
+        data=data,
+        sandbox=evaluation_fakes.SHARED,
+        limits=ArchiveSettings(),
     )
     return replace(made, **changed)
 
@@ -238,7 +238,7 @@ def test_an_agent_with_a_kernel_of_its_own_drives_as_one_without(
 ) -> None:
     """What `auto` takes where it can; each CAV of the scenario has a kernel, and a hidden phase may use it."""
     settings = SandboxSettings(required=("own-kernel",))
-    wanted = task(tmp_path, team(), sandbox=settings, hidden=True)
+    wanted = task(tmp_path, team(), sandbox=settings, public=False)
     describe_small_environment(tmp_path / "environments" / "python3.11-numpy")
     found, shared = driven(wanted), plain[1]
     assert found.result == shared.result and found.usage is not None and shared.usage is not None
@@ -251,12 +251,15 @@ def test_an_agent_with_a_kernel_of_its_own_drives_as_one_without(
 def test_a_hidden_scenario_is_not_driven_in_a_box_that_shares_its_kernel(
     tmp_path: Path, plain: tuple[JobTask, JobOutcome]
 ) -> None:
-    """Whatever the server has checked: the machine of a cluster may have no gVisor. A spot check is not concerned."""
+    """Whatever the server has checked: the machine of a cluster may have no gVisor.
+
+    A spot check of a public phase is not concerned.
+    """
     refused = evaluation_fakes.SHARED.model_copy(update={"hidden_on_shared_kernel": False})
     wanted = task(tmp_path, team(), sandbox=refused)
     with pytest.raises(InputError, match=r"^hidden phases: expected boxes with a kernel each"):
-        run_submission_job(replace(wanted, hidden=True))
-    assert driven(replace(wanted, public=False)).result == plain[1].result
+        run_submission_job(replace(wanted, public=False))
+    assert driven(replace(wanted, kind=JobKind.SPOT_CHECK)).result == plain[1].result
 
 
 @pytest.mark.full  # in `make test`: test_sandbox_channels and test_sandbox_layers make such boxes

@@ -13,8 +13,7 @@ from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.open_agents import RejectedError
 from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
-from server.evaluation.cross_play_work import compute_score
-from server.evaluation.message_blame import REPEATS_FOLDER, is_failure_by_messages
+from server.evaluation.cross_play import REPEATS_FOLDER, compute_score, is_failure_by_messages
 
 AGENTS = """
 from mdrive_sumo.contract import STANDSTILL, Message, Reply
@@ -80,7 +79,7 @@ def repeats(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[EpisodeJob]]:
             jobs.append(job)
             return result(others_fail=without if job.options.comm.mute else with_messages)
 
-        monkeypatch.setattr("server.evaluation.message_blame.run_job", drive)
+        monkeypatch.setattr("server.evaluation.cross_play.run_job", drive)
         return jobs
 
     return begin
@@ -112,7 +111,7 @@ def test_a_rejection_in_a_repeat_blames_nobody(monkeypatch: pytest.MonkeyPatch, 
     def drive(_: EpisodeJob) -> ScenarioResult:
         raise RejectedError("sensor")
 
-    monkeypatch.setattr("server.evaluation.message_blame.run_job", drive)
+    monkeypatch.setattr("server.evaluation.cross_play.run_job", drive)
     assert not is_failure_by_messages(make_job(tmp_path), result(others_fail=True), tmp_path)
 
 

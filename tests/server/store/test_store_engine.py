@@ -1,6 +1,6 @@
 """Transactions, migrations and what happens when the database is not there, on both databases."""
 
-import json
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -10,19 +10,16 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from alembic import command
 from alembic.autogenerate import compare_metadata
-from alembic.config import Config
 from alembic.runtime.migration import MigrationContext
-from sqlalchemy import inspect, select, text
+from sqlalchemy import inspect, text
 from sqlalchemy.exc import DBAPIError
 from testing import databases
 from testing.paths import ROOT
 
 from mdrive_sumo.core.errors import InputError
 from server.store import Store, StoreUnavailable, audit, engine, teams
-from server.store.overviews import make_overview
-from server.store.tables import JobOverviewRow, StandingRow, SubmissionRow, TableBase
+from server.store.tables import TableBase
 
 
 @pytest.fixture(params=databases.BACKENDS)
@@ -55,7 +52,7 @@ def test_several_processes_may_migrate_at_once(backend: str, tmp_path: Path) -> 
     assert stores[0].version() is None
     with ThreadPoolExecutor(3) as pool:
         list(pool.map(Store.migrate, stores))
-    assert [store.version() for store in stores] == ["0005"] * 3
+    assert [store.version() for store in stores] == ["0001"] * 3
     for store in stores:
         store.close()
 
@@ -216,37 +213,36 @@ def test_a_writer_killed_half_way_leaves_nothing_and_blocks_no_other(store: Stor
         assert audit.verify_chain(session).entries == 1
 
 
-def test_a_database_of_the_first_version_gets_overviews_and_sensing_tracks(backend: str, tmp_path: Path) -> None:
-    store = Store(databases.url(backend, tmp_path))
-    with store.engine.execution_options(writes=True).begin() as connection:
-        config = Config()
-        config.set_main_option("script_location", str(Path(engine.__file__).parent / "migrations"))
-        config.attributes["connection"] = connection
-        command.upgrade(config, "0001")
-        result = {"ds": 7.0, "egos": [{"id": "cav", "outcome": "arrived", "infractions": [{"kind": "x"}] * 15}]}
-        for table, values in (
-            ("teams", {"id": "t", "name": "t", "created_us": 1, "hidden": False}),
-            ("phases", {"id": "p", "title": "p", "suite": "s", "public": True, "opens_us": 0, "closes_us": 9}
-             | {"per_day": 1, "in_parallel": 1, "in_total": 1, "seeds": 1}),
-            ("submissions", {"id": "s", "team": "t", "phase": "p", "track": "joint", "name": "n", "archive_sha256": "a"}
-             | {"archive_bytes": 1, "environment": "e", "state": "done", "why": "", "created_us": 1, "counts": True}
-             | {"shown": True, "evaluator": "{}"}),
-            ("jobs", {"submission": "s", "scenario": "a", "seed": 0, "state": "done", "attempt": 1, "failures": 0}
-             | {"failure": "", "result": json.dumps(result), "usage": '{"cpu_s": 1.0}'}),
-            ("standings", {"phase": "p", "slice": "overall", "track": "joint", "team": "t", "evaluator": "e"}
-             | {"submission": "s", "method": "n", "created_us": 1, "ds": 7.0, "figures": "{}"}),
-        ):  # fmt: skip
-            names = ", ".join(values)
-            holes = ", ".join(f":{name}" for name in values)
-            connection.execute(text(f"INSERT INTO {table} ({names}) VALUES ({holes})"), values)
+SECOND_MIGRATION = """
+import sqlalchemy as sa
+from alembic import op
+
+revision = "0002"
+down_revision = "0001"
+
+
+def upgrade() -> None:
+    op.add_column("teams", sa.Column("city", sa.String(40), nullable=False, server_default="unknown"))
+"""
+
+
+def test_a_later_migration_is_applied_to_the_rows_that_there_are(
+    backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As the next version of the project will do it: one more file beside the first."""
+    store = databases.opened(backend, tmp_path)
+    with store.write() as session:
+        teams.create(session, "red", 1)
+    later = tmp_path / "migrations"
+    shutil.copytree(engine._MIGRATIONS, later, ignore=shutil.ignore_patterns("__pycache__"))
+    (later / "versions" / "v0002_cities.py").write_text(SECOND_MIGRATION)
+    monkeypatch.setattr(engine, "_MIGRATIONS", later)
     store.migrate()
     with store.read() as session:
-        (overview,) = session.scalars(select(JobOverviewRow)).all()
-        (submission,) = session.scalars(select(SubmissionRow)).all()
-        (standing,) = session.scalars(select(StandingRow)).all()
-    assert (standing.team, standing.sensing_track, standing.ds, standing.figures) == ("t", "object", 7.0, {})
-    assert (overview.submission, submission.spent_us) == ("s", 0)
-    assert overview.data.keys() == make_overview({}, None).keys()
-    assert (overview.data["ds"], overview.data["usage"]) == (7.0, {"cpu_s": 1.0})
-    assert [ego["infractions_left_out"] for ego in overview.data["egos"]] == [5]
+        assert session.execute(text("SELECT name, city FROM teams")).all() == [("red", "unknown")]
+        assert [team.name for team in teams.list_teams(session)] == ["red"]
+    assert store.version() == "0002"
+    monkeypatch.undo()
+    with pytest.raises(InputError, match="of this version or older"):  # the version before does not know it
+        store.migrate()
     store.close()

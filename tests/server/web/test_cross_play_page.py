@@ -9,9 +9,9 @@ from testing.api_app import HIDDEN, Server
 from testing.store_samples import PHASE
 from testing.web_page import Visit, driven, links
 
-from server.enums import JobState
-from server.store import phases, standings, submissions
-from server.store.tables import CrossPlayJobRow
+from server.enums import JobKind, JobState
+from server.store import cross_play, phases, standings, submissions
+from server.store.tables import JobRow
 
 SCORE = {"sr": 0.0, "tested_failed": "", "others_failed": ""}
 
@@ -30,12 +30,13 @@ def put(server: Server, tested: str, others: str, *results: dict[str, object]) -
     with server.store.write() as session:
         evaluator = standings.evaluator_digest(submissions.get(session, tested).evaluator)
         session.add_all(
-            CrossPlayJobRow(
-                phase=PHASE.id,
-                evaluator=evaluator,
-                tested=tested,
+            JobRow(
+                kind=JobKind.CROSS_PLAY.value,
+                submission=tested,
                 others=others,
+                evaluator=evaluator,
                 scenario=f"s{number}",
+                seed=cross_play.SEED,
                 state=JobState.DONE.value,
                 result=SCORE | result,
             )
