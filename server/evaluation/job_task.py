@@ -100,8 +100,9 @@ def describe_failure(outcome: JobResult | WorkerFailure) -> str:
     """Return why an outcome is a failure on our side; "" if it is none."""
     if isinstance(outcome, WorkerFailure):
         return f"{outcome.kind}: {outcome.reason}"
-    is_ours = isinstance(outcome, JobOutcome) and outcome.verdict is ScenarioVerdict.FAILED_OURS
-    return outcome.failure if is_ours else ""
+    if isinstance(outcome, AgentRejection) or outcome.verdict is not ScenarioVerdict.FAILED_OURS:
+        return ""
+    return outcome.failure
 
 
 def load_task(session: Session, job: JobRow, settings: ServerSettings, suites: PhaseSuites) -> JobTask | None:

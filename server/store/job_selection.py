@@ -63,7 +63,7 @@ def is_pair_waiting(session: Session) -> bool:
     return session.scalar(_select_pairs().limit(1)) is not None
 
 
-def _select_queued(kind: JobKind) -> Select[tuple[int]]:
+def _select_queued(kind: JobKind) -> Select[int]:
     return (
         select(JobRow.id)
         .join(SubmissionRow, SubmissionRow.id == JobRow.submission)
@@ -73,7 +73,7 @@ def _select_queued(kind: JobKind) -> Select[tuple[int]]:
     )
 
 
-def _select_pairs() -> Select[tuple[int]]:
+def _select_pairs() -> Select[int]:
     """Return the query of the jobs of cross-play whose submissions are still shown.
 
     The pair with the fewest begun jobs is next, so that all take turns.

@@ -131,7 +131,7 @@ def test_the_audit_chain_shows_every_change(store: Store) -> None:
         whole = audit.verify_chain(session)
         assert (whole.entries, whole.broken, whole.head) == (4, None, audit.find_head(session))
         second = all_of(session, AuditEntryRow)[1].id
-    changes = ("at_us = at_us + 1", "actor = 'nobody'", "deed = 'undone'", "data = '{}'", "hash = 'x'")
+    changes = ("at_us = at_us + 1", "actor = 'nobody'", "action = 'undone'", "data = '{}'", "hash = 'x'")
     for change in changes:
         with pytest.raises(_Undo), store.write() as session:
             session.execute(text(f"UPDATE audit SET {change} WHERE id = {second}"))
