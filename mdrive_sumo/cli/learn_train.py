@@ -136,7 +136,7 @@ def _train(system: str, data: tuple[Path, ...], out: Path, options: dict[str, An
 
 def _train_in_rounds(run: Any, data: tuple[Path, ...], rounds: RoundOptions) -> Path:
     from mdrive_sumo.cli.learn_data import CollectionDisplay
-    from mdrive_sumo.learning.collect_round import RoundPlan, collect_round
+    from mdrive_sumo.learning.collection import RoundPlan, collect_round
     from mdrive_sumo.learning.training.dagger import DaggerData, train_in_rounds
 
     plan = RoundPlan(data[0], rounds.scenarios, rounds.workers)

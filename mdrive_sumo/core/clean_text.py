@@ -75,3 +75,8 @@ def format_markdown_code(text: str) -> str:
 
 def _escape(found: re.Match[str]) -> str:
     return found[0].encode("unicode_escape").decode("ascii")
+
+
+def truncate(text: str, max_length: int) -> str:
+    """Return a text of at most `max_length` characters; three dots stand for what is cut off."""
+    return text if len(text) <= max_length else text[: max_length - 3] + "..."

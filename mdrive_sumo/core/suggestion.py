@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from mdrive_sumo.core.truncation import truncate
+from mdrive_sumo.core.clean_text import truncate
 
 LEAST_SIMILARITY = 0.6
 """Of two names that may be the same one mistyped, in [0, 1]: the default of `difflib`."""

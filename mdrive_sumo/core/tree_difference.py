@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mdrive_sumo.core.truncation import truncate
+from mdrive_sumo.core.clean_text import truncate
 
 ABSENT = "nothing"
 """What is found at a place that one of the two values does not have."""

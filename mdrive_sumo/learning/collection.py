@@ -18,6 +18,7 @@ from mdrive_sumo.learning.collection_settings import CollectionSettings
 from mdrive_sumo.learning.drive_episode import collect_scenario
 from mdrive_sumo.learning.sample_files import SampleFiles, write_shard
 from mdrive_sumo.learning.sample_format import DATASET_FILE, SHARD_SCENARIOS, CollectedScenario, DatasetFile, ShardEntry
+from mdrive_sumo.learning.shard_reading import load_dataset_file
 from mdrive_sumo.runs.executor import run_jobs
 from mdrive_sumo.runs.journal import Journal, open_journal
 from mdrive_sumo.runs.make_executor import make_executor
@@ -192,3 +193,34 @@ def _write_dataset(
     except OSError as error:
         raise InputError(describe_write_error(error, path)) from None
     return dataset
+
+
+EXPERT_SHARE = 0.2
+"""Of the segments of a drive, as `learn data --mix`."""
+
+
+@dataclass(frozen=True, slots=True)
+class RoundPlan:
+    """How much each round drives, and as what."""
+
+    first: Path
+    """Data set whose split, seed, expert, rigs and perturbation are used again."""
+    scenarios: int
+    workers: int
+
+
+def collect_round(plan: RoundPlan, round_: int, weights: Path, folder: Path, progress: CollectionProgress) -> None:
+    """Let weights (.onnx) drive the scenarios of a round and write the samples into a folder. Raises InputError."""
+    made = load_dataset_file(plan.first)
+    settings = CollectionSettings(
+        split=made.split,
+        seed=made.seed,
+        expert=made.expert,
+        rigs=made.rigs,
+        perturbation=made.perturbation,
+        driver=weights.resolve(),
+        mix=EXPERT_SHARE,
+        round=round_,
+        suite=made.suite,
+    )
+    collect_dataset(settings, folder, plan.scenarios, plan.workers, progress, fresh=False)

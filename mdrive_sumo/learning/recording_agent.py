@@ -14,10 +14,10 @@ from mdrive_sumo.agents.learned.system_spec import DECISION_TICKS, SystemSpec
 from mdrive_sumo.contract import Agent, Briefing, Observation, OwnState, Plan, Reply, SensorSpec
 from mdrive_sumo.core.seeding import draw_first_uniform
 from mdrive_sumo.core.state import EgoState
-from mdrive_sumo.learning.image_files import encode_image
 from mdrive_sumo.learning.perturbation import PerturbationSchedule
 from mdrive_sumo.learning.plan_labels import label_plan, move_plan
 from mdrive_sumo.learning.recorded_rigs import build_rig_sensors, select_rig_outputs
+from mdrive_sumo.learning.sample_format import encode_image
 from mdrive_sumo.sensing.localization import OwnStateEstimator
 from mdrive_sumo.vehicle.control import CONTROLLERS
 

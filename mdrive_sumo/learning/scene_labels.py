@@ -1,23 +1,29 @@
 """What is true around a CAV at a decision: boxes, their futures, occupancy, lanes. Read from the finished recording."""
 
 from collections.abc import Mapping
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.agents.learned.ego_frame import convert_to_frame
-from mdrive_sumo.agents.learned.system_spec import PLAN_INTERVAL_S, PLAN_POINTS
+from mdrive_sumo.agents.learned.system_spec import (
+    LIDAR_BEHIND_M,
+    LIDAR_CELL_M,
+    LIDAR_CELLS,
+    PLAN_INTERVAL_S,
+    PLAN_POINTS,
+)
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
+from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, wrap_angles
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND
 from mdrive_sumo.episode import EpisodeRecord, rebuild_frame
-from mdrive_sumo.learning.lane_graph import load_lane_graph
-from mdrive_sumo.learning.occupancy_grid import rasterize_boxes
-from mdrive_sumo.learning.sample_format import OCCUPANCY_LAYERS
+from mdrive_sumo.learning.sample_format import LANE_POINTS, MAX_LANES, OCCUPANCY_LAYERS
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.camera.road_user_models import choose_models
 from mdrive_sumo.sensing.objects_sensor import load_building_edges
 from mdrive_sumo.sensing.observation_builder import build_sensing_frame
+from mdrive_sumo.sensing.polygon_fill import box_edges, fill_polygons
 from mdrive_sumo.sensing.sensing_frame import SensorPose
 from mdrive_sumo.sensing.visibility import SightView, announce_eye
 
@@ -121,3 +127,74 @@ def _build_eye(pose: Float, row: int) -> SensorPose:
 def to_ego_poses(poses: Float, own: Float) -> Float:
     """Return poses (..., 3) x, y, yaw of the world in the ego frame of a pose (3,); yaw in [-pi, pi)."""
     return np.concatenate((convert_to_frame(poses[..., :2], own), wrap_angles(poses[..., 2:] - own[2])), axis=-1)
+
+
+PARTS = 3
+"""A cell is covered if one of 3 x 3 points in it is: points 0.25 m apart, because people are smaller than cells."""
+POINT_M = LIDAR_CELL_M / PARTS
+AHEAD_M, LEFT_M = LIDAR_CELLS * LIDAR_CELL_M - LIDAR_BEHIND_M, LIDAR_CELLS * LIDAR_CELL_M / 2
+"""Upper and left edge of the grid from the box centre."""
+
+
+def rasterize_boxes(poses: Float, sizes: Float, layer: Int, layers: int) -> npt.NDArray[np.uint8]:
+    """Return a mask (layers, LIDAR_CELLS, LIDAR_CELLS) of 0 and 1: 1 where a box covers a part of a cell.
+
+    poses: (K, 3) x, y [m], yaw [rad] in the ego frame. sizes: (K, 2) length, width [m]. layer: (K,). Row 0 is ahead,
+    column 0 is left.
+    """
+    corners = boxes_corners(*poses.T, *sizes.T)
+    pixels = np.stack(((LEFT_M - corners[..., 1]) / POINT_M, (AHEAD_M - corners[..., 0]) / POINT_M), axis=-1)
+    size = LIDAR_CELLS * PARTS
+    covered = fill_polygons(box_edges(pixels), np.repeat(layer, 4), (layers, size))
+    rows = np.bitwise_or.reduce([covered[:, part::PARTS] for part in range(PARTS)])  # faster than any(axis)
+    return np.bitwise_or.reduce([rows[:, :, part::PARTS] for part in range(PARTS)]) & np.uint8(1)
+
+
+LANE_REACH_M = 40.0
+SPACING_M = 1.0
+
+
+class LaneGraph:
+    """The centre lines of a map as points 1 m apart."""
+
+    def __init__(self, roads: RoadMap) -> None:
+        lines = [lane.centre.resample(SPACING_M).xy for lane in roads.driving]
+        self._xy: Float = np.concatenate(lines)
+        self._lane: Int = np.repeat(np.arange(len(lines)), [len(line) for line in lines])
+
+    def find_lines(self, x: float, y: float) -> Float:
+        """Return the lines (L, LANE_POINTS, 2) [m, world] within `LANE_REACH_M` of a place, the nearest ones first.
+
+        A line is cut where it leaves the circle; of a lane that enters it several times the longest part counts.
+        """
+        distance = portable.hypot(self._xy[:, 0] - x, self._xy[:, 1] - y)
+        near = np.flatnonzero(distance <= LANE_REACH_M)
+        if not len(near):
+            return np.zeros((0, LANE_POINTS, 2))
+        breaks = np.flatnonzero((np.diff(near) != 1) | (np.diff(self._lane[near]) != 0)) + 1
+        begin, end = np.concatenate(((0,), breaks)), np.concatenate((breaks, (len(near),)))
+        begin, end = self._choose_longest(near, begin, end)
+        gap = np.array([distance[near[i:j]].min() for i, j in zip(begin.tolist(), end.tolist(), strict=True)])
+        order = np.argsort(gap, kind="stable")[:MAX_LANES]
+        first, last = near[begin[order]], near[end[order] - 1]
+        return self._resample(first, last)
+
+    def _choose_longest(self, near: Int, begin: Int, end: Int) -> tuple[Int, Int]:
+        """Return the longest part of every lane, without those of a single point."""
+        length, lane = end - begin, self._lane[near[begin]]
+        order = np.lexsort((begin, -length, lane))
+        is_first = np.concatenate(((True,), np.diff(lane[order]) != 0))
+        chosen = np.sort(order[is_first & (length[order] > 1)], kind="stable")
+        return begin[chosen], end[chosen]
+
+    def _resample(self, first: Int, last: Int) -> Float:
+        place = first[:, None] + (last - first)[:, None] * np.linspace(0.0, 1.0, LANE_POINTS)
+        low = np.minimum(place.astype(np.int64), np.maximum(last - 1, first)[:, None])
+        share = (place - low)[..., None]
+        return self._xy[low] * (1.0 - share) + self._xy[low + 1] * share
+
+
+@lru_cache(maxsize=8)
+def load_lane_graph(roads: RoadMap) -> LaneGraph:
+    """Return the lane graph of a map, cached."""
+    return LaneGraph(roads)

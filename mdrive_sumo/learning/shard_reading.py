@@ -17,7 +17,6 @@ from pydantic import ValidationError
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import open_regular, read_bytes
-from mdrive_sumo.learning.image_files import decode_image
 from mdrive_sumo.learning.sample_format import (
     ABOUT_SUFFIX,
     DATASET_FILE,
@@ -30,6 +29,7 @@ from mdrive_sumo.learning.sample_format import (
     LabelArray,
     SampleAbout,
     ShardEntry,
+    decode_image,
 )
 from mdrive_sumo.scenario.scenario import describe_first_error
 

@@ -14,10 +14,10 @@ from mdrive_sumo.contract import (
     read_label,
     read_sensors,
 )
+from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.errors import MdriveError, WorldError
 from mdrive_sumo.core.private_paths import hide_paths_in_text
 from mdrive_sumo.core.state import FailureReason
-from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.vehicle.control import CONTROLLERS
 
 CONTROLLER_NAMES = frozenset(CONTROLLERS)

@@ -1,21 +1,22 @@
 """Show agents the frames of a recording, and compare each plan and each detection with it."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from mdrive_sumo.contract import Reply, SensingTrack
+from mdrive_sumo.contract import Control, Reply, SensingTrack
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.core.state import End, Frame
+from mdrive_sumo.episode import EpisodeRecord, rebuild_frame
 from mdrive_sumo.loop import EpisodeConfig, start_agents
 from mdrive_sumo.loop.agent_driver import AgentDriver
 from mdrive_sumo.loop.agent_scheduler import AgentScheduler
 from mdrive_sumo.open_loop.detection_precision import DetectionCounts, match_frame
 from mdrive_sumo.open_loop.plan_errors import PlanErrors, compute_plan_errors
-from mdrive_sumo.open_loop.recorded_frames import RecordedFrames
 
 TRUTH_RANGE_M = 70.0
 """Road users this far from the CAV [m] count in average precision, hidden ones as well: our own choice."""
@@ -79,3 +80,51 @@ def _find_truth(episode: EpisodeRecord, tick: int, column: int) -> Float:
     rows = np.flatnonzero(near)
     state = (x[rows], y[rows], episode.yaw[tick, rows], episode.length[rows], episode.width[rows])
     return np.stack(state, axis=-1)
+
+
+STRIDE = 4
+"""Ticks between frames: 5 Hz, the rate at which the systems of the paper plan; logs have 10 Hz (protocol 13.1)."""
+
+
+class RecordedFrames:
+    """Every fourth frame of a recording; a CAV ends with the last frame in which it is in the world."""
+
+    def __init__(self, episode: EpisodeRecord) -> None:
+        """Raises InputError for an episode in which a CAV is not in the world in tick 0."""
+        if not episode.valid[0, : episode.egos].all():
+            raise InputError(f"episode of {episode.scenario}: expected all CAVs in the world in tick 0, found others")
+        self._episode = episode
+        self._columns = {ego: column for column, ego in enumerate(episode.ego_ids)}
+        self._changes = list(episode.signals)
+        self._signals: dict[str, str] = {}
+
+    @property
+    def dimensions(self) -> Mapping[str, tuple[float, float]]:
+        """(length, width) [m] of every CAV in the recording: in that of a log its own."""
+        sizes = zip(self._episode.length.tolist(), self._episode.width.tolist(), strict=True)
+        return dict(zip(self._episode.ego_ids, sizes, strict=False))
+
+    def start(self) -> Frame:
+        """Return the frame of tick 0."""
+        return self._build_frame(0)
+
+    def advance(self, frame: Frame, controls: Mapping[str, Control]) -> Frame:
+        """Return the recorded frame four ticks later, whatever the controls are."""
+        del controls
+        return self._build_frame(frame.tick + STRIDE)
+
+    def find_ends(self, frame: Frame, active: Sequence[str]) -> Mapping[str, End]:
+        """Return the recorded ends of the CAVs that have no further frame."""
+        after = frame.tick + STRIDE
+        return {
+            ego: self._episode.find_ending(ego).end
+            for ego in active
+            if after >= self._episode.ticks or not self._episode.valid[after, self._columns[ego]]
+        }
+
+    def _build_frame(self, tick: int) -> Frame:
+        frame = rebuild_frame(self._episode, tick)
+        while self._changes and self._changes[0].tick <= tick:
+            change = self._changes.pop(0)
+            self._signals[change.light] = change.state
+        return Frame(tick, frame.egos, frame.actors, dict(self._signals))

@@ -3,8 +3,8 @@
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 
+from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.tree_difference import ABSENT
-from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.report.result_tables import CAPTURED_HEADER
 from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.scoring import Results

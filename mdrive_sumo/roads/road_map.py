@@ -3,12 +3,15 @@
 # pyright: basic
 import gzip
 import re
+import sys
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib.resources import files
+from itertools import chain
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 from xml.sax import SAXException
 
@@ -18,8 +21,6 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Int, Polyline, build_polyline
 from mdrive_sumo.core.input_files import open_regular
-from mdrive_sumo.roads.import_sumolib import import_sumolib
-from mdrive_sumo.roads.net_numbers import check_net_numbers
 from mdrive_sumo.roads.network_file import (
     NET_FILE,
     Building,
@@ -297,3 +298,36 @@ def _find_connections(lane: Any, cars: Mapping[str, Any]) -> Sequence[tuple[str,
         if target in cars:
             found.append((target, f"{light}:{connection.getTLLinkIndex()}" if light else ""))
     return sorted(found)
+
+
+def import_sumolib() -> ModuleType:
+    """Return sumolib, imported without pyproj: 10 MB and 0.15 s in every worker for projections that nothing here uses.
+
+    sumolib does without it if it cannot be imported. Called late, because the rest takes 0.1 s that `--help` should not
+    pay.
+    """
+    is_hidden = "pyproj" not in sys.modules and "sumolib" not in sys.modules
+    if is_hidden:
+        sys.modules["pyproj"] = None  # pyright: ignore[reportArgumentType] - documented: an import then fails
+    try:
+        import sumolib
+    finally:
+        if is_hidden:
+            del sys.modules["pyproj"]
+    return sumolib
+
+
+MAX_COORDINATE_M = 1e8
+"""[m] Any projection of the earth has smaller ones."""
+
+
+def check_net_numbers(net: Any, lanes: Sequence[Any]) -> None:
+    """Raise ValueError for coordinates, widths or speeds that no road has: products of larger ones overflow."""
+    shapes = [lane.getShape() for lane in lanes] + [node.getShape() for node in net.getNodes()]
+    for value in chain((number for shape in shapes for point in shape for number in point), *map(_list_numbers, lanes)):
+        if not abs(value) <= MAX_COORDINATE_M:
+            raise ValueError(f"numbers within {MAX_COORDINATE_M:g} expected, found {value:g}")
+
+
+def _list_numbers(lane: Any) -> tuple[float, ...]:
+    return lane.getWidth(), lane.getSpeed(), lane.getLength()

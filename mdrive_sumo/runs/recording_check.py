@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Mapping
 
 from mdrive_sumo.core.checksum import compute_file_checksum
+from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.episode import EpisodeRecord, load_episode
 from mdrive_sumo.runs.journal import JOURNAL_FILE
 from mdrive_sumo.runs.prepared_run import PreparedRun

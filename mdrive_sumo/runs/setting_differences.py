@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
 from mdrive_sumo.scoring import RunInfo

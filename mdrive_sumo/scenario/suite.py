@@ -9,9 +9,10 @@ A suite may instead name others as its parts in `suite.json`: then it has their 
 
 import hashlib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from functools import lru_cache
 from importlib.resources import files
 from os import PathLike
 from pathlib import Path
@@ -24,10 +25,10 @@ from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import make_folder, write_text
+from mdrive_sumo.core.plug_ins import PlugInKind, check_plug_in_names, list_plug_ins
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.scenario.scenario import Scenario, load_model, load_scenario, save_scenario
 from mdrive_sumo.scenario.scenario_part import Identifier
-from mdrive_sumo.scenario.scenario_sources import list_source_folders
 from mdrive_sumo.scenario.statistics import compute_suite_statistics
 
 if TYPE_CHECKING:
@@ -287,3 +288,27 @@ def _scenario(path: Path) -> Scenario:
 def natural_sort_key(name: str) -> list[tuple[int, str]]:
     """Sort key of names with numbers in them, which count by value: r2 before r10."""
     return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]
+
+
+def list_source_folders(suite_file: str, known: Iterable[str]) -> dict[str, Path]:
+    """Return the folders of the suites of other packages by name.
+
+    suite_file: name of the file that each of them has. known: names of the packaged suites. Raises InputError for a
+    source without a suite, or with the name of a packaged one.
+    """
+    check_plug_in_names(PlugInKind.SCENARIO_SOURCES, known)
+    return {name: find_source_folder(name, suite_file) for name in list_plug_ins(PlugInKind.SCENARIO_SOURCES)}
+
+
+@lru_cache(maxsize=64)
+def find_source_folder(name: str, suite_file: str) -> Path:
+    """Return the folder of a source: the plug-in is the folder, or a function that returns it. Raises InputError."""
+    plug_in = list_plug_ins(PlugInKind.SCENARIO_SOURCES)[name]
+    source = plug_in.load()
+    folder = source() if callable(source) else source
+    if not isinstance(folder, str | PathLike) or not (Path(folder) / suite_file).is_file():
+        raise InputError(
+            f"{plug_in.describe()}: expected the folder of a suite with {suite_file}, or a function that returns it,"
+            f" found {folder!r:.80}"
+        )
+    return Path(folder)

@@ -10,10 +10,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from mdrive_sumo.contract import join_sensing_tracks
-from mdrive_sumo.core.clean_text import clean_line
+from mdrive_sumo.core.clean_text import clean_line, truncate
 from mdrive_sumo.core.state import End
 from mdrive_sumo.core.tree_difference import find_tree_differences, format_leaf
-from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.scoring.efficiency import compute_efficient_sr
 from mdrive_sumo.scoring.results import EgoResult, Infraction, Means, Results, ScenarioResult
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS, ScoreMode, compute_mean, compute_scenario_means

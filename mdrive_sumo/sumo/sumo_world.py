@@ -18,14 +18,16 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.sumo.background_traffic import BackgroundTraffic
 from mdrive_sumo.sumo.conflict import MovingBox, build_moving_box
-from mdrive_sumo.sumo.friction import build_friction_options, make_slippery
-from mdrive_sumo.sumo.ghost_manager import GhostManager
+from mdrive_sumo.sumo.ghost_manager import GhostManager, MirroredActors, build_source_boxes, build_source_ids
 from mdrive_sumo.sumo.ghost_placement import SourceBox
 from mdrive_sumo.sumo.lane_change import apply_offsets
 from mdrive_sumo.sumo.log_replay import LogReplay
 from mdrive_sumo.sumo.placed_vehicles import EGO, add_placed_types, add_placed_vehicle, place_vehicle
-from mdrive_sumo.sumo.scripted_bodies import MirroredActors, build_source_boxes, build_source_ids
 from mdrive_sumo.sumo.sumo_frames import compute_front_bumper, convert_sumo_angles
+
+# pyright: basic
+# Because libsumo has no type information.
+
 
 _position, _angle, _speed = (
     getattr(libsumo.libsumo._libsumo, f"vehicle_get{what}") for what in ("Position", "Angle", "Speed")
@@ -231,3 +233,17 @@ class SumoWorld:
             return self._frozen_signals
         lights = libsumo.trafficlight
         return {light: lights.getRedYellowGreenState(light) for light in sorted(lights.getIDList())}
+
+
+def build_friction_options(grip: float) -> list[str]:
+    """Return SUMO's options: on a slippery road every vehicle has the device, without measurement error."""
+    if grip == 1.0:
+        return []  # the device draws random numbers, so a dry run must not have it
+    return ["--device.friction.probability", "1", "--device.friction.stdDev", "0"]
+
+
+def make_slippery(grip: float) -> None:
+    """Set the friction of all roads to a share of a dry road's. Call after the start of SUMO."""
+    if grip < 1.0:
+        for edge in libsumo.edge.getIDList():
+            libsumo.edge.setFriction(edge, grip)

@@ -15,9 +15,8 @@ from fastapi import FastAPI
 from uvicorn.config import LOGGING_CONFIG
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.log_lines import CleanFormatter
 from mdrive_sumo.core.posix import check_posix
-from mdrive_sumo.core.terminal import echo
+from mdrive_sumo.core.terminal import CleanFormatter, echo
 from server import environments
 from server.api.app import create_app, prepare_storage
 from server.api.webhook_sender import WebhookSender

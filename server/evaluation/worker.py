@@ -15,7 +15,7 @@ from collections.abc import Callable
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.log_lines import CleanFormatter
+from mdrive_sumo.core.terminal import CleanFormatter
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.prepared_run import compute_job_limit_s
 from server.clock import now_us

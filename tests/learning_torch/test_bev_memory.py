@@ -14,7 +14,7 @@ from mdrive_sumo.learning.networks.bev_grid import (
     compute_cell_centres,
 )
 from mdrive_sumo.learning.networks.bev_memory import MEMORY_SHAPE, BevMemory, halve_motion, warp_memory
-from mdrive_sumo.learning.training.recall import recall_previous
+from mdrive_sumo.learning.training.predict_samples import recall_previous
 
 CENTRES = torch.from_numpy(compute_cell_centres()).float()
 

@@ -9,8 +9,8 @@ import pytest
 from mdrive_sumo.agents.learned.model_weights import load_network
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, write_manifest
-from mdrive_sumo.learning import collect_round as collecting
-from mdrive_sumo.learning.collect_round import RoundPlan, collect_round
+from mdrive_sumo.learning import collection as collecting
+from mdrive_sumo.learning.collection import RoundPlan, collect_round
 from mdrive_sumo.learning.collection_settings import CollectionSettings
 from mdrive_sumo.learning.sample_format import DatasetFile
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays

@@ -5,14 +5,16 @@ import pytest
 import torch
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
-from mdrive_sumo.learning.networks.agents_head import BOX_NUMBERS, FUTURE_NUMBERS
 from mdrive_sumo.learning.networks.bev_grid import BEV_CELLS
+from mdrive_sumo.learning.networks.heads import BOX_NUMBERS, FUTURE_NUMBERS
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
-from mdrive_sumo.learning.training.plan_losses import compute_collision_loss, compute_lane_loss, measure_offset
-from mdrive_sumo.learning.training.scene_losses import (
+from mdrive_sumo.learning.training.losses import (
     _build_targets,
     compute_agents_loss,
+    compute_collision_loss,
+    compute_lane_loss,
     compute_map_loss,
+    measure_offset,
     unpack_occupancy,
 )
 

@@ -3,7 +3,7 @@
 import torch
 
 from mdrive_sumo.learning.networks.bev_grid import AHEAD_M, LEFT_M
-from mdrive_sumo.learning.networks.occupancy_head import sample_occupancy
+from mdrive_sumo.learning.networks.heads import sample_occupancy
 from mdrive_sumo.learning.networks.occupancy_planner import OccupancyPlanner
 
 PLAN = torch.stack((torch.arange(1, 7) * 4.0, torch.zeros(6)), dim=-1)[None]

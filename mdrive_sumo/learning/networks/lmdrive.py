@@ -1,17 +1,57 @@
-"""LmdriveNetwork: counterpart of LMDrive: cameras, LiDAR and an instruction in English."""
+"""LmdriveNetwork: counterpart of LMDrive: cameras, LiDAR and an instruction in English.
+
+The text encoder is trained from scratch on generated instructions.
+"""
 
 import torch
 from torch import Tensor, nn
 
-from mdrive_sumo.agents.learned.system_spec import COMMANDS, NAVIGATION_SIZE, SystemSpec
-from mdrive_sumo.learning.networks.agents_head import AgentsHead
+from mdrive_sumo.agents.learned.system_spec import (
+    COMMANDS,
+    INSTRUCTION_WORDS,
+    LIDAR_LAYERS,
+    NAVIGATION_SIZE,
+    SystemSpec,
+)
 from mdrive_sumo.learning.networks.bev_grid import BEV_CHANNELS
-from mdrive_sumo.learning.networks.blocks import WIDTH, AttentionLayer, ConvBlock
-from mdrive_sumo.learning.networks.lidar_encoder import LidarEncoder
-from mdrive_sumo.learning.networks.occupancy_head import OccupancyHead
-from mdrive_sumo.learning.networks.plan_head import PlanHead
+from mdrive_sumo.learning.networks.blocks import WIDTH, AttentionLayer, ConvBlock, ResidualBlock
+from mdrive_sumo.learning.networks.heads import AgentsHead, OccupancyHead, PlanHead
 from mdrive_sumo.learning.networks.surround_encoder import BevTokens, SurroundEncoder
-from mdrive_sumo.learning.networks.text_encoder import TextEncoder
+
+EMBEDDED_WORDS = 256
+"""Room for the vocabulary of `agents.learned.instructions`."""
+
+
+class TextEncoder(nn.Module):
+    """Words with their places, two layers of attention among them, the mean over the words that are there."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.words = nn.Embedding(EMBEDDED_WORDS, WIDTH)
+        self.places = nn.Parameter(0.1 * torch.randn(INSTRUCTION_WORDS, WIDTH))
+        self.layers = nn.ModuleList([AttentionLayer(), AttentionLayer()])
+
+    def forward(self, words: Tensor) -> tuple[Tensor, Tensor]:
+        """Return tokens (batch, INSTRUCTION_WORDS, WIDTH) and their mean (batch, WIDTH); words: numbers, 0: padding."""
+        is_word = (words > 0)[..., None].to(self.places.dtype)
+        tokens = (self.words(words) + self.places) * is_word
+        for layer in self.layers:
+            tokens = layer(tokens, tokens)
+        return tokens, (tokens * is_word).sum(dim=1) / is_word.sum(dim=1).clamp(min=1.0)
+
+
+class LidarEncoder(nn.Module):
+    """Three convolutions, from 64 x 64 to 32 x 32 cells."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(
+            ConvBlock(LIDAR_LAYERS, 16), ConvBlock(16, BEV_CHANNELS, stride=2), ResidualBlock(BEV_CHANNELS)
+        )
+
+    def forward(self, counts: Tensor) -> Tensor:
+        """Return features (batch, BEV_CHANNELS, cells, cells) of counts (batch, LIDAR_LAYERS, 64, 64) of points."""
+        return self.layers(torch.log1p(counts.to(torch.float32)))
 
 
 class LmdriveNetwork(nn.Module):

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 
 from mdrive_sumo.agents.learned.system_spec import PLAN_POINTS
-from mdrive_sumo.learning.networks.occupancy_head import sample_occupancy
+from mdrive_sumo.learning.networks.heads import sample_occupancy
 
 PACES = (1.0, 0.85, 0.7, 0.55, 0.4, 0.25, 0.1, 0.0)
 """Candidates: the same path, driven at so much of the planned speed."""

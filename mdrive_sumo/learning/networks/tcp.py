@@ -8,9 +8,8 @@ from torch import Tensor, nn
 from mdrive_sumo.agents.learned.system_spec import NAVIGATION_SIZE, PLAN_POINTS, SystemSpec
 from mdrive_sumo.learning.networks.bev_lifting import BevLifting
 from mdrive_sumo.learning.networks.blocks import WIDTH, GatedCell, Mlp, flatten_map
+from mdrive_sumo.learning.networks.heads import STEP_SCALE_M, OccupancyHead, add_steps
 from mdrive_sumo.learning.networks.image_encoder import WIDE_WIDTHS, ImageEncoder
-from mdrive_sumo.learning.networks.occupancy_head import OccupancyHead
-from mdrive_sumo.learning.networks.plan_head import STEP_SCALE_M, add_steps
 
 HIDDEN = 2 * WIDTH
 FEATURES = WIDE_WIDTHS[-1]

@@ -4,12 +4,10 @@ import torch
 from torch import Tensor, nn
 
 from mdrive_sumo.agents.learned.system_spec import SystemSpec
-from mdrive_sumo.learning.networks.agents_head import BOX_NUMBERS, FUTURE_NUMBERS, AgentsHead
 from mdrive_sumo.learning.networks.bev_grid import BEV_CHANNELS
 from mdrive_sumo.learning.networks.bev_memory import BevMemory
-from mdrive_sumo.learning.networks.occupancy_head import OccupancyHead
+from mdrive_sumo.learning.networks.heads import BOX_NUMBERS, FUTURE_NUMBERS, AgentsHead, OccupancyHead, PlanHead
 from mdrive_sumo.learning.networks.occupancy_planner import OccupancyPlanner
-from mdrive_sumo.learning.networks.plan_head import PlanHead
 from mdrive_sumo.learning.networks.surround_encoder import BevTokens, SurroundEncoder
 
 DETECTED = 1 + BOX_NUMBERS + FUTURE_NUMBERS

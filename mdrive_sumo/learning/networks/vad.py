@@ -4,12 +4,16 @@ import torch
 from torch import Tensor, nn
 
 from mdrive_sumo.agents.learned.system_spec import SystemSpec
-from mdrive_sumo.learning.networks.agents_head import AgentQueries, AgentsHead
 from mdrive_sumo.learning.networks.bev_memory import BevMemory
 from mdrive_sumo.learning.networks.blocks import AttentionLayer
-from mdrive_sumo.learning.networks.map_head import MapHead
-from mdrive_sumo.learning.networks.occupancy_head import OccupancyHead
-from mdrive_sumo.learning.networks.plan_head import PlanHead, scale_route
+from mdrive_sumo.learning.networks.heads import (
+    AgentQueries,
+    AgentsHead,
+    MapHead,
+    OccupancyHead,
+    PlanHead,
+    scale_route,
+)
 from mdrive_sumo.learning.networks.surround_encoder import BevTokens, SurroundEncoder
 
 

@@ -15,7 +15,7 @@ from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.learning.held_out import find_held_out
-from mdrive_sumo.learning.sample_kinds import compute_shares, name_kinds
+from mdrive_sumo.learning.plan_metrics import compute_shares, name_kinds
 from mdrive_sumo.learning.training.checkpoint import (
     CHECKPOINT_NAME,
     WEIGHTS_NAME,

@@ -1,11 +1,15 @@
-"""Trainer: one training loop for all systems."""
+"""Trainer: one training loop for all systems, with averaged weights, interrupted between two steps only."""
 
+import copy
 import math
+import signal
+import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -16,10 +20,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning.networks.build_network import build_network, count_parameters
 from mdrive_sumo.learning.training.augment import MEMORY_DROPOUT, augment_inputs
 from mdrive_sumo.learning.training.checkpoint import Checkpoint, save_checkpoint, save_weights, take_weights
-from mdrive_sumo.learning.training.compute_losses import compute_losses
-from mdrive_sumo.learning.training.deferred_interrupt import DeferredInterrupt
-from mdrive_sumo.learning.training.moving_average import MovingAverage
-from mdrive_sumo.learning.training.recall import recall_previous
+from mdrive_sumo.learning.training.losses import compute_losses
+from mdrive_sumo.learning.training.predict_samples import recall_previous
 from mdrive_sumo.learning.training.training_curves import TrainingCurves
 from mdrive_sumo.learning.training.training_data import TrainingData
 from mdrive_sumo.learning.training.training_options import TrainingOptions
@@ -190,3 +192,46 @@ class Trainer:
                 f"{losses[wrong[0]]}; give --resume with a smaller --learning-rate (last checkpoint: {folder})"
             )
         return losses
+
+
+class MovingAverage:
+    """An exponential average of the floating numbers of a network, statistics of normalisation included."""
+
+    def __init__(self, source: nn.Module, decay: float) -> None:
+        self.network = copy.deepcopy(source).eval().requires_grad_(False)
+        self.decay = decay
+        self._averages, self._sources = _list_floats(self.network), _list_floats(source)
+
+    def update(self, step: int) -> None:
+        """Move the average towards the source as it is now. It follows faster in the first steps."""
+        share = 1.0 - min(self.decay, (1.0 + step) / (10.0 + step))
+        with torch.no_grad():
+            torch._foreach_lerp_(self._averages, self._sources, share)
+
+
+def _list_floats(network: nn.Module) -> list[Tensor]:
+    """Return parameters and statistics; later changes of a network, loading included, happen in these tensors."""
+    return [each.detach() for each in network.state_dict().values() if each.is_floating_point()]
+
+
+class DeferredInterrupt:
+    """Within the block the first Ctrl-C is a request, and the next one interrupts as usual."""
+
+    def __init__(self) -> None:
+        self.is_due = False
+        self._before: Any = None
+
+    def __enter__(self) -> Self:
+        """Take over Ctrl-C; only the main thread gets it."""
+        if threading.current_thread() is threading.main_thread():
+            self._before = signal.signal(signal.SIGINT, self._note)
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        """Give Ctrl-C back."""
+        if self._before is not None:
+            signal.signal(signal.SIGINT, self._before)
+
+    def _note(self, *_: object) -> None:
+        self.is_due = True
+        signal.signal(signal.SIGINT, signal.default_int_handler)

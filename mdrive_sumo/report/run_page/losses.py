@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End
-from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.scoring import EgoResult, Infraction, ScenarioResult
 from mdrive_sumo.scoring.criteria import BLOCKED_TICKS
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS

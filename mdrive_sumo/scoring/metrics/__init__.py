@@ -1,8 +1,7 @@
 """Metrics of a finished episode: route completion, infractions and scalars (protocol 6, 7)."""
 
 from mdrive_sumo.scoring.metrics.ego_record import EgoRecord, build_ego_records, find_infractions
-from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, EpisodeMismatch, build_ego_track
-from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, EpisodeMismatch, InfractionEvent, build_ego_track
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric, ScalarMetric, ScoredEpisode
 from mdrive_sumo.scoring.metrics.min_ttc import compute_min_ttc
 from mdrive_sumo.scoring.metrics.registry import METRICS, list_scalar_metrics

@@ -5,9 +5,7 @@ from types import MappingProxyType
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.state import TICKS_PER_SECOND, Kind
-from mdrive_sumo.scoring.metrics.ego_track import EgoTrack
-from mdrive_sumo.scoring.metrics.impact_speed import compute_impact_speed
-from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, InfractionEvent
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric
 
 SAME_ACTOR_TICKS = 5 * TICKS_PER_SECOND
@@ -87,3 +85,24 @@ def find_collisions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
 
 
 COLLISIONS = InfractionMetric("collisions", find_collisions)
+
+
+def compute_impact_speed(track: EgoTrack, tick: int, other: str) -> float:
+    """Return the relative speed [m/s] of the CAV and another road user in the tick before their contact in `tick`.
+
+    The frame of the contact itself is recorded after the impulse (decision 022). other: "" is a building, which stands.
+    A road user that enters the world in the tick of the contact has its velocity of that tick.
+    """
+    before = max(tick - 1, 0)
+    own = _compute_velocity(float(track.speed[before]), float(track.yaw[before]))
+    episode = track.episode
+    if other not in episode.ids:
+        return portable.hypot(*own)
+    column = episode.ids.index(other)
+    at = before if episode.valid[before, column] else tick
+    theirs = _compute_velocity(float(episode.speed[at, column]), float(episode.yaw[at, column]))
+    return portable.hypot(own[0] - theirs[0], own[1] - theirs[1])
+
+
+def _compute_velocity(speed: float, yaw: float) -> tuple[float, float]:
+    return speed * portable.cos(yaw), speed * portable.sin(yaw)

@@ -7,9 +7,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import Ending, EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, build_ego_track
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, InfractionEvent, build_ego_track
 from mdrive_sumo.scoring.metrics.endings import compute_route_completion
-from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
 from mdrive_sumo.scoring.metrics.registry import list_infraction_metrics
 
 

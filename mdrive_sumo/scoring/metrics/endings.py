@@ -9,8 +9,7 @@ from mdrive_sumo.scoring.criteria import (
     update_progress,
 )
 from mdrive_sumo.scoring.metrics.collisions import INFRACTION_BY_KIND
-from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, EpisodeMismatch
-from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, EpisodeMismatch, InfractionEvent
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric
 
 MARK_BY_END = {

@@ -6,8 +6,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, wrap_angles
 from mdrive_sumo.scoring.criteria import advance_index
-from mdrive_sumo.scoring.metrics.ego_track import EgoTrack
-from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, InfractionEvent
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric
 
 OUTSIDE_LANES = "outside-lanes"

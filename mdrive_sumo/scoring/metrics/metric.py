@@ -7,8 +7,7 @@ from typing import NamedTuple
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scoring.metrics.ego_track import EgoTrack
-from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, InfractionEvent
 
 
 @dataclass(frozen=True, slots=True)

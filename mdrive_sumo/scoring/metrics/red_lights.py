@@ -8,8 +8,7 @@ import numpy as np
 from mdrive_sumo.core import portable
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads.road_map import Lane
-from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, EpisodeMismatch
-from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, EpisodeMismatch, InfractionEvent
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric
 
 RED = frozenset("rRu")

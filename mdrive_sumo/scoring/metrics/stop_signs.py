@@ -9,8 +9,7 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
 from mdrive_sumo.roads.network_file import StopSignBox
 from mdrive_sumo.roads.road_map import Lane, RoadMap
-from mdrive_sumo.scoring.metrics.ego_track import EgoTrack
-from mdrive_sumo.scoring.metrics.infraction import InfractionEvent
+from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, InfractionEvent
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric
 
 NEAR_M = 50.0

@@ -12,21 +12,69 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import SemanticClass, SensorSpec
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.sensing.camera.camera_model import FAR_M, CameraModel, CameraView, ImageKind
-from mdrive_sumo.sensing.camera.draw_commands import CommandRuns, list_chunk_commands, list_instance_commands
 from mdrive_sumo.sensing.camera.gl_context import RecentObjects, create_context
 from mdrive_sumo.sensing.camera.instances import (
     FAR_M_OF_FOCAL,
     FAR_MODEL,
     INSTANCE_FORMAT,
+    MODEL_FIRST,
+    MODEL_SURFACE,
     MODEL_VERTICES,
     SceneInstances,
 )
 from mdrive_sumo.sensing.camera.lighting import Lighting
 from mdrive_sumo.sensing.camera.meshes import VERTEX_FORMAT, Material, Mesh, Surface, build_mesh, build_quads
 from mdrive_sumo.sensing.camera.shaders import FOG_STEPS, VIEW_FLOATS, write_shaders, write_sky_shaders
-from mdrive_sumo.sensing.camera.static_scene import GROUND_LAYERS, StaticScene
+from mdrive_sumo.sensing.camera.static_scene import GROUND_LAYERS, Chunks, StaticScene
+
+COLUMNS = 5
+"""Vertices, instances, first vertex, first instance, padding: moderngl strides as for indexed drawing."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandRuns:
+    """Commands (C, COLUMNS), and for each surface its first command and their number."""
+
+    commands: npt.NDArray[np.uint32]
+    surfaces: tuple[tuple[Surface, int, int], ...]
+
+
+def list_chunk_commands(chunks: Chunks, visible: Bool) -> CommandRuns:
+    """Return commands for the visible chunks (K,); neighbours of one surface are drawn together."""
+    rows = np.flatnonzero(visible)
+    first, count, surface = chunks.first[rows], chunks.count[rows], chunks.surface[rows]
+    starts = np.ones(len(rows), dtype=np.bool_)
+    starts[1:] = (first[1:] != first[:-1] + count[:-1]) | (surface[1:] != surface[:-1])
+    begin = np.flatnonzero(starts)
+    commands = np.zeros((len(begin), COLUMNS), dtype=np.uint32)
+    if len(begin):
+        commands[:, 0] = np.add.reduceat(count, begin)
+    commands[:, 1], commands[:, 2] = 1, first[begin]
+    return CommandRuns(commands, _find_surfaces(surface[begin]))
+
+
+def list_instance_commands(models: Int) -> CommandRuns:
+    """Return a command for each model (index into `MESHES`) among the instances (N,), which are in this order."""
+    number = np.bincount(models, minlength=len(MODEL_SURFACE))
+    found = np.flatnonzero(number)
+    commands = np.zeros((len(found), COLUMNS), dtype=np.uint32)
+    commands[:, 0], commands[:, 1], commands[:, 2] = (
+        MODEL_FIRST[found + 1] - MODEL_FIRST[found],
+        number[found],
+        MODEL_FIRST[found],
+    )
+    commands[:, 3] = np.cumsum(number[found]) - number[found]
+    order = np.argsort(MODEL_SURFACE[found], kind="stable")
+    return CommandRuns(commands[order], _find_surfaces(MODEL_SURFACE[found[order]]))
+
+
+def _find_surfaces(surface: Int) -> tuple[tuple[Surface, int, int], ...]:
+    """Return the runs of equal surfaces of commands (C,), which are ordered by them."""
+    found = ((kind, *np.searchsorted(surface, (kind, kind + 1)).tolist()) for kind in Surface)
+    return tuple((kind, first, end - first) for kind, first, end in found if end > first)
+
 
 if TYPE_CHECKING:
     import moderngl

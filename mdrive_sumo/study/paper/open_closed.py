@@ -6,10 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.rank_correlation import compute_kendall, compute_spearman
 from mdrive_sumo.core.statistics import (
     RESAMPLES,
     ConfidenceInterval,
+    compute_kendall,
+    compute_spearman,
     draw_resample_counts,
     make_interval,
     sum_resamples,

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from testing.actors_world import Egos, Film, actor, no_egos, two_lanes
 
-from mdrive_sumo.actors.pacing import compute_initial_speed, compute_paced_speed
+from mdrive_sumo.actors.trigger_script import compute_initial_speed, compute_paced_speed
 from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.scenario.scripted_actor import (
     Action,

@@ -19,9 +19,8 @@ from mdrive_sumo.core.clean_text import (
     clean_line,
     format_markdown_code,
 )
-from mdrive_sumo.core.log_lines import CleanFormatter
 from mdrive_sumo.core.tables import format_csv_table, format_markdown_table, format_text_table
-from mdrive_sumo.core.terminal import echo
+from mdrive_sumo.core.terminal import CleanFormatter, echo
 from mdrive_sumo.report.html_page import PAGE_TEMPLATES
 
 ESCAPES = "\x1b]0;owned\x07\x1b[2J\x9b31m\r"

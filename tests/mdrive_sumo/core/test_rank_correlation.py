@@ -8,8 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from mdrive_sumo.core.rank_correlation import compute_kendall, compute_spearman
-from mdrive_sumo.core.statistics import RESAMPLES, bootstrap_mean, draw_resample_counts, make_interval, sum_resamples
+from mdrive_sumo.core.statistics import (
+    RESAMPLES,
+    bootstrap_mean,
+    compute_kendall,
+    compute_spearman,
+    draw_resample_counts,
+    make_interval,
+    sum_resamples,
+)
 
 SAMPLES = st.integers(3, 9).flatmap(
     lambda size: st.tuples(*[arrays.arrays(np.float64, size, elements=st.integers(0, 4))] * 2)

@@ -14,8 +14,7 @@ from testing.negotiation_fakes import Answering, completion, served
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.category_requirements import CATEGORIES, Category
 from mdrive_sumo.generate.llm_answer import load_demonstrations, parse_proposal
-from mdrive_sumo.generate.llm_prompt import build_prompt
-from mdrive_sumo.generate.llm_prompt_texts import RULES_IN_WORDS, TERMS
+from mdrive_sumo.generate.llm_prompt import RULES_IN_WORDS, TERMS, build_prompt
 from mdrive_sumo.generate.llm_proposer import LlmSettings, propose, transcript_path
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.proposal import ConstraintType, Proposal

@@ -148,7 +148,7 @@ def test_the_published_schema_is_that_of_the_code() -> None:
 
 def test_images_are_stored_with_full_colour_resolution() -> None:
     from mdrive_sumo.contract import CameraImage
-    from mdrive_sumo.learning.image_files import decode_image, encode_image
+    from mdrive_sumo.learning.sample_format import decode_image, encode_image
 
     pixels = np.zeros((16, 32, 3), np.uint8)
     pixels[:, ::2, 0], pixels[:, 1::2, 2] = 200, 200

@@ -9,8 +9,15 @@ from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.learning import require_torch as requirements
 from mdrive_sumo.learning.held_out import find_held_out
-from mdrive_sumo.learning.plan_metrics import describe_plans, measure_controls, measure_plans, predict_constant_velocity
-from mdrive_sumo.learning.sample_kinds import SHARES, compute_shares, name_kinds
+from mdrive_sumo.learning.plan_metrics import (
+    SHARES,
+    compute_shares,
+    describe_plans,
+    measure_controls,
+    measure_plans,
+    name_kinds,
+    predict_constant_velocity,
+)
 from mdrive_sumo.learning.synthetic_samples import build_synthetic_arrays
 
 
