@@ -10,7 +10,7 @@ import click
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
 from real2sim.cli.log_options import build_suite_file, name_option, out_option, paths_argument
-from real2sim.readers.carla_frame import UCLA_FRAME, CarlaFrame
+from real2sim.readers.carla_route import UCLA_FRAME, CarlaFrame
 from real2sim.xml_file import parse_finite
 
 if TYPE_CHECKING:  # see log_options: commands import what they run

@@ -15,7 +15,7 @@ from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo, echo_live
 from real2sim.pipeline.log_source import LogSource
-from real2sim.readers.time_window import TimeWindow
+from real2sim.readers.time_grid import TimeWindow
 
 if TYPE_CHECKING:  # commands import what they run: `--help` must not load SUMO, pydantic and scipy
     from mdrive_sumo.scenario.background import BackgroundMode

@@ -14,7 +14,7 @@ from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import DrivableArea
 from real2sim.hd_map import HdMap, LaneKind, MapArea, MapLane
-from real2sim.readers.drivable_areas import split_areas
+from real2sim.readers.map_geometry import split_areas
 from real2sim.recording import DEFAULT_SIZE_M, RecordedTrack
 
 WIDTH_M: Mapping[LaneKind, float] = {LaneKind.BIKE: 1.8, LaneKind.SHOULDER: 2.5, LaneKind.PARKING: 2.5}

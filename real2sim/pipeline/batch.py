@@ -15,7 +15,7 @@ from real2sim.fidelity_report.index_page import write_index
 from real2sim.pipeline.log_conversion import ConvertedScenario, convert_log, split_into_windows
 from real2sim.pipeline.log_source import LogSource, describe_part, prefix_with_log
 from real2sim.pipeline.scenario_builder import NETWORKS, ConversionOptions
-from real2sim.readers.time_window import TimeWindow
+from real2sim.readers.time_grid import TimeWindow
 
 LIMIT_S = 900.0
 """[s] Wall-clock limit for one log."""

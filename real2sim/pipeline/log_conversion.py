@@ -17,7 +17,7 @@ from real2sim.pipeline.local_origin import move_to_origin
 from real2sim.pipeline.log_source import LogSource, prefix_with_log
 from real2sim.pipeline.quality_file import save_quality
 from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
-from real2sim.readers.time_window import TimeWindow, crop_recording
+from real2sim.readers.time_grid import TimeWindow, crop_recording
 from real2sim.recording import Recording
 from real2sim.source_scene import SourceScene
 

@@ -10,8 +10,8 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.plug_ins import PlugInKind, check_plug_in_names, list_plug_ins
-from real2sim.readers.checked_arrays import MAX_COORDINATE_M
-from real2sim.readers.time_window import TimeWindow
+from real2sim.readers.input_checks import MAX_COORDINATE_M
+from real2sim.readers.time_grid import TimeWindow
 from real2sim.recording import Recording
 
 MAX_SIZE_M = 200.0

@@ -12,9 +12,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.scenario import load_model
 from real2sim.hd_map import HdMap, LaneKind, MapLane
-from real2sim.readers.checked_arrays import parse_points
-from real2sim.readers.drivable_areas import build_separate_areas
-from real2sim.readers.lane_geometry import compute_centreline
+from real2sim.readers.input_checks import parse_points
+from real2sim.readers.map_geometry import build_separate_areas, compute_centreline
 
 LANE_KIND_BY_TYPE: Mapping[str, LaneKind] = {
     "VEHICLE": LaneKind.DRIVING,

@@ -15,12 +15,14 @@ import numpy.typing as npt
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Int, wrap_angles
 from real2sim.readers.argoverse2_map import find_single_file, read_argoverse2_map
-from real2sim.readers.argoverse2_poses import POSE_COLUMNS, PoseSeries, check_times, parse_poses, to_seconds
-from real2sim.readers.arrow_tables import Columns, read_columns
-from real2sim.readers.checked_arrays import check_frame_count
-from real2sim.readers.lane_geometry import shift_ahead
+from real2sim.readers.input_checks import check_frame_count
+from real2sim.readers.map_geometry import shift_ahead
+from real2sim.readers.tables import Columns, read_columns
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
+POSE_COLUMNS = ("timestamp_ns", "qw", "qx", "qy", "qz", "tx_m", "ty_m", "tz_m")
+MAX_TIME_NS = 4e18
+"""[ns] since 1970, 126 years: the difference of two such times still is an int64."""
 EGO_TYPE = "EGO_VEHICLE"
 EGO_ID = "AV"
 """Track id of the ego, as in the forecasting part of the data set."""
@@ -73,6 +75,64 @@ MOUNT_BY_RIDER: Mapping[str, str] = {
 
 RIDDEN_M = 1.5
 """[m] A rider this close to a two-wheeler for half of the time rides it."""
+
+
+@dataclass(frozen=True)
+class PoseSeries:
+    """Positions and rotations of a box or of the ego at times (N,) [s]."""
+
+    t: Float
+    xyz: Float
+    """(N, 3) [m]"""
+    quaternion: Float
+    """(N, 4) unit quaternions w, x, y, z."""
+
+    def interpolate(self, t: Float) -> "PoseSeries":
+        """Interpolate linearly and normalise the quaternions, which is accurate enough over 10 ms."""
+        signs = np.cumprod(np.where((self.quaternion[1:] * self.quaternion[:-1]).sum(1) < 0, -1.0, 1.0))
+        smooth = self.quaternion * np.concatenate(((1.0,), signs))[:, None]
+        xyz, mixed = (
+            np.column_stack([np.interp(t, self.t, column) for column in rows.T]) for rows in (self.xyz, smooth)
+        )
+        return PoseSeries(t, xyz, mixed / np.linalg.norm(mixed, axis=1)[:, None])
+
+    @property
+    def rotation(self) -> Float:
+        """Rotation matrices (N, 3, 3)."""
+        w, x, y, z = self.quaternion.T
+        rows = (
+            (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+        )
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def parse_poses(path: Path, rows: Columns, start_ns: int) -> PoseSeries:
+    """Return the poses of all rows of a table with times since `start_ns`; raise InputError."""
+    quaternion = np.column_stack([rows[name] for name in POSE_COLUMNS[1:5]])
+    length = np.linalg.norm(quaternion, axis=1)
+    bad = np.abs(length - 1) > 0.01
+    if bad.any():
+        row = int(np.flatnonzero(bad)[0])
+        raise InputError(
+            f"{path}: qw, qx, qy, qz: expected quaternions of length 1, found {length[row]:g} in row {row}"
+        )
+    xyz = np.column_stack([rows[name] for name in POSE_COLUMNS[5:]]).astype(np.float64)
+    return PoseSeries(to_seconds(check_times(path, rows), start_ns), xyz, quaternion / length[:, None])
+
+
+def to_seconds(timestamp_ns: Int, start_ns: int) -> Float:
+    """Return times [s] since a start; both are within `MAX_TIME_NS`."""
+    return (timestamp_ns - start_ns).astype(np.float64) / 1e9
+
+
+def check_times(path: Path, rows: Columns) -> Int:
+    """Return the column `timestamp_ns` as integers whose differences do not overflow; raise InputError."""
+    times = rows["timestamp_ns"]
+    if (np.abs(times.astype(np.float64)) > MAX_TIME_NS).any():
+        raise InputError(f"{path}: timestamp_ns: expected times within 126 years of 1970, found others")
+    return times.astype(np.int64)
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,9 @@ import numpy as np
 from shapely.errors import ShapelyError
 
 from mdrive_sumo.core.errors import InputError
-from real2sim.readers.checked_arrays import check_frame_count
 from real2sim.readers.commonroad_map import build_commonroad_map
-from real2sim.readers.commonroad_states import note_vague_states, read_pose
-from real2sim.readers.optional_package import build_missing_error
-from real2sim.readers.time_window import TimeWindow, crop_recording
+from real2sim.readers.input_checks import build_missing_error, check_frame_count
+from real2sim.readers.time_grid import TimeWindow, crop_recording
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 from real2sim.xml_file import Element, read_number, read_xml
 
@@ -55,6 +53,8 @@ NUMBER_TAGS = frozenset(
 MAX_ANGLE = 1e4
 """[rad] commonroad-io subtracts full turns one by one."""
 OBSTACLE_TAGS = ("obstacle", "staticObstacle", "dynamicObstacle")
+MAX_HEADING_SPREAD = math.pi / 2
+"""[rad] The middle of a wider interval of orientations does not tell which way an obstacle faces."""
 
 
 def read_commonroad(path: Path, window: TimeWindow | None = None) -> Recording:
@@ -278,3 +278,36 @@ def _compute_box(where: str, shape: Any) -> tuple[float, float, float, float]:
     if not (math.isfinite(sum(box)) and min(box[2:]) > 0):
         raise InputError(f"{where}: shape: expected a positive length and width, found {box[2]:g} and {box[3]:g}")
     return box
+
+
+def read_pose(state: Any) -> tuple[float, float, float]:
+    """Return x, y [m] and yaw [rad] of a state: the centre of an area, the middle of a narrow interval, else NaN."""
+    return *_find_position(state), _read_angle(state.orientation)
+
+
+def note_vague_states(obstacles: Sequence[Sequence[Any]]) -> Iterator[str]:
+    """Yield notes on states that are sets; `obstacles` are the states of each."""
+    shapes = sum(any(not isinstance(one.position, np.ndarray) for one in states) for states in obstacles)
+    intervals = sum(any(not isinstance(one.orientation, int | float) for one in states) for states in obstacles)
+    if shapes:
+        yield f"{shapes} obstacles whose positions are areas: their centres taken"
+    if intervals:
+        yield (
+            f"{intervals} obstacles whose orientations are intervals: their middles taken,"
+            f" none of intervals over {math.degrees(MAX_HEADING_SPREAD):g} degrees"
+        )
+
+
+def _find_position(state: Any) -> tuple[float, float]:
+    """Return the position of a state, the centre if it is an area."""
+    if isinstance(state.position, np.ndarray):
+        return float(state.position[0]), float(state.position[1])
+    return float(state.position.center.x), float(state.position.center.y)
+
+
+def _read_angle(orientation: Any) -> float:
+    """Return the angle [rad], the middle of a narrow interval, NaN for a wide one."""
+    if isinstance(orientation, int | float):
+        return float(orientation)
+    spread = float(orientation.end - orientation.start)
+    return float(orientation.start) + spread / 2 if spread <= MAX_HEADING_SPREAD else math.nan

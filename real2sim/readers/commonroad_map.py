@@ -12,7 +12,7 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
-from real2sim.readers.checked_arrays import parse_points
+from real2sim.readers.input_checks import parse_points
 
 LANE_KIND_BY_TYPE: Mapping[str, LaneKind] = {
     "sidewalk": LaneKind.SIDEWALK,

@@ -17,10 +17,10 @@ import numpy.typing as npt
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from real2sim.readers.checked_arrays import check_frame_count
-from real2sim.readers.csv_table import find_columns, open_table, read_header
+from real2sim.readers.input_checks import check_frame_count
 from real2sim.readers.lanelet2 import read_lanelet2
-from real2sim.readers.time_window import TimeWindow, crop_recording
+from real2sim.readers.tables import find_columns, open_table, read_header
+from real2sim.readers.time_grid import TimeWindow, crop_recording
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 DT_S = 0.1

@@ -17,9 +17,9 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap, LaneKind, MapLane
-from real2sim.readers.checked_arrays import MAX_ROWS, check_frame_count
-from real2sim.readers.csv_table import TableRow, open_table, read_header, read_rows
+from real2sim.readers.input_checks import MAX_ROWS, check_frame_count
 from real2sim.readers.lanelet2 import read_lanelet2
+from real2sim.readers.tables import TableRow, open_table, read_header, read_rows
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 TRACKS = "_tracks.csv"

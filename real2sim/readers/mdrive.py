@@ -7,7 +7,7 @@
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,13 +16,18 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.scenario.weather import WeatherName
 from real2sim.hd_map import HdMap
-from real2sim.readers.carla_frame import UCLA_FRAME, CarlaFrame
+from real2sim.readers.carla_route import UCLA_FRAME, CarlaFrame, RouteFile, parse_ego_index, read_route_file
 from real2sim.readers.mdrive_actors import AuthoredActor, build_actor
-from real2sim.readers.mdrive_behavior import map_vehicle_names, read_scripts
-from real2sim.readers.mdrive_manifest import MANIFEST, ActorRole, ManifestEntry, read_manifest
-from real2sim.readers.mdrive_weather import find_nearest_weather
-from real2sim.readers.route_file import RouteFile, parse_ego_index, read_route_file
+from real2sim.readers.mdrive_manifest import (
+    MANIFEST,
+    ActorRole,
+    ManifestEntry,
+    map_vehicle_names,
+    read_manifest,
+    read_scripts,
+)
 from real2sim.source_scene import CavRoute, SourceScene, TownMap
 
 REPLAY_SUFFIX = "_REPLAY"
@@ -30,6 +35,10 @@ MAX_START_GAP_M = 5.0
 """[m] If a CAV's route begins further from its logged motion, the logged path is used instead."""
 VIA_SPACING_M = 8.0
 """[m] Spacing of the via points taken from a logged motion."""
+CLOUDY = 65.0
+"""Cloudiness [%] half-way between MDrive's default (30) and its presets cloudy and overcast (100)."""
+RAIN = 22.5
+"""Precipitation [%] half-way between MDrive's preset cloudy (15) and CARLA's 0.9.12 soft rain (30)."""
 
 
 @dataclass(frozen=True)
@@ -213,4 +222,23 @@ def _find_free_id(name: str, taken: set[str]) -> str:
     plain = plain if plain[:1].isalnum() else f"a{plain}"
     return next(
         candidate for n in range(1, len(taken) + 2) if (candidate := plain if n == 1 else f"{plain}.{n}") not in taken
+    )
+
+
+def find_nearest_weather(numbers: Mapping[str, float]) -> tuple[WeatherName, str]:
+    """Return the preset and a note on the original parameters, "" if none is needed. Night precedes rain."""
+    sun, clouds = numbers.get("sun_altitude_angle", 70.0), numbers.get("cloudiness", 30.0)
+    rain, fog = numbers.get("precipitation", 0.0), numbers.get("fog_density", 0.0)
+    name: WeatherName = "default"
+    if sun < 0:
+        name = "night"
+    elif rain >= RAIN:
+        name = "rain"
+    elif clouds >= CLOUDY:
+        name = "cloudy"
+    if name == "default" and fog == 0 and rain == 0:
+        return name, ""
+    return name, (
+        f"weather {name}: the nearest to sun altitude {sun:g} deg, cloudiness {clouds:g} %, precipitation {rain:g} %,"
+        f" fog {fog:g} %"
     )

@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.scenario.props import PROPS
 from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import (
@@ -20,19 +21,68 @@ from mdrive_sumo.scenario.scripted_actor import (
     ReplayMotion,
     StandingMotion,
 )
-from real2sim.readers.carla_frame import CarlaFrame
-from real2sim.readers.mdrive_behavior import ActorScript
-from real2sim.readers.mdrive_blueprints import (
-    BICYCLE,
-    CAR,
-    PEDESTRIAN,
-    UNKNOWN_PROP,
-    BlueprintShape,
-    find_blueprint_shape,
-)
-from real2sim.readers.mdrive_manifest import DEFAULT_SPEED_BY_ROLE, ActorRole, ManifestEntry
-from real2sim.readers.route_file import RouteFile
+from real2sim.readers.carla_route import CarlaFrame, RouteFile
+from real2sim.readers.mdrive_manifest import DEFAULT_SPEED_BY_ROLE, ActorRole, ActorScript, ManifestEntry
 from real2sim.xml_file import parse_finite
+
+
+@dataclass(frozen=True, slots=True)
+class BlueprintShape:
+    """A class of blueprints: length and width [m] and kind."""
+
+    length: float
+    width: float
+    kind: KindName
+
+
+CAR = BlueprintShape(4.7, 1.9, "vehicle")
+PEDESTRIAN = BlueprintShape(0.5, 0.5, "pedestrian")
+UNKNOWN_PROP = BlueprintShape(0.8, 0.8, "static")
+"""A prop with an unknown name."""
+
+BICYCLE = BlueprintShape(1.75, 0.6, "cyclist")
+_MOTORCYCLE = BlueprintShape(2.2, 0.8, "vehicle")
+_VAN = BlueprintShape(5.9, 2.0, "vehicle")
+_TRUCK = BlueprintShape(8.5, 2.5, "vehicle")
+_BUS = BlueprintShape(10.5, 2.5, "vehicle")
+_SMALL = BlueprintShape(2.5, 1.5, "vehicle")
+
+_VEHICLES: tuple[tuple[tuple[str, ...], BlueprintShape], ...] = (
+    (("crossbike", "century", "omafiets", "bicycle", "cyclist", "bike."), BICYCLE),
+    (("harley", "yamaha", "kawasaki", "vespa", "motorcycle", "scooter"), _MOTORCYCLE),
+    (("firetruck", "carlacola", "truck.", "european_hgv"), _TRUCK),
+    (("fusorosa", "bus."), _BUS),
+    (("ambulance", "sprinter", "volkswagen.t2", "van."), _VAN),
+    (("isetta", "microlino"), _SMALL),
+)
+"""Name parts (a dot is appended to each name); the first match counts. All others are cars."""
+
+_PROPS: tuple[tuple[tuple[str, ...], str], ...] = (
+    (("cone",), "cone"),
+    (("barrier", "guardrail"), "barrier"),
+    (("crate", "box"), "crate"),
+    (("trashcan", "trash", "bin", "container", "garbage"), "bin"),
+    (("pallet",), "pallet"),
+    (("sign", "warning"), "sign"),
+)
+
+
+def find_blueprint_shape(model: str) -> BlueprintShape | None:
+    """Return the class of a blueprint such as `vehicle.lincoln.mkz_2017`; None if the name is not a blueprint."""
+    name = model.lower() + "."
+    if name.startswith("vehicle."):
+        return next((shape for parts, shape in _VEHICLES if any(part in name for part in parts)), CAR)
+    if name.startswith("walker."):
+        return PEDESTRIAN
+    if name.startswith("static."):
+        known = next((prop for parts, prop in _PROPS if any(part in name for part in parts)), None)
+        return (
+            UNKNOWN_PROP
+            if known is None
+            else BlueprintShape(PROPS[known].length, PROPS[known].width, PROPS[known].kind)
+        )
+    return None
+
 
 MIN_POINT_GAP_M = 1e-3
 """[m] Closer points of a path are duplicates."""

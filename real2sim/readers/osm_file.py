@@ -9,8 +9,7 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from real2sim.readers.checked_arrays import parse_points
-from real2sim.readers.optional_package import build_missing_error
+from real2sim.readers.input_checks import build_missing_error, parse_points
 from real2sim.xml_file import Element, read_number, read_xml
 
 UTM_OF_ORIGIN = "EPSG:32631"

@@ -13,8 +13,8 @@ import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from real2sim.readers.checked_arrays import check_frame_count, describe_value, parse_numbers
-from real2sim.readers.lane_geometry import shift_ahead
+from real2sim.readers.input_checks import check_frame_count, describe_value, parse_numbers
+from real2sim.readers.map_geometry import shift_ahead
 from real2sim.readers.safe_pickle import load_pickle
 from real2sim.readers.scenarionet_map import build_scenarionet_map
 from real2sim.readers.time_grid import TimeGrid, build_time_grid

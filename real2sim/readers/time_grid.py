@@ -4,7 +4,7 @@ A step that is far longer than the others is a gap: frames are missing there. Ev
 gap; cleaning interpolates across gaps of at most 2 s by motion (`clean.track_joining.MAX_GAP_S`) and reports them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,14 +12,16 @@ import numpy.typing as npt
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float
-from real2sim.readers.checked_arrays import check_frame_count
-from real2sim.recording import RecordedTrack
+from real2sim.readers.input_checks import check_frame_count
+from real2sim.recording import ObserverView, RecordedTrack, Recording
 
 GAP_STEPS = 1.5
 """A step longer than this many usual ones is a gap: at least one frame is missing."""
 EXACT_STEPS = 0.1
 """A frame this near to a time of the source, in steps, has the states of that time where one beside it is missing."""
 LISTED_GAPS = 8
+TimeWindow = tuple[float, float]
+"""Start and end [s] since the first frame of the log, both inclusive."""
 
 
 @dataclass(frozen=True)
@@ -117,3 +119,40 @@ def build_time_grid(where: str, source: Float) -> TimeGrid:
         return TimeGrid(dt_s, even, source, ())
     count = check_frame_count(where, np.floor(float(source[-1]) / dt_s + EXACT_STEPS) + 1)
     return TimeGrid(dt_s, np.arange(count, dtype=np.float64) * dt_s, source, gaps)
+
+
+def crop_recording(where: str, recording: Recording, window: TimeWindow | None) -> Recording:
+    """Return the part of a recording within a window, without absent tracks; raise InputError."""
+    if window is None:
+        return recording
+    rows = _select_frames(where, recording, window)
+    views = tuple(_crop_view(view, rows) for view in recording.views)
+    if not any(view.tracks for view in views):
+        raise InputError(
+            f"{where}: expected a window with at least one track, found none from {_format_window(window)}"
+        )
+    there = {name for view in views for name in (view.observer, *(track.id for track in view.tracks))}
+    cavs = tuple(cav for cav in recording.cavs if cav in there)
+    return replace(recording, views=views, frame_count=rows.stop - rows.start, cavs=cavs)
+
+
+def _select_frames(where: str, recording: Recording, window: TimeWindow) -> slice:
+    end_s = (recording.frame_count - 1) * recording.dt_s
+    if not 0.0 <= window[0] < window[1] <= end_s + recording.dt_s / 2:
+        raise InputError(f"{where}: expected a window within 0 s to {end_s:g} s, found {_format_window(window)}")
+    first, last = (round(time / recording.dt_s) for time in window)
+    return slice(first, last + 1)
+
+
+def _format_window(window: TimeWindow) -> str:
+    return f"{window[0]:g} s to {window[1]:g} s"
+
+
+def _crop_view(view: ObserverView, rows: slice) -> ObserverView:
+    tracks = (_crop_track(track, rows) for track in view.tracks)
+    return replace(view, tracks=tuple(track for track in tracks if track.valid.any()), pose=view.pose[rows])
+
+
+def _crop_track(track: RecordedTrack, rows: slice) -> RecordedTrack:
+    columns = ("valid", "x", "y", "yaw", "length", "width")
+    return track.replace_columns(**{name: getattr(track, name)[rows] for name in columns})

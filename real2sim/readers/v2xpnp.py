@@ -18,9 +18,8 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap
-from real2sim.readers.checked_arrays import check_frame_count, find_gap
-from real2sim.readers.object_labels import find_category, find_category_by_length
-from real2sim.readers.v2xpnp_frame import V2xpnpFrame, read_frame
+from real2sim.readers.input_checks import check_frame_count, find_gap
+from real2sim.readers.v2xpnp_frame import V2xpnpFrame, find_category, find_category_by_length, read_frame
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import ObserverView, RecordedTrack, Recording
 

@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,9 @@ import yaml
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.input_files import read_text
-from real2sim.readers.checked_arrays import describe_value
+from real2sim.readers.input_checks import describe_value
 from real2sim.readers.numpy_yaml import NumpyLoader
+from real2sim.recording import ObjectCategory
 
 COLUMNS = ("angle", "center", "extent", "location")
 """Fields of an object, three numbers each, in the order of `V2xpnpFrame.boxes`."""
@@ -28,6 +30,28 @@ RIGID = 1e-3
 
 SAFE_DEPTH = 1000
 """Levels of nested values that libyaml's binding reads without trouble; a frame has four."""
+CATEGORY_BY_LABEL: Mapping[str, ObjectCategory] = MappingProxyType(
+    {
+        **dict.fromkeys(("car", "policecar"), ObjectCategory.CAR),
+        **dict.fromkeys(("van", "ambulance"), ObjectCategory.VAN),
+        **dict.fromkeys(("truck", "longvehicle", "concretetruck", "firetruck", "trailer"), ObjectCategory.TRUCK),
+        "bus": ObjectCategory.BUS,
+        **dict.fromkeys(("motorcycle", "motorcyclerider"), ObjectCategory.MOTORCYCLE),
+        **dict.fromkeys(("bicyclerider", "cyclist", "bicycle", "scooter", "scooterrider"), ObjectCategory.BICYCLE),
+        **dict.fromkeys(("pedestrian", "child", "roadworker"), ObjectCategory.PEDESTRIAN),
+        **dict.fromkeys(
+            ("trashcan", "trafficcone", "cone", "barrier", "constructioncart", "firehydrant"), ObjectCategory.STATIC
+        ),
+    }
+)
+"""Labels without case and separators."""
+CATEGORY_BY_LENGTH: tuple[tuple[float, ObjectCategory], ...] = (
+    (1.2, ObjectCategory.PEDESTRIAN),
+    (2.6, ObjectCategory.BICYCLE),
+    (6.5, ObjectCategory.CAR),
+    (math.inf, ObjectCategory.TRUCK),
+)
+"""Category of an object without known label by the length of its box [m]; CARLA's motorcycles are up to 2.4 m long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,3 +243,13 @@ def _check_finite(path: Path, frame: V2xpnpFrame) -> None:
             f"{path}: object {frame.ids[row]}: {COLUMNS[column // 3]}: expected finite numbers, "
             f"found {frame.boxes[row, column]}"
         )
+
+
+def find_category(label: str) -> ObjectCategory | None:
+    """Return the category of a label in any case and with any separators; None if it is unknown."""
+    return CATEGORY_BY_LABEL.get(re.sub(r"[^a-z]", "", label.lower()))
+
+
+def find_category_by_length(length_m: float) -> ObjectCategory:
+    """Return the category that fits the length of a box."""
+    return next(category for largest, category in CATEGORY_BY_LENGTH if length_m <= largest)

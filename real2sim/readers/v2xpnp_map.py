@@ -17,9 +17,8 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap, LaneKind, MapLane
-from real2sim.readers.checked_arrays import describe_value, parse_points
-from real2sim.readers.pickled_arrays import Constructor
-from real2sim.readers.safe_pickle import NUMPY_GLOBALS, load_pickle
+from real2sim.readers.input_checks import describe_value, parse_points
+from real2sim.readers.safe_pickle import NUMPY_GLOBALS, Constructor, load_pickle
 
 MODULE = "opencood.data_utils.datasets.map.map_types"
 """Module of the classes in the dataset's pickles."""

@@ -18,9 +18,9 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.scenario.scenario import describe_first_error
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
-from real2sim.readers.checked_arrays import check_frame_count, parse_points
-from real2sim.readers.csv_table import TableRow, read_rows
+from real2sim.readers.input_checks import check_frame_count, parse_points
 from real2sim.readers.map_fit import check_place, measure_lane_gaps
+from real2sim.readers.tables import TableRow, read_rows
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 DT_S = 0.1

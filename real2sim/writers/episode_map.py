@@ -9,7 +9,7 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.export.lane_bounds import find_predecessors, offset_points
 from mdrive_sumo.roads import Lane, RoadMap
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
-from real2sim.readers.lane_geometry import build_cross_line
+from real2sim.readers.map_geometry import build_cross_line
 
 SPACING_M = 0.5
 """[m] Maximum distance between points of a lane, as in V2XPnP's maps."""

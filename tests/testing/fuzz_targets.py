@@ -32,12 +32,12 @@ from real2sim.carla.opendrive import read_opendrive
 from real2sim.logged_drive import load_confirmed_infractions
 from real2sim.pipeline.recording_transfer import TransferError, decode_value, encode_value
 from real2sim.readers.argoverse2 import read_argoverse2
+from real2sim.readers.carla_route import read_route_file
 from real2sim.readers.commonroad import read_commonroad
 from real2sim.readers.interaction import read_interaction
 from real2sim.readers.lanelet2 import read_lanelet2
 from real2sim.readers.levelx import read_levelx
 from real2sim.readers.mdrive_manifest import BEHAVIOR, MANIFEST, read_behaviors, read_manifest
-from real2sim.readers.route_file import read_route_file
 from real2sim.readers.scenarionet import read_scenarionet
 from real2sim.readers.v2xpnp_frame import read_frame
 from real2sim.readers.v2xpnp_map import read_vector_map

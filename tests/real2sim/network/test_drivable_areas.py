@@ -23,7 +23,7 @@ from mdrive_sumo.roads.network_file import NETWORK_FILE, DrivableArea, read_netw
 from real2sim.hd_map import HdMap, LaneKind, MapArea, MapLane
 from real2sim.network.drivable_areas import add_observed_areas, collect_drivable_areas
 from real2sim.readers.argoverse2_map import read_argoverse2_map
-from real2sim.readers.drivable_areas import build_nested_areas, is_ring
+from real2sim.readers.map_geometry import build_nested_areas, is_ring
 from real2sim.recording import ObjectCategory, RecordedTrack
 
 BOX: Float = np.array(((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)))

@@ -13,7 +13,8 @@ from testing.v2xpnp_samples import frame, log
 from mdrive_sumo.core.errors import InputError
 from real2sim.pipeline.log_source import LogSource, read_log
 from real2sim.readers.argoverse2 import read_argoverse2
-from real2sim.readers.checked_arrays import (
+from real2sim.readers.commonroad import read_commonroad
+from real2sim.readers.input_checks import (
     MAX_FRAMES,
     MAX_ROWS,
     check_frame_count,
@@ -21,7 +22,6 @@ from real2sim.readers.checked_arrays import (
     find_gap,
     parse_points,
 )
-from real2sim.readers.commonroad import read_commonroad
 from real2sim.readers.interaction import read_interaction
 from real2sim.readers.v2xpnp import read_v2xpnp
 

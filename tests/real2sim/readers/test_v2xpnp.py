@@ -10,8 +10,8 @@ from testing.shared_material import needs_data
 from testing.v2xpnp_samples import EXCERPT, POSE, cut, frame, log, thing
 
 from mdrive_sumo.core.errors import InputError
-from real2sim.readers.object_labels import CATEGORY_BY_LABEL
 from real2sim.readers.v2xpnp import read_v2xpnp
+from real2sim.readers.v2xpnp_frame import CATEGORY_BY_LABEL
 from real2sim.recording import ObjectCategory
 
 

@@ -1,14 +1,16 @@
-"""Check arrays, points and the number of frames of untrusted logs."""
+"""Check values of untrusted logs: arrays, points, the number of frames; and packages that single readers need."""
 
 import reprlib
 from collections.abc import Iterable
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.core.installation_command import format_installation
 
 MAX_FRAMES = 36_000
 """An hour at 10 Hz; the longest recordings of the sources that are read take 20 minutes."""
@@ -88,3 +90,8 @@ def parse_points(where: str, raw: Any) -> Float:
     if (length := float(steps.sum())) > MAX_LINE_M:
         raise InputError(f"{where}: expected a line of at most {MAX_LINE_M:g} m, found {length:g} m")
     return xy[np.concatenate(((True,), steps > 1e-3))]
+
+
+def build_missing_error(path: Path, package: str) -> InputError:
+    """Return the error for a file that needs a package that is not installed."""
+    return InputError(f"{path}: expected {package} to be installed, found none: {format_installation('convert')}")
