@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from mdrive_sumo.roads import RoadMap
 from real2sim.clean import CleanedRecording
 from real2sim.fidelity_targets import FidelityTarget
-from real2sim.fit.disposition import TrackRole
+from real2sim.fit.traffic_fit import TrackRole
 from real2sim.logged_drive import LoggedDrive
 from real2sim.network import NetworkReport
 from real2sim.quality import ReconstructionQuality

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from pydantic import BaseModel, ConfigDict, computed_field
 
 from real2sim.clean import CleanedRecording
-from real2sim.fit.disposition import Disposition, TrackRole
+from real2sim.fit.traffic_fit import Disposition, TrackRole
 from real2sim.logged_drive import LoggedDrive
 from real2sim.network import NetworkReport
 from real2sim.quality import SCRIPTED_CATEGORIES, ReconstructionQuality

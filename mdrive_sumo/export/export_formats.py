@@ -43,7 +43,7 @@ class ExportFormat:
 
 
 EXPORT_FORMATS: Mapping[str, ExportFormat] = {
-    "csv": ExportFormat("tables for spreadsheets and pandas", "mdrive_sumo.export.csv_tables:write_csv"),
+    "csv": ExportFormat("tables for spreadsheets and pandas", "mdrive_sumo.export.export_tables:write_csv"),
     "parquet": ExportFormat("the same tables, typed", "mdrive_sumo.export.parquet_tables:write_parquet", "pyarrow"),
     "fcd": ExportFormat(
         "floating car data of SUMO (XML)", "mdrive_sumo.export.sumo_fcd:write_fcd", is_in_log_frame=False

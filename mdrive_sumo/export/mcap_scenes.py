@@ -10,6 +10,7 @@ from typing import Any
 
 import foxglove
 import numpy as np
+import shapely
 from foxglove.channels import FrameTransformsChannel, LogChannel, SceneUpdateChannel
 from foxglove.mcap import MCAPWriteOptions
 from foxglove.messages import (
@@ -19,8 +20,11 @@ from foxglove.messages import (
     FrameTransform,
     FrameTransforms,
     KeyValuePair,
+    LinePrimitive,
+    LinePrimitiveLineType,
     Log,
     LogLevel,
+    Point3,
     Pose,
     Quaternion,
     SceneEntity,
@@ -28,14 +32,17 @@ from foxglove.messages import (
     SceneUpdate,
     TextPrimitive,
     Timestamp,
+    TriangleListPrimitive,
     Vector3,
 )
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import TICKS_PER_SECOND, Kind
 from mdrive_sumo.export.export_tables import EXPORT_TABLES
-from mdrive_sumo.export.mcap_map import build_map_entities
+from mdrive_sumo.export.lane_assignment import compute_bounds, compute_outline
 from mdrive_sumo.export.scored_recording import ScoredRecording
+from mdrive_sumo.sensing.lidar_world import BUILDING_M
 
 WORLD = "world"
 TICK_NS = 1_000_000_000 // TICKS_PER_SECOND
@@ -49,6 +56,12 @@ COLOR_BY_KIND = {
 }
 JSON_TOPICS = {"/v2x/messages": "messages", "/signals": "signals"}
 """Topic -> the table (`export_tables`) whose rows are its messages, each in its tick."""
+ROAD, BOUND, ROUTE, ZEBRA = (0.22, 0.23, 0.25), (0.80, 0.80, 0.80), (0.20, 0.60, 0.95), (0.85, 0.85, 0.80)
+BUILDING = (0.55, 0.50, 0.45)
+LINE_M = 0.12
+"""Thickness of lines [m], as of a road marking."""
+ROAD_Z, ZEBRA_Z, LINE_Z = -0.02, -0.01, 0.0
+"""Heights [m] at which surfaces do not flicker through each other."""
 
 
 def write_mcap(recordings: Iterable[ScoredRecording], folder: Path) -> None:
@@ -194,3 +207,74 @@ def _turn(yaw: float) -> Quaternion:
     """Return a rotation about the vertical axis."""
     cos, sin = portable.cos_sin(yaw / 2)
     return Quaternion(x=0.0, y=0.0, z=sin, w=cos)
+
+
+def build_map_entities(recording: ScoredRecording) -> list[SceneEntity]:
+    """Return roads, lane bounds, crossings, buildings and the routes of the CAVs."""
+    roads = recording.roads
+    bounds = [line for lane in roads.driving if not lane.junction for line in compute_bounds(lane)]
+    crossings = [
+        shapely.get_coordinates(shapely.buffer(shapely.LineString(line), width / 2, cap_style="flat"))
+        for line, width in roads.crossings
+    ]
+    routes = [ego.xy for ego in recording.scenario.egos]
+    return [
+        _build_map_entity(
+            "roads", surfaces=_triangulate([compute_outline(lane) for lane in roads.driving], ROAD_Z, ROAD)
+        ),
+        _build_map_entity("crossings", surfaces=_triangulate(crossings, ZEBRA_Z, ZEBRA)),
+        _build_map_entity("bounds", lines=[_build_line(line, LINE_Z, BOUND) for line in bounds]),
+        _build_map_entity("routes", lines=[_build_line(line, LINE_Z, ROUTE) for line in routes]),
+        _build_map_entity(
+            "buildings",
+            lines=[
+                _build_line(np.concatenate((one.outline, one.outline[:1])), height, BUILDING)
+                for one in roads.buildings
+                for height in (LINE_Z, BUILDING_M)
+            ],
+            surfaces=_triangulate([one.outline for one in roads.buildings], BUILDING_M, BUILDING),
+        ),
+    ]
+
+
+def _build_map_entity(
+    name: str, lines: list[LinePrimitive] | None = None, surfaces: TriangleListPrimitive | None = None
+) -> SceneEntity:
+    return SceneEntity(
+        timestamp=Timestamp(sec=0, nsec=0),
+        frame_id="world",
+        id=f"map/{name}",
+        lines=lines or [],
+        triangles=[surfaces] if surfaces is not None else [],
+    )
+
+
+def _build_line(xy: Float, height: float, color: tuple[float, float, float]) -> LinePrimitive:
+    return LinePrimitive(
+        type=LinePrimitiveLineType.LineStrip,
+        pose=_origin(),
+        thickness=LINE_M,
+        points=[Point3(x=x, y=y, z=height) for x, y in xy.tolist()],
+        color=_opaque(color),
+    )
+
+
+def _triangulate(
+    outlines: list[Float], height: float, color: tuple[float, float, float]
+) -> TriangleListPrimitive | None:
+    """Return the areas of the outlines as triangles; None without any."""
+    points: list[Point3] = []
+    for outline in outlines:
+        area = shapely.make_valid(shapely.Polygon(outline))
+        for triangle in shapely.constrained_delaunay_triangles(area).geoms:
+            corners = shapely.get_coordinates(triangle)[:3]
+            points += [Point3(x=x, y=y, z=height) for x, y in corners.tolist()]
+    return TriangleListPrimitive(pose=_origin(), points=points, color=_opaque(color)) if points else None
+
+
+def _origin() -> Pose:
+    return Pose(position=Vector3(x=0.0, y=0.0, z=0.0), orientation=Quaternion(x=0.0, y=0.0, z=0.0, w=1.0))
+
+
+def _opaque(color: tuple[float, float, float]) -> Color:
+    return Color(r=color[0], g=color[1], b=color[2], a=1.0)

@@ -17,7 +17,7 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.output_files import new_file
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind
-from mdrive_sumo.export.lane_bounds import compute_bounds, compute_outline, find_predecessors
+from mdrive_sumo.export.lane_assignment import compute_bounds, compute_outline, find_predecessors
 from mdrive_sumo.export.scored_recording import ScoredRecording
 from mdrive_sumo.export.signal_states import list_lane_signals
 from mdrive_sumo.roads import Lane, RoadMap

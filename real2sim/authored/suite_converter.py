@@ -1,6 +1,6 @@
 """Convert authored scenes to a suite: networks, scenarios and a report of all changes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from mdrive_sumo.core.atomic_folder import atomic_folder
@@ -11,9 +11,11 @@ from real2sim.authored.scenario_builder import OFF_LANE_M, AuthoredScenario, bui
 from real2sim.authored.scene_networks import build_scene_networks
 from real2sim.carla.conversion_report import ConversionReport, write_conversion_report
 from real2sim.carla.town_network import TownNetwork
+from real2sim.readers.interdrive import describe_omitted_routes, read_interdrive
 from real2sim.source_scene import SourceScene
 
 NETWORKS = "networks"
+ABOUT = SuiteFile(name="interdrive-original", title="InterDrive (original routes)")
 
 
 def convert_authored(
@@ -62,3 +64,10 @@ def _check_unique(scenes: Sequence[SourceScene]) -> None:
         raise InputError(
             f"expected scenarios of different names, found {', '.join(twice) + ' twice' if ids else 'none'}"
         )
+
+
+def convert_interdrive(sources: Iterable[Path], maps: Path, out: Path, name: str | None = None) -> ConversionReport:
+    """Write the suite of all scenario folders in `sources` with the town maps in `maps`; raise InputError."""
+    scenes = [scene for source in sources for scene in read_interdrive(source, maps)]
+    about = ABOUT.model_copy(update={"name": name}) if name else ABOUT
+    return convert_authored(scenes, out, about, describe_omitted_routes(scenes))

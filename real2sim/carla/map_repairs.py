@@ -1,13 +1,13 @@
 """Repair OpenDRIVE maps of which netconvert refuses a detail that does not change where the lanes lie."""
 
+import math
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
 from mdrive_sumo.core.errors import InputError
-from real2sim.carla.direct_junctions import replace_direct_junctions
-from real2sim.carla.road_links import repair_road_links
+from real2sim.carla.reference_line import compute_pose
 from real2sim.xml_file import Element, read_number
 
 ROUNDING_M = 0.01
@@ -17,6 +17,11 @@ NO_LIMITS = ("no limit", "undefined")
 FORBIDDEN = re.compile(r"""[\s|\\'";,<>&!:*?/]""")
 """Characters that ids in SUMO must not have, and the separators that it uses for some of them."""
 Repairs = Iterator[str]
+ENDS = {"start": "predecessor", "end": "successor"}
+"""Contact point of a road -> the name of its link there."""
+CONTACTS = {link: contact for contact, link in ENDS.items()}
+CONNECTOR_M = 0.1
+"""[m] Length of the roads that are put in: SUMO's least length of a lane."""
 
 
 def repair_map(path: Path, root: Element) -> tuple[str, ...]:
@@ -171,6 +176,130 @@ def _drop_incomplete_connections(_: Path, root: Element) -> Repairs:
             junction.remove(connection)
         if lost:
             yield f"junction {junction.get('id')}: {len(lost)} connections left out that lack one of their roads"
+
+
+def repair_road_links(root: Element) -> tuple[str, ...]:
+    """Add missing back links to roads outside junctions, in place; return the changes."""
+    roads = {road.get("id", ""): road for road in root.iter("road") if road.get("junction") == "-1"}
+    return tuple(changed for id_, road in roads.items() for changed in _repair_road(id_, road, roads))
+
+
+def _repair_road(id_: str, road: Element, roads: dict[str, Element]) -> Iterator[str]:
+    for end, contact in CONTACTS.items():
+        link = road.find(f"link/{end}")
+        other_id = "" if link is None or link.get("elementType") != "road" else link.get("elementId", "")
+        if link is None or other_id not in roads:
+            continue
+        answer = ENDS.get(link.get("contactPoint", ""), "predecessor")
+        back = roads[other_id].find(f"link/{answer}")
+        if back is not None and (back.get("elementType"), back.get("elementId")) == ("road", id_):
+            continue
+        _set_link(roads[other_id], answer, (id_, contact))
+        _link_lanes_back(road, end, roads[other_id], answer)
+        was = "nothing" if back is None else f"{back.get('elementType')} {back.get('elementId')}"
+        yield f"road {other_id}: its {answer} is road {id_}, which says so, not {was}"
+
+
+def _set_link(road: Element, end: str, to: tuple[str, str]) -> None:
+    links = road.find("link")
+    if links is None:
+        links = ElementTree.SubElement(road, "link")
+    for old in links.findall(end):
+        links.remove(old)
+    id_, contact = to
+    ElementTree.SubElement(links, end, {"elementType": "road", "elementId": id_, "contactPoint": contact})
+
+
+def _link_lanes_back(road: Element, end: str, other: Element, answer: str) -> None:
+    """Link the lanes of `other` back to those of `road`, in the adjoining lane sections."""
+    here, there = _list_lane_sections(road), _list_lane_sections(other)
+    if not here or not there:
+        return
+    section, facing = here[0 if end == "predecessor" else -1], there[0 if answer == "predecessor" else -1]
+    facing_lanes = {lane.get("id"): lane for lane in facing.iter("lane")}
+    for lane in section.iter("lane"):
+        link = lane.find(f"link/{end}")
+        target = facing_lanes.get(link.get("id")) if link is not None else None
+        if target is not None and target.find(f"link/{answer}") is None:
+            links = target.find("link")
+            if links is None:
+                links = ElementTree.SubElement(target, "link")
+            ElementTree.SubElement(links, answer, {"id": lane.get("id", "")})
+
+
+def _list_lane_sections(road: Element) -> list[Element]:
+    return list(road.iterfind("lanes/laneSection"))
+
+
+def replace_direct_junctions(path: Path, root: Element) -> Iterator[str]:
+    """Put a short connecting road into every connection of a direct junction, in place; yield the changes."""
+    roads = {road.get("id", ""): road for road in root.iter("road")}
+    for junction in root.iter("junction"):
+        if junction.get("type") != "direct":
+            continue
+        count = 0
+        for connection in junction.findall("connection"):
+            incoming, linked = (roads.get(connection.get(name, "")) for name in ("incomingRoad", "linkedRoad"))
+            if incoming is not None and linked is not None:
+                id_ = f"{junction.get('id')}_{connection.get('id')}"
+                while id_ in roads:
+                    id_ += "_"
+                roads[id_] = _build_connector(path, id_, junction, connection, (incoming, linked))
+                root.insert(list(root).index(junction), roads[id_])
+                count += 1
+        del junction.attrib["type"]
+        yield f"junction {junction.get('id')}: {count} connecting roads of {CONNECTOR_M} m put in"
+
+
+def _build_connector(
+    path: Path, id_: str, junction: Element, connection: Element, ends: tuple[Element, Element]
+) -> Element:
+    """Return a road that begins where the traffic of the incoming road meets the junction."""
+    incoming, linked = ends
+    leaves_at_end = _leads_to(incoming, "successor", junction)
+    s = read_number(path, incoming, "length") if leaves_at_end else 0.0
+    x, y, yaw = compute_pose(path, incoming, s)
+    yaw = yaw if leaves_at_end else yaw + math.pi
+    road = ElementTree.Element(
+        "road", {"id": id_, "name": "", "length": repr(CONNECTOR_M), "junction": junction.get("id", "")}
+    )
+    links = ElementTree.SubElement(road, "link")
+    contact = connection.get("contactPoint", "start")
+    for tag, other, at in (
+        ("predecessor", incoming, "end" if leaves_at_end else "start"),
+        ("successor", linked, contact),
+    ):
+        attributes = {"elementType": "road", "elementId": other.get("id", ""), "contactPoint": at}
+        ElementTree.SubElement(links, tag, attributes)
+    plan = ElementTree.SubElement(road, "planView")
+    place = {"s": "0", "x": repr(x), "y": repr(y), "hdg": repr(yaw), "length": repr(CONNECTOR_M)}
+    ElementTree.SubElement(ElementTree.SubElement(plan, "geometry", place), "line")
+    _add_lanes(road, connection)
+    connection.set("connectingRoad", id_)
+    connection.set("contactPoint", "start")
+    del connection.attrib["linkedRoad"]
+    return road
+
+
+def _leads_to(road: Element, tag: str, junction: Element) -> bool:
+    link = road.find(f"link/{tag}")
+    return link is not None and (link.get("elementType"), link.get("elementId")) == ("junction", junction.get("id"))
+
+
+def _add_lanes(road: Element, connection: Element) -> None:
+    """Add a lane for every pair of linked lanes, and let the connection lead into it."""
+    section = ElementTree.SubElement(ElementTree.SubElement(road, "lanes"), "laneSection", {"s": "0"})
+    center = ElementTree.SubElement(section, "center")
+    ElementTree.SubElement(center, "lane", {"id": "0", "type": "none", "level": "false"})
+    right = ElementTree.SubElement(section, "right")
+    pairs = sorted(connection.findall("laneLink"), key=lambda pair: abs(int(pair.get("from", "0"))))
+    for k, pair in enumerate(pairs, 1):
+        lane = ElementTree.SubElement(right, "lane", {"id": str(-k), "type": "driving", "level": "false"})
+        links = ElementTree.SubElement(lane, "link")
+        ElementTree.SubElement(links, "predecessor", {"id": pair.get("from", "")})
+        ElementTree.SubElement(links, "successor", {"id": pair.get("to", "")})
+        ElementTree.SubElement(lane, "width", {"sOffset": "0", "a": "3.5", "b": "0", "c": "0", "d": "0"})
+        pair.set("to", str(-k))
 
 
 _STEPS: tuple[Callable[[Path, Element], Repairs], ...] = (

@@ -80,7 +80,7 @@ def interdrive(paths: tuple[Path, ...], towns: Path | None, out: Path, name: str
     """Convert InterDrive's route folders SRC/<scenario>/<name>_<number>.xml into a suite."""
     if towns is None:
         raise InputError("interdrive: expected the maps of the CARLA towns, found no --towns")
-    from real2sim.authored.interdrive import convert_interdrive
+    from real2sim.authored.suite_converter import convert_interdrive
 
     echo(_format_report(convert_interdrive(paths, towns, out, build_suite_file(out, name).name if name else None), out))
 

@@ -7,7 +7,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from real2sim.conversion_findings import ConversionFindings
-from real2sim.fit.disposition import Disposition, TrackRole
+from real2sim.fit.traffic_fit import Disposition, TrackRole
 from real2sim.quality.actor_quality import ActorQuality
 from real2sim.recording import ObjectCategory, RecordedTrack
 

@@ -13,6 +13,7 @@ Disposition of tracks:
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Kind
@@ -23,7 +24,6 @@ from mdrive_sumo.scenario.scripted_actor import Actor
 from real2sim.fit.background_vehicle import RoutedTrack, build_background_vehicle, route_track
 from real2sim.fit.cavs import build_ego
 from real2sim.fit.centreline_traffic import CentrelineTraffic, find_abreast, place_on_centrelines
-from real2sim.fit.disposition import Disposition, TrackRole
 from real2sim.fit.driver_parameters import estimate_driving
 from real2sim.fit.scripted_actors import build_replay_actor, build_standing_actor
 from real2sim.match import LaneMatch
@@ -37,6 +37,27 @@ LONG_NAME, SHORT_NAME = 16, 6
 DRIVEN_KINDS = frozenset(
     (ObjectCategory.CAR, ObjectCategory.VAN, ObjectCategory.TRUCK, ObjectCategory.BUS, ObjectCategory.MOTORCYCLE)
 )
+
+
+class Disposition(StrEnum):
+    """What a track of the log becomes in the scenario."""
+
+    CAV = "CAV"
+    BACKGROUND = "background"
+    """A vehicle that SUMO drives along its schedule."""
+    ACTOR = "actor"
+    """A scripted road user on its path of the log."""
+    STANDING = "standing"
+    """An object that never moves."""
+    LEFT_OUT = "left out"
+
+
+@dataclass(frozen=True, slots=True)
+class TrackRole:
+    """Disposition of one track and its reason; "" if the reason is obvious."""
+
+    disposition: Disposition
+    reason: str = ""
 
 
 @dataclass(frozen=True)

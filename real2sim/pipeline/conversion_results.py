@@ -18,7 +18,7 @@ from real2sim.fidelity_targets import (
     count_sumo_driven,
 )
 from real2sim.fit import FittedTraffic
-from real2sim.fit.disposition import Disposition, TrackRole
+from real2sim.fit.traffic_fit import Disposition, TrackRole
 from real2sim.logged_drive import LoggedDrive
 from real2sim.match import LaneMatch
 from real2sim.network import NetworkReport

@@ -100,7 +100,7 @@ def _opv2v(log: LogSource) -> Recording:
     from real2sim.carla.town_network import build_opendrive_network
     from real2sim.readers.opv2v import LogFrame, read_opv2v
     from real2sim.readers.v2xpnp_map import read_vector_map
-    from real2sim.writers.episode_map import build_hd_map
+    from real2sim.writers.episode_recording import build_hd_map
 
     if len(log.maps) != 1:
         raise InputError(f"{log.path}: expected one map (--map), an OpenDRIVE or a vector map, found {len(log.maps)}")

@@ -14,7 +14,7 @@ from mdrive_sumo.scenario.scenario import load_model
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, natural_sort_key
 from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.fidelity_targets import FidelityTarget
-from real2sim.fit.disposition import Disposition
+from real2sim.fit.traffic_fit import Disposition
 from real2sim.logged_drive import LoggedDrive
 from real2sim.quality import ReconstructionQuality
 from real2sim.traffic_fidelity import StalledVehicle, TrafficFidelity

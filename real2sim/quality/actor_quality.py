@@ -1,6 +1,6 @@
 """Figures of one trajectory: MDrive's fidelity metrics (spec data_formats.md section 3.1)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -8,7 +8,6 @@ from pydantic import BaseModel, ConfigDict
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import Kind
 from real2sim.quality.lane_segment_index import LaneSegmentIndex
-from real2sim.quality.road_speed import TOWN_MPS
 from real2sim.recording import RecordedTrack
 from real2sim.tracks import kinematics
 from real2sim.tracks.stationary import has_moved
@@ -32,6 +31,14 @@ take 3 s and more: 5 degrees in a street, at most 10 at walking pace."""
 WRONG_WAY_RAD = float(np.radians(90.0))
 """[rad] MDrive. It counts in a lane only, at most `HALF_LANE_M` from its centre line: beside an oncoming lane a vehicle
 is in a lane or gateway that the map lacks."""
+TOWN_MPS = 30.0
+"""[m/s] MDrive's limit for all roads."""
+HIGHEST_MPS = 70.0
+"""[m/s] 252 km/h, about where cars are limited by their makers (250 km/h)."""
+OVER_ROAD = 1.5
+"""Ours: 195 km/h where 130 km/h are allowed or usual, and 30 m/s up to 72 km/h."""
+LEAST_OTHERS = 5
+"""Fewer other vehicles say nothing about the traffic."""
 
 
 class ActorQuality(BaseModel):
@@ -239,3 +246,18 @@ def _count_wrong_way_frames(against: Bool, xy: Float, away: Float) -> int:
         crosses = along < CROSSING_M or across[run].sum() > along * np.tan(CROSSING_RAD)
         frames += 0 if crosses else run.stop - run.start
     return frames
+
+
+def find_plausible_speeds(top_speeds: Mapping[str, float], limits: Mapping[str, float]) -> dict[str, float]:
+    """Return the highest plausible speed [m/s] of every moving vehicle.
+
+    `top_speeds`: the highest speed of every moving vehicle [m/s] by track id. `limits`: the highest speed limit [m/s]
+    that the map gives on its way, by track id; vehicles without one are missing.
+    """
+    plausible: dict[str, float] = {}
+    for id_ in top_speeds:
+        others = [speed for other, speed in top_speeds.items() if other != id_]
+        traffic = float(np.median(others)) if len(others) >= LEAST_OTHERS else 0.0
+        road = OVER_ROAD * max(limits.get(id_, 0.0), traffic)
+        plausible[id_] = min(max(TOWN_MPS, road), HIGHEST_MPS)
+    return plausible

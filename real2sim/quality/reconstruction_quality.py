@@ -13,9 +13,14 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from mdrive_sumo.core.geometry import Float
-from real2sim.quality.actor_quality import ActorQuality, compute_actor_quality, position_errors
+from real2sim.quality.actor_quality import (
+    TOWN_MPS,
+    ActorQuality,
+    compute_actor_quality,
+    find_plausible_speeds,
+    position_errors,
+)
 from real2sim.quality.lane_segment_index import LaneSegmentIndex
-from real2sim.quality.road_speed import TOWN_MPS, find_plausible_speeds
 from real2sim.recording import ObjectCategory, RecordedTrack
 from real2sim.tracks import kinematics
 from real2sim.tracks.track_contacts import TrackContacts, find_contacts

@@ -17,7 +17,7 @@ from real2sim.pipeline.quality_file import save_quality
 from real2sim.pipeline.scenario_builder import NETWORKS, ConversionOptions, build_scenario
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.source_scene import SourceScene
-from real2sim.writers.episode_map import build_hd_map
+from real2sim.writers.episode_recording import build_hd_map
 from real2sim.writers.v2xpnp_map import write_vector_map
 from tools.synthetic_recordings.pose_thinning import thin_scenario
 from tools.synthetic_recordings.record_drive import BUCKET, CATEGORY, find_window, record_drive, write_log

@@ -18,8 +18,7 @@ from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor
 from real2sim.recording import ObjectCategory
-from real2sim.writers.episode_map import build_hd_map
-from real2sim.writers.episode_recording import record_episode
+from real2sim.writers.episode_recording import build_hd_map, record_episode
 
 pytestmark = pytest.mark.slow
 

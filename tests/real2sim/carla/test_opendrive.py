@@ -19,9 +19,9 @@ from mdrive_sumo.roads import find_lane_path, find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
 from real2sim import netconvert
 from real2sim.carla.conversion_report import write_networks_report
+from real2sim.carla.map_repairs import repair_road_links
 from real2sim.carla.opendrive import read_opendrive
 from real2sim.carla.opendrive_converter import convert_opendrive
-from real2sim.carla.road_links import repair_road_links
 from real2sim.carla.town_network import TownNetwork, build_town_network
 
 pytestmark = pytest.mark.slow

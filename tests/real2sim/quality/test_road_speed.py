@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from mdrive_sumo.core.geometry import Float
+from real2sim.quality.actor_quality import HIGHEST_MPS, TOWN_MPS, find_plausible_speeds
 from real2sim.quality.reconstruction_quality import ReconstructedLog, assess_reconstruction
-from real2sim.quality.road_speed import HIGHEST_MPS, TOWN_MPS, find_plausible_speeds
 from real2sim.recording import ObjectCategory, RecordedTrack
 
 DT = 0.1
