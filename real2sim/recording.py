@@ -5,7 +5,7 @@ radians counter-clockwise from +x; a pose is the box centre. One row of every ar
 apart.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -124,3 +124,9 @@ class Recording:
     """[m] Where the origin of this frame lies in the frame of the source."""
     exact: bool = False
     """Whether poses have no error of measurement, as those of a simulation: then they are kept, not reconstructed."""
+
+
+def vehicle_trajectories(tracks: Sequence[RecordedTrack]) -> dict[str, Float]:
+    """Return x, y, yaw (T, 3) of all vehicles by id."""
+    vehicles = [track for track in tracks if track.category.kind is Kind.VEHICLE]
+    return {track.id: np.column_stack((track.x, track.y, track.yaw)) for track in vehicles}

@@ -1,7 +1,5 @@
 """Text of the report: figures with their units, failed checks and cleaning changes as phrases."""
 
-from collections.abc import Iterable
-
 from real2sim.clean.cleaning_report import ChangeReason, TrackChange
 from real2sim.quality import CHECKS
 from real2sim.quality.actor_quality import ActorQuality
@@ -78,13 +76,9 @@ def _describe_failure(name: str, value: float | None, limit: float | None) -> st
     return f"{words}: {format_figure(value, unit, decimals)}{allowed}"
 
 
-def describe_changes(changes: Iterable[TrackChange], track: str) -> list[str]:
-    """Return a phrase for each change that cleaning made to one track."""
-    return [
-        f"{change.reason.value}, {format_frames(change.frames)}{': ' if change.detail else ''}{change.detail}"
-        for change in changes
-        if change.track == track
-    ]
+def format_change(change: TrackChange) -> str:
+    """Return a phrase for a change that cleaning made."""
+    return f"{change.reason.value}, {format_frames(change.frames)}{': ' if change.detail else ''}{change.detail}"
 
 
 def format_frames(count: int) -> str:

@@ -2,19 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from urllib.parse import quote
+
+from markupsafe import Markup
 
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.scenario.suite import natural_sort_key
 from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.formatting import format_figure, format_share
-from real2sim.fidelity_report.html import Markup, join_markup, render_list, render_page, render_table, tag
+from real2sim.fidelity_report.html import PAGE, render_page
 from real2sim.fidelity_report.map_figures import draw_thumbnail, fit_map_frame
 from real2sim.fidelity_report.report_entry import build_entries
-from real2sim.fidelity_report.report_page import PAGE
-from real2sim.fidelity_report.target_tiles import find_missed_targets
-from real2sim.fidelity_targets import count_sumo_driven
 
 HEAD = (
     "map",
@@ -38,16 +38,36 @@ class IndexRow:
     id: str
     source: str
     misses: tuple[str, ...]
+    """One sentence for each missed target."""
     passed: int
+    """Number of moving vehicles that pass every check."""
     moving: int
+    """Number of moving vehicles."""
     by_sumo: int
+    """Number of moving vehicles that SUMO drives."""
     error_median: float | None
     error_p95: float | None
+    """[m] Distance of the reconstruction to the log."""
     jerk_p95: float
+    """[m/s³]"""
     median_at_5s: float | None = None
+    """[m] Distance of the traffic to the log 5 s after departure."""
     order_share: float | None = None
+    """Share of pairs that pass their conflict point in the log's order."""
     picture: Markup | None = None
     """Thumbnail map."""
+
+    def format_figures(self) -> tuple[str, ...]:
+        """Return the cells after the source."""
+        return (
+            f"{self.passed} of {self.moving}",
+            f"{self.by_sumo} of {self.moving}",
+            format_figure(self.error_median),
+            format_figure(self.error_p95),
+            format_figure(self.jerk_p95, decimals=1),
+            format_figure(self.median_at_5s),
+            format_share(self.order_share),
+        )
 
 
 def build_index_row(findings: ConversionFindings) -> IndexRow:
@@ -57,10 +77,10 @@ def build_index_row(findings: ConversionFindings) -> IndexRow:
     return IndexRow(
         findings.id,
         findings.recording.source,
-        find_missed_targets(findings),
+        findings.misses,
         quality.moving_passed,
         quality.moving_vehicles,
-        count_sumo_driven(quality, findings.roles, findings.mode),
+        findings.sumo_driven,
         quality.error_median,
         quality.error_p95,
         quality.jerk_p95,
@@ -70,56 +90,24 @@ def build_index_row(findings: ConversionFindings) -> IndexRow:
     )
 
 
-def write_index(suite: Path, name: str, lines: Sequence[IndexRow]) -> Path:
+def write_index(suite: Path, name: str, rows: Sequence[IndexRow]) -> Path:
     """Write `conversion.html` into the suite's folder."""
     path = suite / PAGE
-    write_text(path, render_index(name, lines))
+    write_text(path, render_index(name, rows))
     return path
 
 
-def render_index(name: str, lines: Sequence[IndexRow]) -> str:
+def render_index(name: str, rows: Sequence[IndexRow]) -> str:
     """Return the index page as text."""
-    ordered = sorted(lines, key=lambda line: (not line.misses, natural_sort_key(line.id)))
-    faithful = sum(not line.misses for line in lines)
-    passed, moving = sum(line.passed for line in lines), sum(line.moving for line in lines)
-    words = (
-        f"{faithful} of {len(lines)} scenarios meet every target."
-        f" {passed} of {moving} moving vehicles ({format_share(passed / moving if moving else None)}) pass every check."
-    )
-    title = f"{name} · conversion"
-    state = "met" if faithful == len(lines) else "missed"
+    passed, moving = sum(row.passed for row in rows), sum(row.moving for row in rows)
     return render_page(
-        title,
-        tag("header", tag("h1", title), tag("p", tag("strong", words), class_=f"verdict {state}")),
-        tag(
-            "main",
-            tag(
-                "section",
-                render_table(HEAD, map(_table_row, ordered), "Scenarios", text_columns=4),
-                aria_label="Scenarios",
-            ),
-        ),
+        "index.html",
+        f"{name} · conversion",
+        head=HEAD,
+        quote=partial(quote, safe=""),
+        rows=sorted(rows, key=lambda row: (not row.misses, natural_sort_key(row.id))),
+        faithful=sum(not row.misses for row in rows),
+        passed=passed,
+        moving=moving,
+        share=format_share(passed / moving if moving else None),
     )
-
-
-def _table_row(line: IndexRow) -> tuple[Markup | str | None, ...]:
-    return (
-        line.picture,
-        tag("a", line.id, href=f"{quote(line.id, safe='')}/{PAGE}"),
-        _render_verdict(line),
-        line.source,
-        f"{line.passed} of {line.moving}",
-        f"{line.by_sumo} of {line.moving}",
-        format_figure(line.error_median),
-        format_figure(line.error_p95),
-        format_figure(line.jerk_p95, decimals=1),
-        format_figure(line.median_at_5s),
-        format_share(line.order_share),
-    )
-
-
-def _render_verdict(line: IndexRow) -> Markup:
-    if not line.misses:
-        return tag("span", "faithful", class_="badge pass")
-    badge = tag("span", f"misses {len(line.misses)}", class_="badge fail")
-    return join_markup((badge, render_list(line.misses)))

@@ -2,37 +2,66 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
+from markupsafe import Markup
 from shapely.geometry.polygon import orient
 
-from mdrive_sumo.core.geometry import Float, Polyline
+from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from mdrive_sumo.report.label_placement import LabelBox, LabelRequest, place_labels
 from mdrive_sumo.report.map_view import MapView, fit_view
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.drawing.map_geometry import build_map_geometry
-from real2sim.fidelity_report.html import Markup, MarkupValue, join_markup, tag
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_report.report_entry import ReportEntry
 from real2sim.fidelity_report.svg import (
     CM,
     SvgFrame,
+    SvgValue,
+    join_markup,
     render_path,
     render_picture,
     render_scale_bar,
     render_use,
+    tag,
 )
+from real2sim.fidelity_targets import CENTRE_LINES_MEAN_M
+from real2sim.hd_map import HdMap, LaneKind
+from real2sim.logged_drive import LoggedCav, LoggedInfraction
+from real2sim.network import NetworkReport
+from real2sim.network.lane_directions import reverse_lane
+from real2sim.network.map_measurements import SPACING_M, measure_line_distances
+from real2sim.polylines import sample_polylines
 from real2sim.recording import DEFAULT_SIZE_M, RecordedTrack
 
-MARGIN_M = 12.0
-AROUND_M = 60.0
+OVERVIEW_MARGIN_M = 12.0
+"""[m] Ground shown around the outermost positions: three lanes, so that a road user at the edge has its road."""
+ROADS_BEYOND_M = 60.0
 """[m] Roads are drawn this far beyond the overview, for the small maps at its edge."""
-LEAST_M, LEAST_THING_M = 50.0, 24.0
-ARROWS_M, ARROW_M = 10.0, 0.45
-"""[m] Distance between the arrows on a lane, and half their width."""
+MIN_OVERVIEW_M, MIN_ACTOR_MAP_M = 50.0, 24.0
+"""[m] Least extent of the overview and of an actor's map: a parked car is shown with its surroundings."""
+ACTOR_MAP_MARGIN_M = 4.0
+"""[m] Ground shown around the path of an actor: about one lane."""
+INFRACTION_MAP_M = 36.0
+"""[m] Width of the picture of an infraction: two junction arms and the lanes beside."""
+INFRACTION_NEAR_M = 10.0
+"""[m] Road users this far outside the picture of an infraction are drawn too: their boxes may reach into it."""
+ARROW_SPACING_M, ARROW_HALF_WIDTH_M = 10.0, 0.45
 NAME_ASPECT = 0.66
 """Mean width of a letter relative to its height."""
 THUMBNAIL_LANE_M, THUMBNAIL_STEP_M = 3.5, 0.4
+"""[m] Width of every lane in a thumbnail, and how far simplified lines may lie off: below a pixel of it."""
+SCALE_WORDS_SHARE = 0.035
+"""Font size of the scale of a small map, as a share of its size: twice that of the overview, which is shown larger."""
+
+
+class CaptionedPicture(NamedTuple):
+    """A picture with the words below it."""
+
+    picture: Markup
+    caption: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +75,7 @@ class MapFrame:
 def fit_map_frame(entries: Sequence[ReportEntry]) -> MapFrame:
     """Return a view of everything that the log shows."""
     places = [entry.xy for entry in entries]
-    view = fit_view(np.concatenate(places) if places else np.zeros((0, 2)), MARGIN_M, LEAST_M, 0.5)
+    view = fit_view(np.concatenate(places) if places else np.zeros((0, 2)), OVERVIEW_MARGIN_M, MIN_OVERVIEW_M, 0.5)
     return MapFrame(SvgFrame(view.left, view.high), view)
 
 
@@ -59,9 +88,9 @@ def draw_definitions(map_frame: MapFrame, roads: RoadMap, entries: Sequence[Repo
 def _draw_roads(map_frame: MapFrame, roads: RoadMap) -> Markup:
     """Return the roads with the geometry of all pictures of the network, and an arrow along every lane."""
     svg, view = map_frame.svg_frame, map_frame.view
-    area = shapely.box(view.left, view.low, view.right, view.high).buffer(AROUND_M, join_style="mitre")
+    area = shapely.box(view.left, view.low, view.right, view.high).buffer(ROADS_BEYOND_M, join_style="mitre")
     geometry = build_map_geometry(roads, area)
-    lanes = (lane for lane in roads.driving if not lane.junction and view.is_near(lane.centre.xy, AROUND_M))
+    lanes = (lane for lane in roads.driving if not lane.junction and view.is_near(lane.centre.xy, ROADS_BEYOND_M))
     surfaces = (
         ("walkway", geometry.pavements),
         ("apron", geometry.aprons),
@@ -86,17 +115,13 @@ def _areas_path(svg: SvgFrame, shapes: Iterable[shapely.Polygon]) -> str:
 
 def _arrow_path(svg: SvgFrame, line: Polyline) -> str:
     """Return the path of small chevrons along a lane."""
-    found = ""
-    for s in np.arange(ARROWS_M / 2, line.length, ARROWS_M):
+    path = ""
+    for s in np.arange(ARROW_SPACING_M / 2, line.length, ARROW_SPACING_M):
         yaw = line.yaw_at(float(s))
         ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
         tip = np.array(line.at(float(s)))
-        found += svg.line_path(tip + np.array((left - 1.4 * ahead, 0 * ahead, -left - 1.4 * ahead)) * ARROW_M)
-    return found
-
-
-def _draw_asphalt(d: str, width: float) -> Markup:
-    return tag("path", d=d, class_="asphalt", stroke_width=f"{width * CM:.0f}")
+        path += svg.line_path(tip + np.array((left - 1.4 * ahead, 0 * ahead, -left - 1.4 * ahead)) * ARROW_HALF_WIDTH_M)
+    return path
 
 
 def _draw_tracks(svg: SvgFrame, entry: ReportEntry) -> Markup:
@@ -148,7 +173,7 @@ def draw_overview(map_frame: MapFrame, entries: Sequence[ReportEntry]) -> Markup
     )
 
 
-def _render_layer(name: str, content: Iterable[MarkupValue]) -> Markup:
+def _render_layer(name: str, content: Iterable[SvgValue]) -> Markup:
     return tag("g", *content, class_=f"layer-{name}")
 
 
@@ -180,7 +205,8 @@ def _draw_numbers(map_frame: MapFrame, entries: Sequence[ReportEntry], size: flo
         LabelRequest(x, -y, NAME_ASPECT * size * len(name), size, 0.7 * size)
         for name, (x, y) in zip(names, spots, strict=True)
     ]
-    for entry, name, box in zip(named, names, place_labels(requests, _list_boxes(spots)), strict=True):
+    kept_free = [LabelBox(x, -y, CM, CM) for x, y in spots]  # the objects themselves; y is up, as for labels
+    for entry, name, box in zip(named, names, place_labels(requests, kept_free), strict=True):
         look = f"name {'cav' if entry.is_cav else 'fail'}"
         place = {"x": f"{box.x:.0f}", "y": f"{0.35 * size - box.y:.0f}"}
         yield tag("text", name, **place, font_size=f"{size:.0f}", class_=look, text_anchor="middle")
@@ -195,16 +221,11 @@ def _find_last_spot(svg: SvgFrame, entry: ReportEntry) -> tuple[float, float]:
     return float(x), float(y)
 
 
-def _list_boxes(spots: Iterable[tuple[float, float]]) -> list[LabelBox]:
-    """Return the middles of the objects, which labels keep free; y is up, as for labels."""
-    return [LabelBox(x, -y, CM, CM) for x, y in spots]
-
-
 def draw_actor_map(map_frame: MapFrame, entry: ReportEntry) -> Markup | None:
     """Return the raw and reconstructed path of one actor with the roads around it."""
     if not len(entry.xy):
         return None
-    view = fit_view(entry.xy, 4.0, LEAST_THING_M, 0.7)
+    view = fit_view(entry.xy, ACTOR_MAP_MARGIN_M, MIN_ACTOR_MAP_M, 0.7)
     n = entry.number
     return render_picture(
         f"Path of No. {n}: dots are the log, the line is reconstructed",
@@ -215,7 +236,7 @@ def draw_actor_map(map_frame: MapFrame, entry: ReportEntry) -> Markup | None:
         else None,
         render_use(f"way-{n}", f"way {entry.verdict_class}") if entry.reconstructed else None,
         render_use(f"raw-{n}", "raw") if entry.raw else None,
-        render_scale_bar(map_frame.svg_frame, view, words=0.035),
+        render_scale_bar(map_frame.svg_frame, view, words=SCALE_WORDS_SHARE),
         class_="map small",
     )
 
@@ -223,6 +244,7 @@ def draw_actor_map(map_frame: MapFrame, entry: ReportEntry) -> Markup | None:
 def draw_thumbnail(map_frame: MapFrame, roads: RoadMap, entries: Sequence[ReportEntry]) -> Markup:
     """Return a simplified, self-contained overview."""
     lanes = (lane.centre.xy for lane in roads.driving if map_frame.view.is_near(lane.centre.xy))
+    asphalt = "".join(map_frame.svg_frame.line_path(_simplify(xy)) for xy in lanes)
     ways: dict[str, str] = {}
     for entry in entries:
         if entry.reconstructed is not None and entry.actor.moving:
@@ -232,7 +254,7 @@ def draw_thumbnail(map_frame: MapFrame, roads: RoadMap, entries: Sequence[Report
     return render_picture(
         f"Map with {sum(entry.actor.moving for entry in entries)} tracks",
         map_frame.svg_frame.view_box_attribute(map_frame.view),
-        _draw_asphalt("".join(map_frame.svg_frame.line_path(_simplify(xy)) for xy in lanes), THUMBNAIL_LANE_M),
+        tag("path", d=asphalt, class_="asphalt", stroke_width=f"{THUMBNAIL_LANE_M * CM:.0f}"),
         *(render_path(ways[look], class_=f"way {look}") for look in ("walk", "pass", "cav", "fail") if look in ways),
         class_="thumbnail",
     )
@@ -245,6 +267,110 @@ def _simplify(xy: Float) -> Float:
     return shapely.get_coordinates(shapely.simplify(shapely.LineString(xy), THUMBNAIL_STEP_M))
 
 
-def draw_far_points(svg: SvgFrame, xy: Float) -> Markup:
-    """Return marks where the network deviates from its source."""
-    return render_path(svg.dots_path(xy), class_="far")
+@dataclass(frozen=True)
+class CentreLineDeviation:
+    """Points every metre on the source's centre lines, and their distances from the network."""
+
+    lines: tuple[Float, ...]
+    xy: Float
+    distance: Float
+
+
+def compute_deviation(findings: ConversionFindings) -> CentreLineDeviation:
+    """Return the deviation as in `network.measure`, with the positions."""
+    lines = _select_lanes(findings.recording.map, findings.network)
+    if not lines:
+        return CentreLineDeviation((), np.zeros((0, 2)), np.zeros(0))
+    distance = measure_line_distances(lines, [lane.centre for lane in findings.roads.driving])
+    return CentreLineDeviation(tuple(line.xy for line in lines), sample_polylines(lines, SPACING_M).xy, distance)
+
+
+def _select_lanes(map: HdMap, network: NetworkReport) -> list[Polyline]:
+    """Return the driving lanes that the network contains, in their direction of travel."""
+    inverted = set(network.directions.inverted)
+    lanes = [
+        lane
+        for id_, lane in map.lanes.items()
+        if lane.kind is LaneKind.DRIVING and (id_ not in network.drop_reason_by_lane or id_ in network.lost_in_part)
+    ]
+    return [build_polyline((reverse_lane(lane) if lane.id in inverted else lane).centre) for lane in lanes]
+
+
+def draw_deviation(deviation: CentreLineDeviation, map_frame: MapFrame) -> CaptionedPicture:
+    """Return the source's centre lines with marks where the network is further off than the mean may be."""
+    svg = map_frame.svg_frame
+    near = [line for line in deviation.lines if map_frame.view.is_near(line, ROADS_BEYOND_M)]
+    far = deviation.xy[deviation.distance > CENTRE_LINES_MEAN_M]
+    label = (
+        f"Centre lines of the source over the network: {len(far)} of {len(deviation.xy)} m deviate by more than"
+        f" {CENTRE_LINES_MEAN_M:g} m"
+    )
+    picture = render_picture(
+        label,
+        svg.view_box_attribute(map_frame.view),
+        render_use("roads", "roads"),
+        render_path("".join(svg.line_path(line) for line in near), class_="source"),
+        render_path(svg.dots_path(far), class_="far"),
+        render_scale_bar(svg, map_frame.view),
+        class_="map",
+    )
+    return CaptionedPicture(picture, f"{label} (marked).")
+
+
+def draw_infractions(
+    findings: ConversionFindings, entries: Sequence[ReportEntry], map_frame: MapFrame
+) -> tuple[CaptionedPicture, ...]:
+    """Return a picture of every infraction of the logged drives, with a sentence."""
+    return tuple(
+        CaptionedPicture(_draw_infraction(findings, entries, map_frame, cav, infraction), _describe(cav, infraction))
+        for cav in (findings.logged_drive.cavs if findings.logged_drive else ())
+        for infraction in cav.infractions
+    )
+
+
+def _describe(cav: LoggedCav, infraction: LoggedInfraction) -> str:
+    other = f" ({infraction.other})" if infraction.other else ""
+    place = f"at ({infraction.x:.1f}, {infraction.y:.1f}) m"
+    verdict = "not confirmed"
+    if infraction.is_confirmed:
+        verdict = f"confirmed by {infraction.confirmed_by}: {infraction.reason}"
+    span = f"{infraction.from_s:g} s" + (f" to {infraction.to_s:g} s" if infraction.to_s > infraction.from_s else "")
+    return f"CAV {cav.id}, {span}, {place}: {infraction.kind}{other}, factor {infraction.factor:.3g}; {verdict}."
+
+
+def _draw_infraction(
+    findings: ConversionFindings,
+    entries: Sequence[ReportEntry],
+    map_frame: MapFrame,
+    cav: LoggedCav,
+    infraction: LoggedInfraction,
+) -> Markup:
+    """Return the roads around the place, the CAV's track, and the boxes of all actors at that time."""
+    svg = map_frame.svg_frame
+    view = fit_view(np.array([[infraction.x, infraction.y]]), 0.0, INFRACTION_MAP_M, 0.7)
+    frame = round((infraction.from_s + infraction.to_s) / 2 / findings.recording.dt_s)
+    boxes: list[Markup] = []
+    cav_path: Markup | None = None
+    for entry in entries:
+        track = entry.reconstructed
+        if track is None:
+            continue
+        is_cav = findings.names.get(entry.actor.id, entry.actor.id) == cav.id
+        if is_cav:
+            cav_path = render_use(f"way-{entry.number}", f"way {entry.verdict_class}")
+        row = min(frame, len(track.valid) - 1)
+        if not track.valid[row] or not view.is_near(track.xy[row][None], INFRACTION_NEAR_M):
+            continue
+        pose = (float(track.x[row]), float(track.y[row]), float(np.nan_to_num(track.yaw[row])))
+        size = float(np.nanmedian(track.length)), float(np.nanmedian(track.width))
+        look = f"box {entry.verdict_class}{' cav' if is_cav else ''}"
+        boxes.append(render_path(svg.vehicle_path(pose, *size), class_=look))
+    return render_picture(
+        f"{infraction.kind} of CAV {cav.id} at {infraction.from_s:g} s",
+        svg.view_box_attribute(view),
+        render_use("roads", "roads"),
+        cav_path,
+        *boxes,
+        render_scale_bar(svg, view, words=SCALE_WORDS_SHARE),
+        class_="map small",
+    )

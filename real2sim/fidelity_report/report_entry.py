@@ -6,8 +6,10 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
+from real2sim.clean.cleaning_report import TrackChange
 from real2sim.conversion_findings import ConversionFindings
-from real2sim.fit.traffic_fit import Disposition, TrackRole
+from real2sim.fidelity_report.formatting import describe_failures, format_change
+from real2sim.fit import Disposition, TrackRole
 from real2sim.quality.actor_quality import ActorQuality
 from real2sim.recording import ObjectCategory, RecordedTrack
 
@@ -21,9 +23,10 @@ class ReportEntry:
     raw: RecordedTrack | None
     """Cleaned track of the log."""
     reconstructed: RecordedTrack | None
-    """Reconstructed."""
     role: TrackRole | None
     is_cav: bool
+    changes: tuple[TrackChange, ...]
+    """What cleaning changed of it."""
 
     @property
     def verdict_class(self) -> str:
@@ -35,9 +38,31 @@ class ReportEntry:
         return "walk" if self.actor.category in (ObjectCategory.PEDESTRIAN, ObjectCategory.BICYCLE) else "pass"
 
     @property
+    def group(self) -> str:
+        """Group of its card: "cav", or else the class of its verdict."""
+        return "cav" if self.is_cav and not self.actor.failed else self.verdict_class
+
+    @property
+    def failures(self) -> list[str]:
+        """A phrase for each failed check."""
+        return describe_failures(self.actor)
+
+    @property
+    def change_phrases(self) -> list[str]:
+        """A phrase for each change that cleaning made."""
+        return [format_change(change) for change in self.changes]
+
+    @property
     def best_track(self) -> RecordedTrack | None:
         """The reconstructed track, else the raw one."""
         return self.reconstructed or self.raw
+
+    def format_time_span(self, dt_s: float) -> str:
+        """Return when it is first and last seen, as the end of a phrase; "" if it never is."""
+        track = self.best_track
+        if track is None or not track.valid.any():
+            return ""
+        return f" from {track.valid_frames[0] * dt_s:.1f} s to {track.valid_frames[-1] * dt_s:.1f} s"
 
     @property
     def xy(self) -> Float:
@@ -50,6 +75,9 @@ def build_entries(findings: ConversionFindings) -> tuple[ReportEntry, ...]:
     """Return all entries: failing ones first, then moving ones, then CAVs and other vehicles before pedestrians."""
     raw = {track.id: track for track in findings.cleaned.tracks}
     tracks = {track.id: track for track in findings.tracks}
+    changes: dict[str, list[TrackChange]] = {}
+    for change in findings.cleaned.report.changes:
+        changes.setdefault(change.track, []).append(change)
     cavs = set(findings.cleaned.cavs.values())
     cavs = {id_ for id_, role in findings.roles.items() if role.disposition is Disposition.CAV} or cavs
 
@@ -58,11 +86,14 @@ def build_entries(findings: ConversionFindings) -> tuple[ReportEntry, ...]:
         return not actor.failed, not actor.moving, actor.id not in cavs, scripted, -len(actor.failed)
 
     return tuple(
-        ReportEntry(k, actor, raw.get(actor.id), tracks.get(actor.id), findings.roles.get(actor.id), actor.id in cavs)
-        for k, actor in enumerate(sorted(findings.quality.actors, key=order), 1)
+        ReportEntry(
+            number,
+            actor,
+            raw.get(actor.id),
+            tracks.get(actor.id),
+            findings.roles.get(actor.id),
+            actor.id in cavs,
+            tuple(changes.get(actor.id, ())),
+        )
+        for number, actor in enumerate(sorted(findings.quality.actors, key=order), 1)
     )
-
-
-def number_by_id(entries: tuple[ReportEntry, ...]) -> dict[str, int]:
-    """Return the number on the page by actor id."""
-    return {entry.actor.id: entry.number for entry in entries}

@@ -4,13 +4,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup, escape
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.report.map_view import MapView
-from real2sim.fidelity_report.html import Markup, MarkupValue, tag
 from real2sim.tracks.kinematics import find_runs
 
+SvgValue = str | int | float | None
+"""Content of an element or value of an attribute: `Markup` is kept, other text is escaped, None is omitted."""
 CM = 100.0
+"""Units of the pictures per metre: whole centimetres are finer than any screen shows, and short as text."""
 NOSE = 0.35
 """Distance from the tip of a drawn vehicle to its shoulders, as a share of its width."""
 
@@ -75,9 +78,24 @@ def _format_point(point: Iterable[int]) -> str:
     return f"{x}{y}" if y < 0 else f"{x} {y}"
 
 
-def render_path(d: str, **attributes: MarkupValue) -> Markup:
+def join_markup(values: Iterable[SvgValue], separator: str = "") -> Markup:
+    """Return the values as markup, one after another."""
+    return Markup(separator).join("" if value is None else escape(value) for value in values)
+
+
+def tag(name: str, /, *content: SvgValue, **attributes: SvgValue) -> Markup:
+    """Return an element. `class_` stands for class, `aria_label` for aria-label; None omits an attribute."""
+    rendered = "".join(
+        f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"'
+        for key, value in attributes.items()
+        if value is not None
+    )
+    return Markup(f"<{name}{rendered}>{join_markup(content)}</{name}>")
+
+
+def render_path(d: str, **attributes: SvgValue) -> Markup:
     """Return a path whose stroke has the same width at every zoom level."""
-    return tag("path", d=d, **attributes, **{"vector-effect": "non-scaling-stroke"})
+    return tag("path", d=d, **attributes, vector_effect="non-scaling-stroke")
 
 
 def render_use(of: str, class_: str) -> Markup:
@@ -85,7 +103,7 @@ def render_use(of: str, class_: str) -> Markup:
     return tag("use", href=f"#{of}", class_=class_)
 
 
-def render_picture(label: str, box: str, *content: MarkupValue, class_: str) -> Markup:
+def render_picture(label: str, box: str, *content: SvgValue, class_: str) -> Markup:
     """Return an SVG that screen readers announce as one image."""
     return tag("svg", tag("title", label), *content, viewBox=box, class_=class_, role="img", aria_label=label)
 

@@ -11,8 +11,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, save_suite
-from real2sim.fidelity_report.index_page import write_index
-from real2sim.pipeline.log_conversion import ConvertedScenario, convert_log, split_into_windows
+from real2sim.fidelity_report.index_page import IndexRow, build_index_row, write_index
+from real2sim.fidelity_report.report_page import write_report
+from real2sim.pipeline.log_conversion import convert_log, split_into_windows
 from real2sim.pipeline.log_source import LogSource, describe_part, prefix_with_log
 from real2sim.pipeline.scenario_builder import NETWORKS, ConversionOptions
 from real2sim.readers.time_grid import TimeWindow
@@ -33,6 +34,17 @@ class ConversionTask:
     report: bool
     folder: Path
     every_s: float | None = None
+
+
+@dataclass(frozen=True)
+class ConvertedScenario:
+    """A scenario of the draft and what the final report says about it."""
+
+    id: str
+    misses: tuple[str, ...]
+    """One sentence for each missed target."""
+    index_row: IndexRow | None
+    """Row of the index page, if pages are written."""
 
 
 @dataclass(frozen=True)
@@ -188,12 +200,16 @@ def _move_into_suite(
 
 
 def _convert_task(task: ConversionTask) -> ConvertedScenario | str:
-    """Worker process: return the scenario, or why there is none."""
+    """Worker process: convert the log, then draw its page; return the scenario, or why there is none."""
     _redirect_stdout()
     try:
-        return convert_log(task.log, task.folder, task.options, task.report)
+        built = convert_log(task.log, task.folder, task.options)
+        if task.report:
+            write_report(task.folder / built.scenario.id, built.findings)
     except InputError as error:
         return str(error)
+    row = build_index_row(built.findings) if task.report else None
+    return ConvertedScenario(built.scenario.id, built.findings.misses, row)
 
 
 def _split_task(task: ConversionTask) -> Windows | str:

@@ -1,8 +1,12 @@
-"""Converts one log of any source into the draft of a suite, or splits it into windows."""
+"""Converts one log of any source into the draft of a suite, or splits it into windows.
+
+A log goes one way: here it is read, cut and moved to its origin; `build_scenario` cleans it, builds its network, fits
+its traffic and measures the result; then its files are written. `batch` draws the pages at the end, from the findings.
+"""
 
 import math
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
@@ -10,13 +14,11 @@ from mdrive_sumo.episode import save_episode
 from mdrive_sumo.scenario.scenario import save_scenario
 from mdrive_sumo.scenario.suite import LOG_FILE
 from real2sim.clean import MIN_FRAMES
-from real2sim.fidelity_report.index_page import IndexRow, build_index_row
-from real2sim.fidelity_report.report_page import write_report
 from real2sim.pipeline.limited_reader import read_log_limited
 from real2sim.pipeline.local_origin import move_to_origin
 from real2sim.pipeline.log_source import LogSource, prefix_with_log
-from real2sim.pipeline.quality_file import save_quality
-from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
+from real2sim.pipeline.quality_file import build_quality_file, save_quality
+from real2sim.pipeline.scenario_builder import BuiltScenario, ConversionOptions, build_scenario
 from real2sim.readers.time_grid import TimeWindow, crop_recording
 from real2sim.recording import Recording
 from real2sim.source_scene import SourceScene
@@ -31,17 +33,7 @@ and two seconds."""
 PROPOSED_WINDOW_S = 20.0
 
 
-@dataclass(frozen=True)
-class ConvertedScenario:
-    """A scenario of the draft and what the final report says about it."""
-
-    id: str
-    misses: tuple[str, ...]
-    index_row: IndexRow | None
-    """Row of the index page, if pages are written."""
-
-
-def convert_log(log: LogSource, draft: Path, wish: ConversionOptions, page: bool) -> ConvertedScenario:
+def convert_log(log: LogSource, draft: Path, wish: ConversionOptions) -> BuiltScenario:
     """Write DRAFT/<id>/ and DRAFT/networks/<id>/; raises InputError with one sentence that names the log."""
     try:
         recording = move_to_origin(crop_recording(str(log.path), read_log_limited(log), log.window))
@@ -51,11 +43,9 @@ def convert_log(log: LogSource, draft: Path, wish: ConversionOptions, page: bool
         raise InputError(prefix_with_log(log, str(error))) from None
     folder = draft / built.scenario.id
     save_scenario(built.scenario, folder / "scenario.json")
-    save_quality(built.quality, folder)
+    save_quality(build_quality_file(built.findings), folder)
     save_episode(built.log, folder / LOG_FILE)
-    if page:
-        write_report(folder, built.findings)
-    return ConvertedScenario(built.scenario.id, built.quality.misses, build_index_row(built.findings) if page else None)
+    return built
 
 
 def split_into_windows(log: LogSource, every_s: float) -> tuple[TimeWindow, ...]:

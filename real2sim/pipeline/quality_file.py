@@ -12,10 +12,12 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.scenario.scenario import load_model
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, natural_sort_key
-from real2sim.clean.cleaning_report import ChangeReason
+from real2sim.clean.cleaning_report import ChangeReason, CleaningReport
+from real2sim.conversion_findings import ConversionFindings
 from real2sim.fidelity_targets import FidelityTarget
-from real2sim.fit.traffic_fit import Disposition
+from real2sim.fit import Disposition, TrackRole
 from real2sim.logged_drive import LoggedDrive
+from real2sim.network import NetworkReport
 from real2sim.quality import ReconstructionQuality
 from real2sim.traffic_fidelity import StalledVehicle, TrafficFidelity
 
@@ -109,6 +111,73 @@ class QualityFile(_Part):
     """Targets that are not met, a sentence each."""
     passed: bool
     notes: tuple[str, ...]
+
+
+def build_quality_file(findings: ConversionFindings) -> QualityFile:
+    """Return the content of quality.json. Raises ValueError for findings that lack a measurement."""
+    closeness = findings.closeness
+    if closeness is None:
+        raise ValueError("expected findings of traffic that was measured")
+    misses = findings.misses
+    return QualityFile(
+        scenario=findings.id,
+        source=findings.recording.source,
+        log=findings.recording.id,
+        window_s=findings.window_s,
+        mode=findings.mode,
+        dt_s=findings.recording.dt_s,
+        cleaning=_cleaning_figures(findings.cleaned.report),
+        network=_network_figures(findings.network),
+        fidelity=findings.quality,
+        by_sumo=findings.sumo_driven,
+        fit=_role_entries(findings),
+        closeness=closeness,
+        stalled=findings.stalled,
+        logged_drive=findings.logged_drive,
+        targets=findings.targets,
+        misses=misses,
+        passed=not misses,
+        notes=findings.all_notes,
+    )
+
+
+def _cleaning_figures(report: CleaningReport) -> CleaningFigures:
+    changes = (
+        CleaningChange(reason=change.reason, track=change.track, frames=change.frames, detail=change.detail)
+        for change in report.changes
+    )
+    return CleaningFigures(counts=report.count_by_reason(), changes=tuple(changes))
+
+
+def _network_figures(report: NetworkReport) -> NetworkFigures:
+    fit = report.deviation
+    return NetworkFigures(
+        name=report.name,
+        checksum=report.checksum,
+        lanes=report.lanes,
+        edges=report.edges,
+        nodes=report.nodes,
+        connections=report.connections,
+        left_hand=report.left_hand,
+        inverted=report.directions.inverted,
+        undecided=report.directions.undecided,
+        links_dropped=report.links_dropped,
+        links_added=report.links_added,
+        lost=dict(report.drop_reason_by_lane),
+        lost_m=dict(report.lost_m_by_lane),
+        centre_mean_m=max(fit.mean, fit.back_mean),
+        centre_p95_m=max(fit.p95, fit.back_p95),
+        centre_max_m=max(fit.max, fit.back_max),
+        default_widths=report.default_widths,
+        default_speeds=report.default_speeds,
+        signalled=report.signalled,
+    )
+
+
+def _role_entries(findings: ConversionFindings) -> tuple[TrackRoleEntry, ...]:
+    plain = TrackRole(Disposition.LEFT_OUT, "no reason was recorded")
+    roles = ((track, name, findings.roles.get(track, plain)) for track, name in findings.names.items())
+    return tuple(TrackRoleEntry(track=t, name=n, became=role.disposition, reason=role.reason) for t, n, role in roles)
 
 
 def save_quality(quality: QualityFile, folder: Path) -> None:

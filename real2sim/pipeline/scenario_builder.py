@@ -1,10 +1,11 @@
 """Builds a scenario from a log: cleaning, network of its map, reconstruction, reactive traffic, measurement."""
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from pydantic import ValidationError
 
 from mdrive_sumo.core.errors import InputError
@@ -12,28 +13,21 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.scenario.background import BackgroundMode
 from mdrive_sumo.scenario.checks import check_scenario
-from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
+from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario, describe_first_error
 from real2sim.clean import CleanedRecording, clean_recording
 from real2sim.conversion_findings import ConversionFindings
 from real2sim.fit import FittedTraffic, fit_traffic
+from real2sim.fit.cav_selection import describe_unused_cavs, select_cav_tracks
 from real2sim.hd_map import HdMap
 from real2sim.logged_drive import ConfirmedInfraction, record_log, score_logged_drive
 from real2sim.match import LaneMatch, match_track
 from real2sim.network import NetworkReport, build_network
 from real2sim.network.drivable_areas import add_observed_areas
-from real2sim.pipeline.cav_selection import (
-    build_roadside_units,
-    check_on_map,
-    describe_unused_cavs,
-    select_cav_tracks,
-    vehicle_trajectories,
-)
-from real2sim.pipeline.conversion_results import ConversionResults, build_findings, build_quality_file
 from real2sim.pipeline.departures import begin_at, fit_departures
-from real2sim.pipeline.quality_file import QualityFile
 from real2sim.quality import ReconstructedLog, ReconstructionQuality, assess_reconstruction
 from real2sim.quality.lane_segment_index import LaneSegmentIndex
-from real2sim.recording import RecordedTrack, Recording
+from real2sim.readers.map_fit import check_on_map
+from real2sim.recording import ObserverView, RecordedTrack, Recording, vehicle_trajectories
 from real2sim.source_scene import SourceScene
 from real2sim.tracks.reconstruct import reconstruct_tracks
 from real2sim.traffic_fidelity import TrafficFidelity, measure_stalled_traffic, measure_traffic_fidelity
@@ -58,10 +52,9 @@ class ConversionOptions:
 
 @dataclass(frozen=True)
 class BuiltScenario:
-    """A scenario with its figures and its findings for the report."""
+    """A scenario with the findings of its conversion."""
 
     scenario: Scenario
-    quality: QualityFile
     findings: ConversionFindings
     log: EpisodeRecord
     """The log itself as a recording, for open loop."""
@@ -75,41 +68,62 @@ def build_scenario(
 
     Runs SUMO in this process to measure how close the traffic stays to the log.
     """
-    recording, cleaned = _clean(scene)
-    dt_s = recording.dt_s
-    if network is None:
-        hd_map = add_observed_areas(recording.map, cleaned.tracks)
-        seen = list(vehicle_trajectories(cleaned.tracks).values())
-        network = build_network(hd_map, seen, suite / NETWORKS / scene.id, scene.id, dt_s, recording.origin)
+    recording = _require_recording(scene)
+    cleaned = _clean(recording)
+    network = network or _build_network(recording, cleaned, suite / NETWORKS / scene.id, scene.id)
     roads = load_road_map(network.folder)
-    tracks = cleaned.tracks if recording.exact else reconstruct_tracks(cleaned.tracks, dt_s)
+    tracks = cleaned.tracks if recording.exact else reconstruct_tracks(cleaned.tracks, recording.dt_s)
     matches = {id_: match_track(motion, roads) for id_, motion in vehicle_trajectories(tracks).items()}
     cavs = select_cav_tracks(wish.cavs, cleaned, tracks, matches)
-    unused = describe_unused_cavs(wish.cavs, cavs, cleaned, tracks, matches)
     fitter = _TrafficFitter(scene, recording, network.name, roads, tracks, matches, cavs, wish.mode)
-    fitted, closeness, waited = fit_departures(fitter.fit, fitter.measure, dt_s)
-    notes = (*unused, *waited)
+    fitted, closeness, waited = fit_departures(fitter.fit, fitter.measure, recording.dt_s)
+    notes = (*describe_unused_cavs(wish.cavs, cavs, cleaned, tracks, matches), *waited)
     scenario = fitter.assemble(fitted, notes)
-    reactive = _with_reactive_traffic(scenario)
-    steps = ConversionResults(
+    names, dt_s = fitted.names, recording.dt_s
+    findings = ConversionFindings(
         id=scene.id,
         recording=recording,
-        window_s=wish.window_s,
         cleaned=cleaned,
         tracks=tracks,
+        quality=assess_tracks(recording, cleaned, tracks, roads, find_speed_limits(recording.map, network, matches)),
         network=network,
         roads=roads,
         matches=matches,
-        quality=_assess(recording, cleaned, tracks, roads, find_speed_limits(recording.map, network, matches)),
-        fitted=fitted,
-        notes=notes,
+        roles=fitted.roles,
+        names=names,
         closeness=closeness,
-        stalled=measure_stalled_traffic(reactive, roads, tracks, fitted.names, dt_s),
-        logged_drive=score_logged_drive(scenario, roads, tracks, fitted.names, dt_s, wish.confirmed),
+        stalled=measure_stalled_traffic(make_reactive(scenario), roads, tracks, names, dt_s),
+        logged_drive=score_logged_drive(scenario, roads, tracks, names, dt_s, wish.confirmed),
+        notes=notes,
+        mode=fitted.background.mode,
+        window_s=wish.window_s,
     )
     about = {"agent": LOG, "source": recording.source, "log": recording.id}
-    log = record_log(scenario, {fitted.names[track.id]: track for track in tracks}, dt_s, about)
-    return BuiltScenario(scenario, build_quality_file(steps), build_findings(steps), log)
+    return BuiltScenario(
+        scenario, findings, record_log(scenario, {names[track.id]: track for track in tracks}, dt_s, about)
+    )
+
+
+def _require_recording(scene: SourceScene) -> Recording:
+    if scene.recording is None:
+        raise InputError(f"{scene.id}: expected a log, found an authored scene")
+    return scene.recording
+
+
+def _clean(recording: Recording) -> CleanedRecording:
+    """Return the cleaned log. Raises InputError if it lies off its map, or nothing is left of it."""
+    check_on_map(recording)
+    cleaned = clean_recording(recording)
+    if not cleaned.tracks:
+        raise InputError(f"expected tracks of at least half a second, found none in {recording.frame_count} frames")
+    return cleaned
+
+
+def _build_network(recording: Recording, cleaned: CleanedRecording, folder: Path, name: str) -> NetworkReport:
+    """Build the network of the map; the motion of the log tells directions and speeds that the map lacks."""
+    hd_map = add_observed_areas(recording.map, cleaned.tracks)
+    motions = list(vehicle_trajectories(cleaned.tracks).values())
+    return build_network(hd_map, motions, folder, name, recording.dt_s, recording.origin)
 
 
 @dataclass(frozen=True)
@@ -127,7 +141,9 @@ class _TrafficFitter:
 
     def fit(self, departures: Mapping[str, int]) -> FittedTraffic:
         """Fit the traffic. `departures`: frame from which a vehicle is driven, by track id."""
-        driven = tuple(begin_at(one, departures[one.id]) if one.id in departures else one for one in self.tracks)
+        driven = tuple(
+            begin_at(track, departures[track.id]) if track.id in departures else track for track in self.tracks
+        )
         motions = vehicle_trajectories(driven)
         matches = {**self.matches, **{id_: match_track(motions[id_], self.roads) for id_ in departures}}
         with _report_invalid():
@@ -135,27 +151,28 @@ class _TrafficFitter:
 
     def assemble(self, fitted: FittedTraffic, notes: tuple[str, ...] = ()) -> Scenario:
         """Return the scenario, checked."""
-        scene = replace(self.scene, notes=(*self.scene.notes, *notes))
-        scenario = _assemble_scenario(scene, self.recording, fitted, self.network)
+        scene = self.scene
+        with _report_invalid():
+            scenario = Scenario(
+                id=scene.id,
+                bucket=scene.bucket,
+                category=scene.category,
+                network=self.network,
+                description=scene.description,
+                egos=fitted.egos,
+                background=fitted.background,
+                actors=(*fitted.actors, *scene.actors),
+                weather=scene.weather,
+                rsus=_build_roadside_units(self.recording.views),
+                notes=(*scene.notes, *notes),
+            )
         check_scenario(scenario, self.roads)
         return scenario
 
     def measure(self, fitted: FittedTraffic) -> TrafficFidelity:
         """Measure how close the traffic stays to the log."""
-        reactive = _with_reactive_traffic(self.assemble(fitted))
+        reactive = make_reactive(self.assemble(fitted))
         return measure_traffic_fidelity(reactive, self.roads, self.tracks, fitted.names, self.recording.dt_s)
-
-
-def _clean(scene: SourceScene) -> tuple[Recording, CleanedRecording]:
-    """Return the log of a scene as read and cleaned. Raises InputError if nothing is left of it."""
-    recording = scene.recording
-    if recording is None:
-        raise InputError(f"{scene.id}: expected a log, found an authored scene")
-    check_on_map(recording)
-    cleaned = clean_recording(recording)
-    if not cleaned.tracks:
-        raise InputError(f"expected tracks of at least half a second, found none in {recording.frame_count} frames")
-    return recording, cleaned
 
 
 @contextmanager
@@ -167,13 +184,24 @@ def _report_invalid() -> Generator[None]:
         raise InputError(describe_first_error(error)) from None
 
 
-def _assess(
+def _build_roadside_units(views: Sequence[ObserverView]) -> tuple[RoadsideUnit, ...]:
+    """Return the observers that are infrastructure, at the position of their sensor."""
+    units: list[RoadsideUnit] = []
+    for view in views:
+        if view.is_infrastructure and np.isfinite(view.pose[:, :2]).all(1).any():
+            x, y = np.nanmedian(view.pose[:, :2], axis=0).round(3).tolist()
+            units.append(RoadsideUnit(id=f"rsu{view.observer.lstrip('-')}", x=x, y=y))
+    return tuple(units)
+
+
+def assess_tracks(
     recording: Recording,
     cleaned: CleanedRecording,
     tracks: tuple[RecordedTrack, ...],
     roads: RoadMap,
     limits: Mapping[str, float],
 ) -> ReconstructionQuality:
+    """Return the quality of reconstructed tracks. `limits`: see `find_speed_limits`."""
     lanes = LaneSegmentIndex.from_centre_lines(
         [lane.centre.xy for lane in roads.driving], [True] * len(roads.driving), roads.lane_width.tolist()
     )
@@ -188,32 +216,13 @@ def find_speed_limits(map_: HdMap, network: NetworkReport, matches: Mapping[str,
     limits: dict[str, float] = {}
     for id_, match in matches.items():
         sources = {network.source_by_lane[lane] for lane in match.lanes if lane in network.source_by_lane}
-        known = [
-            map_.lanes[one].speed_limit for one in sources if one in map_.lanes and map_.lanes[one].speed_limit > 0
-        ]
-        if known:
-            limits[id_] = max(known)
+        stated = [map_.lanes[source].speed_limit for source in sources if source in map_.lanes]
+        if any(limit > 0 for limit in stated):
+            limits[id_] = max(limit for limit in stated if limit > 0)
     return limits
 
 
-def _with_reactive_traffic(scenario: Scenario) -> Scenario:
+def make_reactive(scenario: Scenario) -> Scenario:
     """Return the scenario with reactive traffic whatever the mode: replayed poses are always close to the log."""
     background = scenario.background.model_copy(update={"mode": "reactive"})
     return scenario.model_copy(update={"background": background})
-
-
-def _assemble_scenario(scene: SourceScene, recording: Recording, fitted: FittedTraffic, network: str) -> Scenario:
-    with _report_invalid():
-        return Scenario(
-            id=scene.id,
-            bucket=scene.bucket,
-            category=scene.category,
-            network=network,
-            description=scene.description,
-            egos=fitted.egos,
-            background=fitted.background,
-            actors=(*fitted.actors, *scene.actors),
-            weather=scene.weather,
-            rsus=build_roadside_units(recording.views),
-            notes=scene.notes,
-        )

@@ -27,7 +27,7 @@ STEPS = {
     "reconstruct": "reconstruct_tracks",
     "match": "match_track",
     "fit": "fit_traffic",
-    "assessed": "_assessed",
+    "assessed": "assess_tracks",
     "closeness": "measure_traffic_fidelity",
 }
 """Row of the table -> function of `scenario_builder` that is timed."""
@@ -58,7 +58,7 @@ def _step_rows(log: LogSource, draft: Path) -> Iterator[Row]:
     for name in STEPS.values():
         setattr(scenario_builder, name, _timed(name, getattr(scenario_builder, name), spent))
     began = time.perf_counter()
-    convert_log(log, draft, scenario_builder.ConversionOptions(), False)
+    convert_log(log, draft, scenario_builder.ConversionOptions())
     whole = time.perf_counter() - began
     yield from ((f"convert, of these {row}", spent[name], "s", "-") for row, name in STEPS.items())
     yield "convert, of these reading and writing", whole - sum(spent.values()), "s", "-"

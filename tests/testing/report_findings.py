@@ -11,7 +11,7 @@ from mdrive_sumo.roads import load_road_map
 from real2sim.clean import clean_recording
 from real2sim.clean.cleaning_report import ChangeReason, CleaningReport, TrackChange
 from real2sim.conversion_findings import ConversionFindings
-from real2sim.fit.traffic_fit import Disposition, TrackRole
+from real2sim.fit import Disposition, TrackRole
 from real2sim.network import build_network
 from real2sim.quality import ReconstructedLog, assess_reconstruction
 from real2sim.quality.lane_segment_index import LaneSegmentIndex
@@ -90,6 +90,8 @@ def small_findings(folder: Path) -> ConversionFindings:
         "cav": TrackRole(Disposition.CAV),
         "fast": TrackRole(Disposition.ACTOR, f"it leaves the road {HOSTILE}"),
         HOSTILE: TrackRole(Disposition.BACKGROUND),
+        "walker": TrackRole(Disposition.ACTOR),
+        "parked": TrackRole(Disposition.STANDING),
     }
     return replace(
         found,

@@ -12,10 +12,10 @@ from mdrive_sumo.scenario.scenario import load_scenario, save_scenario
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, SuiteFile, save_suite
 from real2sim.clean import clean_recording
 from real2sim.network import NetworkReport, build_network
-from real2sim.pipeline.cav_selection import vehicle_trajectories
-from real2sim.pipeline.quality_file import save_quality
+from real2sim.pipeline.quality_file import build_quality_file, save_quality
 from real2sim.pipeline.scenario_builder import NETWORKS, ConversionOptions, build_scenario
 from real2sim.readers.v2xpnp import read_v2xpnp
+from real2sim.recording import vehicle_trajectories
 from real2sim.source_scene import SourceScene
 from real2sim.writers.episode_recording import build_hd_map
 from real2sim.writers.v2xpnp_map import write_vector_map
@@ -125,8 +125,8 @@ def convert_recording(task: RecordingTask) -> RecordingOutcome | str:
     save_scenario(thin_scenario(built.scenario), folder / SCENARIO_FILE)
     quality = task.work / QUALITY / task.name
     make_folder(quality)
-    save_quality(built.quality, quality)
-    return RecordingOutcome(task, built.quality.misses, _examine(task))
+    save_quality(build_quality_file(built.findings), quality)
+    return RecordingOutcome(task, built.findings.misses, _examine(task))
 
 
 def _examine(task: RecordingTask) -> ScenarioValidation:

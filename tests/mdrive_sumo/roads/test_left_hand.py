@@ -19,7 +19,7 @@ from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_c
 from real2sim.hd_map import HdMap, MapLane
 from real2sim.match import match_track
 from real2sim.network import NetworkReport, build_network
-from real2sim.pipeline.quality_file import QualityFile
+from real2sim.pipeline.quality_file import QualityFile, build_quality_file
 from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
 from real2sim.recording import RecordedTrack, Recording
 from real2sim.source_scene import SourceScene
@@ -179,7 +179,7 @@ def test_the_mirror_image_of_a_real_log_converts_as_well(name: str, shared_data:
     found: list[QualityFile] = []
     for one, folder in ((log, "as-it-is"), (mirrored(log), "mirrored")):
         scene = SourceScene(name, log.source, "test", "test", one.map, one)
-        found.append(build_scenario(scene, tmp_path / folder, ConversionOptions()).quality)
+        found.append(build_quality_file(build_scenario(scene, tmp_path / folder, ConversionOptions()).findings))
     before, after = found
     assert after.network.left_hand is not before.network.left_hand
     assert after.network.lost == before.network.lost

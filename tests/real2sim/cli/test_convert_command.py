@@ -23,7 +23,7 @@ from real2sim.clean import clean_recording
 from real2sim.clean.cleaning_report import ChangeReason
 from real2sim.cli.log_options import show_progress
 from real2sim.fit.background_vehicle import median_size
-from real2sim.pipeline.cav_selection import select_cav_tracks
+from real2sim.fit.cav_selection import select_cav_tracks
 from real2sim.pipeline.log_conversion import make_scenario_id, split_into_windows
 from real2sim.pipeline.log_source import LogSource
 from real2sim.pipeline.quality_file import load_quality

@@ -17,7 +17,7 @@ from real2sim.fidelity_targets import (
     count_sumo_driven,
     find_silently_lost,
 )
-from real2sim.fit.traffic_fit import Disposition, TrackRole
+from real2sim.fit import Disposition, TrackRole
 from real2sim.logged_drive import LoggedDrive, LoggedInfraction
 from real2sim.pipeline.log_source import LogSource, read_log
 from real2sim.pipeline.quality_file import load_quality

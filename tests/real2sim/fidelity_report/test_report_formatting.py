@@ -9,9 +9,9 @@ from testing.html_page import Page
 from testing.paths import ROOT
 
 from real2sim.clean.cleaning_report import ChangeReason
+from real2sim.fidelity_report.charts import ChartSeries, LineChart, draw_chart
 from real2sim.fidelity_report.formatting import CLEANING_ACTIONS, FIGURES, describe_failures, describe_figure
 from real2sim.fidelity_report.index_page import render_index
-from real2sim.fidelity_report.line_chart import ChartSeries, LineChart, draw_chart
 from real2sim.quality import CHECKS
 from real2sim.quality.actor_quality import ActorQuality
 

@@ -12,9 +12,10 @@ from testing.html_page import Page
 from testing.report_findings import DT, HOSTILE, findings_of, log_of, small_findings, track
 
 from real2sim.conversion_findings import ConversionFindings
+from real2sim.fidelity_report.html import PAGE
 from real2sim.fidelity_report.index_page import build_index_row, write_index
-from real2sim.fidelity_report.network_section import compute_deviation
-from real2sim.fidelity_report.report_page import PAGE, render_report, write_report
+from real2sim.fidelity_report.map_figures import compute_deviation
+from real2sim.fidelity_report.report_page import render_report, write_report
 from real2sim.readers.scenarionet import read_scenarionet
 
 pytestmark = pytest.mark.slow
@@ -77,12 +78,12 @@ def test_tiles_say_what_misses_its_target(found: ConversionFindings, html: str) 
     assert tile(render_report(unknown), "error median") == ("open", "–")
 
 
-def test_the_head_says_what_the_pipeline_says_is_missed(found: ConversionFindings, html: str) -> None:
+def test_the_head_says_what_is_missed(found: ConversionFindings, html: str) -> None:
     assert "Misses 2 targets." in html
-    told = render_report(replace(found, misses=("the only one",)))
-    assert "Misses 1 target." in told
-    assert "the only one" in told
     passed = found.quality.model_copy(update={"moving_passed_share": 1.0})
+    told = render_report(replace(found, quality=passed))
+    assert "Misses 1 target." in told
+    assert "order kept at conflicts: 85.0 %, at least 90.0 % wanted" in told
     assert "Faithful." in render_report(replace(found, quality=passed, closeness=None))
 
 

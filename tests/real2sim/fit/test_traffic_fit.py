@@ -12,9 +12,15 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scripted_actor import ReplayMotion, StandingMotion
-from real2sim.fit import choose_cavs, explain_unusable, explain_unused_cavs, fit_traffic, make_scenario_names
+from real2sim.fit import (
+    Disposition,
+    choose_cavs,
+    explain_unusable,
+    explain_unused_cavs,
+    fit_traffic,
+    make_scenario_names,
+)
 from real2sim.fit.route_path import build_route_path, compute_progress
-from real2sim.fit.traffic_fit import Disposition
 from real2sim.recording import ObjectCategory, RecordedTrack
 
 

@@ -19,9 +19,8 @@ from real2sim.fit.cavs import build_ego
 from real2sim.hd_map import MapLane
 from real2sim.match import LaneMatch, match_track
 from real2sim.network import build_network
-from real2sim.pipeline.cav_selection import vehicle_trajectories
 from real2sim.readers.scenarionet import read_scenarionet
-from real2sim.recording import ObjectCategory, RecordedTrack
+from real2sim.recording import ObjectCategory, RecordedTrack, vehicle_trajectories
 from real2sim.tracks.reconstruct import reconstruct_tracks
 
 SCENE_0757 = SHARED_DATA / "real_logs/scenarionet_nuscenes/sd_nuscenes_scene-0757.pkl"

@@ -18,6 +18,7 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, reexecute
 from mdrive_sumo.scenario.suite import load_suite
 from real2sim.pipeline import batch
+from real2sim.pipeline.quality_file import build_quality_file
 from real2sim.pipeline.scenario_builder import ConversionOptions, build_scenario
 from real2sim.readers.v2xpnp import read_v2xpnp
 from real2sim.recording import Recording
@@ -93,12 +94,11 @@ def test_a_real_log_converts_as_well_through_the_format(name: str, shared_data: 
     """Against the conversion of the same scene as it is: sizes, headings, occlusion and the bare map cost little."""
     truth = as_truth(real(name))
     whole = replace(truth, views=(truth.views[0],))
-    direct = build_scenario(scene(name, whole), tmp_path / "direct", ConversionOptions()).quality
+    direct = build_quality_file(build_scenario(scene(name, whole), tmp_path / "direct", ConversionOptions()).findings)
     write_v2xpnp(truth, tmp_path / name, ObservationNoise(), 0)
     write_vector_map(truth.map, tmp_path / "map.pkl")
-    back = build_scenario(
-        scene(name, read_v2xpnp(tmp_path / name, tmp_path / "map.pkl")), tmp_path / "back", ConversionOptions()
-    ).quality
+    read = scene(name, read_v2xpnp(tmp_path / name, tmp_path / "map.pkl"))
+    back = build_quality_file(build_scenario(read, tmp_path / "back", ConversionOptions()).findings)
     assert back.network.left_hand is direct.network.left_hand
     assert back.network.links_dropped == ()
     assert back.fidelity.duplicates == ()
