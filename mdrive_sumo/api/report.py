@@ -10,13 +10,11 @@ from mdrive_sumo.api.run import Run
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import Table, format_text
 from mdrive_sumo.report.comparison_report.compared_agent import make_compared_agents
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, build_comparison_report
 from mdrive_sumo.report.comparison_report.report_page import render_report_page
 from mdrive_sumo.report.comparison_report.report_runs import load_report_runs
-from mdrive_sumo.report.comparison_report.report_table import ReportTable
-from mdrive_sumo.report.comparison_report.table_text import format_text_rows
 from mdrive_sumo.report.comparison_report.write_comparison_report import write_comparison_report
 from mdrive_sumo.report.replay_page import FRAME_HEIGHT_PX
 
@@ -31,7 +29,7 @@ class RunsReport:
     content: ComparisonReport
 
     @property
-    def tables(self) -> Mapping[str, ReportTable]:
+    def tables(self) -> Mapping[str, Table]:
         """The tables by name: main, buckets, levels, differences, ..."""
         return {table.name: table for table in self.content.tables}
 
@@ -50,7 +48,7 @@ class RunsReport:
         return Path(out)
 
     def __str__(self) -> str:
-        return format_text_table(*format_text_rows(self.tables["main"]))
+        return format_text(self.tables["main"])
 
     def __repr__(self) -> str:
         return f"RunsReport({self.content.title!r}, {len(self.tables)} tables; .save(folder) writes it)"

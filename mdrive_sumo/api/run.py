@@ -9,9 +9,10 @@ from mdrive_sumo.api.episode import Episode, load_episode
 from mdrive_sumo.api.verification import Permission, RunVerification
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import Column, Table, format_text, make_row
 from mdrive_sumo.export.export_run import export_runs
-from mdrive_sumo.report.result_tables import SCORE_HEADER, format_optional, format_scores, format_summary
+from mdrive_sumo.report.result_tables import SCORE_COLUMNS as SHOWN_COLUMNS
+from mdrive_sumo.report.result_tables import format_optional, format_summary, list_scores
 from mdrive_sumo.runs.process_pool import count_available_cores
 from mdrive_sumo.runs.rescore import rescore_run
 from mdrive_sumo.runs.run_results import load_run_results
@@ -49,9 +50,10 @@ class Scores(Sequence[ScenarioResult]):
     results: tuple[ScenarioResult, ...]
 
     def __repr__(self) -> str:
-        header = ("scenario", "seed", *SCORE_HEADER)
-        rows = ((result.id, str(result.seed), *format_scores(result)) for result in self.results)
-        return format_text_table(header, (*rows, ("mean", "", *format_scores(self.mean))))
+        columns = Column("scenario", "scenario"), Column("seed", "seed", decimals=0, undefined="")
+        rows = [make_row((result.id, result.seed, *list_scores(result))) for result in self.results]
+        mean = make_row(("mean", None, *list_scores(self.mean)))
+        return format_text(Table("scores", "Scores", (*columns, *SHOWN_COLUMNS), (*rows, mean)))
 
     def __len__(self) -> int:
         return len(self.results)

@@ -14,7 +14,7 @@ from mdrive_sumo.cli.scenario_option import make_scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.result_tables import format_optional
 from mdrive_sumo.runs.prepared_run import PreparedRun
@@ -98,7 +98,7 @@ def format_ablation_table(found: AblationResult) -> str:
     was = found.recorded
     rows = [("nothing", "0", f"{was.ds:.2f}", "", *_format_success(was), _format_seconds(was.min_ttc), "", "")]
     rows += [_format_cells(was, effect) for effect in found.effects]
-    return f"{was.id}: {was.ticks} ticks\n\n" + format_text_table(HEADER, rows)
+    return f"{was.id}: {was.ticks} ticks\n\n" + format_text(make_text_table(HEADER, rows))
 
 
 def _format_cells(was: ScenarioResult, effect: MuteEffect) -> tuple[str, ...]:

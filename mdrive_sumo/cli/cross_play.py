@@ -9,16 +9,15 @@ from mdrive_sumo.cli.agent_limits_option import agent_limits_option
 from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names, study_options
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.study.cross_play import CrossPlayStudy, summarise_cross_play
 from mdrive_sumo.study.two_agent_files import (
-    STRANGERS_HEADER,
+    build_matrix,
+    build_strangers_table,
     cross_play_csv,
     cross_play_json,
     cross_play_markdown,
-    make_matrix,
-    make_strangers_table,
 )
 from mdrive_sumo.study.two_agent_plots import draw_cross_play
 
@@ -60,8 +59,8 @@ def command(ctx: click.Context, agents: str, **options: Any) -> None:
     }
     pictures = draw_cross_play(summary, about.suite, given.out / "cross-play")
     tables = (
-        format_text_table(STRANGERS_HEADER, make_strangers_table(summary)),
-        format_text_table(*make_matrix(summary)),
+        format_text(build_strangers_table(summary)),
+        format_text(build_matrix(summary)),
     )
     results = (one for row in rows for one in row.results)
     given.end_study(ctx, results, pages, pictures, tables, summary.void)

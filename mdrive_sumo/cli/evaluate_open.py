@@ -14,7 +14,7 @@ from mdrive_sumo.cli.evaluate import evaluate_with_display
 from mdrive_sumo.cli.scenario_option import make_scenario_option
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import WorldError
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.open_loop import (
     LOG,
@@ -153,7 +153,7 @@ def format_open_loop(results: OpenLoopResults) -> str:
     """Return the table that the command prints."""
     rows = [(name, *_format_metrics(found)) for name, found in results.buckets.items()]
     rows.append(("all", *_format_metrics(results.overall)))
-    return format_text_table(("bucket", *COLUMNS.values()), rows)
+    return format_text(make_text_table(("bucket", *COLUMNS.values()), rows))
 
 
 def _format_metrics(metrics: OpenLoopMetrics) -> tuple[str, ...]:

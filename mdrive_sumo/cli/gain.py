@@ -6,9 +6,9 @@ import click
 
 from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.study_options import StudyOptions, study_options
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.study.gain import AGENTS, GainStudy, summarise_gain
-from mdrive_sumo.study.gain_files import GAIN_HEADER, gain_csv, gain_json, gain_markdown, make_gain_table
+from mdrive_sumo.study.gain_files import build_gain_table, gain_csv, gain_json, gain_markdown
 
 
 @click.command("gain")
@@ -32,6 +32,6 @@ def command(ctx: click.Context, **options: Any) -> None:
         "gain.csv": gain_csv(summary),
         "gain.md": gain_markdown(about, rows, summary),
     }
-    table = format_text_table(GAIN_HEADER, make_gain_table(summary))
+    table = format_text(build_gain_table(summary))
     results = (one for row in rows for one in row.results)
     given.end_study(ctx, results, pages, (), [table], summary.void)

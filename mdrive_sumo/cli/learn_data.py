@@ -10,7 +10,7 @@ import click
 
 from mdrive_sumo.cli.finite_range import FiniteRange
 from mdrive_sumo.cli.workers import workers_option
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.learning.collection import collect_dataset
 from mdrive_sumo.learning.collection_settings import EXPERTS, CollectionSettings
@@ -116,7 +116,7 @@ def format_dataset(dataset: DatasetFile) -> str:
         str(sum(one.dropped for one in scenarios)),
         f"{megabytes:.1f}",
     )
-    return format_text_table(header, [row])
+    return format_text(make_text_table(header, [row]))
 
 
 class CollectionDisplay:

@@ -8,7 +8,7 @@ import click
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.output_files import make_parents, write_text
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.runs.evaluate import report_write_errors
 
@@ -46,9 +46,9 @@ def command(system: str, data: tuple[Path, ...], weights: Path | None, out: Path
         (name, *(f"{found[key][metric]:.3f}" for metric in found["plan"]))
         for name, key in ((system, "plan"), ("constant velocity", "constant_velocity"), ("blind", "blackout"))
     ]
-    echo(format_text_table(("plans", *found["plan"]), rows))
+    echo(format_text(make_text_table(("plans", *found["plan"]), rows)))
     kinds = [(name, str(one["samples"]), f"{one['ade_3s_m']:.3f}") for name, one in found["by_kind"].items()]
-    echo("\n" + format_text_table(("the expert", "samples", "ade_3s_m"), kinds))
+    echo("\n" + format_text(make_text_table(("the expert", "samples", "ade_3s_m"), kinds)))
     echo(f"\n{found['samples']} samples; {found['decision_ms']['median']:.1f} ms a decision on one core")
     if out is not None:
         with report_write_errors(out):

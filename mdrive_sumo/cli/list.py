@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from mdrive_sumo.cli.list_plug_ins import list_metrics, list_plug_in_table
 from mdrive_sumo.contract.agent_options import AgentFactory
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.plug_ins import PlugInKind, list_plug_ins
-from mdrive_sumo.core.tables import TableRow, format_text_table
+from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.generate.validation import is_hard_suite
 from mdrive_sumo.open_loop import OPEN_LOOP_FILE
@@ -30,7 +30,7 @@ from mdrive_sumo.sensing.sensor_kinds import derive_sensing_track
 from mdrive_sumo.study.need_certificate import NeedCertificate, load_need
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificate, load_certificates
 
-STATISTICS_HEADER: TableRow = ("scenarios", "CAVs", "mean CAVs", "route [m]", "heading change [deg]", "background")
+STATISTICS_HEADER: Sequence[str] = ("scenarios", "CAVs", "mean CAVs", "route [m]", "heading change [deg]", "background")
 
 
 def _list_suites(_: str) -> str:
@@ -41,7 +41,7 @@ def _format_suite(suite: Suite) -> str:
     rows = [(suite.name, *_format_statistics(compute_suite_statistics(suite.scenarios)))]
     if suite.name in PAPER:
         rows.append(("in the paper", *_format_statistics(PAPER[suite.name])))
-    tables = format_text_table(("suite", *STATISTICS_HEADER), rows)
+    tables = format_text(make_text_table(("suite", *STATISTICS_HEADER), rows))
     parts = [suite.about.title, "", tables, ""]
     if suite.about.parts:
         return "\n".join((*parts, f"parts: {', '.join(suite.about.parts)}"))
@@ -50,16 +50,16 @@ def _format_suite(suite: Suite) -> str:
 
 def _format_categories(suite: Suite) -> str:
     """Return the means of every category, with the paper's where it has a table of them."""
-    rows: list[TableRow] = []
+    rows: list[Sequence[str]] = []
     for name in dict.fromkeys(scenario.category for scenario in suite.scenarios):
         found = compute_suite_statistics([scenario for scenario in suite.scenarios if scenario.category == name])
         rows.append((name, *_format_statistics(found)))
         if name in set(Category) and (paper := FIGURES.get(Category(name))) is not None:
             rows.append(("  in the paper", str(paper.count), "", *(f"{mean:.2f}" for mean in paper.means)))
-    return format_text_table(("category", *STATISTICS_HEADER), rows)
+    return format_text(make_text_table(("category", *STATISTICS_HEADER), rows))
 
 
-def _format_statistics(found: SuiteStatistics) -> TableRow:
+def _format_statistics(found: SuiteStatistics) -> Sequence[str]:
     means = (found.mean_cavs, found.mean_route_m, found.mean_heading_change_deg, found.mean_actors)
     return (str(found.scenarios), str(found.cavs), *(f"{mean:.2f}" for mean in means))
 
@@ -90,7 +90,7 @@ def _list_scenarios(suite: str, occluded: bool | None = None) -> str:
         "known to",
     )
     rows = [(*_make_scenario_row(scenario), *_format_occlusion(certificates.get(scenario.id))) for scenario in chosen]
-    return format_text_table(header, rows) + f"\n\n{OCCLUSION_LEGEND if certificates else NO_CERTIFICATES}"
+    return format_text(make_text_table(header, rows)) + f"\n\n{OCCLUSION_LEGEND if certificates else NO_CERTIFICATES}"
 
 
 def _list_hard_scenarios(suite: Suite, occluded: bool | None) -> str:
@@ -104,21 +104,21 @@ def _list_hard_scenarios(suite: Suite, occluded: bool | None) -> str:
     rows = [(*_make_scenario_row(scenario), *_format_need(need.get(scenario.id))) for scenario in suite.scenarios]
     holding = sum(one.holds for one in need.values())
     legend = f"{NEED_LEGEND}\n{holding} of {len(suite)} hold" if need else NO_CERTIFICATES
-    return format_text_table(header, rows) + f"\n\n{legend}"
+    return format_text(make_text_table(header, rows)) + f"\n\n{legend}"
 
 
-def _format_need(certificate: NeedCertificate | None) -> TableRow:
+def _format_need(certificate: NeedCertificate | None) -> Sequence[str]:
     if certificate is None:
         return ("?", "?")
     return ("yes", f"{certificate.lead_s:.1f}") if certificate.holds else ("-", "-")
 
 
-def _make_scenario_row(scenario: Scenario) -> TableRow:
+def _make_scenario_row(scenario: Scenario) -> Sequence[str]:
     _, cavs, _, *rest = _format_statistics(compute_suite_statistics((scenario,)))
     return (scenario.id, scenario.category, scenario.network, cavs, *rest)
 
 
-def _format_occlusion(certificate: OcclusionCertificate | None) -> TableRow:
+def _format_occlusion(certificate: OcclusionCertificate | None) -> Sequence[str]:
     if certificate is None:
         return ("?", "?")
     if not certificate.occluded:
@@ -147,7 +147,7 @@ def _list_agents(_: str) -> str:
         for name, factory in AGENTS.items()
     ]
     rows += [(name, "", f"of {one.package} {one.version}") for name, one in list_plug_ins(PlugInKind.AGENTS).items()]
-    return format_text_table(("agent", "track", "what it does"), rows) + f"\n\n{TRACK_LEGEND}"
+    return format_text(make_text_table(("agent", "track", "what it does"), rows)) + f"\n\n{TRACK_LEGEND}"
 
 
 def _find_builtin_track(factory: AgentFactory) -> str:
@@ -160,17 +160,17 @@ def _find_builtin_track(factory: AgentFactory) -> str:
     return ""
 
 
-RUNS_HEADER: TableRow = ("run", "suite", "agent", "seeds", "episodes", "DS", "SR", "state")
+RUNS_HEADER: Sequence[str] = ("run", "suite", "agent", "seeds", "episodes", "DS", "SR", "state")
 
 
 def _list_runs(folder: Path) -> str:
     rows = [_make_run_row(run) for run in list_runs(folder)]
     if not rows:
         return f"no runs below {folder}; `mdrive-sumo eval` makes one, `mdrive-sumo list runs DIR` looks elsewhere"
-    return format_text_table(RUNS_HEADER, rows)
+    return format_text(make_text_table(RUNS_HEADER, rows))
 
 
-def _make_run_row(run: ListedRun) -> TableRow:
+def _make_run_row(run: ListedRun) -> Sequence[str]:
     name = str(run.folder)
     if run.problem:
         return (name, *("?",) * (len(RUNS_HEADER) - 2), f"unreadable: {run.problem}")

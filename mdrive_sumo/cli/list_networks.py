@@ -1,10 +1,10 @@
 """`mdrive-sumo list networks`."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.tables import TableRow, format_text_table
+from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.roads import list_packaged_networks, load_road_map
 from mdrive_sumo.roads.network_file import NETWORK_FILE, read_network_file
 
@@ -27,10 +27,10 @@ def list_networks_of(folder: Path) -> str:
 
 def _format_networks(folders: Mapping[str, Path]) -> str:
     rows = _make_network_rows(folders)
-    return format_text_table(("network", "lanes", "buildings", "stop signs", "description"), rows)
+    return format_text(make_text_table(("network", "lanes", "buildings", "stop signs", "description"), rows))
 
 
-def _make_network_rows(folders: Mapping[str, Path]) -> Iterator[TableRow]:
+def _make_network_rows(folders: Mapping[str, Path]) -> Iterator[Sequence[str]]:
     for name, folder in folders.items():
         roads, about = load_road_map(folder), read_network_file(folder)
         signs = "unknown" if roads.stop_signs is None else str(len(roads.stop_signs))

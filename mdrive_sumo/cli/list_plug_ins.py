@@ -1,7 +1,7 @@
 """`mdrive-sumo list metrics` and `list plug-ins`."""
 
 from mdrive_sumo.core.plug_ins import PREFIX, SHORT_CHECKSUM, PlugIn, PlugInKind, list_plug_ins
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.scoring.metrics import METRICS, InfractionMetric
 from mdrive_sumo.scoring.metrics.registry import load_metric_plug_ins
 
@@ -13,7 +13,7 @@ def list_metrics(_: str) -> str:
         for metrics, origin in ((METRICS, "built in"), (load_metric_plug_ins(), "plug-in"))
         for metric in metrics
     ]
-    return format_text_table(("metric", "kind", "from"), rows)
+    return format_text(make_text_table(("metric", "kind", "from"), rows))
 
 
 def list_plug_in_table(_: str) -> str:
@@ -33,7 +33,7 @@ def list_plug_in_table(_: str) -> str:
     if not rows:
         groups = ", ".join(f"{PREFIX}{kind}" for kind in PlugInKind)
         return f"no plug-ins are installed; their entry points are in the groups {groups}"
-    return format_text_table(("kind", "name", "package", "version", "checksum", "object"), rows)
+    return format_text(make_text_table(("kind", "name", "package", "version", "checksum", "object"), rows))
 
 
 def _shorten_checksum(plug_in: PlugIn) -> str:

@@ -15,11 +15,10 @@ from mdrive_sumo.cli.study_options import parse_agent_names
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_command
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.open_loop import OpenLoopResults
 from mdrive_sumo.report.comparison_report.score_tables import build_main_table
-from mdrive_sumo.report.comparison_report.table_text import format_text_rows
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare, prepare_with_suite
 from mdrive_sumo.runs.run_config import RunConfig
@@ -67,7 +66,7 @@ def command(ctx: click.Context, **options: object) -> None:
     numbers = compute_paper_numbers(prepared.study, rows)
     request = PaperRequest(hide_command(("mdrive-sumo", *sys.argv[1:]), given.out), prepared.left_out)
     pages = write_paper(given.out, numbers, request, prepared.about)
-    echo(format_text_table(*format_text_rows(build_main_table(numbers.compared))))
+    echo(format_text(build_main_table(numbers.compared)))
     echo("\n" + "\n".join(map(str, pages)))
     failed = warn_about_failures(numbers.runs, given.out)
     failed = _warn_about_open_failures(numbers.open, given.out) or failed

@@ -8,12 +8,11 @@ from mdrive_sumo.cli.agent_limits_option import agent_limits_option
 from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names, study_options
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.runs.other_agents import SINGLE
 from mdrive_sumo.study.penetration import LEVELS, PenetrationStudy, summarise_penetration
 from mdrive_sumo.study.two_agent_files import (
-    PENETRATION_HEADER,
-    make_penetration_table,
+    build_penetration_table,
     penetration_csv,
     penetration_json,
     penetration_markdown,
@@ -69,7 +68,7 @@ def command(ctx: click.Context, agents: str, others: str, levels: str, **options
         "penetration.md": penetration_markdown(about, rows, summary),
     }
     pictures = draw_penetration(summary, about.suite, given.out / "penetration")
-    table = format_text_table(PENETRATION_HEADER, make_penetration_table(summary))
+    table = format_text(build_penetration_table(summary))
     results = (one for row in rows for one in row.results)
     given.end_study(ctx, results, pages, pictures, [table], summary.void)
 

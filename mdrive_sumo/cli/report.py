@@ -9,12 +9,11 @@ from mdrive_sumo.cli.replay_bar import write_run_replays
 from mdrive_sumo.core.atomic_folder import check_new_folder
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_command
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.comparison_report.compared_agent import make_compared_agents
 from mdrive_sumo.report.comparison_report.comparison_report import build_comparison_report
 from mdrive_sumo.report.comparison_report.report_runs import load_report_runs
-from mdrive_sumo.report.comparison_report.table_text import format_text_rows
 from mdrive_sumo.report.comparison_report.write_comparison_report import write_comparison_report
 from mdrive_sumo.report.run_page.replay_files import ReplaySelection
 from mdrive_sumo.runs.stored_run import load_viewed_run
@@ -55,7 +54,7 @@ def command(
     report = build_comparison_report(agents, baseline=baseline, with_published=with_published, command=command_line)
     _write_replays(runs, ReplaySelection(replays), suite)
     files = write_comparison_report(report, out)
-    echo(format_text_table(*format_text_rows(report.tables[0])))
+    echo(format_text(report.tables[0]))
     echo("\n" + "\n".join((*(f"note: {warning}" for warning in report.warnings), *map(str, files))))
 
 

@@ -19,7 +19,7 @@ from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names
 from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.run_config import ConfigValue, load_agent_config
 from mdrive_sumo.study.conditions import (
@@ -33,7 +33,7 @@ from mdrive_sumo.study.conditions import (
     parse_pose_levels,
 )
 from mdrive_sumo.study.plots import draw_curves, make_curves
-from mdrive_sumo.study.study_files import study_json, study_markdown, table_of
+from mdrive_sumo.study.study_files import build_study_table, study_json, study_markdown
 from mdrive_sumo.study.study_runs import BEST, Study
 from mdrive_sumo.study.study_summary import StudyLine, summarise_rows
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
@@ -99,7 +99,7 @@ def comm_command(ctx: click.Context, **options: object) -> None:
         "study.json": study_json(about, lines),
         "study.md": study_markdown(about, lines, [path for path in pictures if path.suffix == ".png"]),
     }
-    table = format_text_table(*table_of(lines, brief=True))
+    table = format_text(build_study_table(lines, brief=True))
     results = (one for row in rows if not row.reused for one in row.results)
     given.end_study(ctx, results, pages, pictures, [table], sum(line.void for line in lines))
 

@@ -59,8 +59,6 @@ class Verdict(StrEnum):
     TOO_FEW = "too few scenarios"
 
 
-TOO_FEW = "too few"
-"""What stands where the bounds of an interval would, over too few units."""
 TOO_FEW_NOTE = f"Fewer than {MIN_UNITS} scenarios are too few for an interval, and for a verdict."
 """What a table that may have to leave out intervals says about it."""
 

@@ -18,7 +18,7 @@ from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX, find_carla_file
 from mdrive_sumo.agent_process.carla_stubs import MODULES
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor
@@ -191,4 +191,4 @@ def _examine_sensor(sensor: SensorSpec) -> AgentFinding:
 def format_agent_table(findings: Iterable[AgentFinding]) -> str:
     """Return the findings as a table for the terminal."""
     rows = [(one.what, "yes" if one.is_found else "NO", one.detail) for one in findings]
-    return format_text_table(("agent", "here", "detail"), rows)
+    return format_text(make_text_table(("agent", "here", "detail"), rows))

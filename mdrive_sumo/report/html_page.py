@@ -3,12 +3,14 @@
 import base64
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.resources import files
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mdrive_sumo.core.clean_text import clean_for_page
+from mdrive_sumo.core.tables import Cell, Column, format_cell, format_cell_interval
 
 PAGE_TEMPLATES = Environment(
     loader=PackageLoader("mdrive_sumo.report", "static"),
@@ -18,6 +20,20 @@ PAGE_TEMPLATES = Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
+
+
+def _format_value(cell: Cell, column: Column) -> str:
+    """Return a cell's text without its interval, which a page shows smaller."""
+    return format_cell(replace(cell, interval=None), column)
+
+
+_TABLE_FUNCTIONS: dict[str, Any] = {
+    "format_cell": format_cell,
+    "format_value": _format_value,
+    "format_cell_interval": format_cell_interval,
+}
+"""What `table.html` shows tables of `core.tables` with."""
+PAGE_TEMPLATES.globals.update(_TABLE_FUNCTIONS)
 
 
 def render_html_page(

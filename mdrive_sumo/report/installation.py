@@ -13,7 +13,7 @@ from pathlib import Path
 from mdrive_sumo.agent_process.sandbox import GAPS, OWN_KERNEL, SHARED_KERNEL, KernelTrial, SandboxLayer
 from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.posix import REMEDY, is_posix
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.core.version import __version__
 
 SIMULATOR_CHECK = "import libsumo; libsumo.getVersion()"
@@ -160,7 +160,7 @@ def format_installation_table(checks: Iterable[InstallationCheck]) -> str:
     missing = [check for check in checks if not check.is_found]
     return "\n".join(
         (
-            format_text_table(("what", "found", "needed for"), rows),
+            format_text(make_text_table(("what", "found", "needed for"), rows)),
             "",
             *(f"missing for {check.needed_for}: {check.name} ({check.remedy})" for check in missing),
             *(() if missing else ("Nothing is missing.",)),
@@ -180,7 +180,7 @@ def format_sandbox_table(layers: Iterable[SandboxLayer], backend: str, trial: Ke
         (
             *_describe_default(backend, trial),
             "",
-            format_text_table(("layer", "here", "how"), rows),
+            format_text(make_text_table(("layer", "here", "how"), rows)),
             "",
             f"The backend {backend} does not protect from:",
             *(f"  - {gap}" for gap in GAPS[backend]),

@@ -5,7 +5,7 @@ from itertools import zip_longest
 
 from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.tree_difference import ABSENT
-from mdrive_sumo.report.result_tables import CAPTURED_HEADER
+from mdrive_sumo.report.result_tables import CAPTURED_COLUMN
 from mdrive_sumo.report.run_report import build_run_report
 from mdrive_sumo.scoring import Results
 
@@ -16,7 +16,7 @@ MAX_CHARACTERS = 160
 
 def has_captured_cooperation(text: str) -> bool:
     """Return whether a report has the columns of `--captured`, which depend on other runs."""
-    return CAPTURED_HEADER in text
+    return CAPTURED_COLUMN.label in text
 
 
 def find_report_differences(expected: Results, text: str) -> Iterator[str]:
@@ -36,7 +36,7 @@ def _list_figures(text: str) -> Sequence[tuple[int, str]]:
     lines: list[tuple[int, str]] = []
     is_captured = False
     for number, line in enumerate(text.splitlines(), start=1):
-        is_captured = CAPTURED_HEADER in line or (is_captured and line.startswith("|"))
+        is_captured = CAPTURED_COLUMN.label in line or (is_captured and line.startswith("|"))
         if line.startswith(FIGURE_MARKS):
             lines.append((number, line.rsplit("|", 2)[0].rstrip() + " |" if is_captured else line))
     return lines

@@ -1,21 +1,42 @@
-"""Tables of a run's results for the terminal, about 100 columns wide at most."""
+"""Tables of a run's results, and its summary for the terminal, about 100 columns wide at most."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from mdrive_sumo.core.clean_text import clean_line
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE, format_interval_cells
-from mdrive_sumo.core.tables import TableRow, format_text_table
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE, ConfidenceInterval
+from mdrive_sumo.core.tables import CellValue, Column, Table, format_text, make_row, make_text_columns
 from mdrive_sumo.scoring import Means, Results, RunInfo, ScenarioResult, compute_mean_intervals
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation
 from mdrive_sumo.scoring.summary import count_scenarios
 
-SCORE_HEADER: TableRow = ("DS", "SR", "efficient SR", "time ratio", "RC", "IP")
-INTERVAL_HEADER: TableRow = ("mean over seeds", "DS", "95 % from", "to", "SR", "95 % from", "to")
-ROLE_HEADER: TableRow = ("agent", "role", "CAVs", "DS", "SR", "time ratio")
-TIMED_HEADER = "timed"
-"""Scenarios over which the time ratio is a mean."""
-CAPTURED_HEADER = "captured [%]"
+SCORE_COLUMNS = (
+    Column("ds", "DS"),
+    Column("sr", "SR"),
+    Column("efficient_sr", "efficient SR"),
+    Column("time_ratio", "time ratio"),
+    Column("rc", "RC"),
+    Column("ip", "IP", decimals=3),
+)
+"""DS, SR, efficient SR and RC are percentages, time ratio and IP factors."""
+SCENARIOS_COLUMN = Column("scenarios", "scenarios", decimals=0)
+TIMED_COLUMN = Column("timed", "timed", decimals=0)
+"""Number of scenarios over which the time ratio is a mean."""
+CAPTURED_COLUMN = Column("captured", "captured [%]", decimals=1, undefined="")
+INTERVAL_COLUMNS = (
+    Column("group", "mean over seeds"),
+    *(
+        Column(f"{key}{end}", label)
+        for key, name in (("ds", "DS"), ("sr", "SR"))
+        for end, label in (("", name), ("_low", "95 % from"), ("_high", "to"))
+    ),
+)
+ROLE_COLUMNS = (
+    *make_text_columns({"agent": "agent", "role": "role"}),
+    Column("cavs", "CAVs", decimals=0),
+    *SCORE_COLUMNS[:2],
+    SCORE_COLUMNS[3],
+)
 COLLISION_PREFIX = "collision-"
 SLOW_IMPACT, FAST_IMPACT = 1.0, 5.0
 """Impact speeds [m/s] that separate the classes of severity (issue G): a touch at walking pace, and what injures."""
@@ -23,15 +44,19 @@ UNKNOWN_SPEED = "unknown"
 SEVERITIES = ("below 1 m/s", "1 to 5 m/s", "above 5 m/s", UNKNOWN_SPEED)
 
 
-def format_captured(value: float | None) -> str:
-    """Return a share as percent; "" for None."""
-    return "" if value is None else f"{100 * value:.1f}"
+def list_scores(means: Means | ScenarioResult) -> tuple[CellValue, ...]:
+    """Return the values below `SCORE_COLUMNS`."""
+    return tuple(getattr(means, column.key) for column in SCORE_COLUMNS)
 
 
-def format_scores(means: Means | ScenarioResult) -> TableRow:
-    """Return the cells below `SCORE_HEADER`: DS, SR, efficient SR and RC in percent, time ratio and IP as factors."""
-    times = (format_optional(means.efficient_sr), format_optional(means.time_ratio))
-    return (f"{means.ds:.2f}", f"{means.sr:.2f}", *times, f"{means.rc:.2f}", f"{means.ip:.3f}")
+def list_bounds(interval: ConfidenceInterval | None) -> tuple[CellValue, ...]:
+    """Return mean, lower and upper bound of an interval as values of three columns."""
+    return (None,) * 3 if interval is None else (interval.mean, interval.low, interval.high)
+
+
+def list_percent(shares: Iterable[float | None]) -> list[float | None]:
+    """Return shares in percent."""
+    return [None if share is None else 100 * share for share in shares]
 
 
 def format_optional(value: float | None) -> str:
@@ -61,12 +86,11 @@ def list_void(results: Results) -> list[ScenarioResult]:
     return [result for result in results.scenarios if result.status == "void"]
 
 
-def build_interval_rows(results: Results) -> list[TableRow]:
-    """Return the rows below `INTERVAL_HEADER` of a run of several seeds; none for a run of one."""
-    if len(results.run.all_seeds) == 1:
-        return []
-    found = compute_mean_intervals(results)
-    return [(one.group, *format_interval_cells(one.ds), *format_interval_cells(one.sr)) for one in found]
+def build_interval_table(results: Results) -> Table:
+    """Return the means of a run of several seeds with their bounds; without rows for a run of one."""
+    groups = compute_mean_intervals(results) if len(results.run.all_seeds) > 1 else ()
+    rows = [make_row((means.group, *list_bounds(means.ds), *list_bounds(means.sr))) for means in groups]
+    return Table("intervals", "Means over seeds", INTERVAL_COLUMNS, tuple(rows))
 
 
 def describe_partial(results: Results) -> str:
@@ -92,17 +116,16 @@ def describe_sensing_track(run: RunInfo) -> str:
     return f"{run.sensing_track} track" if run.sensing_track else "-"
 
 
-def build_role_rows(results: Results) -> list[TableRow]:
-    """Return the rows below `ROLE_HEADER` of a run of two agents; none for a run of one."""
-    roles = results.overall.roles
-    if roles is None:
-        return []
-    found = ((results.run.agent, "under test", roles.tested), (results.run.others, "other", roles.others))
-    return [
-        (name, role, str(one.cavs), f"{one.ds:.2f}", f"{one.sr:.2f}", format_optional(one.time_ratio))
-        for name, role, one in found
-        if one is not None
+def build_role_table(results: Results) -> Table:
+    """Return the scores of each agent of a run of two; without rows for a run of one."""
+    roles, run = results.overall.roles, results.run
+    parts = () if roles is None else ((run.agent, "under test", roles.tested), (run.others, "other", roles.others))
+    rows = [
+        make_row((agent, role, means.cavs, means.ds, means.sr, means.time_ratio))
+        for agent, role, means in parts
+        if means is not None
     ]
+    return Table("roles", "Scores by agent", ROLE_COLUMNS, tuple(rows), left=1)
 
 
 def count_outcomes(results: Results) -> Counter[str]:
@@ -167,23 +190,30 @@ def _sorted(names: Iterable[str]) -> Counter[str]:
     return Counter(dict(sorted(counts.items(), key=lambda item: (-item[1], item[0]))))
 
 
-def build_score_rows(results: Results, captured: CapturedCooperation | None = None) -> tuple[TableRow, list[TableRow]]:
-    """Return header and rows: the buckets, then both overall means; with captured cooperation if given."""
+def build_score_table(results: Results, captured: CapturedCooperation | None = None) -> Table:
+    """Return the scores of the buckets, then both overall means; with captured cooperation if given."""
     overall = results.overall
-    rows: list[TableRow] = [
-        (name, str(bucket.scenarios), *format_scores(bucket), str(bucket.timed))
-        for name, bucket in results.buckets.items()
+    groups: list[tuple[str, float, Means, float]] = [
+        (name, bucket.scenarios, bucket, bucket.timed) for name, bucket in results.buckets.items()
     ]
-    timed = str(overall.timed)
-    rows.append(("bucket mean", str(len(results.buckets)), *format_scores(overall.bucket_mean), timed))
-    rows.append(
-        ("scenario mean", str(count_scenarios(results.scenarios)), *format_scores(overall.scenario_mean), timed)
-    )
-    header: TableRow = ("bucket", "scenarios", *SCORE_HEADER, TIMED_HEADER)
-    if captured is None:
-        return header, rows
-    shares = (*(captured.buckets.get(name) for name in results.buckets), captured.bucket_mean, captured.scenario_mean)
-    return (*header, CAPTURED_HEADER), [(*row, format_captured(share)) for row, share in zip(rows, shares, strict=True)]
+    groups.append(("bucket mean", len(results.buckets), overall.bucket_mean, overall.timed))
+    groups.append(("scenario mean", count_scenarios(results.scenarios), overall.scenario_mean, overall.timed))
+    shares = [] if captured is None else [captured.buckets.get(name) for name in results.buckets]
+    shares += [] if captured is None else [captured.bucket_mean, captured.scenario_mean]
+    rows = [(name, scenarios, *list_scores(means), timed) for name, scenarios, means, timed in groups]
+    return make_score_table("bucket", rows, shares)
+
+
+def make_score_table(group: str, rows: Sequence[Sequence[CellValue]], captured: Sequence[float | None] = ()) -> Table:
+    """Return a table of scores by group from rows of name, scenarios, scores and timed scenarios.
+
+    captured: the share of captured cooperation of each row, if there is one.
+    """
+    columns = (Column("group", group), SCENARIOS_COLUMN, *SCORE_COLUMNS, TIMED_COLUMN)
+    if not captured:
+        return Table("scores", "Scores", columns, tuple(map(make_row, rows)))
+    whole = [make_row((*row, share)) for row, share in zip(rows, list_percent(captured), strict=True)]
+    return Table("scores", "Scores", (*columns, CAPTURED_COLUMN), tuple(whole))
 
 
 def format_summary(results: Results, captured: CapturedCooperation | None = None) -> str:
@@ -203,10 +233,10 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
         (
             clean_line(f"suite {run.suite}, agent {describe_agent(results)}, {describe_seeds(run)}, {mode}"),
             "",
-            format_text_table(*build_score_rows(results, captured)),
+            format_text(build_score_table(results, captured)),
             "",
-            *_format_intervals(build_interval_rows(results)),
-            *((format_text_table(ROLE_HEADER, rows), "") if (rows := build_role_rows(results)) else ()),
+            *_format_intervals(build_interval_table(results)),
+            *((format_text(roles), "") if (roles := build_role_table(results)).rows else ()),
             *(f"{name:<13}{value}" for name, value in facts),
             *(
                 f"  {name_episode(run, s)}: {' '.join(s.reason.split())}"
@@ -217,12 +247,12 @@ def format_summary(results: Results, captured: CapturedCooperation | None = None
     )
 
 
-def _format_intervals(rows: list[TableRow]) -> list[str]:
+def _format_intervals(table: Table) -> list[str]:
     """Return the lines of the table of intervals; none without rows."""
-    if not rows:
+    if not table.rows:
         return []
-    note = [TOO_FEW_NOTE] if any("-" in row for row in rows) else []
-    return [format_text_table(INTERVAL_HEADER, rows), *note, ""]
+    note = [TOO_FEW_NOTE] if any(cell.value is None for row in table.rows for cell in row.cells) else []
+    return [format_text(table), *note, ""]
 
 
 def _listed(counts: Mapping[str, int]) -> str:

@@ -1,31 +1,31 @@
 """`report.md`: the results of a run as a Markdown page."""
 
 import shlex
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from mdrive_sumo.core.clean_text import clean_for_markdown, format_markdown_code
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.statistics import TOO_FEW_NOTE
-from mdrive_sumo.core.tables import TableRow, format_markdown_table
+from mdrive_sumo.core.tables import Cell, Column, Table, format_markdown, make_row, make_text_columns
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import (
-    CAPTURED_HEADER,
-    INTERVAL_HEADER,
-    ROLE_HEADER,
-    SCORE_HEADER,
-    TIMED_HEADER,
-    build_interval_rows,
-    build_role_rows,
-    build_score_rows,
+    CAPTURED_COLUMN,
+    SCENARIOS_COLUMN,
+    SCORE_COLUMNS,
+    TIMED_COLUMN,
+    build_interval_table,
+    build_role_table,
+    build_score_table,
     count_collisions_by_severity,
     count_infractions,
     count_notes,
     count_outcomes,
     describe_agent,
     describe_missing_reference,
-    format_captured,
-    format_scores,
+    list_percent,
+    list_scores,
     name_episode,
 )
 from mdrive_sumo.runs.evaluate import report_write_errors
@@ -76,20 +76,20 @@ def build_run_report(results: Results, captured: CapturedCooperation | None = No
         CAPTURED if captured else "",
         _reference_note(results),
         "## Scores",
-        _score_table(results, captured),
-        _interval_table(results),
-        _role_table(results),
-        *(("## Beside the score", BESIDE, _scalar_table(results)) if results.overall.scalars else ()),
+        _format_means(build_score_table(results, captured)),
+        _format_noted(build_interval_table(results), INTERVALS),
+        _format_noted(build_role_table(results), ROLES),
+        *(("## Beside the score", BESIDE, _format_means(_scalar_table(results))) if results.overall.scalars else ()),
         "## How it ended",
-        _counts("outcome", "CAVs", count_outcomes(results).items()),
-        _counts("infraction", "times", count_infractions(results).items()),
-        _counts("impact speed", "collisions", count_collisions_by_severity(results).items(), "No collisions."),
-        *((_counts("note", "times", count_notes(results).items()),) if count_notes(results) else ()),
+        _counts("outcome", "CAVs", count_outcomes(results)),
+        _counts("infraction", "times", count_infractions(results)),
+        _counts("impact speed", "collisions", count_collisions_by_severity(results), "No collisions."),
+        *((_counts("note", "times", count_notes(results)),) if count_notes(results) else ()),
         _void_list(results),
         "## Categories",
-        _category_table(results, captured),
+        format_markdown(_category_table(results, captured)),
         "## Scenarios",
-        _scenario_table(results),
+        format_markdown(_scenario_table(results)),
         "## Look closer",
         _commands(),
     )
@@ -124,32 +124,36 @@ def _reference_note(results: Results) -> str:
     return f"{text} {missing}." if missing else ""
 
 
-def _score_table(results: Results, captured: CapturedCooperation | None) -> str:
-    header, rows = build_score_rows(results, captured)
-    return format_markdown_table(header, [(f"**{row[0]}**" if row[0] in MEANS else row[0], *row[1:]) for row in rows])
+def _format_means(table: Table) -> str:
+    """Return a table whose overall means are bold."""
+    rows = [
+        replace(row, cells=(Cell(f"**{row.cells[0].value}**"), *row.cells[1:])) if row.cells[0].value in MEANS else row
+        for row in table.rows
+    ]
+    return format_markdown(replace(table, rows=tuple(rows)))
 
 
-def _scalar_table(results: Results) -> str:
+def _scalar_table(results: Results) -> Table:
     metrics = [metric for metric in list_scalar_metrics() if metric.name in results.overall.scalars]
-    groups = {name: bucket.scalars for name, bucket in results.buckets.items()}
-    groups["**scenario mean**"] = results.overall.scalars
-    rows = [(name, *(_format_scalar(found.get(m.name), m) for m in metrics)) for name, found in groups.items()]
-    return format_markdown_table(("bucket", *(metric.label for metric in metrics)), rows)
+    means = {name: bucket.scalars for name, bucket in results.buckets.items()} | {MEANS[1]: results.overall.scalars}
+    columns = (Column("bucket", "bucket"), *_make_scalar_columns(metrics))
+    rows = [make_row((name, *(scalars.get(one.name) for one in metrics))) for name, scalars in means.items()]
+    return Table("scalars", "Beside the score", columns, tuple(rows))
 
 
-def _interval_table(results: Results) -> str:
-    rows = build_interval_rows(results)
-    return f"{INTERVALS}\n\n{format_markdown_table(INTERVAL_HEADER, rows)}" if rows else ""
+def _make_scalar_columns(metrics: Iterable[ScalarMetric]) -> list[Column]:
+    return [Column(metric.name, metric.label, decimals=metric.decimals) for metric in metrics]
 
 
-def _role_table(results: Results) -> str:
-    rows = build_role_rows(results)
-    return f"{ROLES}\n\n{format_markdown_table(ROLE_HEADER, rows)}" if rows else ""
+def _format_noted(table: Table, note: str) -> str:
+    """Return a table below its note; "" without rows."""
+    return f"{note}\n\n{format_markdown(table)}" if table.rows else ""
 
 
-def _counts(name: str, unit: str, counts: Iterable[tuple[str, int]], empty: str = "") -> str:
-    rows = [(kind, str(count)) for kind, count in counts]
-    return format_markdown_table((name, unit), rows) if rows else empty or f"No {name}s."
+def _counts(name: str, unit: str, counts: Mapping[str, int], empty: str = "") -> str:
+    rows = tuple(make_row((kind, count)) for kind, count in counts.items())
+    columns = Column(name, name), Column(unit, unit, decimals=0)
+    return format_markdown(Table(name, name, columns, rows)) if rows else empty or f"No {name}s."
 
 
 def _void_list(results: Results) -> str:
@@ -160,44 +164,44 @@ def _void_list(results: Results) -> str:
     )
 
 
-def _category_table(results: Results, captured: CapturedCooperation | None) -> str:
-    groups = compute_category_group_means(results.scenarios, ScoreMode(results.run.score_mode))
-    rows: list[TableRow] = [
-        (name, str(group.scenarios), *format_scores(group), str(group.timed), f"{compute_harmonic_mean(group):.2f}")
-        for name, group in (compute_category_means(results.scenarios) | groups).items()
-    ]
-    header: TableRow = ("category", "scenarios", *SCORE_HEADER, TIMED_HEADER, "H")
-    if captured is None:
-        return format_markdown_table(header, rows)
-    shares = captured.categories
-    return format_markdown_table(
-        (*header, CAPTURED_HEADER), [(*row, format_captured(shares.get(row[0]))) for row in rows]
-    )
-
-
-def _scenario_table(results: Results) -> str:
-    metrics = list_scalar_metrics()
+def _category_table(results: Results, captured: CapturedCooperation | None) -> Table:
+    means = compute_category_means(results.scenarios)
+    means |= compute_category_group_means(results.scenarios, ScoreMode(results.run.score_mode))
+    columns = (Column("category", "category"), SCENARIOS_COLUMN, *SCORE_COLUMNS, TIMED_COLUMN, Column("h", "H"))
     rows = [
-        (
-            name_episode(results.run, s),
-            s.category,
-            *format_scores(s),
-            *_format_scalars(s, metrics),
-            str(s.ticks),
-            _endings(s),
-        )
-        for s in results.scenarios
+        (name, group.scenarios, *list_scores(group), group.timed, compute_harmonic_mean(group))
+        for name, group in means.items()
     ]
-    header = ("scenario", "category", *SCORE_HEADER, *(metric.label for metric in metrics), "ticks", "CAVs")
-    return format_markdown_table(header, rows, left=2)
+    if captured is not None:
+        columns = (*columns, CAPTURED_COLUMN)
+        shares = list_percent(captured.categories.get(name) for name in means)
+        rows = [(*row, share) for row, share in zip(rows, shares, strict=True)]
+    return Table("categories", "Categories", columns, tuple(map(make_row, rows)))
 
 
-def _format_scalars(scenario: ScenarioResult, metrics: tuple[ScalarMetric, ...]) -> list[str]:
-    return [_format_scalar(scenario.find_scalar(metric.name), metric) for metric in metrics]
-
-
-def _format_scalar(value: float | None, metric: ScalarMetric) -> str:
-    return "-" if value is None else f"{value:.{metric.decimals}f}"
+def _scenario_table(results: Results) -> Table:
+    metrics = list_scalar_metrics()
+    columns = (
+        *make_text_columns({"scenario": "scenario", "category": "category"}),
+        *SCORE_COLUMNS,
+        *_make_scalar_columns(metrics),
+        Column("ticks", "ticks", decimals=0),
+        Column("cavs", "CAVs"),
+    )
+    rows = [
+        make_row(
+            (
+                name_episode(results.run, scenario),
+                scenario.category,
+                *list_scores(scenario),
+                *(scenario.find_scalar(metric.name) for metric in metrics),
+                scenario.ticks,
+                _endings(scenario),
+            )
+        )
+        for scenario in results.scenarios
+    ]
+    return Table("scenarios", "Scenarios", columns, tuple(rows), left=2)
 
 
 def _endings(scenario: ScenarioResult) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from mdrive_sumo.core.data_frame import build_data_frame
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean, describe_too_few, format_interval_cells
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.runs.setting_differences import SettingDifference, find_setting_differences
 from mdrive_sumo.scoring import Results, RunInfo, ScenarioResult
 from mdrive_sumo.scoring.summary import compute_means
@@ -194,14 +194,16 @@ def _list_seeds(results: Results) -> str:
 def comparison_table(comparison: RunComparison) -> str:
     """Return the comparison for the terminal: warnings, means, then scenario by scenario."""
     wins, ties, losses = comparison.count_wins_ties_losses()
-    means = format_text_table(
-        ("B - A", "mean", "95 % from", "to"),
-        [
-            _format_interval("DS", comparison.ds),
-            _format_interval("SR", comparison.sr),
-            _format_interval("efficient SR", comparison.efficient_sr),
-            _format_interval(f"time ratio (of {comparison.timed})", comparison.time_ratio),
-        ],
+    means = format_text(
+        make_text_table(
+            ("B - A", "mean", "95 % from", "to"),
+            [
+                _format_interval("DS", comparison.ds),
+                _format_interval("SR", comparison.sr),
+                _format_interval("efficient SR", comparison.efficient_sr),
+                _format_interval(f"time ratio (of {comparison.timed})", comparison.time_ratio),
+            ],
+        )
     )
     rows = [
         (p.scenario, p.category, *map(_format_score, (*p.ds, *p.sr, *p.time_ratio)), f"{p.ds_difference:+.2f}")
@@ -219,7 +221,7 @@ def comparison_table(comparison: RunComparison) -> str:
             *filter(None, (describe_too_few(comparison.ds.units),)),
             f"B is better in {wins}, as good in {ties}, worse in {losses}",
             "",
-            format_text_table(header, rows),
+            format_text(make_text_table(header, rows)),
             *_format_left_out(comparison.left_out),
         )
     )
@@ -239,7 +241,7 @@ def _format_settings(comparison: RunComparison) -> tuple[str, ...]:
     if not comparison.settings:
         return ("no setting differs" + (" but those above" if comparison.warnings else ""),)
     rows = [(one.name, one.a, one.b) for one in comparison.settings]
-    return ("settings that differ:", format_text_table(("", "A", "B"), rows))
+    return ("settings that differ:", format_text(make_text_table(("", "A", "B"), rows)))
 
 
 def _format_score(value: float | None) -> str:

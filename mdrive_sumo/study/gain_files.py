@@ -5,20 +5,19 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 from mdrive_sumo.core.statistics import TOO_FEW_NOTE, judge_interval
-from mdrive_sumo.core.tables import TableRow, format_csv_table, format_markdown_table
+from mdrive_sumo.core.tables import Table, format_csv, format_markdown, make_row, make_text_columns, make_text_table
 from mdrive_sumo.study.gain import METRICS, PARTS, GainRow, GainSummary
 from mdrive_sumo.study.study_files import (
     StudyDescription,
     describe_study,
     format_csv_interval,
-    format_interval,
     list_study_facts,
+    make_interval_cell,
+    make_interval_column,
     run_to_dict,
 )
 
 FORMAT = "mdrive-sumo/gain/1"
-SCORE_HEADER = ("scenarios", "sensing", "agent", "DS", "SR")
-GAIN_HEADER = ("scenarios", "part", "DS", "SR", "shown by DS", "shown by SR")
 HOW_TO_READ = f"""\
 Numbers are points of DS and SR (percent), means over scenarios and seeds. In brackets are 95 % bootstrap
 confidence intervals of paired differences: scenarios are drawn anew, with more than one seed also the seeds within
@@ -54,7 +53,7 @@ def gain_csv(summary: GainSummary) -> str:
         for line in summary.gains
         for metric, gain in ((name, line.gain[name]) for name in METRICS)
     )
-    return format_csv_table(("group", "scenarios", "part", "metric", "mean", "low", "high", "shown"), rows)
+    return format_csv(make_text_table(("group", "scenarios", "part", "metric", "mean", "low", "high", "shown"), rows))
 
 
 def gain_markdown(about: StudyDescription, rows: Sequence[GainRow], summary: GainSummary) -> str:
@@ -64,33 +63,48 @@ def gain_markdown(about: StudyDescription, rows: Sequence[GainRow], summary: Gai
         list_study_facts(about, rows[0].results[0].run, summary.void),
         HOW_TO_READ,
         "\n".join(f"- **{part.name}**: {part.meaning}" for part in PARTS),
-        format_markdown_table(GAIN_HEADER, make_gain_table(summary), left=2),
+        format_markdown(build_gain_table(summary)),
         "The scores behind it:",
-        format_markdown_table(SCORE_HEADER, _make_score_table(summary), left=3),
+        format_markdown(_build_score_table(summary)),
     )
     return "\n\n".join(parts) + "\n"
 
 
-def make_gain_table(summary: GainSummary) -> list[TableRow]:
+def build_gain_table(summary: GainSummary) -> Table:
     """Return a row for each group and part."""
-    return [
-        (
-            f"{line.group} ({line.scenarios})",
-            line.part.name,
-            *(format_interval(line.gain[metric], "+") for metric in METRICS),
-            *(judge_interval(line.gain[metric]) for metric in METRICS),
+    columns = (
+        *make_text_columns({"scenarios": "scenarios", "part": "part"}),
+        *(make_interval_column(metric, metric.upper(), has_sign=True) for metric in METRICS),
+        *make_text_columns({"shown_ds": "shown by DS", "shown_sr": "shown by SR"}),
+    )
+    rows = [
+        make_row(
+            (
+                f"{line.group} ({line.scenarios})",
+                line.part.name,
+                *(make_interval_cell(line.gain[metric]) for metric in METRICS),
+                *(judge_interval(line.gain[metric]) for metric in METRICS),
+            )
         )
         for line in summary.gains
     ]
+    return Table("gain", "What sharing gains", columns, tuple(rows))
 
 
-def _make_score_table(summary: GainSummary) -> list[TableRow]:
-    return [
-        (
-            f"{line.group} ({line.scenarios})",
-            str(line.sensing),
-            line.agent,
-            *(format_interval(line.score[metric]) for metric in METRICS),
+def _build_score_table(summary: GainSummary) -> Table:
+    columns = (
+        *make_text_columns({"scenarios": "scenarios", "sensing": "sensing", "agent": "agent"}),
+        *(make_interval_column(metric, metric.upper()) for metric in METRICS),
+    )
+    rows = [
+        make_row(
+            (
+                f"{line.group} ({line.scenarios})",
+                line.sensing,
+                line.agent,
+                *(make_interval_cell(line.score[metric]) for metric in METRICS),
+            )
         )
         for line in summary.scores
     ]
+    return Table("scores", "The scores behind it", columns, tuple(rows))

@@ -7,19 +7,23 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.core.statistics import TOO_FEW, TOO_FEW_NOTE, ConfidenceInterval
-from mdrive_sumo.core.tables import TableRow, format_markdown_table
-from mdrive_sumo.report.result_tables import CAPTURED_HEADER, describe_agent, format_captured
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE, ConfidenceInterval
+from mdrive_sumo.core.tables import (
+    Cell,
+    CellValue,
+    Column,
+    IntervalStyle,
+    Table,
+    format_markdown,
+    make_row,
+    make_text_columns,
+)
+from mdrive_sumo.report.result_tables import CAPTURED_COLUMN, describe_agent, list_percent
 from mdrive_sumo.scoring import Means, Results, RunInfo
 from mdrive_sumo.study.study_summary import StudyLine
 from mdrive_sumo.v2x.comm_settings import describe_comm
 
 FORMAT = "mdrive-sumo/study/1"
-HEADER = (
-    *("agent", "condition", "DS", "SR", "efficient SR", "time ratio", "timed"),
-    *("DS - base", "SR - base", "void"),
-)
-BRIEF = ("agent", "condition", "DS", "SR", "efficient SR", "time ratio", "DS - base", "void")
 INTERVALS = ("ds", "sr", "efficient_sr", "time_ratio", "ds_difference", "sr_difference", "captured")
 GRID_TEXT = {
     "one-at-a-time": "one factor at a time is changed, the others are the base channel's",
@@ -135,13 +139,12 @@ def run_to_dict(results: Results) -> dict[str, Any]:
 
 def study_markdown(about: StudyDescription, lines: Sequence[StudyLine], pictures: Sequence[Path]) -> str:
     """Return the study as a page: facts, how to read it, the table, and the plots beside it."""
-    header, rows = table_of(lines)
     parts = (
         f"# {about.suite}: the channel and what it does",
         _format_facts(about, lines),
         HOW_TO_READ,
-        CAPTURED if CAPTURED_HEADER in header else "",
-        format_markdown_table(header, rows, left=2),
+        CAPTURED if _has_captured(lines) else "",
+        format_markdown(build_study_table(lines)),
         *(f"![{picture.stem}]({picture.name})" for picture in pictures),
     )
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -163,69 +166,59 @@ def _format_facts(about: StudyDescription, lines: Sequence[StudyLine]) -> str:
     return format_facts(facts)
 
 
-def table_of(lines: Sequence[StudyLine], *, brief: bool = False) -> tuple[TableRow, list[TableRow]]:
-    """Return header and rows; brief: for the terminal, with intervals of DS only."""
-    header, rows = (
-        (BRIEF, [_format_brief_cells(line) for line in lines])
-        if brief
-        else (HEADER, [_format_cells(line) for line in lines])
+def build_study_table(lines: Sequence[StudyLine], *, brief: bool = False) -> Table:
+    """Return a row for each line. brief: for the terminal, with intervals of DS only."""
+    columns = (
+        *make_text_columns({"agent": "agent", "condition": "condition"}),
+        make_interval_column("ds", "DS"),
+        make_interval_column("sr", "SR"),
+        make_interval_column("efficient_sr", "efficient SR"),
+        make_interval_column("time_ratio", "time ratio", decimals=2),
+        Column("timed", "timed", decimals=0),
+        make_interval_column("ds_difference", "DS - base", has_sign=True),
+        make_interval_column("sr_difference", "SR - base", has_sign=True),
+        Column("void", "void", decimals=0),
+        *((CAPTURED_COLUMN,) if _has_captured(lines) else ()),
     )
-    if not any(line.captured for line in lines):
-        return header, rows
-    return (*header, CAPTURED_HEADER), [
-        (*row, format_captured(line.captured.scenario_mean if line.captured else None))
-        for row, line in zip(rows, lines, strict=True)
+    shown = [i for i, column in enumerate(columns) if not (brief and column.key in ("timed", "sr_difference"))]
+    cells = [_list_cells(line, brief=brief) for line in lines]
+    rows = [make_row([row[i] for i in shown]) for row in cells]
+    return Table("study", "The channel and what it does", tuple(columns[i] for i in shown), tuple(rows), left=2)
+
+
+def _list_cells(line: StudyLine, *, brief: bool) -> list[CellValue | Cell]:
+    """Return the cells of all columns, of captured cooperation too; brief: with intervals of DS only."""
+    intervals = {name: getattr(line, name) for name in INTERVALS if name != "captured"}
+    cells = {
+        name: Cell(value.mean if value else None, None if brief and not name.startswith("ds") else value)
+        for name, value in intervals.items()
+    }
+    return [
+        line.row.agent if brief else describe_agent(line.row.results[0]),
+        line.row.condition.name + (" *" if line.row.reused else ""),
+        *(cells[name] for name in ("ds", "sr", "efficient_sr", "time_ratio")),
+        line.timed,
+        *(cells[name] for name in ("ds_difference", "sr_difference")),
+        line.void,
+        *list_percent([line.captured.scenario_mean if line.captured else None]),
     ]
 
 
-def _format_cells(line: StudyLine) -> TableRow:
-    return (
-        describe_agent(line.row.results[0]),
-        _format_condition(line),
-        format_interval(line.ds),
-        format_interval(line.sr),
-        format_interval(line.efficient_sr),
-        format_interval(line.time_ratio, decimals=2),
-        str(line.timed),
-        format_interval(line.ds_difference, "+"),
-        format_interval(line.sr_difference, "+"),
-        str(line.void),
-    )
+def _has_captured(lines: Sequence[StudyLine]) -> bool:
+    return any(line.captured for line in lines)
 
 
-def _format_brief_cells(line: StudyLine) -> TableRow:
-    return (
-        line.row.agent,
-        _format_condition(line),
-        format_interval(line.ds),
-        _format_mean(line.sr),
-        _format_mean(line.efficient_sr),
-        _format_mean(line.time_ratio, decimals=2),
-        format_interval(line.ds_difference, "+"),
-        str(line.void),
-    )
+def make_interval_column(key: str, label: str, *, has_sign: bool = False, decimals: int = 1) -> Column:
+    """Return a column of means with both ends in brackets, empty where undefined. has_sign: of differences."""
+    return Column(key, label, decimals=decimals, has_sign=has_sign, intervals=IntervalStyle.ENDS, undefined="")
 
 
-def _format_condition(line: StudyLine) -> str:
-    return line.row.condition.name + (" *" if line.row.reused else "")
-
-
-def _format_mean(value: ConfidenceInterval | None, decimals: int = 1) -> str:
-    return "" if value is None else f"{value.mean:.{decimals}f}"
+def make_interval_cell(interval: ConfidenceInterval | None) -> Cell:
+    """Return the cell of a mean with its interval."""
+    return Cell(interval.mean if interval else None, interval)
 
 
 def format_csv_interval(value: ConfidenceInterval) -> tuple[str, str, str]:
     """Return mean, low and high end for a CSV file; no ends for too few scenarios."""
     low, high = (f"{end:.6f}" for end in value.ends) if value.ends else ("", "")
     return f"{value.mean:.6f}", low, high
-
-
-def format_interval(value: ConfidenceInterval | None, sign: str = "", decimals: int = 1) -> str:
-    """Return the mean with both ends in brackets; "" for None. sign: "+" to write the sign of positive numbers.
-
-    The brackets of too few scenarios say so instead.
-    """
-    if value is None:
-        return ""
-    ends = ", ".join(f"{end:{sign}.{decimals}f}" for end in value.ends) if value.ends else TOO_FEW
-    return f"{value.mean:{sign}.{decimals}f} [{ends}]"

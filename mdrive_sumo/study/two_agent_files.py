@@ -6,22 +6,29 @@ from dataclasses import asdict
 from typing import Any
 
 from mdrive_sumo.core.statistics import TOO_FEW_NOTE, ConfidenceInterval
-from mdrive_sumo.core.tables import TableRow, format_csv_table, format_markdown_table
+from mdrive_sumo.core.tables import (
+    Column,
+    Table,
+    format_csv,
+    format_markdown,
+    make_row,
+    make_text_columns,
+    make_text_table,
+)
 from mdrive_sumo.study.cross_play import CrossPlaySummary
 from mdrive_sumo.study.penetration import PenetrationSummary
 from mdrive_sumo.study.study_files import (
     StudyDescription,
     describe_study,
     format_csv_interval,
-    format_interval,
     list_study_facts,
+    make_interval_cell,
+    make_interval_column,
     run_to_dict,
 )
 from mdrive_sumo.study.two_agents import DS, METRICS, ROLES, TwoAgentRow
 
 CROSS_PLAY_FORMAT, PENETRATION_FORMAT = "mdrive-sumo/cross-play/1", "mdrive-sumo/penetration/1"
-STRANGERS_HEADER = ("agent", "DS with strangers", "SR with strangers", "DS - with its own", "SR - with its own")
-PENETRATION_HEADER = ("agent", "penetration", "role", "DS", "SR", "DS - 0 %", "SR - 0 %")
 BRACKETS = f"""\
 In brackets are 95 % bootstrap confidence intervals: scenarios are drawn anew, with more than one seed also the seeds
 within each. Differences are paired by scenario and seed; an interval that contains 0 shows no difference.
@@ -70,7 +77,7 @@ def cross_play_csv(summary: CrossPlaySummary) -> str:
         for pair, found in summary.cells.items()
         for metric in METRICS
     )
-    return format_csv_table(("agent", "others", "metric", "mean", "low", "high"), rows)
+    return format_csv(make_text_table(("agent", "others", "metric", "mean", "low", "high"), rows))
 
 
 def penetration_csv(summary: PenetrationSummary) -> str:
@@ -81,7 +88,7 @@ def penetration_csv(summary: PenetrationSummary) -> str:
         for role, found in line.score.items()
         for metric in METRICS
     )
-    return format_csv_table(("agent", "penetration", "role", "metric", "mean", "low", "high"), rows)
+    return format_csv(make_text_table(("agent", "penetration", "role", "metric", "mean", "low", "high"), rows))
 
 
 def cross_play_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], summary: CrossPlaySummary) -> str:
@@ -89,9 +96,9 @@ def cross_play_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], su
     title = f"# {about.suite}: agents among CAVs of other agents"
     tables = (
         "## With strangers",
-        format_markdown_table(STRANGERS_HEADER, make_strangers_table(summary), left=1),
+        format_markdown(build_strangers_table(summary)),
         "## All pairs, DS",
-        format_markdown_table(*make_matrix(summary), left=1),
+        format_markdown(build_matrix(summary)),
     )
     return _join((title, list_study_facts(about, rows[0].results[0].run, summary.void), CROSS_PLAY, *tables))
 
@@ -99,46 +106,68 @@ def cross_play_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], su
 def penetration_markdown(about: StudyDescription, rows: Sequence[TwoAgentRow], summary: PenetrationSummary) -> str:
     """Return the study as a page."""
     title = f"# {about.suite}: a share of the CAVs connected"
-    table = format_markdown_table(PENETRATION_HEADER, make_penetration_table(summary), left=3)
+    table = format_markdown(build_penetration_table(summary))
     return _join((title, list_study_facts(about, rows[0].results[0].run, summary.void), PENETRATION, table))
 
 
-def make_strangers_table(summary: CrossPlaySummary) -> list[TableRow]:
+def build_strangers_table(summary: CrossPlaySummary) -> Table:
     """Return a row for each agent, the best with strangers first."""
-    order = sorted(summary.agents, key=lambda agent: -summary.with_strangers[agent][DS].mean)
-    return [
-        (
-            agent,
-            *(format_interval(summary.with_strangers[agent][metric]) for metric in METRICS),
-            *(format_interval(summary.loss[agent][metric], "+") for metric in METRICS),
+    columns = (
+        Column("agent", "agent"),
+        *(make_interval_column(metric, f"{metric.upper()} with strangers") for metric in METRICS),
+        *(
+            make_interval_column(f"{metric}_loss", f"{metric.upper()} - with its own", has_sign=True)
+            for metric in METRICS
+        ),
+    )
+    rows = [
+        make_row(
+            (
+                agent,
+                *(make_interval_cell(summary.with_strangers[agent][metric]) for metric in METRICS),
+                *(make_interval_cell(summary.loss[agent][metric]) for metric in METRICS),
+            )
         )
-        for agent in order
+        for agent in sorted(summary.agents, key=lambda agent: -summary.with_strangers[agent][DS].mean)
     ]
+    return Table("strangers", "With strangers", columns, tuple(rows))
 
 
-def make_matrix(summary: CrossPlaySummary) -> tuple[TableRow, list[TableRow]]:
-    """Return header and rows of the mean DS of every pair."""
-    header = ("under test", *(f"among {agent}" for agent in summary.agents))
-    return header, [
-        (tested, *(f"{summary.cells[tested, others][DS].mean:.1f}" for others in summary.agents))
+def build_matrix(summary: CrossPlaySummary) -> Table:
+    """Return the mean DS of every pair."""
+    columns = (
+        Column("tested", "under test"),
+        *(Column(agent, f"among {agent}", decimals=1) for agent in summary.agents),
+    )
+    rows = [
+        make_row((tested, *(summary.cells[tested, others][DS].mean for others in summary.agents)))
         for tested in summary.agents
     ]
+    return Table("pairs", "All pairs, DS", columns, tuple(rows))
 
 
-def make_penetration_table(summary: PenetrationSummary) -> list[TableRow]:
+def build_penetration_table(summary: PenetrationSummary) -> Table:
     """Return a row for each agent, penetration and role; differences stand in the rows of all CAVs."""
-    return [
-        (
-            line.agent,
-            f"{line.penetration} %",
-            role,
-            *(format_interval(line.score[role][metric]) for metric in METRICS),
-            *(format_interval(line.difference[metric], "+") if role == ROLES[0] else "" for metric in METRICS),
+    columns = (
+        *make_text_columns({"agent": "agent", "penetration": "penetration", "role": "role"}),
+        *(make_interval_column(metric, metric.upper()) for metric in METRICS),
+        *(make_interval_column(f"{metric}_difference", f"{metric.upper()} - 0 %", has_sign=True) for metric in METRICS),
+    )
+    rows = [
+        make_row(
+            (
+                line.agent,
+                f"{line.penetration} %",
+                role,
+                *(make_interval_cell(line.score[role][metric]) for metric in METRICS),
+                *(make_interval_cell(line.difference[metric] if role == ROLES[0] else None) for metric in METRICS),
+            )
         )
         for line in summary.lines
         for role in ROLES
         if role in line.score
     ]
+    return Table("penetration", "A share of the CAVs connected", columns, tuple(rows))
 
 
 def _describe(name: str, about: StudyDescription, rows: Sequence[TwoAgentRow]) -> dict[str, Any]:

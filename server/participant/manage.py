@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import click
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.core.terminal import echo
 from server.enums import SubmissionState
 from server.participant.client import ChallengeClient
@@ -120,7 +120,7 @@ def _format_scenarios(rows: Sequence[Mapping[str, Any]]) -> str:
         )
         for row in ordered
     ]
-    return format_text_table(("scenario", "verdict", *(SCORES[name] for name in names)), lines)
+    return format_text(make_text_table(("scenario", "verdict", *(SCORES[name] for name in names)), lines))
 
 
 def _format_list(rows: Sequence[Mapping[str, Any]]) -> str:
@@ -133,7 +133,7 @@ def _format_list(rows: Sequence[Mapping[str, Any]]) -> str:
         )
         for row in rows
     ]
-    return format_text_table(("id", "phase", "track", "name", "state", "DS"), lines)
+    return format_text(make_text_table(("id", "phase", "track", "name", "state", "DS"), lines))
 
 
 def _write_new(file: Path, text: str) -> None:

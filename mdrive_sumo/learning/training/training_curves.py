@@ -10,7 +10,7 @@ from typing import Any
 
 from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.core.output_files import append_text, make_folder, write_text
-from mdrive_sumo.core.tables import format_csv_table
+from mdrive_sumo.core.tables import format_csv_lines
 
 CURVES_NAME = "curves.csv"
 
@@ -22,13 +22,13 @@ class TrainingCurves:
         make_folder(folder)
         self._path = folder / CURVES_NAME
         kept = [row for row in read_curves(self._path) if row[0] <= step] if step else []
-        write_text(self._path, format_csv_table(("step", "name", "value"), kept))
+        write_text(self._path, format_csv_lines([("step", "name", "value"), *kept]))
         self._board = _open_board(folder)
 
     def add(self, step: int, values: Mapping[str, float]) -> None:
         """Append the values of a step."""
-        first, *others = [(step, name, f"{value:.6g}") for name, value in values.items()]
-        append_text(self._path, format_csv_table(first, others))
+        lines = [(step, name, f"{value:.6g}") for name, value in values.items()]
+        append_text(self._path, format_csv_lines(lines))
         if self._board is not None:
             for name, value in values.items():
                 self._board.add_scalar(name, value, step)

@@ -2,16 +2,16 @@
 
 from collections.abc import Callable, Mapping, Sequence
 
-from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
-from mdrive_sumo.report.comparison_report.published_rows import order_buckets
-from mdrive_sumo.report.comparison_report.report_table import (
+from mdrive_sumo.core.tables import (
     BestValue,
     CellValue,
-    ReportColumn,
-    ReportRow,
-    ReportTable,
+    Column,
+    Row,
+    Table,
     make_row,
 )
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
+from mdrive_sumo.report.comparison_report.published_rows import order_buckets
 from mdrive_sumo.scenario.categories import InteractivityLevel
 from mdrive_sumo.scoring import (
     BucketResult,
@@ -54,14 +54,14 @@ def compute_agent_groups(agent: ComparedAgent) -> GroupMeans:
     return compute_interdrive_means(agent.results.scenarios, ScoreMode(agent.results.run.score_mode))
 
 
-def build_level_table(agents: Sequence[ComparedAgent], name: str = "levels") -> ReportTable | None:
+def build_level_table(agents: Sequence[ComparedAgent], name: str = "levels") -> Table | None:
     """Return DS, SR and H by interactivity level, which the category figure draws; None without such scenarios."""
     means = [compute_agent_levels(agent) for agent in agents]
     note = f"{HARMONIC_MEAN_NOTE} {LEVEL_NOTE}"
     return _build_group_table(agents, means, name, "Scores by interactivity level", note)
 
 
-def build_interdrive_table(agents: Sequence[ComparedAgent], name: str = "interdrive_groups") -> ReportTable | None:
+def build_interdrive_table(agents: Sequence[ComparedAgent], name: str = "interdrive_groups") -> Table | None:
     """Return DS, SR and H by InterDrive's groups; None without such scenarios."""
     means = [compute_agent_groups(agent) for agent in agents]
     return _build_group_table(agents, means, name, "Scores by InterDrive group", f"{HARMONIC_MEAN_NOTE} {GROUP_NOTE}")
@@ -69,14 +69,14 @@ def build_interdrive_table(agents: Sequence[ComparedAgent], name: str = "interdr
 
 def _build_group_table(
     agents: Sequence[ComparedAgent], means: Sequence[GroupMeans], name: str, title: str, note: str
-) -> ReportTable | None:
+) -> Table | None:
     if not means[0]:
         return None
-    columns = [ReportColumn("agent", "Agent")]
+    columns = [Column("agent", "Agent")]
     for group, found in means[0].items():
         heading = f"{group} ({found.scenarios})"
         columns += [
-            ReportColumn(f"{group}_{key}", label, heading, best=BestValue.HIGHEST) for key, (label, _) in SCORES.items()
+            Column(f"{group}_{key}", label, heading, best=BestValue.HIGHEST) for key, (label, _) in SCORES.items()
         ]
     rows = [
         make_row(
@@ -88,20 +88,20 @@ def _build_group_table(
         for agent, found in zip(agents, means, strict=True)
     ]
     note = f"{note} In brackets: number of scenarios."
-    return ReportTable(name, title, tuple(columns), tuple(rows), note).mark_columns()
+    return Table(name, title, tuple(columns), tuple(rows), note).mark_columns()
 
 
-def build_category_table(agents: Sequence[ComparedAgent], score: str = "h", name: str = "") -> ReportTable:
+def build_category_table(agents: Sequence[ComparedAgent], score: str = "h", name: str = "") -> Table:
     """Return one score of every agent by category, a row for each category, the best three of each row marked.
 
     score: a key of `SCORES`.
     """
     label, compute = SCORES[score]
     columns = (
-        ReportColumn("category", "Category"),
-        ReportColumn("scenarios", "scenarios", decimals=0),
+        Column("category", "Category"),
+        Column("scenarios", "scenarios", decimals=0),
         *(
-            ReportColumn(
+            Column(
                 agent.name,
                 agent.name,
                 best=BestValue.HIGHEST if agent.is_ranked else BestValue.NONE,
@@ -110,7 +110,7 @@ def build_category_table(agents: Sequence[ComparedAgent], score: str = "h", name
             for agent in agents
         ),
     )
-    rows: list[ReportRow] = []
+    rows: list[Row] = []
     for bucket, categories in list_categories(agents[0]).items():
         means = [
             compute_category_means([one for one in agent.results.scenarios if one.bucket == bucket]) for agent in agents
@@ -120,7 +120,7 @@ def build_category_table(agents: Sequence[ComparedAgent], score: str = "h", name
             rows.append(make_row((category, float(means[0][category].scenarios), *values), bucket))
     what = "H = 2 DS SR / (DS + SR) of the mean DS and the mean SR" if score == "h" else f"Mean {label}"
     note = f"{what} over the scenarios of a category, in percent."
-    return ReportTable(name or f"categories_{score}", f"{label} by category", columns, tuple(rows), note).mark_rows()
+    return Table(name or f"categories_{score}", f"{label} by category", columns, tuple(rows), note).mark_rows()
 
 
 def list_categories(agent: ComparedAgent) -> dict[str, tuple[str, ...]]:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.tables import Table
 from mdrive_sumo.report.comparison_report.category_tables import (
     build_category_table,
     build_interdrive_table,
@@ -27,7 +28,6 @@ from mdrive_sumo.report.comparison_report.report_figures import (
     make_level_figure,
     make_scenario_figure,
 )
-from mdrive_sumo.report.comparison_report.report_table import ReportTable
 from mdrive_sumo.report.comparison_report.scalar_tables import build_scalar_table
 from mdrive_sumo.report.comparison_report.scenario_tables import build_distribution_table, build_scenario_table
 from mdrive_sumo.report.comparison_report.score_tables import build_bucket_table, build_main_table
@@ -39,7 +39,7 @@ class ReportSection:
     """A heading with figures and tables. `note` stands where something cannot be shown, and says what it needs."""
 
     title: str
-    tables: tuple[ReportTable, ...] = ()
+    tables: tuple[Table, ...] = ()
     figures: tuple[ReportFigure, ...] = ()
     note: str = ""
     points: Mapping[str, str] = field(default_factory=dict[str, str])
@@ -56,7 +56,7 @@ class ComparisonReport:
     sections: tuple[ReportSection, ...]
 
     @property
-    def tables(self) -> tuple[ReportTable, ...]:
+    def tables(self) -> tuple[Table, ...]:
         """All tables, in their order."""
         return tuple(table for section in self.sections for table in section.tables)
 

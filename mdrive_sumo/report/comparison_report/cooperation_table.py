@@ -4,15 +4,15 @@ from collections.abc import Sequence
 
 from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
-from mdrive_sumo.report.comparison_report.published_rows import order_buckets
-from mdrive_sumo.report.comparison_report.report_table import (
+from mdrive_sumo.core.tables import (
     BestValue,
     CellValue,
-    ReportColumn,
-    ReportTable,
+    Column,
+    Table,
     make_row,
 )
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
+from mdrive_sumo.report.comparison_report.published_rows import order_buckets
 from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, compare_settings
 from mdrive_sumo.scoring import ScoreMode
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation, compute_captured_from_scenarios
@@ -44,17 +44,17 @@ def compute_captured(agents: Sequence[ComparedAgent]) -> dict[str, CapturedCoope
     return found
 
 
-def build_cooperation_table(agents: Sequence[ComparedAgent], name: str = "cooperation") -> ReportTable | None:
+def build_cooperation_table(agents: Sequence[ComparedAgent], name: str = "cooperation") -> Table | None:
     """Return captured cooperation by bucket and overall; None if no agent has its references among the runs."""
     captured = compute_captured(agents)
     if not captured:
         return None
     buckets = order_buckets(agents[0].results.buckets)
-    columns = [ReportColumn("agent", "Agent")]
-    columns += [ReportColumn(bucket, bucket, decimals=1, best=BestValue.HIGHEST) for bucket in buckets]
+    columns = [Column("agent", "Agent")]
+    columns += [Column(bucket, bucket, decimals=1, best=BestValue.HIGHEST) for bucket in buckets]
     columns += [
-        ReportColumn("bucket_mean", "bucket mean", decimals=1, best=BestValue.HIGHEST),
-        ReportColumn("scenario_mean", "scenario mean", decimals=1, best=BestValue.HIGHEST),
+        Column("bucket_mean", "bucket mean", decimals=1, best=BestValue.HIGHEST),
+        Column("scenario_mean", "scenario mean", decimals=1, best=BestValue.HIGHEST),
     ]
     group_by_name = {agent.name: agent.rank_group for agent in agents}
     rows = [
@@ -64,7 +64,7 @@ def build_cooperation_table(agents: Sequence[ComparedAgent], name: str = "cooper
         )
         for name, one in captured.items()
     ]
-    return ReportTable(name, "Captured cooperation [%]", tuple(columns), tuple(rows), COOPERATION_NOTE).mark_columns()
+    return Table(name, "Captured cooperation [%]", tuple(columns), tuple(rows), COOPERATION_NOTE).mark_columns()
 
 
 def _find_channel_off(agent: ComparedAgent, agents: Sequence[ComparedAgent]) -> ComparedAgent | None:

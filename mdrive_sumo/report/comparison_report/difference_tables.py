@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import TOO_FEW_NOTE, ConfidenceInterval
 from mdrive_sumo.core.suggestion import suggest_name
-from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
-from mdrive_sumo.report.comparison_report.published_rows import order_buckets
-from mdrive_sumo.report.comparison_report.report_table import (
+from mdrive_sumo.core.tables import (
+    Cell,
     CellValue,
+    Column,
     IntervalStyle,
-    ReportCell,
-    ReportColumn,
-    ReportRow,
-    ReportTable,
+    Row,
+    Table,
     make_row,
 )
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
+from mdrive_sumo.report.comparison_report.published_rows import order_buckets
 from mdrive_sumo.runs.compare import TIE, average_seeds
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.paired_intervals import (
@@ -160,7 +160,7 @@ def _mean_ds(table: ResultTable, scenario: str) -> float:
     return sum(one.ds for one in table[scenario].values()) / len(table[scenario])
 
 
-def build_difference_table(differences: Sequence[AgentDifference], name: str = "differences") -> ReportTable:
+def build_difference_table(differences: Sequence[AgentDifference], name: str = "differences") -> Table:
     """Return the differences over all scenarios, with scenarios won and lost."""
     rows = [
         make_row(
@@ -176,17 +176,17 @@ def build_difference_table(differences: Sequence[AgentDifference], name: str = "
         )
         for one in differences
     ]
-    return ReportTable(
+    return Table(
         name,
         "Paired differences",
         (
-            ReportColumn("agent", "Agent"),
-            ReportColumn("other", "minus"),
-            ReportColumn("scenarios", "scenarios", decimals=0),
-            ReportColumn("seeds", "seeds"),
+            Column("agent", "Agent"),
+            Column("other", "minus"),
+            Column("scenarios", "scenarios", decimals=0),
+            Column("seeds", "seeds"),
             *(_make_column(key, label) for key, label in _LABELS.items()),
-            ReportColumn("wins", "better in", decimals=0),
-            ReportColumn("losses", "worse in", decimals=0),
+            Column("wins", "better in", decimals=0),
+            Column("losses", "worse in", decimals=0),
         ),
         tuple(rows),
         f"{DIFFERENCE_NOTE} Means over scenarios, as mdrive-sumo compare has them.",
@@ -195,31 +195,31 @@ def build_difference_table(differences: Sequence[AgentDifference], name: str = "
 
 def build_bucket_difference_table(
     differences: Sequence[AgentDifference], name: str = "differences_by_bucket"
-) -> ReportTable | None:
+) -> Table | None:
     """Return the differences of DS and SR by bucket and of the mean of the buckets; None if there is one bucket."""
     if not differences or len(differences[0].buckets) < 2:
         return None
-    columns = [ReportColumn("agent", "Agent"), ReportColumn("other", "minus")]
+    columns = [Column("agent", "Agent"), Column("other", "minus")]
     for bucket in (*differences[0].buckets, "Overall"):
         key = bucket.lower()
         columns += [_make_column(f"{key}_ds", "DS", bucket), _make_column(f"{key}_sr", "SR", bucket)]
     rows = tuple(_make_bucket_row(one) for one in differences)
     note = f"{DIFFERENCE_NOTE} Overall: mean of the buckets, each drawn anew on its own."
-    return ReportTable(name, "Paired differences by bucket", tuple(columns), rows, note)
+    return Table(name, "Paired differences by bucket", tuple(columns), rows, note)
 
 
-def _make_bucket_row(one: AgentDifference) -> ReportRow:
+def _make_bucket_row(one: AgentDifference) -> Row:
     intervals = [interval for pair in (*one.buckets.values(), one.bucket_mean) for interval in pair]
-    cells: list[CellValue | ReportCell] = [one.agent, one.other, *map(_make_cell, intervals)]
+    cells: list[CellValue | Cell] = [one.agent, one.other, *map(_make_cell, intervals)]
     return make_row(cells)
 
 
 _LABELS = {"ds": "DS", "sr": "SR", "efficient_sr": "efficient SR", "time_ratio": "time ratio"}
 
 
-def _make_column(key: str, label: str, group: str = "") -> ReportColumn:
-    return ReportColumn(key, label, group, has_sign=True, intervals=IntervalStyle.ENDS)
+def _make_column(key: str, label: str, group: str = "") -> Column:
+    return Column(key, label, group, has_sign=True, intervals=IntervalStyle.ENDS)
 
 
-def _make_cell(interval: ConfidenceInterval | None) -> ReportCell:
-    return ReportCell(None if interval is None else interval.mean, interval)
+def _make_cell(interval: ConfidenceInterval | None) -> Cell:
+    return Cell(None if interval is None else interval.mean, interval)

@@ -3,8 +3,8 @@
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
+from mdrive_sumo.core.tables import Column, Table, make_row
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
-from mdrive_sumo.report.comparison_report.report_table import ReportColumn, ReportTable, make_row
 from mdrive_sumo.report.result_tables import count_collisions_by_severity, count_infractions, count_outcomes
 from mdrive_sumo.scoring import Results
 
@@ -22,12 +22,12 @@ def count_drives(results: Results) -> int:
     return sum(len(scenario.egos) for scenario in results.scenarios)
 
 
-def build_outcome_table(agents: Sequence[ComparedAgent], name: str = "outcomes") -> ReportTable:
+def build_outcome_table(agents: Sequence[ComparedAgent], name: str = "outcomes") -> Table:
     """Return how the drives ended, in percent."""
     return _build_share_table(agents, count_outcomes, name, "Outcomes", OUTCOME_NOTE, with_void=True)
 
 
-def build_infraction_table(agents: Sequence[ComparedAgent], name: str = "infractions") -> ReportTable:
+def build_infraction_table(agents: Sequence[ComparedAgent], name: str = "infractions") -> Table:
     """Return the infractions by kind, and the collisions by impact speed, per 100 drives."""
 
     def count(results: Results) -> Mapping[str, int]:
@@ -48,12 +48,12 @@ def _build_share_table(
     note: str,
     *,
     with_void: bool,
-) -> ReportTable:
+) -> Table:
     counts = [Counter(count(agent.results)) for agent in agents]
     kinds = _order_kinds(counts)
-    columns = [ReportColumn("agent", "Agent"), ReportColumn("drives", "drives", decimals=0)]
-    columns += [ReportColumn(kind, _shorten(kind), _find_group(kind)) for kind in kinds]
-    columns += [ReportColumn("void", "void episodes", decimals=0)] if with_void else []
+    columns = [Column("agent", "Agent"), Column("drives", "drives", decimals=0)]
+    columns += [Column(kind, _shorten(kind), _find_group(kind)) for kind in kinds]
+    columns += [Column("void", "void episodes", decimals=0)] if with_void else []
     rows = [
         make_row(
             (
@@ -67,7 +67,7 @@ def _build_share_table(
         for agent, found in zip(agents, counts, strict=True)
     ]
     empty = "" if kinds else " There were none."
-    return ReportTable(name, title, tuple(columns), tuple(rows), note + empty)
+    return Table(name, title, tuple(columns), tuple(rows), note + empty)
 
 
 def _order_kinds(counts: Sequence[Counter[str]]) -> list[str]:

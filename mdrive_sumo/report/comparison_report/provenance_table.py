@@ -6,11 +6,11 @@ from pathlib import Path
 
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.private_paths import hide_place
+from mdrive_sumo.core.tables import Table, make_row, make_text_columns
 from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent, describe_code
 from mdrive_sumo.report.comparison_report.drive_conditions import SEEDS, find_differing_conditions
 from mdrive_sumo.report.comparison_report.report_runs import SHORT_CHECKSUM, ReportRun
-from mdrive_sumo.report.comparison_report.report_table import ReportTable, make_row, make_text_columns
 from mdrive_sumo.report.result_tables import describe_missing_reference
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.scoring import EpisodeKey
@@ -32,10 +32,10 @@ _COLUMNS = {
 }
 
 
-def build_provenance_table(agents: Sequence[ComparedAgent], name: str = "provenance") -> ReportTable:
+def build_provenance_table(agents: Sequence[ComparedAgent], name: str = "provenance") -> Table:
     """Return a line for every run."""
     rows = [make_row(_describe_run(agent, run)) for agent in agents for run in agent.runs]
-    return ReportTable(name, "Provenance", make_text_columns(_COLUMNS), tuple(rows), PROVENANCE_NOTE)
+    return Table(name, "Provenance", make_text_columns(_COLUMNS), tuple(rows), PROVENANCE_NOTE)
 
 
 def _describe_run(agent: ComparedAgent, run: ReportRun) -> tuple[str, ...]:

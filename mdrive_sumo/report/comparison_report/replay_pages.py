@@ -8,8 +8,8 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from mdrive_sumo.core.private_paths import hide_place
+from mdrive_sumo.core.tables import Table
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
-from mdrive_sumo.report.comparison_report.report_table import ReportTable
 from mdrive_sumo.report.run_page.replay_files import VIEW_FOLDER, name_replay_file
 from mdrive_sumo.runs.prepared_run import recording_path
 from mdrive_sumo.scoring import EpisodeKey, RunInfo, ScenarioResult
@@ -50,7 +50,7 @@ def _find_page(folder: Path, info: RunInfo, result: ScenarioResult) -> Path | No
     return page if is_inside and recording_path(folder, result.id, seed).is_file() else None
 
 
-def find_replay_links(tables: Iterable[ReportTable], folder: Path) -> dict[Path, str]:
+def find_replay_links(tables: Iterable[Table], folder: Path) -> dict[Path, str]:
     """Return the links to the replay pages that exist now, by page. folder: that of the report.
 
     A link is "" where it would name folders that the report does not name (docs/decisions/068). Pages that are links
@@ -72,7 +72,7 @@ def _relate(page: Path, folder: Path) -> str:
     return quote(relation.as_posix()) if is_named else ""
 
 
-def describe_replays(table: ReportTable, links: Mapping[Path, str]) -> Markup:
+def describe_replays(table: Table, links: Mapping[Path, str]) -> Markup:
     """Return what a page says of the replays that the scores of a table lead to; "" without any recording."""
     pages = [cell.replay for row in table.rows for cell in row.cells if cell.replay is not None]
     if not pages:

@@ -9,11 +9,11 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from mdrive_sumo.core.tables import Table
 from mdrive_sumo.report.comparison_report.category_tables import compute_agent_levels
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.comparison_report.difference_tables import AgentDifference
 from mdrive_sumo.report.comparison_report.report_figure import ReportFigure
-from mdrive_sumo.report.comparison_report.report_table import ReportTable
 from mdrive_sumo.report.comparison_report.scenario_tables import compute_distribution
 from mdrive_sumo.report.figure_style import COLOURS
 from mdrive_sumo.scoring import compute_harmonic_mean
@@ -164,7 +164,7 @@ def pick_shade(i: int, count: int) -> str:
     return "#" + "".join(f"{round(255 * part):02x}" for part in (red, green, blue))
 
 
-def make_scenario_figure(table: ReportTable, name: str = "scenarios") -> ReportFigure:
+def make_scenario_figure(table: Table, name: str = "scenarios") -> ReportFigure:
     """Return the matrix agents x scenarios as a heat map. table: of `build_scenario_table`."""
     agents = [column.label for column in table.columns[2:]]
     numbers = [[np.nan if cell.number is None else cell.number for cell in row.cells[2:]] for row in table.rows]

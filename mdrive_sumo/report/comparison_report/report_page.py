@@ -1,24 +1,21 @@
 """`report.html`: a comparison report as one self-contained page without scripts, light and dark, also on a phone."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from markupsafe import Markup
 
+from mdrive_sumo.core.tables import (
+    Cell,
+    Column,
+    Table,
+)
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport
 from mdrive_sumo.report.comparison_report.replay_pages import describe_replays
 from mdrive_sumo.report.comparison_report.report_figure import ReportFigure, inline_svg
 from mdrive_sumo.report.comparison_report.report_figures import pick_shade
-from mdrive_sumo.report.comparison_report.report_table import (
-    ReportCell,
-    ReportColumn,
-    ReportTable,
-    format_cell,
-    format_cell_interval,
-)
 from mdrive_sumo.report.comparison_report.scenario_tables import find_ds_class
-from mdrive_sumo.report.comparison_report.table_markdown import count_text_columns, has_marks
 from mdrive_sumo.report.html_page import PAGE_TEMPLATES, read_static
 from mdrive_sumo.report.palette import format_custom_properties
 
@@ -52,13 +49,9 @@ def render_report_page(report: ComparisonReport, images: dict[str, bytes], links
         links=known,
         replays_notes={table.name: describe_replays(table, links.replays) for table in report.tables} if links else {},
         images={figure.name: _inline(figure, images) for figure in report.figures},
-        text_of=_format_value,
-        interval_of=format_cell_interval,
-        classes_of=_list_classes,
-        text_columns=count_text_columns,
-        has_marks=has_marks,
+        list_classes=_list_classes,
         max_open_rows=MAX_OPEN_ROWS,
-        is_any_marked=any(has_marks(table) for table in report.tables),
+        is_any_marked=any(table.has_marks for table in report.tables),
     )
 
 
@@ -66,12 +59,7 @@ def _inline(figure: ReportFigure, images: dict[str, bytes]) -> Markup:
     return Markup(inline_svg(images[figure.name], figure.name))
 
 
-def _format_value(cell: ReportCell, column: ReportColumn) -> str:
-    """Return a cell's text without its interval, which a page shows smaller."""
-    return format_cell(replace(cell, interval=None), column)
-
-
-def _list_classes(cell: ReportCell, column: ReportColumn, table: ReportTable) -> Sequence[str]:
+def _list_classes(cell: Cell, column: Column, table: Table) -> Sequence[str]:
     """Return the classes of a cell: its rank, and its shade in a shaded table."""
     classes = [f"rank-{cell.rank}"] if cell.rank else []
     is_score = table.is_shaded and cell.number is not None and column.decimals

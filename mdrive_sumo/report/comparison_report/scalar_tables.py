@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
+from mdrive_sumo.core.tables import CellValue, Column, Row, Table, make_row
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.comparison_report.published_rows import order_buckets
-from mdrive_sumo.report.comparison_report.report_table import CellValue, ReportColumn, ReportRow, ReportTable, make_row
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.metrics import ScalarMetric, list_scalar_metrics
 from mdrive_sumo.scoring.summary import compute_mean_of_known, compute_scalar_means
@@ -20,23 +20,23 @@ SCALAR_NOTE = (
 MIN_TTC = "min_ttc"
 
 
-def build_scalar_table(agents: Sequence[ComparedAgent], name: str = "efficiency") -> ReportTable:
+def build_scalar_table(agents: Sequence[ComparedAgent], name: str = "efficiency") -> Table:
     """Return time ratio, close calls and the scalar metrics of every agent by bucket and over all scenarios."""
     metrics = [metric for metric in list_scalar_metrics() if metric.name != MIN_TTC]
     ttc = next(metric for metric in list_scalar_metrics() if metric.name == MIN_TTC)
     columns = (
-        ReportColumn("agent", "Agent"),
-        ReportColumn("time_ratio", "time ratio"),
-        ReportColumn("close_calls", "close calls [%]", decimals=1),
-        ReportColumn(ttc.name, ttc.label, decimals=ttc.decimals),
-        *(ReportColumn(metric.name, metric.label, decimals=metric.decimals) for metric in metrics),
+        Column("agent", "Agent"),
+        Column("time_ratio", "time ratio"),
+        Column("close_calls", "close calls [%]", decimals=1),
+        Column(ttc.name, ttc.label, decimals=ttc.decimals),
+        *(Column(metric.name, metric.label, decimals=metric.decimals) for metric in metrics),
     )
-    rows: list[ReportRow] = []
+    rows: list[Row] = []
     for group in _list_groups(agents[0]):
         for agent in agents:
             scenarios = _select_episodes(agent, group)
             rows.append(make_row((agent.name, *_compute_values(scenarios, metrics)), group))
-    return ReportTable(name, "Efficiency and comfort", columns, tuple(rows), SCALAR_NOTE)
+    return Table(name, "Efficiency and comfort", columns, tuple(rows), SCALAR_NOTE)
 
 
 def _list_groups(agent: ComparedAgent) -> tuple[str, ...]:

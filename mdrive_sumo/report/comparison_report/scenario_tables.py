@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
+from mdrive_sumo.core.tables import Cell, Column, Row, Table, make_row
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.comparison_report.published_rows import order_buckets
 from mdrive_sumo.report.comparison_report.replay_pages import list_replay_pages
-from mdrive_sumo.report.comparison_report.report_table import ReportCell, ReportColumn, ReportRow, ReportTable, make_row
 from mdrive_sumo.runs.compare import average_seeds
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS
@@ -21,7 +21,7 @@ MATRIX_NOTE = (
 )
 
 
-def build_distribution_table(agents: Sequence[ComparedAgent], name: str = "distribution") -> ReportTable:
+def build_distribution_table(agents: Sequence[ComparedAgent], name: str = "distribution") -> Table:
     """Return the share of episodes in each class of driving score; void episodes count as 0, as in all means."""
     labels = [*(label for label, _ in DS_CLASSES), FULL]
     rows = [
@@ -29,10 +29,10 @@ def build_distribution_table(agents: Sequence[ComparedAgent], name: str = "distr
         for agent in agents
     ]
     columns = (
-        ReportColumn("agent", "Agent"),
-        *(ReportColumn(label, label, "episodes [%] by DS", decimals=1) for label in labels),
+        Column("agent", "Agent"),
+        *(Column(label, label, "episodes [%] by DS", decimals=1) for label in labels),
     )
-    return ReportTable(name, "Distribution of the driving score", columns, tuple(rows), DISTRIBUTION_NOTE)
+    return Table(name, "Distribution of the driving score", columns, tuple(rows), DISTRIBUTION_NOTE)
 
 
 def compute_distribution(scenarios: Sequence[ScenarioResult]) -> Mapping[str, float]:
@@ -49,26 +49,26 @@ def find_ds_class(score: float) -> int:
     return sum(score > bound if bound == SUCCESS_DS else score >= bound for _, bound in DS_CLASSES)
 
 
-def build_scenario_table(agents: Sequence[ComparedAgent], score: str = "ds", name: str = "") -> ReportTable:
+def build_scenario_table(agents: Sequence[ComparedAgent], score: str = "ds", name: str = "") -> Table:
     """Return a score of every agent in every scenario, in sections by bucket. score: "ds" or "sr"."""
     means = [average_seeds(agent.results.scenarios) for agent in agents]
     replays = [list_replay_pages(agent) for agent in agents]
     columns = (
-        ReportColumn("scenario", "Scenario"),
-        ReportColumn("category", "Category"),
-        *(ReportColumn(agent.name, agent.name, decimals=1) for agent in agents),
+        Column("scenario", "Scenario"),
+        Column("category", "Category"),
+        *(Column(agent.name, agent.name, decimals=1) for agent in agents),
     )
     first = means[0]
-    rows: list[ReportRow] = []
+    rows: list[Row] = []
     for bucket in order_buckets({result.bucket for result in first.values()}):
         names = [name for name, result in first.items() if result.bucket == bucket]
         for scenario in sorted(names, key=lambda name: (sum(found[name].ds for found in means), name)):
             cells = [
-                ReportCell(_find_score(found[scenario], score), replay=pages.get(scenario))
+                Cell(_find_score(found[scenario], score), replay=pages.get(scenario))
                 for found, pages in zip(means, replays, strict=True)
             ]
             rows.append(make_row((scenario, first[scenario].category, *cells), bucket))
-    return ReportTable(
+    return Table(
         name or f"scenarios_{score}",
         f"{score.upper()} by scenario",
         columns,

@@ -3,18 +3,18 @@
 from collections.abc import Sequence
 
 from mdrive_sumo.core.statistics import TOO_FEW_NOTE
-from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
-from mdrive_sumo.report.comparison_report.published_rows import order_buckets
-from mdrive_sumo.report.comparison_report.report_table import (
+from mdrive_sumo.core.tables import (
     BestValue,
+    Cell,
     CellValue,
+    Column,
     IntervalStyle,
-    ReportCell,
-    ReportColumn,
-    ReportRow,
-    ReportTable,
+    Row,
+    Table,
     make_row,
 )
+from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
+from mdrive_sumo.report.comparison_report.published_rows import order_buckets
 from mdrive_sumo.report.published_results import AS_PUBLISHED, MAIN_TABLE_LABEL, PublishedMethod
 from mdrive_sumo.scoring import MeanIntervals, Means
 from mdrive_sumo.scoring.intervals import BUCKET_MEAN, SCENARIO_MEAN
@@ -43,29 +43,29 @@ PUBLISHED_NOTE = (
     " with learned perception; they are not ranked."
 )
 AGENT_COLUMNS = (
-    ReportColumn("agent", "Agent"),
-    ReportColumn("perception_sharing", "Sharing"),
-    ReportColumn("negotiation", "Negotiation"),
+    Column("agent", "Agent"),
+    Column("perception_sharing", "Sharing"),
+    Column("negotiation", "Negotiation"),
 )
 
 
-def make_score_columns(group: str, *, with_times: bool) -> tuple[ReportColumn, ...]:
+def make_score_columns(group: str, *, with_times: bool) -> tuple[Column, ...]:
     """Return the columns DS and SR of a group, with efficient SR and time ratio if asked for."""
     key = group.lower().replace(" ", "_")
     times = (
-        ReportColumn(f"{key}_efficient_sr", "eff. SR", group, best=BestValue.HIGHEST),
-        ReportColumn(f"{key}_time_ratio", "time ratio", group),
+        Column(f"{key}_efficient_sr", "eff. SR", group, best=BestValue.HIGHEST),
+        Column(f"{key}_time_ratio", "time ratio", group),
     )
     return (
-        ReportColumn(f"{key}_ds", "DS", group, best=BestValue.HIGHEST),
-        ReportColumn(f"{key}_sr", "SR", group, best=BestValue.HIGHEST),
+        Column(f"{key}_ds", "DS", group, best=BestValue.HIGHEST),
+        Column(f"{key}_sr", "SR", group, best=BestValue.HIGHEST),
         *(times if with_times else ()),
     )
 
 
 def build_main_table(
     agents: Sequence[ComparedAgent], published: Sequence[PublishedMethod] = (), name: str = "main"
-) -> ReportTable:
+) -> Table:
     """Return DS and SR by bucket and overall, with efficient SR and time ratio; the best three of each column marked.
 
     published: rows of the paper's main table, set apart and never ranked. Agents of one bucket have no overall column.
@@ -83,7 +83,7 @@ def build_main_table(
         TRACK_NOTE if any(agent.track for agent in agents) else "",
         PUBLISHED_NOTE if published else "",
     )
-    return ReportTable(
+    return Table(
         name,
         f"Scores by bucket: {agents[0].results.run.suite}",
         tuple(columns),
@@ -95,10 +95,10 @@ def build_main_table(
     ).mark_columns()
 
 
-def _make_main_row(agent: ComparedAgent, buckets: Sequence[str]) -> ReportRow:
+def _make_main_row(agent: ComparedAgent, buckets: Sequence[str]) -> Row:
     intervals = agent.intervals if len(agent.seeds) > 1 else {}
     is_one = len(buckets) == 1
-    cells: list[CellValue | ReportCell] = [agent.name, agent.shares_perception, agent.negotiates]
+    cells: list[CellValue | Cell] = [agent.name, agent.shares_perception, agent.negotiates]
     for bucket in buckets:
         cells += make_score_cells(agent.results.buckets[bucket], intervals.get(bucket), with_times=is_one)
     if not is_one:
@@ -106,7 +106,7 @@ def _make_main_row(agent: ComparedAgent, buckets: Sequence[str]) -> ReportRow:
     return make_row(cells, agent.section, is_ranked=agent.is_ranked, rank_group=agent.rank_group)
 
 
-def _make_published_row(method: PublishedMethod, buckets: Sequence[str]) -> ReportRow:
+def _make_published_row(method: PublishedMethod, buckets: Sequence[str]) -> Row:
     cells: list[CellValue] = [method.method, method.shares_perception, method.negotiates]
     for bucket in buckets:
         cells += method.scores.get(bucket, (None, None))
@@ -115,40 +115,38 @@ def _make_published_row(method: PublishedMethod, buckets: Sequence[str]) -> Repo
     return make_row((*cells, None, None), AS_PUBLISHED, is_ranked=False)
 
 
-def make_score_cells(
-    means: Means, intervals: MeanIntervals | None, *, with_times: bool
-) -> list[CellValue | ReportCell]:
+def make_score_cells(means: Means, intervals: MeanIntervals | None, *, with_times: bool) -> list[CellValue | Cell]:
     """Return the cells below `make_score_columns`."""
     ds, sr = (None, None) if intervals is None else (intervals.ds, intervals.sr)
-    scores: list[CellValue | ReportCell] = [ReportCell(means.ds, ds), ReportCell(means.sr, sr)]
+    scores: list[CellValue | Cell] = [Cell(means.ds, ds), Cell(means.sr, sr)]
     return [*scores, means.efficient_sr, means.time_ratio] if with_times else scores
 
 
-def build_bucket_table(agents: Sequence[ComparedAgent], name: str = "buckets") -> ReportTable:
+def build_bucket_table(agents: Sequence[ComparedAgent], name: str = "buckets") -> Table:
     """Return every score of each agent by bucket, as bucket mean and as scenario mean, with intervals of DS and SR."""
     buckets = order_buckets(agents[0].results.buckets)
     groups = (*buckets, BUCKET_MEAN, SCENARIO_MEAN) if len(buckets) > 1 else buckets
     rows = [_make_bucket_row(agent, group, agent.intervals[group]) for group in groups for agent in agents]
-    return ReportTable(
+    return Table(
         name,
         "All scores by bucket",
         (
-            ReportColumn("agent", "Agent"),
-            ReportColumn("scenarios", "scenarios", decimals=0),
-            ReportColumn("ds", "DS", best=BestValue.HIGHEST, intervals=IntervalStyle.ENDS),
-            ReportColumn("sr", "SR", best=BestValue.HIGHEST, intervals=IntervalStyle.ENDS),
-            ReportColumn("efficient_sr", "efficient SR", best=BestValue.HIGHEST),
-            ReportColumn("time_ratio", "time ratio"),
-            ReportColumn("timed", "timed episodes", decimals=0),
-            ReportColumn("rc", "RC", best=BestValue.HIGHEST),
-            ReportColumn("ip", "IP", decimals=3, best=BestValue.HIGHEST),
+            Column("agent", "Agent"),
+            Column("scenarios", "scenarios", decimals=0),
+            Column("ds", "DS", best=BestValue.HIGHEST, intervals=IntervalStyle.ENDS),
+            Column("sr", "SR", best=BestValue.HIGHEST, intervals=IntervalStyle.ENDS),
+            Column("efficient_sr", "efficient SR", best=BestValue.HIGHEST),
+            Column("time_ratio", "time ratio"),
+            Column("timed", "timed episodes", decimals=0),
+            Column("rc", "RC", best=BestValue.HIGHEST),
+            Column("ip", "IP", decimals=3, best=BestValue.HIGHEST),
         ),
         tuple(rows),
         f"{MAIN_NOTE} {INTERVAL_NOTE} Privileged agents are an upper bound and not ranked.",
     ).mark_sections()
 
 
-def _make_bucket_row(agent: ComparedAgent, group: str, intervals: MeanIntervals) -> ReportRow:
+def _make_bucket_row(agent: ComparedAgent, group: str, intervals: MeanIntervals) -> Row:
     results = agent.results
     overall = results.overall
     if group in results.buckets:
@@ -157,11 +155,11 @@ def _make_bucket_row(agent: ComparedAgent, group: str, intervals: MeanIntervals)
     else:
         means = overall.bucket_mean if group == BUCKET_MEAN else overall.scenario_mean
         count, timed = count_scenarios(results.scenarios), overall.timed
-    cells: tuple[CellValue | ReportCell, ...] = (
+    cells: tuple[CellValue | Cell, ...] = (
         agent.name,
         float(count),
-        ReportCell(means.ds, intervals.ds),
-        ReportCell(means.sr, intervals.sr),
+        Cell(means.ds, intervals.ds),
+        Cell(means.sr, intervals.sr),
         means.efficient_sr,
         means.time_ratio,
         float(timed),

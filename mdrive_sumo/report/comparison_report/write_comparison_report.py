@@ -5,12 +5,11 @@ from pathlib import Path
 from mdrive_sumo.core.atomic_folder import atomic_folder
 from mdrive_sumo.core.clean_text import clean_for_markdown
 from mdrive_sumo.core.output_files import make_parents, write_bytes
+from mdrive_sumo.core.tables import MARKS_LEGEND, format_csv, format_markdown
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, ReportSection
 from mdrive_sumo.report.comparison_report.replay_pages import find_replay_links
 from mdrive_sumo.report.comparison_report.report_page import ReportLinks, render_report_page
-from mdrive_sumo.report.comparison_report.table_csv import format_csv
-from mdrive_sumo.report.comparison_report.table_latex import format_latex, format_latex_document
-from mdrive_sumo.report.comparison_report.table_markdown import MARKS_LEGEND, format_markdown, has_marks
+from mdrive_sumo.report.table_latex import format_latex, format_latex_document
 
 PAGE_FILE, MARKDOWN_FILE = "report.html", "report.md"
 CSV_FOLDER, LATEX_FOLDER, FIGURES_FOLDER = "csv", "latex", "figures"
@@ -69,7 +68,7 @@ def format_report_markdown(report: ComparisonReport) -> str:
     )
     if report.warnings:
         parts.append("\n".join(f"- **Note:** {clean_for_markdown(warning)}" for warning in report.warnings))
-    if any(has_marks(table) for table in report.tables):
+    if any(table.has_marks for table in report.tables):
         parts.append(MARKS_LEGEND)
     for section in report.sections:
         parts += _format_section(section)

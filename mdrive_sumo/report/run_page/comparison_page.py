@@ -1,13 +1,18 @@
 """The comparison page: several runs against the first of them, in one self-contained HTML page."""
 
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE, format_interval_cells
-from mdrive_sumo.core.tables import TableRow
-from mdrive_sumo.report.result_tables import SCORE_HEADER, describe_seeds, format_scores
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE
+from mdrive_sumo.core.tables import CellValue, Column, Table, make_row, make_text_columns
+from mdrive_sumo.report.result_tables import SCORE_COLUMNS, describe_seeds, list_bounds, list_scores
 from mdrive_sumo.report.run_page.comparison_data import ComparisonData
 from mdrive_sumo.report.run_page.run_page import render_overview
 from mdrive_sumo.runs.compare import RunComparison
 
-DIFFERENCE_HEADER: TableRow = ("", "score", "scenarios", "mean", "95 % from", "to", "better", "equal", "worse")
+DIFFERENCE_COLUMNS = (
+    *make_text_columns({"runs": "", "score": "score"}),
+    Column("scenarios", "scenarios", decimals=0),
+    *(Column(label, label, has_sign=True) for label in ("mean", "95 % from", "to")),
+    *(Column(label, label, decimals=0, undefined="") for label in ("better", "equal", "worse")),
+)
 
 TIME_RATIO = "time ratio"
 
@@ -22,37 +27,44 @@ def render_comparison_page(data: ComparisonData, *, replays_note: str = "") -> s
         first=data.runs[0],
         suite=first.suite,
         seeds=[describe_seeds(run.stored.results.run) for run in data.runs],
-        score_header=("run", "agent", *SCORE_HEADER),
-        score_rows=[
-            (run.letter, run.agent, *format_scores(run.stored.results.overall.scenario_mean)) for run in data.runs
-        ],
-        difference_header=DIFFERENCE_HEADER,
+        score_table=_build_score_table(data),
+        difference_table=_build_difference_table(data),
         too_few_note=TOO_FEW_NOTE if any(one.ds.ends is None for one in data.comparisons) else "",
-        difference_rows=[
-            row
-            for run, comparison in zip(data.runs[1:], data.comparisons, strict=True)
-            for row in _list_differences(f"{run.letter} - A", comparison)
-        ],
         outcomes=("worse", "better", "equal", "not compared"),
         replays_note=" ".join(filter(None, (replays_note, _describe_missing_recordings(data)))),
     )
 
 
-def _list_differences(name: str, comparison: RunComparison) -> list[TableRow]:
+def _build_score_table(data: ComparisonData) -> Table:
+    means = [(run.letter, run.agent, run.stored.results.overall.scenario_mean) for run in data.runs]
+    columns = (*make_text_columns({"run": "run", "agent": "agent"}), *SCORE_COLUMNS)
+    rows = [make_row((letter, agent, *list_scores(scores))) for letter, agent, scores in means]
+    return Table("scores", "Scores", columns, tuple(rows))
+
+
+def _build_difference_table(data: ComparisonData) -> Table:
+    rows = [
+        make_row(row)
+        for run, comparison in zip(data.runs[1:], data.comparisons, strict=True)
+        for row in _list_differences(f"{run.letter} - A", comparison)
+    ]
+    return Table("differences", "Paired differences", DIFFERENCE_COLUMNS, tuple(rows))
+
+
+def _list_differences(name: str, comparison: RunComparison) -> list[tuple[CellValue, ...]]:
     intervals = {
         "DS": comparison.ds,
         "SR": comparison.sr,
         "efficient SR": comparison.efficient_sr,
         TIME_RATIO: comparison.time_ratio,
     }
-    counts = [str(count) for count in comparison.count_wins_ties_losses()]
     return [
         (
             name if i == 0 else "",
             score,
-            str(comparison.timed if score == TIME_RATIO else len(comparison.pairs)),
-            *format_interval_cells(interval, "+.2f"),
-            *(counts if i == 0 else ("", "", "")),
+            comparison.timed if score == TIME_RATIO else len(comparison.pairs),
+            *list_bounds(interval),
+            *(comparison.count_wins_ties_losses() if i == 0 else (None,) * 3),
         )
         for i, (score, interval) in enumerate(intervals.items())
     ]

@@ -5,16 +5,16 @@ from typing import Any
 from mdrive_sumo.report.html_page import read_static, render_html_page
 from mdrive_sumo.report.palette import format_custom_properties
 from mdrive_sumo.report.result_tables import (
-    INTERVAL_HEADER,
-    build_interval_rows,
-    build_score_rows,
+    build_interval_table,
+    build_score_table,
     count_infractions,
     count_outcomes,
     describe_agent,
     describe_partial,
     describe_seeds,
-    format_scores,
+    list_scores,
     list_void,
+    make_score_table,
 )
 from mdrive_sumo.report.run_page.run_page_data import RunPageData
 from mdrive_sumo.report.score_terms import SCORE_TERMS
@@ -27,9 +27,8 @@ def render_run_page(data: RunPageData, *, replays_note: str = "", refresh_s: int
     replays_note: a sentence about which replays there are. refresh_s: how often a browser loads it anew; 0: never.
     """
     results = data.stored.results
-    header, rows = build_score_rows(results)
-    category_rows = [
-        (name, str(means.scenarios), *format_scores(means), str(means.timed))
+    categories = [
+        (name, means.scenarios, *list_scores(means), means.timed)
         for name, means in compute_category_means(results.scenarios).items()
     ]
     return render_overview(
@@ -42,12 +41,9 @@ def render_run_page(data: RunPageData, *, replays_note: str = "", refresh_s: int
         agent=describe_agent(results),
         seeds_text=describe_seeds(results.run),
         overall=results.overall,
-        score_header=header,
-        score_rows=rows,
-        category_header=("category", *header[1:]),
-        category_rows=category_rows,
-        interval_header=INTERVAL_HEADER,
-        interval_rows=build_interval_rows(results),
+        score_table=build_score_table(results),
+        category_table=make_score_table("category", categories),
+        interval_table=build_interval_table(results),
         outcomes=count_outcomes(results),
         infractions=count_infractions(results),
         void=len(list_void(results)),

@@ -3,13 +3,13 @@
 from collections.abc import Mapping, Sequence
 
 from mdrive_sumo.core.statistics import TOO_FEW_NOTE
-from mdrive_sumo.report.comparison_report.report_table import (
+from mdrive_sumo.core.tables import (
+    Cell,
     CellValue,
+    Column,
     IntervalStyle,
-    ReportCell,
-    ReportColumn,
-    ReportRow,
-    ReportTable,
+    Row,
+    Table,
     make_row,
 )
 from mdrive_sumo.report.published_results import AS_PUBLISHED, PublishedDegradation
@@ -34,7 +34,7 @@ def build_channel_table(
     rows: Sequence[StudyRow],
     conditions: tuple[ChannelCondition, ChannelCondition],
     published: Sequence[PublishedDegradation],
-) -> ReportTable:
+) -> Table:
     """Return the table of one perturbation for every agent that has both rows.
 
     conditions: the clean one and the perturbed one. Differences are paired by scenario and seed; scenarios that are
@@ -48,36 +48,30 @@ def build_channel_table(
         for agent in agents
         if (agent, perturbed.name) in by_key
     ]
-    return ReportTable(
-        name, title, _make_columns(), (*ours, *map(_build_published_row, published)), note=_describe(ours)
-    )
+    return Table(name, title, _make_columns(), (*ours, *map(_build_published_row, published)), note=_describe(ours))
 
 
-def _make_columns() -> tuple[ReportColumn, ...]:
-    columns = [ReportColumn("agent", "agent")]
+def _make_columns() -> tuple[Column, ...]:
+    columns = [Column("agent", "agent")]
     for score, (label, decimals) in SCORES.items():
         columns += [
-            ReportColumn(f"{score}_clean", "clean", label, decimals),
-            ReportColumn(f"{score}_perturbed", "perturbed", label, decimals),
-            ReportColumn(f"{score}_difference", "Δ", label, decimals, has_sign=True, intervals=IntervalStyle.ENDS),
+            Column(f"{score}_clean", "clean", label, decimals),
+            Column(f"{score}_perturbed", "perturbed", label, decimals),
+            Column(f"{score}_difference", "Δ", label, decimals, has_sign=True, intervals=IntervalStyle.ENDS),
         ]
     return tuple(columns)
 
 
-def _build_row(agent: str, clean: StudyRow, perturbed: StudyRow) -> ReportRow:
+def _build_row(agent: str, clean: StudyRow, perturbed: StudyRow) -> Row:
     tables = [group_by_scenario(row.scenarios) for row in (clean, perturbed)]
     first, second = (_select_common(table, tables) for table in tables)
-    cells: list[CellValue | ReportCell] = [agent]
+    cells: list[CellValue | Cell] = [agent]
     for score in SCORES:
         means = [compute_score_interval(table, score) for table in (first, second)]
         difference = compute_difference_interval(second, first, score)
         cells += [None if mean is None else mean.mean for mean in means]
         has_interval = score in INTERVALS
-        cells.append(
-            ReportCell(None)
-            if difference is None
-            else ReportCell(difference.mean, difference if has_interval else None)
-        )
+        cells.append(Cell(None) if difference is None else Cell(difference.mean, difference if has_interval else None))
     return make_row(cells, "mdrive-sumo")
 
 
@@ -85,7 +79,7 @@ def _select_common(table: ResultTable, tables: Sequence[ResultTable]) -> ResultT
     return {name: found for name, found in table.items() if all(name in other for other in tables)}
 
 
-def _build_published_row(published: PublishedDegradation) -> ReportRow:
+def _build_published_row(published: PublishedDegradation) -> Row:
     cells: list[CellValue] = [published.method]
     for score in SCORES:
         clean, perturbed = getattr(published, score)
@@ -93,7 +87,7 @@ def _build_published_row(published: PublishedDegradation) -> ReportRow:
     return make_row(cells, AS_PUBLISHED, is_ranked=False)
 
 
-def _describe(ours: Sequence[ReportRow]) -> str:
+def _describe(ours: Sequence[Row]) -> str:
     if not ours:
         return "No agent of this study exchanges messages."
     return (

@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 
 from mdrive_sumo.core.statistics import TOO_FEW_NOTE, judge_interval
-from mdrive_sumo.report.comparison_report.report_table import (
+from mdrive_sumo.core.tables import (
+    Cell,
+    Column,
     IntervalStyle,
-    ReportCell,
-    ReportColumn,
-    ReportTable,
+    Table,
     make_row,
     make_text_columns,
 )
@@ -20,13 +20,13 @@ SHOWN_NOTE = (
 )
 
 
-def build_pair_table(gains: Sequence[PairGain]) -> ReportTable:
+def build_pair_table(gains: Sequence[PairGain]) -> Table:
     """Return the paired gains of pairs of agents with one planner, a section for each pair."""
     columns = (
-        ReportColumn("group", "scenarios"),
-        ReportColumn("scenarios", "number", decimals=0),
-        ReportColumn("ds", "DS", "gain", has_sign=True, intervals=IntervalStyle.ENDS),
-        ReportColumn("sr", "SR", "gain", has_sign=True, intervals=IntervalStyle.ENDS),
+        Column("group", "scenarios"),
+        Column("scenarios", "number", decimals=0),
+        Column("ds", "DS", "gain", has_sign=True, intervals=IntervalStyle.ENDS),
+        Column("sr", "SR", "gain", has_sign=True, intervals=IntervalStyle.ENDS),
         *make_text_columns({"shown_ds": "shown by DS", "shown_sr": "shown by SR"}),
     )
     rows = [
@@ -34,8 +34,8 @@ def build_pair_table(gains: Sequence[PairGain]) -> ReportTable:
             (
                 one.group,
                 float(one.scenarios),
-                ReportCell(one.ds.mean, one.ds),
-                ReportCell(one.sr.mean, one.sr),
+                Cell(one.ds.mean, one.ds),
+                Cell(one.sr.mean, one.sr),
                 judge_interval(one.ds),
                 judge_interval(one.sr),
             ),
@@ -43,19 +43,19 @@ def build_pair_table(gains: Sequence[PairGain]) -> ReportTable:
         )
         for one in gains
     ]
-    return ReportTable("gains", "What sharing and negotiation gain", columns, tuple(rows), SHOWN_NOTE)
+    return Table("gains", "What sharing and negotiation gain", columns, tuple(rows), SHOWN_NOTE)
 
 
-def build_gap_table(gaps: Sequence[RoleGap]) -> ReportTable:
+def build_gap_table(gaps: Sequence[RoleGap]) -> Table:
     """Return the gap of multi-agent and single-agent systems by bucket and level, beside the paper's."""
     columns = (
-        ReportColumn("group", "scenarios"),
-        ReportColumn("scenarios", "number", decimals=0),
-        ReportColumn("multi", "multi-agent", "mean H"),
-        ReportColumn("single", "single-agent", "mean H"),
-        ReportColumn("gap", "gap", has_sign=True, intervals=IntervalStyle.ENDS),
+        Column("group", "scenarios"),
+        Column("scenarios", "number", decimals=0),
+        Column("multi", "multi-agent", "mean H"),
+        Column("single", "single-agent", "mean H"),
+        Column("gap", "gap", has_sign=True, intervals=IntervalStyle.ENDS),
         *make_text_columns({"shown": "shown"}),
-        ReportColumn("paper", "gap in the paper (CARLA)", has_sign=True),
+        Column("paper", "gap in the paper (CARLA)", has_sign=True),
     )
     rows = [
         make_row(
@@ -64,7 +64,7 @@ def build_gap_table(gaps: Sequence[RoleGap]) -> ReportTable:
                 float(one.scenarios),
                 one.multi,
                 one.single,
-                ReportCell(one.gap.mean, one.gap),
+                Cell(one.gap.mean, one.gap),
                 judge_interval(one.gap),
                 PUBLISHED_GAPS.get(one.group),
             )
@@ -72,4 +72,4 @@ def build_gap_table(gaps: Sequence[RoleGap]) -> ReportTable:
         for one in gaps
     ]
     note = f"H: harmonic mean of DS and SR of an agent; the mean is over the agents of a kind. {SHOWN_NOTE}"
-    return ReportTable("gap", "Multi-agent minus single-agent systems", columns, tuple(rows), note)
+    return Table("gap", "Multi-agent minus single-agent systems", columns, tuple(rows), note)

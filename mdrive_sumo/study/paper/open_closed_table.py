@@ -6,15 +6,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mdrive_sumo.core.statistics import TOO_FEW_NOTE, ConfidenceInterval
-from mdrive_sumo.report.comparison_report.report_figure import ReportFigure
-from mdrive_sumo.report.comparison_report.report_table import (
+from mdrive_sumo.core.tables import (
     BestValue,
+    Cell,
+    Column,
     IntervalStyle,
-    ReportCell,
-    ReportColumn,
-    ReportTable,
+    Table,
     make_row,
 )
+from mdrive_sumo.report.comparison_report.report_figure import ReportFigure
 from mdrive_sumo.report.figure_style import COLOURS, MARKERS
 from mdrive_sumo.study.paper.open_closed import OPEN_METRICS, OpenClosedComparison, OpenClosedLine
 
@@ -31,15 +31,12 @@ FIGURE_METRICS = ("ap50", "ade")
 """Open-loop axes of the paper's figure (fig:mdrive_olcl_correlation)."""
 
 
-def build_open_closed_table(comparison: OpenClosedComparison) -> ReportTable:
+def build_open_closed_table(comparison: OpenClosedComparison) -> Table:
     """Return the metrics of every agent in both loops."""
     columns = (
-        ReportColumn("agent", "agent"),
-        *(
-            ReportColumn(metric, METRIC_LABELS[metric], "open loop", best=_choose_best(metric))
-            for metric in OPEN_METRICS
-        ),
-        *(ReportColumn(score, label, "closed loop", best=BestValue.HIGHEST) for score, label in SCORE_LABELS.items()),
+        Column("agent", "agent"),
+        *(Column(metric, METRIC_LABELS[metric], "open loop", best=_choose_best(metric)) for metric in OPEN_METRICS),
+        *(Column(score, label, "closed loop", best=BestValue.HIGHEST) for score, label in SCORE_LABELS.items()),
     )
     rows = [
         make_row(
@@ -53,22 +50,22 @@ def build_open_closed_table(comparison: OpenClosedComparison) -> ReportTable:
         f"The same {comparison.scenarios} scenarios in both loops."
         " -: the agent replies no plan of 3 s, or no detections."
     )
-    return ReportTable("open_closed", "Open loop and closed loop", columns, tuple(rows), note).mark_columns()
+    return Table("open_closed", "Open loop and closed loop", columns, tuple(rows), note).mark_columns()
 
 
 def _choose_best(metric: str) -> BestValue:
     return BestValue.HIGHEST if OPEN_METRICS[metric] > 0 else BestValue.LOWEST
 
 
-def build_correlation_table(comparison: OpenClosedComparison) -> ReportTable:
+def build_correlation_table(comparison: OpenClosedComparison) -> Table:
     """Return the rank correlations of open-loop metrics with closed-loop scores."""
     ends = IntervalStyle.ENDS
     columns = (
-        ReportColumn("metric", "open loop"),
-        ReportColumn("score", "closed loop"),
-        ReportColumn("agents", "agents", decimals=0),
-        ReportColumn("spearman", "Spearman ρ", has_sign=True, intervals=ends),
-        ReportColumn("kendall", "Kendall τ", has_sign=True, intervals=ends),
+        Column("metric", "open loop"),
+        Column("score", "closed loop"),
+        Column("agents", "agents", decimals=0),
+        Column("spearman", "Spearman ρ", has_sign=True, intervals=ends),
+        Column("kendall", "Kendall τ", has_sign=True, intervals=ends),
     )
     rows = [
         make_row(
@@ -86,11 +83,11 @@ def build_correlation_table(comparison: OpenClosedComparison) -> ReportTable:
         f" Brackets: 95 % bootstrap intervals over scenarios; the agents stay the same. {TOO_FEW_NOTE}"
         " -: too few agents, or all tied."
     )
-    return ReportTable("rank_correlation", "Rank correlation of open and closed loop", columns, tuple(rows), note)
+    return Table("rank_correlation", "Rank correlation of open and closed loop", columns, tuple(rows), note)
 
 
-def _make_cell(found: ConfidenceInterval | None) -> ReportCell:
-    return ReportCell(None if found is None else found.mean, found)
+def _make_cell(found: ConfidenceInterval | None) -> Cell:
+    return Cell(None if found is None else found.mean, found)
 
 
 def make_open_closed_figure(comparison: OpenClosedComparison) -> ReportFigure:

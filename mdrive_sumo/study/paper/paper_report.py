@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+from mdrive_sumo.core.tables import Table, make_row, make_text_columns
 from mdrive_sumo.report.comparison_report.category_tables import (
     build_category_table,
     build_interdrive_table,
@@ -10,7 +11,6 @@ from mdrive_sumo.report.comparison_report.category_tables import (
 )
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, ReportSection
 from mdrive_sumo.report.comparison_report.report_figures import make_level_figure
-from mdrive_sumo.report.comparison_report.report_table import ReportTable, make_row, make_text_columns
 from mdrive_sumo.report.comparison_report.score_tables import build_bucket_table, build_main_table
 from mdrive_sumo.report.published_results import (
     BUCKET_SIZES,
@@ -65,11 +65,11 @@ def build_paper_report(numbers: PaperNumbers, request: PaperRequest) -> Comparis
     return ComparisonReport(TITLE, list_paper_facts(numbers, request), list_paper_warnings(numbers, request), sections)
 
 
-def _make_section(text: SectionText, tables: tuple[ReportTable, ...] = ()) -> ReportSection:
+def _make_section(text: SectionText, tables: tuple[Table, ...] = ()) -> ReportSection:
     return ReportSection(text.title, tables, points=text.list_points())
 
 
-def _build_main_tables(numbers: PaperNumbers) -> tuple[ReportTable, ...]:
+def _build_main_tables(numbers: PaperNumbers) -> tuple[Table, ...]:
     published = PUBLISHED_METHODS if _drives_paper_buckets(numbers) else ()
     main = build_main_table(numbers.compared, published)
     if published and numbers.plan.scale is not PaperScale.WHOLE:
@@ -118,10 +118,10 @@ def _build_channel_sections(numbers: PaperNumbers) -> Sequence[ReportSection]:
     return sections
 
 
-def _build_missing_table() -> ReportTable:
+def _build_missing_table() -> Table:
     columns = make_text_columns({"item": "of the paper", "reason": "why the study has no counterpart"})
     rows = tuple(make_row(row) for row in section_texts.NO_COUNTERPART.items())
-    return ReportTable("without_counterpart", "Tables and figures of the paper without a counterpart", columns, rows)
+    return Table("without_counterpart", "Tables and figures of the paper without a counterpart", columns, rows)
 
 
 def _mark_quick(section: ReportSection) -> ReportSection:

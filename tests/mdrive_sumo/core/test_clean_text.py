@@ -19,7 +19,7 @@ from mdrive_sumo.core.clean_text import (
     clean_line,
     format_markdown_code,
 )
-from mdrive_sumo.core.tables import format_csv_table, format_markdown_table, format_text_table
+from mdrive_sumo.core.tables import format_csv_lines, format_markdown, format_text, make_text_table
 from mdrive_sumo.core.terminal import CleanFormatter, echo
 from mdrive_sumo.report.html_page import PAGE_TEMPLATES
 
@@ -45,7 +45,9 @@ def test_honest_text_stays_as_it_is(clean: object) -> None:
 
 def test_lines_stay_where_they_are_meant() -> None:
     assert clean_for_terminal("a\n\tb") == "a\n\tb"
-    assert format_text_table(("agent", "DS"), [("a\nb\x1b[1A", "1.0")]).splitlines()[-1] == r"a\nb\x1b[1A  1.0"
+    assert (
+        format_text(make_text_table(("agent", "DS"), [("a\nb\x1b[1A", "1.0")])).splitlines()[-1] == r"a\nb\x1b[1A  1.0"
+    )
 
 
 def test_all_that_is_printed_is_cleaned(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -70,13 +72,13 @@ def test_so_are_the_names_of_files_in_errors() -> None:
 )
 def test_no_cell_is_a_formula(cell: str) -> None:
     assert clean_for_csv(cell) == f"'{cell}"
-    assert format_csv_table(("a",), [(cell,)]).splitlines()[1].lstrip('"').startswith("'")
+    assert format_csv_lines([("a",), (cell,)]).splitlines()[1].lstrip('"').startswith("'")
 
 
 @pytest.mark.parametrize("cell", ["-", "-1", "+0.25", "-1e-05", "1", "-inf", "", "a=b", "-12.5 %"])
 def test_numbers_stay_numbers(cell: str) -> None:
     assert clean_for_csv(cell) == cell
-    assert format_csv_table(("a", "b"), [(-1.5, 2)]) == "a,b\n-1.5,2\n"
+    assert format_csv_lines([("a", "b"), (-1.5, 2)]) == "a,b\n-1.5,2\n"
 
 
 @pytest.mark.parametrize(
@@ -100,7 +102,7 @@ def test_no_text_becomes_an_image_or_a_link(text: str) -> None:
 def _check_markdown(text: str) -> None:
     reader = MarkdownIt("commonmark", {"html": True}).enable("table")
     cell = clean_for_markdown(text)
-    for page in (f"agent {cell} end", format_markdown_table(("agent", "DS"), [(text, "1")])):
+    for page in (f"agent {cell} end", format_markdown(make_text_table(("agent", "DS"), [(text, "1")]))):
         found = {token.type for block in reader.parse(page) for token in (block, *(block.children or ()))}
         assert not found & {"image", "link_open", "html_inline", "html_block", "heading_open", "hr"}, (page, found)
     assert not re.search(r"://|www\.", cell)  # GitHub makes links of these

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from mdrive_sumo.core.tables import format_text_table
+from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.report.result_tables import (
     count_collisions_by_severity,
     count_infractions,
@@ -66,7 +66,7 @@ def test_results_without_malformed_messages_are_written_as_before(results: Resul
 
 
 def test_text_table_aligns_names_left_and_numbers_right() -> None:
-    assert format_text_table(("name", "n"), (("a", "1"), ("longer", "10"))).splitlines() == [
+    assert format_text(make_text_table(("name", "n"), (("a", "1"), ("longer", "10")))).splitlines() == [
         "name     n",
         "----------",
         "a        1",
@@ -75,7 +75,7 @@ def test_text_table_aligns_names_left_and_numbers_right() -> None:
 
 
 def test_a_table_without_rows_is_a_header() -> None:
-    assert format_text_table(("name", "n"), ()) == "name  n\n-------"
+    assert format_text(make_text_table(("name", "n"), ())) == "name  n\n-------"
 
 
 def test_summary_has_buckets_and_both_means(results: Results) -> None:

@@ -14,10 +14,11 @@ from testing.study_samples import invoke, make_run, make_scenario
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import MIN_UNITS, ConfidenceInterval, judge_interval
+from mdrive_sumo.core.tables import format_cell
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.study.gain import AGENTS, PARTS, GainRow, GainSummary, SensingProfile, summarise_gain
-from mdrive_sumo.study.gain_files import gain_csv, make_gain_table
+from mdrive_sumo.study.gain_files import build_gain_table, gain_csv
 
 MEANS = {
     ("perfect", "single"): 60.0,
@@ -92,10 +93,11 @@ def test_few_scenarios_show_nothing(scenarios: int) -> None:
     """One scenario printed "+26.7 [+26.7, +26.7] ... gain"."""
     summary = summarise_gain([replace(row, results=row.results[:1]) for row in rows(2 * scenarios)])
     assert {judge_interval(one) for one in gains(summary, "InterDrive").values()} == {"too few scenarios"}
-    assert make_gain_table(summary)[0] == (
+    table = build_gain_table(summary)
+    assert [*map(format_cell, table.rows[0].cells, table.columns)] == [
         f"InterDrive ({scenarios})", "occlusion", "+20.0 [too few]", "+20.0 [too few]",
         "too few scenarios", "too few scenarios",
-    )  # fmt: skip
+    ]  # fmt: skip
     lines = [*csv.DictReader(gain_csv(summary).splitlines())]
     few = [(line["low"], line["high"], line["shown"]) for line in lines if line["group"] != "all"]
     assert {*few} == {("", "", "too few scenarios")}

@@ -8,6 +8,7 @@ import pytest
 from testing.report_samples import BEST, CRASH, SHARING, SINGLE, make_agent_run, make_sample_runs
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.tables import format_cell
 from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_results
 from mdrive_sumo.report.comparison_report.difference_tables import (
     AgentDifference,
@@ -15,7 +16,6 @@ from mdrive_sumo.report.comparison_report.difference_tables import (
     build_difference_table,
     compute_differences,
 )
-from mdrive_sumo.report.comparison_report.report_table import format_cell
 from mdrive_sumo.runs.compare import compare
 from mdrive_sumo.scoring import Results, summarize_run
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from testing.report_samples import BEST, CRASH, SINGLE, make_agent_run, make_sample_runs
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.tables import format_markdown
 from mdrive_sumo.report.comparison_report.category_tables import (
     build_category_table,
     build_interdrive_table,
@@ -25,7 +26,6 @@ from mdrive_sumo.report.comparison_report.scenario_tables import (
     compute_distribution,
 )
 from mdrive_sumo.report.comparison_report.score_tables import build_bucket_table, build_main_table
-from mdrive_sumo.report.comparison_report.table_markdown import format_markdown
 from mdrive_sumo.report.published_results import (
     BUCKET_SIZES,
     BUCKETS,

@@ -5,8 +5,8 @@ import pytest
 from testing.study_samples import make_row, make_run, make_scenario
 
 from mdrive_sumo.core.statistics import bootstrap_mean
+from mdrive_sumo.core.tables import format_cell
 from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_results
-from mdrive_sumo.report.comparison_report.report_table import format_cell
 from mdrive_sumo.report.published_results import AS_PUBLISHED, BUCKETS, PUBLISHED_GAPS, PUBLISHED_LATENCY
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results

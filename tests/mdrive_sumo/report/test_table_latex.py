@@ -11,17 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from testing.report_samples import make_sample_runs
 
+from mdrive_sumo.core.tables import BestValue, Column, Table, make_row
 from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_results
 from mdrive_sumo.report.comparison_report.comparison_report import build_comparison_report
-from mdrive_sumo.report.comparison_report.report_table import BestValue, ReportColumn, ReportTable, make_row
 from mdrive_sumo.report.comparison_report.score_tables import build_main_table
-from mdrive_sumo.report.comparison_report.table_latex import (
+from mdrive_sumo.report.published_results import PUBLISHED_METHODS
+from mdrive_sumo.report.table_latex import (
     PACKAGES,
     escape_latex,
     format_latex,
     format_latex_document,
 )
-from mdrive_sumo.report.published_results import PUBLISHED_METHODS
 
 SPECIAL = set("\\{}$&#_%~^")
 
@@ -73,9 +73,9 @@ def test_each_line_of_every_table_fills_its_columns() -> None:
 
 
 def test_places_are_bold_underlined_and_waved() -> None:
-    columns = (ReportColumn("a", "Agent"), ReportColumn("d", "D", "G", best=BestValue.HIGHEST, has_sign=True))
+    columns = (Column("a", "Agent"), Column("d", "D", "G", best=BestValue.HIGHEST, has_sign=True))
     rows = tuple(make_row((name, value)) for name, value in (("x", 1.0), ("y_1", 3.0), ("z", -2.0), ("w", -3.0)))
-    text = format_latex(ReportTable("some", "Title", columns, rows, "A note").mark_columns())
+    text = format_latex(Table("some", "Title", columns, rows, "A note").mark_columns())
     expected = (r"x & \underline{$+$1.00}", r"y\_1 & \textbf{$+$3.00}", r"z & \uwave{$-$2.00}", r"w & $-$3.00")
     assert {rf"{line} \\" for line in expected} <= set(text.splitlines())
     assert r"\label{tab:some}" in text and r"\cmidrule(lr){2-2}" in text and r"\uwave{wavy}" in text

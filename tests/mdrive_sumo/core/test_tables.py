@@ -9,31 +9,31 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.core.statistics import ConfidenceInterval, bootstrap_mean
-from mdrive_sumo.report.comparison_report.report_table import (
+from mdrive_sumo.core.tables import (
     BestValue,
+    Cell,
+    Column,
     IntervalStyle,
-    ReportCell,
-    ReportColumn,
-    ReportTable,
+    Table,
     format_cell,
+    format_csv,
+    format_markdown,
+    format_text,
     make_row,
 )
-from mdrive_sumo.report.comparison_report.table_csv import format_csv
-from mdrive_sumo.report.comparison_report.table_markdown import format_markdown
-from mdrive_sumo.report.comparison_report.table_text import format_text_rows
 
-NUMBER = ReportColumn("ds", "DS", best=BestValue.HIGHEST)
-NAME = ReportColumn("agent", "Agent")
+NUMBER = Column("ds", "DS", best=BestValue.HIGHEST)
+NAME = Column("agent", "Agent")
 INTERVAL = ConfidenceInterval(80.0, 70.0, 84.0, 20)
 
 
-def make_table(*values: float | None, best: BestValue = BestValue.HIGHEST, unranked: int = 0) -> ReportTable:
+def make_table(*values: float | None, best: BestValue = BestValue.HIGHEST, unranked: int = 0) -> Table:
     """Return a table of one column; the last `unranked` rows do not compete."""
     rows = tuple(make_row((value,), is_ranked=i < len(values) - unranked) for i, value in enumerate(values))
-    return ReportTable("t", "T", (ReportColumn("ds", "DS", best=best),), rows)
+    return Table("t", "T", (Column("ds", "DS", best=best),), rows)
 
 
-def list_ranks(table: ReportTable) -> list[int]:
+def list_ranks(table: Table) -> list[int]:
     return [cell.rank for cell in table.mark_columns().find_column("ds")]
 
 
@@ -69,9 +69,9 @@ def test_a_rank_counts_the_better_rows_that_compete(values: list[float], unranke
 
 
 def test_rows_and_sections_are_ranked_on_their_own() -> None:
-    columns = (NAME, ReportColumn("a", "a", best=BestValue.HIGHEST), ReportColumn("b", "b", best=BestValue.HIGHEST))
+    columns = (NAME, Column("a", "a", best=BestValue.HIGHEST), Column("b", "b", best=BestValue.HIGHEST))
     rows = (make_row(("x", 1.0, 2.0), "one"), make_row(("y", 4.0, 3.0), "two"), make_row(("z", 5.0, 1.0), "two"))
-    table = ReportTable("t", "T", columns, rows)
+    table = Table("t", "T", columns, rows)
     by_row, by_section = (
         [[cell.rank for cell in row.cells] for row in marked.rows]
         for marked in (table.mark_rows(), table.mark_sections())
@@ -88,22 +88,22 @@ def test_rows_and_sections_are_ranked_on_their_own() -> None:
         (False, NUMBER, "×"),
         ("idm", NAME, "idm"),
         (80.0, NUMBER, "80.00 ± 7.00"),
-        (80.0, ReportColumn("d", "d", has_sign=True, intervals=IntervalStyle.ENDS), "+80.00 [+70.00, +84.00]"),
-        (-0.001, ReportColumn("d", "d", has_sign=True), "+0.00 ± 7.00"),
-        (3.0, ReportColumn("n", "n", decimals=0), "3 ± 7"),
+        (80.0, Column("d", "d", has_sign=True, intervals=IntervalStyle.ENDS), "+80.00 [+70.00, +84.00]"),
+        (-0.001, Column("d", "d", has_sign=True), "+0.00 ± 7.00"),
+        (3.0, Column("n", "n", decimals=0), "3 ± 7"),
     ],
 )
-def test_cells_as_text(value: object, column: ReportColumn, text: str) -> None:
-    assert format_cell(ReportCell(value, INTERVAL), column) == text
+def test_cells_as_text(value: object, column: Column, text: str) -> None:
+    assert format_cell(Cell(value, INTERVAL), column) == text
 
 
 @pytest.mark.parametrize(
     ("style", "text"), [(IntervalStyle.ENDS, "80.00 [too few]"), (IntervalStyle.HALF_WIDTH, "80.00")]
 )
 def test_an_interval_over_too_few_scenarios_has_no_ends(style: IntervalStyle, text: str) -> None:
-    cell = ReportCell(80.0, bootstrap_mean(np.full(9, 80.0)))
-    assert format_cell(cell, ReportColumn("d", "d", intervals=style)) == text
-    table = ReportTable("t", "T", (NAME, NUMBER), (make_row(("a", cell)),))
+    cell = Cell(80.0, bootstrap_mean(np.full(9, 80.0)))
+    assert format_cell(cell, Column("d", "d", intervals=style)) == text
+    table = Table("t", "T", (NAME, NUMBER), (make_row(("a", cell)),))
     assert [*csv.DictReader(io.StringIO(format_csv(table)))] == [
         {"agent": "a", "ds": "80", "ds_low": "", "ds_high": ""}
     ]
@@ -111,20 +111,20 @@ def test_an_interval_over_too_few_scenarios_has_no_ends(style: IntervalStyle, te
 
 def test_csv_has_full_precision_and_both_ends_of_intervals() -> None:
     rows = (
-        make_row(('a,"b"', ReportCell(80.123456789, INTERVAL), True), "one"),
+        make_row(('a,"b"', Cell(80.123456789, INTERVAL), True), "one"),
         make_row(("c", None, False), "two"),
     )
-    columns = (NAME, NUMBER, ReportColumn("flag", "Flag"))
-    found = list(csv.DictReader(io.StringIO(format_csv(ReportTable("t", "T", columns, rows)))))
+    columns = (NAME, NUMBER, Column("flag", "Flag"))
+    found = list(csv.DictReader(io.StringIO(format_csv(Table("t", "T", columns, rows)))))
     first = {"section": "one", "agent": 'a,"b"', "ds": "80.123457", "ds_low": "70", "ds_high": "84", "flag": "yes"}
     empty = {"section": "two", "agent": "c", "ds": "", "ds_low": "", "ds_high": "", "flag": "no"}
     assert found == [first, empty]
 
 
 def test_markdown_and_terminal_show_groups_sections_and_marks() -> None:
-    columns = (NAME, ReportColumn("ds", "DS", "Bucket", best=BestValue.HIGHEST))
+    columns = (NAME, Column("ds", "DS", "Bucket", best=BestValue.HIGHEST))
     rows = (make_row(("a|b", 1.0), "First"), make_row(("c", 2.0), "Second"))
-    table = ReportTable("t", "T", columns, rows).mark_columns()
+    table = Table("t", "T", columns, rows).mark_columns()
     assert format_markdown(table).splitlines() == [
         "| Agent | Bucket DS |",
         "| --- | ---: |",
@@ -134,9 +134,9 @@ def test_markdown_and_terminal_show_groups_sections_and_marks() -> None:
         "| c | **2.00** |",
     ]
     assert table.groups == (("", 1), ("Bucket", 1))
-    header, lines = format_text_rows(table)
-    assert header == ("Agent", "Bucket DS")
-    assert lines == [("First:", ""), ("a|b", "1.00"), ("Second:", ""), ("c", "2.00")]
+    assert format_text(table).splitlines() == [
+        "Agent    Bucket DS", "------------------", "First:", "a|b      1.00", "Second:", "c        2.00",
+    ]  # fmt: skip
 
 
 def test_an_unknown_column_is_named() -> None:

@@ -2,8 +2,7 @@ r"""Report tables as LaTeX: `table` environments with booktabs rules, to be incl
 
 import re
 
-from mdrive_sumo.report.comparison_report.report_table import ReportCell, ReportColumn, ReportTable, format_cell
-from mdrive_sumo.report.comparison_report.table_markdown import count_text_columns, has_marks
+from mdrive_sumo.core.tables import Cell, Column, Table, format_cell
 
 PACKAGES = (
     r"\usepackage{amssymb}",
@@ -49,12 +48,12 @@ _ESCAPES = {
 _SIGNED = re.compile(r"(?<![\w.])[-+](?=\d)")
 
 
-def format_latex(table: ReportTable) -> str:
+def format_latex(table: Table) -> str:
     """Return a table with caption and label `tab:NAME`; the best three are bold, underlined and waved.
 
     The document needs `PACKAGES`.
     """
-    text_columns = max(1, count_text_columns(table))
+    text_columns = max(1, table.text_columns)
     layout = "l" * text_columns + "r" * (len(table.columns) - text_columns)
     lines = [
         "% Needs " + " ".join(PACKAGES),
@@ -99,12 +98,12 @@ def escape_latex(text: str) -> str:
     return "".join(_ESCAPES.get(char) or (char if char.isascii() and char.isprintable() else "?") for char in collapsed)
 
 
-def _format_caption(table: ReportTable) -> str:
+def _format_caption(table: Table) -> str:
     parts = (rf"\textbf{{{escape_latex(table.title)}.}}", escape_latex(table.note))
-    return " ".join((*(part for part in parts if part), *((MARKS_LEGEND,) if has_marks(table) else ())))
+    return " ".join((*(part for part in parts if part), *((MARKS_LEGEND,) if table.has_marks else ())))
 
 
-def _format_header(table: ReportTable) -> list[str]:
+def _format_header(table: Table) -> list[str]:
     lines: list[str] = []
     if groups := table.groups:
         spans = [rf"\multicolumn{{{count}}}{{c}}{{{escape_latex(name)}}}" if name else "" for name, count in groups]
@@ -124,7 +123,7 @@ def _format_rules(groups: tuple[tuple[str, int], ...]) -> list[str]:
     return rules
 
 
-def _format_body(table: ReportTable) -> list[str]:
+def _format_body(table: Table) -> list[str]:
     lines: list[str] = []
     for section, rows in table.sections:
         lines.append(r"\midrule")
@@ -141,7 +140,7 @@ def _join(cells: list[str]) -> str:
     return " & ".join(cells) + r" \\"
 
 
-def _format_marked(cell: ReportCell, column: ReportColumn) -> str:
+def _format_marked(cell: Cell, column: Column) -> str:
     text = escape_latex(format_cell(cell, column))
     if cell.number is not None:
         text = _SIGNED.sub(lambda sign: f"${sign.group()}$", text)
