@@ -135,7 +135,7 @@ def test_markdown_and_terminal_show_groups_sections_and_marks() -> None:
     ]
     assert table.groups == (("", 1), ("Bucket", 1))
     assert format_text(table).splitlines() == [
-        "Agent    Bucket DS", "------------------", "First:", "a|b      1.00", "Second:", "c        2.00",
+        "Agent    Bucket DS", "------------------", "First:", "a|b           1.00", "Second:", "c             2.00",
     ]  # fmt: skip
 
 
