@@ -50,7 +50,7 @@ class ColmdriverRuleAgent:
             objects = self._tracker.update(seen)
             stop_points = self._negotiation.find_stop_points(seen, planner)
             others, sigmas = exclude_objects(objects, names), self._tracker.position_sigmas
-            self._ego_planner.update_plan(seen, others, motions, stop_points, sigmas)
+            notes += self._ego_planner.update_plan(seen, others, motions, stop_points, sigmas)
         plan = planner.build_plan(seen.tick)
         step = self._negotiation.negotiate(seen, planner, plan.points)
         return Reply(plan=plan, messages=step.messages, notes=notes + step.notes)

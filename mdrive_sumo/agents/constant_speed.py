@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.contract import Briefing, Observation, ReasonLog, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
 from mdrive_sumo.planning.driving_options import MAX_SPEED
 from mdrive_sumo.planning.path_follower import PathFollower
 from mdrive_sumo.planning.planning_scale import find_cruise_speed, find_planning_scale
-from mdrive_sumo.planning.reference_path import build_path, compute_curve_speeds, compute_legal_speeds
+from mdrive_sumo.planning.reference_path import RouteSpeeds, build_path, compute_legal_speeds
 
 OPTIONS = {"speed": Option(PROTOCOL_SPEED, 1.0, MAX_SPEED)}
 
@@ -52,8 +52,9 @@ class ConstantSpeedAgent:
         self._starts_at_speed = briefing.desired_speed is None
         follows_limits = self._speed is None and briefing.desired_speed is None
         legal = compute_legal_speeds(path, briefing) if follows_limits else None
-        self._limits = compute_curve_speeds(path, cruise_speed, lateral, braking, legal)
+        self._speeds = RouteSpeeds.compute(path, cruise_speed, lateral, braking, legal)
         self._tick_s, self._tick = briefing.tick_s, -1
+        self._reasons = ReasonLog()
 
     def skip(self, seen: Observation) -> None:
         """Note a tick in which something else than a plan of this agent drives: its reference does not move on."""
@@ -66,4 +67,6 @@ class ConstantSpeedAgent:
         self._follower.update(seen.own.x, seen.own.y, seen.own.speed)
         elapsed_s = (seen.tick - self._tick) * self._tick_s  # of several ticks in open loop, or if replies are late
         self._tick = seen.tick
-        return Reply(plan=self._follower.advance(CONSTANT_SPEED.acceleration, self._limits, elapsed_s))
+        notes = self._reasons.record(self._speeds.find_reason(self._follower.s))
+        plan = self._follower.advance(CONSTANT_SPEED.acceleration, self._speeds.limits, elapsed_s)
+        return Reply(plan=plan, notes=notes)

@@ -8,9 +8,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, Plan, Reply, SensorSpec
+from mdrive_sumo.contract import (
+    Briefing,
+    Cause,
+    Objects,
+    Observation,
+    OwnState,
+    Plan,
+    Reason,
+    ReasonLog,
+    Reply,
+    SensorSpec,
+)
 from mdrive_sumo.contract.agent_options import Config, read_options
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Bool
 from mdrive_sumo.perception.late_fusion import FusionLimits, LateFusion
 from mdrive_sumo.planning.reference_path import ReferencePath, build_path
 from mdrive_sumo.planning.stop_lines import StopLines, build_stop_lines
@@ -71,6 +83,7 @@ class PerceptionSwapAgent:
         self._awareness = AwarenessService(briefing, PERCEPTION_SWAP.range_m, self.detector)
         self._route: tuple[ReferencePath, StopLines] | None = None
         self._s, self._hold_until_tick = 0.0, 0
+        self._reasons, self._hazard = ReasonLog(), Reason(Cause.HAZARD)
 
     def act(self, seen: Observation) -> Reply:
         """Return a plan that drives along the route at full speed, or stands."""
@@ -78,20 +91,26 @@ class PerceptionSwapAgent:
         path, lights = self._route = self._route or self._build_route(seen.own)
         self._s = path.project(seen.own.x, seen.own.y, self._s)
         notes = self._fusion.receive(message for message in seen.messages if message.type == CPM)
-        if has_hazard(seen.own, self._fusion.fuse(seen.tick, seen.own, seen.objects)):
+        objects = self._fusion.fuse(seen.tick, seen.own, seen.objects)
+        hazards = find_hazards(seen.own, objects)
+        if hazards.any():
             self._hold_until_tick = seen.tick + PERCEPTION_SWAP.hold_ticks
-        halts = seen.tick < self._hold_until_tick or self._is_at_red_light(lights, seen)
-        return Reply(plan=self._build_plan(path, halts), messages=self._awareness.compose_messages(seen), notes=notes)
+            self._hazard = _describe_hazard(seen.own, objects.take(hazards))
+        reason = self._hazard if seen.tick < self._hold_until_tick else self._find_red_light(lights, seen)
+        plan = self._build_plan(path, halts=reason is not None)
+        notes += self._reasons.record(reason or Reason(Cause.FREE, speed=PERCEPTION_SWAP.speed))
+        return Reply(plan=plan, messages=self._awareness.compose_messages(seen), notes=notes)
 
     def _build_route(self, own: OwnState) -> tuple[ReferencePath, StopLines]:
         """Return the path, and the traffic lights on it: BasicAgent obeys no stop signs."""
         path = build_path(self._briefing.route_xy, self._briefing.vehicle.rear_to_centre, own.yaw)
         return path, build_stop_lines(path, self._briefing, include_signs=False)
 
-    def _is_at_red_light(self, lights: StopLines, seen: Observation) -> bool:
-        """Return whether a closed light lies within the range of a hazard."""
-        ahead = lights.find_stop_stations(self._s, seen.own.speed, seen.signals, lambda line: line > self._s)
-        return any(line - self._s < compute_hazard_range(seen.own.speed) for line in ahead)
+    def _find_red_light(self, lights: StopLines, seen: Observation) -> Reason | None:
+        """Return the closed light within the range of a hazard as a reason, None if there is none."""
+        ahead = lights.find_stops(self._s, seen.own.speed, seen.signals, lambda line: line > self._s)
+        range_m = compute_hazard_range(seen.own.speed)
+        return next((stop.reason for stop in ahead if stop.s - self._s < range_m), None)
 
     def _build_plan(self, path: ReferencePath, halts: bool) -> Plan:
         """Return full speed along the path; a halting plan stands for `halt_s` first."""
@@ -107,8 +126,8 @@ def compute_hazard_range(speed: float) -> float:
     return PERCEPTION_SWAP.hazard_base_m + max(speed, 0.0) * PERCEPTION_SWAP.hazard_growth_s
 
 
-def has_hazard(own: OwnState, objects: Objects) -> bool:
-    """Return whether the centre of a detection is in the lane-wide box straight ahead (protocol 11.2)."""
+def find_hazards(own: OwnState, objects: Objects) -> Bool:
+    """Return a mask (N,): detections whose centre is in the lane-wide box straight ahead (protocol 11.2)."""
     parameters = PERCEPTION_SWAP
     dx, dy = objects.x - own.x, objects.y - own.y
     cos, sin = portable.cos_sin(own.yaw)
@@ -117,7 +136,15 @@ def has_hazard(own: OwnState, objects: Objects) -> bool:
     close &= np.abs(lateral) <= parameters.max_lateral_m
     if abs(own.speed) < parameters.standing_speed:
         close &= ahead < parameters.standing_range_m
-    return bool(close.any())
+    return close
+
+
+def _describe_hazard(own: OwnState, hazards: Objects) -> Reason:
+    """Return the nearest hazard as a reason."""
+    distances_m = portable.hypot(hazards.x - own.x, hazards.y - own.y)
+    row = int(distances_m.argmin())
+    position = float(hazards.x[row]), float(hazards.y[row])
+    return Reason(Cause.HAZARD, (hazards.ids[row],), position, float(distances_m[row]))
 
 
 class AttFuseAgent(PerceptionSwapAgent):

@@ -39,7 +39,7 @@ class SharingAgent:
         if self._ego_planner.track_ego(seen):
             tracked = self._tracker.update(seen)
             detections = Detections.from_objects(tracked)
-            self._ego_planner.update_plan(seen, tracked, sigmas=self._tracker.position_sigmas)
+            notes += self._ego_planner.update_plan(seen, tracked, sigmas=self._tracker.position_sigmas)
         plan = self._ego_planner.planner.build_plan(seen.tick)
         messages = self._awareness.compose_messages(seen)
         return Reply(plan=plan, messages=messages, notes=notes, detections=detections)

@@ -31,7 +31,7 @@ class SharingNegotiationAgent(SharingAgent):
             tracked = self._tracker.update(seen)
             detections = Detections.from_objects(tracked)
             others = exclude_objects(tracked, names)
-            self._ego_planner.update_plan(seen, others, motions, sigmas=self._tracker.position_sigmas)
+            notes += self._ego_planner.update_plan(seen, others, motions, sigmas=self._tracker.position_sigmas)
         plan = planner.build_plan(seen.tick)
         step = self._negotiation.negotiate(seen, planner, plan.points)
         messages = self._awareness.compose_messages(seen) + step.messages

@@ -30,9 +30,9 @@ class SingleAgent:
         if self._ego_planner is None:
             cruise_speed = self._options.find_cruise_speed(self._briefing)
             self._ego_planner = EgoPlanner(self._briefing, seen.own, cruise_speed)
-        detections = None
+        detections, notes = None, ()
         if self._ego_planner.track_ego(seen):
             tracked = self._tracker.update(seen)
             detections = Detections.from_objects(tracked)
-            self._ego_planner.update_plan(seen, tracked, sigmas=self._tracker.position_sigmas)
-        return Reply(plan=self._ego_planner.planner.build_plan(seen.tick), detections=detections)
+            notes = self._ego_planner.update_plan(seen, tracked, sigmas=self._tracker.position_sigmas)
+        return Reply(plan=self._ego_planner.planner.build_plan(seen.tick), notes=notes, detections=detections)

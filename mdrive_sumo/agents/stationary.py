@@ -1,6 +1,6 @@
 """`stationary`: never moves."""
 
-from mdrive_sumo.contract import STANDSTILL, Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.contract import STANDSTILL, Briefing, Cause, Observation, Reason, ReasonLog, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config, read_options
 
 
@@ -16,9 +16,10 @@ class StationaryAgent:
         """Return no sensor."""
         return ()
 
-    def start(self, briefing: Briefing) -> None:
-        """Do nothing."""
+    def start(self, briefing: Briefing) -> None:  # noqa: ARG002 - the protocol's signature
+        """Begin a new episode."""
+        self._reasons = ReasonLog()
 
     def act(self, seen: Observation) -> Reply:  # noqa: ARG002 - the protocol's signature
         """Return full braking."""
-        return Reply(control=STANDSTILL)
+        return Reply(control=STANDSTILL, notes=self._reasons.record(Reason(Cause.STATIONARY)))

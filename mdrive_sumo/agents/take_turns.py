@@ -4,7 +4,7 @@ import hashlib
 import re
 
 from mdrive_sumo.agents.constant_speed import ConstantSpeedAgent
-from mdrive_sumo.contract import STANDSTILL, Briefing, Control, Observation, Reply
+from mdrive_sumo.contract import STANDSTILL, Briefing, Cause, Control, Observation, Reason, Reply
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
 from mdrive_sumo.core.errors import InputError
@@ -57,7 +57,9 @@ class TakeTurnsAgent(ConstantSpeedAgent):
         self.skip(seen)  # otherwise the first plan would advance by the whole wait
         due = seen.tick > 0 and seen.tick % self._nudge_ticks == 0
         self._is_nudging = (due or self._is_nudging) and seen.own.speed < NUDGE_SPEED
-        return Reply(control=NUDGE if self._is_nudging else STANDSTILL)
+        wait_s = (self._departure_tick - seen.tick) * self._tick_s
+        notes = self._reasons.record(Reason(Cause.TURN, seconds=wait_s))
+        return Reply(control=NUDGE if self._is_nudging else STANDSTILL, notes=notes)
 
 
 def find_slot(ego_id: str, slots: int) -> int:

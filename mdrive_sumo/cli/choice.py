@@ -1,9 +1,15 @@
-"""Find the scenarios that a user names on the command line."""
+"""Find the scenarios and recordings that a user names on the command line."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.scoring import Results
+
+if TYPE_CHECKING:
+    from mdrive_sumo.export.scored_recording import ScoredRecording
 
 
 def find_one_scenario(suite: Suite, pattern: str) -> Scenario:
@@ -25,3 +31,25 @@ def choose_seed(results: Results, seed: int | None) -> int:
     if seed not in seeds:
         raise InputError(f"--seed: expected one of the run's, {', '.join(map(str, seeds))}, found {seed}")
     return seed
+
+
+def load_one_recording(folder: Path, pattern: str | None, seed: int | None, suite: str | None) -> "ScoredRecording":
+    """Return the recording of the only scenario that fits. Raises InputError."""
+    from mdrive_sumo.export.export_run import load_recordings, select_recorded
+    from mdrive_sumo.runs.stored_run import load_stored_run
+
+    stored = load_stored_run(folder, suite)
+    chosen = choose_seed(stored.results, seed)
+    results = select_recorded(stored, (stored.results.scenarios[0].id if pattern is None else pattern,))
+    names = list(dict.fromkeys(result.id for result in results))
+    if len(names) > 1:
+        raise InputError(
+            f"{folder}: expected {pattern!r} to fit one scenario, found {len(names)}: {', '.join(names[:4])}"
+            f"{' ...' if len(names) > 4 else ''}; an id names one"
+        )
+    of_seed = [result for result in results if result.seed == chosen]
+    if not of_seed:
+        raise InputError(
+            f"{folder}: scenario {names[0]}: expected a recorded episode of seed {chosen}, found a void one"
+        )
+    return next(load_recordings(stored, of_seed))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
-from mdrive_sumo.cli.choice import choose_seed
+from mdrive_sumo.cli.choice import load_one_recording
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.render.render_options import DEFAULT_FPS, DEFAULT_SIZE, RenderOptions, ViewName
@@ -63,30 +63,8 @@ def command(
     check_output(out, options["force"])
     found: list[ScoredRecording] = []
     for folder in run_folders:
-        found.append(_load_recording(folder, pattern or (found[0].scenario.id if found else None), seed, suite))
+        found.append(load_one_recording(folder, pattern or (found[0].scenario.id if found else None), seed, suite))
     if len(names := {one.scenario.id for one in found}) > 1:
         raise InputError(f"--scenario: expected one that fits the same scenario in all runs, found {sorted(names)}")
     episodes = [RenderedEpisode(one.record, one.scenario, one.roads, one.result) for one in found]
     echo(render_episodes(episodes, out, RenderOptions(**options)))
-
-
-def _load_recording(folder: Path, pattern: str | None, seed: int | None, suite: str | None) -> "ScoredRecording":
-    """Return the recording of the only scenario that fits. Raises InputError."""
-    from mdrive_sumo.export.export_run import load_recordings, select_recorded
-    from mdrive_sumo.runs.stored_run import load_stored_run
-
-    stored = load_stored_run(folder, suite)
-    chosen = choose_seed(stored.results, seed)
-    results = select_recorded(stored, (stored.results.scenarios[0].id if pattern is None else pattern,))
-    names = list(dict.fromkeys(result.id for result in results))
-    if len(names) > 1:
-        raise InputError(
-            f"{folder}: expected {pattern!r} to fit one scenario, found {len(names)}: {', '.join(names[:4])}"
-            f"{' ...' if len(names) > 4 else ''}; an id names one"
-        )
-    of_seed = [result for result in results if result.seed == chosen]
-    if not of_seed:
-        raise InputError(
-            f"{folder}: scenario {names[0]}: expected a recorded episode of seed {chosen}, found a void one"
-        )
-    return next(load_recordings(stored, of_seed))

@@ -24,6 +24,7 @@ from mdrive_sumo.contract.exchange import (
     read_label,
     read_sensors,
 )
+from mdrive_sumo.contract.reason import MAX_OTHERS, REASON, Cause, Reason, ReasonLog
 from mdrive_sumo.contract.reply_check import (
     CONTROL_STEP,
     MAX_DETECTIONS,
@@ -66,6 +67,11 @@ __all__ = [
     "OwnState",
     "Plan",
     "Privileged",
+    "MAX_OTHERS",
+    "REASON",
+    "Cause",
+    "Reason",
+    "ReasonLog",
     "Reply",
     "read_label",
     "check_sensors",

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.contract import Briefing, Observation, OwnState
+from mdrive_sumo.contract import Briefing, Cause, Observation, OwnState, Reason
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT
@@ -21,7 +21,8 @@ from mdrive_sumo.negotiation.negotiator import NegotiationDecision, NegotiationM
 from mdrive_sumo.negotiation.rule_negotiator import RuleNegotiator
 from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
 from mdrive_sumo.planning.reference_path import SPACING_M
-from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
+from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner
+from mdrive_sumo.planning.stop_lines import StopPoint
 from mdrive_sumo.v2x.messages import Intention
 
 
@@ -91,10 +92,13 @@ class NegotiationInterface:
         if name in decision.priority_over:
             trusted = poses[: int((parameters.trust_s >= TIMES).sum())]
             length -= 2 * parameters.trust_longitudinal_m
-            return PredictedMotion(trusted, length, width - 2 * parameters.trust_lateral_m)
+            width -= 2 * parameters.trust_lateral_m
+            return PredictedMotion(trusted, length, width, Reason(Cause.ANNOUNCED, (name,)))
         if self._is_leader(poses, planner):
-            return PredictedMotion(predict_announced_braking(payload, age_ticks), length, width, stands_at_end=True)
-        return PredictedMotion(poses, length, width)
+            braking = predict_announced_braking(payload, age_ticks)
+            return PredictedMotion(braking, length, width, Reason(Cause.FOLLOW, (name,)), stands_at_end=True)
+        cause = Cause.AGREEMENT if name in decision.yield_to else Cause.ANNOUNCED
+        return PredictedMotion(poses, length, width, Reason(cause, (name,)))
 
     def _is_leader(self, poses: Float, planner: SpaceTimePlanner) -> bool:
         """Return whether a CAV drives ahead on the own path: it may have to brake, whatever it announced."""
@@ -121,8 +125,11 @@ class NegotiationInterface:
         member_by_id = {member.id: member for member in self._negotiator.peers.predict_members(seen.tick)}
         first = [member_by_id[name] for name in decision.yield_to if name in member_by_id]
         gap = compute_free_distance(self._build_member(seen, planner, np.zeros((0, 2))), first)
+        if not math.isfinite(gap):
+            return []
         until_s = (decision.until_tick - seen.tick) * DT
-        return [StopPoint(planner.s + gap, until_s)] if math.isfinite(gap) else []
+        reason = Reason(Cause.AGREEMENT, tuple(sorted(decision.yield_to)), distance_m=gap, seconds=until_s)
+        return [StopPoint(planner.s + gap, reason, until_s)]
 
     def negotiate(self, seen: Observation, planner: SpaceTimePlanner, planned: Float) -> NegotiationStep:
         """Run the negotiator; its decision counts from the next plan on. planned: (K, 2) own positions [m]."""

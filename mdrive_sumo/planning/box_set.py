@@ -78,10 +78,11 @@ class BoxSet:
         chunks, rows = np.nonzero(dx * dx + dy * dy <= reach * reach * SLACK)
         return chunks, rows
 
-    def find_overlapping(self, rows: Int, others: "BoxSet", other_rows: Int) -> Int:
-        """Return those of the own `rows` (P,) whose box overlaps the one in the same place of `other_rows` (P,)."""
+    def find_overlapping(self, rows: Int, others: "BoxSet", other_rows: Int) -> tuple[Int, Int]:
+        """Return the pairs of own `rows` (P,) and `other_rows` (P,) whose boxes overlap."""
         rows, other_rows = self._exclude_far(rows, others, other_rows)
-        return rows[self._overlap(rows, others, other_rows)]
+        met = self._overlap(rows, others, other_rows)
+        return rows[met], other_rows[met]
 
     def _exclude_far(self, rows: Int, others: "BoxSet", other_rows: Int) -> tuple[Int, Int]:
         """Return the pairs whose circles touch."""

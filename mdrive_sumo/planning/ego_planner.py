@@ -4,13 +4,13 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState
+from mdrive_sumo.contract import Briefing, Note, Objects, Observation, OwnState, ReasonLog
 from mdrive_sumo.planning.interaction_prediction import EXACT, InteractionPredictor
 from mdrive_sumo.planning.motion_prediction import PredictedMotion
 from mdrive_sumo.planning.obstacle_avoidance import ObstacleAvoidance
 from mdrive_sumo.planning.parameters import STOP_LINE
-from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
-from mdrive_sumo.planning.stop_lines import StopLines, build_stop_lines
+from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner
+from mdrive_sumo.planning.stop_lines import StopLines, StopPoint, build_stop_lines
 
 
 class EgoPlanner:
@@ -22,6 +22,7 @@ class EgoPlanner:
         self._predictor = InteractionPredictor(briefing, cruise_speed, self.planner.scale)
         self._briefing, self._avoidance = briefing, ObstacleAvoidance(briefing, self.planner.scale)
         self._stop_lines: StopLines = build_stop_lines(self.planner.path, briefing)
+        self._reasons = ReasonLog()
 
     def track_ego(self, seen: Observation) -> bool:
         """Update the own station; return whether `update_plan` must be called in this tick."""
@@ -35,8 +36,8 @@ class EgoPlanner:
         announced: Sequence[PredictedMotion] = (),
         stop_points: Sequence[StopPoint] = (),
         sigmas: Mapping[str, float] = EXACT,
-    ) -> None:
-        """Update the plan.
+    ) -> tuple[Note, ...]:
+        """Update the plan; return the note of what limits it, if that is something else than before.
 
         objects: road users whose motion has to be predicted; announced: known motions of others; stop_points: further
         places to wait at; sigmas: standard deviation [m] of the position of objects by id, 0 for the others.
@@ -51,6 +52,7 @@ class EgoPlanner:
         motions, yield_stops = self._predictor.predict(seen.own, objects, planner, sigmas)
         stops = [*yield_stops, *line_stops, *obstacle_stops, *stop_points]
         planner.update(seen.tick, seen.own.speed, [*motions, *announced], stops)
+        return self._reasons.record(planner.reason)
 
     def _find_line_stops(self, seen: Observation) -> list[StopPoint]:
         """Return the stop signs and red lights ahead."""
@@ -59,8 +61,7 @@ class EgoPlanner:
         def can_stop(line: float) -> bool:
             return line > here and (speed * speed) / (2 * max(line - here, 0.5)) < STOP_LINE.yellow_braking
 
-        stations = self._stop_lines.find_stop_stations(here, speed, seen.signals, can_stop)
-        return [StopPoint(station) for station in stations]
+        return self._stop_lines.find_stops(here, speed, seen.signals, can_stop)
 
 
 def exclude_objects(objects: Objects, ids: Collection[str]) -> Objects:

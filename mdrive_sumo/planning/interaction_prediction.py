@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from mdrive_sumo.contract import Briefing, Objects, OwnState
+from mdrive_sumo.contract import Briefing, Cause, Objects, OwnState, Reason
 from mdrive_sumo.core.geometry import Float, wrap_angle
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning import right_of_way
@@ -31,7 +31,8 @@ from mdrive_sumo.planning.planning_scale import PROTOCOL_SCALE, PlanningScale
 from mdrive_sumo.planning.queue_gap import compute_queue_gap
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 from mdrive_sumo.planning.road_direction import align_with_road, build_road_direction
-from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
+from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner
+from mdrive_sumo.planning.stop_lines import StopPoint
 
 EXACT: Mapping[str, float] = MappingProxyType({})
 """Standard deviations of objects whose position is exact."""
@@ -107,7 +108,10 @@ class InteractionPredictor:
         poses = place_on_arc(objects, row, travelled, 0.0)
         if abs(speed) > MOTION.standing_speed and aligned:
             poses = place_on_path(path, here, travelled)
-        motion = _build_motion(objects, row, poses)
+        gap_m = here - s - (self._briefing.vehicle.length + float(objects.length[row])) / 2
+        moves = aligned and abs(speed) > MOTION.standing_speed
+        reason = _build_reason(objects, row, Cause.FOLLOW if moves else Cause.BLOCKED, distance_m=max(gap_m, 0.0))
+        motion = _build_motion(objects, row, poses, reason)
         leads = aligned and objects.kind[row] != Kind.STATIC
         return replace(motion, min_gap_m=compute_queue_gap(sigma)) if leads else motion
 
@@ -121,13 +125,21 @@ class InteractionPredictor:
         if latest_m < stop_m:
             return []
         gap = max(conflict.begin_m - parameters.turning_room_m, min(stop_m + parameters.min_wait_gap_m, latest_m))
-        return [StopPoint(s + gap, conflict.leaves_s)]
+        arrives_s = None if conflict.is_standing else conflict.arrives_s
+        reason = Reason(Cause.YIELD, (conflict.id,), conflict.position, gap, arrives_s)
+        return [StopPoint(s + gap, reason, conflict.leaves_s)]
+
+
+def _build_reason(objects: Objects, row: int, cause: Cause, distance_m: float | None = None) -> Reason:
+    """Return the reason to mind an object."""
+    return Reason(cause, (objects.ids[row],), (float(objects.x[row]), float(objects.y[row])), distance_m)
 
 
 def _predict_merging(objects: Objects, row: int, curvature: float) -> PredictedMotion:
     """Return the motion of a vehicle ahead whose path joins the own path."""
     speed = float(objects.speed[row])
-    return _predict_between(objects, row, (predict_hesitation(speed), predict_constant_speed(speed)), curvature)
+    bounds = predict_hesitation(speed), predict_constant_speed(speed)
+    return _predict_between(objects, row, bounds, curvature, _build_reason(objects, row, Cause.AVOID))
 
 
 def _predict_crossing(
@@ -135,22 +147,25 @@ def _predict_crossing(
 ) -> PredictedMotion:
     """Return the motion of a road user whose path crosses the own path and that accelerates to `top_speed` [m/s]."""
     speed = float(objects.speed[row])
+    reason = _build_reason(objects, row, Cause.YIELD if goes_first else Cause.AVOID)
     if not goes_first:
-        return _build_motion(objects, row, place_on_arc(objects, row, predict_yielding(speed), curvature))
+        return _build_motion(objects, row, place_on_arc(objects, row, predict_yielding(speed), curvature), reason)
     if objects.kind[row] == Kind.STATIC:
-        return _build_motion(objects, row, place_on_arc(objects, row, predict_constant_speed(0.0), 0.0))
+        return _build_motion(objects, row, place_on_arc(objects, row, predict_constant_speed(0.0), 0.0), reason)
     fastest = predict_acceleration(speed, top_speed)
-    return _predict_between(objects, row, (predict_hesitation(speed), fastest), curvature)
+    return _predict_between(objects, row, (predict_hesitation(speed), fastest), curvature, reason)
 
 
-def _predict_between(objects: Objects, row: int, bounds: tuple[Float, Float], curvature: float) -> PredictedMotion:
+def _predict_between(
+    objects: Objects, row: int, bounds: tuple[Float, Float], curvature: float, reason: Reason
+) -> PredictedMotion:
     """Return the motion of an object that travels between two distances (T,) [m]: its box covers both."""
     least, most = bounds
     middle = place_on_arc(objects, row, (most + least) / 2, curvature)[:RELIABLE_ROWS]
     length = float(objects.length[row]) + (most - least)[:RELIABLE_ROWS]
-    return PredictedMotion(middle, length, float(objects.width[row]))
+    return PredictedMotion(middle, length, float(objects.width[row]), reason)
 
 
-def _build_motion(objects: Objects, row: int, poses: Float) -> PredictedMotion:
+def _build_motion(objects: Objects, row: int, poses: Float, reason: Reason) -> PredictedMotion:
     """Return the motion of an object that stands at the end of these poses (T, 3)."""
-    return PredictedMotion(poses, float(objects.length[row]), float(objects.width[row]), stands_at_end=True)
+    return PredictedMotion(poses, float(objects.length[row]), float(objects.width[row]), reason, stands_at_end=True)

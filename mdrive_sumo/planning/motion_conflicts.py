@@ -20,8 +20,9 @@ class MotionConflicts:
     """
 
     def __init__(self, path: ReferencePath, vehicle: VehicleFacts, motions: Sequence[PredictedMotion]) -> None:
-        self._path, self._vehicle = path, vehicle
+        self._path, self._vehicle, self._motions = path, vehicle, motions
         parts = [_describe_boxes(motion) for motion in motions]
+        self._counts = [len(part) for part in parts]
         columns = np.concatenate(parts) if parts else np.zeros((0, 8))
         x, y, yaw, length, width, self._min_gap_m = columns[:, :6].T
         self._begin, self._end = columns[:, 6:].T.astype(np.int64)
@@ -65,13 +66,30 @@ class MotionConflicts:
     def find_met(self, cells: Int, margin: SafetyMargin) -> Bool:
         """Return a mask (K,): whether the own box in cell k (K,) overlaps a predicted box at the k-th time."""
         met = np.zeros(len(cells), dtype=np.bool_)
+        rows, _ = self._find_meetings(cells, margin)
+        met[rows] = True
+        return met
+
+    def find_first_met(self, cells: Int, margin: SafetyMargin) -> tuple[int, PredictedMotion] | None:
+        """Return the first k at which the own box in cell k (K,) overlaps a predicted box at the k-th time, and whose.
+
+        None if it meets nothing.
+        """
+        rows, boxes = self._find_meetings(cells, margin)
+        if not len(rows):
+            return None
+        first = int(rows.argmin())
+        motion = int(np.searchsorted(np.cumsum(self._counts), boxes[first], side="right"))
+        return int(rows[first]), self._motions[motion]
+
+    def _find_meetings(self, cells: Int, margin: SafetyMargin) -> tuple[Int, Int]:
+        """Return every k (P,) at which the own box in cell k overlaps a predicted box, and that box (P,)."""
         counts = np.maximum(np.minimum(self._end, len(cells)) - self._begin, 0)
         boxes = np.repeat(np.arange(len(counts)), counts)
         rows = np.arange(len(boxes)) - np.repeat(np.cumsum(counts) - counts - self._begin, counts)
         length, width = self._vehicle.length + 2 * margin.longitudinal, self._vehicle.width + 2 * margin.lateral
         mine = BoxSet.build(compute_footprints(self._path, length, width, cells))
-        met[mine.find_overlapping(rows, self._boxes, boxes)] = True
-        return met
+        return mine.find_overlapping(rows, self._boxes, boxes)
 
 
 def _describe_boxes(motion: PredictedMotion) -> Float:

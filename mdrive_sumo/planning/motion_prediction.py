@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mdrive_sumo.contract import Objects
+from mdrive_sumo.contract import Objects, Reason
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
@@ -30,6 +30,8 @@ class PredictedMotion:
     length: Float | float
     """One value, or one per row: an object at an uncertain position covers a longer box."""
     width: float
+    reason: Reason
+    """Why the own car must mind it."""
     stands_at_end: bool = False
     min_gap_m: float = 0.0
     """The own car keeps at least this gap [m] behind the box, whatever its margin is."""

@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState
+from mdrive_sumo.contract import Briefing, Cause, Objects, Observation, OwnState, Reason
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
 from mdrive_sumo.core.state import Kind
@@ -15,7 +15,7 @@ from mdrive_sumo.planning.detour import Detour, compute_box_extents, find_detour
 from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps, find_cells
 from mdrive_sumo.planning.planning_scale import PROTOCOL_SCALE, PlanningScale
 from mdrive_sumo.planning.reference_path import ReferencePath
-from mdrive_sumo.planning.space_time_planner import StopPoint
+from mdrive_sumo.planning.stop_lines import StopPoint
 
 
 class ReplaceablePath(Protocol):
@@ -36,6 +36,18 @@ class ReplaceablePath(Protocol):
         ...
 
 
+class _DetourConflict(NamedTuple):
+    """Where the area begins that another road user sweeps when the car arrives on its detour."""
+
+    station: float
+    """[m] Infinity if there is no conflict."""
+    other: str
+    position: tuple[float, float] | None
+
+
+NO_CONFLICT = _DetourConflict(math.inf, "", None)
+
+
 class ObstacleAvoidance:
     """Tracks standing objects, decides which vehicles are parked, and replaces the path by a detour when it is free."""
 
@@ -45,8 +57,7 @@ class ObstacleAvoidance:
         self._tracker = StaticObjectTracker()
         self._passed_ids: frozenset[str] = frozenset()
         self._detour: Detour | None = None
-        self._last_conflict = -self._parameters.memory_ticks, math.inf
-        """Tick and station [m] of the last conflict on the detour."""
+        self._last_conflict, self._last_conflict_tick = NO_CONFLICT, -self._parameters.memory_ticks
 
     def update(
         self, seen: Observation, objects: Objects, planner: ReplaceablePath, stop_stations: Sequence[float]
@@ -76,8 +87,8 @@ class ObstacleAvoidance:
         parked = fixed | (obstructing & still & ~queued & (standstill_s >= self._parameters.parked_s))
         if self._take_detour(seen.own, objects, parked, boxes, planner):
             return self._tracker.replace_by_means(objects, parked), waits
-        blocking_s = first_s[obstructing & (fixed | still)]
-        return objects, waits + self._build_waiting_points(blocking_s, planner.s, seen.own.speed)
+        blocking = np.flatnonzero(obstructing & (fixed | still))
+        return objects, waits + self._build_waiting_points(objects, blocking, first_s, planner.s, seen.own.speed)
 
     def _find_fixed_objects(self, objects: Objects, standstill_s: Float) -> Bool:
         """Return a mask (N,): static objects, and vehicles that the car passes already."""
@@ -102,7 +113,7 @@ class ObstacleAvoidance:
         if detour is None:
             return False
         others, reserve_s = objects.take(~parked), self._parameters.time_reserve_s
-        if math.isfinite(self._find_conflict_station(detour, others, own, planner.s, reserve_s)):
+        if self._find_detour_conflict(detour, others, own, planner.s, reserve_s) is not NO_CONFLICT:
             return False
         planner.replace_path(detour.path)
         last_s = max(detour.last_s, self._detour.last_s) if self._detour else detour.last_s
@@ -118,23 +129,23 @@ class ObstacleAvoidance:
             return []
         parameters = self._parameters
         reserve_s = parameters.time_reserve_s / 2
-        conflict_s = self._find_conflict_station(self._detour, others, own, planner.s, reserve_s)
-        if conflict_s < math.inf:
-            self._last_conflict = tick, conflict_s
-        elif tick - self._last_conflict[0] <= parameters.memory_ticks:
-            conflict_s = self._last_conflict[1]
+        conflict = self._find_detour_conflict(self._detour, others, own, planner.s, reserve_s)
+        if conflict is not NO_CONFLICT:
+            self._last_conflict, self._last_conflict_tick = conflict, tick
+        elif tick - self._last_conflict_tick <= parameters.memory_ticks:
+            conflict = self._last_conflict
         soonest = planner.s + (own.speed * own.speed) / (2 * parameters.hard_braking)
-        can_stop = own.speed < parameters.creeping_speed or soonest < conflict_s
-        waits = can_stop and conflict_s < math.inf
-        return [StopPoint(max(conflict_s - parameters.yield_gap_m, soonest))] if waits else []
+        can_stop = own.speed < parameters.creeping_speed or soonest < conflict.station
+        if not can_stop or conflict is NO_CONFLICT:
+            return []
+        wait_s = max(conflict.station - parameters.yield_gap_m, soonest)
+        reason = Reason(Cause.ONCOMING, (conflict.other,), conflict.position, max(wait_s - planner.s, 0.0))
+        return [StopPoint(wait_s, reason)]
 
-    def _find_conflict_station(
+    def _find_detour_conflict(
         self, detour: Detour, others: Objects, own: OwnState, s: float, reserve_s: float
-    ) -> float:
-        """Return the station [m] ahead of s where the area begins that others sweep when the car arrives.
-
-        All road users are predicted to go straight on; infinity if there is no conflict.
-        """
+    ) -> _DetourConflict:
+        """Return the first conflict ahead of s [m] with others, which are all predicted to go straight on."""
         parameters = self._parameters
         stations = np.arange(s, detour.last_s, parameters.stride_m)
         size = self._vehicle.length, self._vehicle.width + 2 * parameters.side_gap_m
@@ -148,8 +159,13 @@ class ObstacleAvoidance:
         ramp_s = max(parameters.passing_speed - own.speed, 0.0) / (2 * parameters.passing_acceleration)
         own_s = (stations - s) / max(own.speed, parameters.passing_speed) + ramp_s
         conflict = met & (arrives_s <= own_s[:, None, None] + reserve_s)
-        blocked = met[:, conflict.any((0, 2))].any((1, 2))
-        return float(stations[blocked.argmax()]) if blocked.any() else math.inf
+        conflicting = conflict.any((0, 2))
+        blocked = met[:, conflicting].any((1, 2))
+        if not blocked.any():
+            return NO_CONFLICT
+        station = int(blocked.argmax())
+        row = int(rows[(met[station].any(1) & conflicting).argmax()])
+        return _DetourConflict(float(stations[station]), others.ids[row], (float(others.x[row]), float(others.y[row])))
 
     def _find_same_lane_traffic(self, others: Objects, own: OwnState) -> Bool:
         """Return a mask (N,): road users that drive ahead in the own direction, or follow the car."""
@@ -161,16 +177,23 @@ class ObstacleAvoidance:
         follows = (lead < 0) & (np.abs(lateral) < parameters.follower_lateral_m)
         return (portable.cos(others.yaw - own.yaw) > parameters.same_direction_cos) & (leads | follows)
 
-    def _build_waiting_points(self, first_s: Float, s: float, speed: float) -> list[StopPoint]:
-        """Return where to wait behind obstacles that begin at first_s (K,) [m], with room to turn out.
+    def _build_waiting_points(
+        self, objects: Objects, rows: Int, first_s: Float, s: float, speed: float
+    ) -> list[StopPoint]:
+        """Return where to wait behind the obstacles `rows`, which begin at first_s (N,) [m], with room to turn out.
 
         Empty if the car can no longer stop there.
         """
-        if not len(first_s):
+        if not len(rows):
             return []
-        stop = float(first_s.min()) - self._vehicle.length / 2 - self._parameters.turn_out_m
+        nearest = int(rows[first_s[rows].argmin()])
+        stop = float(first_s[nearest]) - self._vehicle.length / 2 - self._parameters.turn_out_m
         soonest = s + (speed * speed) / (2 * self._parameters.hard_braking)
-        return [StopPoint(max(stop, soonest))] if soonest < stop + self._parameters.max_overshoot_m else []
+        if soonest >= stop + self._parameters.max_overshoot_m:
+            return []
+        position = float(objects.x[nearest]), float(objects.y[nearest])
+        gap_m = max(float(first_s[nearest]) - self._vehicle.length / 2 - s, 0.0)
+        return [StopPoint(max(stop, soonest), Reason(Cause.OBSTACLE, (objects.ids[nearest],), position, gap_m))]
 
 
 def _find_stopped_at_lines(first_s: Float, stop_stations: Sequence[float], look_m: float) -> Bool:

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from mdrive_sumo.contract import Briefing
+from mdrive_sumo.contract import Briefing, Cause, Reason
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline, wrap_angle
 
@@ -34,6 +34,10 @@ class PathParameters:
 
 
 PATH = PathParameters()
+LOOK_AHEAD_S = 4.0
+"""[s] A route that slows a car further ahead, at its cruising speed, is no reason for what it does now."""
+NOTICEABLE_SPEED = 0.5
+"""[m/s] A route that takes less off the cruising speed does not limit it: half a step of the finest lattice."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +162,37 @@ def compute_curve_speeds(
     for i in range(len(speeds) - 2, -1, -1):
         speeds[i] = min(speeds[i], math.sqrt(portable.square(speeds[i + 1]) + 2 * braking * SPACING_M))
     return np.array(speeds)
+
+
+@dataclass(frozen=True)
+class RouteSpeeds:
+    """How fast a car drives along a path on a free road, and what limits it."""
+
+    limits: Float
+    """(M,) legal and comfortable speed [m/s] at the points of the path."""
+    cruise_speed: float
+    """[m/s] Where nothing of the route limits it."""
+    legal: Float | None
+    """(M,) speed limit [m/s]; None if the car does not mind it."""
+
+    @classmethod
+    def compute(
+        cls, path: ReferencePath, cruise_speed: float, lateral: float, braking: float, legal: Float | None
+    ) -> "RouteSpeeds":
+        """Return the speeds of `compute_curve_speeds`."""
+        return cls(compute_curve_speeds(path, cruise_speed, lateral, braking, legal), cruise_speed, legal)
+
+    def find_reason(self, s: float) -> Reason:
+        """Return what of the route limits the speed from arc length s [m] on, within `LOOK_AHEAD_S`."""
+        first = min(int(s / SPACING_M), len(self.limits) - 1)
+        ahead = self.limits[first : first + int(self.cruise_speed * LOOK_AHEAD_S / SPACING_M) + 1]
+        slowest = int(ahead.argmin())
+        speed = float(ahead[slowest])
+        if speed > self.cruise_speed - NOTICEABLE_SPEED:
+            return Reason(Cause.FREE, speed=self.cruise_speed)
+        is_legal = self.legal is not None and float(self.legal[first + slowest]) < speed + NOTICEABLE_SPEED
+        cause = Cause.SPEED_LIMIT if is_legal else Cause.BEND
+        return Reason(cause, distance_m=slowest * SPACING_M, speed=speed)
 
 
 def compute_legal_speeds(path: ReferencePath, briefing: Briefing) -> Float:

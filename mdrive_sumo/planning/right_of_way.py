@@ -57,6 +57,9 @@ class LeadObject:
 
     gap_m: float
     speed: float
+    id: str
+    position: Position
+    """Present position of the object."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +100,10 @@ def find_lead_objects(
     rows = np.flatnonzero(met.any(0) & ~find_followers_beside(ego, preview, objects, parameters))
     first: Int = met[:, rows].argmax(0) + 1
     along = np.maximum(objects.speed[rows] * portable.cos(objects.yaw[rows] - preview.yaw[first]), 0.0)
-    return [LeadObject(*pair) for pair in zip(preview.distance[first].tolist(), along.tolist(), strict=True)]
+    return [
+        LeadObject(gap_m, speed, objects.ids[row], (float(objects.x[row]), float(objects.y[row])))
+        for gap_m, speed, row in zip(preview.distance[first].tolist(), along.tolist(), rows.tolist(), strict=True)
+    ]
 
 
 def find_rows_on_path(

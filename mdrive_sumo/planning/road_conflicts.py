@@ -122,4 +122,4 @@ def find_red_light(lights: StopLines, s: float, seen: Observation) -> float:
     def can_stop(line: float) -> bool:
         return line > s and (speed * speed) / (2 * max(line - s, 0.5)) < STOP_LINE.yellow_braking
 
-    return min(lights.find_stop_stations(s, speed, seen.signals, can_stop), default=math.inf)
+    return min((stop.s for stop in lights.find_stops(s, speed, seen.signals, can_stop)), default=math.inf)

@@ -5,11 +5,11 @@ It uses the search of `omniscient` (`speed_profile`) with a shorter horizon, and
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from mdrive_sumo.contract import Briefing, OwnState, Plan
+from mdrive_sumo.contract import Briefing, Cause, OwnState, Plan, Reason
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.planning.motion_conflicts import MotionConflicts
@@ -21,8 +21,8 @@ from mdrive_sumo.planning.profile_search import find_fastest_profile
 from mdrive_sumo.planning.reference_path import (
     SPACING_M,
     ReferencePath,
+    RouteSpeeds,
     build_path,
-    compute_curve_speeds,
     compute_legal_speeds,
 )
 from mdrive_sumo.planning.speed_profile import (
@@ -30,15 +30,10 @@ from mdrive_sumo.planning.speed_profile import (
     SpeedProfileProblem,
     build_braking_profile,
     build_free_road_problem,
+    falls_behind,
+    predict_free_stations,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class StopPoint:
-    """A station [m] on the path that the box centre must not pass until a time [s from now]."""
-
-    s: float
-    until_s: float = math.inf
+from mdrive_sumo.planning.stop_lines import StopPoint
 
 
 class SpaceTimePlanner:
@@ -52,22 +47,24 @@ class SpaceTimePlanner:
         """What follows from the speeds of this route."""
         rear_to_centre = briefing.vehicle.rear_to_centre
         self.path: ReferencePath = build_path(briefing.route_xy, rear_to_centre, start_yaw, self.scale.path)
-        self._speeds = self._compute_speed_limits()
+        self._speeds = self._compute_speeds()
         self._profile: SpeedProfile | None = None
         self._profile_tick = self._moved_tick = 0
         self.s = 0.0
+        self.reason = Reason(Cause.FREE)
+        """What limits the present profile."""
 
-    def _compute_speed_limits(self) -> Float:
-        """Return the legal and comfortable speed (M,) [m/s] at the points of the path."""
+    def _compute_speeds(self) -> RouteSpeeds:
+        """Return the legal and comfortable speeds along the path."""
         lateral, braking = self._parameters.lateral_acceleration, self._parameters.braking
         legal = compute_legal_speeds(self.path, self._briefing)
-        return compute_curve_speeds(self.path, self._cruise_speed, lateral, braking, legal)
+        return RouteSpeeds.compute(self.path, self._cruise_speed, lateral, braking, legal)
 
     def replace_path(self, path: ReferencePath) -> None:
         """Continue along another path, which begins as the present one does."""
         x, y = self.path.get_points(np.array((self.s,)))[0].tolist()
         self.path, self.s = path, path.project(x, y, self.s)
-        self._speeds, self._profile = self._compute_speed_limits(), None
+        self._speeds, self._profile = self._compute_speeds(), None
 
     def track_ego(self, tick: int, own: OwnState) -> None:
         """Update the station from the measured state."""
@@ -103,7 +100,12 @@ class SpaceTimePlanner:
             start = self.s, speed
         else:
             return
-        self._profile, self._profile_tick = self._find_profile(tick, start, conflicts, stop_points), tick
+        found = self._find_profile(tick, start, conflicts, stop_points)
+        self._profile = found or build_braking_profile(self._build_problem(tick, start))
+        self._profile_tick = tick
+        self.reason = self._find_reason(start, conflicts, stop_points)
+        if found is None:
+            self.reason = replace(self.reason, cause=Cause.NO_WAY)
 
     def _is_on_course(self, tick: int) -> bool:
         """Return whether the car is where its profile has it."""
@@ -129,12 +131,12 @@ class SpaceTimePlanner:
         start: tuple[float, float],
         conflicts: MotionConflicts,
         stop_points: Sequence[StopPoint],
-    ) -> SpeedProfile:
-        """Return the fastest profile from start (arc length [m], speed [m/s]), or braking if there is none."""
+    ) -> SpeedProfile | None:
+        """Return the fastest profile from start (arc length [m], speed [m/s]); None if all collide."""
         problem, parameters = self._build_problem(tick, start), self._parameters
         if tick - self._moved_tick > parameters.deadlock_ticks:
             blocked = self._find_blocked(problem, conflicts, stop_points, parameters.deadlock_margin)
-            return find_fastest_profile(replace(problem, blocked=blocked)) or build_braking_profile(problem)
+            return find_fastest_profile(replace(problem, blocked=blocked))
         if not self.scale.is_protocol:
             problem = replace(problem, blocked_after=self._find_blocked_after(problem, conflicts, stop_points))
         problem = problem.add_traffic(
@@ -142,13 +144,15 @@ class SpaceTimePlanner:
             parameters.min_margin,
             self.scale.plan_margin,
         )
-        return find_fastest_profile(problem) or build_braking_profile(problem)
+        return find_fastest_profile(problem)
 
     def _build_problem(self, tick: int, start: tuple[float, float]) -> SpeedProfileProblem:
         """Return the problem of driving on a free road for the horizon."""
         now_s = tick / TICKS_PER_SECOND
         lattice = self.scale.lattice
-        problem = build_free_road_problem(self.path, self._speeds, start, now_s, now_s + HORIZON_S + 1e-6, lattice)
+        problem = build_free_road_problem(
+            self.path, self._speeds.limits, start, now_s, now_s + HORIZON_S + 1e-6, lattice
+        )
         reachable = slice(round(HORIZON_S * lattice.top_speed / lattice.cell_m))  # within the horizon
         return replace(
             problem,
@@ -186,13 +190,33 @@ class SpaceTimePlanner:
                 blocked[_find_stop_cell(problem, stop) :] = True
         return blocked
 
+    def _find_reason(
+        self, start: tuple[float, float], conflicts: MotionConflicts, stop_points: Sequence[StopPoint]
+    ) -> Reason:
+        """Return why the new profile does not drive as on a free road: the first thing that such a drive would meet."""
+        assert self._profile is not None, "update() has just made it"
+        free = predict_free_stations(self._speeds.limits, self.scale.lattice, start, TIMES)
+        if not falls_behind(self._profile, 0.0, free, TIMES):
+            return self._speeds.find_reason(start[0])
+        first, reason = len(TIMES), self.reason
+        for stop in stop_points:
+            passed = np.flatnonzero((free > stop.s) & (stop.until_s >= TIMES))
+            if len(passed) and passed[0] < first:
+                first, reason = int(passed[0]), stop.reason
+        met = conflicts.find_first_met(find_cells(self.path, free), self.scale.plan_margin)
+        if met is not None and met[0] < first:
+            first, reason = met[0], met[1].reason
+        if first == len(TIMES) or reason.distance_m is not None:
+            return reason
+        return replace(reason, distance_m=float(free[first]) - start[0], seconds=reason.seconds or float(TIMES[first]))
+
     def predict_desired_points(self, speed: float, points: int) -> Float:
         """Return where the car would be every `interval_s` on a free road (points, 2) [m], from that speed [m/s] on."""
         interval_s, braking = self._parameters.interval_s, self._parameters.braking
         stations = np.zeros(points)
-        s = self.s
+        s, limits = self.s, self._speeds.limits
         for k in range(points):
-            limit = float(self._speeds[min(int(s / SPACING_M), len(self._speeds) - 1)])
+            limit = float(limits[min(int(s / SPACING_M), len(limits) - 1)])
             after = min(speed + braking * interval_s, max(limit, speed - 2 * braking * interval_s))
             s += (speed + after) / 2 * interval_s
             speed = after

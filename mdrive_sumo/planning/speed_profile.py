@@ -9,13 +9,20 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.planning.parameters import MARGINS, PROFILE, ProfileParameters, SafetyMargin
-from mdrive_sumo.planning.reference_path import ReferencePath
+from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 from mdrive_sumo.planning.speed_lattice import (
     FINE,
     SAMPLE_S,
     SpeedLattice,
     find_path_points,
 )
+
+LAG_S = 4.0
+"""[s] What limits a profile later is no reason for what the car does now."""
+LAG_M = 2.0
+"""[m] A profile that falls behind a drive on a free road by less is not limited: the lattice rounds its speeds."""
+FREE_ACCELERATION, FREE_BRAKING = 2.0, 4.0
+"""[m/s2] Of a drive on a free road: the largest of the moves of the finest lattice."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +165,33 @@ def build_free_road_problem(
         must_move=_find_moving_layers(now_s, layers, lattice),
         lattice=lattice,
     )
+
+
+def predict_free_stations(limits: Float, lattice: SpeedLattice, start: tuple[float, float], times: Float) -> Float:
+    """Return the arc lengths (T,) [m] at equidistant `times` (T,) [s] of a drive that nobody else limits.
+
+    limits: (M,) [m/s] at the points of the path, rounded as the lattice rounds them; start: arc length [m] and speed
+    [m/s]. It tells what limits a profile, and is no plan: it may brake late.
+    """
+    s, speed = start
+    step_s = float(times[0])
+    if not lattice.has_exact_start:
+        speed = lattice.find_index(speed) * lattice.speed_step
+    stations = np.zeros(len(times))
+    for k in range(len(times)):
+        limit = float(limits[min(int(s / SPACING_M), len(limits) - 1)])
+        limit = max(math.floor(limit / lattice.speed_step + 1e-6), 1) * lattice.speed_step
+        after = min(speed + FREE_ACCELERATION * step_s, max(limit, speed - FREE_BRAKING * step_s))
+        s += (speed + after) / 2 * step_s
+        speed = after
+        stations[k] = s
+    return stations
+
+
+def falls_behind(profile: SpeedProfile, age_s: float, free: Float, times: Float) -> bool:
+    """Return whether a profile of that age [s] falls behind the stations (T,) [m] of a free drive within `LAG_S`."""
+    soon = times <= LAG_S
+    return float((free[soon] - profile.get_stations(age_s + times[soon])).max()) >= LAG_M
 
 
 def _find_moving_layers(now_s: float, layers: int, lattice: SpeedLattice) -> Bool:

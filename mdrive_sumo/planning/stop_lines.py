@@ -1,14 +1,25 @@
-"""Stop lines on a route: stop signs and traffic lights."""
+"""Where a car must wait, and the stop lines on a route: stop signs and traffic lights."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TypeAlias
 
-from mdrive_sumo.contract import Briefing, TrafficLight
+from mdrive_sumo.contract import Briefing, Cause, Reason, TrafficLight
 from mdrive_sumo.planning.parameters import STOP_LINE, StopLineParameters
 from mdrive_sumo.planning.reference_path import ReferencePath, convert_route_station
 
 CanStop: TypeAlias = Callable[[float], bool]
 """Whether a car can still stop comfortably at that arc length [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class StopPoint:
+    """A station [m] on the path that the box centre must not pass until a time [s from now], and why."""
+
+    s: float
+    reason: Reason
+    until_s: float = math.inf
 
 
 class StopLines:
@@ -19,18 +30,17 @@ class StopLines:
     ) -> None:
         self._signs, self._lights, self._parameters = list(signs), lights, parameters
 
-    def find_stop_stations(
-        self, here: float, speed: float, signals: Mapping[str, str], can_stop: CanStop
-    ) -> list[float]:
-        """Return the stations [m] that the box centre must not pass now.
+    def find_stops(self, here: float, speed: float, signals: Mapping[str, str], can_stop: CanStop) -> list[StopPoint]:
+        """Return the stop points at stop signs and closed lights.
 
         here: station of the car [m]; speed [m/s]; signals: state letter by traffic light id.
         """
         self._signs = [line for line in self._signs if not self._is_obeyed(line, here, speed)]
-        gap_m = self._parameters.light_gap_m
-        signs = [line - self._parameters.sign_gap_m for line in self._signs]
-        lights = [(light.s, signals.get(light.id, "g")) for light in self._lights]
-        return signs + [line - gap_m for line, letter in lights if self._is_closed(line, letter, here, can_stop)]
+        stops = [_build_stop(line - self._parameters.sign_gap_m, here, Cause.STOP_SIGN) for line in self._signs]
+        for light in self._lights:
+            if self._is_closed(light.s, signals.get(light.id, "g"), here, can_stop):
+                stops.append(_build_stop(light.s - self._parameters.light_gap_m, here, Cause.LIGHT, (light.id,)))
+        return stops
 
     def _is_obeyed(self, line: float, here: float, speed: float) -> bool:
         """Return whether the car stands before the line of a stop sign or has passed it."""
@@ -43,6 +53,11 @@ class StopLines:
         if here > line or letter not in "rRuyY":
             return False
         return letter in "rRu" or can_stop(line - self._parameters.light_gap_m)
+
+
+def _build_stop(station: float, here: float, cause: Cause, others: tuple[str, ...] = ()) -> StopPoint:
+    """Return the stop point at a station [m] for a car at station `here` [m]."""
+    return StopPoint(station, Reason(cause, others, distance_m=max(station - here, 0.0)))
 
 
 def build_stop_lines(path: ReferencePath, briefing: Briefing, include_signs: bool = True) -> StopLines:

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 
+from mdrive_sumo.contract import REASON
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.reference_times import NO_REFERENCE, ReferenceTicks
@@ -79,8 +80,11 @@ def make_void_result(scenario: Scenario, seed: int, reason: str) -> ScenarioResu
 
 
 def _count_notes(episode: EpisodeRecord) -> dict[str, int]:
-    """Count notes by kind, and those that were not kept as `DROPPED`, which no agent can use as a kind."""
-    counts = dict(Counter(record.note.kind for record in episode.notes))
+    """Count notes by kind, and those that were not kept as `DROPPED`, which no agent can use as a kind.
+
+    Notes of kind `REASON` are no events: every drive has them.
+    """
+    counts = dict(Counter(record.note.kind for record in episode.notes if record.note.kind != REASON))
     return counts | ({DROPPED: episode.dropped_notes} if episode.dropped_notes else {})
 
 

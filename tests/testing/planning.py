@@ -5,13 +5,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mdrive_sumo.contract import Briefing, Message, Objects, Observation, OwnState, VehicleFacts
+from mdrive_sumo.contract import Briefing, Cause, Message, Objects, Observation, OwnState, Reason, VehicleFacts
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner
 
 LENGTH, WIDTH = 4.5, 1.8
+STANDS, MOVES = Reason(Cause.BLOCKED, ("standing",)), Reason(Cause.AVOID, ("moving",))
 FACTS = VehicleFacts(LENGTH, WIDTH, 2.8, 1.42, 1500.0, 0.6, 20.0, 3.0, 8.0)
 
 
@@ -52,13 +53,13 @@ def seen(tick: int, state: OwnState, objects: Objects, messages: Sequence[Messag
 
 def standing(x: float, y: float, yaw: float = 0.0) -> PredictedMotion:
     """Return the motion of a car that stands there."""
-    return PredictedMotion(np.tile((x, y, yaw), (len(TIMES), 1)), LENGTH, WIDTH, stands_at_end=True)
+    return PredictedMotion(np.tile((x, y, yaw), (len(TIMES), 1)), LENGTH, WIDTH, STANDS, stands_at_end=True)
 
 
 def moving(x: float, y: float, yaw: float, speed: float) -> PredictedMotion:
     """Return the motion of a car that goes straight on at that speed."""
     xy = np.array((x, y)) + np.outer(speed * TIMES, (math.cos(yaw), math.sin(yaw)))
-    return PredictedMotion(np.column_stack((xy, np.full(len(TIMES), yaw))), LENGTH, WIDTH)
+    return PredictedMotion(np.column_stack((xy, np.full(len(TIMES), yaw))), LENGTH, WIDTH, MOVES)
 
 
 def stations(planner: SpaceTimePlanner, tick: int = 0) -> Float:

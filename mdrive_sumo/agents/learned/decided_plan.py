@@ -17,6 +17,8 @@ class DecidedPlan:
     """(1 + N, 2) [m]: where the car was, and where it shall be every `PLAN_INTERVAL_S`."""
     control: Float | None = None
     """(3,) throttle, brake, steer."""
+    is_creeping: bool = False
+    """Whether the plan is that of `CreepRule` instead of the network's."""
 
     def sample(self, elapsed_s: float) -> Float:
         """Return the points (N, 2) [m, world frame] every `PLAN_INTERVAL_S` from `elapsed_s` after the decision on.

@@ -1,7 +1,7 @@
 """LearnedAgent: what the learned systems have in common: sensors, decisions at 5 Hz, plans."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import ClassVar
@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.agents.learned.creep_rule import CreepRule
+from mdrive_sumo.agents.learned.creep_rule import CREEP, CreepRule
 from mdrive_sumo.agents.learned.decided_plan import DecidedPlan
 from mdrive_sumo.agents.learned.ego_frame import convert_to_world
 from mdrive_sumo.agents.learned.instructions import RouteInstructor
@@ -23,8 +23,21 @@ from mdrive_sumo.agents.learned.network_inputs import (
     has_sensor_data,
 )
 from mdrive_sumo.agents.learned.system_spec import DECISION_TICKS, PLAN_INTERVAL_S, SYSTEMS
-from mdrive_sumo.contract import STANDSTILL, Briefing, Observation, OwnState, Plan, Reply, SensorSpec
+from mdrive_sumo.contract import (
+    STANDSTILL,
+    Briefing,
+    Cause,
+    Note,
+    Observation,
+    OwnState,
+    Plan,
+    Reason,
+    ReasonLog,
+    Reply,
+    SensorSpec,
+)
 from mdrive_sumo.contract.agent_options import Choice, Config, Option, read_choice, read_options
+from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 
@@ -33,6 +46,8 @@ OPTIONS: Mapping[str, Option] = MappingProxyType(
 )
 PROVIDERS = Choice("auto", ("auto", "cpu"))
 WEIGHTS = "weights"
+BRAKING_SPEED = 1.0
+"""[m/s] A plan that is slower than the car by more, on the mean of its 3 s, brakes: a slower change is no decision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,15 +91,18 @@ class LearnedAgent:
         self._instructor = RouteInstructor(briefing.seed)
         self._memory: NetworkMemory | None = None
         self._decided: DecidedPlan | None = None
+        self._reasons = ReasonLog()
 
     def act(self, seen: Observation) -> Reply:
         """Decide if a decision is due, and return what follows from the last one; before the first one stand."""
         is_due = self._decided is None or seen.tick - self._decided.tick >= DECISION_TICKS
+        notes: tuple[Note, ...] = ()
         if is_due and has_sensor_data(self._spec, seen):
             self._decided = self._decide(seen)
+            notes = self._reasons.record(_find_reason(self._decided, seen.own))
         if self._decided is None:
             return Reply(control=STANDSTILL)
-        return self._build_reply(seen, self._decided)
+        return replace(self._build_reply(seen, self._decided), notes=notes)
 
     def _decide(self, seen: Observation) -> DecidedPlan:
         navigation = self._navigator.locate(seen.own)
@@ -96,7 +114,7 @@ class LearnedAgent:
         has_control = self._spec.answers_control and creeping is None
         control = outputs["control"].astype(np.float64) if has_control else None
         points = np.concatenate((np.zeros((1, 2)), plan if creeping is None else creeping))
-        return DecidedPlan(seen.tick, convert_to_world(points, seen.own), control)
+        return DecidedPlan(seen.tick, convert_to_world(points, seen.own), control, is_creeping=creeping is not None)
 
     def _build_inputs(self, seen: Observation, navigation: Navigation) -> Inputs:
         instruction = self._instructor.instruct(navigation) if self._spec.uses_instruction else ""
@@ -121,6 +139,19 @@ class LearnedAgent:
     def _sample_plan(self, seen: Observation, decided: DecidedPlan) -> Float:
         """Return the points (PLAN_POINTS, 2) [m, world frame] of the plan from now on."""
         return decided.sample((seen.tick - decided.tick) * self._briefing.tick_s)
+
+
+def _find_reason(decided: DecidedPlan, own: OwnState) -> Reason:
+    """Return what the plan does: why a network wants it cannot be told."""
+    lengths_m = portable.hypot(*np.diff(decided.points, axis=0).T)
+    speed = float(lengths_m.sum()) / (len(lengths_m) * PLAN_INTERVAL_S)
+    if decided.is_creeping:
+        cause = Cause.CREEP
+    elif float(portable.hypot(*(decided.points[-1] - decided.points[0]))) < CREEP.still_plan_m:
+        cause = Cause.NETWORK_STANDS
+    else:
+        cause = Cause.NETWORK_BRAKES if speed < own.speed - BRAKING_SPEED else Cause.NETWORK_DRIVES
+    return Reason(cause, speed=speed)
 
 
 def _get_pose(own: OwnState) -> Float:

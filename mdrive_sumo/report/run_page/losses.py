@@ -60,12 +60,13 @@ def explain_losses(result: ScenarioResult, route_lengths: Mapping[str, float]) -
     score = {ego.id: ego.ds * (1.0 if ego.time_factor is None else ego.time_factor) for ego in result.egos}
     lost = [ego for ego in result.egos if score[ego.id] <= SUCCESS_DS]
     return tuple(
-        CavLosses(ego.id, ego.outcome, score[ego.id], _list_losses(ego, cavs, route_lengths.get(ego.id)))
+        CavLosses(ego.id, ego.outcome, score[ego.id], list_losses(ego, cavs, route_lengths.get(ego.id)))
         for ego in sorted(lost, key=lambda ego: score[ego.id])
     )
 
 
-def _list_losses(ego: EgoResult, cavs: set[str], route_m: float | None) -> tuple[Loss, ...]:
+def list_losses(ego: EgoResult, cavs: set[str], route_m: float | None) -> tuple[Loss, ...]:
+    """Return what one CAV lost; cavs: ids of all; route_m: length of its route [m], None if metres are not named."""
     events = sorted(ego.infractions, key=lambda event: event.tick)
     losses = [Loss(event.kind, _describe(event, ego, cavs, route_m), event.tick, event.factor) for event in events]
     if ego.time_factor is not None and ego.time_factor < 1.0:

@@ -14,7 +14,7 @@ from testing.sampling import sampled
 from testing.short_suite import make_short_suite
 
 from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.contract import Message, Objects, Observation
+from mdrive_sumo.contract import Cause, Message, Objects, Observation, Reason
 from mdrive_sumo.contract.detector_profiles import IDEAL, STANDARD
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
@@ -24,7 +24,8 @@ from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
 from mdrive_sumo.loop.agent_driver import AgentFailure, LocalDriver
 from mdrive_sumo.negotiation import NegotiationInterface
 from mdrive_sumo.perception.object_tracker import ObjectTracker
-from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
+from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner
+from mdrive_sumo.planning.stop_lines import StopPoint
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, load_job_scenario, reexecute
@@ -218,7 +219,7 @@ def test_negotiating_agents_rely_on_announcements(agent: str) -> None:
 
 def test_the_rule_agent_stops_where_agreed(monkeypatch: pytest.MonkeyPatch) -> None:
     def agreed(self: NegotiationInterface, seen: Observation, planner: SpaceTimePlanner) -> list[StopPoint]:
-        return [StopPoint(20.0)]
+        return [StopPoint(20.0, Reason(Cause.AGREEMENT))]
 
     monkeypatch.setattr(NegotiationInterface, "find_stop_points", agreed)
     assert 15.0 < plan_of("colmdriver-rule", things())[-1, 0] < 20.0

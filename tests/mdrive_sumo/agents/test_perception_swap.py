@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from testing.planning import briefing, own, seen, things
 
-from mdrive_sumo.agents.perception_swap import PERCEPTION_SWAP, AttFuseAgent, has_hazard
+from mdrive_sumo.agents.perception_swap import PERCEPTION_SWAP, AttFuseAgent, find_hazards
 from mdrive_sumo.contract import Objects, Observation, Reply, StopSign, TrafficLight
 from mdrive_sumo.v2x.messages import CAM, CPM, Cpm, ReferencePose, encode
 
@@ -37,12 +37,12 @@ NOTHING = things()
 def test_hazard_rule(ahead: float, aside: float, speed: float, found: bool, yaw: float) -> None:
     x = 5.0 + ahead * math.cos(yaw) - aside * math.sin(yaw)
     y = -3.0 + ahead * math.sin(yaw) + aside * math.cos(yaw)
-    assert has_hazard(own(5.0, -3.0, yaw, speed), things((x, y, 0.0, 0.0))) is found
+    assert find_hazards(own(5.0, -3.0, yaw, speed), things((x, y, 0.0, 0.0))).tolist() == [found]
 
 
 def test_one_of_several_objects_is_a_hazard() -> None:
-    assert has_hazard(own(speed=5.0), things((50, 0, 0, 0), (8, 1, 0, 0)))
-    assert not has_hazard(own(speed=5.0), NOTHING)
+    assert find_hazards(own(speed=5.0), things((50, 0, 0, 0), (8, 1, 0, 0))).tolist() == [False, True]
+    assert not len(find_hazards(own(speed=5.0), NOTHING))
 
 
 def started(*lights: TrafficLight) -> AttFuseAgent:

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdrive_sumo.contract import VehicleFacts
+from mdrive_sumo.contract import Cause, Reason, VehicleFacts
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 from mdrive_sumo.planning.box_set import BoxSet
@@ -16,6 +16,7 @@ from mdrive_sumo.planning.reference_path import build_path
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
 VEHICLE: VehicleFacts = to_vehicle_facts(MKZ_2017)
+OTHER = Reason(Cause.AVOID, ("other",))
 _S = np.arange(121.0)
 PATH = build_path(np.column_stack((_S, 20 * portable.sin(_S / 30))), VEHICLE.rear_to_centre)
 CELLS: Int = np.arange(0, len(PATH.xy), 4)
@@ -29,7 +30,7 @@ def motions(draw: st.DrawFn) -> PredictedMotion:
     travelled = np.minimum(draw(st.floats(0, 15)) * TIMES[:rows], draw(st.floats(0, 60)))
     poses = np.column_stack((x + travelled * portable.cos(yaw), y + travelled * portable.sin(yaw), np.full(rows, yaw)))
     length = 5.0 + travelled / 3 if draw(st.booleans()) else 5.0
-    return PredictedMotion(poses, length, 2.0, stands_at_end=stands, min_gap_m=draw(st.sampled_from((0.0, 0.0, 3.0))))
+    return PredictedMotion(poses, length, 2.0, OTHER, stands, draw(st.sampled_from((0.0, 0.0, 3.0))))
 
 
 def overlap_each(motion: PredictedMotion, length: float, width: float, cells: Int) -> Bool:

@@ -73,6 +73,7 @@ def test_lead_objects_exclude_followers_beside() -> None:
     assert len(found) == 1
     assert found[0].gap_m == pytest.approx(30 - 2.25 - 10 - 2.45, abs=1.0)
     assert found[0].speed == 3.0
+    assert found[0].position == (30.0, 0.0)
 
 
 def test_a_turning_car_is_expected_to_turn_on() -> None:

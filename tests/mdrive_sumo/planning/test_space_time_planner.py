@@ -12,15 +12,18 @@ from shapely import Polygon, affinity, box
 from testing.planning import LENGTH, WIDTH, briefing, moving, own, standing, stations, straight
 from testing.sampling import examples
 
+from mdrive_sumo.contract import Cause, Reason
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.planning.motion_prediction import HORIZON_S, TIMES, PredictedMotion
 from mdrive_sumo.planning.parameters import MARGINS, PLANNER
 from mdrive_sumo.planning.queue_gap import compute_queue_gap
 from mdrive_sumo.planning.reference_path import SPACING_M
-from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
+from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner
+from mdrive_sumo.planning.stop_lines import StopPoint
 
 MARGIN_M = MARGINS.plan.longitudinal - SPACING_M
 """Every second cell of the path is compared, so that a margin may be one cell less."""
+SIGN = Reason(Cause.STOP_SIGN)
 AFTER = np.arange(1, PLANNER.plan_points + 1) * PLANNER.interval_s
 
 
@@ -84,19 +87,19 @@ def test_the_plan_passes_before_a_late_crossing_car() -> None:
 
 
 def test_a_barrier_holds_until_its_time_and_no_longer() -> None:
-    planner = planned(4.0, barriers=[StopPoint(15.0, until_s=5.0)])
+    planner = planned(4.0, barriers=[StopPoint(15.0, SIGN, until_s=5.0)])
     s = stations(planner)
     assert s[AFTER <= 5.0].max() < 15.0
     assert s[AFTER <= 7.0].max() > 15.0
 
 
 def test_the_plan_closes_up_early_to_its_waiting_position() -> None:
-    s = stations(planned(4.0, barriers=[StopPoint(20.0)]))
+    s = stations(planned(4.0, barriers=[StopPoint(20.0, SIGN)]))
     assert s[AFTER <= 4.0].max() > 14.0
 
 
 def test_a_barrier_without_end_is_never_passed() -> None:
-    planner = planned(8.0, barriers=[StopPoint(30.0), StopPoint(60.0)])
+    planner = planned(8.0, barriers=[StopPoint(30.0, SIGN), StopPoint(60.0, SIGN)])
     assert 28.0 < stations(planner)[-1] < 30.0
 
 
@@ -175,7 +178,7 @@ def test_a_car_that_must_wait_waits_without_limit() -> None:
     for tick in (0, 400):
         planner = SpaceTimePlanner(briefing(), 0.0, 8.0)
         planner.track_ego(tick, own(speed=1.0))
-        planner.update(tick, 1.0, [], [StopPoint(6.0)])
+        planner.update(tick, 1.0, [], [StopPoint(6.0, SIGN)])
         plans.append(planner.get_planned_points(tick))
     assert np.array_equal(plans[0], plans[1])
 
@@ -190,7 +193,7 @@ def test_plans_keep_to_limits_and_comfortable_accelerations(speed: float, limit:
     assume(speed <= limit)
     planner = SpaceTimePlanner(briefing(limit=limit), 0.0, 8.0)
     planner.track_ego(0, own(speed=speed))
-    planner.update(0, speed, [], [StopPoint(barrier)])
+    planner.update(0, speed, [], [StopPoint(barrier, SIGN)])
     found = speeds(planner)
     assert found.max() <= min(8.0, limit) + 0.5  # the start is rounded to whole m/s
     assert found.min() >= 0
@@ -211,7 +214,7 @@ def test_bends_are_driven_slowly() -> None:
 @pytest.mark.slow
 @given(st.floats(0.0, 8.0))
 def test_what_it_desires_is_a_free_road(speed: float) -> None:
-    planner = planned(speed, barriers=[StopPoint(3.0)])
+    planner = planned(speed, barriers=[StopPoint(3.0, SIGN)])
     wanted = planner.predict_desired_points(speed, 20)
     found = np.diff(np.concatenate(((0.0,), wanted[:, 0]))) / PLANNER.interval_s
     assert wanted.shape == (20, 2)

@@ -6,11 +6,11 @@ from dataclasses import replace
 import pytest
 from testing.planning import briefing, own, seen, things
 
-from mdrive_sumo.contract import StopSign, TrafficLight
+from mdrive_sumo.contract import Cause, Reason, StopSign, TrafficLight
 from mdrive_sumo.planning.ego_planner import EgoPlanner
 from mdrive_sumo.planning.parameters import STOP_LINE
 from mdrive_sumo.planning.reference_path import build_path
-from mdrive_sumo.planning.stop_lines import StopLines, build_stop_lines
+from mdrive_sumo.planning.stop_lines import StopLines, StopPoint, build_stop_lines
 
 LIGHTS = (TrafficLight("L", 50.0),)
 
@@ -23,18 +23,22 @@ def no(line: float) -> bool:
     return False
 
 
+def list_stations(stops: list[StopPoint]) -> list[float]:
+    return [stop.s for stop in stops]
+
+
 def test_a_stop_sign_counts_until_the_car_has_stopped() -> None:
     lines = StopLines([30.0], ())
     before = [30.0 - STOP_LINE.sign_gap_m]
-    assert lines.find_stop_stations(10.0, 8.0, {}, yes) == before
-    assert lines.find_stop_stations(10.0, 0.0, {}, yes) == before  # stood, but far away
-    assert lines.find_stop_stations(28.0, 0.5, {}, yes) == before  # there, but rolling
-    assert lines.find_stop_stations(28.0, 0.0, {}, yes) == []
-    assert lines.find_stop_stations(28.5, 2.0, {}, yes) == []  # and it is not minded again
+    assert list_stations(lines.find_stops(10.0, 8.0, {}, yes)) == before
+    assert list_stations(lines.find_stops(10.0, 0.0, {}, yes)) == before  # stood, but far away
+    assert list_stations(lines.find_stops(28.0, 0.5, {}, yes)) == before  # there, but rolling
+    assert lines.find_stops(28.0, 0.0, {}, yes) == []
+    assert lines.find_stops(28.5, 2.0, {}, yes) == []  # and it is not minded again
 
 
 def test_a_passed_stop_sign_is_ignored() -> None:
-    assert StopLines([30.0], ()).find_stop_stations(30.1, 8.0, {}, yes) == []
+    assert StopLines([30.0], ()).find_stops(30.1, 8.0, {}, yes) == []
 
 
 @pytest.mark.parametrize(
@@ -43,22 +47,26 @@ def test_a_passed_stop_sign_is_ignored() -> None:
      ("Y", 20.0, no, False), ("g", 20.0, yes, False), ("G", 20.0, yes, False), ("r", 50.1, yes, False)],
 )  # fmt: skip
 def test_lights_by_their_colour(letter: str, here: float, can_stop: Callable[[float], bool], held: bool) -> None:
-    found = StopLines([], LIGHTS).find_stop_stations(here, 8.0, {"L": letter}, can_stop)
-    assert found == ([50.0 - STOP_LINE.light_gap_m] if held else [])
+    found = StopLines([], LIGHTS).find_stops(here, 8.0, {"L": letter}, can_stop)
+    gap_m = STOP_LINE.light_gap_m
+    assert found == (
+        [StopPoint(50.0 - gap_m, Reason(Cause.LIGHT, ("L",), distance_m=50 - gap_m - here))] if held else []
+    )
 
 
 def test_a_light_without_state_is_green() -> None:
-    assert StopLines([], LIGHTS).find_stop_stations(20.0, 8.0, {}, yes) == []
+    assert StopLines([], LIGHTS).find_stops(20.0, 8.0, {}, yes) == []
 
 
 def test_stop_lines_are_converted_to_the_path_and_signs_can_be_excluded() -> None:
     about = replace(briefing(), stop_signs=(StopSign(30.0),), traffic_lights=LIGHTS)
     path = build_path(about.route_xy, about.vehicle.rear_to_centre, 0.0)
     red = {"L": "r"}
-    assert build_stop_lines(path, about).find_stop_stations(0.0, 8.0, red, yes) == pytest.approx([28.5, 47.0], abs=0.3)
-    assert build_stop_lines(path, about, include_signs=False).find_stop_stations(0.0, 8.0, red, yes) == pytest.approx(
-        [47.0], abs=0.3
-    )
+    both = build_stop_lines(path, about).find_stops(0.0, 8.0, red, yes)
+    assert list_stations(both) == pytest.approx([28.5, 47.0], abs=0.3)
+    assert [stop.reason.cause for stop in both] == [Cause.STOP_SIGN, Cause.LIGHT]
+    lights = build_stop_lines(path, about, include_signs=False).find_stops(0.0, 8.0, red, yes)
+    assert list_stations(lights) == pytest.approx([47.0], abs=0.3)
 
 
 @pytest.mark.parametrize(("letter", "x", "stops"), [("r", 20.0, True), ("g", 20.0, False), ("y", 20.0, True),

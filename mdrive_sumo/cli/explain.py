@@ -1,0 +1,40 @@
+"""`mdrive-sumo explain`."""
+
+from pathlib import Path
+
+import click
+
+from mdrive_sumo.cli.choice import load_one_recording
+from mdrive_sumo.core.clean_text import clean_for_terminal
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.suggestion import suggest_name
+from mdrive_sumo.core.terminal import echo
+
+
+@click.command("explain")
+@click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
+@click.option("--scenario", "pattern", metavar="GLOB", required=True, help="An id, or a glob that fits one.")
+@click.option("--cav", metavar="ID", required=True, help="The CAV, by its id in the scenario.")
+@click.option("--tick", type=int, help="Tell what holds in this tick, and since when [default: the whole story].")
+@click.option("--seed", type=int, help="Which one in a run of several seeds [default: the first].")
+@click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
+def command(run_folder: Path, pattern: str, cav: str, tick: int | None, seed: int | None, suite: str | None) -> None:
+    """Tell in sentences what a CAV did and why: where it departed, braked, waited, negotiated, collided or arrived.
+
+    What it did is in the recording; why is what its agent noted, so far as it notes reasons: all built-in agents do.
+    Road users that an agent knew by names of its own are named as the recording names them. A tick is 1/20 s.
+    """
+    from mdrive_sumo.core.geometry import Polyline
+    from mdrive_sumo.report.story import CavStory
+
+    found = load_one_recording(run_folder, pattern, seed, suite)
+    record, cavs = found.record, found.record.ego_ids
+    if cav not in cavs:
+        hint = suggest_name(cav, cavs)
+        raise InputError(f"--cav: expected a CAV of {record.scenario} ({', '.join(cavs)}), found {cav!r:.40}{hint}")
+    if tick is not None and not 0 <= tick < record.ticks:
+        raise InputError(f"--tick: expected 0 to {record.ticks - 1}, the ticks of {record.scenario}, found {tick}")
+    route = next(ego for ego in found.scenario.egos if ego.id == cav)
+    story = CavStory(record, cav, found.result, Polyline(route.xy).length)
+    for line in story.tell() if tick is None else story.tell_moment(tick):
+        echo(clean_for_terminal(line))

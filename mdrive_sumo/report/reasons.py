@@ -1,0 +1,141 @@
+"""Reasons that agents noted (`contract.Reason`), in words, with road users named as the recording names them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from mdrive_sumo.contract import REASON, Cause, Reason
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.state import Kind
+from mdrive_sumo.core.truncation import truncate
+from mdrive_sumo.episode import EpisodeRecord, NoteRecord
+
+MATCH_M = 3.0
+"""[m] A road user whose centre is this close to where an agent believes one is the one that it means: more than the
+errors of detectors and of the own pose (below 1 m in all sensing profiles), less than two cars in a queue are apart."""
+MAX_SENTENCE = 300
+"""Characters of a sentence that an agent of somebody's own writes."""
+KIND_WORDS: Mapping[int, str] = MappingProxyType(
+    {Kind.VEHICLE: "vehicle", Kind.PEDESTRIAN: "pedestrian", Kind.CYCLIST: "cyclist", Kind.STATIC: "obstacle"}
+)
+
+SENTENCES: Mapping[Cause, str] = MappingProxyType(
+    {
+        Cause.FREE: "drives freely, at up to {speed}",
+        Cause.SPEED_LIMIT: "keeps to a speed limit of {speed}{here}",
+        Cause.BEND: "drives towards a bend{here} that allows {speed}",
+        Cause.FOLLOW: "follows {names}{gap}",
+        Cause.BLOCKED: "is held up by {names}, {which} stands in its way{gap}",
+        Cause.YIELD: "yields to {names}, {crosses}",
+        Cause.AVOID: "keeps clear of {names}{meets}",
+        Cause.ONCOMING: "waits for {names}, {which} needs the room of its detour{gap}",
+        Cause.OBSTACLE: "stops where it can still turn out for {names}, {which} stands in its way{gap}",
+        Cause.STOP_SIGN: "stops at a stop sign{here}",
+        Cause.LIGHT: "stops at traffic light {names}{gap}",
+        Cause.AGREEMENT: "lets {names} go first, as negotiated",
+        Cause.ANNOUNCED: "keeps clear of the way that {names} has announced{meets}",
+        Cause.HAZARD: "brakes for {names}, {which} its detector sees straight ahead{gap}",
+        Cause.NO_WAY: "finds no way past {names}",
+        Cause.PEDESTRIAN: "is careful of {names} beside the road, {which} may step out",
+        Cause.TURN: "waits for its turn{begins}",
+        Cause.STATIONARY: "stands, as this agent always does",
+        Cause.NETWORK_DRIVES: "drives as its network plans: {speed}",
+        Cause.NETWORK_BRAKES: "brakes because its network plans to: {speed} on the mean of its plan",
+        Cause.NETWORK_STANDS: "stands because its network plans to",
+        Cause.CREEP: "creeps ahead by rule, because its network kept it standing",
+    }
+)
+"""What a CAV does for each cause, without its subject."""
+
+
+@dataclass(frozen=True, slots=True)
+class NotedReason:
+    """A reason that holds from a tick on."""
+
+    tick: int
+    ego: str
+    cause: Cause | None
+    """None for a sentence of an agent's own."""
+    others: tuple[str, ...]
+    """Names of the other road users, such as "CAV 3"."""
+    text: str
+    """What the CAV does and why, without its subject: "yields to CAV 3, which crosses in 2.1 s"."""
+
+    @property
+    def limits(self) -> bool:
+        """Whether it is more than the route: something that a newcomer would ask for."""
+        return self.cause not in (Cause.FREE, Cause.BEND, Cause.SPEED_LIMIT, Cause.NETWORK_DRIVES)
+
+    @property
+    def key(self) -> tuple[Cause | None, tuple[str, ...], str]:
+        """What two reasons of one story have in common: their texts differ in numbers at least."""
+        return self.cause, self.others, "" if self.cause else self.text
+
+
+def list_reasons(episode: EpisodeRecord) -> list[NotedReason]:
+    """Return the reasons that the agents of an episode noted, in order."""
+    return [read_reason(episode, record) for record in episode.notes if record.note.kind == REASON]
+
+
+def read_reason(episode: EpisodeRecord, record: NoteRecord) -> NotedReason:
+    """Return one note of kind `REASON` in words."""
+    reason = Reason.from_note(record.note)
+    if reason is None:
+        sentence = truncate(" ".join(episode.restore_names(record.note.text).split()), MAX_SENTENCE)
+        return NotedReason(record.tick, record.ego, None, (), sentence)
+    others = tuple(
+        _name_other(episode, record, other, reason.position if i == 0 else None)
+        for i, other in enumerate(reason.others)
+    )
+    return NotedReason(record.tick, record.ego, reason.cause, others, describe_reason(reason, others))
+
+
+def name_road_user(episode: EpisodeRecord, name: str) -> str:
+    """Return kind and id of a road user of the recording: "CAV 3", "pedestrian p1"."""
+    if name in episode.ego_ids:
+        return f"CAV {name}"
+    return f"{KIND_WORDS[int(episode.kind[episode.ids.index(name)])]} {name}"
+
+
+def _name_other(episode: EpisodeRecord, record: NoteRecord, other: str, position: tuple[float, float] | None) -> str:
+    """Return the name of a road user that an agent knows by its pseudonym, or by a track name and a position."""
+    known_as = episode.restore_name(other)
+    if known_as in episode.ids:
+        return name_road_user(episode, known_as)
+    if position is None:
+        return known_as  # a traffic light, or a road user that the agent only names
+    tick = min(record.tick, episode.ticks - 1)
+    gap_m = portable.hypot(episode.x[tick] - position[0], episode.y[tick] - position[1])
+    present = episode.valid[tick] & (np.array(episode.ids) != record.ego)
+    near = np.where(present, gap_m - np.maximum(episode.length / 2 - MATCH_M, 0.0), np.inf)
+    nearest = int(near.argmin())
+    if near[nearest] <= MATCH_M:
+        return name_road_user(episode, episode.ids[nearest])
+    return f"something that it calls {other}, where the recording has nobody"
+
+
+def describe_reason(reason: Reason, others: tuple[str, ...]) -> str:
+    """Return what the CAV does and why, without its subject; others: names of `Reason.others`."""
+    names = join_names(others) or "another road user"
+    which = "who" if names.startswith((KIND_WORDS[Kind.PEDESTRIAN], KIND_WORDS[Kind.CYCLIST])) else "which"
+    seconds = None if reason.seconds is None else f"in {reason.seconds:.1f} s"
+    distance = (
+        "" if reason.distance_m is None else f"{reason.distance_m:.{1 if reason.distance_m < 10 else 0}f} m ahead"
+    )
+    return SENTENCES[reason.cause].format(
+        names=names,
+        which=which,
+        here=f" {distance}" if distance else "",
+        gap=f", {distance}" if distance else "",
+        meets=f", {which} it would meet {seconds}" if seconds else "",
+        crosses=f"{which} crosses {seconds}" if seconds else f"{which} stands where their ways cross",
+        begins=f", which begins {seconds}" if seconds else "",
+        speed="" if reason.speed is None else f"{reason.speed:.1f} m/s",
+    )
+
+
+def join_names(names: tuple[str, ...]) -> str:
+    """Return "A, B and C"; "" without names."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else ""

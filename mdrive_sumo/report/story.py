@@ -1,0 +1,305 @@
+"""The story of one CAV in sentences: what it did, as the recording shows it, and why, as its agent noted it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Bool, Float
+from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End
+from mdrive_sumo.core.truncation import truncate
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.report.reasons import NotedReason, join_names, list_reasons, name_road_user
+from mdrive_sumo.report.run_page.losses import list_losses
+from mdrive_sumo.scoring import EgoResult, ScenarioResult
+from mdrive_sumo.v2x.messages import MCM, TEXT, Intention, Mcm, MessageError, decode
+
+STANDING_SPEED = 0.1
+"""[m/s] A slower car stands: controllers leave some centimetres a second (measured: a car that waits with `single`)."""
+MIN_STAND_TICKS = TICKS_PER_SECOND // 2
+"""A shorter stop is the end of braking, not a wait."""
+MIN_BRAKING = 1.5
+"""[m/s] A smaller loss of speed in one go is not worth a sentence: a gap or a bend."""
+BRAKING_PAUSE_TICKS = TICKS_PER_SECOND // 2
+"""Braking that goes on after at most such a pause is one manoeuvre: agents decide 2 to 5 times a second."""
+NOTED_BEFORE_TICKS = TICKS_PER_SECOND
+"""A reason noted this long before the speed falls is that of the braking: a plan takes about a second to show."""
+MAX_REASONS = 3
+"""Reasons in one sentence; it counts the rest."""
+AHEAD_M, BESIDE_M = 25.0, 2.0
+"""[m] Where no reasons were noted, the nearest road user in this rectangle before the car is named: about the distance
+in which a car at 8 m/s stops gently, and a lane's half width."""
+MAX_TEXT = 200
+"""Characters of a text message in a sentence."""
+ENDINGS = {
+    End.ARRIVED: "arrives",
+    End.BLOCKED: "counts as blocked: it has not moved for too long",
+    End.DEVIATED: "has left its route",
+    End.TIMED_OUT: "runs out of time",
+    End.AGENT_FAILED: "is out: its agent failed",
+}
+INTENTION_WORDS = {
+    Intention.STOP: "stop",
+    Intention.SLOWER: "slow down",
+    Intention.KEEP: "keep its speed",
+    Intention.FASTER: "speed up",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """What a CAV does from one tick to another one, both included."""
+
+    first: int
+    last: int
+    kind: str
+    """stands, brakes or drives."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoryLine:
+    """One sentence without its subject, which is the CAV."""
+
+    tick: int
+    text: str
+
+    def format(self) -> str:
+        """Return the sentence after its time."""
+        return f"{self.tick * DT:6.1f} s  {self.text}"
+
+
+@dataclass(frozen=True)
+class CavStory:
+    """What one CAV of an episode did and why."""
+
+    episode: EpisodeRecord
+    ego: str
+    result: ScenarioResult
+    route_m: float
+    """Length of its route [m]."""
+
+    @property
+    def _column(self) -> int:
+        return self.episode.ego_ids.index(self.ego)
+
+    @property
+    def last_tick(self) -> int:
+        """The last tick in which the CAV is in the world."""
+        return int(np.flatnonzero(self.episode.valid[:, self._column])[-1])
+
+    @property
+    def _score(self) -> EgoResult:
+        return next(ego for ego in self.result.egos if ego.id == self.ego)
+
+    @property
+    def reasons(self) -> list[NotedReason]:
+        """The reasons that its agent noted."""
+        return [reason for reason in list_reasons(self.episode) if reason.ego == self.ego]
+
+    def tell(self) -> list[str]:
+        """Return the whole story, line by line."""
+        return [self._describe_run(), *(line.format() for line in self._list_lines())]
+
+    def tell_moment(self, tick: int) -> list[str]:
+        """Return what holds in a tick, and since when."""
+        now = f"At tick {tick} ({tick * DT:.1f} s) CAV {self.ego}"
+        if tick > self.last_tick:
+            ending = self.episode.find_ending(self.ego)
+            return [f"{now} is not in the world any more: at {ending.tick * DT:.1f} s it {ENDINGS[ending.end]}."]
+        span = next(span for span in self._list_spans() if span.first <= tick <= span.last)
+        speed = abs(float(self.episode.speed[tick, self._column]))
+        lines = [f"{now} {span.kind} at {speed:.1f} m/s, since {span.first * DT:.1f} s (tick {span.first})."]
+        noted = [reason for reason in self.reasons if reason.tick <= tick]
+        if noted:
+            last = noted[-1]
+            lines.append(f"Why, noted at {last.tick * DT:.1f} s (tick {last.tick}): it {last.text}.")
+        else:
+            lines.append("Its agent has noted no reason.")
+        if ahead := self._describe_ahead(tick):
+            lines.append(f"Ahead of it: {ahead}.")
+        return lines
+
+    def _describe_run(self) -> str:
+        score, about = self._score, self.episode.about
+        head = f"CAV {self.ego} of {self.episode.scenario} (agent {about.get('agent', '?')}, seed {self.result.seed})"
+        told = f"{head}: {score.outcome}, DS {score.ds:.1f}, RC {score.rc:.1f} %."
+        if self.reasons:
+            return told
+        return f"{told}\nIts agent noted no reasons, so this is only what the recording shows."
+
+    def _list_lines(self) -> list[StoryLine]:
+        lines = [*self._tell_motion(), *self._tell_losses(), *self._tell_negotiation(), self._tell_ending()]
+        return sorted(lines, key=lambda line: line.tick)
+
+    def _list_spans(self) -> list[Span]:
+        """Return the spans of standing, braking and driving, which cover all ticks of the CAV."""
+        speed = np.abs(self.episode.speed[: self.last_tick + 1, self._column])
+        stands = _keep_long(speed < STANDING_SPEED, MIN_STAND_TICKS)
+        spans = [Span(first, last, "stands") for first, last in _list_runs(stands)]
+        for first, last in _list_brakings(speed):
+            first, last = _cut_standing(first, last, stands)
+            if first < last and speed[first] - speed[last] >= MIN_BRAKING:
+                spans.append(Span(first, last, "brakes"))
+        covered = np.zeros(len(speed), dtype=np.bool_)
+        for span in spans:
+            covered[span.first : span.last + 1] = True
+        spans += [Span(first, last, "drives") for first, last in _list_runs(~covered)]
+        return sorted(spans, key=lambda span: span.first)
+
+    def _tell_motion(self) -> Iterator[StoryLine]:
+        """Yield what it does: departures, braking, standing; driving on between two of them follows by itself."""
+        speed = np.abs(self.episode.speed[:, self._column])
+        spans = self._list_spans()
+        for i, span in enumerate(spans):
+            before, after = (spans[i - 1] if i else None), (spans[i + 1] if i + 1 < len(spans) else None)
+            if span.kind == "brakes":
+                low = float(speed[span.last])
+                goal = "to a stop" if after is not None and after.kind == "stands" else f"to {low:.1f} m/s"
+                what = f"brakes from {float(speed[span.first]):.1f} m/s {goal}"
+                yield StoryLine(span.first, what + self._explain(span, NOTED_BEFORE_TICKS))
+            elif span.kind == "stands" and (after is not None or span.first > 0):
+                until = (span.last + 1) * DT
+                what = f"stands until {until:.1f} s ({(span.last + 1 - span.first) * DT:.1f} s)"
+                if before is not None or span.last - span.first > 2 * TICKS_PER_SECOND:
+                    yield StoryLine(span.first, what + self._explain(span, 0))
+            elif span.kind == "stands":
+                yield StoryLine(span.first, "stands all the time" + self._explain(span, 0))
+            elif before is None or before.kind == "stands":
+                what = "departs" if i < 2 else "drives on"
+                yield StoryLine(span.first, what + self._explain_departure(span))
+
+    def _explain(self, span: Span, before_ticks: int) -> str:
+        """Return the reasons that hold in a span, or without any what is ahead of the car."""
+        if not self.reasons:
+            ahead = self._describe_ahead(span.first) or self._describe_ahead(span.last)
+            return f", with {ahead}" if ahead else ""
+        held = _select_reasons(self.reasons, span.first - before_ticks, span.last)
+        telling = [reason for reason in held if reason.limits] or held
+        first_of: dict[object, NotedReason] = {}
+        for reason in telling:
+            first_of.setdefault(reason.key, reason)
+        told = list(first_of.values())
+        soon = span.first + MIN_STAND_TICKS
+        parts = [
+            reason.text if i == 0 or reason.tick <= soon else f"from {reason.tick * DT:.1f} s {reason.text}"
+            for i, reason in enumerate(told[:MAX_REASONS])
+        ]
+        more = len(told) - MAX_REASONS
+        return f": {'; '.join(parts)}" + (f"; and {more} more reasons" if more > 0 else "")
+
+    def _explain_departure(self, span: Span) -> str:
+        held = [reason for reason in self.reasons if reason.tick <= span.first + MIN_STAND_TICKS]
+        return f": {held[-1].text}" if held and not held[-1].limits else ""
+
+    def _describe_ahead(self, tick: int) -> str:
+        """Return the nearest road user in the lane ahead in words; "" if there is none."""
+        episode, own = self.episode, self._column
+        cos, sin = portable.cos_sin(float(episode.yaw[tick, own]))
+        dx, dy = episode.x[tick] - episode.x[tick, own], episode.y[tick] - episode.y[tick, own]
+        along, beside = cos * dx + sin * dy, np.abs(cos * dy - sin * dx)
+        gap_m = np.where(
+            episode.valid[tick] & (along > 0) & (beside < BESIDE_M),
+            along - (episode.length + episode.length[own]) / 2,
+            np.inf,
+        )
+        gap_m[own] = np.inf
+        nearest = int(gap_m.argmin())
+        if gap_m[nearest] > AHEAD_M:
+            return ""
+        speed = abs(float(episode.speed[tick, nearest]))
+        name, gap = name_road_user(episode, episode.ids[nearest]), max(float(gap_m[nearest]), 0.0)
+        return f"{name} {gap:.1f} m ahead, {'standing' if speed < STANDING_SPEED else f'at {speed:.1f} m/s'}"
+
+    def _tell_losses(self) -> Iterator[StoryLine]:
+        """Yield infractions, and collisions that others ran into."""
+        cavs = set(self.episode.ego_ids)
+        for loss in list_losses(self._score, cavs, self.route_m):
+            if loss.kind not in ("blocked", "route-deviation", "timed-out", "agent-failed", "time"):
+                yield StoryLine(loss.tick, f"infraction: {loss.text}")
+
+    def _tell_negotiation(self) -> Iterator[StoryLine]:
+        """Yield what it asked, answered and said, whenever that changed."""
+        before = ""
+        for sent in self.episode.messages:
+            message = sent.message
+            if message.sender != self.ego or message.type not in (MCM, TEXT):
+                continue
+            try:
+                content = decode(message)
+            except MessageError:
+                continue
+            if isinstance(content, str):
+                text = truncate(" ".join(self.episode.restore_names(content).split()), MAX_TEXT)
+                yield StoryLine(message.tick, f'says "{text}"')
+            elif isinstance(content, Mcm):
+                if (terms := self._describe_terms(content)) and terms != before:
+                    yield StoryLine(message.tick, terms)
+                before = terms
+
+    def _describe_terms(self, mcm: Mcm) -> str:
+        """Return the negotiation in an MCM in words; "" if there is none."""
+        rename = self.episode.restore_name
+        partners = sorted({rename(name) for name in mcm.group} - {self.ego})
+        parts: list[str] = []
+        by_intention: dict[Intention, list[str]] = {}
+        for name, intention in sorted((rename(name), intention) for name, intention in mcm.requests.items()):
+            by_intention.setdefault(intention, []).append(name)
+        for intention, names in by_intention.items():
+            others = tuple(f"CAV {name}" for name in names if name != self.ego)
+            if others:
+                parts.append(f"asks {join_names(others)} to {INTENTION_WORDS[intention]}")
+            if self.ego in names:
+                parts.append(f"will itself {INTENTION_WORDS[intention]}")
+        for accepted, verb in ((True, "agrees with"), (False, "refuses")):
+            names = tuple(f"CAV {rename(name)}" for name, yes in sorted(mcm.answers.items()) if yes is accepted)
+            if names:
+                parts.append(f"{verb} {join_names(names)}")
+        if not partners and not parts:
+            return ""
+        head = f"negotiates with {join_names(tuple(f'CAV {name}' for name in partners))}" if partners else "negotiates"
+        return f"{head}: {', '.join(parts)}" if parts else head
+
+    def _tell_ending(self) -> StoryLine:
+        ending = self.episode.find_ending(self.ego)
+        why = f" ({truncate(' '.join(ending.text.split()), MAX_TEXT)})" if ending.text else ""
+        return StoryLine(ending.tick, ENDINGS[ending.end] + why)
+
+
+def _select_reasons(reasons: Sequence[NotedReason], first: int, last: int) -> list[NotedReason]:
+    """Return the reason that holds at tick `first`, and those noted up to tick `last`."""
+    before = [reason for reason in reasons if reason.tick <= first]
+    return before[-1:] + [reason for reason in reasons if first < reason.tick <= last]
+
+
+def _list_runs(mask: Bool) -> list[tuple[int, int]]:
+    """Return the first and the last tick of each run of True in a mask (T,)."""
+    edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).tolist()
+    return [(first, end - 1) for first, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _keep_long(mask: Bool, ticks: int) -> Bool:
+    """Return a mask (T,) without its runs of True shorter than `ticks`."""
+    kept = mask.copy()
+    for first, last in _list_runs(mask):
+        if last - first + 1 < ticks:
+            kept[first : last + 1] = False
+    return kept
+
+
+def _list_brakings(speed: Float) -> list[tuple[int, int]]:
+    """Return first and last tick of each manoeuvre in which the speed (T,) [m/s] falls, short pauses included."""
+    found: list[tuple[int, int]] = []
+    for first, last in _list_runs(np.diff(speed, append=speed[-1:]) < 0):
+        pause = found and first - found[-1][1] <= BRAKING_PAUSE_TICKS
+        if pause and speed[first] <= speed[found[-1][1]] + STANDING_SPEED:
+            found[-1] = found[-1][0], last + 1
+        else:
+            found.append((first, min(last + 1, len(speed) - 1)))
+    return [(first, min(last, len(speed) - 1)) for first, last in found]
+
+
+def _cut_standing(first: int, last: int, stands: Bool) -> tuple[int, int]:
+    """Return the ticks of a braking before the car stands."""
+    still = np.flatnonzero(stands[first : last + 1])
+    return (first, first + int(still[0]) - 1) if len(still) else (first, last)
