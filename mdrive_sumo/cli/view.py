@@ -34,12 +34,12 @@ from mdrive_sumo.report.run_page.replay_files import (
     write_replays,
 )
 from mdrive_sumo.report.run_page.run_page import render_run_page
-from mdrive_sumo.report.run_page.run_page_data import build_run_page_data
+from mdrive_sumo.report.run_page.run_page_data import Replays, build_run_page_data, read_replays
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_run_journal
 from mdrive_sumo.runs.stored_run import StoredRun, load_viewed_run
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.scoring import EpisodeKey, Results, ScenarioResult
+from mdrive_sumo.scoring import Results, ScenarioResult
 
 RUN_PAGE = "index.html"
 LIVE_INTERVAL_S = 1.0
@@ -147,7 +147,7 @@ def _write_run_page(stored: StoredRun, given: _ViewOptions) -> Path:
     selection = given.selection
     path = given.export or stored.run.folder / VIEW_FOLDER / RUN_PAGE
     chosen = write_run_replays(stored, selection)
-    data = build_run_page_data(stored, {result.key for result in chosen}, path)
+    data = build_run_page_data(stored, read_replays(stored, chosen), path)
     write_page(path, render_run_page(data, replays_note=RUN_NOTES[selection]))
     return path
 
@@ -155,14 +155,14 @@ def _write_run_page(stored: StoredRun, given: _ViewOptions) -> Path:
 def _follow_run(folder: Path, given: _ViewOptions) -> None:
     """Write the page of a run whenever an episode has finished, until all have; open it once."""
     path = folder / VIEW_FOLDER / RUN_PAGE
-    written: set[EpisodeKey] = set()
+    written: Replays = {}
     shown: tuple[int, int | None] | None = None
     with suppress(KeyboardInterrupt):
         while True:
             stored = _load_begun_run(folder, given.suite)
             state = None if stored is None else (len(stored.results.scenarios), stored.results.planned)
             if stored is not None and state != shown:
-                _write_live_page(stored, given.selection, written, path)
+                written = _write_live_page(stored, given.selection, written, path)
                 if shown is None:
                     _open([path], is_wanted=not given.no_open)
                 shown = state
@@ -180,15 +180,17 @@ def _load_begun_run(folder: Path, suite: str | None) -> StoredRun | None:
     return load_viewed_run(folder, suite)
 
 
-def _write_live_page(stored: StoredRun, selection: ReplaySelection, written: set[EpisodeKey], path: Path) -> None:
-    """Write the page of a run, and the replays that are not among the written ones, which become more."""
+def _write_live_page(stored: StoredRun, selection: ReplaySelection, written: Replays, path: Path) -> Replays:
+    """Write the page of a run, and the replays that are not among the written ones; return all that are written."""
     chosen = select_replays(stored.run, stored.results.scenarios, selection)
-    for _ in write_replays(path.parent, stored.run, [one for one in chosen if one.key not in written]):
+    new = [result for result in chosen if result.key not in written]
+    for _ in write_replays(path.parent, stored.run, new):
         pass
-    written |= {result.key for result in chosen}
-    data = build_run_page_data(stored, {result.key for result in chosen}, path)
+    written = {**written, **read_replays(stored, new)}
+    data = build_run_page_data(stored, written, path)
     refresh_s = 0 if stored.results.planned is None else LIVE_REFRESH_S
     write_page(path, render_run_page(data, replays_note=RUN_NOTES[selection], refresh_s=refresh_s))
+    return written
 
 
 def _write_comparison(runs: Sequence[ComparedRun], given: _ViewOptions) -> Path:

@@ -46,7 +46,7 @@ class Cause(StrEnum):
     HAZARD = "hazard"
     """A detection in the lane-wide box straight ahead."""
     NO_WAY = "no-way"
-    """Every speed profile would meet somebody: the car brakes as soon as it can."""
+    """Every speed profile would meet a road user: the car brakes as soon as it can."""
     PEDESTRIAN = "pedestrian"
     """A pedestrian beside the road faces it and may step out."""
     TURN = "turn"

@@ -168,7 +168,7 @@ def build_free_road_problem(
 
 
 def predict_free_stations(limits: Float, lattice: SpeedLattice, start: tuple[float, float], times: Float) -> Float:
-    """Return the arc lengths (T,) [m] at equidistant `times` (T,) [s] of a drive that nobody else limits.
+    """Return the arc lengths (T,) [m] at equidistant `times` (T,) [s] of a drive that no road user limits.
 
     limits: (M,) [m/s] at the points of the path, rounded as the lattice rounds them; start: arc length [m] and speed
     [m/s]. It tells what limits a profile, and is no plan: it may brake late.

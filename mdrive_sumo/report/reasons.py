@@ -8,15 +8,15 @@ import numpy as np
 
 from mdrive_sumo.contract import REASON, Cause, Reason
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.episode import EpisodeRecord, NoteRecord
 
 MATCH_M = 3.0
 """[m] A road user whose centre is this close to where an agent believes one is the one that it means: more than the
 errors of detectors and of the own pose (below 1 m in all sensing profiles), less than two cars in a queue are apart."""
 MAX_SENTENCE = 300
-"""Characters of a sentence that an agent of somebody's own writes."""
+"""Characters of a sentence that an agent of a participant writes."""
 KIND_WORDS: Mapping[int, str] = MappingProxyType(
     {Kind.VEHICLE: "vehicle", Kind.PEDESTRIAN: "pedestrian", Kind.CYCLIST: "cyclist", Kind.STATIC: "obstacle"}
 )
@@ -113,7 +113,7 @@ def _name_other(episode: EpisodeRecord, record: NoteRecord, other: str, position
     nearest = int(near.argmin())
     if near[nearest] <= MATCH_M:
         return name_road_user(episode, episode.ids[nearest])
-    return f"something that it calls {other}, where the recording has nobody"
+    return f"{other} (a false detection: nothing is there)"
 
 
 def describe_reason(reason: Reason, others: tuple[str, ...]) -> str:
@@ -132,7 +132,7 @@ def describe_reason(reason: Reason, others: tuple[str, ...]) -> str:
         meets=f", {which} it would meet {seconds}" if seconds else "",
         crosses=f"{which} crosses {seconds}" if seconds else f"{which} stands where their ways cross",
         begins=f", which begins {seconds}" if seconds else "",
-        speed="" if reason.speed is None else f"{reason.speed:.1f} m/s",
+        speed="an unknown speed" if reason.speed is None else f"{reason.speed:.1f} m/s",
     )
 
 

@@ -3,7 +3,9 @@
 import json
 from typing import Any
 
+from mdrive_sumo.contract import REASON
 from mdrive_sumo.episode import EpisodeRecord, NoteRecord
+from mdrive_sumo.report.reasons import read_reason
 
 EXCHANGE = "llm-exchange"
 MAX_CHARS = 4000
@@ -12,11 +14,17 @@ MAX_CHARS = 4000
 def list_notes(episode: EpisodeRecord) -> list[tuple[int, str, str, str, str]]:
     """Return (tick, CAV, kind, text, details) of every note in order; the page shows details on demand.
 
-    Texts have the scenario's ids of stations.
+    Texts have the scenario's ids of stations; reasons are sentences.
     """
-    rows = ((note.tick, note.ego, note.note.kind, *_format_note(note)) for note in episode.notes)
     rename = episode.restore_names
-    return [(tick, ego, kind, rename(text), rename(details)) for tick, ego, kind, text, details in rows]
+    rows: list[tuple[int, str, str, str, str]] = []
+    for record in episode.notes:
+        if record.note.kind == REASON:
+            text, details = read_reason(episode, record).text, ""
+        else:
+            text, details = map(rename, _format_note(record))
+        rows.append((record.tick, record.ego, record.note.kind, text, details))
+    return rows
 
 
 def _format_note(record: NoteRecord) -> tuple[str, str]:

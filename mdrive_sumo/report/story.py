@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End
-from mdrive_sumo.core.truncation import truncate
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.report.reasons import NotedReason, join_names, list_reasons, name_road_user
 from mdrive_sumo.report.run_page.losses import list_losses
@@ -25,6 +25,10 @@ BRAKING_PAUSE_TICKS = TICKS_PER_SECOND // 2
 """Braking that goes on after at most such a pause is one manoeuvre: agents decide 2 to 5 times a second."""
 NOTED_BEFORE_TICKS = TICKS_PER_SECOND
 """A reason noted this long before the speed falls is that of the braking: a plan takes about a second to show."""
+CONTACT_LOSS = 0.8
+"""[m/s] A speed that falls by more in one tick, with 16 m/s2, does so by contact: no tyre brakes like that."""
+MIN_HOLD_TICKS = TICKS_PER_SECOND
+"""A reason that limits a driving car for a shorter time leaves no trace in its speed."""
 MAX_REASONS = 3
 """Reasons in one sentence; it counts the rest."""
 AHEAD_M, BESIDE_M = 25.0, 2.0
@@ -54,7 +58,7 @@ class Span:
     first: int
     last: int
     kind: str
-    """stands, brakes or drives."""
+    """stands, brakes, drives, or is pushed: it loses speed by contact."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +113,8 @@ class CavStory:
             return [f"{now} is not in the world any more: at {ending.tick * DT:.1f} s it {ENDINGS[ending.end]}."]
         span = next(span for span in self._list_spans() if span.first <= tick <= span.last)
         speed = abs(float(self.episode.speed[tick, self._column]))
-        lines = [f"{now} {span.kind} at {speed:.1f} m/s, since {span.first * DT:.1f} s (tick {span.first})."]
+        pace = "" if span.kind == "stands" else f" at {speed:.1f} m/s"
+        lines = [f"{now} {span.kind}{pace}, since {span.first * DT:.1f} s (tick {span.first})."]
         noted = [reason for reason in self.reasons if reason.tick <= tick]
         if noted:
             last = noted[-1]
@@ -129,7 +134,7 @@ class CavStory:
         return f"{told}\nIts agent noted no reasons, so this is only what the recording shows."
 
     def _list_lines(self) -> list[StoryLine]:
-        lines = [*self._tell_motion(), *self._tell_losses(), *self._tell_negotiation(), self._tell_ending()]
+        lines = [*self._tell_losses(), *self._tell_motion(), *self._tell_negotiation(), self._tell_ending()]
         return sorted(lines, key=lambda line: line.tick)
 
     def _list_spans(self) -> list[Span]:
@@ -139,8 +144,11 @@ class CavStory:
         spans = [Span(first, last, "stands") for first, last in _list_runs(stands)]
         for first, last in _list_brakings(speed):
             first, last = _cut_standing(first, last, stands)
-            if first < last and speed[first] - speed[last] >= MIN_BRAKING:
-                spans.append(Span(first, last, "brakes"))
+            contact = first + int(np.argmax(np.append(np.diff(speed[first : last + 1]) < -CONTACT_LOSS, True)))
+            if speed[first] - speed[contact] >= MIN_BRAKING:
+                spans.append(Span(first, contact - (contact < last), "brakes"))
+            if contact < last:
+                spans.append(Span(contact, last, "is pushed"))
         covered = np.zeros(len(speed), dtype=np.bool_)
         for span in spans:
             covered[span.first : span.last + 1] = True
@@ -158,6 +166,9 @@ class CavStory:
                 goal = "to a stop" if after is not None and after.kind == "stands" else f"to {low:.1f} m/s"
                 what = f"brakes from {float(speed[span.first]):.1f} m/s {goal}"
                 yield StoryLine(span.first, what + self._explain(span, NOTED_BEFORE_TICKS))
+            elif span.kind == "is pushed":
+                low, high = float(speed[span.last]), float(speed[span.first])
+                yield StoryLine(span.first, f"loses speed by contact: from {high:.1f} m/s to {low:.1f} m/s")
             elif span.kind == "stands" and (after is not None or span.first > 0):
                 until = (span.last + 1) * DT
                 what = f"stands until {until:.1f} s ({(span.last + 1 - span.first) * DT:.1f} s)"
@@ -168,6 +179,8 @@ class CavStory:
             elif before is None or before.kind == "stands":
                 what = "departs" if i < 2 else "drives on"
                 yield StoryLine(span.first, what + self._explain_departure(span))
+            if span.kind == "drives":
+                yield from self._tell_holding_back(span)
 
     def _explain(self, span: Span, before_ticks: int) -> str:
         """Return the reasons that hold in a span, or without any what is ahead of the car."""
@@ -187,6 +200,15 @@ class CavStory:
         ]
         more = len(told) - MAX_REASONS
         return f": {'; '.join(parts)}" + (f"; and {more} more reasons" if more > 0 else "")
+
+    def _tell_holding_back(self, span: Span) -> Iterator[StoryLine]:
+        """Yield what keeps a car slow that neither brakes nor stands."""
+        reasons = self.reasons
+        ends = [following.tick for following in reasons[1:]] + [span.last] * bool(reasons)
+        for reason, end in zip(reasons, ends, strict=True):
+            until = min(end, span.last)
+            if span.first <= reason.tick and reason.limits and until - reason.tick >= MIN_HOLD_TICKS:
+                yield StoryLine(reason.tick, f"holds back: {reason.text}")
 
     def _explain_departure(self, span: Span) -> str:
         held = [reason for reason in self.reasons if reason.tick <= span.first + MIN_STAND_TICKS]
@@ -233,37 +255,41 @@ class CavStory:
                 text = truncate(" ".join(self.episode.restore_names(content).split()), MAX_TEXT)
                 yield StoryLine(message.tick, f'says "{text}"')
             elif isinstance(content, Mcm):
-                if (terms := self._describe_terms(content)) and terms != before:
-                    yield StoryLine(message.tick, terms)
+                terms = self._describe_terms(content)
+                if terms and terms != before:
+                    yield StoryLine(message.tick, terms + self._describe_intention(content))
                 before = terms
 
     def _describe_terms(self, mcm: Mcm) -> str:
-        """Return the negotiation in an MCM in words; "" if there is none."""
+        """Return what an MCM negotiates and with which CAVs, in words; "" if it does not."""
         rename = self.episode.restore_name
-        partners = sorted({rename(name) for name in mcm.group} - {self.ego})
-        parts: list[str] = []
-        by_intention: dict[Intention, list[str]] = {}
+        partners = [name for name in sorted(map(rename, mcm.group)) if name != self.ego]
+        asked: dict[Intention, list[str]] = {}
         for name, intention in sorted((rename(name), intention) for name, intention in mcm.requests.items()):
-            by_intention.setdefault(intention, []).append(name)
-        for intention, names in by_intention.items():
-            others = tuple(f"CAV {name}" for name in names if name != self.ego)
-            if others:
-                parts.append(f"asks {join_names(others)} to {INTENTION_WORDS[intention]}")
-            if self.ego in names:
-                parts.append(f"will itself {INTENTION_WORDS[intention]}")
+            if name != self.ego:
+                asked.setdefault(intention, []).append(name)
+        parts = [f"asks {_join_cavs(names)} to {INTENTION_WORDS[intention]}" for intention, names in asked.items()]
         for accepted, verb in ((True, "agrees with"), (False, "refuses")):
-            names = tuple(f"CAV {rename(name)}" for name, yes in sorted(mcm.answers.items()) if yes is accepted)
-            if names:
-                parts.append(f"{verb} {join_names(names)}")
+            if names := sorted(rename(name) for name, yes in mcm.answers.items() if yes is accepted):
+                parts.append(f"{verb} {_join_cavs(names)}")
         if not partners and not parts:
             return ""
-        head = f"negotiates with {join_names(tuple(f'CAV {name}' for name in partners))}" if partners else "negotiates"
+        head = f"negotiates with {_join_cavs(partners)}" if partners else "negotiates"
         return f"{head}: {', '.join(parts)}" if parts else head
+
+    def _describe_intention(self, mcm: Mcm) -> str:
+        """Return what the CAV says that it will do: it changes too often for sentences of its own."""
+        names = {self.episode.restore_name(name): intention for name, intention in mcm.requests.items()}
+        return f", will itself {INTENTION_WORDS[names[self.ego]]}" if self.ego in names else ""
 
     def _tell_ending(self) -> StoryLine:
         ending = self.episode.find_ending(self.ego)
         why = f" ({truncate(' '.join(ending.text.split()), MAX_TEXT)})" if ending.text else ""
         return StoryLine(ending.tick, ENDINGS[ending.end] + why)
+
+
+def _join_cavs(names: Sequence[str]) -> str:
+    return join_names(tuple(f"CAV {name}" for name in names))
 
 
 def _select_reasons(reasons: Sequence[NotedReason], first: int, last: int) -> list[NotedReason]:

@@ -111,7 +111,7 @@ def build_comparison_data(runs: Sequence[ComparedRun], in_step: Mapping[PairKey,
     in_step: links to the replays in step. page: the place of the page itself. Raises InputError if no scenario can be
     compared.
     """
-    tables = [{row.id: row for row in build_run_page_data(run.stored, (), page).rows} for run in runs]
+    tables = [{row.id: row for row in build_run_page_data(run.stored, {}, page).rows} for run in runs]
     ids = dict.fromkeys(name for table in tables for name in table)
     rows = [_build_row(name, runs, [table.get(name) for table in tables], in_step) for name in ids]
     first = runs[0]

@@ -1,16 +1,19 @@
 """Why each CAV lost score, in plain English: one line per CAV, of one part per infraction or ending."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End
+from mdrive_sumo.report.reasons import NotedReason
 from mdrive_sumo.scoring import EgoResult, Infraction, ScenarioResult
 from mdrive_sumo.scoring.criteria import BLOCKED_TICKS
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS
 
 MAX_REASON = 200
 """Characters of a failed agent's message; its log has all of it."""
+REASONED = ("collision-vehicle", "collision-pedestrian", "collision-static", "blocked", "timed-out")
+"""Kinds of losses for which a reader asks why the CAV drove, or did not drive, at that time."""
 ENDINGS: Mapping[str, str] = {
     "blocked": f"stood still for {BLOCKED_TICKS // TICKS_PER_SECOND} s",
     "route-deviation": "left its route",
@@ -51,18 +54,33 @@ class CavLosses:
         return self.outcome is End.AGENT_FAILED
 
 
-def explain_losses(result: ScenarioResult, route_lengths: Mapping[str, float]) -> tuple[CavLosses, ...]:
+def explain_losses(
+    result: ScenarioResult, route_lengths: Mapping[str, float], reasons: Sequence[NotedReason] = ()
+) -> tuple[CavLosses, ...]:
     """Return what each CAV that did not succeed lost, the worst first: those with a DS of at most `SUCCESS_DS`.
 
-    route_lengths: of each CAV by its id [m]; of a CAV without one no metres are named.
+    route_lengths: of each CAV by its id [m]; of a CAV without one no metres are named. reasons: of all CAVs, in order;
+    with each loss of a kind in `REASONED` stands the one that held.
     """
     cavs = {ego.id for ego in result.egos}
     score = {ego.id: ego.ds * (1.0 if ego.time_factor is None else ego.time_factor) for ego in result.egos}
     lost = [ego for ego in result.egos if score[ego.id] <= SUCCESS_DS]
     return tuple(
-        CavLosses(ego.id, ego.outcome, score[ego.id], list_losses(ego, cavs, route_lengths.get(ego.id)))
+        CavLosses(
+            ego.id,
+            ego.outcome,
+            score[ego.id],
+            tuple(_add_reason(loss, ego.id, reasons) for loss in list_losses(ego, cavs, route_lengths.get(ego.id))),
+        )
         for ego in sorted(lost, key=lambda ego: score[ego.id])
     )
+
+
+def _add_reason(loss: Loss, ego: str, reasons: Sequence[NotedReason]) -> Loss:
+    held = [reason for reason in reasons if reason.ego == ego and reason.tick <= loss.tick]
+    if loss.kind not in REASONED or not held:
+        return loss
+    return replace(loss, text=f"{loss.text} (noted: {held[-1].text})")
 
 
 def list_losses(ego: EgoResult, cavs: set[str], route_m: float | None) -> tuple[Loss, ...]:

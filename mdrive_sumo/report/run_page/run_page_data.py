@@ -1,9 +1,10 @@
 """The content of a run page: a row per scenario, the worst first, with a cell per seed and what each CAV lost."""
 
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -11,6 +12,7 @@ from markupsafe import Markup
 from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.core.private_paths import hide_paths_in_text
 from mdrive_sumo.report.agent_failures import list_agent_failures, read_tail
+from mdrive_sumo.report.reasons import NotedReason, list_reasons
 from mdrive_sumo.report.run_page.losses import CavLosses, explain_losses
 from mdrive_sumo.report.run_page.provenance import Fact, list_provenance
 from mdrive_sumo.report.run_page.replay_files import name_replay_file
@@ -20,6 +22,7 @@ from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.journal import JOURNAL_FILE
 from mdrive_sumo.runs.prepared_run import find_agent_log
+from mdrive_sumo.runs.recording_check import load_recording
 from mdrive_sumo.runs.stored_run import StoredRun
 from mdrive_sumo.scoring import EpisodeKey, ScenarioResult
 from mdrive_sumo.scoring.score_mode import compute_mean
@@ -117,11 +120,17 @@ class RunPageData:
         return sorted({kind for cell in self.cells for kind in cell.kinds})
 
 
-def build_run_page_data(stored: StoredRun, replays: Collection[EpisodeKey], page: Path) -> RunPageData:
-    """Return the content of the page of a run.
+Replays: TypeAlias = Mapping[EpisodeKey, Sequence[NotedReason]]
+"""The episodes that have a replay page in the folder of a run's page, with the reasons that their agents noted."""
 
-    replays: the episodes that have a replay page in the folder of the page. page: the place of the page itself.
-    """
+
+def read_replays(stored: StoredRun, results: Iterable[ScenarioResult]) -> Replays:
+    """Return the reasons noted in these episodes. Raises InputError for a recording that cannot be read."""
+    return {result.key: list_reasons(load_recording(stored.run, result)) for result in results}
+
+
+def build_run_page_data(stored: StoredRun, replays: Replays, page: Path) -> RunPageData:
+    """Return the content of the page of a run. page: the place of the page itself."""
     by_id: dict[str, list[ScenarioResult]] = {}
     for result in stored.results.scenarios:
         by_id.setdefault(result.id, []).append(result)
@@ -138,9 +147,7 @@ def build_run_page_data(stored: StoredRun, replays: Collection[EpisodeKey], page
     )
 
 
-def _build_row(
-    stored: StoredRun, results: Sequence[ScenarioResult], replays: Collection[EpisodeKey], page: Path
-) -> ScenarioRow:
+def _build_row(stored: StoredRun, results: Sequence[ScenarioResult], replays: Replays, page: Path) -> ScenarioRow:
     first = results[0]
     scenario = next(scenario for scenario in stored.run.scenarios if scenario.id == first.id)
     lengths = {ego.id: Polyline(ego.xy).length for ego in scenario.egos}
@@ -160,10 +167,10 @@ def _build_cell(
     stored: StoredRun,
     result: ScenarioResult,
     route_lengths: Mapping[str, float],
-    replays: Collection[EpisodeKey],
+    replays: Replays,
     page: Path,
 ) -> EpisodeCell:
-    cavs = explain_losses(result, route_lengths)
+    cavs = explain_losses(result, route_lengths, replays.get(result.key, ()))
     kinds = {event.kind for ego in result.egos for event in ego.infractions}
     logs = {cav.ego: _find_log(stored, result, cav.ego, page) for cav in cavs if cav.has_failed_agent}
     return EpisodeCell(

@@ -8,6 +8,7 @@ class Panel {
     document.getElementById("description").textContent = replay.description;
     this.addScores();
     const list = document.getElementById("cavs");
+    list.classList.toggle("told", replay.reasonsOf.some((reasons) => reasons.length > 0));
     this.rows = replay.ids.slice(0, replay.egos).map((id, ego) => this.addCav(list, id, ego, select, follow));
     this.addEvents(seek);
     this.addFacts();
@@ -85,7 +86,8 @@ class Panel {
       row.className = `cav ${now.grade} ${here ? "here" : "gone"}`;
       choose.setAttribute("aria-pressed", ego === selected);
       target.setAttribute("aria-pressed", ego === followed);
-      state.textContent = now.detail ? `${now.text} · ${now.detail}` : now.text;
+      setText(state, now.detail ? `${now.text} · ${now.detail}` : now.text);
+      state.title = state.textContent;
       speed.textContent = here ? `${this.replay.speed(ego, tick).toFixed(1)} m/s` : "";
     });
     for (const { button, tick: at } of this.events) button.classList.toggle("past", at <= tick);

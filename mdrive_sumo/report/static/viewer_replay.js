@@ -42,6 +42,10 @@ class Replay {
       if (!this.changesOf.has(tls)) this.changesOf.set(tls, []);
       this.changesOf.get(tls).push({ tick, state });
     }
+    this.reasonsOf = this.ids.slice(0, this.egos).map(() => []); // why each CAV drives as it does, in order
+    for (const [tick, ego, kind, text] of this.notes) {
+      if (kind === "reason" && this.columnOf.has(ego)) this.reasonsOf[this.columnOf.get(ego)]?.push({ tick, text });
+    }
     this.plansOf = this.ids.slice(0, this.egos).map(() => []);
     let first = 0;
     for (const [tick, ego, count] of this.plans) {
@@ -116,7 +120,10 @@ class Replay {
   /** What the CAV is doing at the tick, and how good that is: "ok", "good", "warn" or "bad". */
   stateOf(ego, tick) {
     const end = this.endOf.get(ego);
-    if (!end || tick < end.tick) return { text: this.present(ego, tick) ? "driving" : "not in the world", grade: "ok" };
+    if (!end || tick < end.tick) {
+      const reason = lastAtOrBefore(this.reasonsOf[ego], tick)?.text ?? "driving";
+      return { text: this.present(ego, tick) ? reason : "not in the world", grade: "ok" };
+    }
     return { text: `${end.end} at ${this.seconds(end.tick).toFixed(1)} s`, detail: end.text, grade: gradeOf(end.end) };
   }
 }

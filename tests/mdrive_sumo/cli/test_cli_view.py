@@ -40,6 +40,7 @@ def replays(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     for module in (replay_files, comparison_files):
         monkeypatch.setattr(module, "build_replay", build)
+    monkeypatch.setattr("mdrive_sumo.cli.view.read_replays", lambda _, results: {one.key: () for one in results})
     return built
 
 

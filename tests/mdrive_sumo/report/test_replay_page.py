@@ -17,7 +17,8 @@ import shapely
 from testing.chromium import CHROMIUM
 from testing.viewer_crossing import crossing, ego_state, record, scenario, some_marks
 
-from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.contract import Cause, Reason
+from mdrive_sumo.episode import EpisodeRecord, NoteRecord
 from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.roads.drawing.map_geometry import build_map_geometry
 from mdrive_sumo.scenario.scenario import Scenario
@@ -254,6 +255,25 @@ def test_what_the_page_unpacks(browser: Any, tmp_path: Path) -> None:
         ages = tab.evaluate("[24, 34, 35].map((tick) => viewer.replay.planAt(1, tick).length)")
         assert ages == [8, 8, 0]  # the last plan of tick 24 is shown for half a second
         assert len(tab.evaluate("viewer.replay.contactsWithin(20, 20)")) == 1
+
+
+@needs_browser
+def test_each_cav_says_why_it_drives_as_it_does(browser: Any, tmp_path: Path) -> None:
+    reasons = {5: Reason(Cause.FREE, speed=8.0), 20: Reason(Cause.YIELD, ("00c0ffee",), seconds=2.1)}
+    notes = tuple(NoteRecord(tick, "cav_0", reason.to_note()) for tick, reason in reasons.items())
+    episode = replace(record(), notes=notes, pseudonyms={"00c0ffee": "cav_1"})
+    path = tmp_path / "replay.html"
+    path.write_text(render_replay(episode, scenario(2), crossing(), ()), encoding="utf-8")
+    for tab in opened(browser, path.as_uri()):
+        said = {}
+        for tick in (4, 19, 20, 39):
+            tab.evaluate(f"viewer.seek({tick})")
+            wait(tab, SETTLED)
+            said[tick] = tab.inner_text(".state >> nth=0")
+        assert said.pop(39).startswith("arrived")
+        assert said.pop(20) == "yields to CAV cav_1, which crosses in 2.1 s"
+        assert said == {4: "driving", 19: "drives freely, at up to 8.0 m/s"}
+        assert "yields to CAV cav_1" in tab.locator("#transcript .entry >> nth=1").text_content()
 
 
 @needs_browser

@@ -5,9 +5,11 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.view_runs import hit, stood
+from testing.view_runs import HIT, hit, stood
 
+from mdrive_sumo.contract import Cause
 from mdrive_sumo.core.state import End
+from mdrive_sumo.report.reasons import NotedReason
 from mdrive_sumo.report.run_page.losses import explain_losses
 from mdrive_sumo.scoring import EgoResult, Infraction, ScenarioResult
 
@@ -50,6 +52,27 @@ def test_every_infraction_is_a_sentence(infraction: Infraction, text: str) -> No
     found = explain_losses(episode(ego(infraction), ego(name="1", rc=100.0, ds=100.0)), {"0": 200.0})
     assert [(cav.ego, [loss.text for loss in cav.losses]) for cav in found] == [("0", [text])]
     assert (found[0].losses[0].time_s, found[0].losses[0].factor) == (infraction.tick / 20, infraction.factor)
+
+
+def test_a_collision_and_a_standstill_come_with_the_reason_that_held() -> None:
+    reasons = [
+        NotedReason(tick, name, Cause.YIELD, (), text)
+        for tick, name, text in (
+            (5, "0", "yields to A"),
+            (HIT, "0", "follows B"),
+            (HIT, "1", "never mind"),
+            (99, "0", "stops"),
+        )
+    ]
+    cav = ego(hit("npc"), event("red-light", "tls:2"), stood())
+    (found,) = explain_losses(episode(cav), {}, reasons)
+    assert [loss.text for loss in found.losses] == [
+        "hit vehicle npc at 2.5 m/s (noted: follows B)",
+        "crossed the stop line at red (light tls:2)",
+        "stood still for 30 s, with 40 % of its route done (noted: stops)",
+    ]
+    (early,) = explain_losses(episode(ego(hit("npc"))), {}, reasons[3:])
+    assert early.losses[0].text == "hit vehicle npc at 2.5 m/s"
 
 
 def test_a_failed_agent_says_how() -> None:

@@ -25,7 +25,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def data(run: Path) -> RunPageData:
     stored = load_stored_run(run)
-    return build_run_page_data(stored, {("s0", 1), ("s2", 0)}, run / "view" / "index.html")
+    return build_run_page_data(stored, {("s0", 1): (), ("s2", 0): ()}, run / "view" / "index.html")
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_the_page_names_what_the_run_was_made_of(html: str, data: RunPageData) -
 
 
 def test_the_same_run_gives_the_same_page(html: str, data: RunPageData, run: Path) -> None:
-    again = build_run_page_data(load_stored_run(run), {("s0", 1), ("s2", 0)}, run / "view" / "index.html")
+    again = build_run_page_data(load_stored_run(run), {("s0", 1): (), ("s2", 0): ()}, run / "view" / "index.html")
     assert again == data and render_run_page(again) == html
 
 
@@ -83,7 +83,7 @@ def test_void_episodes_and_runs_without_recordings(tmp_path: Path) -> None:
         return make_void_result(scenario, job.seed, "SUMO ended")
 
     run = make_run(tmp_path, "--no-record", drive=drive)
-    data = build_run_page_data(load_stored_run(run), (), tmp_path / "elsewhere.html")
+    data = build_run_page_data(load_stored_run(run), {}, tmp_path / "elsewhere.html")
     assert {cell.outcome for cell in data.cells} == {"void"}
     text = Page(render_run_page(data)).text
     assert "made with --no-record: there are no replays" in text and "SUMO ended" in text

@@ -29,7 +29,7 @@ def page_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("story")
     path = folder / "index.html"
     stored = load_stored_run(make_run(folder, "--seeds", "2"))
-    path.write_text(render_run_page(build_run_page_data(stored, {("s0", 1)}, path)), encoding="utf-8")
+    path.write_text(render_run_page(build_run_page_data(stored, {("s0", 1): ()}, path)), encoding="utf-8")
     return path
 
 
