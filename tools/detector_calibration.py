@@ -31,9 +31,11 @@ from tools.tool_command import HELP, ToolCommand
 FRAMES = 800
 CARS = 12
 PLAIN = 0.7
-REACH_M = (140.8, 38.4)
+"""Share of cars that are wholly visible, an assumption."""
+HALF_AREA_M = (140.8, 38.4)
 """Half the length and half the width of the area."""
 APART_M = 6.0
+"""[m] Least distance between two cars, so that a detection belongs to one of them."""
 HIDDEN_FROM_ONE = 0.25
 """Share of cars that a single vehicle does not see at all, an assumption."""
 HERE: Float = np.zeros(2)
@@ -62,8 +64,8 @@ def _simulate_frames(profile: DetectionProfile, seed: int, hidden: float) -> Ite
         visible[rng.random(CARS) < hidden] = 0.0
         recall = profile.recall_at(np.hypot(truth.x, truth.y), visible)
         seen = truth.take(draw_detected(seed, tick, truth.ids, recall))
-        ghosts = draw_false_positives(profile, seed, tick, HERE, REACH_M[0])
-        ghosts = ghosts.take(np.abs(ghosts.y) <= REACH_M[1])
+        ghosts = draw_false_positives(profile, seed, tick, HERE, HALF_AREA_M[0])
+        ghosts = ghosts.take(np.abs(ghosts.y) <= HALF_AREA_M[1])
         detected = add_errors(profile, seed, tick, seen, HERE).concat(ghosts)
         yield truth, detected.take(np.argsort(np.hypot(detected.x, detected.y), kind="stable"))
 
@@ -71,7 +73,7 @@ def _simulate_frames(profile: DetectionProfile, seed: int, hidden: float) -> Ite
 def _draw_cars(rng: np.random.Generator, frame: int) -> Objects:
     places: list[Float] = []
     while len(places) < CARS:
-        place = rng.uniform(-1.0, 1.0, 2) * REACH_M
+        place = rng.uniform(-1.0, 1.0, 2) * HALF_AREA_M
         if all(np.hypot(*(place - other)) >= APART_M for other in places):
             places.append(place)
     x, y = np.array(places).T

@@ -12,6 +12,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 
 TICK_MS = 1000 // TICKS_PER_SECOND
+"""Milliseconds of a tick: agent clocks are declared in whole ticks."""
 
 
 @dataclass(frozen=True, slots=True)

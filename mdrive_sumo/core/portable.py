@@ -38,6 +38,7 @@ _SLOPE_STEP, _THIRD = 1 / tables.ATAN_STEPS, 1 / 3
 _ARRAY = np.ndarray
 _PI, _HALF_PI = math.pi, math.pi / 2
 _TINY = 1e-300
+"""Added as a least divisor: atan2(0, 0) divides by it instead of by 0."""
 _LN2_HIGH, _LN2_LOW, _PER_LN2 = 6.93147180369123816490e-01, 1.90821492927058770002e-10, 1.44269504088896338700
 """ln 2 as a sum whose first part has 32 bits (times an exponent it is exact), and 1 / ln 2 (fdlibm, e_exp.c)."""
 _ROOT_HALF = 0.7071067811865476

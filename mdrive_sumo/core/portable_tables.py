@@ -19,6 +19,7 @@ Float = npt.NDArray[np.float64]
 FILE = Path(__file__).with_suffix(".f64")
 """64-bit floats, little-endian, in the order of `compute_file_values`."""
 BITS = 128
+"""More than twice the 53 bits of a float: the last ones may be wrong by a sum's truncations, see above."""
 ONE = 1 << BITS
 TURN_STEPS = 1 << 14
 """Steps of the tables of cosine and sine in a full turn; the polynomials span half a step, 0.2 mrad."""

@@ -14,7 +14,9 @@ from mdrive_sumo.scenario.scenario import describe_first_error
 from mdrive_sumo.v2x.channel import DeliveryStatus
 
 MAX_TICK = 2**31
+"""Ticks are summed as int64 and shown as times: none of a recording comes near it."""
 MAX_INTERVAL_S = 1e6
+"""Beyond any plan: what draws and scores plans multiplies by it."""
 MAX_NAME = 1000
 """Characters of an id."""
 

@@ -21,7 +21,7 @@ from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.scripted_actor import Actor, Motion, PathMotion, StandingMotion
 
-AHEAD_M = 38.0
+OBJECT_AHEAD_M = 38.0
 """[m] Distance ahead of a CAV's start of objects on a road without a junction."""
 BEFORE_M, BEHIND_M = 9.0, 12.0
 """[m] Distance before the junction of `on_approach`, and behind it of `after_exit`."""
@@ -112,7 +112,7 @@ def _find_station(actor: ProposedActor, ego: Ego, roads: RoadMap, depth: float) 
     inside = [k for k, (x, y) in enumerate(ego.xy) if any(lane.junction for lane in roads.find_lanes_near(x, y, 0.3))]
     length = len(ego.route) - 1.0
     if not inside:
-        return min(AHEAD_M, length * 0.6)
+        return min(OBJECT_AHEAD_M, length * 0.6)
     if actor.timing_phase in ("after_exit", "after_turn", "after_merge"):
         return min(inside[-1] + BEHIND_M, length - 2.0)
     if actor.timing_phase == "in_intersection":

@@ -18,6 +18,7 @@ from mdrive_sumo.scenario.scenario import Ego, Scenario
 DUPLICATE_DISTANCE = 0.12
 """Scenarios nearer to each other than this are duplicates."""
 FAR_M = 10.0
+"""Starts that differ by this or more count as wholly different, see above."""
 
 
 def scenario_distance(one: Scenario, other: Scenario) -> float:

@@ -35,7 +35,7 @@ PAST_M, EVENT_PAST_M = 4.0, 15.0
 """[m] Least distance from the junction to the goal, and where an event happens behind the junction."""
 ROUTE_SHARE = 0.85
 """Share of the mean route length; conflicts lengthen many routes."""
-REACH_M = (6.0, 26.0)
+START_BEFORE_JUNCTION_M = (6.0, 26.0)
 """[m] Distance from the junction of starts that are chosen to meet another CAV."""
 APART_S = 0.25
 """[s] How much earlier or later than another one a CAV may reach their conflict."""
@@ -79,7 +79,7 @@ def _draw_start(
         met = find_conflict_stations(lines[name], lines[other])
         if met is not None and met[1] > start:
             due = compute_arrival_s(lines[other], start, met[1]) + rng.uniform(-APART_S, APART_S)
-            choices = edge - np.arange(*REACH_M, STEP_M)
+            choices = edge - np.arange(*START_BEFORE_JUNCTION_M, STEP_M)
             return float(min(choices, key=lambda choice: abs(compute_arrival_s(lines[name], choice, met[0]) - due)))
     return edge - rng.uniform(*(WITNESS_M if starts else RUN_UP_M))
 

@@ -16,6 +16,7 @@ from mdrive_sumo.study.occlusion_certificate import REFERENCE_OPTIONS, Reference
 from mdrive_sumo.sumo import SumoWorld
 
 SEED = 0
+"""The scenario as written."""
 
 
 @dataclass(frozen=True, slots=True)

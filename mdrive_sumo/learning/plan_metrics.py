@@ -35,6 +35,7 @@ def compute_shares(arrays: Mapping[str, npt.NDArray[np.generic]]) -> npt.NDArray
 
 
 HORIZONS_S = (1.0, 2.0, 3.0)
+"""[s] Horizons of the tables of UniAD and VAD; a plan is 3 s long."""
 Float = npt.NDArray[np.float32]
 
 

@@ -19,9 +19,10 @@ from mdrive_sumo.scenario.scripted_actor import Actor, DistanceTrigger, KindName
 from mdrive_sumo.vehicle import dynamics
 
 CAR = dynamics.MKZ_2017
-AHEAD_M = (20.0, 60.0)
+CROSSING_AHEAD_M = (20.0, 60.0)
 """[m] Distance from a CAV's start to where road users cross."""
 WALK_MPS, CYCLE_MPS = (0.9, 2.4), (2.5, 4.5)
+"""Least and greatest speed [m/s] of a crossing pedestrian, and of a cyclist."""
 KERB_M = 0.8
 """[m] Distance beyond the edge of the road at which people wait."""
 EARLY_S, HIDDEN_EARLY_S = (-0.3, 3.0), (0.6, 2.6)
@@ -32,10 +33,13 @@ WIDEST_M = 18.0
 BESIDE_ROUTE_M = 1.45
 """[m] Least distance of a parked vehicle from the centre line of any CAV's route."""
 CLEAR_START_M = 6.0
+"""[m] Added to the length of a CAV at its start: nothing is placed there."""
 JUNCTION_M = 6.0
 """[m] Nothing parks nearer to the end of a lane."""
 PARKED_NEAR_M = 70.0
+"""[m] Vehicles park within this distance of the start of a CAV."""
 PARKED_MODELS = {"parked-car": 0.68, "parked-van": 0.24, "parked-truck": 0.08}
+"""Share of each model among parked vehicles; vans and trucks hide the most."""
 HIDES_M = (0.7, 1.4)
 """[m] Between a parked vehicle and the person that steps out behind it."""
 TURN_OFF_M = 14.0
@@ -45,6 +49,7 @@ SWERVE_M, BEND_RAD = 14, 0.6
 ZEBRA_SHARE = 0.6
 """Share of road users that cross on a zebra crossing where the CAV's route has one."""
 TRIES = 12
+"""Places that are tried for one road user."""
 Spot = tuple[float, float]
 """x, y [m]."""
 Ends = tuple[Spot, Spot]
@@ -66,11 +71,11 @@ def _find_road_edge(roads: RoadMap, ego: Ego, station: int, side: float) -> floa
 
 def _draw_station(roads: RoadMap, ego: Ego, rng: random.Random) -> int | None:
     """Return a station [m] on the CAV's route outside junctions; None if there is none."""
-    last = min(len(ego.route) - 8, int(AHEAD_M[1]))
-    if last <= AHEAD_M[0]:
+    last = min(len(ego.route) - 8, int(CROSSING_AHEAD_M[1]))
+    if last <= CROSSING_AHEAD_M[0]:
         return None
     for _ in range(TRIES):
-        station = rng.randint(int(AHEAD_M[0]), last)
+        station = rng.randint(int(CROSSING_AHEAD_M[0]), last)
         near = roads.find_nearest_lanes(ego.xy[station][None])
         if not roads.in_junction[near.lane[0]]:
             return station
@@ -113,7 +118,7 @@ def _find_zebras(roads: RoadMap, ego: Ego) -> Iterator[tuple[Ends, Spot]]:
     route = shapely.LineString(ego.xy)
     for line, _ in roads.crossings:
         met = shapely.intersection(route, shapely.LineString(line))
-        if not met.is_empty and shapely.line_locate_point(route, point := shapely.centroid(met)) > AHEAD_M[0]:
+        if not met.is_empty and shapely.line_locate_point(route, point := shapely.centroid(met)) > CROSSING_AHEAD_M[0]:
             (x0, y0), (x1, y1) = (line[k].tolist() for k in (0, -1))
             yield ((x0, y0), (x1, y1)), (float(point.x), float(point.y))
 

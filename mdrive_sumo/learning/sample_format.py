@@ -38,6 +38,7 @@ MAX_BOXES = 48
 """The nearest ones of a sample, which `load_arrays` keeps."""
 MAX_LANES, LANE_POINTS = 40, 10
 OCCUPANCY_LAYERS = 1 + PLAN_POINTS
+"""Now, and at each time of the plan."""
 OCCUPANCY_SHAPE = OCCUPANCY_LAYERS, LIDAR_CELLS, LIDAR_CELLS
 OCCUPANCY_BYTES = math.prod(OCCUPANCY_SHAPE) // 8
 

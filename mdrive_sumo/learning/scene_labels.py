@@ -27,11 +27,12 @@ from mdrive_sumo.sensing.polygon_fill import box_edges, fill_polygons
 from mdrive_sumo.sensing.sensing_frame import SensorPose
 from mdrive_sumo.sensing.visibility import SightView, announce_eye
 
-REACH_M = 60.0
+LABELLED_RANGE_M = 60.0
 """Boxes farther away from the box centre are left out."""
 REMEMBERED_TICKS = 2 * TICKS_PER_SECOND
 """Occupancy has what was visible at a decision of the last 2 s: what a network with memory can know."""
 LATER_TICKS = round(PLAN_INTERVAL_S * TICKS_PER_SECOND) * np.arange(1, PLAN_POINTS + 1)
+"""(PLAN_POINTS,) ticks from the decision to the points of a plan."""
 Labels = dict[str, npt.NDArray[np.generic]]
 
 
@@ -56,11 +57,11 @@ class SceneLabels:
         classes, edges = choose_models(scene.boxes), load_building_edges(self._roads)
         rows = {column: row for row, column in enumerate(columns.tolist())}
         eyes = {cav: _build_eye(self._poses[tick, cav], rows[cav]) for cav in cavs}
-        numbers = {cav: announce_eye(scene, eye, REACH_M) for cav, eye in eyes.items()}
+        numbers = {cav: announce_eye(scene, eye, LABELLED_RANGE_M) for cav, eye in eyes.items()}
         found: dict[int, Labels] = {}
         for cav, eye in eyes.items():
-            view = SightView(eye, scene, edges, REACH_M, numbers[cav])
-            near = np.flatnonzero(view.distances <= REACH_M)
+            view = SightView(eye, scene, edges, LABELLED_RANGE_M, numbers[cav])
+            near = np.flatnonzero(view.distances <= LABELLED_RANGE_M)
             near = near[np.argsort(view.distances[near], kind="stable")]
             visible = view.visible_rows(0.0)[near]
             found[cav] = self._build_one(tick, cav, columns[near], visible, classes[near])
@@ -132,7 +133,7 @@ def to_ego_poses(poses: Float, own: Float) -> Float:
 PARTS = 3
 """A cell is covered if one of 3 x 3 points in it is: points 0.25 m apart, because people are smaller than cells."""
 POINT_M = LIDAR_CELL_M / PARTS
-AHEAD_M, LEFT_M = LIDAR_CELLS * LIDAR_CELL_M - LIDAR_BEHIND_M, LIDAR_CELLS * LIDAR_CELL_M / 2
+GRID_AHEAD_M, GRID_LEFT_M = LIDAR_CELLS * LIDAR_CELL_M - LIDAR_BEHIND_M, LIDAR_CELLS * LIDAR_CELL_M / 2
 """Upper and left edge of the grid from the box centre."""
 
 
@@ -143,7 +144,7 @@ def rasterize_boxes(poses: Float, sizes: Float, layer: Int, layers: int) -> npt.
     column 0 is left.
     """
     corners = boxes_corners(*poses.T, *sizes.T)
-    pixels = np.stack(((LEFT_M - corners[..., 1]) / POINT_M, (AHEAD_M - corners[..., 0]) / POINT_M), axis=-1)
+    pixels = np.stack(((GRID_LEFT_M - corners[..., 1]) / POINT_M, (GRID_AHEAD_M - corners[..., 0]) / POINT_M), axis=-1)
     size = LIDAR_CELLS * PARTS
     covered = fill_polygons(box_edges(pixels), np.repeat(layer, 4), (layers, size))
     rows = np.bitwise_or.reduce([covered[:, part::PARTS] for part in range(PARTS)])  # faster than any(axis)

@@ -19,7 +19,7 @@ from mdrive_sumo.scenario.scripted_actor import Actor
 from mdrive_sumo.vehicle import dynamics
 
 CAR = dynamics.MKZ_2017
-NEAR_M = 75.0
+START_NEAR_CAV_M = 75.0
 """[m] Vehicles start within this distance of a CAV."""
 FREE_M, JAM_M = 9.0, 3.0
 """[m] Least gap along a lane to what is there at the start; in a jam."""
@@ -33,6 +33,7 @@ TOP_MPS = (7.0, 13.0)
 ENTER_S = (1.0, 20.0)
 """[s] When vehicles enter that are not there at the start."""
 PRESENT_SHARE = 0.75
+"""Share of the vehicles that are there at the start; the others enter within `ENTER_S`."""
 TRIES = 12
 """Places that are tried for one vehicle."""
 
@@ -145,7 +146,7 @@ def _build_queue(
 
 def _find_near_lanes(roads: RoadMap, egos: Sequence[Ego]) -> list[str]:
     starts: Float = np.array([(ego.start.x, ego.start.y) for ego in egos])
-    area = shapely.MultiPoint(starts).buffer(NEAR_M)
+    area = shapely.MultiPoint(starts).buffer(START_NEAR_CAV_M)
     names = _find_continuations(roads)
     return [name for name in names if area.intersects(shapely.LineString(roads.lanes[name].centre.xy))]
 
@@ -176,7 +177,7 @@ def _build_present(
     names = list(_find_continuations(roads)) if is_jammed else _find_near_lanes(roads, egos)
     lanes = [roads.lanes[name] for name in names]
     starts = shapely.MultiPoint([(ego.start.x, ego.start.y) for ego in egos])
-    area = None if is_jammed else starts.buffer(NEAR_M)
+    area = None if is_jammed else starts.buffer(START_NEAR_CAV_M)
     drawn = (_draw_place(lanes, area, JAM_M if is_jammed else FREE_M, taken, rng) for _ in range(count if lanes else 0))
     for place in [place for place in drawn if place is not None]:  # all have their places before any has a speed
         gap = min(_find_gaps(place, taken)[0], place.lane.centre.length - place.front_m)

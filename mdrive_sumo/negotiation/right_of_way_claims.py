@@ -12,12 +12,12 @@ from mdrive_sumo.contract import Message
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.negotiation.negotiator import NegotiationMember
-from mdrive_sumo.v2x.messages import MAX_NAMES, REACH_M, Intention, Mcm, ReferencePose, encode
+from mdrive_sumo.v2x.messages import MAX_NAMES, MESSAGE_REACH_M, Intention, Mcm, ReferencePose, encode
 
 RightOfWayClaims = frozenset[tuple[str, str]]
 """(first, second) pairs of stations: the first claims to go before the second."""
 
-MCM_REACH_M = REACH_M - 1.0
+MCM_REACH_M = MESSAGE_REACH_M - 1.0
 """Points of trajectories are announced as far as a message can carry them."""
 
 

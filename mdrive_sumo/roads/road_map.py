@@ -32,6 +32,7 @@ from mdrive_sumo.roads.network_file import (
 )
 
 NEARBY_M = 4.0
+"""[m] Lanes farther away are not searched for a point first; half a lane is less than this."""
 CROSSWALK_EDGE = re.compile(r"ecrosswalk_\d+")
 """Ids of the unconnected footways by which `convert` draws the crosswalks of a log's map."""
 MAX_NET_BYTES = 256 * 2**20

@@ -22,6 +22,7 @@ START_GAP_M = 2.0
 OFF_MAP_M = 500.0
 """An actor further than this from the map's lanes belongs to another map; parking places lie beside the road."""
 TOUCHING_M2 = 0.01
+"""[m2] A smaller overlap of two boxes is rounding: files give positions to 1 mm and angles to 0.1 mrad."""
 MIN_PATH_M = 0.1
 """A path with all points within this distance [m] of its first is invalid."""
 CAR = dynamics.MKZ_2017

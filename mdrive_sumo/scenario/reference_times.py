@@ -22,6 +22,7 @@ from mdrive_sumo.scenario.suite import NETWORKS_FOLDER, Suite
 REFERENCE_TIMES_FILE = "reference_times.json"
 REFERENCE_AGENT = "omniscient"
 REFERENCE_SEED = 0
+"""The scenario as written; other seeds draw other starts and drivers, but share its times."""
 
 ReferenceTicks = Mapping[str, int]
 """Ticks from the start to the arrival, by CAV id; a CAV that did not arrive is missing."""

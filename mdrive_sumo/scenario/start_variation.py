@@ -41,6 +41,7 @@ SHRINKS = (1.0, 0.5, 0.25, 0.0)
 LEAST_SHIFT_M = 0.05
 """A smaller shift is none: the route needs distinct points."""
 FRONT_M = CAR.length / 2
+"""[m] From the box centre to the front bumper."""
 
 
 def vary_starts(

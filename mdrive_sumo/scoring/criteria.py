@@ -26,6 +26,7 @@ DEVIATION_WINDOW = 5
 DEVIATION_MAX_M = 30.0
 """A CAV this far [m] from its route has deviated (protocol 7.4)."""
 DEVIATION_MIN_M = 15.0
+"""A CAV this far [m] from its route counts towards `DEVIATION_SHARE` (protocol 7.4)."""
 DEVIATION_SHARE = 0.30
 """A CAV has deviated after this share of the route at `DEVIATION_MIN_M` or more from it (protocol 7.4)."""
 BLOCKED_SPEED = 0.5

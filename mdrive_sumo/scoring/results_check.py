@@ -25,6 +25,7 @@ SCORE_TOLERANCE = 1e-4
 LARGEST = 1e9
 """Of what has no smaller bound: metres, ticks, ratios. Sums of larger numbers could overflow."""
 PERCENT, FACTOR, POSITIVE, PLACE = (0.0, 100.0), (0.0, 1.0), (0.0, LARGEST), (-LARGEST, LARGEST)
+"""Least and greatest value of each kind of figure."""
 MAX_NAME = 1000
 """Characters of an id, or of an agent's path."""
 MAX_SEED = 2**63

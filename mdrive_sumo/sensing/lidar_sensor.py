@@ -29,7 +29,9 @@ from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSe
 from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
 
 CHANNELS = 64
+"""With `RANGE_M` and `FIELD_DEG`, fixed by the paper's wrapper (docs/range-sensors.md)."""
 RANGE_M = 85.0
+"""[m] Of a clear day; weather shortens it."""
 FIELD_DEG = (-30.0, 10.0)
 """Elevation of the lowest and the highest channel."""
 ATTENUATION = 0.004

@@ -20,6 +20,7 @@ EARTH_RADIUS_M = 6_378_137.0
 GRAVITY = 9.81
 """[m/s2]"""
 MAX_NOISE = 1000.0
+"""Largest standard deviation that an option accepts, in the unit of the option: far beyond any instrument."""
 
 
 def to_gnss(x: float, y: float) -> Gnss:

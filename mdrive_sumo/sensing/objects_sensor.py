@@ -24,6 +24,7 @@ OPTIONS = ("profile", "fov_deg", "yaw_deg", "free_space", "min_visible", "road_r
 SECTORS = 72
 """Of free sight by default: one every 5 degrees."""
 MAX_SECTORS = 720
+"""Two for each degree."""
 MAX_RANGE_M = 1000.0
 
 

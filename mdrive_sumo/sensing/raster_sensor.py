@@ -26,6 +26,7 @@ CAMERA_HEIGHT_M = 50.0
 """Of the paper's top views above the car's origin. The paper names only pixels and field of view; 50 m is what the
 public agents of Bench2Drive declare for theirs, and our assumption for the others."""
 LINE_WIDTH_M = 0.15
+"""[m] Of lane markings in the image, at least one pixel."""
 MAX_SIZE = 1024
 """Pixels along a side at most."""
 RASTER_MS, PIXEL_MS = 1.0, 2.8e-5

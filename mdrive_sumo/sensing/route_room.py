@@ -11,7 +11,7 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.roads import RoadMap
 
-REACH_M = 10.0
+MAX_ROOM_M = 10.0
 """Maximum reported width."""
 SEAM_M = 0.1
 """Strips of neighbouring lanes may leave a gap of that width between each other, which is no edge of the road."""
@@ -28,14 +28,14 @@ def compute_route_room(roads: RoadMap, xy: Float, yaw: Float) -> Float:
     """Return the free width (N, 2) [m] left and right of route points xy (N, 2) [m] with lane direction yaw (N,).
 
     Measured across the lane, up to the edge of all lanes and junctions together, oncoming lanes included; at most
-    `REACH_M`.
+    `MAX_ROOM_M`.
     """
     surface = _build_surface(roads)
-    near = np.unique(surface.tree.query(shapely.LineString(xy), predicate="dwithin", distance=REACH_M))
+    near = np.unique(surface.tree.query(shapely.LineString(xy), predicate="dwithin", distance=MAX_ROOM_M))
     area = shapely.buffer(shapely.union_all(surface.pieces[near]), -SEAM_M)
     shapely.prepare(area)
     cos, sin = portable.cos_sin(yaw)
-    left = np.column_stack((-sin, cos)) * REACH_M
+    left = np.column_stack((-sin, cos)) * MAX_ROOM_M
     return np.column_stack([_measure_reach(area, xy, side) for side in (left, -left)])
 
 
@@ -43,7 +43,7 @@ def _measure_reach(area: shapely.Geometry, xy: Float, across: Float) -> Float:
     """Return the distance (N,) [m] from each point in that direction to the first exit from the area."""
     rays = shapely.linestrings(np.stack((xy, xy + across), axis=1))
     gone = np.asarray(shapely.distance(shapely.points(xy), shapely.difference(rays, area)))
-    return np.where(np.isnan(gone), REACH_M, gone)
+    return np.where(np.isnan(gone), MAX_ROOM_M, gone)
 
 
 @lru_cache(maxsize=8)

@@ -22,7 +22,9 @@ BRAKE_ON_MPS2, BRAKE_OFF_MPS2 = 1.3, 0.7
 SMOOTHING = 0.3
 """Weight of the newest tick's acceleration: SUMO's drivers dawdle from tick to tick."""
 STANDING_MPS = 0.1
+"""A slower vehicle stands."""
 SLOWEST_TURN_MPS = 1.0
+"""Below it the radius of a bend is noise."""
 TURN_RADIUS_M = 25.0
 """Within a junction, who drives a narrower bend turns."""
 ASIDE_MPS = 0.7
@@ -30,10 +32,13 @@ ASIDE_MPS = 0.7
 ALONG_RAD, ON_LANE_M = 0.6, 3.0
 """Up to this angle and distance a vehicle is on its nearest lane."""
 TURN_RAD = math.pi / 6
-AHEAD_M = 30.0
+"""A smaller change of direction over a junction is straight on, without indicator."""
+TURN_AHEAD_M = 30.0
 """Before a junction where all ways of a lane turn to one side."""
 HOLD_TICKS = TICKS_PER_SECOND // 2
+"""Half a second: an indicator goes on through a gap in what shows the turn."""
 FORGET_TICKS = 5 * TICKS_PER_SECOND
+"""A vehicle that was out of the world for longer starts anew."""
 
 
 class SignalLamp(IntFlag):
@@ -129,7 +134,7 @@ class _LanePlaces:
         nearest, ways = roads.find_nearest_lanes(xy), _find_ways(roads)
         is_along = np.abs(wrap_angles(boxes.yaw[rows] - nearest.yaw)) < ALONG_RAD
         to_end = xy - ways.end[nearest.lane]
-        is_near = portable.hypot(to_end[:, 0], to_end[:, 1]) < AHEAD_M
+        is_near = portable.hypot(to_end[:, 0], to_end[:, 1]) < TURN_AHEAD_M
         is_on_lane = (nearest.distance < ON_LANE_M) & is_along
         turn_ahead = np.where(is_near & is_on_lane, ways.turn[nearest.lane], 0)
         return cls(roads.in_junction[nearest.lane], portable.cos_sin(nearest.yaw), is_on_lane, turn_ahead)

@@ -6,7 +6,7 @@ from mdrive_sumo.contract import Briefing, Message, Objects, Observation
 from mdrive_sumo.contract.detector_profiles import IDEAL, PROFILES, DetectionProfile
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.state import TICKS_PER_SECOND
-from mdrive_sumo.v2x.messages import MAX_OBJECTS, MAX_SECTORS, REACH_M, Cam, Cpm, ReferencePose, encode
+from mdrive_sumo.v2x.messages import MAX_OBJECTS, MAX_SECTORS, MESSAGE_REACH_M, Cam, Cpm, ReferencePose, encode
 
 INTERVAL_TICKS = TICKS_PER_SECOND // 10
 """CAMs and CPMs are sent at 10 Hz, the fastest that ETSI allows (EN 302 637-2, TS 103 324)."""
@@ -46,7 +46,7 @@ def build_cpm(
 
 def _select_objects(objects: Objects, x: float, y: float) -> Objects:
     """Return the nearest objects, as many as a message can carry."""
-    reach = np.maximum(np.abs(objects.x - x), np.abs(objects.y - y)) < REACH_M / 2
+    reach = np.maximum(np.abs(objects.x - x), np.abs(objects.y - y)) < MESSAGE_REACH_M / 2
     rows = np.flatnonzero(reach)[:MAX_OBJECTS]
     assert len(objects.free_m) <= MAX_SECTORS, "the sensor's option free_space is bounded"
     return objects.take(rows)

@@ -17,10 +17,11 @@ CAM, CPM, MCM, TEXT = "cam", "cpm", "mcm", "text"
 TYPES = (CAM, CPM, MCM, TEXT)
 MAX_OBJECTS, MAX_SECTORS, MAX_POINTS, MAX_NAMES = 255, 255, 100, 32
 MAX_NAME_BYTES = 80
+"""Of UTF-8: ids of scenarios have at most 80 characters (`scenario_part.Identifier`)."""
 MAX_TEXT_BYTES = 8192
 MAX_PAYLOAD_BYTES = 65535
 """Of types that are the agents' own."""
-REACH_M = 327.67
+MESSAGE_REACH_M = 327.67
 """How far from the sender's pose a message can place something, along and across [m]."""
 
 

@@ -19,7 +19,7 @@ from mdrive_sumo.core.state import Kind
 from mdrive_sumo.v2x.content import (
     MAX_OBJECTS,
     MAX_SECTORS,
-    REACH_M,
+    MESSAGE_REACH_M,
     Cam,
     Cpm,
     MessageError,
@@ -39,6 +39,7 @@ _KIND_AT = 4
 """Offset of the kind in `_OBJECT`."""
 _LAST_KIND = max(Kind)
 _CENTI = 100.0
+"""Messages carry centimetres, hundredths of degrees and cm/s."""
 _SIGMA_STEPS = np.array((100.0, math.degrees(10.0), 100.0))
 """Steps in 1 m, 1 rad and 1 m/s of the standard deviations of an object."""
 HEADER_BYTES = _HEADER.size
@@ -83,8 +84,8 @@ def _rotate(xy: Float, yaw: float) -> Float:
 def to_local(pose: ReferencePose, xy: Float) -> npt.NDArray[np.int16]:
     """Return places (N, 2) ahead and to the left of the pose [cm]. Raises MessageError if one is too far away."""
     local = _rotate(np.asarray(xy, dtype=np.float64).reshape(-1, 2) - (pose.x, pose.y), -pose.yaw)
-    if not (np.abs(local) <= REACH_M).all():  # NaN fails too
-        raise MessageError(f"expected positions within {REACH_M} m of the sender, along and across")
+    if not (np.abs(local) <= MESSAGE_REACH_M).all():  # NaN fails too
+        raise MessageError(f"expected positions within {MESSAGE_REACH_M} m of the sender, along and across")
     return np.rint(local * _CENTI).astype("<i2")
 
 

@@ -23,6 +23,7 @@ from mdrive_sumo.v2x.encoding import round_and_clamp, to_local, to_world
 _MCM = struct.Struct("<hBBBI")  # speed [cm/s], intention, direction, interval [0.01 s], until [tick]
 _LAST_INTENTION, _LAST_DIRECTION = max(Intention), max(Direction)
 _CENTI = 100.0
+"""Messages carry centimetres, hundredths of seconds and cm/s."""
 
 
 class McmParts(NamedTuple):

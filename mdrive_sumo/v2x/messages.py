@@ -30,7 +30,7 @@ from mdrive_sumo.v2x.content import (
     MAX_SECTORS,
     MAX_TEXT_BYTES,
     MCM,
-    REACH_M,
+    MESSAGE_REACH_M,
     TEXT,
     TYPES,
     Cam,
@@ -48,7 +48,7 @@ from mdrive_sumo.v2x.content import (
 __all__ = [
     "CAM", "CPM", "MCM", "TEXT", "TYPES",
     "MAX_NAME_BYTES", "MAX_NAMES", "MAX_OBJECTS", "MAX_PAYLOAD_BYTES", "MAX_POINTS", "MAX_SECTORS", "MAX_TEXT_BYTES",
-    "REACH_M",
+    "MESSAGE_REACH_M",
     "Cam", "Content", "Cpm", "Direction", "Intention", "Mcm", "MessageError", "ReferencePose",
     "decode", "encode", "displace_message", "find_problem", "format_track_name", "parse_track_name",
 ]  # fmt: skip
@@ -74,7 +74,7 @@ def encode(content: Content) -> Message:
     """Return a message ready to send.
 
     Raises MessageError if the content has more parts than a message can carry, numbers that are not finite, or places
-    more than `REACH_M` from the sender; speeds and sizes too large for their field are clamped.
+    more than `MESSAGE_REACH_M` from the sender; speeds and sizes too large for their field are clamped.
     """
     name = TEXT if isinstance(content, str) else _NAMES[type(content)]
     try:

@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from mdrive_sumo.learning.networks.bev_grid import (
-    AHEAD_M,
+    BEV_AHEAD_M,
     BEV_CELL_M,
     BEV_CELLS,
     BEV_CHANNELS,
-    LEFT_M,
+    BEV_LEFT_M,
     compute_cell_centres,
 )
 from mdrive_sumo.learning.networks.bev_memory import MEMORY_SHAPE, BevMemory, halve_motion, warp_memory
@@ -28,7 +28,7 @@ def find_peak(maps: torch.Tensor) -> tuple[float, float]:
 def mark(x: float, y: float) -> torch.Tensor:
     """Memory (1, 1, 1, cells, cells) with one cell of 1."""
     maps = torch.zeros(1, 1, 1, BEV_CELLS, BEV_CELLS)
-    maps[..., int((AHEAD_M - x) / BEV_CELL_M), int((LEFT_M - y) / BEV_CELL_M)] = 1.0
+    maps[..., int((BEV_AHEAD_M - x) / BEV_CELL_M), int((BEV_LEFT_M - y) / BEV_CELL_M)] = 1.0
     return maps
 
 

@@ -2,7 +2,7 @@
 
 import torch
 
-from mdrive_sumo.learning.networks.bev_grid import AHEAD_M, LEFT_M
+from mdrive_sumo.learning.networks.bev_grid import BEV_AHEAD_M, BEV_LEFT_M
 from mdrive_sumo.learning.networks.heads import sample_occupancy
 from mdrive_sumo.learning.networks.occupancy_planner import OccupancyPlanner
 
@@ -11,8 +11,8 @@ PLAN = torch.stack((torch.arange(1, 7) * 4.0, torch.zeros(6)), dim=-1)[None]
 
 def occupy(x: float, y: float, size: float = 1.5) -> torch.Tensor:
     """Occupancy (1, 7, 64, 64) of a square at all times."""
-    rows = AHEAD_M - 0.75 * (torch.arange(64) + 0.5)
-    columns = LEFT_M - 0.75 * (torch.arange(64) + 0.5)
+    rows = BEV_AHEAD_M - 0.75 * (torch.arange(64) + 0.5)
+    columns = BEV_LEFT_M - 0.75 * (torch.arange(64) + 0.5)
     inside = ((rows - x).abs() <= size)[:, None] & ((columns - y).abs() <= size)[None]
     return inside.float().expand(1, 7, 64, 64)
 

@@ -31,6 +31,7 @@ BUCKET, CATEGORY = "V2XPnP", "synthetic"
 DRIVER = "single"
 """Agent of the CAVs during the recording."""
 WINDOW_S = 9.0
+"""[s] Length of a recording."""
 WARM_UP_S = 2.0
 LATEST_START_S = 24.0
 """[s] The recording begins between `WARM_UP_S` and this time of the drive."""

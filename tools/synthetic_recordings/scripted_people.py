@@ -27,6 +27,7 @@ from tools.synthetic_recordings.roadside_poses import (
 STEP_M = 3.0
 """[m] Between points of a path."""
 BOX_M = {"pedestrian": (0.5, 0.6), "cyclist": (1.8, 0.6)}
+"""[m] Length and width."""
 BAY_M = 6.8
 """[m] Kerb length per parked vehicle."""
 CLEAR_M = 12.0

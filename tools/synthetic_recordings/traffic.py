@@ -12,6 +12,7 @@ from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
 
 TURN_DEG = 45.0
+"""[deg] A smaller change of direction over a junction is straight on."""
 TURNING_SHARE = 0.75
 """Share of CAVs that turn."""
 START_M = (10.0, 35.0)
@@ -22,6 +23,7 @@ APART_M = 14.0
 GAP_M = 13.0
 """[m] Between vehicles on a lane at the start."""
 TRUCK_SHARE = 0.08
+"""Share of trucks among background vehicles."""
 HEADWAY_S = (7.0, 16.0)
 """[s] Between vehicles that enter the map on one lane."""
 

@@ -53,7 +53,7 @@ MOST_BLIND = 75.0
 """Score without regard to the time above which the blind agent is not in danger."""
 MOST_CAV_S = 240.0
 """Times of all CAVs with `omniscient` together [s]: twelve CAVs of 20 s. Processor time is proportional to it; the
-choice bounds the mean, so that the whole suite is driven in eight minutes on two cores (issue K)."""
+choice bounds the mean, so that the whole suite is driven in eight minutes on two cores."""
 DELAY_FACTOR, DELAY_S = 2.0, 10.0
 """`omniscient` must arrive within so many times the time at the speed limit, and so many seconds for a start from a
 standstill. Where it waits longer the time limit would allow every agent to wait, and the drive costs more processor

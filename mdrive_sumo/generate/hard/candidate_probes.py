@@ -21,7 +21,7 @@ from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.v2x.comm_settings import PRESETS
 
 PROBE_SEEDS = (0, 1, 2)
-"""Those of the tier's table (issue K)."""
+"""Seeds of the tier's table in docs/hard.md."""
 PROBE_OPTIONS = EpisodeOptions(comm=PRESETS["realistic"])
 """Realistic sensing, realistic channel."""
 PERFECT_OPTIONS = replace(PROBE_OPTIONS, sensing=SensingProfile.PERFECT)

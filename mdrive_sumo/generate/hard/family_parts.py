@@ -41,7 +41,7 @@ BODY_SIZES: Mapping[str, tuple[float, float]] = {
 WALKER_SIZES: Mapping[KindName, tuple[float, float]] = {"pedestrian": (0.5, 0.5), "cyclist": (1.8, 0.6)}
 """Length and width [m] of crossing road users."""
 LEAST_CAVS, MOST_CAVS = 2, 12
-"""Of a scenario of the hard tier (issue K)."""
+"""CAVs of a scenario of the hard tier (docs/hard.md)."""
 Lanes = tuple[str, ...]
 """SUMO lane ids in driving order, junction lanes included; a lane change lists both lanes. `roads.find_lane_path`
 finds them from the first to the last lane."""

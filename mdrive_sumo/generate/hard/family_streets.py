@@ -23,6 +23,7 @@ JUNCTION_GAP_M = 14.0
 WALK_GAP_M = 0.32
 """[m] From the side of a crossing pedestrian's path to the parked vehicle that hides it."""
 SHORT_ROW_M = 8.0
+"""[m] A shorter kerb has no place for a parked vehicle and its gaps."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,9 +31,11 @@ from mdrive_sumo.scenario.scripted_actor import Actor, PathMotion, StartMotion, 
 
 NETWORK = "hard_motorway_bend"
 LANE_M = 3.5
+"""[m] Width of a lane of `NETWORK`."""
 SWERVE_M = 60.0
 """[m] Length of the truck's lane change: 2.4 s at 25 m/s."""
 QUEUE_GAP_M = 3.0
+"""[m] Between standing vehicles; SUMO's drivers keep 2.5 m."""
 GOAL_M = 120.0
 """[m] Distance of the goals behind the place where the queue stood."""
 PARAMETERS = (

@@ -33,7 +33,7 @@ SITES = ((0, 1, 1), (0, 2, 1), (1, 1, 1), (1, 2, 1), (1, 3, 1), (2, 1, 2))
 """Corridor, junction, and SUMO index of the side street's lane. Green or without a light in the first seconds."""
 MEAN_SPEED = 9.0
 """[m/s] Of a CAV that slows down for the turn."""
-AHEAD_M = 30.0
+BEYOND_STOP_LINE_M = 30.0
 """[m] The cyclist's path, the mast and the searched crossing reach this far beyond the stop line."""
 ROW_M = 70.0
 """[m] Length of the row of parked vehicles."""
@@ -61,9 +61,9 @@ def _find_corner(site: float) -> _Corner:
     turn = find_lane_path(roads, f"east_0_{lane}", f"south_{junction}_out_{side_lane}")
     last = f"east_{junction - 1}_{lane}"
     stop = find_lane_start(roads, straight, last) + roads.lanes[last].centre.length
-    ride = shapely.LineString(_build_ride(roads, straight, (stop - 20.0, stop + AHEAD_M)))
+    ride = shapely.LineString(_build_ride(roads, straight, (stop - 20.0, stop + BEYOND_STOP_LINE_M)))
     bend = shapely.LineString(
-        [(pose.x, pose.y) for pose in (compute_pose(roads, turn, stop + d) for d in range(int(AHEAD_M)))]
+        [(pose.x, pose.y) for pose in (compute_pose(roads, turn, stop + d) for d in range(int(BEYOND_STOP_LINE_M)))]
     )
     met = ride.intersection(bend)
     if met.is_empty:
@@ -98,7 +98,7 @@ def build_right_turn_cyclist(candidate: FamilyCandidate) -> Scenario:
     egos = (own, *behind, *_build_oncoming(corner, names[1::2]))
     streams, count = corner.corridor.all_streams, round(values["vehicles"])
     vehicles = build_traffic(roads, streams, count, candidate.seed, egos)
-    pose = compute_pose(roads, corner.straight, corner.stop_m + AHEAD_M, -PAVEMENT_M)
+    pose = compute_pose(roads, corner.straight, corner.stop_m + BEYOND_STOP_LINE_M, -PAVEMENT_M)
     mast = RoadsideUnit(id="mast", x=pose.x, y=pose.y)
     traffic = FamilyTraffic(vehicles, (cyclist, *parked), (mast,), signals=True)
     return build_scenario(FAMILY, candidate, roads, egos, traffic)
@@ -109,7 +109,7 @@ def _build_cyclist(corner: _Corner, needed_s: float, speed: float) -> Actor:
     pose = compute_pose(corner.roads, corner.turn, corner.crossing_m)
     crossing = find_station(corner.roads, corner.straight, pose.x, pose.y)
     begin = max(crossing - speed * needed_s, 1.0)
-    points = _build_ride(corner.roads, corner.straight, (begin, crossing + AHEAD_M))
+    points = _build_ride(corner.roads, corner.straight, (begin, crossing + BEYOND_STOP_LINE_M))
     start = compute_pose(corner.roads, corner.straight, begin, -PAVEMENT_M)
     length, width = WALKER_SIZES["cyclist"]
     return Actor(

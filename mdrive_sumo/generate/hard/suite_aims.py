@@ -1,4 +1,4 @@
-"""What issue K asks of the hard tier as a whole: bounds on means over its scenarios, and how far agents are apart.
+"""Aims of the hard tier as a whole (docs/hard.md): bounds on means over its scenarios, and how far agents are apart.
 
 A choice is made with a margin to each bound (`SuiteAim.margin`); what is said to be missed is measured without it.
 """
@@ -15,12 +15,15 @@ from mdrive_sumo.generate.hard.corridors import is_corridor_network
 from mdrive_sumo.scenario.reference_times import REFERENCE_AGENT
 
 MOST_WAITING = 20.0
+"""Mean driving score of an agent that waits by its number: a schedule without sight must not solve the tier."""
 LEAST_CATEGORIES = 10
+"""The packaged suite is about as many kinds of situations at least."""
 OF_EACH_CATEGORY = 2
 """Scenarios with which a category counts."""
 MOST_OF_CATEGORY = 0.3
 """Largest share of one category: the suite is about more than one situation."""
 CORRIDOR_SHARE = 1 / 3
+"""Least share of scenarios on dense corridors, where many road users act at once."""
 FULL_COUNT, CERTIFICATES = 120, 80
 """Of so many scenarios or more, so many carry a certificate of need; of fewer, the same share."""
 LADDER = (BLIND, SINGLE, SHARING, BOTH, REFERENCE_AGENT)
@@ -29,9 +32,10 @@ STEP = 4.0
 """Points between two of them at which a choice aims: the interval reached 2.1 points to either side with 132
 scenarios."""
 NORMAL_95 = 1.96
+"""Quantile of the normal distribution for an interval at 95 %."""
 MOST_MEAN_DRIVING_S = 130.0
 """[s] Mean over the suite of the times of all its CAVs: a suite of 77 s on average took 264 s of the eight minutes that
-two cores may take (issue K)."""
+two cores may take, so that anybody can drive the tier."""
 
 
 def is_on_corridor(candidate: CandidateEvaluation) -> bool:

@@ -36,6 +36,7 @@ STREAMS = (
 )
 """Those of the crossing road wait at red."""
 TRUCK_GAP_M = 1.5
+"""[m] Between the waiting trucks."""
 
 
 def build_unprotected_left(candidate: FamilyCandidate) -> Scenario:

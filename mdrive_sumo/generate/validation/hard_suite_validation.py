@@ -12,8 +12,9 @@ from mdrive_sumo.study.need_certificate import NEED_FILE, load_need, read_need
 HARD_SUITE = "hard"
 """The packaged suite."""
 LEAST_SCENARIOS, LEAST_CATEGORIES, LEAST_CERTIFIED = 120, 10, 80
+"""What the packaged suite has at least (docs/hard.md): scenarios, categories, certificates of need that hold."""
 LEAST_CORRIDORS = 1 / 3
-"""Share of scenarios on dense corridors. Of the packaged suite, as the numbers above (issue K)."""
+"""Share of its scenarios on dense corridors."""
 
 
 def is_hard_suite(suite: Suite) -> bool:
@@ -26,7 +27,7 @@ def find_hard_problems(
 ) -> Iterator[str]:
     """Yield the problems of a suite of the hard tier as a whole. Raises InputError for an unreadable file.
 
-    must_be_complete: it comes with mdrive-sumo, so it needs certificates and, named `hard`, all that issue K asks for.
+    must_be_complete: it comes with mdrive-sumo, so it needs certificates and, named `hard`, all that docs/hard.md promises of it.
     """
     yield from _check_need(suite, examined, remedy, must_be_complete)
     if must_be_complete and suite.name == HARD_SUITE:

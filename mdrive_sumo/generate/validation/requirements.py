@@ -15,6 +15,7 @@ from mdrive_sumo.scoring import ScenarioResult
 NEAR_MISS_TTC_S = 0.9
 """[s] Blind driving must come closer to a collision than this (paper, CR; protocol 14.2)."""
 FULL_SCORE = 100.0
+"""Driving score [%] that only a drive without infraction and with every CAV at its goal has."""
 
 
 @dataclass(frozen=True, slots=True)

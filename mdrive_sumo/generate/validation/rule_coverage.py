@@ -19,7 +19,7 @@ from mdrive_sumo.scenario.checks import CAR, compute_first_pose
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, PathMotion, ReplayMotion
 from mdrive_sumo.scenario.suite import Suite
-from mdrive_sumo.scoring.metrics.stop_signs import AHEAD_M
+from mdrive_sumo.scoring.metrics.stop_signs import CHECKED_AHEAD_M
 
 ROAMING_M = 30.0
 """How far [m] a CAV gets from its route before it is ended for deviation (protocol 7.4)."""
@@ -91,7 +91,7 @@ def _rests_at_line(ego: Ego, sign: StopSignBox, roads: RoadMap) -> bool:
     if sign.lane != ego.lanes[0]:
         return False
     before_m = sign.line_pos_m - roads.lanes[sign.lane].centre.project(ego.start.x, ego.start.y)[0]
-    return before_m <= 0.0 or (ego.start_speed == 0.0 and before_m - sign.length_m <= AHEAD_M)
+    return before_m <= 0.0 or (ego.start_speed == 0.0 and before_m - sign.length_m <= CHECKED_AHEAD_M)
 
 
 def _can_run_red_light(scenario: Scenario, roads: RoadMap) -> bool:

@@ -9,11 +9,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from mdrive_sumo.learning.networks.bev_grid import (
-    AHEAD_M,
+    BEV_AHEAD_M,
     BEV_AREA_M,
     BEV_CELLS,
     BEV_CHANNELS,
-    LEFT_M,
+    BEV_LEFT_M,
     compute_cell_centres,
 )
 from mdrive_sumo.learning.networks.blocks import ConvBlock, ResidualBlock
@@ -61,7 +61,7 @@ def warp_memory(memory: Tensor, motion: Tensor, centres: Tensor) -> Tensor:
 
 def to_grid(x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:
     """Return column and row of x, y [m, ego frame] on a bird's-eye map, in [-1, 1] as `grid_sample` counts them."""
-    return (LEFT_M - y) * (2.0 / BEV_AREA_M) - 1.0, (AHEAD_M - x) * (2.0 / BEV_AREA_M) - 1.0
+    return (BEV_LEFT_M - y) * (2.0 / BEV_AREA_M) - 1.0, (BEV_AHEAD_M - x) * (2.0 / BEV_AREA_M) - 1.0
 
 
 def halve_motion(motion: Tensor) -> Tensor:

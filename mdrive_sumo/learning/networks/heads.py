@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from mdrive_sumo.agents.learned.system_spec import LIDAR_CELLS, NAVIGATION_SIZE, PLAN_POINTS, ROUTE_POINTS
-from mdrive_sumo.learning.networks.bev_grid import AHEAD_M, BEV_CELL_M, BEV_CELLS, BEV_CHANNELS, LEFT_M
+from mdrive_sumo.learning.networks.bev_grid import BEV_AHEAD_M, BEV_CELL_M, BEV_CELLS, BEV_CHANNELS, BEV_LEFT_M
 from mdrive_sumo.learning.networks.bev_memory import to_grid
 from mdrive_sumo.learning.networks.blocks import WIDTH, AttentionLayer, ConvBlock, Mlp, flatten_map
 from mdrive_sumo.learning.sample_format import LANE_POINTS
@@ -47,7 +47,7 @@ class AgentQueries(nn.Module):
         super().__init__()
         rows = torch.arange(BEV_CELLS).repeat_interleave(BEV_CELLS)
         columns = torch.arange(BEV_CELLS).repeat(BEV_CELLS)
-        x, y = AHEAD_M - (rows + 0.5) * BEV_CELL_M, LEFT_M - (columns + 0.5) * BEV_CELL_M
+        x, y = BEV_AHEAD_M - (rows + 0.5) * BEV_CELL_M, BEV_LEFT_M - (columns + 0.5) * BEV_CELL_M
         self.register_buffer("centres", torch.stack((x, y), dim=-1) / 10.0, persistent=False)
         self.embed = Mlp(BEV_CHANNELS + BOX_NUMBERS + FUTURE_NUMBERS + 3, WIDTH, WIDTH)
 
@@ -63,6 +63,7 @@ class AgentQueries(nn.Module):
 
 MAP_QUERIES = 12
 MAP_SCALE_M = 10.0
+"""[m] Of an answer of 1: outputs of a fresh network are of that size."""
 
 
 class MapHead(nn.Module):
@@ -83,6 +84,7 @@ class MapHead(nn.Module):
 
 
 TIMES = 1 + PLAN_POINTS
+"""Now, and at each time of the plan."""
 FINER = LIDAR_CELLS // BEV_CELLS
 
 

@@ -10,6 +10,7 @@ from mdrive_sumo.agents.learned.system_spec import COMMANDS, SystemSpec
 GAIN, SHIFT = 0.25, 20.0
 """Images are multiplied by 1 +- GAIN and shifted by +- SHIFT of 255, channels apart by a third of it."""
 SPEED_UNKNOWN = -1.0
+"""Input of a sample whose speed is left out: CAVs do not drive backwards, so it is no speed."""
 SPEED_DROPOUT = 0.15
 """Share of samples that do not know their speed: else standing is learned from standing (the copycat problem)."""
 SPEED_NOISE = 0.02
@@ -17,6 +18,7 @@ SPEED_NOISE = 0.02
 TARGET_DROPOUT = 0.3
 """Share of samples without target points where words say the way: else words are never needed."""
 TARGETS = slice(1 + len(COMMANDS), 1 + len(COMMANDS) + 4)
+"""Where the target points lie in the vector of navigation, behind speed and commands."""
 MEMORY_DROPOUT = 0.1
 """Share of samples that remember nothing, as at the start of a drive."""
 

@@ -12,6 +12,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import draft_file, make_folder
 
 CHECKPOINT_VERSION = 1
+"""Raised when checkpoints of earlier versions do not fit any more."""
 CHECKPOINT_NAME = "checkpoint.pt"
 WEIGHTS_NAME = "weights.pt"
 """The same file without what only `--resume` needs: a quarter of the size."""

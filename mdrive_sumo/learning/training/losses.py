@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from mdrive_sumo.agents.learned.system_spec import LIDAR_CELLS
-from mdrive_sumo.learning.networks.bev_grid import AHEAD_M, BEV_AREA_M, BEV_CELL_M, BEV_CELLS, LEFT_M
+from mdrive_sumo.learning.networks.bev_grid import BEV_AHEAD_M, BEV_AREA_M, BEV_CELL_M, BEV_CELLS, BEV_LEFT_M
 from mdrive_sumo.learning.networks.heads import BOX_NUMBERS, MAP_SCALE_M, TIMES
 from mdrive_sumo.learning.sample_format import VISIBLE
 
@@ -119,6 +119,7 @@ def measure_offset(points: Tensor, route: Tensor) -> Tensor:
 OCCUPIED_WEIGHT = 4.0
 """Of occupied cells, which are few."""
 CENTRE_WEIGHT = 8.0
+"""Of cells with a centre, which are few."""
 NEAR_LANE_M = 2.0
 """[m] Mean distance up to which a predicted lane is a true one."""
 
@@ -142,8 +143,8 @@ def compute_agents_loss(centres: Tensor, numbers: Tensor, boxes: Tensor, futures
     centres: (batch, 1, cells, cells) logits. numbers: (batch, BOX_NUMBERS + FUTURE_NUMBERS, cells, cells).
     boxes: (batch, N, 9), futures: (batch, N, n, 3), NaN where there is none.
     """
-    row = torch.floor((AHEAD_M - boxes[..., 0]) / BEV_CELL_M)
-    column = torch.floor((LEFT_M - boxes[..., 1]) / BEV_CELL_M)
+    row = torch.floor((BEV_AHEAD_M - boxes[..., 0]) / BEV_CELL_M)
+    column = torch.floor((BEV_LEFT_M - boxes[..., 1]) / BEV_CELL_M)
     is_inside = (row >= 0) & (row < BEV_CELLS) & (column >= 0) & (column < BEV_CELLS)  # false where NaN
     is_target = is_inside & (boxes[..., VISIBLE] > 0.5)
     cell = torch.where(is_target, row * BEV_CELLS + column, 0.0).long()
@@ -160,8 +161,8 @@ def compute_agents_loss(centres: Tensor, numbers: Tensor, boxes: Tensor, futures
 
 def _build_targets(boxes: Tensor, futures: Tensor, cell: Tensor) -> tuple[Tensor, Tensor]:
     """Return numbers (batch, N, ...) as AgentsHead answers them, and where they are known."""
-    centre_x = AHEAD_M - (torch.div(cell, BEV_CELLS, rounding_mode="floor") + 0.5) * BEV_CELL_M
-    centre_y = LEFT_M - (cell % BEV_CELLS + 0.5) * BEV_CELL_M
+    centre_x = BEV_AHEAD_M - (torch.div(cell, BEV_CELLS, rounding_mode="floor") + 0.5) * BEV_CELL_M
+    centre_y = BEV_LEFT_M - (cell % BEV_CELLS + 0.5) * BEV_CELL_M
     x, y, yaw, length, width, speed = boxes[..., :6].unbind(dim=-1)
     now = (x - centre_x, y - centre_y, torch.cos(yaw), torch.sin(yaw), length / 5.0, width / 5.0, speed / 10.0)
     ahead = (futures[..., :2] - boxes[:, :, None, :2]).flatten(2) / 10.0
@@ -175,7 +176,9 @@ def compute_map_loss(lines: Tensor, logits: Tensor, lanes: Tensor) -> Tensor:
 
     lines: (batch, Q, points, 2) [m]. logits: (batch, Q). lanes: (batch, L, points, 2) [m], NaN where there is none.
     """
-    is_near = (lanes[..., 0] < AHEAD_M) & (lanes[..., 0] > AHEAD_M - BEV_AREA_M) & (lanes[..., 1].abs() < LEFT_M)
+    is_near = (
+        (lanes[..., 0] < BEV_AHEAD_M) & (lanes[..., 0] > BEV_AHEAD_M - BEV_AREA_M) & (lanes[..., 1].abs() < BEV_LEFT_M)
+    )
     is_lane = is_near.float().mean(dim=-1) > 0.3
     known = torch.nan_to_num(lanes)
     gap = (lines[:, :, None].float() - known[:, None]).abs().mean(dim=(-1, -2))

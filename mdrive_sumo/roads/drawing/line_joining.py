@@ -12,6 +12,7 @@ MAX_AHEAD_M, MAX_ASIDE_M = 3.0, 1.3
 JOINT_COS = 0.85
 """Smallest cosine between the directions of joined pieces."""
 SPACING_M = 1.0
+"""[m] Between the points of a smoothed line."""
 SIGMA_M = 1.5
 """[m] Standard deviation of the smoothing: moves a line of 12 m radius by 0.1 m, spreads a step over 5 m."""
 REACH = 5

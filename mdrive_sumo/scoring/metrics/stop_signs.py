@@ -12,9 +12,9 @@ from mdrive_sumo.roads.road_map import Lane, RoadMap
 from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, InfractionEvent
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric
 
-NEAR_M = 50.0
+SIGN_RANGE_M = 50.0
 """Signs further away than this [m] are ignored."""
-AHEAD_M = 20
+CHECKED_AHEAD_M = 20
 """The original checks the centre and 20 lane points ahead of it, 1 m apart."""
 STOPPED_SPEED = 0.1
 """[m/s]"""
@@ -42,12 +42,12 @@ def find_stop_sign_infractions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
     corner through an oncoming lane's box would count otherwise. A network whose signs are unknown yields none.
     """
     signs = (_build_sign(track.roads, box) for box in track.roads.stop_signs or ())
-    near = [sign for sign in signs if (_compute_distances(track, sign.line) < NEAR_M).any()]
+    near = [sign for sign in signs if (_compute_distances(track, sign.line) < SIGN_RANGE_M).any()]
     if not near:
         return ()
     inside = np.stack([_is_inside(track, sign) for sign in near])
     reach = np.stack([_is_in_reach(track, sign) for sign in near]) | inside
-    reach &= np.stack([_compute_distances(track, sign.line) < NEAR_M for sign in near])
+    reach &= np.stack([_compute_distances(track, sign.line) < SIGN_RANGE_M for sign in near])
     facing = np.abs(wrap_angles(track.yaw - track.nearest.yaw)) < np.pi / 2
     return _collect_infractions(track, near, reach, inside, facing)
 
@@ -98,7 +98,7 @@ def _is_in_reach(track: EgoTrack, sign: _Sign) -> Bool:
             station = starts[lane.id] + shapely.line_locate_point(line, shapely.points(track.xy[on]))
             left = sign.box.line_pos_m - station
             first = np.maximum(np.ceil(left - sign.box.length_m), 1.0)
-            reach[on] = first <= np.minimum(np.floor(left), AHEAD_M)
+            reach[on] = first <= np.minimum(np.floor(left), CHECKED_AHEAD_M)
     return reach
 
 
@@ -112,7 +112,7 @@ def _find_lane_starts(roads: RoadMap, lane: Lane) -> dict[str, float]:
     starts, queue = {lane.id: 0.0}, [lane]
     while queue:
         here = queue.pop(0)
-        if starts[here.id] > -AHEAD_M:
+        if starts[here.id] > -CHECKED_AHEAD_M:
             for before in roads.driving:
                 if here.id in before.successors and before.id not in starts:
                     starts[before.id] = starts[here.id] - before.centre.length

@@ -9,8 +9,8 @@ import numpy as np
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float
 
-NEAR_M, FAR_M = 0.1, 1000.0
-"""[m] Depths between which a camera shows something. FAR_M is also the depth of the sky, as in CARLA."""
+NEAR_PLANE_M, FAR_PLANE_M = 0.1, 1000.0
+"""[m] Depths between which a camera shows something. FAR_PLANE_M is also the depth of the sky, as in CARLA."""
 VIEW_M = 400.0
 """[m] What is farther away is left out."""
 LEAST_LEVEL, MOST_ROLL = 0.9, 0.2
@@ -114,7 +114,10 @@ class CameraModel:
     def build_clip_matrix(self, view: CameraView, origin: Float) -> Float:
         """Return the matrix (4, 4) from points relative to `origin` (3,) to OpenGL's clip space, row 0 first."""
         across, down = 2 * self.focal_px / self.width, 2 * self.focal_px / self.height
-        depth = (FAR_M + NEAR_M) / (FAR_M - NEAR_M), -2 * FAR_M * NEAR_M / (FAR_M - NEAR_M)
+        depth = (
+            (FAR_PLANE_M + NEAR_PLANE_M) / (FAR_PLANE_M - NEAR_PLANE_M),
+            -2 * FAR_PLANE_M * NEAR_PLANE_M / (FAR_PLANE_M - NEAR_PLANE_M),
+        )
         project = np.array(
             ((0.0, -across, 0.0, 0.0), (0.0, 0.0, -down, 0.0), (depth[0], 0.0, 0.0, depth[1]), (1.0, 0.0, 0.0, 0.0))
         )

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from mdrive_sumo.contract import SemanticClass, SensorSpec
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int
-from mdrive_sumo.sensing.camera.camera_model import FAR_M, CameraModel, CameraView, ImageKind
+from mdrive_sumo.sensing.camera.camera_model import FAR_PLANE_M, CameraModel, CameraView, ImageKind
 from mdrive_sumo.sensing.camera.gl_context import RecentObjects, create_context
 from mdrive_sumo.sensing.camera.instances import (
     FAR_M_OF_FOCAL,
@@ -204,7 +204,7 @@ class CameraRenderer:
         return _VertexArrays(self, self._context.buffer(MODEL_VERTICES.tobytes()), instances)
 
     def _prepare_target(self, target: "moderngl.Framebuffer", kind: ImageKind) -> None:
-        background = {ImageKind.SEMANTIC: float(SemanticClass.SKY), ImageKind.DEPTH: FAR_M}.get(kind, 0.0)
+        background = {ImageKind.SEMANTIC: float(SemanticClass.SKY), ImageKind.DEPTH: FAR_PLANE_M}.get(kind, 0.0)
         _clear(target, kind, background)
         self._context.enable(self._context.DEPTH_TEST | self._context.CULL_FACE)
 

@@ -40,6 +40,7 @@ LAMP = build_mesh(
     build_block((0.0, -0.5, 0.0), (1.0, 0.5, 1.0)), (255, 255, 255), SemanticClass.TRAFFIC_LIGHT, Material.SIGNAL
 )
 LAMP_M = (0.05, 0.24, 0.24)
+"""[m] Depth, width and height of a lamp of a traffic light."""
 LIGHT_OF_LETTER: Mapping[str, tuple[float, Colour]] = {
     **dict.fromkeys("ru", (0.69, (255, 40, 32))),
     **dict.fromkeys("ys", (0.38, (255, 190, 30))),

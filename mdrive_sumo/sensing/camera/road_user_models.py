@@ -131,6 +131,7 @@ def _to_unit(model: tuple[Mesh, Corner]) -> Mesh:
 
 
 _TWO_WHEELER_M: Corner = (1.8, 0.6, 1.75)
+"""[m] Length, width and height with its rider."""
 _VEHICLES = {
     RoadUserModel.CAR: build_car,
     RoadUserModel.VAN: build_van,

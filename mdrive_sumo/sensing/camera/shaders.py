@@ -22,6 +22,7 @@ layout(std140) uniform View {
 };
 """
 VIEW_FLOATS = 16 + 9 * 4
+"""Numbers in the block of uniforms of a view: a matrix, and nine vectors of four."""
 _DEFINES = """
 #define PAINT {paint}u
 #define ROUGH {rough}u

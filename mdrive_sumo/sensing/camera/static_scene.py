@@ -37,11 +37,13 @@ from mdrive_sumo.sensing.lidar_world import BUILDING_M
 LINE_M, STOP_LINE_M = 0.15, 0.4
 """[m] Widths of lane markings and stop lines."""
 KERB_M = 0.16
+"""[m] Width of a kerb."""
 CHUNK_M = 64.0
 """[m] Side of the squares by which triangles are drawn or left out."""
 SURROUNDINGS_M = 1000.0
 """[m] Around the lanes; buildings farther away are left out."""
 POLE_M = 0.12
+"""[m] Diameter of the pole of a sign or light."""
 SIGN_HEIGHT_M, SIGN_RADIUS_M = 2.3, 0.42
 HOUSING_M = (0.3, 0.36, 1.0)
 """[m] Depth, width and height of a traffic light."""

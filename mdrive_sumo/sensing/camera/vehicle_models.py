@@ -33,6 +33,7 @@ INDICATOR: Colour = (168, 98, 26)
 INDICATOR_M = 0.14
 """[m] Width of an indicator, which goes around the corner of a vehicle."""
 TYRE_M = 0.22
+"""[m] Width of a tyre."""
 FACE_M = 0.012
 """[m] By which lamps and windows lie in front of the body: a step of the depth buffer is 6 mm at 100 m."""
 

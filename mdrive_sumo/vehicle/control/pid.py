@@ -20,6 +20,7 @@ from mdrive_sumo.core.window_pid import WindowPid
 from mdrive_sumo.vehicle.control.plan_reader import OwnMotion, find_aim_point, round_control, sample_waypoints
 
 RIGHT_ANGLE = math.pi / 2
+"""The controllers of the paper's agents steer by the angle to the waypoint as a share of 90 degrees."""
 
 
 class V2xController:

@@ -10,7 +10,7 @@ from testing.planning import LENGTH, WIDTH, briefing, own, seen, things
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.contract.detector_profiles import LIDAR_SINGLE, PROFILES
 from mdrive_sumo.v2x.awareness_service import AwarenessService
-from mdrive_sumo.v2x.messages import CAM, CPM, MAX_OBJECTS, REACH_M, Cam, Cpm, decode
+from mdrive_sumo.v2x.messages import CAM, CPM, MAX_OBJECTS, MESSAGE_REACH_M, Cam, Cpm, decode
 
 
 def sent(tick: int, objects: Objects, station: AwarenessService | None = None) -> tuple[Message, ...]:
@@ -65,7 +65,7 @@ def test_it_sends_at_10_hz_for_any_rate_of_observations() -> None:
 
 
 def test_what_a_message_cannot_carry_is_left_out_the_nearest_stay() -> None:
-    assert told(things((20.0, 0, 0, 0), (1.0 + REACH_M, 2.0, 0, 0))).objects.ids == ("t00000000",)
+    assert told(things((20.0, 0, 0, 0), (1.0 + MESSAGE_REACH_M, 2.0, 0, 0))).objects.ids == ("t00000000",)
     many = things(*((0.2 * i, 5.0, 0.0, 0.0) for i in range(MAX_OBJECTS + 20)))
     objects = told(many).objects
     assert len(objects.ids) == MAX_OBJECTS

@@ -16,7 +16,7 @@ from mdrive_sumo.v2x.messages import (
     MAX_OBJECTS,
     MAX_SECTORS,
     MCM,
-    REACH_M,
+    MESSAGE_REACH_M,
     TEXT,
     TYPES,
     Cam,
@@ -230,4 +230,4 @@ def test_other_names_are_no_track_names(name: str) -> None:
 
 def test_everything_public_is_importable_from_messages() -> None:
     assert [name for name in messages.__all__ if not hasattr(messages, name)] == []
-    assert {CAM, CPM, MCM, TEXT} == set(TYPES) and REACH_M == 327.67
+    assert {CAM, CPM, MCM, TEXT} == set(TYPES) and MESSAGE_REACH_M == 327.67

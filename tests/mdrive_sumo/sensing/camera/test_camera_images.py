@@ -12,7 +12,7 @@ from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.roads.drawing.map_geometry import build_map_geometry
-from mdrive_sumo.sensing.camera.camera_model import FAR_M, CameraModel
+from mdrive_sumo.sensing.camera.camera_model import FAR_PLANE_M, CameraModel
 from mdrive_sumo.sensing.camera.camera_sensor import read_camera_model
 from mdrive_sumo.sensing.camera.instances import MESHES, load_instances
 from mdrive_sumo.sensing.camera.static_scene import load_static_scene
@@ -106,7 +106,7 @@ def test_depth_is_that_of_cast_rays(seed: int) -> None:
     rows, columns = random.integers(0, 180, 250), random.integers(0, 320, 250)
     aside, up = (160 - columns - 0.5) / model.focal_px, (90 - rows - 0.5) / model.focal_px
     rays = np.column_stack((np.ones(250), aside, up)) @ view.axes.T
-    wanted = np.minimum(cast_rays(list_triangles(roads, scene), view.place, rays), FAR_M)
+    wanted = np.minimum(cast_rays(list_triangles(roads, scene), view.place, rays), FAR_PLANE_M)
     near = wanted < 300.0  # beyond, the terrain ends, and a pixel covers metres
     error = np.abs(image.pixels[rows, columns] - wanted)[near]
     assert near.sum() > 100
@@ -132,8 +132,8 @@ def test_semantic_classes_and_sky() -> None:
     }
     assert wanted <= found <= set(SemanticClass)
     depth = take_image(scene, roads, kind="depth").pixels
-    assert (depth[classes.pixels == SemanticClass.SKY] == FAR_M).all()
-    assert (depth[classes.pixels != SemanticClass.SKY] < FAR_M).mean() > 0.99
+    assert (depth[classes.pixels == SemanticClass.SKY] == FAR_PLANE_M).all()
+    assert (depth[classes.pixels != SemanticClass.SKY] < FAR_PLANE_M).mean() > 0.99
     heights = assume_heights(scene.boxes.kind, scene.boxes.length)
     assert heights[1] == pytest.approx(1.75)
     assert find_eye(scene).carrier_row == 0

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdrive_sumo.sensing.camera.camera_model import FAR_M, NEAR_M, CameraModel, CameraMount, ImageKind
+from mdrive_sumo.sensing.camera.camera_model import FAR_PLANE_M, NEAR_PLANE_M, CameraModel, CameraMount, ImageKind
 
 ANGLES = st.floats(-3.1, 3.1)
 PLACES = st.floats(-500.0, 500.0)
@@ -59,5 +59,5 @@ def test_clip_space_is_the_pinhole(
     column, row, _ = model.project(view, point)
     assert (across + 1) / 2 * model.width == pytest.approx(column, abs=1e-3)
     assert (down + 1) / 2 * model.height == pytest.approx(row, abs=1e-3)
-    near, far = NEAR_M, FAR_M
+    near, far = NEAR_PLANE_M, FAR_PLANE_M
     assert behind == pytest.approx((far + near - 2 * far * near / depth) / (far - near), abs=1e-9)
