@@ -94,8 +94,11 @@ def find_cell(figures: CandidateFigures) -> tuple[int, ...]:
 
 def compute_objective(figures: CandidateFigures) -> float:
     """Return what a cell maximises: points lost by the best rules that talk, the best agent without messages, and one
-    that waits by its number, each a third. All three have aims (`suite_aims`), and the gap alone is largest where messages
-    are worth nothing. A candidate whose certificate holds is worth more than any other."""
+    that waits by its number, each a third.
+
+    All three have aims (`suite_aims`), and the gap alone is largest where messages are worth nothing. A candidate whose
+    certificate holds is worth more than any other.
+    """
     lost = FULL_SCORE - (figures.score + figures.unaided_score + figures.waiting_score) / 3.0
     return lost + FULL_SCORE * figures.is_certified
 

@@ -27,7 +27,8 @@ def find_hard_problems(
 ) -> Iterator[str]:
     """Yield the problems of a suite of the hard tier as a whole. Raises InputError for an unreadable file.
 
-    must_be_complete: it comes with mdrive-sumo, so it needs certificates and, named `hard`, all that docs/hard.md promises of it.
+    must_be_complete: it comes with mdrive-sumo, so it needs certificates and, named `hard`, all that docs/hard.md
+    promises.
     """
     yield from _check_need(suite, examined, remedy, must_be_complete)
     if must_be_complete and suite.name == HARD_SUITE:

@@ -30,7 +30,7 @@ from mdrive_sumo.study.occlusion_certificate import (
 LIMIT_S = 300.0
 """Wall clock for one scenario."""
 HARD_SEEDS = 5
-"""Number of seeds, from 0 on, with which `omniscient` must solve a scenario of the hard tier: one seed would be luck."""
+"""Number of seeds, from 0 on, with which `omniscient` must solve a scenario of the hard tier: one could be luck."""
 
 
 @dataclass(frozen=True, slots=True)
