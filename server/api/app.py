@@ -12,9 +12,8 @@ from mdrive_sumo.core.output_files import make_folder
 from server import clock
 from server.api import problems
 from server.api.concurrency_limit import ConcurrencyLimit
-from server.api.database_reader import DirectDatabaseReader, SubprocessDatabaseReader
 from server.api.dependencies import CHECKERS, Services
-from server.api.leaderboard_cache import LeaderboardCache
+from server.api.leaderboard_cache import DirectDatabaseReader, LeaderboardCache, SubprocessDatabaseReader
 from server.api.openapi import make_openapi
 from server.api.request_bodies import RequestBodyMiddleware
 from server.api.response_cache import ResponseCacheMiddleware
@@ -28,7 +27,6 @@ from server.api.routes import (
     register,
     results,
     submissions,
-    submit,
     teams,
     webhook,
 )
@@ -41,7 +39,7 @@ from server.store.phases import set_phases as put_phases
 
 API = "/api/v1"
 PARTS = (
-    *(teams, webhook, register, phases, submit, submissions, results),
+    *(teams, webhook, register, phases, submissions, results),
     *(overviews, events, leaderboards, health),
 )
 """Modules with the routes, in the order of the description."""

@@ -8,10 +8,10 @@ import numpy as np
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import bootstrap_mean
 from server.api import submission_views
-from server.api.caller import Caller
 from server.api.dependencies import Services
 from server.api.routes import results
 from server.api.schemas.scenarios import ComparisonOut, PairedDifferenceOut, ScenarioOut, ScenarioPairOut
+from server.api.submission_views import Caller
 from server.store import standings
 
 TIE = 0.005

@@ -3,33 +3,83 @@
 from collections.abc import Sequence
 from statistics import fmean
 
-from sqlalchemy.orm import Session
-
 from mdrive_sumo.contract import SensingTrack
 from server.api import submission_views
-from server.api.caller import Caller
 from server.api.problems import HiddenScenariosError
-from server.api.schemas.cross_play import CrossPlayAgentOut, CrossPlayCellOut, CrossPlayOut
+from server.api.schemas.parameters import ResponseModel
+from server.api.submission_views import Caller
 from server.enums import ChallengeTrack, JobState
-from server.store import NotFound, cross_play, phases
+from server.store import NotFound, Store, cross_play, phases
 from server.store.cross_play import CrossPlayScore
 from server.store.queries import LeaderboardEntry
 from server.store.tables import JobRow
 
 
-def read_cross_play(session: Session, caller: Caller | None, phase_id: str) -> CrossPlayOut:
+class CrossPlayCellOut(ResponseModel):
+    """One CAV of an agent among CAVs of another: means over the episodes that count. DS and SR in percent."""
+
+    others: str
+    """Submission that drives the other CAVs."""
+    ds: float | None
+    """Null without an episode that counts: it has not been driven yet, or an agent of the others failed."""
+    sr: float | None
+    episodes: int
+    failed: int
+    """Episodes in which the agent under test failed; they count."""
+    stopped_others: int
+    """Episodes in which its messages made an agent of the others fail; they count, with DS x 0.6 and no success."""
+    left_out: int
+    """Episodes in which an agent of the others failed for another reason; they do not count."""
+    is_own_team: bool
+    """Agents of one team are no strangers and are not driven together."""
+
+
+class CrossPlayAgentOut(ResponseModel):
+    """An agent under test. DS and SR in percent."""
+
+    team: str
+    submission: str
+    method: str
+    track: ChallengeTrack
+    sensing_track: SensingTrack
+    alone_ds: float
+    """Its DS on the leaderboard, where it drives all CAVs."""
+    ds: float | None
+    """Good with strangers: the mean over the agents that it was driven among, each with the same weight."""
+    sr: float | None
+    partners: int
+    """Over how many of them."""
+    failed: int
+    stopped_others: int
+    cells: list[CrossPlayCellOut]
+    """In the order of the agents."""
+
+
+class CrossPlayOut(ResponseModel):
+    """The board of a phase: agents of the object track first, in each track the best with strangers."""
+
+    phase: str
+    scenarios: int
+    """Scenarios of each pair."""
+    jobs: int
+    unfinished: int
+    agents: list[CrossPlayAgentOut]
+
+
+def read_cross_play(store: Store, caller: Caller | None, phase_id: str) -> CrossPlayOut:
     """Return the board of a phase: agents of the object track first, in each track the best with strangers.
 
     Raises NotFound for an unknown phase and one without this board, and HiddenScenariosError for a hidden one unless
     for admins: every cell is a figure that two agents can choose by driving (docs/api.md).
     """
-    phase = phases.get(session, phase_id)
-    if not phase.cross_play_scenarios:
-        raise NotFound(f"phase {phase_id}: expected one with cross-play, found one without it")
-    if not submission_views.may_see_scenarios(caller, phase):
-        raise HiddenScenariosError
-    agents = cross_play.list_agents(session, phase_id)
-    jobs = cross_play.list_jobs(session, agents)
+    with store.read() as session:
+        phase = phases.get(session, phase_id)
+        if not phase.cross_play_scenarios:
+            raise NotFound(f"phase {phase_id}: expected one with cross-play, found one without it")
+        if not submission_views.may_see_scenarios(caller, phase):
+            raise HiddenScenariosError
+        agents = cross_play.list_agents(session, phase_id)
+        jobs = cross_play.list_jobs(session, agents)
     rows = [_make_agent(entry, agents, jobs) for entry in agents]
     rows.sort(key=lambda row: (row.sensing_track != SensingTrack.OBJECT, row.ds is None, -(row.ds or 0.0)))
     order = {row.submission: place for place, row in enumerate(rows)}

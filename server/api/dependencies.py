@@ -10,13 +10,13 @@ from fastapi import Depends, Request
 from fastapi.security import HTTPBearer
 from starlette.concurrency import run_in_threadpool
 
-from server.api.caller import Caller, find_caller
 from server.api.check_queue import CheckQueue
 from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.event_watch import EventWatch
 from server.api.leaderboard_cache import LeaderboardCache
 from server.api.openapi import OPTIONAL_TOKEN
 from server.api.problems import ProblemError
+from server.api.submission_views import Caller, find_caller
 from server.api.subprocess_runner import CallRunner
 from server.enums import TokenScope
 from server.phase_suites import PhaseSuites

@@ -1,4 +1,8 @@
-"""Leaderboards as the API returns them, read from the database."""
+"""Leaderboards as the API returns them: read from the database, with published results beside them, never ranked.
+
+Source of the published ones: table 2 of the MDrive paper ("MDrive Benchmark Across Three Scenario Buckets"), measured
+in CARLA with those methods' own sensors. Ours are measured in SUMO: the two are not the same experiment.
+"""
 
 from dataclasses import dataclass
 
@@ -6,12 +10,14 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.contract import SensingTrack
+from mdrive_sumo.report.published_results import BUCKETS, PUBLISHED_METHODS, PublishedMethod
 from server.api import submission_views
 from server.api.schemas.leaderboards import LeaderboardOut, RowOut
 from server.api.schemas.parameters import to_datetime
 from server.api.schemas.submissions import FiguresOut
 from server.enums import ChallengeTrack
-from server.store import phases, published_results, queries, tables
+from server.store import phases, queries, tables
+from server.store.queries import LeaderboardEntry
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +46,7 @@ def read_leaderboard(session: Session, key: BoardKey) -> LeaderboardOut:
     phase = phases.get(session, key.phase)
     entries = queries.find_leaderboard(session, phase.id, key.track, key.bucket, key.category, key.sensing_track)
     is_overall = key.bucket is None and key.category is None
-    published = published_results.list_published(key.track, key.bucket, key.category)
+    published = list_published(key.track, key.bucket, key.category)
     return LeaderboardOut(
         phase=key.phase,
         track=key.track,
@@ -92,4 +98,29 @@ def _to_row(entry: queries.LeaderboardEntry, figures: FiguresOut) -> RowOut:
         figures=figures,
         created=to_datetime(entry.created_us) if entry.created_us is not None else None,
         published=entry.published,
+    )
+
+
+def list_published(
+    track: ChallengeTrack | None, bucket: str | None = None, category: str | None = None
+) -> list[LeaderboardEntry]:
+    """Return the published entries, the best first. The paper has no numbers by category."""
+    if category is not None or (bucket is not None and bucket not in BUCKETS):
+        return []
+    found = [_to_entry(method, bucket) for method in PUBLISHED_METHODS if track in (None, _find_track(method))]
+    return sorted(found, key=lambda row: -row.ds)
+
+
+def _find_track(method: PublishedMethod) -> ChallengeTrack:
+    if method.negotiates:
+        return ChallengeTrack.NEGOTIATION
+    return ChallengeTrack.SHARING if method.shares_perception else ChallengeTrack.SINGLE
+
+
+def _to_entry(method: PublishedMethod, bucket: str | None) -> LeaderboardEntry:
+    ds, sr = method.average if bucket is None else method.scores[bucket]
+    figures = {"ds": ds, "sr": sr}
+    name = method.method.replace("*", " (rule-based)")
+    return LeaderboardEntry(
+        None, "MDrive paper", name, _find_track(method).value, None, None, ds, figures, None, published=True
     )

@@ -8,11 +8,11 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from server.api import submission_views
-from server.api.caller import Caller
 from server.api.problems import HiddenScenariosError
 from server.api.schemas.scenarios import MatrixCellOut, MatrixColumnOut, MatrixOut, MatrixRowOut
+from server.api.submission_views import Caller
 from server.enums import ChallengeTrack, JobKind, ScenarioVerdict
-from server.store import phases, queries
+from server.store import Store, phases, queries
 from server.store.tables import JobOverviewRow, JobRow
 
 TEAMS_PER_PAGE = 20
@@ -21,29 +21,29 @@ _Cells = Mapping[str, Mapping[str, MatrixCellOut]]
 """Cells by scenario and submission."""
 
 
-def read_matrix(session: Session, caller: Caller, phase_id: str, track: ChallengeTrack | None, page: int) -> MatrixOut:
+def read_matrix(store: Store, caller: Caller, phase_id: str, track: ChallengeTrack | None, page: int) -> MatrixOut:
     """Return the best shown submission of each team of a leaderboard, 20 teams per page.
 
     Raises NotFound for an unknown phase, HiddenScenariosError for those who may not see its scenarios.
     """
-    phase = phases.get(session, phase_id)
-    if not submission_views.may_see_scenarios(caller, phase):
-        raise HiddenScenariosError
-    entries = queries.find_leaderboard(session, phase_id, track)
-    pages = max(1, -(-len(entries) // TEAMS_PER_PAGE))
-    page = min(page, pages)
-    columns = [
-        MatrixColumnOut(
-            team=entry.team,
-            submission=entry.submission or "",
-            method=entry.method,
-            track=ChallengeTrack(entry.track),
-            rank=entry.rank,
-            ds=entry.ds,
-        )
-        for entry in entries[(page - 1) * TEAMS_PER_PAGE : page * TEAMS_PER_PAGE]
-    ]
-    rows = _read_rows(session, [column.submission for column in columns])
+    with store.read() as session:
+        if not submission_views.may_see_scenarios(caller, phases.get(session, phase_id)):
+            raise HiddenScenariosError
+        entries = queries.find_leaderboard(session, phase_id, track)
+        pages = max(1, -(-len(entries) // TEAMS_PER_PAGE))
+        page = min(page, pages)
+        columns = [
+            MatrixColumnOut(
+                team=entry.team,
+                submission=entry.submission or "",
+                method=entry.method,
+                track=ChallengeTrack(entry.track),
+                rank=entry.rank,
+                ds=entry.ds,
+            )
+            for entry in entries[(page - 1) * TEAMS_PER_PAGE : page * TEAMS_PER_PAGE]
+        ]
+        rows = _read_rows(session, [column.submission for column in columns])
     return MatrixOut(phase=phase_id, track=track, page=page, pages=pages, columns=columns, rows=rows)
 
 

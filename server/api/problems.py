@@ -6,6 +6,7 @@ import re
 from collections.abc import Awaitable, Callable, Mapping
 from functools import cache
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any
 
 from fastapi import FastAPI, Request, Response
@@ -17,7 +18,6 @@ from starlette.requests import ClientDisconnect
 from starlette.routing import compile_path
 
 from mdrive_sumo.core.errors import InputError
-from server.api.hidden_paths import hide_paths
 from server.api.schemas.parameters import ID_PATTERN, PHASE_PATTERN, SCENARIO_PATTERN
 from server.archive import ArchiveRefused
 from server.clock import format_utc
@@ -250,3 +250,18 @@ async def _handle_os_error(request: Request, error: OSError) -> Response:
 async def _handle_internal_error(request: Request, error: Exception) -> Response:  # noqa: ARG001
     """Return 500; Starlette raises the error again afterwards, so that the server logs it."""
     return await _respond(request, 500, "ours", "internal error of the server; it is in the server's log")
+
+
+HIDDEN_PATH = "(a path of the server)"
+_PATH = re.compile(r"(?<![\w./:-])/[\w.@+-]+(?:/[\w.@+-]+)+/?")
+_NO_SERVER_PATHS = ("/api/", "/agent/")
+"""Beginnings of addresses, and of paths inside a box."""
+
+
+def hide_paths(sentence: str) -> str:
+    """Return a sentence without absolute paths whose first folder exists on this machine."""
+    return _PATH.sub(lambda found: HIDDEN_PATH if _is_server_path(found[0]) else found[0], sentence)
+
+
+def _is_server_path(path: str) -> bool:
+    return not path.startswith(_NO_SERVER_PATHS) and Path(*Path(path).parts[:2]).is_dir()

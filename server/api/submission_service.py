@@ -12,15 +12,15 @@ from mdrive_sumo.core.errors import InputError
 from server import environments, paths
 from server.api import submission_views
 from server.api.agent_start import AGENT_START_S, check_uploaded_agent, starts_agents
-from server.api.caller import Caller
 from server.api.dependencies import Services
 from server.api.schemas.submissions import SubmissionOut
+from server.api.submission_views import Caller
 from server.api.subprocess_runner import CallEndedError
 from server.api.upload import Upload, receive_upload
 from server.archive import ArchiveLimits, ArchiveRefused, Manifest, inspect_archive, verify_contents
 from server.enums import ChallengeTrack
+from server.errors import check_text
 from server.store import phases, quota, submissions, tables
-from server.store.errors import check_text
 from server.store.submissions import NewSubmission
 from server.tracks import check_style
 

@@ -1,20 +1,49 @@
 """Submissions as each caller may see them. Only this module decides what is disclosed of hidden scenarios."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import ColumnElement, and_, or_, select, true
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.contract import SensingTrack
-from server.api.caller import Caller
-from server.api.hidden_paths import hide_paths
+from server.api.problems import hide_paths
 from server.api.schemas.parameters import to_datetime
 from server.api.schemas.submissions import FiguresOut, QueueOut, SubmissionOut, SummaryOut
 from server.clock import HOUR_US
-from server.enums import ChallengeTrack, SubmissionState
-from server.store import NotFound, queries, standings, submissions, tables, teams
+from server.enums import ChallengeTrack, SubmissionState, TokenScope
+from server.store import NotFound, Store, queries, standings, submissions, tables, teams, tokens
 from server.store.quota import UNFINISHED
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """The holder of a valid token."""
+
+    token: str
+    """Id of the token."""
+    team: str | None
+    """Id of the team; None for tokens of admins and workers."""
+    scope: TokenScope
+
+    @property
+    def is_admin(self) -> bool:
+        """Whether the token has the scope admin."""
+        return self.scope is TokenScope.ADMIN
+
+    @property
+    def actor(self) -> str:
+        """Name of the caller in the audit log."""
+        return f"{self.scope}:{self.team or self.token}"
+
+
+def find_caller(store: Store, text: str) -> Caller | None:
+    """Return the holder of the token with this text, None if the token is unknown or revoked."""
+    with store.read() as session:
+        token = tokens.find_token(session, text)
+        return Caller(token.id, token.team, TokenScope(token.scope)) if token else None
+
 
 _REJECTED = "the agent asks for something that is not offered; in a public phase the sentence says what"
 """Reason shown in hidden phases: the original one contains text of the agent, which may describe the scenario."""

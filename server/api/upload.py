@@ -20,7 +20,7 @@ from python_multipart.multipart import MultipartParser, parse_options_header
 
 from mdrive_sumo.core.errors import InputError
 from server.api.problems import ProblemError
-from server.store.errors import new_id
+from server.errors import new_id
 
 FILE_FIELD = "archive"
 UPLOAD_S = 900.0

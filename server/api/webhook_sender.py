@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 
 from server import clock
 from server.api import submission_views
-from server.api.caller import Caller
+from server.api.submission_views import Caller
 from server.api.webhook_address import (
     AddressRefused,
     Resolver,

@@ -1,8 +1,7 @@
 """Archives of participants: checked as a whole before anything is unpacked into a new folder."""
 
-from server.archive.errors import ArchiveRefused
 from server.archive.extraction import extract_archive
-from server.archive.limits import ArchiveLimits
+from server.archive.layout import ArchiveLimits, ArchiveRefused
 from server.archive.manifest import Manifest, check_archive, inspect_archive, verify_contents
 
 __all__ = [

@@ -7,7 +7,7 @@ from zipfile import ZipFile, ZipInfo
 
 from mdrive_sumo.core.output_files import NEW_FILE
 from server.archive import layout
-from server.archive.errors import ArchiveRefused
+from server.archive.layout import ArchiveRefused
 from server.archive.manifest import Manifest, compute_sha256
 from server.archive.zip_reader import read_entry, translate_zip_errors
 

@@ -1,4 +1,4 @@
-"""Layout of an archive: MDrive's own, or the same in a single folder, as in GitHub's archives.
+"""Layout of an archive, and limits of its size. MDrive's own layout, or the same in one folder, as GitHub's archives.
 
 agents.py         get_entry_point() of a joint agent in the style of the CARLA leaderboard, or a class Agent
 model_env.yaml    the environment by name
@@ -7,9 +7,35 @@ config/ src/ weights/ Dockerfile    optional; the Dockerfile is recorded, not bu
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
-from server.archive.errors import ArchiveRefused
+from mdrive_sumo.core.errors import InputError
+
+MEBIBYTE = 1024 * 1024
+FREE_BYTES = 8 * MEBIBYTE
+"""Unpacked size up to which the ratio of a whole archive does not matter [bytes]."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArchiveLimits:
+    """Upper limits; the field names are those of `server.settings.ArchiveSettings`."""
+
+    archive_bytes: int = 64 * MEBIBYTE
+    """Size of the archive file."""
+    unpacked_bytes: int = 256 * MEBIBYTE
+    """Total size of all files."""
+    entries: int = 2000
+    """Number of files and folders, including folders that occur only as parts of paths."""
+    ratio: int = 200
+    """Unpacked size over packed size of each entry above 1 MiB."""
+    total_ratio: int = 50
+    """Total unpacked size over the size of the archive, above `FREE_BYTES`: bounds the work that an upload causes."""
+
+
+class ArchiveRefused(InputError):
+    """The archive or what its agent requires is refused; the sentence is for its team."""
+
 
 AGENTS = "agents.py"
 MAX_AGENTS_BYTES = 1024 * 1024

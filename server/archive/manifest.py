@@ -6,8 +6,7 @@ from pathlib import Path
 from zipfile import ZipFile, ZipInfo
 
 from server.archive import layout, model_env
-from server.archive.errors import ArchiveRefused
-from server.archive.limits import ArchiveLimits
+from server.archive.layout import ArchiveLimits, ArchiveRefused
 from server.archive.zip_reader import open_archive, read_entry
 from server.enums import ChallengeTrack
 

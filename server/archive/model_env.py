@@ -11,7 +11,7 @@ import re
 from dataclasses import dataclass
 
 from mdrive_sumo.core.errors import InputError
-from server.archive.errors import ArchiveRefused
+from server.archive.layout import ArchiveRefused
 from server.environments import RECIPES, find_recipe
 
 FILE = "model_env.yaml"

@@ -31,8 +31,7 @@ from server.cli.limited_protocol import (
 from server.cli.options import data_option, load_settings_with, report_store_errors, settings_option
 from server.clock import now_us
 from server.evaluation.supervisor import Supervisor
-from server.phase_settings import WARM_UP
-from server.settings import ServerSettings
+from server.settings import WARM_UP, ServerSettings
 from server.store import Store, phases
 from server.web.mount_pages import mount_pages
 

@@ -5,10 +5,14 @@ moment neither loses nor duplicates a result, because the database decides.
 """
 
 import logging
+import os
 import shutil
+import signal
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from types import FrameType
 
 from sqlalchemy.orm import Session
 
@@ -31,13 +35,41 @@ from server.evaluation.job_task import (
     move_files,
 )
 from server.evaluation.phase_separation import CLAIMED, PhaseSeparation
-from server.evaluation.stop_request import StopRequest
-from server.evaluation.write_summaries import write_left_over_summaries, write_summary
+from server.evaluation.summary import write_left_over_summaries, write_summary
 from server.phase_suites import PhaseSuites
 from server.settings import ServerSettings
 from server.store import Store, StoreUnavailable, cross_play, jobs, submissions, workers
 from server.store.jobs import JobOutcome
 from server.store.tables import JobRow
+
+
+class StopRequest:
+    """Its `fd` becomes readable with the request; `request` is safe in signal handlers and other threads."""
+
+    def __init__(self) -> None:
+        self.fd, self._writing = os.pipe()
+        os.set_blocking(self._writing, False)
+        self.is_requested = False
+
+    def request(self) -> None:
+        """Request the end."""
+        self.is_requested = True
+        with suppress(BlockingIOError):
+            os.write(self._writing, b".")
+
+    def install_signal_handlers(self) -> None:
+        """Make SIGTERM and SIGINT request the end."""
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._on_signal)
+
+    def close(self) -> None:
+        """Close the pipe."""
+        os.close(self.fd)
+        os.close(self._writing)
+
+    def _on_signal(self, _: int, __: FrameType | None) -> None:
+        self.request()
+
 
 LOG = logging.getLogger("mdrive.worker")
 SECOND_US = 1_000_000

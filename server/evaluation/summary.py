@@ -1,17 +1,20 @@
 """Figures of a finished submission: overall, per bucket and per category, with confidence intervals."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from statistics import fmean
 
 import numpy as np
+from sqlalchemy.orm import Session
 
 from mdrive_sumo.contract import join_sensing_tracks
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.statistics import bootstrap_stratified_mean
 from mdrive_sumo.scoring import Means, ScenarioResult, compute_bucket_means, compute_category_means, compute_overall
 from mdrive_sumo.scoring.summary import compute_scalar_means
-from server.store.checksums import compute_results_checksum
+from server.evaluation.thinking_times import record_thinking_flag
+from server.store import Store, submissions
+from server.store.audit import compute_results_checksum
 from server.store.standings import FiguresData, SummaryData
 from server.store.tables import JobRow
 
@@ -64,3 +67,30 @@ def _mean_by_scenario(results: Sequence[ScenarioResult], name: str) -> Float:
     for result in results:
         seeds.setdefault(result.id, []).append(getattr(result, name))
     return np.array([fmean(values) for values in seeds.values()])
+
+
+OnDone = Callable[[Session, str], None]
+"""What else to do in the transaction that marks a submission done."""
+
+
+def write_summary(store: Store, submission: str, clock: Callable[[], int], on_done: OnDone) -> None:
+    """Write the summary of a complete submission; it is computed before the write transaction begins.
+
+    Does nothing for a submission that is not complete, or that another worker has finished. Raises StoreUnavailable.
+    """
+    with store.read() as session:
+        if not submissions.is_complete(session, submission):
+            return
+        summary = summarise(submissions.list_finished_jobs(session, submission))
+    with store.write() as session:
+        if submissions.finish_if_complete(session, submission, summary, clock()):
+            on_done(session, submission)  # first: the hash of the entry `submission-done` draws the spot checks
+            record_thinking_flag(session, submission, clock())
+
+
+def write_left_over_summaries(store: Store, clock: Callable[[], int], on_done: OnDone) -> None:
+    """Write the summaries that another worker died before writing. Raises StoreUnavailable."""
+    with store.read() as session:
+        found = submissions.list_complete(session)
+    for submission in found:
+        write_summary(store, submission, clock, on_done)

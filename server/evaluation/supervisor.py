@@ -1,4 +1,7 @@
-"""The supervisor: starts the workers of a server, restarts dead ones, deletes old files, and stops the workers."""
+"""The supervisor: starts the workers of a server, restarts dead ones, deletes old files, and stops the workers.
+
+Before that it restarts unfinished submissions of another evaluator, so that no result mixes two.
+"""
 
 import json
 import logging
@@ -14,13 +17,14 @@ from sqlalchemy import select
 
 from mdrive_sumo.agent_process.sandbox.episode_group import remove_dead_episode_groups
 from mdrive_sumo.agent_process.sandbox.private_files import remove_idle_files
+from mdrive_sumo.core.errors import InputError
 from server.clock import now_us
 from server.evaluation.archive_cache import delete_stale
 from server.evaluation.machine_check import check_hidden_phases, check_machine
 from server.evaluation.phase_separation import describe_mixed_phases
-from server.evaluation.requeue import requeue_outdated
+from server.phase_suites import LoadedPhaseSuites, PhaseSuites
 from server.settings import ServerSettings
-from server.store import Store, StoreUnavailable, phases, quota, retention
+from server.store import Store, StoreUnavailable, phases, quota, retention, submissions
 from server.store.tables import SubmissionRow
 
 LOG = logging.getLogger("mdrive.supervisor")
@@ -159,3 +163,26 @@ def _close_stdin(process: subprocess.Popen[bytes]) -> None:
     if process.stdin is not None:
         with suppress(OSError):
             process.stdin.close()
+
+
+def requeue_outdated(store: Store, settings: ServerSettings, now_us: int, suites: PhaseSuites | None = None) -> int:
+    """Restart unfinished submissions of another evaluator with the present jobs of their suites; return how many.
+
+    A worker that still runs an old job loses it with its next heartbeat. Submissions that can no longer be run fail on
+    our side. Only `serve` calls this, at its start.
+    """
+    suites = suites or LoadedPhaseSuites(settings)
+    count = 0
+    with store.write() as session:
+        for submission in session.scalars(select(SubmissionRow).where(SubmissionRow.state.in_(quota.UNFINISHED))).all():
+            phase = phases.get(session, submission.phase)
+            try:
+                evaluator, jobs = suites.evaluator(phase, submission.environment), suites.jobs(phase)
+            except InputError as error:  # the suite of a closed phase: for open phases the server has refused to start
+                LOG.error("submission %s can no longer be run: %s", submission.id, error)
+                submissions.fail(session, submission.id, "the suite of its phase can no longer be run", now_us)
+                continue
+            if submission.evaluator != evaluator:
+                submissions.renew(session, submission, evaluator, jobs, now_us)
+                count += 1
+    return count

@@ -19,16 +19,15 @@ from mdrive_sumo.core.terminal import CleanFormatter
 from mdrive_sumo.runs.make_executor import make_executor
 from mdrive_sumo.runs.prepared_run import compute_job_limit_s
 from server.clock import now_us
+from server.errors import new_id
 from server.evaluation.cross_play import JUDGED_EPISODES
-from server.evaluation.dispatcher import Dispatcher
+from server.evaluation.dispatcher import Dispatcher, StopRequest
 from server.evaluation.job_task import JobResult, JobTask
 from server.evaluation.machine_check import check_hidden_phases, check_machine
-from server.evaluation.stop_request import StopRequest
 from server.evaluation.submission_job import run_submission_job
 from server.phase_suites import LoadedPhaseSuites
 from server.settings import ServerSettings
 from server.store import Store, StoreUnavailable, phases
-from server.store.errors import new_id
 
 LOG = logging.getLogger("mdrive.worker")
 NICE = 5

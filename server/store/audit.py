@@ -5,14 +5,14 @@ A chain cannot show that its end was cut off: store the head elsewhere (every ba
 
 import hashlib
 import json
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from server.store.tables import AuditEntryRow
+from server.store.tables import AuditEntryRow, JobRow
 
 _EMPTY_HEAD = ""
 
@@ -74,3 +74,25 @@ def verify_chain(session: Session) -> AuditReport:
 def _compute_hash(before: str, at_us: int, actor: str, action: str, data: dict[str, Any]) -> str:
     text = json.dumps([before, at_us, actor, action, data], sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def compute_checksum(value: Any) -> str:
+    """Return the SHA-256 of a JSON value, in hexadecimal."""
+    return hashlib.sha256(_encode(value)).hexdigest()
+
+
+def compute_results_checksum(jobs: Sequence[JobRow]) -> str:
+    """Return the SHA-256 of the results of a submission's jobs, ordered by scenario and seed, in hexadecimal."""
+    digest = hashlib.sha256()
+    for job in jobs:
+        digest.update(_encode([job.scenario, job.seed, job.verdict, job.reason, job.result]))
+    return digest.hexdigest()
+
+
+def compute_jobs_checksum(jobs: Iterable[tuple[str, int]]) -> str:
+    """Return the SHA-256 of the scenarios and seeds that a submission is driven in, in hexadecimal."""
+    return compute_checksum(sorted([scenario, seed] for scenario, seed in jobs))
+
+
+def _encode(value: Any) -> bytes:
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()

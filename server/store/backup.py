@@ -15,8 +15,7 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
 from server.store import audit
-from server.store.database_check import check_sqlite_file
-from server.store.engine import PRIVATE_MODE, Store, StoreUnavailable
+from server.store.engine import PRIVATE_MODE, Store, StoreUnavailable, check_sqlite_file
 from server.store.row_check import find_row_differences
 from server.store.tables import AuditEntryRow, PhaseRow, TableBase, WorkerRow
 

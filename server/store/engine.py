@@ -7,9 +7,10 @@ of claims and the order of events need no locks of their own, and deadlocks are 
 import os
 import sqlite3
 from collections.abc import Generator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, OperationalError
@@ -19,7 +20,6 @@ from sqlalchemy.orm import Session
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder
 from server.errors import StoreUnavailable
-from server.store.database_check import check_sqlite_file
 
 PRIVATE_MODE = 0o600
 """Mode of databases and backups: they hold hidden results and hashes of tokens."""
@@ -189,3 +189,39 @@ def _is_damaged_sqlite(error: DBAPIError) -> bool:
 def _first_line(error: Exception) -> str:
     cause = error.orig if isinstance(error, DBAPIError) and error.orig is not None else error
     return (str(cause).splitlines() or [type(cause).__name__])[0]
+
+
+VERSION_TABLE = "alembic_version"
+_ADVICE = "restore a backup: mdrive-sumo admin restore FILE"
+
+
+def check_sqlite_file(file: Path, whole: bool, busy_s: float = 30.0) -> None:
+    """Raise InputError for a file that is no SQLite database of a challenge; none or an empty one is a new database.
+
+    `whole` reads every page, 1 GB in some seconds; without it the header and the schema only. A locked or unreadable
+    file passes: opening it says why.
+    """
+    if not file.is_file() or not file.stat().st_size:
+        return
+    try:
+        with closing(sqlite3.connect(f"file:{quote(str(file))}?mode=ro", uri=True, timeout=busy_s)) as connection:
+            tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+            versions = (
+                connection.execute(f"SELECT * FROM {VERSION_TABLE}").fetchall() if VERSION_TABLE in tables else []
+            )
+            problem = connection.execute("PRAGMA quick_check(1)").fetchone()[0] if whole else "ok"
+    except sqlite3.OperationalError:
+        return
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
+        raise InputError(_format_damage(file, str(error))) from None
+    if problem != "ok":
+        raise InputError(_format_damage(file, str(problem)))
+    if not all(isinstance(version, str) for (version, *_) in versions):
+        raise InputError(_format_damage(file, f"the version {versions}"))
+    if tables and VERSION_TABLE not in tables:
+        found = ", ".join(sorted(map(str, tables))[:3])
+        raise InputError(f"database: {file}: expected one of a challenge, found another program's with {found!a}")
+
+
+def _format_damage(file: Path, reason: str) -> str:
+    return f"database: {file}: expected a complete SQLite file, found: {' '.join(reason.split())[:200]}; {_ADVICE}"

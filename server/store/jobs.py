@@ -13,8 +13,8 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.state import FailureReason
 from server.enums import JobKind, JobState, ScenarioVerdict, SubmissionState
-from server.store import events, job_selection, submissions, worker_time
-from server.store.errors import NotFound
+from server.errors import NotFound
+from server.store import job_selection, submissions, worker_time
 from server.store.overviews import make_overview
 from server.store.tables import JobOverviewRow, JobRow, PhaseRow, SubmissionRow
 
@@ -171,7 +171,7 @@ def _mark_running(session: Session, submission_id: str, now_us: int) -> None:
     submission = submissions.get(session, submission_id)
     if submission.state == SubmissionState.QUEUED:
         submission.state = SubmissionState.RUNNING.value
-        events.add_event(session, submission_id, "state", {"state": SubmissionState.RUNNING.value}, now_us)
+        submissions.add_event(session, submission_id, "state", {"state": SubmissionState.RUNNING.value}, now_us)
 
 
 def _charge(session: Session, job: JobRow, now_us: int, is_result: bool) -> None:
@@ -220,7 +220,9 @@ def _add_event(session: Session, job: JobRow, kind: str, data: dict[str, Any], n
         .where(SubmissionRow.id == job.submission)
     )
     if session.scalar(public):
-        events.add_event(session, job.submission, kind, {"scenario": job.scenario, "seed": job.seed, **data}, now_us)
+        submissions.add_event(
+            session, job.submission, kind, {"scenario": job.scenario, "seed": job.seed, **data}, now_us
+        )
 
 
 def _public_scores(result: dict[str, Any]) -> dict[str, Any]:

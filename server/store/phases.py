@@ -8,8 +8,8 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.suggestion import describe_unknown
 from server.clock import format_utc
+from server.errors import NotFound, NotNow
 from server.store import audit
-from server.store.errors import NotFound, NotNow
 from server.store.tables import PhaseRow
 
 

@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.contract import SensingTrack
 from server.enums import ChallengeTrack, JobKind, JobState, SubmissionState
-from server.store.errors import NotFound
+from server.errors import NotFound
 from server.store.quota import UNFINISHED
 from server.store.standings import OVERALL, FiguresData, slice_key
 from server.store.tables import JobRow, StandingRow, SubmissionRow, TeamRow

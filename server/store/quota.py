@@ -7,7 +7,7 @@ from sqlalchemy.orm import Session
 
 from server.clock import DAY_US, day_start_us, format_utc
 from server.enums import JobState, SubmissionState
-from server.store.errors import OverLimit
+from server.errors import OverLimit
 from server.store.tables import JobRow, PhaseRow, RefusedUploadRow, SubmissionRow
 
 UNFINISHED = (SubmissionState.QUEUED.value, SubmissionState.RUNNING.value)

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.tree_difference import format_leaf
 from server.enums import JobKind, JobState, SubmissionState
-from server.store import checksums, overviews, standings, webhooks
+from server.store import audit, overviews, standings, webhooks
 from server.store.audited_rows import Columns, load_audited_rows, name_pair
 from server.store.quota import UNFINISHED
 from server.store.tables import (
@@ -93,7 +93,7 @@ def _compare_submission(row: SubmissionRow, expected: Columns) -> Iterator[RowDi
         text = f"state: expected {state or 'queued or running'}, found {format_leaf(row.state)}"
         yield RowDifference("submissions", row.id, text)
     if "summary_sha256" in expected:
-        found = checksums.compute_checksum(row.summary) if row.summary is not None else None
+        found = audit.compute_checksum(row.summary) if row.summary is not None else None
         if found != expected["summary_sha256"]:
             text = f"summary: expected the checksum {expected['summary_sha256']}, found {found}"
             yield RowDifference("submissions", row.id, text)
@@ -117,7 +117,7 @@ def _compare_jobs(session: Session, row: SubmissionRow, expected: Columns) -> It
     """Compare which scenarios and seeds a submission is driven in: without its worst ones its score would be better."""
     own = JobRow.is_of(row.id), JobRow.others == row.id
     jobs = session.execute(select(JobRow.scenario, JobRow.seed).where(*own))
-    found = checksums.compute_jobs_checksum((scenario, seed) for scenario, seed in jobs)
+    found = audit.compute_jobs_checksum((scenario, seed) for scenario, seed in jobs)
     if found != expected.get("jobs_sha256", found):
         text = f"scenarios and seeds: expected the checksum {expected['jobs_sha256']}, found {found}"
         yield RowDifference("jobs of submission", row.id, text)
@@ -131,7 +131,7 @@ def _compare_results(session: Session, row: SubmissionRow) -> Iterator[RowDiffer
     jobs = select(JobRow).where(JobRow.is_of(row.id)).order_by(JobRow.scenario, JobRow.seed)
     found = session.scalars(jobs).all()
     if not all(job.result is None for job in found):
-        checksum = checksums.compute_results_checksum(found)
+        checksum = audit.compute_results_checksum(found)
         if checksum != expected:
             text = f"results of its scenarios: expected the checksum {expected}, found {checksum}"
             yield RowDifference("jobs of submission", row.id, text)

@@ -8,8 +8,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
+from server.errors import NotFound, check_text, new_id
 from server.store import audit
-from server.store.errors import NotFound, check_text, new_id
 from server.store.tables import TeamRow
 
 _ID = re.compile(r"[0-9a-f]{32}", re.IGNORECASE)

@@ -9,8 +9,8 @@ from sqlalchemy.orm import Session
 
 from mdrive_sumo.core.errors import InputError
 from server.enums import TokenScope
+from server.errors import NotFound, new_id
 from server.store import audit
-from server.store.errors import NotFound, new_id
 from server.store.tables import TeamRow, TokenRow
 
 PREFIX = "mdrive_"

@@ -13,9 +13,9 @@ from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
 from server.enums import DeliveryState
+from server.errors import new_id
 from server.store import audit
-from server.store.checksums import compute_checksum
-from server.store.errors import new_id
+from server.store.audit import compute_checksum
 from server.store.tables import SubmissionRow, WebhookDeliveryRow, WebhookRow
 
 DELAYS_US = tuple(minutes * 60_000_000 for minutes in (1, 5, 30, 120))

@@ -22,8 +22,7 @@ from server.enums import ChallengeTrack
 from server.store import NotFound, phases, queries, teams
 from server.tracks import SENSING_LABELS, TRACK_LABELS
 from server.web import charts
-from server.web.board_view import COLUMNS_BESIDE, SCALAR_BY_NAME, SORTS, BoardView, format_csv
-from server.web.scalar_columns import SCALAR_COLUMNS
+from server.web.board_view import COLUMNS_BESIDE, SCALAR_BY_NAME, SCALAR_COLUMNS, SORTS, BoardView, format_csv
 from server.web.templating import page_headers, render
 from server.web.visitor import get_visitor
 

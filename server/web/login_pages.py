@@ -8,8 +8,7 @@ from fastapi.responses import RedirectResponse
 from mdrive_sumo.core.errors import InputError
 from server.api import registration
 from server.api.dependencies import Now, ServicesDep
-from server.web.error_page import describe_refusal
-from server.web.templating import render_page
+from server.web.templating import describe_refusal, render_page
 from server.web.visitor import OptionalVisitor, delete_token_cookie, find_visitor, set_token_cookie
 
 router = APIRouter()

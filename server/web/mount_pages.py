@@ -6,20 +6,17 @@ from fastapi import APIRouter, Depends, FastAPI
 
 from server.web import (
     admin_pages,
-    cross_play_page,
-    error_page,
     guide_page,
     leaderboard_page,
     login_pages,
-    matrix_page,
     overview_pages,
     scenario_page,
     static_files,
     submission_page,
     submit_page,
-    team_actions,
     team_page,
 )
+from server.web.templating import render_error
 from server.web.visitor import check_same_site
 
 
@@ -36,11 +33,8 @@ def mount_pages(app: FastAPI) -> None:
         submission_page,
         scenario_page,
         overview_pages,
-        cross_play_page,
         team_page,
-        team_actions,
         admin_pages,
-        matrix_page,
     ):
         pages.include_router(part.router)
     app.include_router(pages)
@@ -48,8 +42,5 @@ def mount_pages(app: FastAPI) -> None:
 
 def connect_pages(app: FastAPI) -> None:
     """Let the services of an application with pages build the leaderboard, and its errors become pages."""
-    app.state.error_page = error_page.render_error
+    app.state.error_page = render_error
     app.state.services.leaderboards.add_builder(partial(leaderboard_page.build_page, app.state.services))
-
-
-__all__ = ["connect_pages", "mount_pages"]

@@ -1,5 +1,6 @@
-"""Pages over several submissions: compare two, search, the results of one as CSV."""
+"""Pages over several submissions: compare two, search, results as CSV, how agents drive among CAVs of other teams."""
 
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
@@ -7,21 +8,25 @@ from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
 from server.api import submission_views
-from server.api.caller import Caller
 from server.api.comparison import compare_submissions
+from server.api.cross_play_board import CrossPlayOut, read_cross_play
+from server.api.csv_format import csv_headers, to_csv
 from server.api.dependencies import Services, ServicesDep
-from server.api.routes import overviews, results
-from server.api.schemas.parameters import Id
+from server.api.routes import results
+from server.api.routes.overviews import search_names
+from server.api.schemas.parameters import PHASE_PATTERN, Id
+from server.api.submission_views import Caller
 from server.enums import SubmissionState
-from server.store import tables
-from server.tracks import TRACK_LABELS
+from server.store import phases, tables
+from server.tracks import SENSING_LABELS, TRACK_LABELS
 from server.web import explanations
 from server.web.templating import render_page
-from server.web.visitor import OptionalVisitor
+from server.web.visitor import OptionalVisitor, Visitor
 
 router = APIRouter()
 MAX_CHOICES = 100
 """Submissions that the page of a comparison offers."""
+PhaseQuery = Annotated[str, Query(pattern=PHASE_PATTERN)]
 
 
 @router.get("/submissions/{submission}/compare")
@@ -38,7 +43,7 @@ async def compare(
 
 
 @router.get("/submissions/{submission}/scenarios.csv")
-async def download(submission: Id, visitor: OptionalVisitor, services: ServicesDep) -> Response:
+async def download_scenarios(submission: Id, visitor: OptionalVisitor, services: ServicesDep) -> Response:
     """Return the results of a submission as CSV."""
     caller = visitor.caller if visitor is not None else None
     answer = await results.download_scenarios(submission, caller, services)
@@ -57,7 +62,8 @@ async def search(
     """Search teams and submissions by name."""
     text, caller = q.strip(), visitor.caller if visitor is not None else None
     is_usable = len(text) > 1 and text.isprintable()
-    found = await services.run_large_read(lambda: overviews.find_names(text, caller, services)) if is_usable else None
+    read = partial(search_names, services.store, caller, text)
+    found = await services.run_large_read(read) if is_usable else None
     return render_page(request, "search.html", text=text, found=found, tracks=TRACK_LABELS, explanations=explanations)
 
 
@@ -97,3 +103,46 @@ def _list_choices(
         .order_by((row.team == submission.team).desc(), row.created_us.desc(), row.id)
     )
     return [(each, name) for each, name in session.execute(wanted.limit(MAX_CHOICES))]
+
+
+@router.get("/cross-play")
+async def show_cross_play(
+    request: Request, phase: PhaseQuery, visitor: OptionalVisitor, services: ServicesDep
+) -> Response:
+    """Show the matrix of a phase and the score with strangers."""
+    return await services.run_large_read(lambda: _render_board(request, phase, visitor, services))
+
+
+@router.get("/cross-play.csv")
+async def download_cross_play(phase: PhaseQuery, visitor: OptionalVisitor, services: ServicesDep) -> Response:
+    """Return the matrix as CSV, a line for each pair."""
+    board = await services.run_large_read(lambda: _find_board(phase, visitor, services))
+    headers = csv_headers(f"cross-play-{phase}") | {"Cache-Control": "no-store"}
+    return Response(_format_cross_play(board), media_type="text/csv", headers=headers)
+
+
+def _render_board(request: Request, phase: str, visitor: Visitor | None, services: Services) -> Response:
+    board = _find_board(phase, visitor, services)
+    with services.store.read() as session:
+        of_phase = phases.get(session, phase)
+        facts = {"title": of_phase.title, "public": of_phase.public}
+    return render_page(
+        request, "cross_play.html", board=board, phase=facts, tracks=TRACK_LABELS, sensing=SENSING_LABELS
+    )
+
+
+def _find_board(phase: str, visitor: Visitor | None, services: Services) -> CrossPlayOut:
+    return read_cross_play(services.store, visitor.caller if visitor is not None else None, phase)
+
+
+def _format_cross_play(board: CrossPlayOut) -> str:
+    names = {agent.submission: (agent.team, agent.method) for agent in board.agents}
+    figures = ("ds", "sr", "episodes", "failed", "stopped_others", "left_out")
+    header = ("team", "method", "others_team", "others_method", *figures)
+    rows = (
+        (*names[agent.submission], *names[cell.others], *(getattr(cell, name) for name in figures))
+        for agent in board.agents
+        for cell in agent.cells
+        if not cell.is_own_team
+    )
+    return to_csv(header, rows)

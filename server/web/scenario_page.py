@@ -2,10 +2,10 @@
 
 from fastapi import APIRouter, Request, Response
 
-from server.api.caller import Caller
 from server.api.dependencies import Services, ServicesDep
 from server.api.routes import results, submissions
 from server.api.schemas.parameters import Id, ScenarioId, Seed
+from server.api.submission_views import Caller
 from server.store import NotFound
 from server.web import explanations, scenario_outcome
 from server.web.charts import make_latency_histogram

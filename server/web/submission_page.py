@@ -8,7 +8,6 @@ from fastapi.responses import RedirectResponse
 from sqlalchemy import select
 
 from server.api import submission_views
-from server.api.caller import Caller
 from server.api.dependencies import Now, Services, ServicesDep
 from server.api.problems import HiddenScenariosError
 from server.api.routes import results, submissions
@@ -16,13 +15,14 @@ from server.api.schemas.parameters import Id
 from server.api.schemas.scenarios import ScenarioOut
 from server.api.schemas.submissions import ReasonIn, SubmissionOut
 from server.api.schemas.teams import ShowIn
+from server.api.submission_views import Caller
 from server.enums import JobState
+from server.errors import check_text
 from server.store import tables
-from server.store.errors import check_text
 from server.store.quota import UNFINISHED
 from server.web import explanations, scenario_outcome
+from server.web.board_view import SCALAR_COLUMNS
 from server.web.charts import make_latency_histogram
-from server.web.scalar_columns import SCALAR_COLUMNS
 from server.web.templating import page_headers, render, render_page
 from server.web.visitor import AdminVisitor, AnyVisitor, OptionalVisitor
 

@@ -13,10 +13,9 @@ from server.api.routes.phases import find_default_phase, list_phases, show_quota
 from server.api.schemas.parameters import Id
 from server.api.submission_service import receive_submission
 from server.api.upload import received_fields
-from server.store.errors import new_id
+from server.errors import new_id
 from server.tracks import TRACK_LABELS
-from server.web.error_page import describe_refusal
-from server.web.templating import page_headers, render, render_page
+from server.web.templating import describe_refusal, page_headers, render, render_page
 from server.web.visitor import TeamVisitor
 
 router = APIRouter()

@@ -1,4 +1,4 @@
-"""A team's page: public history; for members also hidden submissions, quota and tokens."""
+"""A team's page: public history; for members also hidden submissions, quota, tokens and the webhook."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,23 +8,27 @@ from fastapi import APIRouter, Form, Query, Request, Response
 from fastapi.responses import RedirectResponse
 from sqlalchemy.orm import Session
 
+from mdrive_sumo.core.errors import InputError
 from server.api import submission_views
 from server.api.dependencies import Now, ServicesDep
 from server.api.routes import submissions
 from server.api.routes import webhook as api
 from server.api.schemas.parameters import Id, TeamName
 from server.api.schemas.submissions import FiguresOut
-from server.api.schemas.teams import ShowIn
+from server.api.schemas.teams import NewWebhookIn, ShowIn
 from server.clock import format_utc
-from server.enums import SubmissionState
+from server.enums import SubmissionState, TokenScope
 from server.store import NotFound, phases, queries, quota, tables, teams, tokens
 from server.tracks import TRACK_LABELS
 from server.web import charts, explanations
 from server.web.templating import render_page
-from server.web.visitor import AnyVisitor, OptionalVisitor, Visitor
+from server.web.visitor import AnyVisitor, OptionalVisitor, TeamVisitor, Visitor, delete_token_cookie
 
 router = APIRouter()
+MAX_TOKENS = 20
+"""Valid tokens of a team: one that is stolen cannot make any number of others."""
 SubmissionField = Annotated[Id, Form()]
+TokenField = Annotated[Id, Form()]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,3 +145,95 @@ def _list_quota_left(session: Session, team: tables.TeamRow, at_us: int) -> list
             limits = (phase.per_day - used.today, phase.in_parallel - used.in_parallel, phase.in_total - used.in_total)
             found.append(QuotaLeft(phase, *(max(0, number) for number in limits)))
     return found
+
+
+@router.post("/teams/{team}/tokens")
+def issue_token(request: Request, team: Id, visitor: AnyVisitor, services: ServicesDep, at_us: Now) -> Response:
+    """Issue another token of the team, which is shown only once."""
+    with services.store.write() as session:
+        found = _find_own(session, visitor, team)
+        if sum(each.revoked_us is None for each in tokens.list_tokens(session, found)) >= MAX_TOKENS:
+            raise InputError(f"token: expected fewer than {MAX_TOKENS} valid ones, found as many: revoke one first")
+        text = tokens.issue(session, found, TokenScope.SUBMIT, at_us, visitor.caller.actor)
+    use = "Programs read it from MDRIVE_TOKEN; a browser logs in with it. Anyone who has it can submit for the team."
+    back = f"/teams/{team}#tokens"
+    return render_page(
+        request, "secret.html", title="A new token", secret=text, holder=f"team {found.name}", use=use, back=back
+    )
+
+
+@router.get("/teams/{team}/tokens/{token}/revoke")
+def confirm_revoke(request: Request, team: Id, token: Id, visitor: AnyVisitor, services: ServicesDep) -> Response:
+    """Ask before a token is revoked."""
+    with services.store.read() as session:
+        found = _find_own(session, visitor, team)
+        held = tokens.list_tokens(session, found)
+        asked = _find_held(session, found, token)
+    return render_page(
+        request,
+        "confirm_revoke.html",
+        token=asked,
+        holder=f"team {found.name}",
+        is_last=sum(each.revoked_us is None for each in held) == 1,
+        action=f"/teams/{team}/revoke",
+        back=f"/teams/{team}#tokens",
+    )
+
+
+@router.post("/teams/{team}/revoke")
+def revoke_token(team: Id, token: TokenField, visitor: AnyVisitor, services: ServicesDep, at_us: Now) -> Response:
+    """Revoke a token of the visitor's team, or any for admins; revoking the browser's own token logs out."""
+    with services.store.write() as session:
+        _find_held(session, _find_own(session, visitor, team, token), token)
+        tokens.revoke(session, token, at_us, visitor.caller.actor)
+    if token != visitor.caller.token:
+        return RedirectResponse(f"/teams/{team}#tokens", 303)
+    response = RedirectResponse("/login", 303)
+    delete_token_cookie(response)
+    return response
+
+
+@router.post("/teams/{team}/webhook")
+def set_webhook(
+    request: Request,
+    team: Id,
+    visitor: TeamVisitor,
+    services: ServicesDep,
+    at_us: Now,
+    url: Annotated[str, Form(max_length=1000)] = "",
+) -> Response:
+    """Set the webhook of the visitor's team; its secret is shown only once."""
+    _require_same(visitor[1], team)
+    made = api.set_webhook(NewWebhookIn.model_construct(url=url), visitor, services, at_us)
+    use = "Your program verifies the header webhook-signature with it (Standard Webhooks)."
+    back = f"/teams/{team}#webhook"
+    return render_page(
+        request, "secret.html", title="Secret of the webhook", secret=made.secret, holder=made.url, use=use, back=back
+    )
+
+
+@router.post("/teams/{team}/webhook/remove")
+def remove_webhook(team: Id, visitor: TeamVisitor, services: ServicesDep, at_us: Now) -> Response:
+    """Remove the webhook of the visitor's team."""
+    _require_same(visitor[1], team)
+    api.remove_webhook(visitor, services, at_us)
+    return RedirectResponse(f"/teams/{team}#webhook", 303)
+
+
+def _find_own(session: Session, visitor: Visitor, team: str, token: str = "") -> tables.TeamRow:
+    """Return the visitor's team, or any for admins. Raises NotFound, which names what was asked for."""
+    if visitor.caller.is_admin or visitor.caller.team == team:
+        return teams.get(session, team)
+    raise NotFound(f"token: there is no {token!r}" if token else f"team: there is no {team!r}")
+
+
+def _find_held(session: Session, team: tables.TeamRow, token: str) -> tables.TokenRow:
+    for each in tokens.list_tokens(session, team):
+        if each.id == token:
+            return each
+    raise NotFound(f"token: there is no {token!r}")
+
+
+def _require_same(own: str, team: str) -> None:
+    if own != team:
+        raise NotFound(f"team: there is no {team!r}")

@@ -1,19 +1,25 @@
 """Renders pages from templates, always escaped, with a content security policy."""
 
+import math
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import datetime
 from http import HTTPStatus
 from typing import Any
 
-from fastapi import Request
+from fastapi import Request, Response
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mdrive_sumo.core.clean_text import clean_for_page
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.statistics import MIN_UNITS
+from server.api.problems import ProblemError, find_status, hide_paths
 from server.api.schemas.submissions import FiguresOut
 from server.clock import format_utc
+from server.store import OverLimit, StoreUnavailable
 from server.web.static_files import static_url
+from server.web.visitor import get_visitor
 
 POLICY = "; ".join(
     (
@@ -129,3 +135,23 @@ def _make_environment() -> Environment:
 
 
 _environment = _make_environment()
+
+
+def describe_refusal(error: InputError | ProblemError, at_us: int) -> tuple[int, str, Mapping[str, str]]:
+    """Return status, sentence and headers for showing a refusal on its form."""
+    if isinstance(error, ProblemError):
+        return error.status, hide_paths(error.detail), error.headers
+    again_us = error.retry_us if isinstance(error, OverLimit) else None
+    headers = {} if again_us is None else {"Retry-After": str(max(1, math.ceil((again_us - at_us) / 1e6)))}
+    return find_status(error)[0], hide_paths(str(error)), headers
+
+
+async def render_error(request: Request, status: int, detail: str, headers: Mapping[str, str]) -> Response:
+    """Render a problem as a page; `server.api.problems` calls this outside /api."""
+    if not hasattr(request.state, "visitor"):
+        with suppress(StoreUnavailable):
+            await get_visitor(request, request.app.state.services)
+    title = HTTPStatus(status).phrase
+    return render_page(
+        request, "error.html", status, headers, title=title, detail=detail, log_in=status == HTTPStatus.UNAUTHORIZED
+    )

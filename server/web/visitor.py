@@ -7,9 +7,9 @@ from typing import Annotated
 from fastapi import Depends, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from server.api.caller import Caller, find_caller
 from server.api.dependencies import ServicesDep
 from server.api.problems import ProblemError
+from server.api.submission_views import Caller, find_caller
 from server.store import NotFound, Store, teams
 
 COOKIE = "mdrive_token"

@@ -43,7 +43,7 @@ TARGET_MS = 100.0
 PROGRAM = """
 import asyncio, sys, uvicorn
 from server.api import leaderboard_cache
-from server.api.database_reader import DirectDatabaseReader
+from server.api.leaderboard_cache import DirectDatabaseReader
 from server.api.response_cache import ResponseCacheMiddleware
 from server.cli.serve_command import SWITCH_S
 from server.web.mount_pages import mount_pages

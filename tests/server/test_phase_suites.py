@@ -8,9 +8,8 @@ from testing.suite_fakes import make_suite
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.suite import list_packaged_suites
-from server.phase_settings import PhaseSettings
 from server.phase_suites import LoadedPhaseSuites
-from server.settings import ServerSettings
+from server.settings import PhaseSettings, ServerSettings
 from server.store.tables import PhaseRow
 
 

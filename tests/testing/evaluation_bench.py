@@ -8,9 +8,8 @@ from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.runs.executor import Executor, Waitable
 from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure
 from server.enums import JobKind
-from server.evaluation.dispatcher import Dispatcher
+from server.evaluation.dispatcher import Dispatcher, StopRequest
 from server.evaluation.job_task import JobResult, JobTask
-from server.evaluation.stop_request import StopRequest
 from server.phase_suites import LoadedPhaseSuites
 from server.settings import ServerSettings
 from server.store import Store

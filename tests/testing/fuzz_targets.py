@@ -44,10 +44,10 @@ from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.readers.v2xseq import read_v2xseq, read_v2xseq_map
 from real2sim.recording import Recording
 from real2sim.writers.v2xpnp_map import write_vector_map
-from server.archive.limits import ArchiveLimits
+from server.archive.layout import ArchiveLimits
 from server.archive.manifest import check_archive
 from server.settings import load_settings
-from server.store.database_check import check_sqlite_file
+from server.store.engine import check_sqlite_file
 from testing import (
     archive_samples,
     argoverse2_samples,

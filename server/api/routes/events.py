@@ -19,7 +19,7 @@ from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.dependencies import AnyCaller, Caller, Services, ServicesDep
 from server.api.problems import document_problems
 from server.api.schemas.parameters import Id
-from server.store import StoreUnavailable, events, tokens
+from server.store import StoreUnavailable, submissions, tokens
 from server.store.quota import UNFINISHED
 
 router = APIRouter(tags=["submissions"])
@@ -120,7 +120,7 @@ def _read_events(services: Services, caller: Caller, submission_id: str, after: 
             return EventBatch([], after, has_more=False, is_finished=False, is_revoked=True)
         submission = submission_views.find_own(session, caller, submission_id)
         phase = submission_views.get_phase(session, submission)
-        found = events.list_since(session, submission_id, after, PAGE)
+        found = submissions.list_events(session, submission_id, after, PAGE)
         disclosed = [
             (event.id, event.kind, submission_views.visible_event(phase, event.kind, event.data)) for event in found
         ]

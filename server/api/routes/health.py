@@ -4,14 +4,34 @@ from itertools import islice
 
 from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, Gauge, generate_latest
+from pydantic import Field
 
 from mdrive_sumo import __version__
 from server.api.dependencies import AdminCaller, Now, OperatorCaller, ServicesDep
 from server.api.problems import document_problems
-from server.api.schemas.administration import AuditOut, HealthOut
+from server.api.schemas.parameters import ResponseModel
 from server.enums import JobState, SubmissionState
 from server.store import audit, queries, workers
 from server.store.row_check import find_row_differences
+
+
+class HealthOut(ResponseModel):
+    """The server and its database answer."""
+
+    status: str
+    version: str
+
+
+class AuditOut(ResponseModel):
+    """Result of verifying the audit log's hash chain."""
+
+    entries: int
+    head: str
+    broken: int | None
+    """Id of the first entry whose hash does not fit the one before; null if all fit."""
+    differences: list[str] = Field(default=[])
+    """Rows that are not as the log says, at most 100; empty if the chain is broken."""
+
 
 router = APIRouter(tags=["operations"])
 MAX_DIFFERENCES = 100

@@ -33,8 +33,7 @@ from mdrive_sumo.runs.result_transfer import run_with_output_files, store_output
 from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure, WorkerProcess
 from mdrive_sumo.scoring import ScenarioResult
-from server.evaluation.dispatcher import Dispatcher
-from server.evaluation.stop_request import StopRequest
+from server.evaluation.dispatcher import Dispatcher, StopRequest
 from server.phase_suites import LoadedPhaseSuites
 from server.store.tables import JobRow as Job_
 

@@ -13,7 +13,7 @@ from testing.processes import wait_for
 
 from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.event_watch import EventWatch
-from server.store import events, submissions, tokens
+from server.store import submissions, tokens
 
 
 def test_events_are_replayed_from_the_last_one_seen(server: Server) -> None:
@@ -110,7 +110,7 @@ def test_streams_look_at_the_database_together(server: Server, monkeypatch: pyte
     async def follow() -> None:
         await watch.begin(server.store)
         with server.store.read() as session:
-            last = max(event.id for event in events.list_since(session, mine, 0, 100))
+            last = max(event.id for event in submissions.list_events(session, mine, 0, 100))
         ask = partial(watch.has_news, server.store)
         assert not any(await asyncio.gather(*(ask(mine, last, "token") for _ in range(200))))
         assert len(looks) == 1

@@ -8,7 +8,7 @@ from testing.api_submissions import drive_submissions
 from testing.store_samples import NOON, S
 
 from server.api import leaderboard_cache
-from server.api.database_reader import DirectDatabaseReader
+from server.api.leaderboard_cache import DirectDatabaseReader
 from server.api.leaderboards import BoardKey
 from server.store import queries
 

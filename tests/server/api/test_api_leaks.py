@@ -22,7 +22,7 @@ from server.api.schemas.parameters import to_datetime
 from server.clock import DAY_US
 from server.enums import MIN_HIDDEN_SCENARIOS, ScenarioVerdict
 from server.phase_suites import LoadedPhaseSuites
-from server.store import events, jobs, submissions
+from server.store import jobs, submissions
 from server.store.jobs import JobOutcome
 from server.store.phases import NewPhase, set_phases
 
@@ -103,7 +103,7 @@ class Phase:
                 assert jobs.finish(session, job.id, "w", job.attempt, outcome, TIMES["finished_us"])
             finished_us = self.server.now_us + (47 * 60 + 10) * S
             assert submissions.finish_if_complete(session, mine, SUMMARY, finished_us)
-            events.add_event(session, mine, "scenario", {"scenario": SCENARIO}, self.server.now_us)  # by mistake
+            submissions.add_event(session, mine, "scenario", {"scenario": SCENARIO}, self.server.now_us)  # by mistake
         place = (self.server.settings, mine, SCENARIO, 0)
         paths.recordings_folder(self.server.settings, mine, 0).mkdir(parents=True)
         paths.recording_path(*place).write_text("marker-recording")

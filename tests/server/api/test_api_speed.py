@@ -12,9 +12,9 @@ from testing.api_client import TestClient
 from testing.store_samples import NOON, PHASE
 from testing.web_page import driven
 
-from server.api import database_reader, leaderboard_cache
+from server.api import leaderboard_cache
 from server.api.app import create_app
-from server.api.database_reader import DirectDatabaseReader, SubprocessDatabaseReader
+from server.api.leaderboard_cache import DirectDatabaseReader, SubprocessDatabaseReader
 from server.api.leaderboards import BoardKey
 from server.api.problems import ProblemError
 from server.settings import ServerSettings
@@ -68,7 +68,7 @@ def test_boards_are_ready_before_anybody_asks(tmp_path: Path, monkeypatch: pytes
     server.app.state.services.leaderboards.add_builder(note)
     with TestClient(server.app) as client:
         assert set(made) == {PHASE.id, HIDDEN.id} and CLOSED.id not in made
-        with patch.object(database_reader, "read_if_changed", side_effect=AssertionError("a request made a board")):
+        with patch.object(leaderboard_cache, "read_if_changed", side_effect=AssertionError("a request made a board")):
             for path in ("/api/v1/leaderboards/dev", "/?phase=dev", "/?phase=test", "/?phase=dev&track=negotiation"):
                 assert client.get(path).status_code == 200
         driven(server, "blue", 60.0)
@@ -86,7 +86,7 @@ def test_boards_are_kept_through_a_time_without_a_database(tmp_path: Path) -> No
 
     async def asked() -> None:
         before = await found.get_json(which, NOON)
-        with patch.object(database_reader, "read_if_changed", side_effect=StoreUnavailable("it went away")):
+        with patch.object(leaderboard_cache, "read_if_changed", side_effect=StoreUnavailable("it went away")):
             await found.refresh_all(lambda: NOON + 2 * leaderboard_cache.FRESH_US)
             assert await found.get_json(which, NOON + 2 * leaderboard_cache.FRESH_US) == before
             with pytest.raises(StoreUnavailable):
@@ -124,7 +124,7 @@ def test_a_reader_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.Mo
         assert apart.read(all_phases, changed) == (changed, None)
         with pytest.raises(NotFound, match="'nobody'"):
             apart.read(no_such_team, None)
-        monkeypatch.setattr(database_reader, "READ_S", 0.2)
+        monkeypatch.setattr(leaderboard_cache, "READ_S", 0.2)
         with pytest.raises(ProblemError, match="took longer than"):
             apart.read(too_long, None)
         monkeypatch.undo()

@@ -7,7 +7,7 @@ import pytest
 from testing.api_app import API, Server
 
 from mdrive_sumo.core.errors import InputError
-from server.api.hidden_paths import HIDDEN_PATH, hide_paths
+from server.api.problems import HIDDEN_PATH, hide_paths
 from server.store import submissions
 
 

@@ -149,7 +149,7 @@ def test_a_search_finds_what_the_caller_may_see(server: Server) -> None:
 
 
 def test_a_search_is_bounded(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("server.api.search.MAX_FOUND", 1)
+    monkeypatch.setattr("server.api.routes.overviews.MAX_FOUND", 1)
     last: Any = [done(server, "red", [1] * 6) for _ in range(2)][-1]
     found = server.get("/search?q=method")
     assert ([each["id"] for each in found["submissions"]], found["more"]) == ([last], True)

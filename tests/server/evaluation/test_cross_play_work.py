@@ -11,10 +11,9 @@ from testing.evaluation_fakes import scored, submitted
 from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.core.state import End
 from mdrive_sumo.scoring import EgoResult
-from server.api.caller import Caller
-from server.api.cross_play_board import read_cross_play
+from server.api.cross_play_board import CrossPlayOut, read_cross_play
 from server.api.problems import HiddenScenariosError
-from server.api.schemas.cross_play import CrossPlayOut
+from server.api.submission_views import Caller
 from server.enums import JobKind, JobState, ScenarioVerdict, TokenScope
 from server.evaluation.cross_play import JUDGED_EPISODES
 from server.evaluation.job_task import AgentRejection, JobResult, JobTask
@@ -82,8 +81,7 @@ class Shared:
         self.bench.steps(steps, pause_us=20 * S)
 
     def board(self, admin: bool = False) -> CrossPlayOut:
-        with self.bench.store.read() as session:
-            return read_cross_play(session, Caller("admin", None, TokenScope.ADMIN) if admin else None, "p")
+        return read_cross_play(self.bench.store, Caller("admin", None, TokenScope.ADMIN) if admin else None, "p")
 
 
 def replace_egos(scenario: str, *egos: EgoResult) -> dict[str, object]:

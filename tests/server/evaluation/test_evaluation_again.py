@@ -25,8 +25,8 @@ from server.enums import JobKind, JobState, ScenarioVerdict, SubmissionState
 from server.evaluation import spot_checks, submission_job
 from server.evaluation.dispatcher import EvaluatorMismatchError
 from server.evaluation.job_task import JobResult, JobTask
-from server.evaluation.requeue import requeue_outdated
-from server.store import audit, events, submissions
+from server.evaluation.supervisor import requeue_outdated
+from server.store import audit, submissions
 from server.store.jobs import JobOutcome
 from server.store.tables import AuditEntryRow, JobRow
 
@@ -152,13 +152,13 @@ def test_a_spot_check_compares_and_tells_only_the_audit_log(bench: Bench) -> Non
     bench.with_spot_checks()
     bench.steps(2)
     with bench.store.read() as session:
-        told = len(events.list_since(session, submission))
+        told = len(submissions.list_events(session, submission))
     bench.steps(2)
     [found] = bench.spot_checks()
     assert found["same"] is True
     assert bench.calls() == 3
     with bench.store.read() as session:
-        assert len(events.list_since(session, submission)) == told
+        assert len(submissions.list_events(session, submission)) == told
         [job] = spot_checks.sample_jobs(session, submission, "any")
     assert job.scenario == "s0"  # the other's agent failed
     assert job.attempt == 1

@@ -35,7 +35,7 @@ def test_the_summary_is_computed_outside_of_the_write_transaction(
             computed.append(session.scalar(select(1)) == 1)
         return summarise(jobs)
 
-    monkeypatch.setattr("server.evaluation.write_summaries.summarise", summarise_and_write)
+    monkeypatch.setattr("server.evaluation.summary.summarise", summarise_and_write)
     bench.steps(4)
     assert computed == [True]
     assert read(bench.store, submission).state == SubmissionState.DONE

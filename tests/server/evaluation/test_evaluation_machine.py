@@ -17,8 +17,7 @@ from mdrive_sumo.core.errors import InputError
 from server.environments import ABOUT_FILE
 from server.evaluation.machine_check import check_hidden_phases, check_machine
 from server.evaluation.supervisor import Supervisor
-from server.phase_settings import WARM_UP, PhaseSettings
-from server.settings import SandboxSettings, ServerSettings, WorkerSettings, load_settings
+from server.settings import WARM_UP, PhaseSettings, SandboxSettings, ServerSettings, WorkerSettings, load_settings
 from server.store import phases as store_phases
 
 

@@ -22,8 +22,7 @@ from testing.processes import alive
 
 from mdrive_sumo.runs.make_executor import make_executor
 from server.enums import JobState, SubmissionState
-from server.evaluation.dispatcher import Dispatcher
-from server.evaluation.stop_request import StopRequest
+from server.evaluation.dispatcher import Dispatcher, StopRequest
 from server.evaluation.supervisor import Supervisor
 from server.phase_suites import LoadedPhaseSuites
 

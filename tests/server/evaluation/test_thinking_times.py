@@ -13,8 +13,8 @@ from testing.web_page import Visit
 from mdrive_sumo.core.bimodality import describe_modes
 from server.enums import ScenarioVerdict
 from server.evaluation.submission_job import collect_usage
+from server.evaluation.summary import write_summary
 from server.evaluation.thinking_times import FLAG_ACTION, THINKING, find_thinking_flag
-from server.evaluation.write_summaries import write_summary
 from server.store import audit, jobs
 from server.store.jobs import JobOutcome
 from server.store.overviews import make_overview
@@ -73,7 +73,7 @@ def test_organisers_see_it_and_teams_do_not(tmp_path: Path) -> None:
             jobs.finish(session, job.id, "w", job.attempt, outcome, server.now_us + S)
     drawn: list[str] = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("server.evaluation.write_summaries.summarise", lambda _: summary(80.0))
+        patch.setattr("server.evaluation.summary.summarise", lambda _: summary(80.0))
         write_summary(server.store, mine, lambda: server.now_us + S, lambda _, name: drawn.append(name))
     with server.store.read() as session:
         (entry,) = audit.list_latest(session, 10, FLAG_ACTION)

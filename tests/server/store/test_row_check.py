@@ -19,8 +19,8 @@ from mdrive_sumo.core.errors import InputError
 from server.cli import admin
 from server.enums import JobKind, JobState, TokenScope
 from server.store import Store, audit, cross_play, jobs, phases, submissions, teams, tokens, webhooks
+from server.store.audit import compute_results_checksum
 from server.store.backup import restore_backup, write_backup
-from server.store.checksums import compute_results_checksum
 from server.store.cross_play import CrossPlayScore
 from server.store.row_check import find_row_differences
 from server.store.tables import JobRow, SubmissionRow, TableBase

@@ -11,7 +11,7 @@ from testing import databases
 from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, sent, states, summary, with_teams
 
 from server.enums import JobState, SubmissionState
-from server.store import Store, events, job_selection, jobs, phases, submissions, worker_time
+from server.store import Store, job_selection, jobs, phases, submissions, worker_time
 from server.store.job_selection import WaitingSubmission
 from server.store.quota import count_used
 from server.store.tables import JobOverviewRow
@@ -177,7 +177,7 @@ def test_a_submission_over_its_budget_ends_with_a_clear_sentence(store: Store) -
         assert states(session, submission) == [JobState.DONE, JobState.CANCELLED, JobState.CANCELLED]
         assert not jobs.heartbeat(session, running.id, "w", 1, LEASE, NOON + 31 * MINUTE)  # its boxes end
         assert count_used(session, red, "dev", NOON + HOUR).in_total == 1
-        told = events.list_since(session, submission)[-1]
+        told = submissions.list_events(session, submission)[-1]
         assert told.data == {"state": "over-budget", "why": found.why}
 
 

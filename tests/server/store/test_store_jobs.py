@@ -11,7 +11,7 @@ from testing.store_samples import GOOD, JOBS, LEASE, NOON, PHASE, S, all_of, sen
 from mdrive_sumo.core.state import FailureReason
 from server.clock import DAY_US
 from server.enums import JobState, ScenarioVerdict, SubmissionState
-from server.store import NotFound, Store, events, jobs, phases, submissions
+from server.store import NotFound, Store, jobs, phases, submissions
 from server.store.jobs import MAX_FAILURES, JobOutcome
 from server.store.tables import JobRow, SubmissionRow
 
@@ -75,7 +75,7 @@ def test_a_result_is_kept_with_all_that_belongs_to_it(store: Store) -> None:
         kept = jobs.get(session, job.id)
         assert (kept.state, kept.verdict, kept.reason) == (JobState.DONE, "agent-failed", "timeout")
         assert (kept.result, kept.usage, kept.finished_us) == ({"ds": 3.5, "sr": 0.0}, {"cpu_s": 1.5}, NOON + S)
-        told = [(event.kind, event.data) for event in events.list_since(session, submission)][-1]
+        told = [(event.kind, event.data) for event in submissions.list_events(session, submission)][-1]
     assert told == (
         "scenario",
         {"scenario": "left-turn", "seed": 0, "verdict": "agent-failed", "reason": "timeout", "ds": 3.5, "sr": 0.0},
@@ -90,7 +90,7 @@ def test_of_a_hidden_phase_events_tell_states_only(store: Store) -> None:
     with store.write() as session:
         jobs.finish(session, job.id, "w", 1, GOOD, NOON + S)
         submissions.finish_if_complete(session, submission, summary(1), NOON + S)
-        told = [(event.kind, event.data) for event in events.list_since(session, submission)]
+        told = [(event.kind, event.data) for event in submissions.list_events(session, submission)]
     assert told == [("state", {"state": name}) for name in ("queued", "running", "done")]
 
 

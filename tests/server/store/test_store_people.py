@@ -9,7 +9,7 @@ from testing.store_samples import NOON, PHASE, S, all_of, sent, with_teams
 
 from mdrive_sumo.core.errors import InputError
 from server.enums import TokenScope
-from server.store import NotFound, NotNow, Store, audit, events, phases, teams, tokens
+from server.store import NotFound, NotNow, Store, audit, phases, submissions, teams, tokens
 from server.store.tables import AuditEntryRow, TokenRow
 
 
@@ -114,13 +114,13 @@ def test_events_are_replayed_from_any_id_on(store: Store) -> None:
     with store.write() as session:
         submission = sent(session, red).id
         for number in range(3):
-            events.add_event(session, submission, "note", {"number": number}, NOON)
+            submissions.add_event(session, submission, "note", {"number": number}, NOON)
     with store.read() as session:
-        first, *rest = events.list_since(session, submission)
+        first, *rest = submissions.list_events(session, submission)
         assert (first.kind, first.data) == ("state", {"state": "queued"})
-        assert [event.data["number"] for event in events.list_since(session, submission, rest[0].id)] == [1, 2]
-        assert len(events.list_since(session, submission, limit=2)) == 2
-        assert events.list_since(session, "another") == []
+        assert [event.data["number"] for event in submissions.list_events(session, submission, rest[0].id)] == [1, 2]
+        assert len(submissions.list_events(session, submission, limit=2)) == 2
+        assert submissions.list_events(session, "another") == []
 
 
 def test_the_audit_chain_shows_every_change(store: Store) -> None:

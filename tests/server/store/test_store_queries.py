@@ -8,9 +8,11 @@ from testing import databases
 from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, all_of, driven, sent, with_teams
 
 from mdrive_sumo.contract import SensingTrack
+from mdrive_sumo.report.published_results import BUCKETS
 from mdrive_sumo.scenario.suite import load_suite
+from server.api.leaderboards import list_published
 from server.enums import ChallengeTrack, JobState, SubmissionState
-from server.store import NotFound, Store, jobs, phases, published_results, queries, submissions, teams
+from server.store import NotFound, Store, jobs, phases, queries, submissions, teams
 from server.store.row_check import find_row_differences
 from server.store.tables import StandingRow
 
@@ -219,39 +221,37 @@ def test_a_leaderboard_costs_what_it_shows(ids: list[str], store: Store) -> None
 
 
 def test_published_rows_are_marked_and_unranked() -> None:
-    rows = published_results.list_published(None)
+    rows = list_published(None)
     assert [(row.method, row.ds) for row in rows[:2]] == [("CoDriving", 82.67), ("CoLMDriver", 77.16)]
     assert all(row.published and row.rank is None and row.submission is None for row in rows) and len(rows) == 7
-    assert [
-        row.method for row in published_results.list_published(ChallengeTrack.NEGOTIATION, bucket="InterDrive")
-    ] == [
+    assert [row.method for row in list_published(ChallengeTrack.NEGOTIATION, bucket="InterDrive")] == [
         "CoLMDriver",
         "CoLMDriver (rule-based)",
     ]
-    assert published_results.list_published(ChallengeTrack.NEGOTIATION, bucket="InterDrive")[0].figures == {
+    assert list_published(ChallengeTrack.NEGOTIATION, bucket="InterDrive")[0].figures == {
         "ds": 85.29,
         "sr": 76.85,
     }
     assert (
-        published_results.list_published(None, category="merge")
-        == published_results.list_published(None, bucket="mine")
-        == published_results.list_published(ChallengeTrack.JOINT)
+        list_published(None, category="merge")
+        == list_published(None, bucket="mine")
+        == list_published(ChallengeTrack.JOINT)
         == []
     )
 
 
 def test_published_buckets_are_named_as_in_scenarios() -> None:
-    assert {scenario.bucket for scenario in load_suite("interdrive").scenarios} <= set(published_results.BUCKETS)
+    assert {scenario.bucket for scenario in load_suite("interdrive").scenarios} <= set(BUCKETS)
 
 
 def test_published_averages_are_the_means_of_their_buckets() -> None:
     """Against misprints: the paper's average is the mean of the three to its two decimals."""
-    for overall in published_results.list_published(None):
+    for overall in list_published(None):
         for figure in ("ds", "sr"):
             parts = [
                 row.figures[figure]
-                for bucket in published_results.BUCKETS
-                for row in published_results.list_published(None, bucket=bucket)
+                for bucket in BUCKETS
+                for row in list_published(None, bucket=bucket)
                 if row.method == overall.method
             ]
             assert overall.figures[figure] == pytest.approx(sum(parts) / 3, abs=0.0101), (overall.method, figure)

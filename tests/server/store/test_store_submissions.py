@@ -10,7 +10,7 @@ from testing.store_samples import GOOD, LEASE, NOON, PHASE, S, all_of, driven, s
 from mdrive_sumo.core.errors import InputError
 from server.clock import DAY_US, day_start_us
 from server.enums import ChallengeTrack, SubmissionState
-from server.store import NotFound, NotNow, OverLimit, Store, audit, events, jobs, phases, quota, submissions
+from server.store import NotFound, NotNow, OverLimit, Store, audit, jobs, phases, quota, submissions
 from server.store.tables import JobRow, StandingRow, SubmissionRow
 
 
@@ -228,7 +228,7 @@ def test_every_early_end_stops_the_jobs_and_says_why(store: Store, red: str, end
         assert not jobs.heartbeat(session, job.id, "w", 1, LEASE, NOON + S)
         assert not jobs.finish(session, job.id, "w", 1, GOOD, NOON + S)
         assert submission.why == "".join(why) and submission.finished_us == NOON + S
-        assert events.list_since(session, submission.id)[-1].data == {"state": submission.state} | (
+        assert submissions.list_events(session, submission.id)[-1].data == {"state": submission.state} | (
             {"why": "because"} if why else {}
         )
         for again in (submissions.cancel, lambda *of: submissions.reject(of[0], of[1], "late", of[2])):

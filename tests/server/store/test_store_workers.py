@@ -8,8 +8,7 @@ from testing.store_samples import S
 
 from mdrive_sumo import __version__
 from mdrive_sumo.runs.process_pool import ProcessPool
-from server.evaluation.dispatcher import Dispatcher
-from server.evaluation.stop_request import StopRequest
+from server.evaluation.dispatcher import Dispatcher, StopRequest
 from server.phase_suites import LoadedPhaseSuites
 from server.store import Store, workers
 

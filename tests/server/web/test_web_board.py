@@ -17,7 +17,7 @@ from server.clock import DAY_US
 from server.enums import TokenScope
 from server.store import Store, phases, teams, tokens
 from server.web import templating
-from server.web.scalar_columns import SCALAR_COLUMNS
+from server.web.board_view import SCALAR_COLUMNS
 
 pytestmark = pytest.mark.slow
 
