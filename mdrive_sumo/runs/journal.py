@@ -30,9 +30,6 @@ else:
     fcntl = import_posix("fcntl")
 
 FORMAT = "mdrive-sumo/journal/2"
-FORMAT_WITHOUT_CHECKSUMS = "mdrive-sumo/journal/1"
-"""Its lines cannot be checked: it is read by `verify`, `rescore` and `view`, but not continued."""
-READABLE_FORMATS = (FORMAT, FORMAT_WITHOUT_CHECKSUMS)
 JOURNAL_FILE = "journal.jsonl"
 
 _NOTHING: Mapping[str, Any] = {}
@@ -50,7 +47,7 @@ class JournalText:
     lines: tuple[dict[str, Any], ...]
     """The complete lines."""
     checksum: str
-    """Of the last of them; "" without checksums."""
+    """Of the last of them; "" if there is none."""
     good_bytes: int
     """Length of the complete lines."""
     torn: bool
@@ -58,7 +55,7 @@ class JournalText:
 
     @property
     def about(self) -> Mapping[str, Any]:
-        """What the header says of the run beside its fingerprint; empty in older journals."""
+        """What the header says of the run beside its fingerprint."""
         about = self.lines[0].get("about") if self.lines else None
         return about if isinstance(about, dict) else {}
 
@@ -201,9 +198,8 @@ def read_journal(path: Path) -> JournalText:
             if text.endswith(b"\n"):  # a write that was cut off has no end of line
                 raise InputError(f"{path}: line {number}: expected a JSON object, found none; --fresh starts anew")
             return JournalText(tuple(lines), checksum, good_bytes, True)
-        if "checksum" in line or (lines or [line])[0].get("format") != FORMAT_WITHOUT_CHECKSUMS:
-            checksum = _check_line(f"{path}: line {number}", text, checksum)
-        line.pop("checksum", None)
+        checksum = _check_line(f"{path}: line {number}", text, checksum)
+        line.pop("checksum")
         if "result" in line and not (isinstance(line["result"], dict) and "id" in line["result"]):
             raise InputError(f"{path}: line {number}: expected a result with an id, found none; --fresh starts anew")
         lines.append(line)
@@ -238,11 +234,6 @@ def _compute_checksum(before: str, body: bytes) -> str:
 
 
 def _check_header(path: Path, header: Mapping[str, Any], fingerprint: Fingerprint) -> None:
-    if header.get("format") == FORMAT_WITHOUT_CHECKSUMS:
-        raise InputError(
-            f"{path}: expected the format {FORMAT} to continue, found {FORMAT_WITHOUT_CHECKSUMS}, whose lines have no"
-            " checksums; --fresh starts anew, --out names another folder"
-        )
     before = _read_header_fingerprint(path, header)
     differing = sorted(key for key in {*before, *fingerprint} if before.get(key) != fingerprint.get(key))
     if differing:
@@ -254,7 +245,7 @@ def _check_header(path: Path, header: Mapping[str, Any], fingerprint: Fingerprin
 
 
 def _read_header_fingerprint(path: Path, header: Mapping[str, Any]) -> dict[str, Any]:
-    if header.get("format") not in READABLE_FORMATS or not isinstance(header.get("fingerprint"), dict):
+    if header.get("format") != FORMAT or not isinstance(header.get("fingerprint"), dict):
         raise InputError(f"{path}: expected the format {FORMAT}, found {header.get('format')!r}")
     return header["fingerprint"]
 

@@ -3,9 +3,7 @@
 Readers take no lock and write nothing, so a run that is going on is never held up.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from pydantic import ValidationError
 
@@ -33,8 +31,6 @@ def build_partial_results(folder: Path, journal: JournalText) -> Results:
     """Return the results of the episodes in a journal, marked as partial. Raises InputError."""
     path = folder / JOURNAL_FILE
     about = journal.about
-    if not about:  # of a version whose journals do not describe their run
-        check_run_folder(folder)
     entries = [*{find_entry_key(entry): entry for entry in journal.results}.values()]
     try:
         info, planned = RunInfo.model_validate(about["run"]), int(about["episodes"])
@@ -49,8 +45,3 @@ def build_partial_results(folder: Path, journal: JournalText) -> Results:
     for fault in find_result_faults(results):
         raise InputError(f"{path}: {fault}; --fresh starts anew")
     return results
-
-
-def describe_run(info: RunInfo, episodes: int) -> Mapping[str, Any]:
-    """Return what a journal says of its run beside the fingerprint, for `load_run_results`."""
-    return {"run": info.model_dump(mode="json"), "episodes": episodes}

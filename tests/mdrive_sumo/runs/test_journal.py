@@ -195,19 +195,6 @@ def test_a_line_with_something_else_than_a_result_is_refused(tmp_path: Path, res
         read(tmp_path)
 
 
-def test_a_journal_without_checksums_is_read_but_not_continued(tmp_path: Path) -> None:
-    write(tmp_path, "a")
-    path = tmp_path / JOURNAL_FILE
-    old = [json.loads(line) for line in path.read_text().splitlines()]
-    for line in old:
-        del line["checksum"]
-    old[0]["format"] = "mdrive-sumo/journal/1"
-    path.write_text("".join(json.dumps(line) + "\n" for line in old))
-    assert read_fingerprint(tmp_path) == PRINT
-    with pytest.raises(InputError, match=r"expected the format mdrive-sumo/journal/2 to continue.*--fresh starts anew"):
-        read(tmp_path)
-
-
 def test_two_processes_cannot_share_a_run(tmp_path: Path) -> None:
     with (
         open_journal(tmp_path, PRINT, fresh=False),
