@@ -1,51 +1,31 @@
 """Drive a suite with an agent: what `mdrive-sumo eval` does, as a function."""
 
 import sys
-from collections.abc import Iterable, Mapping
-from pathlib import Path
-from typing import Unpack, cast
+from collections.abc import Callable
+from inspect import Parameter, Signature, signature
+from typing import Any, Unpack, cast, get_type_hints
 
 from mdrive_sumo.api.run import Run
-from mdrive_sumo.api.scenario_source import read_seed
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.loop.episode_config import EpisodeArguments, EpisodeOptions
+from mdrive_sumo.core.setting import list_settings
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.run_report import save_run_report
-from mdrive_sumo.runs.agent_limits import parse_agent_limits
-from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
+from mdrive_sumo.runs.agent_spec import AgentFactory
 from mdrive_sumo.runs.evaluate import Progress
 from mdrive_sumo.runs.evaluate import evaluate as run_jobs
-from mdrive_sumo.runs.other_agents import parse_other_agents
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.process_pool import count_available_cores
-from mdrive_sumo.runs.run_config import ConfigValue, RunConfig, check_seeds
+from mdrive_sumo.runs.run_config import RunArguments, RunConfig
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
 from mdrive_sumo.scoring import Results
-from mdrive_sumo.scoring.score_mode import parse_score_mode
 
 
 def evaluate(
     suite: str | Suite = "interdrive",
     agent: str | AgentFactory = "idm",
     *,
-    scenario: str = "*",
-    agent_config: Mapping[str, ConfigValue] | None = None,
-    agent_limits: Mapping[str, float] | str = "",
-    others: str | None = None,
-    penetration: int | None = None,
-    seeds: int | Iterable[int] = 1,
-    score_mode: str | None = None,
-    workers: int | None = None,
-    scheduler: str = "",
-    pace_ms: float = 0.0,
-    record: bool = True,
-    record_cameras: bool = False,
-    out: str | Path | None = None,
-    fresh: bool = False,
-    sandbox: bool = False,
-    fail_fast: bool = False,
     progress: bool = True,
-    **options: Unpack[EpisodeArguments],
+    **settings: Unpack[RunArguments],
 ) -> Run:
     """Drive every scenario of a suite in worker processes, score it, and return the run.
 
@@ -70,30 +50,30 @@ def evaluate(
 
     Raises InputError, also if the folder holds another run.
     """
-    name, pattern = _locate(suite, scenario)
-    chosen = tuple(map(read_seed, seeds)) if isinstance(seeds, Iterable) else tuple(range(read_seed(seeds)))
-    check_seeds(chosen)
-    config = RunConfig(
-        suite=name,
-        scenario=pattern,
-        agent=AgentSpec(agent, agent_config or {}),
-        others=parse_other_agents(others, penetration),
-        seed=chosen[0],
-        more_seeds=chosen[1:],
-        chosen_mode=parse_score_mode(score_mode) if score_mode else None,
-        options=EpisodeOptions.parse(**options),
-        workers=workers or count_available_cores(),
-        scheduler=scheduler,
-        pace_s=pace_ms / 1000,
-        record=record,
-        record_cameras=record_cameras,
-        out=None if out is None else Path(out),
-        fresh=fresh,
-        sandbox=sandbox,
-        fail_fast=fail_fast,
-    )
-    run = prepare(config.with_agent_limits(parse_agent_limits(agent_limits)) if agent_limits else config)
+    name, settings["scenario"] = _locate(suite, settings.get("scenario", "*"))
+    settings["workers"] = settings.get("workers") or count_available_cores()
+    run = prepare(RunConfig.parse(name, agent, **settings))
     return Run((run.folder,), (evaluate_with_progress(run, progress),))
+
+
+def _list_arguments(function: Callable[..., Any]) -> Signature:
+    """Return the signature of a function that takes `**settings` with each of them, as `help` and notebooks show it."""
+    own = [one for one in signature(function).parameters.values() if one.kind is not Parameter.VAR_KEYWORD]
+    types, named = get_type_hints(RunArguments), {one.name for one in own}
+    more = [
+        Parameter(
+            one.key,
+            Parameter.KEYWORD_ONLY,
+            default=None if one.key == "workers" else one.typed_default,
+            annotation=types.get(one.key, one.kind),
+        )
+        for one in list_settings(RunConfig)
+        if one.key not in named
+    ]
+    return Signature([*own, *more], return_annotation=Run)
+
+
+vars(evaluate)["__signature__"] = _list_arguments(evaluate)
 
 
 def evaluate_run(run: PreparedRun, progress: Progress) -> Results:

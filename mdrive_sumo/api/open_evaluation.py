@@ -9,7 +9,7 @@ from typing import Unpack
 from mdrive_sumo.api.evaluation import evaluate_with_progress
 from mdrive_sumo.api.run import Run
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.loop.episode_config import EpisodeArguments, EpisodeOptions
+from mdrive_sumo.episode.episode_options import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.open_loop import REFERENCE_AGENT, OpenLoopResults, OpenLoopScenario, find_reference, prepare_open_loop
 from mdrive_sumo.open_loop import evaluate_open as show_recordings
 from mdrive_sumo.runs.agent_limits import parse_agent_limits

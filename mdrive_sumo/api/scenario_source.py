@@ -1,12 +1,12 @@
 """Find the scenario that a user names, and its road network."""
 
-from operator import index
 from pathlib import Path
-from typing import NamedTuple, SupportsIndex, cast
+from typing import NamedTuple, cast
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.runs.run_config import read_seed
 from mdrive_sumo.scenario.scenario import Scenario, load_scenario
 from mdrive_sumo.scenario.suite import SCENARIO_FILE, Suite, list_packaged_suites, load_suite
 from mdrive_sumo.scenario.variation import vary_scenario
@@ -31,14 +31,6 @@ def find_scenario(scenario: str | Scenario, suite: str | Suite | None = None, se
     seed = read_seed(seed)
     written = _find_written(scenario, suite)
     return written._replace(scenario=vary_scenario(written.scenario, written.roads, seed))
-
-
-def read_seed(seed: SupportsIndex) -> int:
-    """Return a seed as a Python integer; those of NumPy are taken, too. Raises InputError."""
-    try:
-        return index(seed)
-    except TypeError:
-        raise InputError(f"seed: expected an integer, found {seed!r:.40}") from None
 
 
 def _find_written(scenario: str | Scenario, suite: str | Suite | None) -> ScenarioSource:

@@ -7,19 +7,20 @@ from typing import Any, ClassVar, Self, Unpack, cast
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file, load_agent_class
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.api.episode import Episode
-from mdrive_sumo.api.scenario_source import find_scenario, read_seed
+from mdrive_sumo.api.scenario_source import find_scenario
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec, check_sensors
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_locator
 from mdrive_sumo.core.state import FailureReason, Frame
+from mdrive_sumo.episode.episode_options import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, SimulatedFrames, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, validate_reply
-from mdrive_sumo.loop.episode_config import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.loop.open_world import open_world
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
 from mdrive_sumo.runs.open_agents import open_agents
 from mdrive_sumo.runs.prepared_run import check_agent_name
+from mdrive_sumo.runs.run_config import read_seed
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.sumo import SumoWorld

@@ -5,7 +5,7 @@ from typing import Any
 import click
 
 from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.cli.agent_limits_option import agent_limits_option
+from mdrive_sumo.cli.setting_options import setting_option
 from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names, study_options
 from mdrive_sumo.core.errors import InputError
@@ -35,7 +35,7 @@ ALL_AGENTS = "all"
     help="Agents, each as --agent of `eval`; all: every built-in agent that drives without options.",
 )
 @study_options(suite="interdrive", seed=0, seeds=1)
-@agent_limits_option
+@setting_option("agent_limits")
 @click.pass_context
 def command(ctx: click.Context, agents: str, **options: Any) -> None:
     """Measure how well agents drive with partners that they were not built for.

@@ -3,130 +3,55 @@
 import shlex
 import signal
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
 from mdrive_sumo.api.evaluation import evaluate_run
-from mdrive_sumo.cli.agent_limits_option import agent_limits_option
-from mdrive_sumo.cli.comm import episode_options, read_episode_options
-from mdrive_sumo.cli.scenario_option import scenario_option
-from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.cli.setting_options import read_channel, run_options
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.core.terminal import echo
-from mdrive_sumo.loop.request_pace import MAX_PACE_S
 from mdrive_sumo.report.agent_failures import format_agent_failures, format_first_failure
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.report.run_report import REPORT_FILE, save_run_report
-from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, Progress, StoppedAtFailure, evaluate
 from mdrive_sumo.runs.journal import JOURNAL_FILE
-from mdrive_sumo.runs.other_agents import parse_other_agents
 from mdrive_sumo.runs.prepared_run import CAMERAS_FOLDER, EPISODES_FOLDER, LOGS_FOLDER, PreparedRun, prepare
-from mdrive_sumo.runs.run_config import ConfigValue, RunConfig, load_agent_config
-from mdrive_sumo.scoring import Results, ScoreMode
+from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
+from mdrive_sumo.scoring import Results
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation
 from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 from mdrive_sumo.study.reference_runs import evaluate_captured_cooperation
 
-MODES = tuple(mode.value for mode in ScoreMode)
 EXECUTORS = ("local", "dask")
 
 
 @click.command("eval")
-@click.option("--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
-@scenario_option
-@click.option(
-    "--agent",
-    default="idm",
-    show_default=True,
-    metavar="NAME|module:Class|path.py:Class|carla:path.py",
-    help="The agent; every CAV gets an instance of it.",
+@run_options(
+    before={
+        "seeds": click.option(
+            "--transcript",
+            type=click.Path(path_type=Path, exists=True, dir_okay=False),
+            metavar="FILE",
+            help="Answers of a language model from an earlier run's transcript.jsonl, instead of an endpoint.",
+        ),
+        "scheduler": click.option(
+            "--executor",
+            type=click.Choice(EXECUTORS),
+            default=EXECUTORS[0],
+            show_default=True,
+            help="Where episodes run: processes here, or the workers of a Dask cluster.",
+        ),
+    }
 )
-@click.option(
-    "--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Options of the agent, a JSON object."
-)
-@agent_limits_option
-@click.option(
-    "--others",
-    metavar="AGENT",
-    help="Agent of the CAVs that are not under test: --agent drives one CAV of each scenario, drawn by the seed, or as"
-    " many as --penetration says [default with --penetration: single].",
-)
-@click.option(
-    "--penetration",
-    type=click.IntRange(1, 99),
-    metavar="PERCENT",
-    help="Share of the CAVs that --agent drives, at least one; the others drive as --others.",
-)
-@episode_options
-@click.option(
-    "--transcript",
-    type=click.Path(path_type=Path, exists=True, dir_okay=False),
-    metavar="FILE",
-    help="Answers of a language model from an earlier run's transcript.jsonl, instead of an endpoint.",
-)
-@click.option(
-    "--seed",
-    type=click.IntRange(0, 2**31 - 1),
-    default=0,
-    show_default=True,
-    help="Seed of all randomness. 0: the scenarios as written. Others also draw starts, triggers and drivers.",
-)
-@click.option(
-    "--seeds",
-    type=click.IntRange(1, 1000),
-    default=1,
-    show_default=True,
-    help="Drive every scenario with so many seeds, --seed being the first; means have intervals.",
-)
-@click.option(
-    "--pace",
-    "pace_ms",
-    type=click.FloatRange(0, 1000 * MAX_PACE_S),
-    default=0.0,
-    show_default=True,
-    metavar="MS",
-    help="Send the requests of a tick so long after those of the one before, whatever the agents take: no agent then"
-    " learns how long another one thinks. It changes no result. 0: as soon as all have answered.",
-)
-@workers_option
-@click.option(
-    "--executor",
-    type=click.Choice(EXECUTORS),
-    default=EXECUTORS[0],
-    show_default=True,
-    help="Where episodes run: processes here, or the workers of a Dask cluster.",
-)
-@click.option("--scheduler", default="", metavar="tcp://HOST:PORT", help="Address of the Dask scheduler.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Run folder [default: runs/...].")
-@click.option("--score-mode", type=click.Choice(MODES), help="[default: that of the suite]")
-@click.option("--no-record", is_flag=True, help="Keep no recordings: no view, rescore, or verify of every tick.")
-@click.option(
-    "--record-cameras", is_flag=True, help="Keep the colour images of the agent's cameras, for view: RUN/cameras."
-)
-@click.option(
-    "--sandbox",
-    is_flag=True,
-    help="Run a third-party agent in boxes without the suite's files; else results are labelled unsandboxed.",
-)
-@click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted run.")
-@click.option("--fail-fast", is_flag=True, help="Stop at the first failure of the agent.")
 @click.option("--captured", is_flag=True, help="Drive the references for captured cooperation too, and show it.")
 @click.pass_context
-def command(
-    ctx: click.Context,
-    agent_config: Path | None,
-    transcript: Path | None,
-    no_record: bool,
-    score_mode: str | None,
-    captured: bool,
-    **options: Any,
-) -> None:
+def command(ctx: click.Context, transcript: Path | None, executor: str, captured: bool, **options: Any) -> None:
     """Drive a suite with an agent and score it.
 
     The same command given again continues an interrupted run; it also tries void scenarios again. A scenario
@@ -136,11 +61,9 @@ def command(
     Exit codes: 0 every scenario has a score and no agent failed, 1 some are void or the agent failed, 2 unusable
     input, 130 interrupted.
     """
-    agent_options = load_agent_config(agent_config) if agent_config else {}
-    if transcript is not None:
-        agent_options["transcript"] = str(transcript.resolve())
-    mode = ScoreMode(score_mode) if score_mode else None
-    config = _read_config(agent_options, options, record=not no_record, chosen_mode=mode)
+    if (executor == "dask") != bool(options["scheduler"]):
+        raise InputError(f"--executor {executor}: expected --scheduler with dask and only then")
+    config = _read_config(options, transcript)
     run = prepare(config)
     if len(run.episodes) > 1 and (config.fresh or not (run.folder / RESULTS_FILE).is_file()):
         echo(describe_cost(run), err=True)
@@ -167,27 +90,15 @@ def describe_cost(run: PreparedRun) -> str:
     return f"{len(run.episodes)} episodes ({what}), {drives} drives of CAVs, at most {limit} of simulated time{hint}"
 
 
-def _read_config(agent_options: Mapping[str, ConfigValue], options: dict[str, Any], **known: Any) -> RunConfig:
-    """Return the configuration that the options of the command line ask for. Raises InputError.
-
-    known: fields of the configuration. `options` loses those that are no fields.
-    """
-    first, count = options.pop("seed"), options.pop("seeds")
-    if ((executor := options.pop("executor")) == "dask") != bool(options["scheduler"]):
-        raise InputError(f"--executor {executor}: expected --scheduler with dask and only then")
-    limits = options.pop("agent_limits")
-    config = RunConfig(
-        agent=AgentSpec(options.pop("agent"), agent_options),
-        others=parse_other_agents(options.pop("others"), options.pop("penetration")),
-        options=read_episode_options(options),
-        seed=first,
-        more_seeds=tuple(range(first + 1, first + count)),
-        pace_s=options.pop("pace_ms") / 1000,
-        command=("mdrive-sumo", *sys.argv[1:]),
-        **known,
-        **options,
-    )
-    return config if limits is None else config.with_agent_limits(limits)
+def _read_config(options: dict[str, Any], transcript: Path | None) -> RunConfig:
+    """Return the run that the options of the command line ask for. Raises InputError."""
+    file, first = options.pop("agent_config"), options.pop("seed")
+    agent_config = load_agent_config(file) if file else {}
+    if transcript is not None:
+        agent_config["transcript"] = str(transcript.resolve())
+    seeds = range(first, first + options.pop("seeds"))
+    config = RunConfig.parse(agent_config=agent_config, seeds=seeds, comm=read_channel(options), **options)
+    return replace(config, command=("mdrive-sumo", *sys.argv[1:]))
 
 
 def with_references(ctx: click.Context, results: Results, config: RunConfig) -> CapturedCooperation:
@@ -209,7 +120,7 @@ def evaluate_with_display(
         return drive(run, progress)
     except StoppedAtFailure as stopped:
         progress.close()
-        echo(format_first_failure(stopped.result, run.folder, is_seeded=bool(run.config.more_seeds)))
+        echo(format_first_failure(stopped.result, run.folder, is_seeded=run.config.has_many_seeds))
         echo(f"stopped; --fresh starts {run.folder} anew, without --fail-fast it is continued", err=True)
         ctx.exit(1)
     except KeyboardInterrupt:

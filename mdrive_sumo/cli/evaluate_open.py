@@ -8,11 +8,8 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from mdrive_sumo.cli.agent_limits_option import agent_limits_option
-from mdrive_sumo.cli.comm import episode_options, read_episode_options
 from mdrive_sumo.cli.evaluate import evaluate_with_display
-from mdrive_sumo.cli.scenario_option import make_scenario_option
-from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.cli.setting_options import episode_options, read_episode_options, setting_option
 from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.core.terminal import echo
@@ -52,10 +49,8 @@ COLUMNS = {
     metavar=f"{REFERENCE_AGENT}|{LOG}|RUN",
     help=f"Recorded drives: of {REFERENCE_AGENT}, driven first; logs of a converted suite; those of a finished run.",
 )
-@click.option(
-    "--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="The suite; that of RUN if it is one."
-)
-@make_scenario_option("Only the drives in scenarios whose id or category matches; may be repeated.")
+@setting_option("suite", help="The suite; that of RUN if it is one.")
+@setting_option("scenario", help="Only the drives in scenarios whose id or category matches; may be repeated.")
 @click.option(
     "--seed",
     type=click.IntRange(0, 2**31 - 1),
@@ -63,26 +58,14 @@ COLUMNS = {
     show_default=True,
     help="Of the reference; of RUN all seeds unless given.",
 )
-@click.option(
-    "--agent",
-    default="single",
-    show_default=True,
-    metavar="NAME|module:Class|path.py:Class|carla:path.py",
-    help="The agent that sees the drives; every CAV gets an instance of it.",
-)
-@click.option("--agent-config", type=click.Path(path_type=Path), metavar="FILE", help="Options of the agent, JSON.")
-@agent_limits_option
+@setting_option("agent", default="single", help="The agent that sees the drives; every CAV gets an instance of it.")
+@setting_option("agent_config", help="Options of the agent, JSON.")
+@setting_option("agent_limits")
 @episode_options
-@workers_option
-@click.option(
-    "--sandbox",
-    is_flag=True,
-    help="Run a third-party agent in boxes without the files of suite and reference.",
-)
-@click.option(
-    "--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder of the results [default: runs/...]."
-)
-@click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted evaluation.")
+@setting_option("workers")
+@setting_option("sandbox", help="Run a third-party agent in boxes without the files of suite and reference.")
+@setting_option("out", help="Folder of the results [default: runs/...].")
+@setting_option("fresh", help="Start anew instead of continuing an interrupted evaluation.")
 @click.pass_context
 def command(
     ctx: click.Context, agent: str, agent_config: Path | None, out: Path | None, sandbox: bool, **options: Any

@@ -7,20 +7,23 @@ from typing import Any
 import click
 
 from mdrive_sumo.api.verification import Permission
-from mdrive_sumo.cli.agent_limits_option import agent_limits_option
+from mdrive_sumo.cli.setting_options import add_options, setting_option
 
 
 def foreign_agent_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add `--trust-agent`, `--sandbox` and `--agent` to a command that executes a stored run."""
-    options = (
-        click.option("--trust-agent", is_flag=True, help="Run the agent's file that RUN names with your permissions."),
-        click.option("--sandbox", is_flag=True, help="Run it in boxes, as a run made with `eval --sandbox` always is."),
-        click.option("--agent", metavar="PATH:CLASS", help="Where the run's agent is now, if it has moved."),
-        agent_limits_option,
-    )
-    for option in reversed(options):
-        function = option(function)
-    return function
+    return add_options(
+        [
+            click.option(
+                "--trust-agent", is_flag=True, help="Run the agent's file that RUN names with your permissions."
+            ),
+            click.option(
+                "--sandbox", is_flag=True, help="Run it in boxes, as a run made with `eval --sandbox` always is."
+            ),
+            click.option("--agent", metavar="PATH:CLASS", help="Where the run's agent is now, if it has moved."),
+            setting_option("agent_limits"),
+        ]
+    )(function)
 
 
 def read_permission(options: dict[str, Any]) -> Permission:

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
-from mdrive_sumo.cli.agent_limits_option import agent_limits_option
+from mdrive_sumo.cli.setting_options import add_options, seed_options, setting_option
 from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.study_options import parse_agent_names
 from mdrive_sumo.cli.workers import workers_option
@@ -33,19 +33,16 @@ from mdrive_sumo.study.study_runs import RUNS_FOLDER
 
 
 @click.command("paper")
-@click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder.")
+@setting_option("out", required=True, help="The study's folder.")
 @click.option("--quick", is_flag=True, help="Eight scenarios, to see within minutes what comes out.")
 @click.option("--all-scenarios", is_flag=True, help="Every scenario, not a quarter of each category.")
 @click.option(
     "--agents", metavar="A,B,...", help="Agents, each as --agent of `eval` [default: all that are installed]."
 )
-@click.option("--suite", default="mdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
-@click.option(
-    "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="The first seed; 0: as written."
-)
-@click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many seeds.")
-@click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted study.")
-@agent_limits_option
+@setting_option("suite", default="mdrive")
+@add_options(seed_options(first="The first seed; 0: as written.", count="How many seeds."))
+@setting_option("fresh", help="Start anew instead of continuing an interrupted study.")
+@setting_option("agent_limits")
 @workers_option
 @click.pass_context
 def command(ctx: click.Context, **options: object) -> None:
@@ -139,8 +136,7 @@ class _PaperOptions:
         return RunConfig(
             suite=self.suite,
             agent=spec if spec.is_builtin or self.agent_limits is None else spec.with_limits(self.agent_limits),
-            seed=self.seed,
-            more_seeds=tuple(range(self.seed + 1, self.seed + self.seeds)),
+            seeds=tuple(range(self.seed, self.seed + self.seeds)),
             workers=self.workers,
             out=self.out,
             fresh=self.fresh,

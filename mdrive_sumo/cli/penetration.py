@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from mdrive_sumo.cli.agent_limits_option import agent_limits_option
+from mdrive_sumo.cli.setting_options import setting_option
 from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names, study_options
 from mdrive_sumo.core.errors import InputError
@@ -28,7 +28,7 @@ from mdrive_sumo.study.two_agent_plots import draw_penetration
     metavar="A,B,...",
     help="Agents, each as --agent of `eval`.",
 )
-@click.option("--others", default=SINGLE, show_default=True, metavar="AGENT", help="Agent of the other CAVs.")
+@setting_option("others", default=SINGLE, show_default=True, help="Agent of the other CAVs.")
 @click.option(
     "--penetration",
     "levels",
@@ -38,7 +38,7 @@ from mdrive_sumo.study.two_agent_plots import draw_penetration
     help="Shares of the CAVs that drive as the agent; 0 and 100 are always driven.",
 )
 @study_options(suite="interdrive", seed=0, seeds=1)
-@agent_limits_option
+@setting_option("agent_limits")
 @click.pass_context
 def command(ctx: click.Context, agents: str, others: str, levels: str, **options: Any) -> None:
     """Measure agents of which only a share of the CAVs drives, the others being another agent's.

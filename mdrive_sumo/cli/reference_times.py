@@ -53,7 +53,7 @@ def _check_reference_run(stored: StoredRun, folder: Path) -> None:
     for name, value in expected.items():
         if found[name] != value:
             raise InputError(f"{folder}: {name}: expected a run with {value!r}, found {found[name]!r}")
-    if config.more_seeds:
+    if config.has_many_seeds:
         raise InputError(f"{folder}: seeds: expected a run with seed {REFERENCE_SEED} alone, found one of several")
     if any(ego.ticks is None for result in stored.results.scenarios for ego in result.egos):
         raise InputError(

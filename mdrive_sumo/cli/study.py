@@ -7,20 +7,17 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.ablate import command as ablate_command
-from mdrive_sumo.cli.agent_limits_option import agent_limits_option
-from mdrive_sumo.cli.comm import parse_comm_options
 from mdrive_sumo.cli.cross_play import command as cross_play_command
 from mdrive_sumo.cli.gain import command as gain_command
 from mdrive_sumo.cli.paper import command as paper_command
 from mdrive_sumo.cli.penetration import command as penetration_command
-from mdrive_sumo.cli.scenario_option import scenario_option
+from mdrive_sumo.cli.setting_options import add_options, parse_comm_options, seed_options, setting_option
 from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names
-from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text
-from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.runs.run_config import ConfigValue, load_agent_config
 from mdrive_sumo.study.conditions import (
     FACTORS,
@@ -36,7 +33,7 @@ from mdrive_sumo.study.plots import draw_curves, make_curves
 from mdrive_sumo.study.study_files import build_study_table, study_json, study_markdown
 from mdrive_sumo.study.study_runs import BEST, Study
 from mdrive_sumo.study.study_summary import StudyLine, summarise_rows
-from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings
+from mdrive_sumo.v2x.comm_settings import CommSettings
 
 command = click.Group(
     "study",
@@ -50,12 +47,12 @@ command.add_command(paper_command)
 
 
 @command.command("comm")
-@click.option("--suite", default="interdrive", show_default=True, metavar="NAME|DIR", help="What to drive.")
-@scenario_option
+@setting_option("suite")
+@setting_option("scenario")
 @click.option("--agents", required=True, metavar="A,B,...", help="Agents, each as --agent of `eval`.")
 @click.option("--agent-config", multiple=True, metavar="AGENT=FILE", help="Options of one agent, a JSON object.")
-@click.option("--agent-clock", default="ideal", show_default=True, metavar="ideal|fixed:MS|measured")
-@click.option("--comm", default="ideal", show_default=True, metavar="|".join(PRESETS), help="The base channel.")
+@setting_option("agent_clock", help=None)
+@setting_option("comm", help="The base channel.")
 @click.option("--latency", metavar="TICKS,...", help="Latencies, in ticks of 0.05 s.")
 @click.option("--loss", metavar="P,...", help="Probabilities of loss.")
 @click.option("--pose-error", metavar="M,...", help="Standard deviations of senders' poses, in metres.")
@@ -63,21 +60,18 @@ command.add_command(paper_command)
 @click.option(
     "--grid", type=click.Choice(GRIDS), default=GRIDS[0], show_default=True, help="Combination of the factors."
 )
-@click.option(
-    "--seed", type=click.IntRange(0, 2**31 - 1), default=0, show_default=True, help="The first seed; 0: as written."
-)
-@click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="How many seeds.")
+@add_options(seed_options(first="The first seed; 0: as written.", count="How many seeds."))
 @click.option(
     "--captured/--no-captured",
     default=True,
     show_default=True,
     help="Captured cooperation; drives its references, too.",
 )
-@click.option("--no-record", is_flag=True, help="Keep no recordings: no view, verify or ablate of single runs.")
-@click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted study.")
-@click.option("--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder.")
-@agent_limits_option
-@workers_option
+@setting_option("record", help="Keep no recordings: no view, verify or ablate of single runs.")
+@setting_option("fresh", help="Start anew instead of continuing an interrupted study.")
+@setting_option("out", required=True, help="The study's folder.")
+@setting_option("agent_limits")
+@setting_option("workers")
 @click.pass_context
 def comm_command(ctx: click.Context, **options: object) -> None:
     """Sweep latency, loss and pose error of the V2X channel over agents, in one command.

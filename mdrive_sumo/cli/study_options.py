@@ -9,15 +9,13 @@ from typing import Any, NoReturn, Protocol
 import click
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
-from mdrive_sumo.cli.comm import parse_comm_options
-from mdrive_sumo.cli.scenario_option import scenario_option
+from mdrive_sumo.cli.setting_options import add_options, parse_comm_options, seed_options, setting_option
 from mdrive_sumo.cli.study_display import warn_about_failures
-from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.private_paths import hide_command
 from mdrive_sumo.core.terminal import echo
-from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import report_write_errors
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
@@ -25,33 +23,22 @@ from mdrive_sumo.runs.run_config import ConfigValue, RunConfig
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.study.conditions import Level
 from mdrive_sumo.study.study_files import StudyDescription
-from mdrive_sumo.v2x.comm_settings import PRESETS
 
 
 def study_options(*, suite: str, seed: int, seeds: int) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return a decorator that adds the options of `StudyOptions` to a command, with these defaults."""
-    options = (
-        click.option("--suite", default=suite, show_default=True, metavar="NAME|DIR", help="What to drive."),
-        scenario_option,
-        click.option("--comm", default="ideal", show_default=True, metavar="|".join(PRESETS), help="The V2X channel."),
-        click.option(
-            "--seed", type=click.IntRange(0, 2**31 - 1), default=seed, show_default=True, help="The first seed."
-        ),
-        click.option("--seeds", type=click.IntRange(1, 1000), default=seeds, show_default=True, help="How many seeds."),
-        click.option("--no-record", is_flag=True, help="Keep no recordings: no view or verify of single runs."),
-        click.option("--fresh", is_flag=True, help="Start anew instead of continuing an interrupted study."),
-        click.option(
-            "--out", required=True, type=click.Path(path_type=Path), metavar="DIR", help="The study's folder."
-        ),
-        workers_option,
+    return add_options(
+        [
+            setting_option("suite", default=suite),
+            setting_option("scenario"),
+            setting_option("comm"),
+            *seed_options(seed=seed, seeds=seeds, first="The first seed.", count="How many seeds."),
+            setting_option("record", help="Keep no recordings: no view or verify of single runs."),
+            setting_option("fresh", help="Start anew instead of continuing an interrupted study."),
+            setting_option("out", required=True, help="The study's folder."),
+            setting_option("workers"),
+        ]
     )
-
-    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        for option in reversed(options):
-            function = option(function)
-        return function
-
-    return decorate
 
 
 class DrivenRow(Protocol):
@@ -72,7 +59,7 @@ class StudyOptions:
     comm: str
     seed: int
     seeds: int
-    no_record: bool
+    record: bool
     fresh: bool
     out: Path
     workers: int
@@ -94,9 +81,9 @@ class StudyOptions:
             suite=self.suite,
             scenario=self.scenario,
             agent=spec if spec.is_builtin or self.agent_limits is None else spec.with_limits(self.agent_limits),
-            seed=self.seed,
+            seeds=(self.seed,),
             options=self.make_episode_options(),
-            record=not self.no_record,
+            record=self.record,
             workers=self.workers,
             out=self.out,
             fresh=self.fresh,

@@ -3,7 +3,7 @@
 `open_world` is imported from its module: it loads libsumo, which the challenge server must not.
 """
 
-from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig, EpisodeOptions
+from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig
 from mdrive_sumo.loop.episode_runner import run_episode, start_agents
 from mdrive_sumo.loop.episode_simulation import EpisodeSimulation
 from mdrive_sumo.loop.frame_source import FrameSource, SimulatedFrames, World
@@ -11,7 +11,6 @@ from mdrive_sumo.loop.frame_source import FrameSource, SimulatedFrames, World
 __all__ = [
     "VEHICLE",
     "EpisodeConfig",
-    "EpisodeOptions",
     "EpisodeSimulation",
     "FrameSource",
     "SimulatedFrames",

@@ -5,17 +5,10 @@ border to agents replaces the scenario's ids. Results and recordings keep them.
 """
 
 from collections.abc import Iterable, Mapping
-from enum import StrEnum, auto
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core.seeding import derive_seed
-
-
-class StationIds(StrEnum):
-    """Which ids agents, their messages and the privileged sensor contain."""
-
-    RANDOM = auto()
-    SCENARIO = auto()
+from mdrive_sumo.episode.episode_options import StationIds
 
 
 def derive_pseudonyms(stations: Iterable[str], ids: StationIds, run_seed: int, scenario: str) -> dict[str, str]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.private_paths import hide_locator
-from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.open_loop.open_loop_job import OpenLoopJob
 from mdrive_sumo.open_loop.reference import Reference
 from mdrive_sumo.open_loop.results import OpenLoopRunInfo

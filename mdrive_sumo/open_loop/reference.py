@@ -63,7 +63,7 @@ def find_reference(
             raise InputError(f"--seed: expected 0 with --reference {LOG}, found {seed}: what happened has no seed")
         return open_log_reference(suite or DEFAULT_SUITE, pattern)
     if name == REFERENCE_AGENT:
-        config = RunConfig(suite=suite or DEFAULT_SUITE, scenario=pattern, agent=AgentSpec(name), seed=seed or 0)
+        config = RunConfig(suite=suite or DEFAULT_SUITE, scenario=pattern, agent=AgentSpec(name), seeds=(seed or 0,))
         return open_run_reference(load_stored_run(drive(config)))
     folder = Path(name)
     if not folder.exists():

@@ -9,7 +9,6 @@ from mdrive_sumo.core.clean_text import clean_for_markdown, format_markdown_code
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.statistics import TOO_FEW_NOTE
 from mdrive_sumo.core.tables import Cell, Column, Table, format_markdown, make_row, make_text_columns
-from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import (
     CAPTURED_COLUMN,
     SCENARIOS_COLUMN,
@@ -109,7 +108,7 @@ def _facts(results: Results) -> str:
         "suite": f"{clean_for_markdown(run.suite)}, checksum {format_markdown_code(run.suite_checksum)}",
         "seeds" if len(run.all_seeds) > 1 else "seed": ", ".join(map(str, run.all_seeds)),
         "score mode": clean_for_markdown(run.score_mode),
-        **{key: clean_for_markdown(str(getattr(run, key))) for key in EpisodeOptions.list_choices()},
+        **{name: clean_for_markdown(str(value)) for name, value in run.conditions.items()},
         "command": format_markdown_code(shlex.join(run.command)),
         "versions": clean_for_markdown(
             ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items()))

@@ -13,6 +13,7 @@ LOCAL_LIMITS = AgentLimits(reply_bytes=2**20, episode_bytes=2**30, option=OPTION
 """Limits of a user's own agent: as large as the contract allows, since notes alone may have 200 000 characters."""
 TIMES = ("start", "tick", "episode")
 """Names of the time limits, each of them a field of AgentLimits with `_s` behind it."""
+DEFAULT_TIMES = ",".join(f"{name}={getattr(LOCAL_LIMITS, f'{name}_s'):g}" for name in TIMES)
 SHORTEST_S, LONGEST_S = 0.01, 7 * 86_400.0
 """A hundredth of a second is about the time of one answer of an agent that does nothing; a week ends every job."""
 

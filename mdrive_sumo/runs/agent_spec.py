@@ -4,7 +4,7 @@ import hashlib
 import inspect
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -23,7 +23,8 @@ from mdrive_sumo.contract import Agent
 from mdrive_sumo.core.checksum import compute_file_checksum, compute_files_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.plug_ins import PlugIn, PlugInKind, list_plug_ins
-from mdrive_sumo.runs.agent_limits import LOCAL_LIMITS, OPTION, format_agent_limits
+from mdrive_sumo.core.setting import setting
+from mdrive_sumo.runs.agent_limits import DEFAULT_TIMES, LOCAL_LIMITS, OPTION, format_agent_limits
 
 AgentFactory = Callable[[Mapping[str, Any]], Agent]
 
@@ -32,11 +33,23 @@ AgentFactory = Callable[[Mapping[str, Any]], Agent]
 class AgentSpec:
     """One agent, of which every CAV gets an instance. It can be pickled even if its class is defined in a notebook."""
 
-    agent: str | AgentFactory
+    agent: str | AgentFactory = setting(
+        typed="idm",
+        help="The agent; every CAV gets an instance of it.",
+        metavar="NAME|module:Class|path.py:Class|carla:path.py",
+    )
     """Built-in name, `module:Class`, `path.py:Class`, `carla:path.py`, or the class itself."""
-    config: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    config: Mapping[str, Any] = setting(
+        factory=dict[str, Any], key="agent_config", metavar="FILE", help="Options of the agent, a JSON object."
+    )
     """Options: finite numbers, strings and booleans."""
-    limits: AgentLimits = LOCAL_LIMITS
+    limits: AgentLimits = setting(
+        LOCAL_LIMITS,
+        key="agent_limits",
+        metavar="start=S,tick=S,episode=S",
+        help="Seconds that a third-party agent may take to be created, for one answer, and for all answers of an"
+        f" episode [default: {DEFAULT_TIMES}].",
+    )
     box: AgentBox | None = None
     """Sandbox of a third-party agent; None: a plain child process. Built-in agents run in the worker process."""
     known_as: str = ""

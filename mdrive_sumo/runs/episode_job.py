@@ -15,7 +15,8 @@ from mdrive_sumo.core.private_paths import hide_locator
 from mdrive_sumo.core.state import End
 from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
 from mdrive_sumo.episode.camera_archive import CameraArchiveWriter
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver
 from mdrive_sumo.loop.open_world import open_world
 from mdrive_sumo.roads import RoadMap

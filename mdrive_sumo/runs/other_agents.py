@@ -1,9 +1,12 @@
 """OtherAgents: the agents of the CAVs that the agent under test does not drive (cross-play, partial penetration)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
+from mdrive_sumo.core.setting import Scalar, setting
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.scenario.scenario import Scenario
 
@@ -15,9 +18,32 @@ SINGLE = "single"
 class OtherAgents:
     """A second agent in a run, and which share of the CAVs is left to the agent under test."""
 
-    agent: AgentSpec
-    penetration: int | None = None
+    agent: AgentSpec = setting(
+        key="others",
+        metavar="AGENT",
+        help="Agent of the CAVs that are not under test: --agent drives one CAV of each scenario, drawn by the seed, or"
+        " as many as --penetration says [default with --penetration: single].",
+    )
+    penetration: int | None = setting(
+        None,
+        unit="percent",
+        bounds=(1, 99),
+        help="Share of the CAVs that --agent drives, at least one; the others drive as --others.",
+    )
     """Percentage of the CAVs that the agent under test drives, rounded, at least one; None: exactly one."""
+
+    def to_dict(self) -> dict[str, Scalar]:
+        """Return the agent's name and the share as journals hold them. Raises InputError for no locator."""
+        share = {} if self.penetration is None else {"penetration": self.penetration}
+        return {"others": self.agent.resolve().name, **share}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "OtherAgents | None":
+        """Return the second agent of a journal's fingerprint; None without one. Raises TypeError for a corrupt one."""
+        penetration = values.get("penetration")
+        if penetration is not None and type(penetration) is not int:
+            raise TypeError(f"penetration: expected a value of type int, found {penetration!r:.60}")
+        return cls(AgentSpec(values["others"]), penetration) if "others" in values else None
 
     def choose_tested(self, scenario: Scenario, seed: int) -> frozenset[str]:
         """Return the CAVs that the agent under test drives.

@@ -76,11 +76,11 @@ class PreparedRun:
 
     def find_key(self, result: ScenarioResult) -> EpisodeKey:
         """Return what a result is found by in `episodes`; in a run of one seed only the scenario counts."""
-        return result.key if self.config.more_seeds else (result.id, self.config.seed)
+        return result.key if self.config.has_many_seeds else (result.id, self.config.seed)
 
     def name_episode(self, key: EpisodeKey) -> str:
         """Return an episode's name in messages: its scenario, and its seed if the run has several."""
-        return f"{key[0]} seed {key[1]}" if self.config.more_seeds else key[0]
+        return f"{key[0]} seed {key[1]}" if self.config.has_many_seeds else key[0]
 
     def find_recording(self, key: EpisodeKey) -> Path:
         """Return the path at which the run keeps the recording of an episode."""
@@ -95,7 +95,7 @@ class PreparedRun:
         return seed_folder(self.folder / TRANSCRIPTS_FOLDER, self._folder_seed(seed))
 
     def _folder_seed(self, seed: int) -> int | None:
-        return seed if self.config.more_seeds else None
+        return seed if self.config.has_many_seeds else None
 
     def make_job(self, scenario: Scenario, seed: int | None = None) -> EpisodeJob:
         """Return the job that drives one of the scenarios. seed: one of the run's; None: the first."""
@@ -105,7 +105,7 @@ class PreparedRun:
         return EpisodeJob(
             suite_folder=self.suite.folder.resolve(),
             scenario=scenario.id,
-            agent=self.agent.with_pace(config.pace_s),
+            agent=self.agent.with_pace(config.pace_ms / 1000),
             others=self.others,
             seed=seed,
             score_mode=config.score_mode,
@@ -136,7 +136,7 @@ class PreparedRun:
 
     def limit_s(self) -> float:
         """Return the wall clock after which an episode counts as hung [s]."""
-        return compute_limit_s(self.config.agents, self.scenarios, self.config.pace_s)
+        return compute_limit_s(self.config.agents, self.scenarios, self.config.pace_ms / 1000)
 
 
 def compute_limit_s(agents: Sequence[AgentSpec], scenarios: Sequence[Scenario], pace_s: float = 0.0) -> float:
@@ -206,7 +206,7 @@ def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], decl
         "suite": suite.name,
         "suite_checksum": suite.checksum(),
         "seed": config.seed,
-        "seeds": config.seeds if config.more_seeds else (),
+        "seeds": config.seeds if config.has_many_seeds else (),
         "score_mode": config.score_mode,
         "versions": read_versions(config.agents),
         "plug_ins": identify_run_plug_ins(config),

@@ -4,70 +4,116 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import index
 from pathlib import Path
-from typing import Any
+from typing import Any, SupportsIndex, Unpack
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
-from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.core.setting import Scalar, list_settings, setting
+from mdrive_sumo.core.suggestion import describe_unknown
+from mdrive_sumo.episode.episode_options import CONDITIONS, EpisodeArguments, EpisodeOptions
+from mdrive_sumo.loop.request_pace import MAX_PACE_S
 from mdrive_sumo.runs.agent_limits import format_agent_limits, parse_agent_limits
-from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
 from mdrive_sumo.runs.fingerprint_paths import restore_paths
-from mdrive_sumo.runs.other_agents import OtherAgents
+from mdrive_sumo.runs.other_agents import OtherAgents, parse_other_agents
 from mdrive_sumo.scoring import ScoreMode
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json
 
-ConfigValue = float | str | bool
 RUNS_FOLDER = Path("runs")
-FINGERPRINT_TYPES = {
-    **dict.fromkeys(
-        ("suite", "scenario", "agent", "agent_config", "agent_limits", "score_mode", "seeds", "others"), str
-    ),
-    **dict.fromkeys(("seed", "penetration"), int),
-    **dict.fromkeys(("record", "sandbox"), bool),
-}
-"""Types of the values of a fingerprint that a stranger's journal may hold otherwise."""
+ConfigValue = float | str | bool
+MAX_SEEDS = 1000
+"""Most seeds of a command: `mdrive` then has 225 000 episodes, which take weeks."""
+
+
+class RunArguments(EpisodeArguments, total=False):
+    """Keyword arguments of `evaluate`, which are the options of `mdrive-sumo eval`.
+
+    These lines are for type checkers: names, defaults and checks are those of `RunConfig`, and a test compares both.
+    """
+
+    scenario: str
+    agent_config: Mapping[str, ConfigValue] | None
+    agent_limits: Mapping[str, float] | str | AgentLimits | None
+    others: str | None
+    penetration: int | None
+    seeds: int | Iterable[int]
+    pace_ms: float
+    workers: int | None
+    scheduler: str
+    out: str | Path | None
+    score_mode: str | None
+    record: bool
+    record_cameras: bool
+    sandbox: bool
+    fresh: bool
+    fail_fast: bool
 
 
 @dataclass(frozen=True, slots=True)
 class RunConfig:
-    """An evaluation: the scenarios of a suite that match a glob, driven by an agent, scored in a mode."""
+    """An evaluation: the scenarios of a suite that match a glob, driven by an agent, scored in a mode.
 
-    suite: str = "interdrive"
+    The one model of a run's settings, with those of `AgentSpec`, `OtherAgents` and `EpisodeOptions`, in the order of
+    `mdrive-sumo eval --help`. Options, arguments and identity derive from the fields (decision 072). What changes
+    episodes and is no matter of agents, scenarios or seeds belongs to `EpisodeOptions`; results and reports list it.
+    """
+
+    suite: str = setting("interdrive", help="What to drive.", metavar="NAME|DIR")
     """Name of a packaged suite, or a folder."""
-    scenario: str = "*"
+    scenario: str = setting("*", help="Only scenarios whose id or category matches; may be repeated.", metavar="GLOB")
+    """Globs over ids and categories, with commas between them."""
     agent: AgentSpec = field(default_factory=lambda: AgentSpec("idm"))
     others: OtherAgents | None = None
     """A second agent, which drives the CAVs that are not under test; None: `agent` drives all."""
-    seed: int = 0
-    """The first seed."""
-    more_seeds: tuple[int, ...] = ()
-    """The other seeds of a run of several."""
-    chosen_mode: ScoreMode | None = None
-    """The score mode; None: that of the suite, which `prepare` fills in."""
     options: EpisodeOptions = field(default_factory=EpisodeOptions)
-    record: bool = True
-    sandbox: bool = False
-    """Whether a third-party agent runs in boxes, where it can read neither scenarios nor networks."""
-    pace_s: float = 0.0
-    """Time from the requests of a tick to those of the next one; 0: none. See `RequestPace`."""
-    workers: int = 1
-    scheduler: str = ""
+    seeds: tuple[int, ...] = setting(
+        (0,),
+        typed=1,
+        bounds=(1, MAX_SEEDS),
+        help="Drive every scenario with so many seeds, --seed being the first; means have intervals.",
+    )
+    """All seeds; every scenario is driven with each."""
+    pace_ms: float = setting(
+        0.0,
+        help="Send the requests of a tick so long after those of the one before, whatever the agents take: no agent"
+        " then learns how long another one thinks. It changes no result. 0: as soon as all have answered.",
+        option="--pace",
+        unit="ms",
+        bounds=(0, 1000 * MAX_PACE_S),
+        is_identity=False,
+    )
+    """Time from the requests of a tick to those of the next one [ms]; 0: none. See `RequestPace`."""
+    workers: int = setting(1, help="Worker processes; auto: one a core.", metavar="N|auto", is_identity=False)
+    scheduler: str = setting("", help="Address of the Dask scheduler.", metavar="tcp://HOST:PORT", is_identity=False)
     """Address of a Dask scheduler, whose workers then drive; "": own worker processes."""
-    out: Path | None = None
+    out: Path | None = setting(None, help="Run folder [default: runs/...].", metavar="DIR", is_identity=False)
     """The run folder; None: `default_folder`."""
-    fresh: bool = False
-    """Start anew instead of continuing what the folder holds."""
-    fail_fast: bool = False
-    """Stop at the first failure of an agent."""
-    record_cameras: bool = False
-    """Keep the camera images that agents are given."""
+    chosen_mode: ScoreMode | None = setting(None, key="score_mode", help="[default: that of the suite]")
+    """The score mode; None: that of the suite, which `prepare` fills in."""
+    record: bool = setting(True, help="Keep no recordings: no view, rescore, or verify of every tick.")
+    record_cameras: bool = setting(
+        False, help="Keep the colour images of the agent's cameras, for view: RUN/cameras.", is_identity=False
+    )
+    sandbox: bool = setting(
+        False,
+        help="Run a third-party agent in boxes without the suite's files; else results are labelled unsandboxed.",
+    )
+    """Whether a third-party agent runs in boxes, where it can read neither scenarios nor networks."""
+    fresh: bool = setting(False, help="Start anew instead of continuing an interrupted run.", is_identity=False)
+    fail_fast: bool = setting(False, help="Stop at the first failure of the agent.", is_identity=False)
     command: tuple[str, ...] = ()
     """The command as the user typed it, for the report."""
+
+    @property
+    def seed(self) -> int:
+        """The first seed."""
+        return self.seeds[0]
 
     @property
     def score_mode(self) -> ScoreMode:
@@ -90,9 +136,9 @@ class RunConfig:
         return all(agent.is_builtin for agent in self.agents)
 
     @property
-    def seeds(self) -> tuple[int, ...]:
-        """All seeds; every scenario is driven with each."""
-        return (self.seed, *self.more_seeds)
+    def has_many_seeds(self) -> bool:
+        """Whether episodes are named by their seeds, too."""
+        return len(self.seeds) > 1
 
     def with_agent_limits(self, limits: AgentLimits) -> "RunConfig":
         """Return the run with these limits for its agents. Raises InputError if all of them are built in."""
@@ -101,25 +147,48 @@ class RunConfig:
         others = self.others and replace(self.others, agent=replace(self.others.agent, limits=limits))
         return replace(self, agent=replace(self.agent, limits=limits), others=others)
 
-    def to_dict(self) -> dict[str, str | int | bool]:
+    @classmethod
+    def parse(
+        cls, suite: str = "interdrive", agent: str | AgentFactory = "idm", **arguments: Unpack[RunArguments]
+    ) -> "RunConfig":
+        """Return the run that a user asks for, with texts or typed values. Raises InputError."""
+        values: dict[str, Any] = {**arguments, "suite": suite}
+        known = [one.key for one in list_settings(cls)]
+        for key in values:
+            if key not in known:
+                raise InputError(f"{key}: unknown option, {describe_unknown(key, known)}")
+        limits = values.pop("agent_limits", None)
+        parts: dict[str, Any] = {
+            "agent": AgentSpec(agent, values.pop("agent_config", None) or {}),
+            "others": parse_other_agents(values.pop("others", None), values.pop("penetration", None)),
+            "seeds": parse_seeds(values.pop("seeds", 1)),
+            **{one.field: one.parse(values.pop(one.key)) for one in _OWN_SETTINGS if one.key in values},
+        }
+        config = cls(options=EpisodeOptions.parse(**values), **parts)
+        if not limits:
+            return config
+        return config.with_agent_limits(limits if isinstance(limits, AgentLimits) else parse_agent_limits(limits))
+
+    def to_dict(self) -> dict[str, Scalar]:
         """Return what identifies the run, as the journal's fingerprint holds it. Raises InputError for no locator.
 
-        Where it runs (`workers`, `scheduler`, `out`), when its requests go out (`pace_s`) and how it was started
+        Where it runs (`workers`, `scheduler`, `out`), when its requests go out (`pace_ms`) and how it was started
         (`fresh`, `fail_fast`, `command`) change no result, nor do images for people to look at (`record_cameras`).
         """
+        own = {one.key: one.write(getattr(self, one.field)) for one in _IDENTITY} | {"score_mode": str(self.score_mode)}
+        kept = {key: own.pop(key) for key in ("record", "sandbox")}  # journals have them after the conditions
         return {
-            "suite": self.suite,
-            "scenario": self.scenario,
+            "suite": own.pop("suite"),
+            "scenario": own.pop("scenario"),
             "agent": self.agent.resolve().name,
             "agent_config": self.agent.config_text(),
             **({"agent_limits": self.agent_limits} if self.agent_limits else {}),
-            **(_describe_others(self.others) if self.others else {}),
+            **(self.others.to_dict() if self.others else {}),
             "seed": self.seed,
-            **({"seeds": ",".join(map(str, self.seeds))} if self.more_seeds else {}),
-            "score_mode": str(self.score_mode),
+            **({"seeds": ",".join(map(str, self.seeds))} if self.has_many_seeds else {}),
+            **own,
             **self.options.to_dict(),
-            "record": self.record,
-            "sandbox": self.sandbox,
+            **kept,
         }
 
     @classmethod
@@ -129,21 +198,20 @@ class RunConfig:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "RunConfig":
-        """Return the run of a fingerprint. Raises KeyError, TypeError, ValueError and InputError for a corrupt one."""
-        for name, kind in FINGERPRINT_TYPES.items():
-            if type(values.get(name, kind())) is not kind:
-                raise TypeError(f"{name}: expected a value of type {kind.__name__}, found {values[name]!r:.60}")
+        """Return the run of a fingerprint; a missing scalar has its default.
+
+        Raises KeyError, TypeError, ValueError and InputError for a corrupt one.
+        """
+        for key in ("agent", "agent_config", "agent_limits", "others", "seeds"):
+            if not isinstance(values.get(key, ""), str):
+                raise TypeError(f"{key}: expected a text, found {values[key]!r:.60}")
+        own = {one.field: one.read(values[one.key]) for one in _IDENTITY if one.key in values}
         config = cls(
-            suite=values["suite"],
-            scenario=values["scenario"],
             agent=AgentSpec(values["agent"], json.loads(values["agent_config"])),
-            others=_read_others(values),
-            seed=values["seed"],
-            more_seeds=_parse_more_seeds(values["seed"], values.get("seeds", "")),
-            chosen_mode=ScoreMode(values["score_mode"]),
+            others=OtherAgents.from_dict(values),
             options=EpisodeOptions.from_dict(values),
-            record=values["record"],
-            sandbox=values.get("sandbox", False),
+            seeds=_read_seeds(values["seed"], values.get("seeds", "")),
+            **own,
         )
         limits = values.get("agent_limits", "")
         return config.with_agent_limits(parse_agent_limits(limits)) if limits else config
@@ -154,37 +222,49 @@ class RunConfig:
 
     def default_folder(self, suite_name: str) -> Path:
         """Return the folder of a run that names none: the same for the same run, another one for another."""
-        chosen, default = self.options.to_dict(), EpisodeOptions().to_dict()
+        others = self.others
         parts = [
             suite_name,
             _shorten_name(self.agent),
-            *((f"with-{_shorten_name(self.others.agent)}",) if self.others else ()),
-            f"{self.others.penetration}percent" if self.others and self.others.penetration is not None else "",
+            f"with-{_shorten_name(others.agent)}" if others else "",
+            f"{others.penetration}percent" if others and others.penetration is not None else "",
             _name_seeds(self.seeds),
             self.scenario if self.scenario != "*" else "",
             self.agent.config_hash()[7:13],
             self.agent_limits,
             _name_channel(self.options.comm),
             self.options.clock.text if self.options.clock != IDEAL else "",
-            *(f"{chosen[key]}-{key}" for key in EpisodeOptions.list_choices() if chosen[key] != default[key]),
+            *(condition.name_value(getattr(self.options, condition.field)) for condition in CONDITIONS),
             self.score_mode if self.score_mode != ScoreMode.MDRIVE else "",
-            "" if self.record else "norecord",
-            "sandbox" if self.sandbox else "",
+            *(one.name_value(getattr(self, one.field)) for one in _IDENTITY if one.key not in _NAMED),
         ]
         return RUNS_FOLDER / re.sub(r"[^A-Za-z0-9_.+-]+", "_", "-".join(part for part in parts if part))
+
+
+_OWN_SETTINGS = tuple(one for one in list_settings(RunConfig) if one.owner is RunConfig and one.key != "seeds")
+"""Settings that are fields of `RunConfig`, of which one argument gives the value."""
+_IDENTITY = tuple(one for one in _OWN_SETTINGS if one.is_identity)
+_NAMED = ("suite", "scenario", "score_mode")
+"""Settings that the name of a folder has in a form and a place of their own."""
 
 
 def _shorten_name(agent: AgentSpec) -> str:
     return re.sub(r"^.*/|\.py(?=:)", "", agent.name)
 
 
-def _describe_others(others: OtherAgents) -> dict[str, str | int]:
-    penetration = {} if others.penetration is None else {"penetration": others.penetration}
-    return {"others": others.agent.resolve().name, **penetration}
+def read_seed(seed: SupportsIndex) -> int:
+    """Return a seed as a Python integer; those of NumPy are taken, too. Raises InputError."""
+    try:
+        return index(seed)
+    except TypeError:
+        raise InputError(f"seed: expected an integer, found {seed!r:.40}") from None
 
 
-def _read_others(values: Mapping[str, Any]) -> OtherAgents | None:
-    return OtherAgents(AgentSpec(values["others"]), values.get("penetration")) if "others" in values else None
+def parse_seeds(seeds: int | Iterable[int]) -> tuple[int, ...]:
+    """Return the seeds of a number of them (3 means 0, 1 and 2), or of the seeds themselves. Raises InputError."""
+    chosen = tuple(map(read_seed, seeds)) if isinstance(seeds, Iterable) else tuple(range(read_seed(seeds)))
+    check_seeds(chosen)
+    return chosen
 
 
 def check_seeds(seeds: Sequence[int]) -> None:
@@ -195,12 +275,14 @@ def check_seeds(seeds: Sequence[int]) -> None:
         raise InputError(f"seeds: expected each once, found {', '.join(map(str, seeds))}")
 
 
-def _parse_more_seeds(seed: int, text: str) -> tuple[int, ...]:
-    """Return the seeds of a fingerprint after the first. Raises ValueError for a corrupt entry."""
-    seeds = [int(part) for part in text.split(",")] if text else [seed]
-    if seeds[0] != seed or len(set(seeds)) < len(seeds):
-        raise ValueError(f"seeds: expected different ones beginning with {seed}, found {text!r:.60}")
-    return tuple(seeds[1:])
+def _read_seeds(first: object, text: str) -> tuple[int, ...]:
+    """Return the seeds of a fingerprint. Raises TypeError and ValueError for a corrupt entry."""
+    if type(first) is not int:
+        raise TypeError(f"seed: expected a value of type int, found {first!r:.60}")
+    seeds = tuple(int(part) for part in text.split(",")) if text else (first,)
+    if seeds[0] != first or len(set(seeds)) < len(seeds):
+        raise ValueError(f"seeds: expected different ones beginning with {first}, found {text!r:.60}")
+    return seeds
 
 
 def _name_seeds(seeds: tuple[int, ...]) -> str:

@@ -8,7 +8,6 @@ from typing import Any
 
 from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
 from mdrive_sumo.scoring import RunInfo
 
@@ -67,7 +66,7 @@ def list_settings(info: RunInfo, folder: Path | None = None) -> dict[str, Any]:
     found["agent clock"] = info.agent_clock
     if info.sensing_track:
         found[SENSING_TRACK] = info.sensing_track
-    found |= {name: getattr(info, name) for name in EpisodeOptions.list_choices()}
+    found |= info.conditions
     if limits := fingerprint.get("agent_limits"):
         found["agent limits"] = limits
     found |= {f"plug-in {name}": identity for name, identity in info.plug_ins.items()}

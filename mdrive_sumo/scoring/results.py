@@ -1,11 +1,13 @@
 """The format of `results.json`: DS, RC and SR in percent, IP in [0, 1], all with 6 decimals."""
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, create_model
 
 from mdrive_sumo.contract import TrackName
+from mdrive_sumo.core.setting import Scalar
 from mdrive_sumo.core.state import End
+from mdrive_sumo.episode.episode_options import CONDITIONS
 
 FORMAT = "mdrive-sumo/results/4"
 EpisodeKey = tuple[str, int]
@@ -170,8 +172,8 @@ class Overall(_Part):
     """Scores by agent in a run of two agents; absent in a run of one."""
 
 
-class RunInfo(_Part):
-    """What was run, with what."""
+class _RunFacts(_Part):
+    """What was run, with what; `RunInfo` without the conditions of the episodes."""
 
     agent: str
     labels: tuple[str, ...] = ()
@@ -204,14 +206,11 @@ class RunInfo(_Part):
     """Settings of the V2X channel."""
     agent_clock: str = "ideal"
     """What thinking costs: ideal, fixed:MS, or measured (which no other machine reproduces)."""
-    actors: str = "default"
-    """How scripted road users behave: default (reactive, on a global clock), or original as in MDrive's code."""
-    friction: str = "dry"
-    """How slippery roads are: dry in every weather, or as the scenario's weather makes them."""
-    ids: str = "scenario"
-    """Ids of CAVs in agents and messages: random per episode, or the scenario's (older results have no entry)."""
-    sensing: str = ""
-    """How well own states and objects are sensed: realistic or perfect; "" in files from before this option."""
+
+    @property
+    def conditions(self) -> dict[str, Scalar]:
+        """The conditions of the episodes besides channel and clock, by name: those of `EpisodeOptions`."""
+        return {condition.label: getattr(self, condition.key) for condition in CONDITIONS}
 
     @property
     def all_seeds(self) -> tuple[int, ...]:
@@ -221,6 +220,19 @@ class RunInfo(_Part):
     def find_key(self, result: ScenarioResult) -> EpisodeKey:
         """Return what a result of this run is found by; in a run of one seed only the scenario counts."""
         return result.key if len(self.all_seeds) > 1 else (result.id, self.seed)
+
+
+if TYPE_CHECKING:
+    RunInfo = _RunFacts
+else:
+    RunInfo = create_model(
+        "RunInfo",
+        __base__=_RunFacts,
+        __doc__="What was run, with what.",
+        __module__=__name__,
+        **{condition.key: (condition.stored_kind, condition.write(condition.default)) for condition in CONDITIONS},
+    )
+    # One field for each condition: a new one needs no line here, and results from before it have its default.
 
 
 class Results(_Part):

@@ -98,7 +98,7 @@ class GainStudy:
         folder = self.folder / RUNS_FOLDER / name_agent_folder(prepared.config.agent) / sensing
         for seed in self.seeds:
             progress.run(f"{name}, sensing {sensing}, seed {seed}")
-            yield evaluate(make_variant(prepared, options, seed, folder / f"seed{seed}"), progress)
+            yield evaluate(make_variant(prepared, options, (seed,), folder / f"seed{seed}"), progress)
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,7 @@ from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_ove
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.episode import EpisodeRecord, rebuild_frame
-from mdrive_sumo.loop import EpisodeOptions
-from mdrive_sumo.loop.pseudonyms import StationIds
+from mdrive_sumo.episode.episode_options import EpisodeOptions, StationIds
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario, load_model
 from mdrive_sumo.scenario.suite import Suite

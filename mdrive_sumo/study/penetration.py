@@ -58,7 +58,7 @@ class PenetrationStudy:
             progress.run(f"{run.config.agent.name}, {EVERY if run is self.others else level} %, seed {seed}")
             place = folder / f"seed{seed}"
             if level in (NONE, EVERY):
-                yield evaluate(make_variant(run, run.config.options, seed, place), progress)
+                yield evaluate(make_variant(run, run.config.options, (seed,), place), progress)
             else:
                 yield evaluate(make_two_agent_run(run, self.others, level, seed, place), progress)
 

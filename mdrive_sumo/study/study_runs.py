@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import Progress, evaluate
 from mdrive_sumo.runs.fingerprint import compute_fingerprint
@@ -112,12 +112,12 @@ def _prepare_cell(prepared: PreparedRun, condition: ChannelCondition, seed: int,
     """Return the run of one agent in one condition with one seed."""
     options = replace(prepared.config.options, comm=condition.comm)
     agent_folder = folder / name_agent_folder(prepared.config.agent)
-    return make_variant(prepared, options, seed, agent_folder / condition.folder / f"seed{seed}")
+    return make_variant(prepared, options, (seed,), agent_folder / condition.folder / f"seed{seed}")
 
 
-def make_variant(prepared: PreparedRun, options: EpisodeOptions, seed: int, folder: Path) -> PreparedRun:
-    """Return a prepared run with other options, another seed and another folder."""
-    config = replace(prepared.config, options=options, seed=seed, out=folder)
+def make_variant(prepared: PreparedRun, options: EpisodeOptions, seeds: tuple[int, ...], folder: Path) -> PreparedRun:
+    """Return a prepared run with other options, other seeds and another folder."""
+    config = replace(prepared.config, options=options, seeds=seeds, out=folder)
     return replace(
         prepared,
         config=config,

@@ -41,7 +41,7 @@ def make_two_agent_run(
     tested: PreparedRun, other: PreparedRun, penetration: int | None, seed: int, folder: Path
 ) -> PreparedRun:
     """Return the run in which the CAVs that `tested` leaves are driven by the agent of `other`. Raises InputError."""
-    config = replace(tested.config, others=OtherAgents(other.config.agent, penetration), seed=seed, out=folder)
+    config = replace(tested.config, others=OtherAgents(other.config.agent, penetration), seeds=(seed,), out=folder)
     labels = tuple(dict.fromkeys((*tested.info.labels, *other.info.labels)))
     return replace(
         tested,

@@ -17,7 +17,7 @@ from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.core.output_files import make_folder
-from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.open_agents import RejectedError
 from mdrive_sumo.runs.other_agents import OtherAgents

@@ -10,7 +10,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.core.terminal import echo
-from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.report.result_tables import format_optional
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.open_agents import RejectedError

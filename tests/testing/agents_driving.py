@@ -11,7 +11,8 @@ from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from mdrive_sumo.core.state import DT, Actors, EgoState, End, Kind, WorldState
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.roads.network_file import StopSignBox

@@ -14,9 +14,9 @@ from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import Observation
 from mdrive_sumo.core.state import TICKS_PER_SECOND, FailureReason
 from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentFailure, LocalDriver
-from mdrive_sumo.loop.episode_config import EpisodeOptions
 from mdrive_sumo.roads import Lane, RoadMap, build_lane_route, find_lane_path, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego, RoadsideUnit, Scenario

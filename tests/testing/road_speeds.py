@@ -9,7 +9,8 @@ import numpy as np
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.scenario import Ego, Scenario

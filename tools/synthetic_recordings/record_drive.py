@@ -14,7 +14,8 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End
 from mdrive_sumo.episode import Ending, EpisodeRecord
-from mdrive_sumo.loop import VEHICLE, EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.loop import VEHICLE, EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background

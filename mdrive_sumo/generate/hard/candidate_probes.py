@@ -9,9 +9,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.generate.hard.candidate_rejection import CandidateRejected, RejectionStage
 from mdrive_sumo.generate.hard.reference_drive import drive_with
-from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.reference_times import ReferenceTicks
 from mdrive_sumo.scenario.scenario import Scenario

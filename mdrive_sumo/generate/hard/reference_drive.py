@@ -2,7 +2,8 @@
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.loop.open_world import open_world
 from mdrive_sumo.roads import RoadMap

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.comparison_report.report_runs import ReportRun
 from mdrive_sumo.runs.setting_differences import format_setting
 from mdrive_sumo.v2x.comm_settings import PRESETS, describe_comm
@@ -60,7 +59,7 @@ def find_differing_conditions(conditions: Sequence[DriveConditions]) -> tuple[st
 def _list_own_conditions(runs: Sequence[ReportRun]) -> dict[str, str]:
     settings, info = runs[0].settings, runs[0].results.run
     seeds = sorted(seed for run in runs for seed in run.results.run.all_seeds)
-    named = ("agent clock", *EpisodeOptions.list_choices(), "others", "penetration")
+    named = ("agent clock", *runs[0].results.run.conditions, "others", "penetration")
     return {
         **({} if _is_silent(runs) else {CHANNEL: describe_channel(info.comm)}),
         **{name: format_setting(settings.get(name)) for name in named},

@@ -7,7 +7,6 @@ from pathlib import Path
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.private_paths import hide_place
 from mdrive_sumo.core.tables import Table, make_row, make_text_columns
-from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent, describe_code
 from mdrive_sumo.report.comparison_report.drive_conditions import SEEDS, find_differing_conditions
 from mdrive_sumo.report.comparison_report.report_runs import SHORT_CHECKSUM, ReportRun
@@ -41,8 +40,7 @@ def build_provenance_table(agents: Sequence[ComparedAgent], name: str = "provena
 def _describe_run(agent: ComparedAgent, run: ReportRun) -> tuple[str, ...]:
     info = run.results.run
     comm = info.comm.get("preset", "-") if info.comm.get("on", True) else "off"
-    settings = {"channel": comm, "clock": info.agent_clock}
-    settings |= {name: getattr(info, name) for name in EpisodeOptions.list_choices()}
+    settings = {"channel": comm, "clock": info.agent_clock, **info.conditions}
     return (
         agent.name,
         ", ".join(info.labels) or "-",

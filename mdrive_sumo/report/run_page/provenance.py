@@ -5,7 +5,6 @@ import shlex
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.report.result_tables import describe_agent
 from mdrive_sumo.scoring import Results
 
@@ -28,8 +27,8 @@ def _list_facts(results: Results, fingerprint: Mapping[str, Any]) -> Iterator[Fa
     yield "checksum of the suite", run.suite_checksum
     yield "seeds" if len(run.all_seeds) > 1 else "seed", ", ".join(map(str, run.all_seeds))
     yield "score mode", run.score_mode
-    for name in EpisodeOptions.list_choices():
-        yield name, str(getattr(run, name))
+    for name, value in run.conditions.items():
+        yield name, str(value)
     yield "agent clock", run.agent_clock
     yield "channel", ", ".join(f"{name} {_format(value)}" for name, value in run.comm.items())
     yield "sandbox", "yes" if fingerprint.get("sandbox") else "no"

@@ -187,7 +187,7 @@ def _build_cell(
 
 def _find_log(stored: StoredRun, result: ScenarioResult, ego: str, page: Path) -> AgentLog | None:
     run = stored.run
-    log = find_agent_log(run.folder, result.id, ego, result.seed if run.config.more_seeds else None)
+    log = find_agent_log(run.folder, result.id, ego, result.seed if run.config.has_many_seeds else None)
     if log is None:
         return None
     name = log.relative_to(run.folder).as_posix()

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from mdrive_sumo.loop import EpisodeOptions
 from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
 from mdrive_sumo.study.paper.paper_plan import LOG_BUCKET, PaperScale
 
@@ -37,7 +36,7 @@ def list_paper_facts(numbers: PaperNumbers, request: PaperRequest) -> dict[str, 
     run = numbers.compared[0].results.run
     plan = numbers.plan
     logs = LOG_BUCKET if any(one.bucket == LOG_BUCKET for one in numbers.scenarios) else "every bucket"
-    options = ", ".join(f"{key} {getattr(run, key)}" for key in EpisodeOptions.list_choices())
+    options = ", ".join(f"{name} {value}" for name, value in run.conditions.items())
     return {
         "suite": f"{run.suite}, checksum {run.suite_checksum}",
         "scenarios": f"{len(plan.closed)}: {CHOICES[plan.scale]}",

@@ -161,7 +161,7 @@ class PaperStudy:
 
     def _prepare(self, prepared: PreparedRun, condition: ChannelCondition) -> PreparedRun:
         run = _restrict(prepared, self.plan.channel, self._find_folder("channel", prepared) / condition.folder)
-        return make_variant(run, replace(run.config.options, comm=condition.comm), run.config.seed, run.folder)
+        return make_variant(run, replace(run.config.options, comm=condition.comm), run.config.seeds, run.folder)
 
 
 def _restrict(prepared: PreparedRun, scenarios: tuple[str, ...], folder: Path) -> PreparedRun:

@@ -112,7 +112,7 @@ def test_the_mode_stands_in_results_and_fingerprint_and_verify_honours_it(tmp_pa
     folder = suite(tmp_path / "suite", scenario("s", npc, walker))
     default = evaluated(folder, tmp_path / "default", agent="stationary")
     original = evaluated(folder, tmp_path / "original", "--actors", "original", agent="constant-speed")
-    assert (default.run.actors, original.run.actors) == ("default", "original")
+    assert (default.run.conditions["actors"], original.run.conditions["actors"]) == ("default", "original")
     assert "actors: original" in (tmp_path / "original" / "report.md").read_text()
     first = json.loads((tmp_path / "original" / "journal.jsonl").read_text().splitlines()[0])
     assert "original" in json.dumps(first)

@@ -15,7 +15,8 @@ from mdrive_sumo.agent_process.remote_driver import AgentLimits, open_agent_conn
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor, open_agents

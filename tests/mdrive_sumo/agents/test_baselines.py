@@ -20,7 +20,8 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentFailure, LocalDriver
 from mdrive_sumo.negotiation import NegotiationInterface
 from mdrive_sumo.perception.object_tracker import ObjectTracker

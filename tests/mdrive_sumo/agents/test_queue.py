@@ -10,7 +10,8 @@ from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.core.geometry import build_polyline
 from mdrive_sumo.core.state import DT, Actors, EgoState, Kind, WorldState
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.scenario.scenario import Scenario
 

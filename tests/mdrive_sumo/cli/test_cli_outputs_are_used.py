@@ -75,7 +75,7 @@ def test_a_run_says_what_it_drives_before_it_starts(tmp_path: Path) -> None:
         r" --scenario GLOB drives fewer",
         whole,
     )
-    part = describe_cost(prepare(RunConfig(out=tmp_path, scenario="i01*", seed=1, more_seeds=(2, 3))))
+    part = describe_cost(prepare(RunConfig(out=tmp_path, scenario="i01*", seeds=(1, 2, 3))))
     assert part == "3 episodes (1 scenario, 3 seeds), 6 drives of CAVs, at most 2 min of simulated time"
 
 

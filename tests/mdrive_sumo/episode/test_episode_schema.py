@@ -11,8 +11,9 @@ from testing.worlds import EmptyWorld, Says, pedals, straight_ego, straight_road
 from mdrive_sumo.contract import Message, Note, Observation, Plan, Reply
 from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.episode import ThinkTime, load_episode, save_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.episode.episode_schema import ARRAYS, DIMENSIONS, EpisodeHeader, build_episode_schema
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 
 

@@ -12,7 +12,8 @@ from mdrive_sumo.contract import Message, Note, Observation, Reply
 from mdrive_sumo.core.clock import Clock, parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import EpisodeRecord, ThinkTime
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.sensing.sensing_profile import SensingProfile

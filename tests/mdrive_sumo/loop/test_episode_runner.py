@@ -11,7 +11,8 @@ from mdrive_sumo.contract import Control, Observation, Plan, Reply, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.episode import Ending, EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring.metrics.ego_track import build_ego_track

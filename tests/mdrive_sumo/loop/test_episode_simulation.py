@@ -9,7 +9,8 @@ from mdrive_sumo.contract import Message, Observation, Reply, SensorSpec
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import End, FailureReason
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, EpisodeSimulation, SimulatedFrames, run_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, SimulatedFrames, run_episode
 from mdrive_sumo.loop.agent_driver import AgentFailure, LocalDriver
 from mdrive_sumo.v2x.comm_settings import PRESETS
 

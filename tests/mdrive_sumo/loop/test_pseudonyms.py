@@ -15,9 +15,10 @@ from testing.worlds import EmptyWorld, Says, pedals, straight_ego, straight_road
 from mdrive_sumo.contract import Message, Observation, Reply, SensorSpec
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions, StationIds
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
-from mdrive_sumo.loop.pseudonyms import StationIds, derive_pseudonyms, rename_senders
+from mdrive_sumo.loop.pseudonyms import derive_pseudonyms, rename_senders
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.sensing.sensing_frame import derive_track_name
 

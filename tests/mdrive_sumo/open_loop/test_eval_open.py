@@ -14,7 +14,7 @@ from testing.short_suite import make_short_suite
 import mdrive_sumo as md
 from mdrive_sumo.cli import main
 from mdrive_sumo.episode import load_episode, rebuild_frame
-from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.open_loop import open_run_reference, prepare_open_loop
 from mdrive_sumo.runs import worker_process
 from mdrive_sumo.runs.agent_spec import AgentSpec

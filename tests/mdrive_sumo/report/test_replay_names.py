@@ -10,7 +10,8 @@ from testing.worlds import EmptyWorld, Says, pedals, straight_ego, straight_road
 
 from mdrive_sumo.contract import Note, Observation, Reply
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.loop import EpisodeConfig, EpisodeOptions, run_episode
+from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.report.replay_messages import build_message_tables
 from mdrive_sumo.report.replay_notes import list_notes

@@ -9,7 +9,7 @@ from mdrive_sumo.runs.run_config import RunConfig
 
 def test_a_run_with_a_pace_is_given_the_time_that_its_requests_take() -> None:
     """Also one of built-in agents: 2400 ticks of a second each are no hung episode."""
-    free, paced = (prepare(RunConfig(scenario="i13*", agent=AgentSpec("idm"), pace_s=pace_s)) for pace_s in (0.0, 1.0))
+    free, paced = (prepare(RunConfig(scenario="i13*", agent=AgentSpec("idm"), pace_ms=ms)) for ms in (0.0, 1000.0))
     assert paced.limit_s() >= free.limit_s() + 2400
 
 

@@ -14,10 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.cli import main
-from mdrive_sumo.cli.comm import episode_options, parse_comm_options, read_episode_options
+from mdrive_sumo.cli.setting_options import episode_options, parse_comm_options, read_episode_options
 from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.v2x.comm_settings import (
     PER,
     PRESETS,

@@ -98,7 +98,7 @@ def test_a_full_brake_takes_the_way_that_the_friction_allows(rain: Path, run: st
 @pytest.mark.parametrize(("run", "friction"), [("dry", "dry"), ("wet", "weather")])
 def test_the_choice_stands_everywhere_and_verify_and_rescore_honour_it(rain: Path, run: str, friction: str) -> None:
     folder = rain / run
-    assert load_results(folder / "results.json").run.friction == friction
+    assert load_results(folder / "results.json").run.conditions["friction"] == friction
     assert f"friction: {friction}" in (folder / "report.md").read_text()
     header = json.loads((folder / "journal.jsonl").read_text().splitlines()[0])
     assert header["fingerprint"]["friction"] == friction

@@ -21,7 +21,7 @@ from mdrive_sumo.agent_process.sandbox.private_files import remove_idle_files
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.episode import load_episode
-from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.executor import run_jobs

@@ -7,7 +7,7 @@ import pytest
 from testing.short_suite import make_short_suite
 
 from mdrive_sumo.core.state import End
-from mdrive_sumo.loop import EpisodeOptions
+from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.open_agents import RejectedError

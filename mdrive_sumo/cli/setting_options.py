@@ -1,22 +1,30 @@
-"""Options of an episode for every command that drives: V2X channel, agents' clock, scripted actors, friction."""
+"""Options of settings: they are made from the fields of `RunConfig` and of the settings classes in it."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
+from mdrive_sumo.agent_process.agent_connection import AgentLimits
+from mdrive_sumo.cli.scenario_option import make_scenario_option
+from mdrive_sumo.cli.workers import workers_option
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.setting import Setting, list_settings
 from mdrive_sumo.core.suggestion import describe_unknown
-from mdrive_sumo.loop.episode_config import EpisodeOptions
+from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.runs.agent_limits import parse_agent_limits
+from mdrive_sumo.runs.run_config import MAX_SEEDS, RunConfig
 from mdrive_sumo.v2x.comm_settings import PER, PRESETS, CommSettings
 from mdrive_sumo.v2x.messages import TYPES
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+Option = Callable[[Any], Any]
+"""A decorator that adds an option to a command."""
+_SETTINGS: Mapping[str, Setting] = {one.key: one for one in list_settings(RunConfig)}
 _EACH = "for all types of message, or for some: "
-
-_OPTIONS = (
-    click.option("--comm", default="ideal", show_default=True, metavar="|".join(PRESETS), help="The V2X channel."),
+_CHANNEL_OPTIONS: tuple[Option, ...] = (
     click.option("--comm-latency", metavar="TICKS", help=f"Delay, {_EACH}6,text=20 or cpm=2."),
     click.option("--comm-loss", metavar="P", help=f"Probability of loss, {_EACH}0.1,cam=0."),
     click.option("--comm-range", metavar="M", help=f"Reach in metres or inf, {_EACH}200,cpm=70."),
@@ -32,42 +40,101 @@ _OPTIONS = (
         metavar="SENDER/TYPE[@TICK]",
         help="Drop these messages; * is any. SENDER: an id of the scenarios.",
     ),
-    click.option(
-        "--agent-clock",
-        default="ideal",
-        show_default=True,
-        metavar="ideal|fixed:MS|measured",
-        help="Cost of think time.",
-    ),
 )
+"""Changes of the channel that `--comm` names."""
+
+
+def add_options(options: Sequence[Option]) -> Callable[[Command], Command]:
+    """Return a decorator that adds options to a click command, the first of them on top of its help."""
+
+    def decorate(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def setting_option(key: str, **changes: Any) -> Option:
+    """Return the option of one setting. changes: arguments of `click.option` in which a command differs from `eval`."""
+    one = _SETTINGS[key]
+    if key == "scenario":
+        return make_scenario_option(changes.get("help", one.help))
+    if key == "workers":
+        return workers_option
+    name = one.key.replace("_", "-")
+    is_on = one.kind is bool and bool(one.default)
+    arguments: dict[str, Any] = {"help": one.help, **_describe_value(one), **changes}
+    return click.option(one.option or f"--{'no-' * is_on}{name}", one.key, **arguments)
+
+
+def _describe_value(one: Setting) -> dict[str, Any]:
+    """Return the arguments of `click.option` for type, default and placeholder of a setting."""
+    if one.kind is bool:
+        return {"is_flag": True, **({"flag_value": False, "default": True} if one.default else {})}
+    described: dict[str, Any] = {"metavar": one.metavar or one.unit.upper() or None}
+    if one.is_choice:
+        described["type"] = click.Choice([value.value for value in one.kind])
+    elif one.kind in (int, float):
+        limits: tuple[Any, Any] = one.bounds or (None, None)
+        described["type"] = (click.IntRange if one.kind is int else click.FloatRange)(*limits)
+    elif one.kind is Path or one.key == "agent_config":
+        described["type"] = click.Path(path_type=Path)
+    elif one.kind is AgentLimits:
+        return described | {"callback": _read_agent_limits}
+    default = one.typed_default
+    return described if default is None else {**described, "default": default, "show_default": default != ""}
+
+
+def _read_agent_limits(_: click.Context, __: click.Parameter, value: str | None) -> AgentLimits | None:
+    """Return the limits; None without the option. Raises InputError."""
+    return None if value is None else parse_agent_limits(value)
+
+
+def seed_options(*, seed: int = 0, seeds: int = 1, first: str, count: str) -> tuple[Option, Option]:
+    """Return `--seed`, the first seed, and `--seeds`, how many; with these defaults and help texts."""
+    return (
+        click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=seed, show_default=True, help=first),
+        click.option("--seeds", type=click.IntRange(1, MAX_SEEDS), default=seeds, show_default=True, help=count),
+    )
+
+
+def run_options(before: Mapping[str, Option]) -> Callable[[Command], Command]:
+    """Return a decorator that adds the options of a run's settings. before: others, by the key that they precede."""
+    options: list[Option] = []
+    for key, one in _SETTINGS.items():
+        options += [before[key]] if key in before else []
+        options += _make_options(one)
+    return add_options(options)
+
+
+def _make_options(one: Setting) -> tuple[Option, ...]:
+    if one.key == "seeds":
+        return seed_options(first=_FIRST_SEED, count=one.help)
+    return (setting_option(one.key), *(_CHANNEL_OPTIONS if one.key == "comm" else ()))
+
+
+_FIRST_SEED = "Seed of all randomness. 0: the scenarios as written. Others also draw starts, triggers and drivers."
 
 
 def episode_options(command: Command) -> Command:
     """Add the options of an episode to a click command, which gives its `**options` to `read_episode_options`."""
-    for option in reversed((*_OPTIONS, *_make_choice_options())):
-        command = option(command)
-    return command
-
-
-def _make_choice_options() -> Iterator[Callable[[Any], Any]]:
-    """Yield an option for every field of `EpisodeOptions` with a fixed set of values."""
-    for key, (name, kind, text) in EpisodeOptions.list_choices().items():
-        default = str(getattr(EpisodeOptions(), name))
-        yield click.option(
-            f"--{key}",
-            type=click.Choice([value.value for value in kind]),
-            default=default,
-            show_default=True,
-            help=text,
-        )
+    return add_options([option for one in list_settings(EpisodeOptions) for option in _make_options(one)])(command)
 
 
 def read_episode_options(options: dict[str, Any]) -> EpisodeOptions:
     """Return the options of an episode and take them out of the dict. Raises InputError naming the option."""
-    names = ("comm", "comm_latency", "comm_loss", "comm_range", "comm_budget", "pose_error", "comm_mute")
-    comm = parse_comm_options(**{name: options.pop(name) for name in names})
-    others: dict[str, Any] = {key: options.pop(key) for key in ("agent_clock", *EpisodeOptions.list_choices())}
+    comm = read_channel(options)
+    others: dict[str, Any] = {
+        one.key: options.pop(one.key) for one in list_settings(EpisodeOptions) if one.key != "comm"
+    }
     return EpisodeOptions.parse(comm=comm, **others)
+
+
+def read_channel(options: dict[str, Any]) -> CommSettings:
+    """Return the channel and take its options out of the dict. Raises InputError naming the option."""
+    names = ("comm", "comm_latency", "comm_loss", "comm_range", "comm_budget", "pose_error", "comm_mute")
+    return parse_comm_options(**{name: options.pop(name) for name in names})
 
 
 def parse_comm_options(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **given: str | None) -> CommSettings:

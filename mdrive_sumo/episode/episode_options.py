@@ -1,0 +1,113 @@
+"""EpisodeOptions: the conditions of an episode that the user chooses."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum, auto
+from typing import Any, TypedDict, Unpack, cast
+
+from mdrive_sumo.actors import ActorMode
+from mdrive_sumo.core.clock import IDEAL, Clock, parse_clock
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.setting import Scalar, Setting, list_settings, setting
+from mdrive_sumo.core.suggestion import describe_unknown
+from mdrive_sumo.scenario.weather import FrictionMode
+from mdrive_sumo.sensing.sensing_profile import SensingProfile
+from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json, parse_comm
+
+
+class StationIds(StrEnum):
+    """Which ids agents, their messages and the privileged sensor contain."""
+
+    RANDOM = auto()
+    SCENARIO = auto()
+
+
+class EpisodeArguments(TypedDict, total=False):
+    """Keyword arguments of the Python front door; each means what the option of `mdrive-sumo eval` means."""
+
+    comm: str | CommSettings
+    agent_clock: str | Clock
+    actors: str
+    friction: str
+    ids: str
+    sensing: str
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeOptions:
+    """Conditions of an episode that the user chooses besides scenario, agents and seed.
+
+    They identify a run: journal, recordings and results hold them. A scalar setting is a field here, its place of use
+    and, for type checkers, a line in `EpisodeArguments`; all else follows from the field (decision 072).
+    """
+
+    comm: CommSettings = setting(PRESETS["ideal"], typed="ideal", help="The V2X channel.", metavar="|".join(PRESETS))
+    """Properties of the V2X channel."""
+    clock: Clock = setting(
+        IDEAL, key="agent_clock", typed="ideal", help="Cost of think time.", metavar="ideal|fixed:MS|measured"
+    )
+    """What an agent's think time costs."""
+    actor_mode: ActorMode = setting(
+        ActorMode.DEFAULT,
+        key="actors",
+        help="Scripted road users: reacting, on a global clock; or as in MDrive's own code.",
+    )
+    """Behaviour of the scripted actors."""
+    friction: FrictionMode = setting(
+        FrictionMode.DRY, help="Roads: dry in every weather; or wet in rain, for CAVs and SUMO's traffic."
+    )
+    """Road friction. Agents are not informed: the briefing states the limits of a dry road."""
+    station_ids: StationIds = setting(
+        StationIds.RANDOM,
+        key="ids",
+        help="Ids of CAVs and RSUs in agents and messages: random per episode, or the scenario's.",
+    )
+    """Ids that agents learn. Results and recordings always have the scenario's."""
+    sensing: SensingProfile = setting(
+        SensingProfile.REALISTIC,
+        help="Own states and detections of CAVs and road-side units: with realistic errors; or exact.",
+    )
+    """Quality of own states and of the standard detector, the same for all stations."""
+
+    @classmethod
+    def parse(cls, **arguments: Unpack[EpisodeArguments]) -> "EpisodeOptions":
+        """Return the options that texts or typed values stand for. Raises InputError, also for an unknown argument."""
+        values: dict[str, Any] = {**arguments}
+        comm, clock = values.pop("comm", "ideal"), values.pop("agent_clock", IDEAL)
+        if isinstance(comm, str):
+            if comm not in PRESETS:
+                raise InputError(f"comm: {describe_unknown(comm, PRESETS)}")
+            comm = PRESETS[comm]
+        if not isinstance(cast(object, comm), CommSettings):
+            raise InputError(f"comm: expected one of {', '.join(PRESETS)} or CommSettings, found {comm!r:.40}")
+        conditions = {condition.key: condition for condition in CONDITIONS}
+        chosen: dict[str, Any] = {}
+        for key, value in values.items():
+            if key not in conditions:
+                known = [known.key for known in list_settings(cls)]
+                raise InputError(f"{key}: unknown option, {describe_unknown(key, known)}")
+            chosen[conditions[key].field] = conditions[key].parse(value)
+        return cls(comm, parse_clock(clock) if isinstance(clock, str) else clock, **chosen)
+
+    def to_dict(self) -> dict[str, Scalar]:
+        """Return the options as journal and recordings hold them; the inverse of `from_dict`."""
+        scalars = {condition.key: condition.write(getattr(self, condition.field)) for condition in CONDITIONS}
+        return {"comm": format_comm_json(self.comm), "agent_clock": self.clock.text, **scalars}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> "EpisodeOptions":
+        """Return the options of a journal's fingerprint; a missing condition has its default.
+
+        Raises KeyError, TypeError, ValueError or InputError for unusable values.
+        """
+        scalars: dict[str, Any] = {
+            condition.field: condition.read(values[condition.key])
+            for condition in CONDITIONS
+            if condition.key in values
+        }
+        return cls(parse_comm(json.loads(values["comm"])), parse_clock(values["agent_clock"]), **scalars)
+
+
+CONDITIONS: tuple[Setting, ...] = tuple(one for one in list_settings(EpisodeOptions) if one.is_scalar)
+"""The settings that are choices, numbers, texts or flags: all but the channel and the clock."""
