@@ -110,7 +110,7 @@ class Setting:
             return None
         if self.is_choice:
             if value not in list(self.kind):
-                raise InputError(f"{self.key}: {describe_unknown(str(value), self.kind)}")
+                raise InputError(f"{self.key}: {describe_unknown(str(value), [str(choice) for choice in self.kind])}")
             return self.kind(value)
         if self.kind is Path and isinstance(value, str | Path):
             return Path(value)

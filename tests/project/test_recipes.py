@@ -188,6 +188,61 @@ def test_an_infraction_metric_changes_ds(results: dict[str, Any]) -> None:
         assert ego["ds"] == pytest.approx(ego["rc"] * others * 0.9)
 
 
+def drive_on_ice(folder: Path) -> dict[str, Any]:
+    """Return where a setting appears: options, arguments, journal, results, comparison and page of a run."""
+    from dataclasses import replace
+    from inspect import signature
+
+    from testing.local_executor import run_in_process
+
+    import mdrive_sumo as md
+    from mdrive_sumo.report.run_page.provenance import list_provenance
+    from mdrive_sumo.runs.journal import read_fingerprint
+    from mdrive_sumo.runs.run_config import RunConfig
+
+    run_in_process(pytest.MonkeyPatch())  # for this process, which ends with the module
+    out, usual = folder / "ice", folder / "run"
+    run = md.evaluate(  # pyright: ignore[reportCallIssue]
+        agent="full-throttle", scenario="i02*", grip=0.5, out=out, workers=1, record=False, progress=False
+    )
+    fingerprint, stored = read_fingerprint(out), RunConfig.from_journal(read_fingerprint(out), out)
+    with pytest.raises(md.InputError, match=r"another .*grip 1\.0 \(now 0\.5\)"):
+        md.evaluate(agent="full-throttle", scenario="i02*", grip=0.5, out=usual, record=False)  # pyright: ignore
+    with pytest.raises(md.InputError, match=r"grip: expected a number from 0.1 to 1 \[share\], found 2"):
+        md.evaluate(grip=2)  # pyright: ignore
+    return {
+        "options": [" ".join(run_command(command, "--help").split()) for command in ("eval", "eval-open")],
+        "argument": signature(md.evaluate).parameters["grip"].default,
+        "identity": (fingerprint["grip"], stored.to_dict()["grip"], replace(stored, out=None).default_folder("s").name),
+        "results": json.loads((out / "results.json").read_text("utf-8"))["run"]["grip"],
+        "digests": {read_results(place)["scenarios"][0]["digest"] for place in (out, usual)},
+        "difference": [(one.name, one.a, one.b) for one in md.compare(usual, out).settings],
+        "provenance": dict(list_provenance(run.results[0], fingerprint))["grip"],
+        "report": (out / "report.md").read_text("utf-8"),
+        "tables": str(md.build_report([usual, out]).to_frame("provenance")["settings"].tolist()),
+    }
+
+
+def read_results(run: Path) -> dict[str, Any]:
+    return json.loads((run / "results.json").read_text("utf-8"))
+
+
+@pytest.mark.slow
+def test_a_setting_is_a_field_and_the_place_that_uses_it(
+    run: tuple[dict[str, Any], str], in_scratch: Callable[..., Any]
+) -> None:
+    assert run[0]["run"]["grip"] == 1.0
+    found = in_scratch(drive_on_ice)
+    help_text = "--grip SHARE Friction of all roads, as a share of that of a dry road. [default: 1.0; 0.1<=x<=1.0]"
+    assert all(help_text in options for options in found["options"])
+    assert found["argument"] == 1.0
+    assert found["identity"] == (0.5, 0.5, "s-full-throttle-seed0-i02_-0.5-grip-norecord")
+    assert found["results"] == 0.5
+    assert len(found["digests"]) == 2, "the place that uses it"
+    assert found["difference"] == [("grip", "1", "0.5")]
+    assert found["provenance"] == "0.5" and "- grip: 0.5" in found["report"] and "grip 0.5" in found["tables"]
+
+
 def iterate_egos(results: dict[str, Any]) -> Iterator[dict[str, Any]]:
     return (ego for scenario in results["scenarios"] for ego in scenario["egos"])
 

@@ -4,19 +4,24 @@ import json
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
+from inspect import signature
 from pathlib import Path
+from typing import Any, get_type_hints
 
 import pytest
 
+import mdrive_sumo as md
 from mdrive_sumo.actors import ActorMode
+from mdrive_sumo.cli.evaluate import command as eval_command
 from mdrive_sumo.contract import Briefing, Observation, OwnState, Reply, SensorSpec
 from mdrive_sumo.core.clock import Clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.episode.episode_options import EpisodeOptions
+from mdrive_sumo.core.setting import list_settings
+from mdrive_sumo.episode.episode_options import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.runs.open_agents import declare_agent, open_agents
-from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
+from mdrive_sumo.runs.run_config import RunArguments, RunConfig, load_agent_config
 from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.scoring import RunInfo, ScoreMode
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
@@ -51,6 +56,7 @@ WRITTEN = {
     "record": False,
 }
 """What journals hold: a changed form makes every stored run unreadable."""
+FACTS = {"agent": "idm", "suite": "s", "suite_checksum": "", "seed": 0, "score_mode": "mdrive", "versions": {}}
 
 
 def test_the_written_form_is_that_of_stored_runs() -> None:
@@ -70,6 +76,67 @@ def test_a_corrupt_value_is_refused(key: str) -> None:
 
 def test_results_describe_every_option() -> None:
     assert set(OPTIONS.to_dict()) <= set(RunInfo.model_fields)
+    assert set(RunInfo.model_validate(FACTS).conditions) == {"actors", "friction", "ids", "sensing"}
+    assert RunInfo.model_validate(FACTS | {"sensing": "perfect"}).conditions["sensing"] == "perfect"
+
+
+def test_every_setting_has_its_line_for_type_checkers() -> None:
+    """`RunArguments` are the arguments of `evaluate`, of which it declares two itself."""
+    assert {"suite", "agent", *get_type_hints(RunArguments)} == {one.key for one in list_settings(RunConfig)}
+    assert set(get_type_hints(EpisodeArguments)) == {one.key for one in list_settings(EpisodeOptions)}
+
+
+def test_evaluate_shows_every_setting_with_its_default() -> None:
+    parameters = signature(md.evaluate).parameters
+    assert list(parameters) == [
+        "suite",
+        "agent",
+        "progress",
+        *(one.key for one in list_settings(RunConfig) if one.key not in ("suite", "agent")),
+    ]
+    assert {name: parameters[name].default for name in ("agent", "comm", "seeds", "sensing", "record", "workers")} == {
+        **{"agent": "idm", "comm": "ideal", "seeds": 1, "sensing": "realistic", "record": True, "workers": None},
+    }
+
+
+def test_every_setting_has_an_option() -> None:
+    options = {param.name for param in eval_command.params}
+    assert options >= {one.key for one in list_settings(RunConfig)}
+    assert options - {one.key for one in list_settings(RunConfig)} == {
+        *("seed", "transcript", "executor", "captured"),
+        *("comm_latency", "comm_loss", "comm_range", "comm_budget", "pose_error", "comm_mute"),
+    }
+
+
+def test_every_setting_of_the_identity_is_in_a_journal_and_no_other() -> None:
+    identity = {one.key for one in list_settings(RunConfig) if one.is_identity}
+    limits = {"agent_limits": {"tick": 30.0}, "agent": "mine.py:Mine"}
+    config = RunConfig.parse(**limits, others="idm", penetration=50, seeds=2)  # pyright: ignore
+    assert identity | {"seed"} == {*config.to_dict()}
+
+
+def test_the_defaults_of_the_arguments_are_those_of_the_model() -> None:
+    assert RunConfig.parse() == RunConfig()
+    typed = {one.key: one.typed_default for one in list_settings(RunConfig) if one.typed_default is not None}
+    assert RunConfig.parse(**typed) == RunConfig()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"sede": 3}, "sede: unknown option, expected one of suite, .*did you mean 'seeds'?"),
+        ({"score_mode": "mdriv"}, "score_mode: .*did you mean 'mdrive'?"),
+        ({"pace_ms": 2000}, r"pace_ms: expected a number from 0 to 1000 \[ms\], found 2000"),
+        ({"workers": "2"}, "workers: expected a whole number, found '2'"),
+        ({"record": "no"}, "record: expected True or False, found 'no'"),
+        ({"penetration": 0}, "penetration: expected 1 to 99 percent of the CAVs, found 0"),
+        ({"sensing": "good"}, "sensing: expected one of realistic, perfect, found 'good'"),
+        ({"scenario": ["i02"]}, "scenario: expected a text, found"),
+    ],
+)
+def test_wrong_arguments_get_a_sentence(arguments: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        RunConfig.parse(**arguments)
 
 
 def test_a_job_survives_pickling() -> None:
