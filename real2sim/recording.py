@@ -51,7 +51,9 @@ DEFAULT_SIZE_M: Mapping[ObjectCategory, tuple[float, float]] = {
     ObjectCategory.PEDESTRIAN: (0.5, 0.5),
     ObjectCategory.STATIC: (0.5, 0.5),
 }
-"""Length and width [m] for sources that give no dimensions."""
+"""Length and width [m] for sources that give no dimensions: typical of each class, not of any data set."""
+COLUMNS = ("x", "y", "yaw", "length", "width")
+"""The arrays of a track that hold NaN where it is not observed."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,14 @@ class RecordedTrack:
     def replace_columns(self, **columns: Float | Bool) -> "RecordedTrack":
         """Return a copy with other arrays."""
         return replace(self, **columns)
+
+    def restrict(self, valid: Bool) -> "RecordedTrack":
+        """Return a copy that is observed in the frames of `valid` (T,) only."""
+        return replace(self, valid=valid, **{name: np.where(valid, getattr(self, name), np.nan) for name in COLUMNS})
+
+    def select_frames(self, rows: slice) -> "RecordedTrack":
+        """Return a copy with these frames only."""
+        return replace(self, valid=self.valid[rows], **{name: getattr(self, name)[rows] for name in COLUMNS})
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def _format_steps(recording: ScoredRecording) -> Iterator[str]:
     front_x, front_y = recording.shift_ahead(record.length / 2)
     angle = np.degrees(math.pi / 2 - record.yaw) % 360.0
     lanes = _format_lanes(recording, front_x, front_y)
-    tags = _list_tags(recording)
+    tags = [TAG_BY_KIND.get(Kind(int(kind)), "vehicle") for kind in recording.record.kind]
     vehicles_first = sorted(range(len(tags)), key=lambda n: tags[n] != "vehicle")  # the schema asks for this order
     heads = [
         f"<{tag} id={quoteattr(id_)} type={quoteattr(type_)}"
@@ -65,10 +65,6 @@ def _format_steps(recording: ScoredRecording) -> Iterator[str]:
             )
         yield "    </timestep>"
     yield "</fcd-export>"
-
-
-def _list_tags(recording: ScoredRecording) -> list[str]:
-    return [TAG_BY_KIND.get(Kind(int(kind)), "vehicle") for kind in recording.record.kind]
 
 
 def _format_lanes(recording: ScoredRecording, x: Float, y: Float) -> list[list[str]]:

@@ -62,7 +62,7 @@ def _resolve_pair(kept: list[RecordedTrack], there: Sequence[RecordedTrack], pai
     inside = f"overlaps {kept[other].id}"
     first = int(hit.argmin()) if not hit.all() else len(frames)
     if 0 < first <= FIRST_SHARE * len(frames) and len(frames) - first >= WINDOW:
-        kept[late] = _drop_frames_before(kept[late], int(frames[first]))
+        kept[late] = kept[late].restrict(kept[late].valid & (np.arange(len(kept[late].valid)) >= frames[first]))
         return TrackChange(ChangeReason.OVERLAP, kept[late].id, first, f"{inside} at first: begins later")
     for share in SHRINK:
         if not _compute_overlap_mask(there[late], there[other], share)[frames].any():
@@ -75,12 +75,6 @@ def _resolve_pair(kept: list[RecordedTrack], there: Sequence[RecordedTrack], pai
     return TrackChange(
         ChangeReason.INSIDE, gone.id, len(frames), f"{inside} in {hit.sum()} of {len(frames)} frames: left out"
     )
-
-
-def _drop_frames_before(track: RecordedTrack, frame: int) -> RecordedTrack:
-    valid = track.valid & (np.arange(len(track.valid)) >= frame)
-    columns = {name: np.where(valid, getattr(track, name), np.nan) for name in ("x", "y", "yaw", "length", "width")}
-    return replace(track, valid=valid, **columns)
 
 
 def _compute_overlap_mask(first: RecordedTrack, second: RecordedTrack, share: float) -> Bool:

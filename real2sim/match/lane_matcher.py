@@ -68,7 +68,7 @@ def match_track(track: Float, roads: RoadMap) -> LaneMatch:
     index = load_candidate_index(roads)
     xy = track[seen, :2]
     around = index.find_candidates(xy, _compute_headings(track[seen]), REACH_M)
-    near = _drop_implausible(around)
+    near = _take_candidates(around, ~(np.abs(around.turn) > MAX_TURN_RAD))  # unknown directions are kept
     if why := _find_off_road_reason(around, near, xy):
         return _build_unmatched(len(track), why)
     keys = _select_key_frames(xy, np.unique(near.point))
@@ -138,10 +138,6 @@ def _compute_headings(track: Float) -> Float:
     return np.where(moving, np.arctan2(step[:, 1], step[:, 0]), track[:, 2])
 
 
-def _drop_implausible(near: LaneCandidates) -> LaneCandidates:
-    return _take_candidates(near, ~(np.abs(near.turn) > MAX_TURN_RAD))  # unknown directions are kept
-
-
 def _take_candidates(near: LaneCandidates, kept: Bool) -> LaneCandidates:
     return LaneCandidates(near.point[kept], near.lane[kept], near.s[kept], near.offset[kept], near.turn[kept])
 
@@ -209,7 +205,7 @@ def _assemble_match(
         route,
         False,
         _describe_breaks(rows, broken, near, names),
-        _find_break_frames(seen, keys, broken),
+        tuple(int(seen[keys[k + 1]]) for k in broken),
         first_lane_width=index.roads.lanes[first].width if first else 0.0,
     )
 
@@ -247,7 +243,3 @@ def _describe_breaks(rows: list[int], broken: list[int], near: LaneCandidates, n
     a, b = (names[near.lane[rows[broken[0] + k]]] for k in (0, 1))
     more = f", and {len(broken) - 1} more such steps" if len(broken) > 1 else ""
     return f"no way from lane {a} to lane {b}{more}"
-
-
-def _find_break_frames(seen: Int, keys: list[int], broken: list[int]) -> tuple[int, ...]:
-    return tuple(int(seen[keys[k + 1]]) for k in broken)

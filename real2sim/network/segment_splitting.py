@@ -24,15 +24,11 @@ def split_at_neighbours(segments: Mapping[str, LaneSegment], links: Iterable[Lan
     """Split segments so that they begin and end where their neighbours do."""
     parts, joined = split_segments(segments, links, _find_crossing_cuts(segments))
     for _ in range(ROUNDS):
-        stations = _find_adjacency_cuts(parts, _find_crossing_ids(parts))
+        stations = _find_adjacency_cuts(parts, {id_ for pair in find_crossings(parts) for id_ in pair})
         if not stations:
             break
         parts, joined = split_segments(parts, joined, stations)
     return parts, joined
-
-
-def _find_crossing_ids(segments: Mapping[str, LaneSegment]) -> set[str]:
-    return {id_ for pair in find_crossings(segments) for id_ in pair}
 
 
 def _find_crossing_cuts(segments: Mapping[str, LaneSegment]) -> dict[str, list[float]]:

@@ -127,7 +127,10 @@ def _plan_tasks(
         return tasks, refused
     whole = [replace(task, every_s=options.every_s) for task in tasks]
     with ProcessPool(_split_task, min(options.workers, max(len(whole), 1)), LIMIT_S) as pool:
-        found = {task.number: _describe_if_failed(answer) for task, answer in pool.run(whole)}
+        found = {
+            task.number: (_describe_failure(answer) if isinstance(answer, WorkerFailure) else answer)
+            for task, answer in pool.run(whole)
+        }
     cut = [replace(log, window=window) for i, log in enumerate(once) for window in _windows_or_none(found[i])]
     refused += [answer for _, answer in sorted(found.items()) if isinstance(answer, str)]
     return _plan_tasks(cut, parts, replace(options, every_s=None))[0], refused
@@ -145,12 +148,6 @@ def _reject_repeated(logs: Sequence[LogSource]) -> tuple[list[LogSource], list[s
 
 def _windows_or_none(windows: Windows | str) -> Windows:
     return () if isinstance(windows, str) else windows
-
-
-def _describe_if_failed(
-    answer: Windows | str | WorkerFailure,
-) -> Windows | str:
-    return _describe_failure(answer) if isinstance(answer, WorkerFailure) else answer
 
 
 def _describe_failure(failure: WorkerFailure) -> str:

@@ -25,11 +25,7 @@ Measure = Callable[[FittedTraffic], TrafficFidelity]
 def begin_at(track: RecordedTrack, frame: int) -> RecordedTrack:
     """Return the track without the frames before `frame`; as it is if fewer than two are left."""
     valid = track.valid & (np.arange(len(track.valid)) >= frame)
-    if valid.sum() < 2:
-        return track
-    kept = np.where(valid, 1.0, np.nan)
-    columns = {name: getattr(track, name) * kept for name in ("x", "y", "yaw", "length", "width")}
-    return track.replace_columns(valid=valid, **columns)
+    return track if valid.sum() < 2 else track.restrict(valid)
 
 
 def fit_departures(fit: Fit, measure: Measure, dt_s: float) -> tuple[FittedTraffic, TrafficFidelity, tuple[str, ...]]:

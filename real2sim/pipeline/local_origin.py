@@ -11,7 +11,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap, MapArea, MapLane
-from real2sim.recording import ObserverView, RecordedTrack, Recording
+from real2sim.recording import ObserverView, Recording
 
 LARGEST_M = 900_000.0
 """[m] Scenarios hold up to 1 000 000 m; routes go on beyond the log, and the margin is for them."""
@@ -45,12 +45,8 @@ def _list_points(recording: Recording) -> Iterator[Float]:
 
 
 def _shift_view(view: ObserverView, shift: Float) -> ObserverView:
-    tracks = tuple(_shift_track(track, shift) for track in view.tracks)
+    tracks = tuple(track.replace_columns(x=track.x + shift[0], y=track.y + shift[1]) for track in view.tracks)
     return replace(view, tracks=tracks, pose=view.pose + np.array((*shift, 0.0)) if len(view.pose) else view.pose)
-
-
-def _shift_track(track: RecordedTrack, shift: Float) -> RecordedTrack:
-    return track.replace_columns(x=track.x + shift[0], y=track.y + shift[1])
 
 
 def _shift_map(hd_map: HdMap, shift: Float) -> HdMap:

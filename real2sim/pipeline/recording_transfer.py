@@ -39,7 +39,11 @@ def decode_value(data: bytes, expected: type[T]) -> T:
 def _to_plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         plain = np.ascontiguousarray(value)
-        return {"dtype": plain.dtype.newbyteorder("<").str, "shape": value.shape, "data": _to_bytes(plain)}
+        return {
+            "dtype": plain.dtype.newbyteorder("<").str,
+            "shape": value.shape,
+            "data": plain.astype(plain.dtype.newbyteorder("<"), copy=False).tobytes(),
+        }
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: _to_plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, Mapping):
@@ -51,10 +55,6 @@ def _to_plain(value: Any) -> Any:
     if value is None or isinstance(value, bool | int | float | str):
         return value
     raise TypeError(f"expected numbers, text, arrays or dataclasses, found {type(value).__name__}")
-
-
-def _to_bytes(array: "np.ndarray[Any, Any]") -> bytes:
-    return array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes()
 
 
 def _from_plain(expected: Any, plain: Any) -> Any:

@@ -168,7 +168,13 @@ def assess_reconstruction(converted: ReconstructedLog) -> ReconstructionQuality:
     static = [actor for actor in others if not actor.moving]
     movers = [track for track, actor in zip(converted.tracks, actors, strict=True) if actor in moving]
     error = _concatenate([position_errors(track, raw[track.id]) for track in movers if track.id in raw])
-    jerk = _concatenate([jerks for track in movers for jerks in _list_jerks(track, dt_s)])
+    jerk = _concatenate(
+        [
+            kinematics.jerk_magnitudes(track.xy[run], dt_s)
+            for track in movers
+            for run in kinematics.find_runs(track.valid)
+        ]
+    )
     return ReconstructionQuality(
         log=converted.log,
         frames=len(converted.tracks[0].valid) if converted.tracks else 0,
@@ -197,11 +203,6 @@ def _set_speed_limits(actors: Sequence[ActorQuality], limits: Mapping[str, float
     moving = {one.id: one.speed_max for one in actors if one.moving and one.category not in SCRIPTED_CATEGORIES}
     plausible = find_plausible_speeds(moving, limits)
     return [one.model_copy(update={"speed_limit": plausible.get(one.id, TOWN_MPS)}) for one in actors]
-
-
-def _list_jerks(track: RecordedTrack, dt_s: float) -> list[Float]:
-    """Return the jerk magnitudes [m/s3] of each run of observed frames."""
-    return [kinematics.jerk_magnitudes(track.xy[run], dt_s) for run in kinematics.find_runs(track.valid)]
 
 
 def _contacts_by_id(found: TrackContacts, ids: Sequence[str]) -> dict[str, Any]:

@@ -75,7 +75,7 @@ class Av2MapArchive(BaseModel, frozen=True):
 def read_argoverse2_map(folder: Path) -> tuple[HdMap, tuple[str, ...]]:
     """Read the `log_map_archive_*.json` in a folder; return notes on skipped elements; raise InputError."""
     path = find_single_file(folder, "log_map_archive_*.json")
-    archive = _load_archive(path)
+    archive = load_model(path, Av2MapArchive)
     read = ((id_, _build_lane(path, id_, segment)) for id_, segment in archive.lane_segments.items())
     lanes = {id_: lane for id_, lane in read if lane is not None}
     lost = len(archive.lane_segments) - len(lanes)
@@ -101,10 +101,6 @@ def find_single_file(folder: Path, *patterns: str) -> Path:
             names = f"{found[0].name}, {found[1].name}"
             raise InputError(f"{folder}: expected one {pattern}, found {len(found)}, such as {names}")
     raise InputError(f"{folder}: expected {' or '.join(patterns)}, found none")
-
-
-def _load_archive(path: Path) -> Av2MapArchive:
-    return load_model(path, Av2MapArchive)
 
 
 def _build_lane(path: Path, id_: str, segment: Av2LaneSegment) -> MapLane | None:

@@ -1,6 +1,7 @@
 """Whether a map shows the place of a log."""
 
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -18,24 +19,47 @@ MAX_OFF_MAP_SHARE = 0.5
 MAX_PROBES = 3000
 """Number of track points that suffices to tell whether a map fits."""
 PROBES_PER_VEHICLE = 10
-"""At most so many points of every vehicle are looked at: a parked car counts as much as one that passes."""
+"""About so many points of every vehicle are looked at: a parked car counts as much as one that passes."""
 
 
-def measure_lane_gaps(views: Sequence[ObserverView], hd_map: HdMap) -> Float:
-    """Return the distances (N,) [m] of track points and poses, evenly thinned, to the nearest centre line."""
-    points = np.concatenate(
-        [view.pose[np.isfinite(view.pose[:, 0]), :2] for view in views]
-        + [track.xy[track.valid] for view in views for track in view.tracks]
-    )
-    return _measure_distances(points[:: -(-len(points) // MAX_PROBES)], hd_map.lanes.values())
+class MapFit(NamedTuple):
+    """How far the points of a log lie from the lanes of a map; the best of several maps is the least one."""
+
+    off_share: float
+    """Share of the points that are more than `OFF_MAP_M` off."""
+    median_m: float
+    """Median distance [m] to the nearest lane."""
+
+    @property
+    def is_same_place(self) -> bool:
+        """Whether the map shows the place of the log."""
+        return self.off_share <= MAX_OFF_MAP_SHARE
 
 
-def check_place(where: str, gaps: Float) -> None:
-    """Raise InputError for tracks beside the lanes of the map, see `measure_lane_gaps`."""
-    share = float((gaps > OFF_MAP_M).mean())
-    if share > MAX_OFF_MAP_SHARE:
+def measure_map_fit(points: Float, lanes: Iterable[MapLane]) -> MapFit:
+    """Measure how far points (N, 2) [m] lie from the nearest of the centre lines."""
+    tree = shapely.STRtree([shapely.LineString(lane.centre) for lane in lanes])
+    _, gaps = tree.query_nearest(shapely.points(points), return_distance=True, all_matches=False)
+    return MapFit(float((gaps > OFF_MAP_M).mean()), float(np.median(gaps)))
+
+
+def measure_view_fit(views: Sequence[ObserverView], hd_map: HdMap) -> MapFit:
+    """Measure how far all track points and poses of the observers lie from the lanes of a map."""
+    poses = [view.pose[np.isfinite(view.pose[:, 0]), :2] for view in views]
+    tracks = [track.xy[track.valid] for view in views for track in view.tracks]
+    return measure_map_fit(thin_points(np.concatenate(poses + tracks)), hd_map.lanes.values())
+
+
+def thin_points(points: Float) -> Float:
+    """Return at most `MAX_PROBES` of the points (N, 2), evenly chosen."""
+    return points[:: -(-len(points) // MAX_PROBES)]
+
+
+def check_place(where: str, fit: MapFit) -> None:
+    """Raise InputError for tracks beside the lanes of the map, see `measure_view_fit`."""
+    if not fit.is_same_place:
         raise InputError(
-            f"{where}: expected tracks on the lanes of the map, found {share:.0%} of their points more than "
+            f"{where}: expected tracks on the lanes of the map, found {fit.off_share:.0%} of their points more than "
             f"{OFF_MAP_M:g} m off: it is the map of another place, or of another frame"
         )
 
@@ -43,23 +67,14 @@ def check_place(where: str, gaps: Float) -> None:
 def check_on_map(recording: Recording) -> None:
     """Raise InputError if most of the vehicles' points lie off the driving lanes of the map."""
     tracks = [track for view in recording.views for track in view.tracks if track.category.kind is Kind.VEHICLE]
-    points = [
-        track.xy[track.valid_frames[:: max(len(track.valid_frames) // PROBES_PER_VEHICLE, 1)]] for track in tracks
-    ]
+    strides = [max(len(track.valid_frames) // PROBES_PER_VEHICLE, 1) for track in tracks]
+    points = [track.xy[track.valid_frames[::stride]] for track, stride in zip(tracks, strides, strict=True)]
     lanes = [lane for lane in recording.map.lanes.values() if lane.kind is LaneKind.DRIVING and len(lane.centre) > 1]
     if not lanes or not sum(map(len, points)):  # `build_network` refuses a map without a lane
         return
-    gaps = _measure_distances(np.concatenate(points), lanes)
-    share = float((gaps > OFF_MAP_M).mean())
-    if share > MAX_OFF_MAP_SHARE:
+    fit = measure_map_fit(np.concatenate(points), lanes)
+    if not fit.is_same_place:
         raise InputError(
-            f"expected tracks on the lanes of the map, found {share:.0%} of the vehicles' points more than"
-            f" {OFF_MAP_M:g} m off (median {np.median(gaps):.0f} m): it is the map of another place"
+            f"expected tracks on the lanes of the map, found {fit.off_share:.0%} of the vehicles' points more than"
+            f" {OFF_MAP_M:g} m off (median {fit.median_m:.0f} m): it is the map of another place"
         )
-
-
-def _measure_distances(points: Float, lanes: Iterable[MapLane]) -> Float:
-    """Return the distances (N,) [m] of points (N, 2) to the nearest centre line."""
-    tree = shapely.STRtree([shapely.LineString(lane.centre) for lane in lanes])
-    _, gaps = tree.query_nearest(shapely.points(points), return_distance=True, all_matches=False)
-    return gaps

@@ -172,7 +172,9 @@ def _select_kind(authored: AuthoredActor, shape: BlueprintShape) -> KindName:
 def _build_motion(authored: AuthoredActor, frame: CarlaFrame) -> tuple[Pose, Motion, list[str]]:
     xy, yaws = frame.to_map_xy(authored.route.xy_carla), _compute_yaws(authored.route, frame)
     start = Pose(x=xy[0, 0], y=xy[0, 1], yaw=yaws[0])
-    if authored.is_replay and not _has_reactive_action(authored):
+    # a replayed log can neither brake nor change lanes: an actor that shall do so drives along its points
+    is_reactive = authored.script is not None and isinstance(authored.script.action, HardBrake | LaneChange)
+    if authored.is_replay and not is_reactive:
         times = np.asarray(authored.route.times_s)
         poses = zip(times.tolist(), xy[:, 0].tolist(), xy[:, 1].tolist(), yaws, strict=True)
         return start, ReplayMotion(poses=tuple(poses)), []
@@ -197,11 +199,6 @@ def _note_ignored(authored: AuthoredActor, motion: Motion) -> list[str]:
     if authored.route.has_point_speeds and isinstance(motion, PathMotion):
         notes.append(f"speeds at its points are not read, it drives at {motion.speed:g} m/s")
     return notes
-
-
-def _has_reactive_action(authored: AuthoredActor) -> bool:
-    """Return whether its action is impossible for a replayed log."""
-    return authored.script is not None and isinstance(authored.script.action, HardBrake | LaneChange)
 
 
 def _compute_yaws(route: RouteFile, frame: CarlaFrame) -> list[float]:

@@ -24,7 +24,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap
 from real2sim.readers.input_checks import check_frame_count
-from real2sim.readers.map_fit import check_place, measure_lane_gaps
+from real2sim.readers.map_fit import check_place, measure_view_fit
 from real2sim.readers.v2xpnp_frame import V2xpnpFrame, find_category, find_category_by_length, read_frame
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
@@ -50,12 +50,13 @@ def read_opv2v(folder: Path, hd_map: HdMap, frame: LogFrame, agents: Sequence[st
     """
     files = {name: _list_frames(folder / name) for name in agents or _list_agents(folder)}
     step = _find_step(folder, files)
-    first = min(min(one) for one in files.values())
-    last = max(max(one) for one in files.values())
+    first = min(min(numbers) for numbers in files.values())
+    last = max(max(numbers) for numbers in files.values())
     frames = check_frame_count(str(folder), (last - first) // step + 1)
-    found = [_read_view(folder / name, files[name], range(first, last + 1, step), frame) for name in files]
-    views, untyped = tuple(view for view, _ in found), sum(count for _, count in found)
-    check_place(str(folder), measure_lane_gaps(views, hd_map))
+    numbers = range(first, last + 1, step)
+    views_and_untyped = [_read_view(folder / name, files[name], numbers, frame) for name in files]
+    views, untyped = tuple(view for view, _ in views_and_untyped), sum(count for _, count in views_and_untyped)
+    check_place(str(folder), measure_view_fit(views, hd_map))
     return Recording(
         id=folder.resolve().name,
         source="opv2v",
@@ -67,7 +68,7 @@ def read_opv2v(folder: Path, hd_map: HdMap, frame: LogFrame, agents: Sequence[st
         notes=(
             f"frames are numbered in steps of {step} and taken as {DT_S:g} s apart",
             *(["objects without types, classed by their size"] if untyped else []),
-            *_note_missing_frames(files, range(first, last + 1, step)),
+            *_note_missing_frames(files, numbers),
         ),
     )
 
@@ -99,7 +100,7 @@ def _find_step(folder: Path, files: Mapping[str, Mapping[int, Path]]) -> int:
     if not steps:
         raise InputError(f"{folder}: expected at least two frames of one agent, found one of each")
     step = steps.most_common(1)[0][0]
-    first = min(min(one) for one in files.values())
+    first = min(min(numbers) for numbers in files.values())
     for numbers in files.values():
         for number, path in numbers.items():
             if (number - first) % step:

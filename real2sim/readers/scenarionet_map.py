@@ -158,12 +158,11 @@ def _find_neighbour(where: str, feature: Mapping[str, Any], name: str, nearest: 
     if not isinstance(neighbours[nearest], dict):
         return str(neighbours[nearest])
     stretches: list[Mapping[str, Any]] = [one for one in neighbours if isinstance(one, dict)]
-    lengths = [_measure_stretch(where, one) for one in stretches]
+    lengths = [
+        read_finite(where, stretch, "self_end_index") - read_finite(where, stretch, "self_start_index")
+        for stretch in stretches
+    ]
     return str(stretches[int(np.argmax(lengths))].get("feature_id", ""))
-
-
-def _measure_stretch(where: str, neighbour: Mapping[str, Any]) -> float:
-    return read_finite(where, neighbour, "self_end_index") - read_finite(where, neighbour, "self_start_index")
 
 
 def _read_speed_limit(where: str, feature: Mapping[str, Any]) -> float:

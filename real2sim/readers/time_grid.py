@@ -1,4 +1,4 @@
-"""Put tracks that a log samples at uneven times on a grid of equal steps.
+"""Put tracks that a log samples at uneven times on a grid of equal steps, and cut a recording to a window of time.
 
 A step that is far longer than the others is a gap: frames are missing there. Every track is absent in the frames of a
 gap; cleaning interpolates across gaps of at most 2 s by motion (`clean.track_joining.MAX_GAP_S`) and reports them.
@@ -20,6 +20,7 @@ GAP_STEPS = 1.5
 EXACT_STEPS = 0.1
 """A frame this near to a time of the source, in steps, has the states of that time where one beside it is missing."""
 LISTED_GAPS = 8
+"""At most so many gaps are named in a note: more would hide the other notes."""
 TimeWindow = tuple[float, float]
 """Start and end [s] since the first frame of the log, both inclusive."""
 
@@ -149,10 +150,5 @@ def _format_window(window: TimeWindow) -> str:
 
 
 def _crop_view(view: ObserverView, rows: slice) -> ObserverView:
-    tracks = (_crop_track(track, rows) for track in view.tracks)
-    return replace(view, tracks=tuple(track for track in tracks if track.valid.any()), pose=view.pose[rows])
-
-
-def _crop_track(track: RecordedTrack, rows: slice) -> RecordedTrack:
-    columns = ("valid", "x", "y", "yaw", "length", "width")
-    return track.replace_columns(**{name: getattr(track, name)[rows] for name in columns})
+    tracks = tuple(track.select_frames(rows) for track in view.tracks if track.valid[rows].any())
+    return replace(view, tracks=tracks, pose=view.pose[rows])

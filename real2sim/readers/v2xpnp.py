@@ -13,27 +13,21 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap
 from real2sim.readers.input_checks import check_frame_count, find_gap
+from real2sim.readers.map_fit import OFF_MAP_M, measure_map_fit, thin_points
 from real2sim.readers.v2xpnp_frame import V2xpnpFrame, find_category, find_category_by_length, read_frame
 from real2sim.readers.v2xpnp_map import read_vector_map
-from real2sim.recording import ObserverView, RecordedTrack, Recording
+from real2sim.recording import COLUMNS, ObserverView, RecordedTrack, Recording
 
 DT_S = 0.1
 """[s] The files have no times; the dataset is recorded at 10 Hz."""
 MAX_MISSING_FRAMES = 19
 """A longer hole in the frames of one agent is refused: an interval of 2 s is the longest that cleaning fills
 (`clean.track_joining.MAX_GAP_S`), and a folder that lacks more was not copied completely."""
-OFF_MAP_M = 30.0
-"""[m] A point further from any lane is off the map."""
-MAX_OFF_MAP_SHARE = 0.5
-"""A larger share of points off the map means that the map shows another place."""
-MAX_PROBES = 3000
-"""Number of track points that suffices to distinguish maps."""
 
 
 def read_v2xpnp(folder: Path, maps: Path | Sequence[Path], agents: Sequence[str] | None = None) -> Recording:
@@ -87,7 +81,7 @@ def _spread_rows(track: RecordedTrack, rows: npt.NDArray[np.intp], frames: int) 
     valid = np.zeros(frames, dtype=np.bool_)
     valid[rows] = track.valid
     columns: dict[str, Float] = {}
-    for name in ("x", "y", "yaw", "length", "width"):
+    for name in COLUMNS:
         columns[name] = np.full(frames, np.nan)
         columns[name][rows] = getattr(track, name)
     return track.replace_columns(valid=valid, **columns)
@@ -205,33 +199,20 @@ def _build_track(name: str, boxes: Float, labels: Counter[str], static: Counter[
 def _choose_map(folder: Path, views: Sequence[ObserverView], paths: Sequence[Path]) -> tuple[HdMap, tuple[str, ...]]:
     if not paths:
         return HdMap(), ("no vector map given",)
-    points = _select_probes(views)
-    fits = [
-        (_measure_lane_distances(found, points), path, found, notes)
-        for path in paths
-        for found, notes in (read_vector_map(path),)
-    ]
-    gaps, path, found, notes = min(fits, key=lambda fit: (float((fit[0] > OFF_MAP_M).mean()), float(np.median(fit[0]))))
-    share = float((gaps > OFF_MAP_M).mean())
-    if share > MAX_OFF_MAP_SHARE:
+    points = _list_probes(views)
+    candidates = [(path, *read_vector_map(path)) for path in paths]
+    fits = [measure_map_fit(points, hd_map.lanes.values()) for _, hd_map, _ in candidates]
+    fit, (path, hd_map, notes) = min(zip(fits, candidates, strict=True), key=lambda pair: pair[0])
+    if not fit.is_same_place:
         raise InputError(
-            f"{folder}: expected tracks on the lanes of {path}, found {share:.0%} of their points more than "
-            f"{OFF_MAP_M:g} m off (median {np.median(gaps):.0f} m): it is the map of another place"
+            f"{folder}: expected tracks on the lanes of {path}, found {fit.off_share:.0%} of their points more than "
+            f"{OFF_MAP_M:g} m off (median {fit.median_m:.0f} m): it is the map of another place"
         )
-    return found, (*notes, f"map: {path.name}, {share:.1%} of track points more than {OFF_MAP_M:g} m from any lane")
+    note = f"map: {path.name}, {fit.off_share:.1%} of track points more than {OFF_MAP_M:g} m from any lane"
+    return hd_map, (*notes, note)
 
 
-def _select_probes(views: Sequence[ObserverView]) -> Float:
+def _list_probes(views: Sequence[ObserverView]) -> Float:
     """Return track points (N, 2), evenly thinned; the sensor positions if there are no tracks."""
-    xy = np.concatenate([track.xy[track.valid] for view in views for track in view.tracks] or [np.zeros((0, 2))])
-    if not len(xy):
-        xy = np.concatenate([view.pose[:, :2] for view in views])
-    return xy[:: -(-len(xy) // MAX_PROBES)]
-
-
-def _measure_lane_distances(found: HdMap, points: Float) -> Float:
-    """Return the distance (N,) [m] from each point to the nearest centre line."""
-    lines = [shapely.LineString(lane.centre) for lane in found.lanes.values()]
-    spots = shapely.points(points)
-    _, gaps = shapely.STRtree(lines).query_nearest(spots, return_distance=True, all_matches=False)
-    return gaps
+    points = [track.xy[track.valid] for view in views for track in view.tracks]
+    return thin_points(np.concatenate(points if sum(map(len, points)) else [view.pose[:, :2] for view in views]))

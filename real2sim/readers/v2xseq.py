@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, Field
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.input_files import read_bytes
-from mdrive_sumo.scenario.scenario import describe_first_error
+from mdrive_sumo.scenario.scenario import load_model
 from real2sim.hd_map import HdMap, LaneKind, MapLane, StopLine
 from real2sim.readers.input_checks import check_frame_count, parse_points
-from real2sim.readers.map_fit import check_place, measure_lane_gaps
+from real2sim.readers.map_fit import check_place, measure_view_fit
 from real2sim.readers.tables import TableRow, read_rows
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
@@ -107,16 +106,17 @@ def read_v2xseq(path: Path, maps: Sequence[Path]) -> Recording:
     frames = check_frame_count(f"{path}: timestamp", (times.max() - times.min()) / DT_S + 1.5, len(ids))
     tracks = _build_tracks(rows, times - times.min(), frames)
     views = (ObserverView("log", tracks),)
-    fits = [(measure_lane_gaps(views, found), one, found) for one in maps for found in (read_v2xseq_map(one),)]
-    gaps, chosen, hd_map = min(fits, key=lambda fit: float(np.median(fit[0])))
-    check_place(str(path), gaps)
+    candidates = {map_path: read_v2xseq_map(map_path) for map_path in maps}
+    fits = {map_path: measure_view_fit(views, hd_map) for map_path, hd_map in candidates.items()}
+    chosen = min(fits, key=lambda map_path: fits[map_path].median_m)
+    check_place(str(path), fits[chosen])
     return Recording(
         id=path.stem,
         source="v2xseq",
         dt_s=DT_S,
         frame_count=frames,
         views=views,
-        map=hd_map,
+        map=candidates[chosen],
         cavs=tuple(dict.fromkeys(row.cells[1] for row in rows if row.cells[4].strip() == CAV_TAG)),
         notes=(f"map: {chosen.name}",),
     )
@@ -149,12 +149,7 @@ def _classify(row: TableRow) -> ObjectCategory:
 
 def read_v2xseq_map(path: Path) -> HdMap:
     """Read a map; raise InputError."""
-    try:
-        file = _MapFile.model_validate_json(read_bytes(path))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-    except ValidationError as error:
-        raise InputError(f"{path}: {describe_first_error(error)}") from None
+    file = load_model(path, _MapFile)
     lanes = {id_: _build_lane(path, id_, lane) for id_, lane in file.LANE.items()}
     return HdMap(
         lanes=lanes,

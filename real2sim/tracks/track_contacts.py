@@ -81,7 +81,7 @@ def find_contacts(tracks: Sequence[RecordedTrack], slack_m: float = 0.0) -> Trac
     a, b = (np.asarray(shapely.polygons(boxes.corners(side, frame))) for side in (first, second))
     distance = shapely.distance(a, b)
     spawn = hit & (_first_frames(boxes)[first] == frame) | hit & (_first_frames(boxes)[second] == frame)
-    shared = shapely.area(shapely.intersection(a, b)) / _smaller_area(a, b)
+    shared = shapely.area(shapely.intersection(a, b)) / np.minimum(shapely.area(a), shapely.area(b))
     walker = np.array([track.category.kind is Kind.PEDESTRIAN for track in tracks], dtype=np.bool_)
     alike = walker[first] == walker[second]
     counted = _count_frames_by_pair(first[hit], second[hit])
@@ -92,10 +92,6 @@ def find_contacts(tracks: Sequence[RecordedTrack], slack_m: float = 0.0) -> Trac
         float(distance.min()),
         int((distance < 1.0).sum()),
     )
-
-
-def _smaller_area(a: np.ndarray, b: np.ndarray) -> Float:
-    return np.minimum(shapely.area(a), shapely.area(b))
 
 
 def _first_frames(boxes: TrackBoxes) -> np.ndarray:

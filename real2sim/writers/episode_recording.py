@@ -53,7 +53,7 @@ def record_episode(
     categories = _assign_categories(episode, scenario)
     tracks = tuple(_build_track(episode, n, ticks, categories[n]) for n in np.flatnonzero(there.any(axis=0)).tolist())
     posts = tuple(
-        ObserverView(rsu.id, (), _build_station_pose(rsu.x, rsu.y, len(ticks)), True) for rsu in scenario.rsus
+        ObserverView(rsu.id, (), np.tile((rsu.x, rsu.y, STATION_YAW), (len(ticks), 1)), True) for rsu in scenario.rsus
     )
     return Recording(
         id=scenario.id,
@@ -110,10 +110,6 @@ def _build_track(episode: EpisodeRecord, column: int, ticks: np.ndarray, categor
     length, width = float(episode.length[column]) * full, float(episode.width[column]) * full
     still = not (episode.speed[ticks, column][valid] > 0).any()
     return RecordedTrack(episode.ids[column], category, valid, x, y, yaw, length, width, parked=still)
-
-
-def _build_station_pose(x: float, y: float, frames: int) -> Float:
-    return np.tile((x, y, STATION_YAW), (frames, 1))
 
 
 def build_hd_map(roads: RoadMap) -> HdMap:
