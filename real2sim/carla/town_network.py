@@ -14,10 +14,10 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import make_folder, write_bytes, write_text
 from mdrive_sumo.roads import NetworkFile, load_road_map
+from mdrive_sumo.roads.netconvert import OUT_OF_MEMORY, run_netconvert
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum
 from real2sim.carla.left_hand_map import mirror_net
 from real2sim.carla.opendrive import OpenDriveMap, measure_lane_gaps, place_stop_signs, read_opendrive
-from real2sim.netconvert import RESOLUTIONS_M, build_opendrive_command, compile_opendrive
 from real2sim.xml_file import Element, read_xml
 
 OFFSET_TOLERANCE_M = 0.01
@@ -26,6 +26,16 @@ CARLA_LICENCE = "not stated in the file; the CARLA project publishes its towns u
 UNKNOWN_LICENCE = "unknown"
 CARLA_TOWN = re.compile(r"Town[0-9]{2}(HD)?(_Opt)?")
 """Names of the towns that CARLA comes with; other maps of scenarios are their authors'."""
+RESOLUTIONS_M = (1.0, 2.0)
+"""[m] Steps of curves: the finer one, and netconvert's own for maps that need too much memory with that."""
+OPENDRIVE_OPTIONS = (
+    "--junctions.internal-link-detail",  # 5 points make a turn of 22-degree kinks
+    "20",
+    "--no-turnarounds.except-deadend",
+    "--precision",  # of 3 digits the offset too is exact to the millimetre
+    "3",
+)
+"""Without `--opendrive.internal-shapes`: it folds lanes in junctions (heading change 114 instead of 67 deg)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,3 +195,29 @@ def _serialise(xml: Element) -> bytes:
 
 def _hash_file(path: Path) -> str:
     return "sha256:" + hashlib.sha256(read_bytes(path)).hexdigest()
+
+
+def _list_options(resolution_m: float) -> tuple[str, ...]:
+    return ("--opendrive.curve-resolution", f"{resolution_m:.1f}", *OPENDRIVE_OPTIONS)
+
+
+def build_opendrive_command(xodr: str, net: str, resolution_m: float = RESOLUTIONS_M[0]) -> tuple[str, ...]:
+    """Return the netconvert command that compiles an OpenDRIVE file to a net file."""
+    return ("netconvert", "--opendrive-files", xodr, "--output-file", net, *_list_options(resolution_m))
+
+
+def compile_opendrive(xodr: Path, named: Path | None = None) -> tuple[bytes, float]:
+    """Compile an OpenDRIVE map; return the SUMO net and the step of its curves [m].
+
+    `named` is the file that errors name, if `xodr` is a repaired copy. Raises InputError if netconvert is missing or
+    rejects the map.
+    """
+    expected = f"{named or xodr}: expected a map"
+    for resolution_m in RESOLUTIONS_M:
+        arguments = ("--opendrive-files", str(xodr.resolve()), *_list_options(resolution_m))
+        try:
+            return run_netconvert(arguments, xodr.parent, expected), resolution_m
+        except InputError as error:
+            if OUT_OF_MEMORY not in str(error) or resolution_m == RESOLUTIONS_M[-1]:
+                raise
+    raise AssertionError("one of the resolutions returns or raises")

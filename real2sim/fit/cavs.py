@@ -13,8 +13,7 @@ from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scenario.scenario_part import Pose
 from real2sim.fit.route_path import find_straight_continuation
 from real2sim.match import LaneMatch
-from real2sim.match.dense_route import build_dense_route
-from real2sim.match.waypoint_matcher import RouteLeg
+from real2sim.match.waypoint_matcher import RouteLeg, build_dense_route
 from real2sim.recording import RecordedTrack
 
 MIN_ROUTE_M = 20.0

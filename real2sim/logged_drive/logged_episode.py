@@ -15,7 +15,7 @@ from mdrive_sumo.scoring import criteria
 from mdrive_sumo.vehicle import contact, dynamics
 from real2sim.fit.background_vehicle import median_size
 from real2sim.recording import RecordedTrack
-from real2sim.traffic_fidelity.timed_path import (
+from real2sim.traffic_fidelity.log_simulation import (
     TimedPath,
     build_actor_path,
     build_track_path,

@@ -12,10 +12,9 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.roads import RoadMap
-from real2sim.match.connector_changes import resolve_connector_changes
 from real2sim.match.lane_candidates import LaneCandidateIndex, LaneCandidates, LanePath, load_candidate_index
 from real2sim.match.lane_chain import find_best_chain
-from real2sim.match.map_border import find_route_on_map
+from real2sim.match.route_repair import find_route_on_map, resolve_connector_changes
 
 REACH_M = 4.0
 """[m] Lanes further away are no candidates: an object beyond a lane's width is off the road."""

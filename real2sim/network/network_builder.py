@@ -19,7 +19,6 @@ from real2sim.network.lane_adjacency import find_adjacencies
 from real2sim.network.lane_directions import LaneDirections, reverse_lane, vote_directions
 from real2sim.network.lane_links import RebuiltLinks, rebuild_links
 from real2sim.network.lane_segment import MIN_LANE_M, LaneLink, LaneSegment, measure_boundary_width
-from real2sim.network.lane_shapes import restore_shapes
 from real2sim.network.map_measurements import (
     MapDeviation,
     is_left_hand_traffic,
@@ -27,7 +26,13 @@ from real2sim.network.map_measurements import (
     measure_observed_speeds,
 )
 from real2sim.network.network_plan import NetworkPlan, PlannedEdge, plan_network
-from real2sim.network.plain_xml import assign_lane_indices, build_plain_arguments, compile_plain, write_plain
+from real2sim.network.plain_xml import (
+    assign_lane_indices,
+    build_plain_arguments,
+    compile_plain,
+    restore_shapes,
+    write_plain,
+)
 from real2sim.network.segment_splitting import split_at_neighbours
 from real2sim.network.stop_signs import build_stop_boxes, derive_right_of_way, place_stop_lines
 

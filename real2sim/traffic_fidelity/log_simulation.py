@@ -1,18 +1,85 @@
 """Runs the scenario of a log in SUMO while everything that SUMO does not drive follows its logged poses."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.core.state import DT
+from mdrive_sumo.core.state import DT, Actors, EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
+from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, ReplayMotion
 from mdrive_sumo.sumo import SumoWorld
 from real2sim.fit.background_vehicle import median_size
 from real2sim.recording import RecordedTrack
-from real2sim.traffic_fidelity.timed_path import build_actor_path, build_track_path, place_actors, place_egos
+
+
+@dataclass(frozen=True)
+class TimedPath:
+    """Timed poses of an object that repeats the log: times (N,) [s], x, y, yaw, speed (N, 4)."""
+
+    times: Float
+    states: Float
+    stays: bool = False
+
+    def at(self, time: float) -> Float | None:
+        """x, y [m], yaw [rad], speed [m/s]; None before and after."""
+        if time < self.times[0] - 1e-6 or (time > self.times[-1] + 1e-6 and not self.stays):
+            return None
+        if len(self.times) == 1:
+            return self.states[0]
+        return np.array([np.interp(time, self.times, column) for column in self.states.T])
+
+
+def build_track_path(track: RecordedTrack, dt_s: float) -> TimedPath:
+    """Return the timed poses of a track."""
+    rows = track.valid_frames
+    xy, yaw = track.xy[rows], np.unwrap(np.nan_to_num(track.yaw[rows]))
+    times = rows.astype(np.float64) * dt_s
+    return TimedPath(times, np.column_stack((xy, yaw, _compute_speeds(xy, times))))
+
+
+def _compute_speeds(xy: Float, times: Float) -> Float:
+    """[m/s] (N,)"""
+    if len(times) < 2:
+        return np.zeros(len(times))
+    x, y = (np.asarray(np.gradient(column, times), dtype=np.float64) for column in xy.T)
+    return np.hypot(x, y)
+
+
+def build_actor_path(actor: Actor) -> TimedPath:
+    """Return the timed poses of an actor of a converted scenario, which repeats its track or stands."""
+    if not isinstance(actor.motion, ReplayMotion):
+        start = actor.start
+        return TimedPath(np.zeros(1), np.array([[start.x, start.y, start.yaw, 0.0]]), stays=True)
+    timed = np.array(actor.motion.poses)
+    speed = _compute_speeds(timed[:, 1:3], timed[:, 0])
+    return TimedPath(timed[:, 0], np.column_stack((timed[:, 1:], speed)), actor.motion.stays)
+
+
+def place_egos(cavs: Mapping[str, TimedPath], time: float) -> dict[str, EgoState]:
+    """Return the states of the CAVs that are present at `time` [s]."""
+    now = ((name, path.at(time)) for name, path in cavs.items())
+    return {name: EgoState(*(float(value) for value in state)) for name, state in now if state is not None}
+
+
+def place_actors(actors: Sequence[tuple[Actor, TimedPath]], time: float) -> Actors:
+    """Return the scripted actors that are present at `time` [s]."""
+    now = [(actor, state) for actor, path in actors if (state := path.at(time)) is not None]
+    if not now:
+        return Actors.empty()
+    x, y, yaw, speed = np.array([state for _, state in now]).T
+    return Actors(
+        tuple(actor.id for actor, _ in now),
+        np.array([KIND_BY_NAME[actor.kind] for actor, _ in now], dtype=np.uint8),
+        x,
+        y,
+        yaw,
+        speed,
+        np.array([actor.length for actor, _ in now]),
+        np.array([actor.width for actor, _ in now]),
+    )
 
 
 @dataclass(frozen=True)

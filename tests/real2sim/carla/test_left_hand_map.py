@@ -23,7 +23,7 @@ from testing.opendrive_samples import (
 from mdrive_sumo.roads import RoadMap, load_road_map
 from mdrive_sumo.roads.netconvert import find_netconvert, run_netconvert
 from mdrive_sumo.roads.network_file import read_network_file
-from real2sim import netconvert
+from real2sim.carla import town_network
 from real2sim.carla.left_hand_map import mirror_map, mirror_net
 from real2sim.carla.opendrive import read_opendrive
 from real2sim.carla.town_network import build_opendrive_network
@@ -84,7 +84,7 @@ def _read_net(folder: Path) -> bytes:
 def test_a_mirrored_net_is_that_of_netconvert_where_its_importer_is_right(tmp_path: Path) -> None:
     """On a map of one lane a direction, netconvert's own left-hand option gives the same lanes and turns."""
     text = format_crossing()
-    arguments = ("--opendrive-files", str(write(tmp_path, text)), "--lefthand", *netconvert.OPENDRIVE_OPTIONS)
+    arguments = ("--opendrive-files", str(write(tmp_path, text)), "--lefthand", *town_network.OPENDRIVE_OPTIONS)
     own = ElementTree.fromstring(run_netconvert(arguments, tmp_path, "map"))
     build_opendrive_network(write(tmp_path, text.replace("<road ", '<road rule="LHT" ')), tmp_path / "net")
     made = ElementTree.fromstring(_read_net(tmp_path / "net"))

@@ -17,11 +17,10 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.roads import find_lane_path, find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
-from real2sim import netconvert
-from real2sim.carla.conversion_report import write_networks_report
+from real2sim.carla import town_network
 from real2sim.carla.map_repairs import repair_road_links
 from real2sim.carla.opendrive import read_opendrive
-from real2sim.carla.opendrive_converter import convert_opendrive
+from real2sim.carla.opendrive_converter import convert_opendrive, write_networks_report
 from real2sim.carla.town_network import TownNetwork, build_town_network
 
 pytestmark = pytest.mark.slow
@@ -260,4 +259,4 @@ def test_roads_that_fill_the_memory_are_refused(length: str, tmp_path: Path) -> 
 def test_netconvert_runs_with_a_limit_of_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mdrive_sumo.roads.netconvert.MEMORY_BYTES", 64 * 2**20)
     with pytest.raises(InputError, match=r"TownXX\.xodr: expected a map that netconvert accepts, found: "):
-        netconvert.compile_opendrive(xodr(tmp_path))
+        town_network.compile_opendrive(xodr(tmp_path))

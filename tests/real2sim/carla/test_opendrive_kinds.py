@@ -23,7 +23,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.roads import RoadMap, find_lane_path, load_road_map
 from mdrive_sumo.roads.netconvert import run_netconvert
 from mdrive_sumo.roads.network_file import read_network_file
-from real2sim import netconvert
+from real2sim.carla import town_network
 from real2sim.carla.opendrive import read_opendrive
 from real2sim.carla.town_network import build_opendrive_network, build_town_network, make_network_name
 
@@ -161,7 +161,7 @@ def test_curves_are_coarser_where_the_fine_ones_need_too_much_memory(
             raise InputError(f"{expected} that netconvert accepts, found: std::bad_alloc")
         return run_netconvert(arguments, folder, expected)
 
-    monkeypatch.setattr(netconvert, "run_netconvert", limited)
+    monkeypatch.setattr(town_network, "run_netconvert", limited)
     town = build_opendrive_network(write(tmp_path, CONVERTIBLE["a stop sign on a spiral"]), tmp_path / "net")
     assert town.repairs == ("curves in steps of 2 m: with 1 m netconvert runs out of memory",)
     build_arguments = read_network_file(town.folder).build

@@ -17,7 +17,7 @@ from mdrive_sumo.roads import load_road_map
 from mdrive_sumo.roads.network_file import read_network_file
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import load_suite
-from real2sim.authored.start_separation import advance_start
+from real2sim.authored.scenario_builder import advance_start
 from real2sim.authored.suite_converter import convert_interdrive
 from real2sim.match.waypoint_matcher import RouteLeg, match_waypoints
 from real2sim.readers.interdrive import read_interdrive
