@@ -94,7 +94,7 @@ class CollisionAvoidance:
         self, rows: Int, free: FreeSpeeds, state: MotionState, points: PathPoints, surroundings: ActorSurroundings
     ) -> Bool:
         """Return an (R,) mask of the movers that proceed in a cycle of waiting ones: a pedestrian first, else by id."""
-        found = np.zeros(len(rows), dtype=np.bool_)
+        is_breaker = np.zeros(len(rows), dtype=np.bool_)
         waiting = (free.blocker >= 0) & (free.speed < WAITING_SPEED) & (state.speed[rows] < WAITING_SPEED)
         waiting &= surroundings.mover_index[free.blocker] >= 0
         waits = dict(zip(rows[waiting].tolist(), surroundings.mover_index[free.blocker[waiting]].tolist(), strict=True))
@@ -103,8 +103,10 @@ class CollisionAvoidance:
             ring = _find_wait_cycle(row, waits)
             if not ring or row != min(ring, key=lambda one: (not self._is_pedestrian[one], one)):
                 continue
-            found[i] = self._is_pedestrian[row] or portable.cos(points.yaw[row] - points.yaw[waits[row]]) > HEAD_ON_COS
-        return found
+            is_breaker[i] = (
+                self._is_pedestrian[row] or portable.cos(points.yaw[row] - points.yaw[waits[row]]) > HEAD_ON_COS
+            )
+        return is_breaker
 
 
 def _find_wait_cycle(start: int, waits: dict[int, int]) -> list[int]:

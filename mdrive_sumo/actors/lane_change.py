@@ -20,7 +20,7 @@ LANE_WIDTH_M = 3.5
 
 
 def compute_lane_change_offset(
-    actor: Actor, path: MotionPath, at: tuple[float, float, float], frame: Frame, roads: RoadMap
+    actor: Actor, path: MotionPath, pose: tuple[float, float, float], frame: Frame, roads: RoadMap
 ) -> float:
     """Return the lateral distance [m] from `at` (x, y, yaw) to the adjacent lane; negative to the right, 0 if none.
 
@@ -29,10 +29,10 @@ def compute_lane_change_offset(
     action = actor.action
     assert isinstance(action, LaneChange)
     left = (action.direction or _choose_direction(action, path, frame)) == "left"
-    lane = _find_lane(at, roads)
+    lane = _find_lane(pose, roads)
     neighbour = (lane.left if left else lane.right) if lane is not None else ""
     if lane is not None and neighbour:
-        x, y = lane.centre.at(lane.centre.project(at[0], at[1])[0])
+        x, y = lane.centre.at(lane.centre.project(pose[0], pose[1])[0])
         return -roads.lanes[neighbour].centre.project(x, y)[1]
     if isinstance(actor.motion, LaneMotion):
         return 0.0
@@ -47,9 +47,9 @@ def _choose_direction(action: LaneChange, path: MotionPath, frame: Frame) -> str
     return "right" if path.line.project(ego.x, ego.y)[1] < -BESIDE_M else "left"
 
 
-def _find_lane(at: tuple[float, float, float], roads: RoadMap) -> Lane | None:
-    nearest = roads.find_nearest_lanes(np.array([at[:2]]))
-    alignment = portable.cos(wrap_angle(at[2] - float(nearest.yaw[0])))
+def _find_lane(pose: tuple[float, float, float], roads: RoadMap) -> Lane | None:
+    nearest = roads.find_nearest_lanes(np.array([pose[:2]]))
+    alignment = portable.cos(wrap_angle(pose[2] - float(nearest.yaw[0])))
     if nearest.distance[0] > ON_LANE_M or alignment < portable.cos(math.pi / 4):
         return None
     return roads.driving[int(nearest.lane[0])]

@@ -130,8 +130,8 @@ class ScriptedActors:
         actor, path, points = self._movers[i], self._paths[i], self._points
         if not isinstance(actor.action, LaneChange):
             return
-        at = (float(points.x[i]), float(points.y[i]), float(points.yaw[i]))
-        offset = compute_lane_change_offset(actor, path, at, frame, self._roads)
+        pose = (float(points.x[i]), float(points.y[i]), float(points.yaw[i]))
+        offset = compute_lane_change_offset(actor, path, pose, frame, self._roads)
         if not offset:
             return
         self._paths[i], since = build_lane_change_path(path, float(points.s[i]), offset, actor)

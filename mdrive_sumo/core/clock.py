@@ -42,9 +42,9 @@ def parse_clock(text: str) -> Clock:
     """Return the clock for `ideal`, `fixed:MS` or `measured`. Raises InputError for any other text."""
     if text in ("ideal", "measured"):
         return Clock(text)
-    found = re.fullmatch(r"fixed:(\d{1,6})", text)
-    if not found or int(found[1]) % TICK_MS:
+    match = re.fullmatch(r"fixed:(\d{1,6})", text)
+    if not match or int(match[1]) % TICK_MS:
         raise InputError(
             f"agent clock: expected ideal, measured, or fixed:MS with a multiple of {TICK_MS} ms, found {text!r}"
         )
-    return Clock("fixed", int(found[1]) // TICK_MS)
+    return Clock("fixed", int(match[1]) // TICK_MS)

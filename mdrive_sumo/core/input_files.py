@@ -31,10 +31,10 @@ def open_regular(path: Path, max_bytes: int = MAX_BYTES) -> BufferedReader:
     _check(path.stat().st_mode)  # before: opening a device can already do something
     descriptor = os.open(path, OPENED_FILE)
     try:
-        found = os.fstat(descriptor)
-        _check(found.st_mode)
-        if found.st_size > max_bytes:
-            raise OSError(errno.EFBIG, f"expected at most {max_bytes} bytes, found {found.st_size}")
+        status = os.fstat(descriptor)
+        _check(status.st_mode)
+        if status.st_size > max_bytes:
+            raise OSError(errno.EFBIG, f"expected at most {max_bytes} bytes, found {status.st_size}")
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)

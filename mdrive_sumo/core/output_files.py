@@ -123,8 +123,8 @@ def open_appended(path: Path, mode: int = FILE_MODE) -> int:
     Raises OSError for anything but a regular file with one name: what follows a link, or a second name, is not ours.
     """
     descriptor = os.open(path, APPENDED_FILE, mode)
-    found = os.fstat(descriptor)
-    if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
+    status = os.fstat(descriptor)
+    if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1:
         os.close(descriptor)
         raise OSError(errno.EINVAL, "expected a regular file with one name, found another kind or a hard link")
     return descriptor

@@ -73,21 +73,21 @@ def list_plug_ins(kind: PlugInKind) -> Mapping[str, PlugIn]:
 
     Raises InputError for a name that two packages give, and for an entry point that names no object of its module.
     """
-    found: dict[str, PlugIn] = {}
+    plug_in_by_name: dict[str, PlugIn] = {}
     for entry in sorted(entry_points(group=f"{PREFIX}{kind}"), key=lambda entry: entry.name):
         package, version = (entry.dist.name, entry.dist.version) if entry.dist else ("unknown", "")
         plug_in = PlugIn(kind, entry.name, package, version, entry)
         if (parts := EntryPoint.pattern.match(entry.value)) is None or not parts["attr"]:
             raise InputError(f"{plug_in.describe()}: expected module:object as its entry point, found {entry.value!r}")
-        if (other := found.get(entry.name)) is not None and other.locator != plug_in.locator:
+        if (other := plug_in_by_name.get(entry.name)) is not None and other.locator != plug_in.locator:
             raise InputError(f"{plug_in.describe()}: expected a name of its own, found that of {other.describe()}")
-        found[entry.name] = plug_in
-    return found
+        plug_in_by_name[entry.name] = plug_in
+    return plug_in_by_name
 
 
-def check_plug_in_names(kind: PlugInKind, known: Iterable[str]) -> None:
+def check_plug_in_names(kind: PlugInKind, built_in: Iterable[str]) -> None:
     """Raise InputError for a plug-in that has the name of something built in."""
-    taken = {*known}
+    taken = {*built_in}
     for name, plug_in in list_plug_ins(kind).items():
         if name in taken:
             raise InputError(f"{plug_in.describe()}: expected a name of its own, found that of a built-in one")

@@ -70,11 +70,11 @@ def compute_pi() -> int:
 
 def build_arc_tangents() -> list[float]:
     """Return atan(i / ATAN_STEPS) for i in [0, ATAN_STEPS], from the differences of neighbours."""
-    found, angle = [0.0], 0
+    angles, angle = [0.0], 0
     for i in range(1, ATAN_STEPS + 1):
         angle += _arc_tangent(ONE * ATAN_STEPS // (ATAN_STEPS * ATAN_STEPS + i * (i - 1)))
-        found.append(angle / ONE)
-    return found
+        angles.append(angle / ONE)
+    return angles
 
 
 def steps_per_radian() -> float:

@@ -15,10 +15,10 @@ def find_open_flags(*names: str) -> int:
 
     `O_BINARY` is among them where there is one: without it Windows changes the line ends of what is written.
     """
-    found = 0
+    flags = 0
     for name in (*names, "O_BINARY"):
-        found |= getattr(os, name, 0)
-    return found
+        flags |= getattr(os, name, 0)
+    return flags
 
 
 def is_posix() -> bool:

@@ -61,9 +61,9 @@ def restore_path(relative: str, folder: Path) -> Path:
     If nothing is there, because only the name is known or the folder was moved, it is looked for by its name in the
     present folder; runs have checksums of agents and suites, so that another one of the name is refused.
     """
-    found = (folder / relative).resolve()
-    here = Path.cwd() / found.name
-    return here if here.exists() and not found.exists() else found
+    path = (folder / relative).resolve()
+    here = Path.cwd() / path.name
+    return here if here.exists() and not path.exists() else path
 
 
 def hide_command(command: Sequence[str], folder: Path) -> tuple[str, ...]:

@@ -8,16 +8,16 @@ LEAST_SIMILARITY = 0.6
 """Of two names that may be the same one mistyped, in [0, 1]: the default of `difflib`."""
 
 
-def suggest_name(name: str, known: Iterable[str]) -> str:
+def suggest_name(name: str, names: Iterable[str]) -> str:
     """Return "; did you mean 'idm'?" for the known name most similar to another, upper and lower case being alike.
 
     Returns "" if none is similar.
     """
     from difflib import get_close_matches  # only here: every agent's process imports this module
 
-    by_text = {one.casefold(): one for one in known}
-    found = get_close_matches(name.casefold(), by_text, n=1, cutoff=LEAST_SIMILARITY)
-    return f"; did you mean {by_text[found[0]]!r}?" if found else ""
+    by_text = {one.casefold(): one for one in names}
+    close = get_close_matches(name.casefold(), by_text, n=1, cutoff=LEAST_SIMILARITY)
+    return f"; did you mean {by_text[close[0]]!r}?" if close else ""
 
 
 def describe_unknown(name: str, known: Iterable[str], also: str = "") -> str:

@@ -94,10 +94,10 @@ def _read_header(name: str, head: io.BytesIO) -> tuple[tuple[int, ...], bool, "n
 
 def check_shapes(arrays: Mapping[str, npt.NDArray[Any]], sizes: Mapping[str, int]) -> None:
     """Raise ValueError unless every array is there in the shape of `ARRAYS`; `sizes` are the known dimensions."""
-    known = dict(sizes)
+    size_by_symbol = dict(sizes)
     for name, wanted in ARRAYS.items():
         if name not in arrays:
             raise ValueError(f"no array {name}")
-        for symbol, found in zip(wanted.shape, arrays[name].shape, strict=True):
-            if found != (symbol if isinstance(symbol, int) else known.setdefault(symbol, found)):
+        for symbol, size in zip(wanted.shape, arrays[name].shape, strict=True):
+            if size != (symbol if isinstance(symbol, int) else size_by_symbol.setdefault(symbol, size)):
                 raise ValueError(f"{name}: arrays of different shapes")

@@ -119,8 +119,8 @@ class EpisodeRecord:
     @property
     def sensing_track(self) -> TrackName:
         """Whether any CAV was given objects: a value of `SensingTrack`; "" in recordings without one."""
-        found = self.about.get(SENSING_TRACK)
-        return join_sensing_tracks([found]) if isinstance(found, str) else ""
+        track = self.about.get(SENSING_TRACK)
+        return join_sensing_tracks([track]) if isinstance(track, str) else ""
 
     @property
     def ticks(self) -> int:
@@ -174,7 +174,7 @@ class EpisodeRecord:
         """Return a text of an agent with the scenario's ids of stations."""
         if not self.pseudonyms:
             return text
-        return self._pseudonym_pattern.sub(lambda found: self.pseudonyms[found[0]], text)
+        return self._pseudonym_pattern.sub(lambda match: self.pseudonyms[match[0]], text)
 
     @cached_property
     def _pseudonym_pattern(self) -> re.Pattern[str]:

@@ -77,9 +77,9 @@ def make_shard(job: ShardJob) -> ShardEntry:
 def _collect_samples(job: ShardJob, scenarios: list[CollectedScenario]) -> Iterator[SampleFiles]:
     """Yield the samples of a shard; append what became of each scenario. One scenario is in memory at a time."""
     for index in job.indices:
-        scenario, found = collect_scenario(job.settings, index)
+        scenario, samples = collect_scenario(job.settings, index)
         scenarios.append(scenario)
-        yield from found
+        yield from samples
 
 
 def collect_dataset(

@@ -38,10 +38,10 @@ def collect_scenario(settings: CollectionSettings, index: int) -> tuple[Collecte
 
     A failure of the simulator or of an agent is a status. Raises InputError.
     """
-    found = settings.load_scenario(index)
-    if found is None:
+    chosen = settings.load_scenario(index)
+    if chosen is None:
         return CollectedScenario(index=index, status="none"), []
-    scenario, roads = found
+    scenario, roads = chosen
     try:
         drive = drive_scenario(settings, scenario, roads, settings.derive_episode_seed(index))
     except WorldError as error:
@@ -93,7 +93,7 @@ def build_samples(
     scenario, episode = drive.config.scenario, drive.episode
     records = build_ego_records(episode, scenario, drive.config.roads)
     ends = [find_usable_end(record, episode, settings.driver is None) for record in records]
-    kept = [[one for one in found if one.tick < end] for found, end in zip(drive.decisions, ends, strict=True)]
+    kept = [[one for one in decisions if one.tick < end] for decisions, end in zip(drive.decisions, ends, strict=True)]
     scenes = _build_scenes(drive, kept)
     samples: list[SampleFiles] = []
     for cav, ego in enumerate(scenario.egos):
@@ -122,9 +122,9 @@ def _build_scenes(
         for one in decisions:
             cavs_by_tick.setdefault(one.tick, []).append(cav)
     return {
-        (cav, tick): found
+        (cav, tick): label
         for tick in sorted(cavs_by_tick)
-        for cav, found in labels.build(tick, cavs_by_tick[tick]).items()
+        for cav, label in labels.build(tick, cavs_by_tick[tick]).items()
     }
 
 

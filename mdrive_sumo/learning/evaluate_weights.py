@@ -24,12 +24,12 @@ def evaluate_weights(spec: SystemSpec, path: Path | None, arrays: Arrays) -> dic
     network = load_network(spec, path, use_gpu=False)
     plans, controls, seconds = _predict(network, spec, arrays, is_blind=False)
     blind, _, _ = _predict(network, spec, arrays, is_blind=True)
-    found = describe_plans(plans, arrays)
-    found["blackout"] = describe_plans(blind, arrays)["plan"]
-    found["decision_ms"] = {"median": 1e3 * float(np.median(seconds)), "p99": 1e3 * float(np.quantile(seconds, 0.99))}
+    metrics = describe_plans(plans, arrays)
+    metrics["blackout"] = describe_plans(blind, arrays)["plan"]
+    metrics["decision_ms"] = {"median": 1e3 * float(np.median(seconds)), "p99": 1e3 * float(np.quantile(seconds, 0.99))}
     if spec.answers_control:
-        found["control_l1"] = measure_controls(controls, arrays["expert_control"])
-    return {"system": spec.name, "sha256": network.manifest.sha256, **found}
+        metrics["control_l1"] = measure_controls(controls, arrays["expert_control"])
+    return {"system": spec.name, "sha256": network.manifest.sha256, **metrics}
 
 
 def _predict(

@@ -50,21 +50,24 @@ def measure_plans(plans: Float, expert: Float) -> dict[str, float]:
     """Return ADE and FDE [m] at HORIZONS_S of plans against the expert's, both (M, PLAN_POINTS, 2)."""
     gap = plans.astype(np.float64) - expert
     error = np.sqrt((gap * gap).sum(axis=-1))
-    found: dict[str, float] = {}
+    errors: dict[str, float] = {}
     for horizon in HORIZONS_S:
         points = round(horizon / PLAN_INTERVAL_S)
-        found[f"ade_{horizon:.0f}s_m"] = float(error[:, :points].mean())
-        found[f"fde_{horizon:.0f}s_m"] = float(error[:, points - 1].mean())
-    return found
+        errors[f"ade_{horizon:.0f}s_m"] = float(error[:, :points].mean())
+        errors[f"fde_{horizon:.0f}s_m"] = float(error[:, points - 1].mean())
+    return errors
 
 
 def measure_by_kind(plans: Float, expert: Float, kinds: npt.NDArray[np.str_]) -> dict[str, dict[str, float]]:
     """Return the number of samples and the ADE over 3 s [m] for each kind of sample."""
-    found: dict[str, dict[str, float]] = {}
+    metrics_by_kind: dict[str, dict[str, float]] = {}
     for kind in sorted(set(kinds.tolist())):
         rows = kinds == kind
-        found[kind] = {"samples": int(rows.sum()), "ade_3s_m": measure_plans(plans[rows], expert[rows])["ade_3s_m"]}
-    return found
+        metrics_by_kind[kind] = {
+            "samples": int(rows.sum()),
+            "ade_3s_m": measure_plans(plans[rows], expert[rows])["ade_3s_m"],
+        }
+    return metrics_by_kind
 
 
 def measure_controls(controls: Float, expert: Float) -> Mapping[str, float]:
@@ -77,11 +80,11 @@ def describe_plans(plans: Float, arrays: Mapping[str, npt.NDArray[Any]]) -> dict
     """Return metrics of plans for all samples of `arrays`, by kind, and those of constant velocity."""
     expert = arrays["expert_plan"]
     constant = measure_plans(predict_constant_velocity(arrays["own"]), expert)
-    found = measure_plans(plans, expert)
+    learned = measure_plans(plans, expert)
     return {
         "samples": len(plans),
-        "plan": found,
+        "plan": learned,
         "constant_velocity": constant,
-        "share_of_constant_velocity": found["ade_3s_m"] / max(constant["ade_3s_m"], 1e-9),
+        "share_of_constant_velocity": learned["ade_3s_m"] / max(constant["ade_3s_m"], 1e-9),
         "by_kind": measure_by_kind(plans, expert, name_kinds(arrays)),
     }

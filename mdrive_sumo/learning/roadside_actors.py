@@ -94,9 +94,9 @@ def build_crossing_users(
         name = (kind, f"{kind}_{number}")
         zebras = [] if is_hidden else list(_find_zebras(roads, ego))
         if zebras and rng.random() < ZEBRA_SHARE:
-            (one, other), at = rng.choice(zebras)
+            (one, other), met = rng.choice(zebras)
             ends = (one, other) if rng.random() < 0.5 else (other, one)
-            yield _build_crosser(ego, ends, at, name, (speed, early_s))
+            yield _build_crosser(ego, ends, met, name, (speed, early_s))
             continue
         station = _draw_station(roads, ego, rng)
         if station is None:
@@ -123,12 +123,12 @@ def _find_zebras(roads: RoadMap, ego: Ego) -> Iterator[tuple[Ends, Spot]]:
             yield ((x0, y0), (x1, y1)), (float(point.x), float(point.y))
 
 
-def _build_crosser(ego: Ego, ends: Ends, at: Spot, name: tuple[KindName, str], pace: tuple[float, float]) -> Actor:
+def _build_crosser(ego: Ego, ends: Ends, met: Spot, name: tuple[KindName, str], pace: tuple[float, float]) -> Actor:
     """Return a road user that goes from one end to the other and meets the CAV's route `at` a point.
 
     name: kind and id; pace: speed [m/s], and how long before the CAV it is there [s].
     """
-    (kind, id_), (speed, early_s), away = name, pace, portable.distance(ends[0], at)
+    (kind, id_), (speed, early_s), away = name, pace, portable.distance(ends[0], met)
     rolling = BLIND_SPEED * (away / speed + early_s)
     distance = portable.hypot(max(rolling, 6.0), away)
     trigger = DistanceTrigger(vehicle=ego.id, distance_m=round(min(distance, 50.0), 2))
@@ -203,11 +203,11 @@ def fit_to_lane_width(actor: Actor, roads: RoadMap) -> Actor:
 
     There it leaves as much of the lane and its neighbour free as in a lane of 3.5 m.
     """
-    at = actor.start
-    lane = roads.driving[roads.find_nearest_lanes(np.array([[at.x, at.y]])).lane[0]]
+    start = actor.start
+    lane = roads.driving[roads.find_nearest_lanes(np.array([[start.x, start.y]])).lane[0]]
     missing = max(LANE_M - lane.width, 0.0)
-    x, y = at.x + missing * portable.sin(at.yaw), at.y - missing * portable.cos(at.yaw)
-    return actor.model_copy(update={"start": Pose(x=round(x, 3), y=round(y, 3), yaw=at.yaw)})
+    x, y = start.x + missing * portable.sin(start.yaw), start.y - missing * portable.cos(start.yaw)
+    return actor.model_copy(update={"start": Pose(x=round(x, 3), y=round(y, 3), yaw=start.yaw)})
 
 
 def is_behind_bend(actor: Actor, ego: Ego) -> bool:

@@ -58,14 +58,14 @@ class SceneLabels:
         rows = {column: row for row, column in enumerate(columns.tolist())}
         eyes = {cav: _build_eye(self._poses[tick, cav], rows[cav]) for cav in cavs}
         numbers = {cav: announce_eye(scene, eye, LABELLED_RANGE_M) for cav, eye in eyes.items()}
-        found: dict[int, Labels] = {}
+        labels_by_cav: dict[int, Labels] = {}
         for cav, eye in eyes.items():
             view = SightView(eye, scene, edges, LABELLED_RANGE_M, numbers[cav])
             near = np.flatnonzero(view.distances <= LABELLED_RANGE_M)
             near = near[np.argsort(view.distances[near], kind="stable")]
             visible = view.visible_rows(0.0)[near]
-            found[cav] = self._build_one(tick, cav, columns[near], visible, classes[near])
-        return found
+            labels_by_cav[cav] = self._build_one(tick, cav, columns[near], visible, classes[near])
+        return labels_by_cav
 
     def _build_one(self, tick: int, cav: int, columns: Int, visible: Bool, classes: Int) -> Labels:
         own = self._poses[tick, cav]
@@ -75,20 +75,20 @@ class SceneLabels:
             (now, self._sizes[columns], self._episode.speed[tick, columns], classes, visible, columns)
         )
         lanes = load_lane_graph(self._roads).find_lines(float(own[0]), float(own[1]))
-        known = self._remember(tick, cav, columns, visible)
+        is_remembered = self._remember(tick, cav, columns, visible)
         return {
             "boxes": boxes.astype(np.float32),
             "futures": later.astype(np.float32),
-            "occupancy": self._rasterize(tick, columns[known], now[known], later[known], own),
+            "occupancy": self._rasterize(tick, columns[is_remembered], now[is_remembered], later[is_remembered], own),
             "lane_graph": convert_to_frame(lanes, own).astype(np.float32),
         }
 
     def _find_futures(self, tick: int, columns: Int, own: Float) -> Float:
         """Return the poses (N, PLAN_POINTS, 3) at the plan's times in the ego frame of now; NaN: not in the world."""
         ticks = tick + LATER_TICKS
-        at = np.minimum(ticks, self._episode.ticks - 1)[:, None]
-        is_there = self._episode.valid[at, columns] & (ticks < self._episode.ticks)[:, None]
-        poses = np.where(is_there[..., None], to_ego_poses(self._poses[at, columns], own), np.nan)
+        recorded = np.minimum(ticks, self._episode.ticks - 1)[:, None]
+        is_there = self._episode.valid[recorded, columns] & (ticks < self._episode.ticks)[:, None]
+        poses = np.where(is_there[..., None], to_ego_poses(self._poses[recorded, columns], own), np.nan)
         return poses.transpose(1, 0, 2)
 
     def _remember(self, tick: int, cav: int, columns: Int, visible: Bool) -> Bool:
@@ -112,10 +112,10 @@ class SceneLabels:
         """Return futures in which times beyond the recording have poses, too."""
         last = self._episode.ticks - 1
         poses = np.repeat(to_ego_poses(self._poses[last, columns], own)[:, None], PLAN_POINTS, axis=1)
-        way = self._episode.speed[last, columns][:, None] * after_s
+        driven_m = self._episode.speed[last, columns][:, None] * after_s
         cos, sin = portable.cos_sin(poses[..., 2])
-        poses[..., 0] += cos * way
-        poses[..., 1] += sin * way
+        poses[..., 0] += cos * driven_m
+        poses[..., 1] += sin * driven_m
         is_after = (after_s > 0.0) & self._episode.valid[last, columns][:, None]
         return np.where(is_after[..., None], poses, later)
 

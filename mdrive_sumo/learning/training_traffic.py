@@ -79,14 +79,14 @@ def _build_box(x: float, y: float, yaw: float, length: float, width: float) -> s
 @lru_cache(maxsize=32)
 def _find_continuations(roads: RoadMap) -> Mapping[str, tuple[tuple[str, ...], ...]]:
     """Return by lane the edge sequences of all routes from that lane on, for lanes outside junctions."""
-    found: dict[str, set[tuple[str, ...]]] = {}
+    targets_by_entry: dict[str, set[tuple[str, ...]]] = {}
     for way in find_lane_routes(roads):
         for k, name in enumerate(way.lanes):
             if not roads.lanes[name].junction:
                 ahead = (roads.lanes[id_] for id_ in way.lanes[k:])
                 edges = tuple(dict.fromkeys(lane.edge for lane in ahead if not lane.junction))
-                found.setdefault(name, set()).add(edges)
-    return {name: tuple(sorted(edges)) for name, edges in sorted(found.items())}
+                targets_by_entry.setdefault(name, set()).add(edges)
+    return {name: tuple(sorted(edges)) for name, edges in sorted(targets_by_entry.items())}
 
 
 def locate_departure(vehicle: BackgroundVehicle, roads: RoadMap) -> shapely.Polygon:

@@ -16,13 +16,13 @@ def derive_pseudonyms(stations: Iterable[str], ids: StationIds, run_seed: int, s
 
     The ids depend on run seed, scenario and station only. With `StationIds.SCENARIO` they are the scenario's.
     """
-    found: dict[str, str] = {}
+    pseudonyms: dict[str, str] = {}
     for station in stations:
         attempt = 0
-        while (name := _derive_name(ids, run_seed, scenario, station, attempt)) in found.values():
+        while (name := _derive_name(ids, run_seed, scenario, station, attempt)) in pseudonyms.values():
             attempt += 1
-        found[station] = name
-    return found
+        pseudonyms[station] = name
+    return pseudonyms
 
 
 def _derive_name(ids: StationIds, run_seed: int, scenario: str, station: str, attempt: int) -> str:

@@ -34,9 +34,9 @@ class DetectionCounts:
     def add(self, other: "DetectionCounts") -> None:
         """Add the counts of other frames."""
         self.truths += other.truths
-        for score, (found, count) in other.by_score.items():
+        for score, (true, count) in other.by_score.items():
             before = self.by_score.get(score, (0, 0))
-            self.by_score[score] = before[0] + found, before[1] + count
+            self.by_score[score] = before[0] + true, before[1] + count
 
 
 def match_frame(detections: Detections, truth: Float) -> DetectionCounts:
@@ -50,8 +50,8 @@ def match_frame(detections: Detections, truth: Float) -> DetectionCounts:
         if is_true:
             overlap[:, best] = -1.0  # found once
         key = round(1000 * score)
-        found, count = counts.by_score.get(key, (0, 0))
-        counts.by_score[key] = found + is_true, count + 1
+        true, count = counts.by_score.get(key, (0, 0))
+        counts.by_score[key] = true + is_true, count + 1
     return counts
 
 
@@ -75,7 +75,7 @@ def compute_average_precision(counts: DetectionCounts) -> float | None:
     if not counts.truths:
         return None
     steps = [counts.by_score[score] for score in sorted(counts.by_score, reverse=True)]
-    found, accepted = (np.cumsum([step[i] for step in steps]) for i in (0, 1))
-    recall = np.concatenate(((0.0,), found / counts.truths))
-    best_after = np.maximum.accumulate((found / accepted)[::-1])[::-1]
+    true, accepted = (np.cumsum([step[i] for step in steps]) for i in (0, 1))
+    recall = np.concatenate(((0.0,), true / counts.truths))
+    best_after = np.maximum.accumulate((true / accepted)[::-1])[::-1]
     return float((np.diff(recall) * best_after).sum())

@@ -41,16 +41,16 @@ def evaluate_open(
     keeps every finished recording.
     """
     with open_journal(run.folder, run.fingerprint, fresh=fresh) as journal:
-        found = _load_kept_results(run, journal)
-        todo = [key for key in run.episodes if key not in found]
+        kept = _load_kept_results(run, journal)
+        todo = [key for key in run.episodes if key not in kept]
         with report_write_errors(run.folder):
             for key in () if run.agent.is_builtin else todo:
                 make_folder(run.find_logs(key))
         for result in _show(run, todo, journal, executor):
             journal.add_result(result.model_dump(mode="json"))
-            found[result.key] = result
-            report(len(found), len(run.episodes), result)
-        whole = summarize_open_loop(run.info, [found[key] for key in run.episodes])
+            kept[result.key] = result
+            report(len(kept), len(run.episodes), result)
+        whole = summarize_open_loop(run.info, [kept[key] for key in run.episodes])
         path = run.folder / OPEN_LOOP_FILE
         with report_write_errors(path):
             write_text(path, whole.model_dump_json(indent=1) + "\n")

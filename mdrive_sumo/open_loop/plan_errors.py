@@ -109,14 +109,14 @@ def _find_near(episode: EpisodeRecord, ticks: Int, column: int, others: Int, mot
     The time to collision is the gap between the boxes along the CAV's direction divided by the closing speed.
     """
     cos, sin = (values[:, None] for values in portable.cos_sin(motion.yaw))
-    at = np.ix_(ticks, others)
-    dx, dy = episode.x[at] - motion.points[:, :1], episode.y[at] - motion.points[:, 1:]
+    cells = np.ix_(ticks, others)
+    dx, dy = episode.x[cells] - motion.points[:, :1], episode.y[cells] - motion.points[:, 1:]
     ahead, aside = cos * dx + sin * dy, cos * dy - sin * dx
-    other_cos, other_sin = portable.cos_sin(episode.yaw[at])
-    closing = motion.speed[:, None] - episode.speed[at] * (other_cos * cos + other_sin * sin)
+    other_cos, other_sin = portable.cos_sin(episode.yaw[cells])
+    closing = motion.speed[:, None] - episode.speed[cells] * (other_cos * cos + other_sin * sin)
     gap = np.maximum(ahead - (episode.length[others] + episode.length[column]) / 2, 0.0)
     soon = (ahead > 0.0) & (closing > PARAMETERS.min_closing_speed) & (gap < PARAMETERS.min_ttc_s * closing)
-    return episode.valid[at] & soon & (np.abs(aside) < PARAMETERS.max_lateral_m)
+    return episode.valid[cells] & soon & (np.abs(aside) < PARAMETERS.max_lateral_m)
 
 
 def _is_near_aside(episode: EpisodeRecord, tick: int, then: int, column: int, others: Int, point: Float) -> bool:
@@ -128,8 +128,10 @@ def _is_near_aside(episode: EpisodeRecord, tick: int, then: int, column: int, ot
 
 
 def _overlaps(episode: EpisodeRecord, ticks: Int, column: int, others: Int, motion: _PlannedMotion) -> bool:
-    at = np.ix_(ticks, others)
+    cells = np.ix_(ticks, others)
     x, y = motion.points[:, 0], motion.points[:, 1]
     own = boxes_corners(x, y, motion.yaw, episode.length[column], episode.width[column])
-    boxes = boxes_corners(episode.x[at], episode.y[at], episode.yaw[at], episode.length[others], episode.width[others])
-    return bool((episode.valid[at] & boxes_overlap(own[:, None], boxes)).any())
+    boxes = boxes_corners(
+        episode.x[cells], episode.y[cells], episode.yaw[cells], episode.length[others], episode.width[others]
+    )
+    return bool((episode.valid[cells] & boxes_overlap(own[:, None], boxes)).any())

@@ -41,8 +41,8 @@ class Reference:
     @property
     def scenarios(self) -> tuple[Scenario, ...]:
         """The scenarios with a recording."""
-        known = {name for name, _ in self.recordings}
-        return tuple(scenario for scenario in self.suite.scenarios if scenario.id in known)
+        recorded = {name for name, _ in self.recordings}
+        return tuple(scenario for scenario in self.suite.scenarios if scenario.id in recorded)
 
 
 def find_reference(

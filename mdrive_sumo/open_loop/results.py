@@ -147,9 +147,9 @@ def combine_metrics(scenarios: Sequence[OpenLoopScenario]) -> OpenLoopMetrics:
 
 
 def _mean_over_frames(scenarios: Sequence[OpenLoopScenario], name: str) -> float | None:
-    known = [(getattr(one, name), one.frames) for one in scenarios if one.frames]
-    frames = sum(count for _, count in known)
-    return math.fsum(value * count for value, count in known) / frames if frames else None
+    rows = [(getattr(one, name), one.frames) for one in scenarios if one.frames]
+    frames = sum(count for _, count in rows)
+    return math.fsum(value * count for value, count in rows) / frames if frames else None
 
 
 def _compute_ap50(counts: DetectionCounts | None) -> float | None:

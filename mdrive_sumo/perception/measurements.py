@@ -114,8 +114,8 @@ def measure_reported(
     bias = _compute_lever(objects, *poses.T) + _compute_own_bias(objects, own)
     position, yaw, speed = _to_variances(sigmas, times, parameters)
     sources = tuple(chain.from_iterable((name,) * count for name, count in zip(names, counts, strict=True)))
-    found = Measurements(sources, replace(objects, free_m=np.zeros(0)), position, bias, yaw, speed)
-    return _advance(found, age_ticks * DT, 0.0, parameters)
+    measurements = Measurements(sources, replace(objects, free_m=np.zeros(0)), position, bias, yaw, speed)
+    return _advance(measurements, age_ticks * DT, 0.0, parameters)
 
 
 def _count_repetitions(elapsed_ticks: int, parameters: TrackingParameters) -> float:

@@ -61,7 +61,7 @@ class ObjectTracker:
     def _read_cams(self, oldest: int) -> dict[str, Cam]:
         """Return the newest states that stations reported: a CAM, or an MCM sent later."""
         senders = sorted({sender for kind, sender in self._waiting if kind != CPM})
-        found: dict[str, Cam] = {}
+        cam_by_sender: dict[str, Cam] = {}
         for sender in senders:
             cam_tick, mcm_tick = (self._sent_tick.get((kind, sender), -1) for kind in (CAM, MCM))
             content = decode_shared(self._waiting[MCM, sender]) if mcm_tick > cam_tick else None
@@ -70,8 +70,8 @@ class ObjectTracker:
             if isinstance(content, Mcm):
                 content = Cam(content.pose, content.speed, 0.0, 0.0, *self._size)
             if isinstance(content, Cam) and content.pose.tick >= oldest:
-                found[sender] = content
-        return found
+                cam_by_sender[sender] = content
+        return cam_by_sender
 
     def _read_cpms(self, oldest: int) -> dict[str, Cpm]:
         """Return the newest CPM of every station that is not too old and has objects."""
@@ -109,7 +109,9 @@ class ObjectTracker:
         if cpms := self._read_cpms(oldest):
             ticks = {sender: cpm.pose.tick for sender, cpm in cpms.items()}
             first = -self._parameters.correlation_ticks
-            elapsed = {sender: at - self._cpm_tick.get(sender, at + first) for sender, at in ticks.items()}
+            elapsed = {
+                sender: sent_tick - self._cpm_tick.get(sender, sent_tick + first) for sender, sent_tick in ticks.items()
+            }
             self._cpm_tick |= ticks
             yield measure_reported(tick, cpms, own, elapsed, self._parameters)
         self._waiting.clear()

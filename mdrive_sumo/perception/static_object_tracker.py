@@ -79,13 +79,15 @@ class StaticObjectTracker:
         table = (objects.x, objects.y, *portable.cos_sin(yaw), objects.length, objects.width)
         rows = zip(*(column.tolist() for column in table), strict=True)
         for name, kind, row in zip(objects.ids, objects.kind.tolist(), rows, strict=True):
-            known = self._standstill_by_id.get(name)
-            has_left = known is not None and known.compute_distance(row[0], row[1]) > self._parameters.max_offset_m
+            standstill = self._standstill_by_id.get(name)
+            has_left = (
+                standstill is not None and standstill.compute_distance(row[0], row[1]) > self._parameters.max_offset_m
+            )
             if has_left:
                 self._moved_ids.add(name)
-            if known is None or has_left or tick - known.last_tick > self._parameters.lost_ticks:
-                known = self._standstill_by_id[name] = _Standstill(kind, tick, tick)
-            known.add(tick, row)
+            if standstill is None or has_left or tick - standstill.last_tick > self._parameters.lost_ticks:
+                standstill = self._standstill_by_id[name] = _Standstill(kind, tick, tick)
+            standstill.add(tick, row)
 
     def compute_standstill_durations(self, objects: Objects) -> Float:
         """Return for how long (N,) [s] each object has been standing; `update` must have been called with them."""

@@ -175,14 +175,14 @@ class Correction:
         boxes = new.objects
         yaw, speed = boxes.yaw[columns], boxes.speed[columns]
         cos, sin = portable.cos_sin(yaw)
-        found = cls(
+        states = cls(
             boxes.x[columns], boxes.y[columns], speed * cos, speed * sin, yaw, new.position[columns],
             new.bias[columns], new.yaw[columns], new.speed[columns], boxes.length[columns], boxes.width[columns],
         )  # fmt: skip
         if (rows[1:] != rows[:-1]).all():
-            return rows, found
+            return rows, states
         tracks, first, index = np.unique(rows, return_index=True, return_inverse=True)
-        return tracks, found._average(first, index)
+        return tracks, states._average(first, index)
 
     def _average(self, first: Int, index: Int) -> "Correction":
         """Return the means weighted by accuracy; index (K,): row of the result, first: one row of each in this.

@@ -71,6 +71,6 @@ def find_netconvert() -> Path:
     for folder in (spec.submodule_search_locations or ()) if spec else ():
         if (wheel := Path(folder) / "bin" / "netconvert").is_file():
             return wheel
-    if (found := shutil.which("netconvert")) is None:
+    if (program := shutil.which("netconvert")) is None:
         raise InputError(f"netconvert: expected SUMO's programs, found none ({format_installation('convert')})")
-    return Path(found)
+    return Path(program)

@@ -152,8 +152,8 @@ class RoadMap:
 
     def find_lanes_near(self, x: float, y: float, radius: float) -> list[Lane]:
         """Return the lanes with a centre line within `radius` [m] of the point, in the order of `driving`."""
-        found = self._tree.query(shapely.Point(x, y), predicate="dwithin", distance=radius)
-        return [self.driving[i] for i in sorted(found)]
+        rows = self._tree.query(shapely.Point(x, y), predicate="dwithin", distance=radius)
+        return [self.driving[i] for i in sorted(rows)]
 
     @cached_property
     def building_shapes(self) -> tuple[shapely.Polygon, ...]:
@@ -186,8 +186,8 @@ def load_road_map(folder: Path) -> RoadMap:
     about = read_network_file(folder)
     path = folder / NET_FILE
     xml = _read_net(path)
-    if (found := compute_net_checksum(xml)) != about.checksum:
-        raise InputError(f"{path}: expected the checksum of network.json, {about.checksum}, found {found}")
+    if (checksum := compute_net_checksum(xml)) != about.checksum:
+        raise InputError(f"{path}: expected the checksum of network.json, {about.checksum}, found {checksum}")
     try:
         return _build_road_map(folder, about, path, _is_left_hand(xml))
     except _NET_ERRORS as error:
@@ -283,22 +283,22 @@ def _build_lane(lane: Any, cars: Mapping[str, Any], left_hand: bool) -> Lane:
         speed_limit=lane.getSpeed(),
         centre=centre,
         junction=junction,
-        successors=tuple(dict.fromkeys(way for way, _ in ways)),
+        successors=tuple(dict.fromkeys(successor for successor, _ in ways)),
         left="" if junction else neighbours.get(index + leftwards, ""),
         right="" if junction else neighbours.get(index - leftwards, ""),
-        lights={way: light for way, light in ways if light},
+        lights={successor: light for successor, light in ways if light},
     )
 
 
 def _find_connections(lane: Any, cars: Mapping[str, Any]) -> Sequence[tuple[str, str]]:
     """Return (successor lane id, traffic light "tls:index" or "") of every connection of a lane, sorted."""
-    found: list[tuple[str, str]] = []
+    connections: list[tuple[str, str]] = []
     for connection in lane.getOutgoing():
         via, light = connection.getViaLaneID(), connection.getTLSID()
         target = via if via in cars else connection.getToLane().getID()
         if target in cars:
-            found.append((target, f"{light}:{connection.getTLLinkIndex()}" if light else ""))
-    return sorted(found)
+            connections.append((target, f"{light}:{connection.getTLLinkIndex()}" if light else ""))
+    return sorted(connections)
 
 
 def import_sumolib() -> ModuleType:

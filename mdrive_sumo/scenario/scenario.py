@@ -177,13 +177,13 @@ def describe_first_error(error: ValidationError) -> str:
     problem = error.errors(include_url=False)[0]
     where = ".".join(str(part) for part in problem["loc"]) or "the file"
     more = f" ({error.error_count() - 1} more)" if error.error_count() > 1 else ""
-    found = (
+    given = (
         ""
         if problem["type"] in ("missing", "json_invalid", "value_error")
         else f", found {shorten_value(problem['input'])}"
     )
     reason = problem["msg"].removeprefix("Value error, ")  # pydantic's prefix of messages raised by validators
-    return f"{where}: {reason}{found}{more}"
+    return f"{where}: {reason}{given}{more}"
 
 
 def shorten_value(value: object) -> str:

@@ -91,12 +91,12 @@ def _is_blocked(start: Pose, blockers: Sequence[shapely.Polygon], bounds: StartB
 def _find_range(ego: Ego, roads: RoadMap, bounds: StartBounds) -> tuple[float, float]:
     """Return the least and greatest shift [m]: on the lane of the start, before its stop lines, with a route left."""
     lane = roads.lanes[ego.lanes[0]]
-    at = lane.centre.project(ego.start.x, ego.start.y)[0]
+    start_m = lane.centre.project(ego.start.x, ego.start.y)[0]
     lines = [sign.line_pos_m for sign in roads.stop_signs or () if sign.lane == lane.id]
-    ends = [line for line in (*lines, lane.centre.length) if line >= at + FRONT_M]
-    ahead = min([lane.centre.length - at, *(end - bounds.line_gap_m - at - FRONT_M for end in ends)])
+    ends = [line for line in (*lines, lane.centre.length) if line >= start_m + FRONT_M]
+    ahead = min([lane.centre.length - start_m, *(end - bounds.line_gap_m - start_m - FRONT_M for end in ends)])
     route_left = float(Polyline(ego.xy).length) - bounds.route_left_m
-    return min(-(at - FRONT_M), 0.0), max(min(ahead, route_left), 0.0)
+    return min(-(start_m - FRONT_M), 0.0), max(min(ahead, route_left), 0.0)
 
 
 def shift_start(ego: Ego, shift_m: float, roads: RoadMap) -> Ego:
@@ -131,10 +131,10 @@ def _cut_route(ego: Ego, shift_m: float) -> list[tuple[float, float, float]]:
 def _extend_route(ego: Ego, back_m: float, lane: Lane) -> list[tuple[float, float, float]]:
     """Return the route begun `back_m` [m] before its first point, at that point's offset from the lane's centre."""
     x, y, _ = ego.route[0]
-    at, offset = lane.centre.project(x, y)
+    begin_m, offset = lane.centre.project(x, y)
     hops = math.ceil(back_m)
     added: list[tuple[float, float, float]] = []
-    for s in np.linspace(at - back_m, at, hops, endpoint=False).tolist():
+    for s in np.linspace(begin_m - back_m, begin_m, hops, endpoint=False).tolist():
         (cx, cy), yaw = lane.centre.at(s), lane.centre.yaw_at(s)
         added.append((cx - portable.sin(yaw) * offset, cy + portable.cos(yaw) * offset, yaw))
     return [*added, *ego.route]

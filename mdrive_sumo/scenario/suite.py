@@ -168,16 +168,16 @@ class Suite:
 
 def _describe_scenario(scenario: Scenario) -> dict[str, str | int | float]:
     """Return one row of `Suite.to_frame`."""
-    found = compute_suite_statistics((scenario,))
+    statistics = compute_suite_statistics((scenario,))
     return {
         "scenario": scenario.id,
         "bucket": scenario.bucket,
         "category": scenario.category,
         "network": scenario.network,
         "weather": scenario.weather,
-        "cavs": found.cavs,
-        "mean_route_m": found.mean_route_m,
-        "mean_heading_change_deg": found.mean_heading_change_deg,
+        "cavs": statistics.cavs,
+        "mean_route_m": statistics.mean_route_m,
+        "mean_heading_change_deg": statistics.mean_heading_change_deg,
         "background_vehicles": len(scenario.background.vehicles),
         "scripted_actors": len(scenario.actors),
     }
@@ -229,9 +229,9 @@ def load_suite_of_one(folder: Path, scenario: str) -> Suite:
     home = next((one for one in (part_folders or [folder]) if (one / scenario / SCENARIO_FILE).is_file()), None)
     if home is None:
         raise InputError(f"suite {about.name}: expected a scenario {scenario!r}, found none")
-    found = (_scenario(home / scenario / SCENARIO_FILE),)
-    parts = (Suite(_suite_file(home / SUITE_FILE), home, found),) if part_folders else ()
-    return Suite(about, folder, found, parts)
+    scenarios = (_scenario(home / scenario / SCENARIO_FILE),)
+    parts = (Suite(_suite_file(home / SUITE_FILE), home, scenarios),) if part_folders else ()
+    return Suite(about, folder, scenarios, parts)
 
 
 def seal_suite(suite: Suite) -> Suite:
@@ -290,13 +290,13 @@ def natural_sort_key(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]
 
 
-def list_source_folders(suite_file: str, known: Iterable[str]) -> dict[str, Path]:
+def list_source_folders(suite_file: str, packaged: Iterable[str]) -> dict[str, Path]:
     """Return the folders of the suites of other packages by name.
 
     suite_file: name of the file that each of them has. known: names of the packaged suites. Raises InputError for a
     source without a suite, or with the name of a packaged one.
     """
-    check_plug_in_names(PlugInKind.SCENARIO_SOURCES, known)
+    check_plug_in_names(PlugInKind.SCENARIO_SOURCES, packaged)
     return {name: find_source_folder(name, suite_file) for name in list_plug_ins(PlugInKind.SCENARIO_SOURCES)}
 
 

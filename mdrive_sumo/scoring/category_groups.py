@@ -32,8 +32,8 @@ def compute_category_group_means(scenarios: Sequence[ScenarioResult], mode: Scor
 
 def compute_level_means(scenarios: Sequence[ScenarioResult]) -> dict[str, BucketResult]:
     """Return the means over the scenarios of each interactivity level; other scenarios are left out."""
-    known = [scenario for scenario in scenarios if scenario.category in set(LEVELS)]
-    return compute_group_means(known, lambda scenario: LEVELS[Category(scenario.category)])
+    levelled = [scenario for scenario in scenarios if scenario.category in set(LEVELS)]
+    return compute_group_means(levelled, lambda scenario: LEVELS[Category(scenario.category)])
 
 
 def compute_interdrive_means(scenarios: Sequence[ScenarioResult], mode: ScoreMode) -> dict[str, BucketResult]:

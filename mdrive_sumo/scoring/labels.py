@@ -19,11 +19,11 @@ def derive_labels(facts: Sequence[str], scenarios: Iterable[ScenarioResult]) -> 
     A joint agent has no label about communication, because no channel limits it. Nor has a privileged agent that
     exchanges nothing: it is not alone, for it sees the states and plans of all.
     """
-    known = tuple(fact for fact in facts if fact not in COMMUNICATION_LABELS)
+    kept = tuple(fact for fact in facts if fact not in COMMUNICATION_LABELS)
     label = derive_communication_label({kind for scenario in scenarios for kind in scenario.exchanged})
-    if JOINT in known or (PRIVILEGED in known and label == SINGLE):
-        return known
-    return (label, *known)
+    if JOINT in kept or (PRIVILEGED in kept and label == SINGLE):
+        return kept
+    return (label, *kept)
 
 
 def derive_communication_label(types: Collection[str]) -> str:

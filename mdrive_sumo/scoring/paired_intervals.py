@@ -21,10 +21,12 @@ ResultTable = Mapping[str, Mapping[int, ScenarioResult]]
 
 def group_by_scenario(results: Sequence[ScenarioResult]) -> dict[str, dict[int, ScenarioResult]]:
     """Return results by scenario id and seed; scenarios with a void result are left out, so that all count the same."""
-    found: dict[str, dict[int, ScenarioResult]] = {}
+    by_scenario: dict[str, dict[int, ScenarioResult]] = {}
     for result in results:
-        found.setdefault(result.id, {})[result.seed] = result
-    return {name: by_seed for name, by_seed in found.items() if all(one.status == "ok" for one in by_seed.values())}
+        by_scenario.setdefault(result.id, {})[result.seed] = result
+    return {
+        name: by_seed for name, by_seed in by_scenario.items() if all(one.status == "ok" for one in by_seed.values())
+    }
 
 
 def select_defined(table: ResultTable, name: str) -> ResultTable:

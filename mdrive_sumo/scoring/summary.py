@@ -86,8 +86,8 @@ def compute_means(scored: Iterable[Means]) -> Means:
 
 def compute_mean_of_known(values: Iterable[float | None]) -> float | None:
     """Return the mean of the values that are not None; None if there are none."""
-    known = [value for value in values if value is not None]
-    return compute_mean(known) if known else None
+    defined = [value for value in values if value is not None]
+    return compute_mean(defined) if defined else None
 
 
 def compute_harmonic_mean(scored: Means) -> float:
@@ -104,10 +104,10 @@ def compute_group_means(
         groups.setdefault(group_of(scenario), []).append(scenario)
     return {
         name: BucketResult(
-            scenarios=count_scenarios(found),
-            timed=count_timed(found),
-            scalars=compute_scalar_means(found),
-            **compute_means(found).model_dump(),
+            scenarios=count_scenarios(members),
+            timed=count_timed(members),
+            scalars=compute_scalar_means(members),
+            **compute_means(members).model_dump(),
         )
-        for name, found in sorted(groups.items())
+        for name, members in sorted(groups.items())
     }

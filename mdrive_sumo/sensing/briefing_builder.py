@@ -55,11 +55,11 @@ def _find_stop_signs(ego: Ego, roads: RoadMap, route: Polyline) -> list[float]:
 
 
 def _find_traffic_lights(ego: Ego, roads: RoadMap, route: Polyline) -> list[TrafficLight]:
-    found: list[TrafficLight] = []
+    lights: list[TrafficLight] = []
     for here, there in zip(ego.lanes, ego.lanes[1:], strict=False):
         lane = roads.lanes[here]
         if there in lane.lights:
             s, d = route.project(*lane.centre.at(lane.centre.length))
             if abs(d) < lane.width:  # else the stop line lies before the start of the route
-                found.append(TrafficLight(lane.lights[there], s))
-    return found
+                lights.append(TrafficLight(lane.lights[there], s))
+    return lights

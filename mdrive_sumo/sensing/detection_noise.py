@@ -43,10 +43,10 @@ def draw_detected(seed: int, tick: int, ids: tuple[str, ...], recall: Float) -> 
     return np.array(lucks, dtype=np.float64) < recall
 
 
-def add_errors(profile: DetectionProfile, seed: int, tick: int, truth: Objects, at: Float) -> Objects:
+def add_errors(profile: DetectionProfile, seed: int, tick: int, truth: Objects, eye_xy: Float) -> Objects:
     """Return the objects, by true ids, with noise; `at` (2,) [m] is the sensor position."""
     noise = _interpolate_errors(seed, tick, truth.ids)
-    x, y = truth.x - at[0], truth.y - at[1]
+    x, y = truth.x - eye_xy[0], truth.y - eye_xy[1]
     distance = portable.hypot(x, y)
     spread, (cos, sin) = profile.spread_at(distance), portable.cos_sin(portable.atan2(y, x))
     along, across = spread * noise[:, 0], spread * noise[:, 1]

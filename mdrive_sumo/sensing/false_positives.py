@@ -45,21 +45,21 @@ class _FalsePositive(NamedTuple):
     yaw: float
 
 
-def draw_false_positives(profile: DetectionProfile, seed: int, tick: int, at: Float, range_m: float) -> Objects:
+def draw_false_positives(profile: DetectionProfile, seed: int, tick: int, eye_xy: Float, range_m: float) -> Objects:
     """Return false positives of car size within range_m of `at` (2,) [m]; each stands still for an epoch."""
     density = profile.false_positives / (math.pi * (FAR_M * FAR_M))
-    low, high = ((at - range_m) // CELL_M).astype(int), ((at + range_m) // CELL_M).astype(int)
-    found: list[_FalsePositive] = []
+    low, high = ((eye_xy - range_m) // CELL_M).astype(int), ((eye_xy + range_m) // CELL_M).astype(int)
+    ghosts: list[_FalsePositive] = []
     if density > 0.0:
         cells, (epoch, step) = _CellRange(*low.tolist(), *high.tolist()), divmod(tick, EPOCH_TICKS)
-        found += (one for one in _draw_in_cells(seed, density, cells, epoch) if step + one.phase < EPOCH_TICKS)
-        found += (one for one in _draw_in_cells(seed, density, cells, epoch + 1) if step + one.phase >= EPOCH_TICKS)
-        found = sorted(one for one in found if portable.hypot(one.x - at[0], one.y - at[1]) <= range_m)
-    x, y, yaw = np.array([(one.x, one.y, one.yaw) for one in found]).reshape(-1, 3).T
-    nothing = np.zeros(len(found))
+        ghosts += (one for one in _draw_in_cells(seed, density, cells, epoch) if step + one.phase < EPOCH_TICKS)
+        ghosts += (one for one in _draw_in_cells(seed, density, cells, epoch + 1) if step + one.phase >= EPOCH_TICKS)
+        ghosts = sorted(one for one in ghosts if portable.hypot(one.x - eye_xy[0], one.y - eye_xy[1]) <= range_m)
+    x, y, yaw = np.array([(one.x, one.y, one.yaw) for one in ghosts]).reshape(-1, 3).T
+    nothing = np.zeros(len(ghosts))
     return Objects(
-        ids=tuple(one.id for one in found),
-        kind=np.full(len(found), Kind.VEHICLE, dtype=np.uint8),
+        ids=tuple(one.id for one in ghosts),
+        kind=np.full(len(ghosts), Kind.VEHICLE, dtype=np.uint8),
         x=x,
         y=y,
         yaw=yaw,
@@ -72,12 +72,12 @@ def draw_false_positives(profile: DetectionProfile, seed: int, tick: int, at: Fl
 @lru_cache(maxsize=256)
 def _draw_in_cells(seed: int, density: float, cells: _CellRange, epoch: int) -> tuple[_FalsePositive, ...]:
     """Return the false positives of all these cells in an epoch, at most one a cell."""
-    found: list[_FalsePositive] = []
+    ghosts: list[_FalsePositive] = []
     for i in range(cells.first_i, cells.last_i + 1):
         for j in range(cells.first_j, cells.last_j + 1):
             cell = f"{i} {j}"
             if draw_first_uniform(seed, "ghost", cell, epoch) < density * (CELL_M * CELL_M):
                 _, x, y, yaw, *_ = draw_uniforms(seed, "ghost", cell, epoch)
                 place = (i + x) * CELL_M, (j + y) * CELL_M, (yaw - 0.5) * TAU
-                found.append(_FalsePositive(i, j, draw_phase(seed, cell), f"ghost {cell} {epoch}", *place))
-    return tuple(found)
+                ghosts.append(_FalsePositive(i, j, draw_phase(seed, cell), f"ghost {cell} {epoch}", *place))
+    return tuple(ghosts)

@@ -108,8 +108,8 @@ class ObjectsSensor:
     def _add_flaws(self, view: SightView, truth: Objects) -> Objects:
         """Return the objects with noise, and with false positives where sight is free."""
         eye, tick = view.eye, view.scene.tick
-        at = np.array((eye.x, eye.y))
-        ghosts = draw_false_positives(self._profile, self._seed, tick, at, self._range_m)
+        eye_xy = np.array((eye.x, eye.y))
+        ghosts = draw_false_positives(self._profile, self._seed, tick, eye_xy, self._range_m)
         if ghosts.ids:
             free = view.free_sight(SECTORS)
             sector = (portable.atan2(ghosts.y - eye.y, ghosts.x - eye.x) - eye.yaw) % TAU / TAU * SECTORS
@@ -117,7 +117,7 @@ class ObjectsSensor:
             sight = np.minimum(free[between], free[(between + 1) % SECTORS])
             open_to = portable.hypot(ghosts.x - eye.x, ghosts.y - eye.y) <= sight
             ghosts = ghosts.take(open_to & self._is_in_field(ghosts.x, ghosts.y, eye))
-        return add_errors(self._profile, self._seed, tick, truth, at).concat(ghosts)
+        return add_errors(self._profile, self._seed, tick, truth, eye_xy).concat(ghosts)
 
     def _name(self, true_id: str) -> str:
         name = self._names.get(true_id)

@@ -113,9 +113,9 @@ def _compare_with_nearest(
     nearest = np.zeros((3, pieces.intervals))
     for row, near in zip(nearest, (begins, ends, middles), strict=True):
         np.maximum.at(row, places, near)
-    at, begin, end = pieces.interval[of_box], begin[of_box], end[of_box]
+    interval, begin, end = pieces.interval[of_box], begin[of_box], end[of_box]
     in_sight = nearest[:2] - TIE
-    clear = (begin >= in_sight[0].take(at)) & (end >= in_sight[1].take(at))
+    clear = (begin >= in_sight[0].take(interval)) & (end >= in_sight[1].take(interval))
     behind = np.flatnonzero(~clear)
     if not len(behind):
         return clear, behind
@@ -124,8 +124,8 @@ def _compare_with_nearest(
     is_first[opaque[first]] = True
     front = np.zeros((2, pieces.intervals))
     front[:, places[first]] = begins[first], ends[first]
-    at = at[behind]
-    hidden = (front[0, at] >= begin[behind] - TIE) & (front[1, at] >= end[behind] - TIE) & ~is_first[behind]
+    interval = interval[behind]
+    hidden = (front[0, interval] >= begin[behind] - TIE) & (front[1, interval] >= end[behind] - TIE) & ~is_first[behind]
     return clear, behind[~hidden]
 
 
@@ -175,9 +175,9 @@ class SightBatch:
     def visible_fractions(self) -> Float:
         """(V, N) visible share in [0, 1] of each box's angular width; 0 for the carrier and out of range."""
         owner, shape = self.edges.owner, self.distances.shape
-        at = self.edges.eye[: len(owner)] * shape[1] + owner
-        extent = np.bincount(at, self.edges.extent[: len(owner)], shape[0] * shape[1]).reshape(shape)
-        seen = np.bincount(at, self._compute_visible_widths(), shape[0] * shape[1]).reshape(shape)
+        cell = self.edges.eye[: len(owner)] * shape[1] + owner
+        extent = np.bincount(cell, self.edges.extent[: len(owner)], shape[0] * shape[1]).reshape(shape)
+        seen = np.bincount(cell, self._compute_visible_widths(), shape[0] * shape[1]).reshape(shape)
         around = self._is_near & (extent == 0.0)  # no edge faces an eye inside
         return np.where(around, 1.0, np.clip(seen / np.where(extent > 0.0, extent, 1.0), 0.0, 1.0))
 
@@ -198,9 +198,11 @@ class SightBatch:
         clear, unclear = _compare_with_nearest(pieces, edges.hides[edge], begin, end, of_box)
         seen = np.where(clear, cuts.width[interval[of_box]], 0.0)
         for i in unclear.tolist():
-            at = interval[i]
-            others = edge[(interval == at) & edges.hides[edge] & (edge != edge[i])]
-            seen[i] = self._compute_visible_width(int(edge[i]), others, float(cuts.angle[at]), float(cuts.width[at]))
+            sector = interval[i]
+            others = edge[(interval == sector) & edges.hides[edge] & (edge != edge[i])]
+            seen[i] = self._compute_visible_width(
+                int(edge[i]), others, float(cuts.angle[sector]), float(cuts.width[sector])
+            )
         return np.bincount(edge[of_box], seen, len(edges.owner)).astype(np.float64, copy=False)
 
     def _compute_visible_width(self, edge: int, others: Rows, begin: float, width: float) -> float:

@@ -80,18 +80,18 @@ class SignalLampObserver:
         for i, row in enumerate(rows.tolist()):
             name = boxes.ids[row]
             x, y, yaw, speed = (float(values[row]) for values in (boxes.x, boxes.y, boxes.yaw, boxes.speed))
-            known = self._drivers.get(name)
-            if known is None or not 0 < tick - known.tick <= FORGET_TICKS:
+            driver = self._drivers.get(name)
+            if driver is None or not 0 < tick - driver.tick <= FORGET_TICKS:
                 self._drivers[name] = _Driver(tick, x, y, yaw, speed)
                 continue
             assert places is not None
-            seconds = (tick - known.tick) * DT
-            turn_rate = wrap_angle(yaw - known.yaw) / seconds
-            velocity = (x - known.x) / seconds, (y - known.y) / seconds
-            _update_brake(known, speed, seconds)
-            _update_side(known, tick, places.find_side(i, turn_rate, velocity))
-            known.tick, known.x, known.y, known.yaw, known.speed = tick, x, y, yaw, speed
-            if lit := _list_lamps(known):
+            seconds = (tick - driver.tick) * DT
+            turn_rate = wrap_angle(yaw - driver.yaw) / seconds
+            velocity = (x - driver.x) / seconds, (y - driver.y) / seconds
+            _update_brake(driver, speed, seconds)
+            _update_side(driver, tick, places.find_side(i, turn_rate, velocity))
+            driver.tick, driver.x, driver.y, driver.yaw, driver.speed = tick, x, y, yaw, speed
+            if lit := _list_lamps(driver):
                 lamps[name] = lit
         return MappingProxyType(lamps)
 
@@ -169,10 +169,10 @@ def _find_ways(roads: RoadMap) -> _Ways:
 def _find_common_turn(roads: RoadMap, lane: Lane) -> int:
     """Return the side to which all ways from a lane through the next junction turn, else 0."""
     ways = [roads.lanes[name] for name in lane.successors]
-    turns = {_find_turn(way) for way in ways if way.junction}
+    turns = {_find_turn(lane_through) for lane_through in ways if lane_through.junction}
     return turns.pop() if len(turns) == 1 and not lane.junction else 0
 
 
-def _find_turn(way: Lane) -> int:
-    turn = wrap_angle(way.centre.yaw_at(way.centre.length) - way.centre.yaw_at(0.0))
+def _find_turn(lane: Lane) -> int:
+    turn = wrap_angle(lane.centre.yaw_at(lane.centre.length) - lane.centre.yaw_at(0.0))
     return 0 if abs(turn) < TURN_RAD else int(math.copysign(1, turn))

@@ -84,8 +84,8 @@ class SightView:
         sector = (np.arange(len(edge)) + (first.astype(np.intp) - begins)[edge]) % sectors
         cos, sin = _turn_rays(sectors, self.eye.yaw)
         near = np.full(sectors, 1.0 / self.range_m)
-        found = edges.cos[edge] * cos[sector] + edges.sin[edge] * sin[sector]
-        np.maximum.at(near, sector, found)
+        inverse_m = edges.cos[edge] * cos[sector] + edges.sin[edge] * sin[sector]
+        np.maximum.at(near, sector, inverse_m)
         return 1.0 / near
 
     def visible_rows(self, min_share: float) -> Bool:

@@ -33,11 +33,11 @@ class LogReplay:
         """Return the vehicles that are on their log in a tick."""
         if not len(self._is_following):
             return self._last
-        found = self._logged.actors(tick, self._is_following)
-        if found.ids == self._last.ids:
-            found = replace(found, ids=self._last.ids)
-        self._last = found
-        return found
+        actors = self._logged.actors(tick, self._is_following)
+        if actors.ids == self._last.ids:
+            actors = replace(actors, ids=self._last.ids)
+        self._last = actors
+        return actors
 
     def release_disturbed(
         self, tick: int, cavs: Sequence[MovingBox], last: Actors
@@ -46,15 +46,15 @@ class LogReplay:
 
         `last`: all background vehicles in the last tick. A vehicle that is off its route stays on its log.
         """
-        found: list[tuple[BackgroundVehicle, InsertionPoint]] = []
+        released: list[tuple[BackgroundVehicle, InsertionPoint]] = []
         for i in np.flatnonzero(self._find_disturbed(tick, [*cavs, *self._find_strays(tick - 1, last)])):
             vehicle = self._logged.vehicles[i]
             pose, is_new = self._logged.find_pose(vehicle, tick), self._logged.find_pose(vehicle, tick - 1) is None
             point = find_takeover_point(vehicle, pose, tick, is_new, self._roads) if pose else None
             if point is not None:
                 self._is_following[i] = False
-                found.append((vehicle, point))
-        return found
+                released.append((vehicle, point))
+        return released
 
     def _find_disturbed(self, tick: int, movers: Sequence[MovingBox]) -> Bool:
         """Return a (V,) mask of the vehicles whose log leads into a mover."""

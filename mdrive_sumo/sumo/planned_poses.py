@@ -39,7 +39,8 @@ def _sample_schedule(vehicle: BackgroundVehicle, ticks: int, roads: RoadMap) -> 
         return np.zeros((ticks, 4)), np.zeros(ticks, dtype=np.bool_)
     along, x, y = np.concatenate(pieces).T
     front, back = (
-        np.stack((np.interp(at, along, x), np.interp(at, along, y))) for at in (position, position - vehicle.length)
+        np.stack((np.interp(station, along, x), np.interp(station, along, y)))
+        for station in (position, position - vehicle.length)
     )
     centre, ahead = (front + back) / 2, front - back
     speed = np.gradient(position, DT) if ticks > 1 else np.zeros(ticks)
@@ -54,11 +55,11 @@ def _iterate_points(vehicle: BackgroundVehicle, roads: RoadMap) -> Iterator[Floa
     following = list(vehicle.edges[1:])
     while lane is not None:
         length = libsumo.lane.getLength(lane.id)
-        for at, index in _iterate_lane_changes(vehicle, begin, begin + length):
+        for change_m, index in _iterate_lane_changes(vehicle, begin, begin + length):
             target = roads.lanes.get(f"{lane.edge}_{index}")
             if target is not None and target is not lane and not lane.junction:
-                yield _select_points(lane, begin, length, since, at - LANE_CHANGE_HALF_LENGTH_M)
-                lane, since = target, at + LANE_CHANGE_HALF_LENGTH_M
+                yield _select_points(lane, begin, length, since, change_m - LANE_CHANGE_HALF_LENGTH_M)
+                lane, since = target, change_m + LANE_CHANGE_HALF_LENGTH_M
         yield _select_points(lane, begin, length, since, begin + length)
         begin, since = begin + length, max(since, begin)
         if lane.edge == vehicle.edges[-1] or not following:
@@ -70,7 +71,7 @@ def _iterate_points(vehicle: BackgroundVehicle, roads: RoadMap) -> Iterator[Floa
 
 def _iterate_lane_changes(vehicle: BackgroundVehicle, begin: float, end: float) -> Iterator[tuple[float, int]]:
     assert vehicle.schedule is not None
-    return ((at, index) for at, index in vehicle.schedule.lanes if begin <= at < end)
+    return ((change_m, index) for change_m, index in vehicle.schedule.lanes if begin <= change_m < end)
 
 
 def _find_next_lane(lane: Lane, edge: str, roads: RoadMap) -> Lane | None:

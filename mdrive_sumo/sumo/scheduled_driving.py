@@ -95,11 +95,11 @@ class ScheduleFollower:
         """Return the next lane change, once the vehicle is on its edge; else None."""
         while len(self._lanes) > 1 and position >= self._lanes[1][0]:
             self._lanes.pop(0)
-        at, wanted = self._lanes[0]
+        change_m, wanted = self._lanes[0]
         lane = self._roads.lanes.get(libsumo.vehicle.getLaneID(self._name))
         if lane is None or lane.junction:
             return None
-        if at > position + libsumo.lane.getLength(lane.id) - libsumo.vehicle.getLanePosition(self._name) - EDGE_M:
+        if change_m > position + libsumo.lane.getLength(lane.id) - libsumo.vehicle.getLanePosition(self._name) - EDGE_M:
             return None
         adjacent = lane.left if wanted > lane.index else lane.right
         if wanted == lane.index or not adjacent:

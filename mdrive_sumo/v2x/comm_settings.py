@@ -58,12 +58,12 @@ class MuteFilter:
 
     def matches(self, sender: str, message_type: str, tick: int) -> bool:
         """Return whether that message is muted."""
-        at = str(tick)
+        tick_text = str(tick)
         return any(
             (by_sender, by_type, by_tick) in self.patterns
             for by_sender in (sender, "*")
             for by_type in (message_type, "*")
-            for by_tick in (at, "*")
+            for by_tick in (tick_text, "*")
         )
 
 
@@ -111,8 +111,10 @@ class CommSettings:
     @property
     def mute_filter(self) -> MuteFilter:
         """The filter that `mute` describes."""
-        found = (_MUTE.fullmatch(pattern) for pattern in self.mute)
-        return MuteFilter(frozenset((m[1], m[2], str(int(t)) if (t := m[3] or "*") != "*" else t) for m in found if m))
+        matches = (_MUTE.fullmatch(pattern) for pattern in self.mute)
+        return MuteFilter(
+            frozenset((m[1], m[2], str(int(t)) if (t := m[3] or "*") != "*" else t) for m in matches if m)
+        )
 
 
 PRESETS: Mapping[str, CommSettings] = MappingProxyType(

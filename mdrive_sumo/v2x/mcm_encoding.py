@@ -74,43 +74,43 @@ def parse_mcm(body: bytes) -> McmParts:
     fixed = _MCM.unpack_from(body)
     if fixed[1] > _LAST_INTENTION or fixed[2] > _LAST_DIRECTION or not fixed[3]:
         raise MessageError(f"expected an intention, a direction and an interval above 0, found {fixed[1:4]}")
-    planned, at = _take_points(body, _MCM.size)
-    desired, at = _take_points(body, at)
-    requests, at = _take_names(body, at, _LAST_INTENTION)
-    answers, at = _take_names(body, at, 1)
-    group, at = _take_names(body, at, 0)
-    if at != len(body):
-        raise MessageError(f"{len(body) - at} bytes too many")
+    planned, offset = _take_points(body, _MCM.size)
+    desired, offset = _take_points(body, offset)
+    requests, offset = _take_names(body, offset, _LAST_INTENTION)
+    answers, offset = _take_names(body, offset, 1)
+    group, offset = _take_names(body, offset, 0)
+    if offset != len(body):
+        raise MessageError(f"{len(body) - offset} bytes too many")
     return McmParts(fixed, planned, desired, requests, answers, group)
 
 
-def _take_bytes(data: bytes, at: int, size: int) -> bytes:
-    if at + size > len(data):
+def _take_bytes(data: bytes, offset: int, size: int) -> bytes:
+    if offset + size > len(data):
         raise MessageError("bytes are missing")
-    return data[at : at + size]
+    return data[offset : offset + size]
 
 
-def _take_points(data: bytes, at: int) -> tuple[bytes, int]:
+def _take_points(data: bytes, offset: int) -> tuple[bytes, int]:
     """Return the bytes of the points at an offset, and the offset after them."""
-    count = _take_bytes(data, at, 1)[0]
+    count = _take_bytes(data, offset, 1)[0]
     if count > MAX_POINTS:
         raise MessageError(f"expected at most {MAX_POINTS} points, found {count}")
-    return _take_bytes(data, at + 1, 4 * count), at + 1 + 4 * count
+    return _take_bytes(data, offset + 1, 4 * count), offset + 1 + 4 * count
 
 
-def _take_names(data: bytes, at: int, most: int) -> tuple[dict[str, int], int]:
+def _take_names(data: bytes, offset: int, most: int) -> tuple[dict[str, int], int]:
     """Return the names with values from 0 to `most` at an offset, and the offset after them."""
-    count, at = _take_bytes(data, at, 1)[0], at + 1
-    found: dict[str, int] = {}
+    count, offset = _take_bytes(data, offset, 1)[0], offset + 1
+    value_by_name: dict[str, int] = {}
     for _ in range(count):
-        size, value = _take_bytes(data, at, 2)
+        size, value = _take_bytes(data, offset, 2)
         if not 1 <= size <= MAX_NAME_BYTES or value > most:
             raise MessageError(f"expected names of 1 to {MAX_NAME_BYTES} bytes with values from 0 to {most}")
-        found[_take_bytes(data, at + 2, size).decode()] = value  # UnicodeDecodeError is a ValueError
-        at += 2 + size
-    if len(found) < count or count > MAX_NAMES:
+        value_by_name[_take_bytes(data, offset + 2, size).decode()] = value  # UnicodeDecodeError is a ValueError
+        offset += 2 + size
+    if len(value_by_name) < count or count > MAX_NAMES:
         raise MessageError(f"expected at most {MAX_NAMES} different names, found {count}")
-    return found, at
+    return value_by_name, offset
 
 
 def build_mcm(pose: ReferencePose, parts: McmParts) -> Mcm:

@@ -143,7 +143,7 @@ def displace_message(message: Message, dx: float, dy: float, dyaw: float) -> Mes
     """
     if message.type not in _CODECS:
         return message
-    at = encoding.decode_pose(message.payload)
-    displaced = replace(at, x=at.x + dx, y=at.y + dy, yaw=at.yaw + dyaw)
+    pose = encoding.decode_pose(message.payload)
+    displaced = replace(pose, x=pose.x + dx, y=pose.y + dy, yaw=pose.yaw + dyaw)
     head = encoding.encode_header(_CODECS[message.type].kind, displaced)
     return Message(message.type, head + message.payload[encoding.HEADER_BYTES :], message.sender, message.tick)

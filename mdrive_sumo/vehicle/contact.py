@@ -132,15 +132,15 @@ def resolve_contacts(
 
 
 def _list_contacts(met: set[ContactPair], actors: Actors) -> tuple[Contact, ...]:
-    found: set[Contact] = set()
+    contacts: set[Contact] = set()
     for ego, other in met:
         if isinstance(other, str):
-            found |= {Contact(ego, other, Kind.VEHICLE), Contact(other, ego, Kind.VEHICLE)}
+            contacts |= {Contact(ego, other, Kind.VEHICLE), Contact(other, ego, Kind.VEHICLE)}
         elif other >= 0:
-            found.add(Contact(ego, actors.ids[other], Kind(int(actors.kind[other]))))
+            contacts.add(Contact(ego, actors.ids[other], Kind(int(actors.kind[other]))))
         else:
-            found.add(Contact(ego, "", Kind.STATIC))
-    return tuple(sorted(found, key=lambda contact: (contact.ego, contact.other)))
+            contacts.add(Contact(ego, "", Kind.STATIC))
+    return tuple(sorted(contacts, key=lambda contact: (contact.ego, contact.other)))
 
 
 def _find_close_pairs(scene: _TickState) -> list[ContactPair]:

@@ -105,12 +105,12 @@ def find_contact(first: RigidBody, second: RigidBody) -> ContactManifold | None:
                 return None
             apart = True
             continue
-        at = (start + PENETRATION_TOLERANCE_M) / (start - end) if start != end else 0.0
+        share = (start + PENETRATION_TOLERANCE_M) / (start - end) if start != end else 0.0
         if start <= -PENETRATION_TOLERANCE_M < end:
-            left = min(left, at)
-        rank = (1, at) if start > -PENETRATION_TOLERANCE_M else (0, start)
+            left = min(left, share)
+        rank = (1, share) if start > -PENETRATION_TOLERANCE_M else (0, start)
         if rank > best:
-            best, entered, meeting = rank, at if rank[0] else 0.0, ContactManifold(normal, -end)
+            best, entered, meeting = rank, share if rank[0] else 0.0, ContactManifold(normal, -end)
     if apart or entered > left or (best[0] == 0 and gap > -PENETRATION_TOLERANCE_M):
         return ContactManifold(meeting.normal, 0.0) if gap <= CONTACT_DISTANCE_M else None
     return meeting

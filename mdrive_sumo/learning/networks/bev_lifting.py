@@ -53,10 +53,10 @@ def build_lifting_table(spec: SystemSpec) -> LiftingTable:
         for camera in image.cameras:
             views.append(_index_features(models[camera], image, points, start))
             start += count_cells(image.height, STRIDE) * count_cells(image.width, STRIDE)
-    found = np.stack(views, axis=-1)
+    pixels = np.stack(views, axis=-1)
     # Cameras that see the point first, each group in the order of the rig.
-    order = np.argsort(found < 0, axis=-1, kind="stable")[..., :MOST_VIEWS]
-    return LiftingTable(np.take_along_axis(found, order, axis=-1), start)
+    order = np.argsort(pixels < 0, axis=-1, kind="stable")[..., :MOST_VIEWS]
+    return LiftingTable(np.take_along_axis(pixels, order, axis=-1), start)
 
 
 def _index_features(

@@ -80,12 +80,12 @@ class AttentionLayer(nn.Module):
     def forward(self, queries: Tensor, tokens: Tensor) -> Tensor:
         """Return queries (batch, Q, width) after a look at tokens (batch, T, width)."""
         normed = self.token_norm(tokens)
-        found = functional.scaled_dot_product_attention(
+        attended = functional.scaled_dot_product_attention(
             self._split(self.query(self.query_norm(queries))),
             self._split(self.key(normed)),
             self._split(self.value(normed)),
         )
-        queries = queries + self.merge(found.transpose(1, 2).flatten(2))
+        queries = queries + self.merge(attended.transpose(1, 2).flatten(2))
         return queries + self.feed_forward(self.forward_norm(queries))
 
 

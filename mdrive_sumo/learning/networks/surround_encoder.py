@@ -22,8 +22,8 @@ class SurroundEncoder(nn.Module):
 
     def forward(self, inputs: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
         """Return features (batch, BEV_CHANNELS, cells, cells) and tokens (batch, T, WIDTH) of the first camera."""
-        found = [self.encoder(inputs[name]) for name in self.names]
-        return self.lifting([fine for fine, _ in found]), self.front(flatten_map(found[0][1][:, 0]))
+        maps = [self.encoder(inputs[name]) for name in self.names]
+        return self.lifting([fine for fine, _ in maps]), self.front(flatten_map(maps[0][1][:, 0]))
 
 
 class BevTokens(nn.Module):

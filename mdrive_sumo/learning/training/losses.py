@@ -151,12 +151,12 @@ def compute_agents_loss(centres: Tensor, numbers: Tensor, boxes: Tensor, futures
     heat = torch.zeros_like(centres[:, 0].flatten(1), dtype=torch.float32)
     heat.scatter_reduce_(1, cell, is_target.float(), "amax")
     weight = heat.new_tensor(CENTRE_WEIGHT)
-    found = functional.binary_cross_entropy_with_logits(centres.flatten(1).float(), heat, pos_weight=weight)
+    loss = functional.binary_cross_entropy_with_logits(centres.flatten(1).float(), heat, pos_weight=weight)
     cells = numbers.flatten(2).transpose(1, 2).float()
     answers = cells.gather(1, cell[..., None].expand(-1, -1, cells.shape[-1]))
     targets, is_known = _build_targets(boxes, futures, cell)
     error = (answers - targets).abs() * (is_known & is_target[..., None])
-    return found * 10.0 + error.sum() / (is_target.sum() * answers.shape[-1] + 1.0)
+    return loss * 10.0 + error.sum() / (is_target.sum() * answers.shape[-1] + 1.0)
 
 
 def _build_targets(boxes: Tensor, futures: Tensor, cell: Tensor) -> tuple[Tensor, Tensor]:

@@ -28,8 +28,8 @@ class Validation:
     def glance(self, network: nn.Module) -> dict[str, float]:
         """Return ADE and FDE over 3 s [m] on a few samples."""
         rows = _thin(self.rows, MOST_GLANCED)
-        found = measure_plans(predict_samples(network, self.data, rows).plans, self.arrays["expert_plan"][rows])
-        return {f"validation/{name}": found[name] for name in ("ade_3s_m", "fde_3s_m")}
+        errors = measure_plans(predict_samples(network, self.data, rows).plans, self.arrays["expert_plan"][rows])
+        return {f"validation/{name}": errors[name] for name in ("ade_3s_m", "fde_3s_m")}
 
     def describe(self, network: nn.Module) -> dict[str, Any]:
         """Return the metrics of a network, with and without images."""
@@ -37,11 +37,11 @@ class Validation:
         seen = predict_samples(network, self.data, rows)
         blind = predict_samples(network, self.data, rows, blind=True)
         labels = {name: self.arrays[name][rows] for name in ("own", "expert_plan", "expert_control")}
-        found = describe_plans(seen.plans, labels)
-        found["blackout"] = describe_plans(blind.plans, labels)["plan"]
+        metrics = describe_plans(seen.plans, labels)
+        metrics["blackout"] = describe_plans(blind.plans, labels)["plan"]
         if seen.controls is not None:
-            found["control_l1"] = measure_controls(seen.controls, labels["expert_control"])
-        return found
+            metrics["control_l1"] = measure_controls(seen.controls, labels["expert_control"])
+        return metrics
 
 
 def _thin(rows: npt.NDArray[np.int64], most: int) -> npt.NDArray[np.int64]:

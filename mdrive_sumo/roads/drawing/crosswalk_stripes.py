@@ -17,10 +17,12 @@ MIN_SHARE = 0.4
 
 def build_crossing_stripes(line: Float, width: float) -> list[shapely.Polygon]:
     """Return the stripes of a crossing with a centre line (N, 2) and a width [m]."""
-    way = build_polyline(line)
-    margin = (way.length % PERIOD_M + PERIOD_M - STRIPE_M) / 2
-    starts = np.arange(margin, way.length - STRIPE_M + 1e-6, PERIOD_M)
-    return [_build_stripe(np.array(way.at(s + STRIPE_M / 2)), way.yaw_at(s + STRIPE_M / 2), width) for s in starts]
+    centre = build_polyline(line)
+    margin = (centre.length % PERIOD_M + PERIOD_M - STRIPE_M) / 2
+    starts = np.arange(margin, centre.length - STRIPE_M + 1e-6, PERIOD_M)
+    return [
+        _build_stripe(np.array(centre.at(s + STRIPE_M / 2)), centre.yaw_at(s + STRIPE_M / 2), width) for s in starts
+    ]
 
 
 def _build_stripe(middle: Float, yaw: float, width: float) -> shapely.Polygon:

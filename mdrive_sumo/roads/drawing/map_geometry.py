@@ -152,10 +152,10 @@ def _fill_islands(part: shapely.Polygon) -> shapely.Polygon:
 def _build_stripes(roads: RoadMap, area: BaseGeometry, lanes: Sequence[Lane]) -> list[shapely.Polygon]:
     crossings = [(line, width) for line, width in roads.crossings if area.intersects(shapely.LineString(line))]
     outlines = [roads.pavements[i] for i in roads.crosswalk_pavements]
-    found = (find_walking_line(outline, lanes) for outline in outlines if area.intersects(make_polygon(outline)))
+    lines = (find_walking_line(outline, lanes) for outline in outlines if area.intersects(make_polygon(outline)))
     return [
         stripe
-        for line, width in (*crossings, *(one for one in found if one is not None))
+        for line, width in (*crossings, *(one for one in lines if one is not None))
         for stripe in build_crossing_stripes(line, width)
     ]
 

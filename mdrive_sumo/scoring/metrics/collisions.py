@@ -78,8 +78,8 @@ def find_collisions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
         for other, kind in contacts_by_tick.get(tick, ()):
             if collision_filter.is_new(other, tick, x, y):
                 name, factor = INFRACTION_BY_KIND[kind]
-                found = track.make_infraction(name, tick, other, factor)
-                counted.append(replace(found, impact_speed=compute_impact_speed(track, tick, other)))
+                event = track.make_infraction(name, tick, other, factor)
+                counted.append(replace(event, impact_speed=compute_impact_speed(track, tick, other)))
         collision_filter.forget_distant_places(x, y)
     return tuple(counted)
 
@@ -99,8 +99,8 @@ def compute_impact_speed(track: EgoTrack, tick: int, other: str) -> float:
     if other not in episode.ids:
         return portable.hypot(*own)
     column = episode.ids.index(other)
-    at = before if episode.valid[before, column] else tick
-    theirs = _compute_velocity(float(episode.speed[at, column]), float(episode.yaw[at, column]))
+    then = before if episode.valid[before, column] else tick
+    theirs = _compute_velocity(float(episode.speed[then, column]), float(episode.yaw[then, column]))
     return portable.hypot(own[0] - theirs[0], own[1] - theirs[1])
 
 

@@ -51,8 +51,8 @@ def build_ego_records(episode: EpisodeRecord, scenario: Scenario, roads: RoadMap
 
 def find_infractions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
     """Return the infractions of one CAV by all metrics, in temporal order."""
-    found = [infraction for metric in list_infraction_metrics() for infraction in metric.find(track)]
-    return tuple(sorted(found, key=lambda infraction: infraction.tick))
+    infractions = [infraction for metric in list_infraction_metrics() for infraction in metric.find(track)]
+    return tuple(sorted(infractions, key=lambda infraction: infraction.tick))
 
 
 def _build_ego_record(track: EgoTrack) -> EgoRecord:

@@ -57,8 +57,8 @@ class EgoTrack:
     def nearest(self) -> NearestLanes:
         """The nearest driving lane in every tick (n,). The search is expensive, so it runs once per position."""
         moved = np.concatenate(((True,), (np.diff(self.xy, axis=0) != 0).any(axis=1)))
-        found, at = self.roads.find_nearest_lanes(self.xy[moved]), np.cumsum(moved) - 1
-        return NearestLanes(found.lane[at], found.distance[at], found.yaw[at])
+        nearest, row = self.roads.find_nearest_lanes(self.xy[moved]), np.cumsum(moved) - 1
+        return NearestLanes(nearest.lane[row], nearest.distance[row], nearest.yaw[row])
 
     def make_infraction(self, kind: str, tick: int, other: str = "", factor: float = 1.0) -> InfractionEvent:
         """Return an infraction of this CAV at its position in `tick`."""

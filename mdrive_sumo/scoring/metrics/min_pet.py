@@ -41,8 +41,8 @@ def compute_min_pet(episode: EpisodeRecord) -> float | None:
     collision. Road users that never move are left out.
     """
     frames = _take_frames(episode)
-    found = [_find_least_lag(frames, column) for column in range(episode.egos)]
-    lags = [lag for lag in found if lag is not None]
+    lag_by_cav = [_find_least_lag(frames, column) for column in range(episode.egos)]
+    lags = [lag for lag in lag_by_cav if lag is not None]
     return round(min(lags) * STRIDE * DT, 6) if lags else None
 
 
@@ -101,8 +101,8 @@ def _shift(values: Float, valid: Bool) -> Float:
 
 
 def _corners(frames: _Frames, frame: Int, column: Int) -> Float:
-    at = frame, column
-    return boxes_corners(frames.x[at], frames.y[at], frames.yaw[at], frames.length[column], frames.width[column])
+    cell = frame, column
+    return boxes_corners(frames.x[cell], frames.y[cell], frames.yaw[cell], frames.length[column], frames.width[column])
 
 
 MIN_PET = ScalarMetric("min_pet", "min PET [s]", lambda scored: compute_min_pet(scored.episode), 1)

@@ -56,7 +56,7 @@ def _collect_infractions(
     track: EgoTrack, signs: list[_Sign], reach: Bool, inside: Bool, facing: Bool
 ) -> tuple[InfractionEvent, ...]:
     """Run the original's state machine; reach and inside are (S, n), facing is (n,)."""
-    found: list[InfractionEvent] = []
+    events: list[InfractionEvent] = []
     target: int | None = None
     entered = stood = False
     for tick in range(len(facing)):
@@ -68,9 +68,9 @@ def _collect_infractions(
         entered = entered or bool(inside[target, tick])
         if not reach[target, tick]:
             if entered and not stood:
-                found.append(track.make_infraction("stop-sign", tick, signs[target].box.id, PENALTY_FACTOR))
+                events.append(track.make_infraction("stop-sign", tick, signs[target].box.id, PENALTY_FACTOR))
             target = None
-    return tuple(found)
+    return tuple(events)
 
 
 def _compute_distances(track: EgoTrack, point: tuple[float, float]) -> Float:

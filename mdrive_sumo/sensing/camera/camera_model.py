@@ -83,8 +83,8 @@ class CameraModel:
         """Return the camera's pose for a car with its box centre at x, y [m] and heading yaw [rad]."""
         cos, sin = portable.cos_sin(yaw)
         turn = np.array(((cos, -sin, 0.0), (sin, cos, 0.0), (0.0, 0.0, 1.0)))
-        at = np.array((self.mount.x, self.mount.y, self.mount.z))
-        return CameraView(np.array((x, y, 0.0)) + turn @ at, turn @ self.mount.rotation)
+        mount = np.array((self.mount.x, self.mount.y, self.mount.z))
+        return CameraView(np.array((x, y, 0.0)) + turn @ mount, turn @ self.mount.rotation)
 
     def may_show(self, view: CameraView, centre: Float, radius: Float) -> Bool:
         """Return which discs on the ground (K,), with centres (K, 2) and radii (K,) [m], may be in the picture."""

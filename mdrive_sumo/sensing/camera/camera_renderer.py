@@ -58,22 +58,22 @@ def list_chunk_commands(chunks: Chunks, visible: Bool) -> CommandRuns:
 def list_instance_commands(models: Int) -> CommandRuns:
     """Return a command for each model (index into `MESHES`) among the instances (N,), which are in this order."""
     number = np.bincount(models, minlength=len(MODEL_SURFACE))
-    found = np.flatnonzero(number)
-    commands = np.zeros((len(found), COLUMNS), dtype=np.uint32)
+    present = np.flatnonzero(number)
+    commands = np.zeros((len(present), COLUMNS), dtype=np.uint32)
     commands[:, 0], commands[:, 1], commands[:, 2] = (
-        MODEL_FIRST[found + 1] - MODEL_FIRST[found],
-        number[found],
-        MODEL_FIRST[found],
+        MODEL_FIRST[present + 1] - MODEL_FIRST[present],
+        number[present],
+        MODEL_FIRST[present],
     )
-    commands[:, 3] = np.cumsum(number[found]) - number[found]
-    order = np.argsort(MODEL_SURFACE[found], kind="stable")
-    return CommandRuns(commands[order], _find_surfaces(MODEL_SURFACE[found[order]]))
+    commands[:, 3] = np.cumsum(number[present]) - number[present]
+    order = np.argsort(MODEL_SURFACE[present], kind="stable")
+    return CommandRuns(commands[order], _find_surfaces(MODEL_SURFACE[present[order]]))
 
 
 def _find_surfaces(surface: Int) -> tuple[tuple[Surface, int, int], ...]:
     """Return the runs of equal surfaces of commands (C,), which are ordered by them."""
-    found = ((kind, *np.searchsorted(surface, (kind, kind + 1)).tolist()) for kind in Surface)
-    return tuple((kind, first, end - first) for kind, first, end in found if end > first)
+    runs = ((kind, *np.searchsorted(surface, (kind, kind + 1)).tolist()) for kind in Surface)
+    return tuple((kind, first, end - first) for kind, first, end in runs if end > first)
 
 
 if TYPE_CHECKING:

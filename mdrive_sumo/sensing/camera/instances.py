@@ -81,10 +81,10 @@ class SceneInstances:
 
 def load_instances(scene: SensingFrame, static: StaticScene) -> SceneInstances:
     """Return the models of a tick, which all cameras share."""
-    known = scene.list_derived(SceneInstances)
-    if not known:
-        known.append(_build_instances(scene, static.lamps, static.origin))
-    return known[0]
+    computed = scene.list_derived(SceneInstances)
+    if not computed:
+        computed.append(_build_instances(scene, static.lamps, static.origin))
+    return computed[0]
 
 
 def _build_instances(scene: SensingFrame, lamps: SignalLamps, origin: Float) -> SceneInstances:
@@ -122,7 +122,7 @@ def _choose_paint(name: str) -> Colour:
 
 def _build_lamps(lamps: SignalLamps, signals: Mapping[str, str]) -> Instances:
     """Return the lamps that shine."""
-    found = np.zeros(len(lamps.names), dtype=INSTANCE)
+    instances = np.zeros(len(lamps.names), dtype=INSTANCE)
     lit = np.zeros(len(lamps.names), dtype=np.bool_)
     for i, name in enumerate(lamps.names):
         light, _, index = name.rpartition(":")
@@ -130,8 +130,8 @@ def _build_lamps(lamps: SignalLamps, signals: Mapping[str, str]) -> Instances:
         if letter in LIGHT_OF_LETTER and letter:
             height, colour = LIGHT_OF_LETTER[letter]
             lit[i] = True
-            found["place"][i] = lamps.place[i] + (0.0, 0.0, height)
-            found["paint"][i, :3] = colour
-    found["turn"] = lamps.turn
-    found["size"] = LAMP_M
-    return found[lit]
+            instances["place"][i] = lamps.place[i] + (0.0, 0.0, height)
+            instances["paint"][i, :3] = colour
+    instances["turn"] = lamps.turn
+    instances["size"] = LAMP_M
+    return instances[lit]

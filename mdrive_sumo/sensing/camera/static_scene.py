@@ -239,7 +239,7 @@ def _cut_into_chunks(mesh: Mesh) -> tuple[Mesh, Chunks]:
     surface = np.array([SURFACE_OF_MATERIAL[material] for material in Material])[kind[:, 1]]
     cell = np.floor(corners[:, :, :2].mean(axis=1) / CHUNK_M).astype(np.int64)
     key = np.column_stack((surface, kind[:, 2], cell))
-    found, number, sizes = np.unique(key, axis=0, return_inverse=True, return_counts=True)
+    cells, number, sizes = np.unique(key, axis=0, return_inverse=True, return_counts=True)
     order = np.argsort(number.reshape(-1), kind="stable")
     ends = np.cumsum(sizes)
     ordered = corners[order][:, :, :2]
@@ -247,4 +247,4 @@ def _cut_into_chunks(mesh: Mesh) -> tuple[Mesh, Chunks]:
     centre = np.array([(group.min(axis=0) + group.max(axis=0)) / 2 for group in groups])
     radius = np.array([portable.hypot(*(group - middle).T).max() for group, middle in zip(groups, centre, strict=True)])
     rows = (3 * order[:, None] + np.arange(3)).reshape(-1)
-    return mesh[rows], Chunks(found[:, 0], 3 * (ends - sizes), 3 * sizes, centre, radius)
+    return mesh[rows], Chunks(cells[:, 0], 3 * (ends - sizes), 3 * sizes, centre, radius)

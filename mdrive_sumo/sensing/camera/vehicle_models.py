@@ -80,7 +80,7 @@ def _build_lamps(length: float, width: float, lamps: tuple[float, float, float])
     middle, inner = half - INDICATOR_M, half - INDICATOR_M - breadth
     ends = ((1, HEADLAMP, Material.HEADLAMP), (-1, TAIL_LAMP, Material.TAIL_LAMP))
     sides = ((1, Material.LEFT_INDICATOR), (-1, Material.RIGHT_INDICATOR))
-    found: list[Mesh] = []
+    meshes: list[Mesh] = []
     for end, colour, material in ends:
         x = end * length / 2
         for side, indicator in sides:
@@ -89,9 +89,9 @@ def _build_lamps(length: float, width: float, lamps: tuple[float, float, float])
                 _build_end_face(end, x, (side * middle, side * half), (low, high)),
                 _build_side_face(side, side * half, (x, x - end * INDICATOR_M), (low, high)),
             )
-            found.append(build_part(lamp, colour, material=material))
-            found.append(build_part(np.concatenate(corner), INDICATOR, material=indicator))
-    return found
+            meshes.append(build_part(lamp, colour, material=material))
+            meshes.append(build_part(np.concatenate(corner), INDICATOR, material=indicator))
+    return meshes
 
 
 def _build_plates(length: float, high: float) -> list[Mesh]:
@@ -118,16 +118,16 @@ def _build_wheels(axles: tuple[float, ...], width: float, radius: float, is_fine
     """Return tyres without their hidden inner side, and hubs."""
     half = width / 2 * 0.985
     corners = 12 if is_fine else 6
-    found: list[Mesh] = []
+    meshes: list[Mesh] = []
     for x in axles:
         for side in (-1, 1):
             low, high = sorted((side * half, side * (half - TYRE_M)))
             tread, *discs = np.split(build_wheel(x, (low, high), radius, corners), (2 * corners, 3 * corners))
-            found.append(build_part(np.concatenate((tread, discs[0 if side < 0 else 1])), RUBBER))
+            meshes.append(build_part(np.concatenate((tread, discs[0 if side < 0 else 1])), RUBBER))
             if is_fine:
                 hub = build_disc((x, side * width / 2, radius), 0.55 * radius, 8)
-                found.append(build_part(hub if side < 0 else hub[:, ::-1], HUB))
-    return found
+                meshes.append(build_part(hub if side < 0 else hub[:, ::-1], HUB))
+    return meshes
 
 
 def build_car(is_fine: bool) -> tuple[Mesh, Corner]:

@@ -79,10 +79,10 @@ class Tracker:
 def _predict_motion(own: OwnMotion) -> EgoState:
     """The car `LAG_S` from now if nothing changes: where an answer given now begins to work."""
     speed = max(0.0, own.speed + own.acceleration * LAG_S) if own.speed >= 0.0 else own.speed
-    way, turn = (own.speed + speed) / 2 * LAG_S, own.yaw_rate * LAG_S
+    driven_m, turn = (own.speed + speed) / 2 * LAG_S, own.yaw_rate * LAG_S
     yaw = own.yaw + turn / 2
     cos, sin = portable.cos_sin(yaw)
-    return EgoState(own.x + way * cos, own.y + way * sin, own.yaw + turn, speed)
+    return EgoState(own.x + driven_m * cos, own.y + driven_m * sin, own.yaw + turn, speed)
 
 
 def _build_line(plan: Plan, own: OwnMotion, now_s: float) -> tuple[list[float], list[Hop]]:
