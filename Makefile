@@ -17,7 +17,7 @@ TYPED := $(foreach folder,mdrive_sumo networks real2sim server tools tests,"$(fo
 # Python keeps what it compiled: else each process of the tests compiles all modules again, and pytest all assertions.
 unexport PYTHONDONTWRITEBYTECODE
 .DEFAULT_GOAL := help
-.PHONY: help install libraries eval test test-all check lint types changed-types imports bench platforms docs networks scenarios schemas validate lock clean
+.PHONY: help install libraries eval test test-all mutants check lint types changed-types imports bench platforms docs networks scenarios schemas validate lock clean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -44,6 +44,10 @@ test: install ## the tests
 
 test-all: install ## every test: each scenario, each log, long soaks
 	TESTS_PROFILE=all $(PYTEST) -n 2
+	$(MAKE) --no-print-directory mutants
+
+mutants: install ## small changes of the source, in copies: tests have to notice nine of ten
+	PYTHONPATH=tests $(BIN)/python -m testing.mutation_job
 
 check: lint changed-types imports ## lint, types of changed files, import contracts, fast tests
 	TESTS_PROFILE=check $(PYTEST) -n 2 --dist worksteal -m "not slow and not full" -q

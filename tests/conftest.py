@@ -8,7 +8,7 @@ from collections.abc import Generator
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import Phase, settings
 from testing.shared_material import NEEDS_SHARED_DATA, SHARED_DATA
 
 MACHINE = ("needs control groups", "needs root", "needs x86-64")
@@ -28,6 +28,10 @@ SKIP_REASONS = (NEEDS_SHARED_DATA, *MACHINE, *INSTALLED, "needs PostgreSQL")
 settings.register_profile("laptop", deadline=None, max_examples=30)
 settings.register_profile("ci", deadline=None, max_examples=30, derandomize=True)
 settings.register_profile("check", deadline=None, max_examples=20)
+# The same examples for every mutant; what fails is not made smaller.
+settings.register_profile(
+    "mutants", deadline=None, max_examples=30, derandomize=True, phases=(Phase.explicit, Phase.generate)
+)
 settings.register_profile("all", deadline=None)  # `testing.sampling`: properties get all their examples
 settings.load_profile(os.environ.get("TESTS_PROFILE") or ("ci" if os.environ.get("CI") else "laptop"))
 
