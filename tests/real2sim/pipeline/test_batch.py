@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from testing.local_executor import LocalExecutor
@@ -11,14 +12,13 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.suite import SuiteFile
 from real2sim.pipeline import batch
 from real2sim.pipeline.batch import BatchOptions, BatchResult, NoLogConvertedError, convert_logs
-from real2sim.pipeline.log_conversion import ConvertedScenario
 from real2sim.pipeline.log_source import LogSource
 from real2sim.pipeline.scenario_builder import ConversionOptions
 
 ABOUT = SuiteFile(name="suite", title="Converted")
 
 
-def convert_by_name(log: LogSource, draft: Path, _wish: ConversionOptions, _page: bool) -> ConvertedScenario:
+def convert_by_name(log: LogSource, draft: Path, _wish: ConversionOptions) -> SimpleNamespace:
     """Convert without a reader: the log `bad.x` is refused, `crash.x` fails, `ID.x` becomes ID and misses a target."""
     id_ = log.path.stem + (f"_{log.window[0]:g}" if log.window else "")
     (draft / id_).mkdir(parents=True)
@@ -30,7 +30,8 @@ def convert_by_name(log: LogSource, draft: Path, _wish: ConversionOptions, _page
         raise RuntimeError("of the converter")
     if id_ == "full":
         raise OSError(28, "No space left on device")
-    return ConvertedScenario(id_, ("error p95: 2 m, at most 1 m wanted",) if id_ == "poor" else (), None)
+    misses = ("error p95: 2 m, at most 1 m wanted",) if id_ == "poor" else ()
+    return SimpleNamespace(scenario=SimpleNamespace(id=id_), findings=SimpleNamespace(misses=misses))
 
 
 @pytest.fixture(autouse=True)

@@ -66,7 +66,7 @@ def test_a_log_of_another_length_is_refused_in_one_sentence(
     found, sentence = LENGTHS[name]
     monkeypatch.setattr(log_conversion, "read_log_limited", lambda _: found)
     with pytest.raises(InputError, match=rf"^/logs/small\.x: .*{sentence}"):
-        convert_log(source(), tmp_path, ConversionOptions(), page=False)
+        convert_log(source(), tmp_path, ConversionOptions())
     assert list(tmp_path.iterdir()) == []
 
 
@@ -76,7 +76,7 @@ def test_the_shortest_and_the_longest_log_pass_the_check(
 ) -> None:
     monkeypatch.setattr(log_conversion, "read_log_limited", lambda _: without_tracks(frames))
     with pytest.raises(InputError, match="expected tracks of at least half a second, found none"):
-        convert_log(source(), tmp_path, ConversionOptions(), page=False)
+        convert_log(source(), tmp_path, ConversionOptions())
 
 
 @given(st.text(max_size=120), st.none() | st.tuples(st.floats(0, 1e4), st.floats(0, 1e4)))

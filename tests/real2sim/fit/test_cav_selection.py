@@ -1,24 +1,16 @@
-"""Who is a CAV, which stations there are, and logs on the map of another place."""
+"""Which CAVs a log has, by name and by its source."""
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from testing.small_log import FRAMES, recording, road, track
+from testing.small_log import FRAMES, track
 
 from mdrive_sumo.core.errors import InputError
 from real2sim.clean import CleanedRecording
 from real2sim.clean.cleaning_report import CleaningReport
-from real2sim.hd_map import HdMap
+from real2sim.fit.cav_selection import describe_unused_cavs, select_cav_tracks
 from real2sim.match import LaneMatch
-from real2sim.pipeline.cav_selection import (
-    build_roadside_units,
-    check_on_map,
-    describe_unused_cavs,
-    select_cav_tracks,
-    vehicle_trajectories,
-)
-from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
+from real2sim.recording import ObjectCategory, RecordedTrack, vehicle_trajectories
 
 TRACKS = (
     track("car-1", 20.0, 0.0, 8.0),
@@ -68,39 +60,3 @@ def test_cavs_of_the_source_that_are_none_here_are_told_unless_others_were_asked
 def test_only_vehicles_are_matched_to_lanes() -> None:
     assert sorted(vehicle_trajectories(TRACKS)) == ["car-1", "car-12", "parked", "van/7"]
     assert vehicle_trajectories(TRACKS)["car-1"][3].tolist() == pytest.approx([22.4, 0.0, 0.0])
-
-
-def place(x: float, y: float, share: float, map_: HdMap | None = None) -> Recording:
-    """A log with so many of its vehicles moved by x, y [m]."""
-    tracks = [track(str(k), 20.0, 0.0, 5.0) for k in range(100)]
-    moved = [one.replace_columns(x=one.x + x, y=one.y + y) for one in tracks[: round(100 * share)]]
-    views = (ObserverView("log", (*moved, *tracks[len(moved) :])),)
-    return replace(recording(), views=views, map=map_ or road())
-
-
-def test_a_log_belongs_to_its_map_if_half_of_its_vehicles_are_within_30_m_of_a_lane() -> None:
-    check_on_map(place(0.0, -29.0, 1.0))
-    check_on_map(place(5000.0, 0.0, 0.5))
-    with pytest.raises(InputError, match=r"found 52% of the vehicles' points more than 30 m off \(median 48\d\d m\)"):
-        check_on_map(place(5000.0, 0.0, 0.52))
-    with pytest.raises(InputError, match="it is the map of another place"):
-        check_on_map(place(0.0, -31.0, 1.0))
-
-
-def test_pedestrians_may_be_far_from_every_lane_and_a_map_without_lanes_is_another_matter() -> None:
-    away = track("w", 20.0, 900.0, 1.0, ObjectCategory.PEDESTRIAN)
-    check_on_map(replace(recording(), views=(ObserverView("log", (away,)),)))
-    check_on_map(place(5000.0, 0.0, 1.0, HdMap(lanes={})))
-
-
-def test_stations_stand_where_their_sensor_was_most_of_the_time() -> None:
-    pose = np.tile((60.0, 12.0, 0.0), (FRAMES, 1))
-    pose[:5] = (0.0, 0.0, 0.0)
-    pose[5:9] = np.nan
-    unseen = np.full((FRAMES, 3), np.nan)
-    views = (
-        ObserverView("-1", (), pose, is_infrastructure=True),
-        ObserverView("-2", (), unseen, is_infrastructure=True),
-        ObserverView("3", (), pose),
-    )
-    assert [(one.id, one.x, one.y) for one in build_roadside_units(views)] == [("rsu1", 60.0, 12.0)]
