@@ -1,4 +1,4 @@
-"""`make mutants`: does the room's testing notice small changes of its source? docs/testing.md describes the job.
+"""`make mutants`: does the room's testing notice small changes of its source? CONTRIBUTING.md has its command.
 
 Every mutant runs in one process, on a copy of the tree; the tree itself is never changed. The tests that execute the
 changed line come first; a mutant that they do not notice is shown to all tests of the room.
