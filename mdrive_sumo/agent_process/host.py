@@ -10,8 +10,30 @@ import gc
 
 gc.disable()  # nothing of what is imported here becomes garbage: looking for it took a twentieth of the start
 
-import ctypes
 import os
+from importlib.machinery import SourceFileLoader
+
+
+def _read_module_file(self: SourceFileLoader, path: str) -> bytes:  # noqa: ARG001 (the loader's signature)
+    """Read a module as `get_data` of its loader does, without the two `fstat` of a Python file.
+
+    In a box a supervisor answers each; those of 160 modules took 12 ms of the start.
+    """
+    file = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
+    try:
+        data = b""
+        while part := os.read(file, AT_ONCE):
+            data += part
+        return data
+    finally:
+        os.close(file)
+
+
+AT_ONCE = 2**16
+"""Read at once [bytes]: an observation without large arrays, and most modules, are a few thousand."""
+SourceFileLoader.get_data = _read_module_file
+
+import ctypes
 import pickle
 import signal
 import sys
@@ -28,8 +50,6 @@ from mdrive_sumo.contract import Agent, read_label, read_sensors
 PR_SET_PDEATHSIG = 1
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
 HEAP_ARRAY_BYTES, KEPT_BYTES = 2**22, 2**24
-AT_ONCE = 2**16
-"""Read at once [bytes]: an observation without large arrays is a few thousand."""
 Handler = Callable[[str, Any], Any]
 
 

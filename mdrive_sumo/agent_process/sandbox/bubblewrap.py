@@ -53,6 +53,20 @@ def _describe_proc(spec: BoxSpec) -> Iterator[str]:
         yield from ("--symlink", spec.command[0], "/proc/self/exe")
 
 
+def _describe_devices(seen: dict[str, Path]) -> Iterator[str]:
+    """The words that make `/dev`: of staged devices alone, else of bubblewrap's own, which are mounts of the host's.
+
+    bubblewrap's own beside the staged ones are eight mounts more, which took 2 ms.
+    """
+    staged = [inner for inner in DEVICES if inner in seen]
+    if not staged:
+        yield from ("--dev", "/dev", "--tmpfs", "/dev/pts", "--remount-ro", "/dev/pts")
+        return
+    yield from ("--tmpfs", "/dev", "--dir", "/dev/pts")
+    for inner in staged:
+        yield from ("--dev-bind", str(seen[inner]), inner)
+
+
 def sources(spec: BoxSpec) -> dict[str, Path]:
     """Where the box will see which path of the host: programs, then the caller's files."""
     used = {PurePosixPath(inner).parts[1] for inner in spec.readonly.values()}
@@ -90,7 +104,6 @@ def arguments(spec: BoxSpec, seen: dict[str, Path]) -> tuple[str, ...]:
     They go through a descriptor, because users of the host can read bubblewrap's command line.
     """
     mounts: list[str] = []
-    devices = [("--dev-bind", str(seen[inner]), inner) for inner in DEVICES if inner in seen]
     for inner, outer in sorted(seen.items()):
         if inner in DEVICES:
             continue
@@ -105,8 +118,7 @@ def arguments(spec: BoxSpec, seen: dict[str, Path]) -> tuple[str, ...]:
         *("--cap-drop", "ALL", "--hostname", "agent", "--clearenv"),
         *mounts,
         *_describe_proc(spec),
-        *("--dev", "/dev", *(word for row in devices for word in row)),
-        *("--tmpfs", "/dev/pts", "--remount-ro", "/dev/pts"),
+        *_describe_devices(seen),
         *("--size", size, "--tmpfs", "/dev/shm", "--remount-ro", "/dev"),
         *("--size", size, "--tmpfs", "/tmp", "--remount-ro", "/"),
         *(word for name, value in environment.items() for word in ("--setenv", name, value)),

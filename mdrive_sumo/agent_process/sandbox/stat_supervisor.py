@@ -14,18 +14,17 @@ import ctypes
 import errno
 import fcntl
 import os
-import platform
 import select
 import signal
 import socket
 import struct
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Never
+from typing import NamedTuple, Never
 
 RECEIVE, SEND, IS_VALID, SET_FLAGS = 0xC0502100, 0xC0182101, 0x40082102, 0x40082104
 """Requests of a listener. Source, as for the structures and flags below: Linux, `linux/seccomp.h`."""
-NOTIFICATION, RESPONSE = struct.Struct("=QII iIQ 6Q"), struct.Struct("=QqiI")
+NOTIFICATION, RESPONSE, IDENTITY = struct.Struct("=QII iIQ 6Q"), struct.Struct("=QqiI"), struct.Struct("=Q")
 SYNCHRONOUS_WAKE_UP = 1
 """The asking thread sleeps until it is answered, so both may use one core in turns (Linux 6.6)."""
 
@@ -37,6 +36,7 @@ STATX_SIZE, STATX_MASK, STATX_MNT_ID = 256, 0x17FF, 0x1000
 """Size of the structure; basic fields and the number of the mount (Linux 5.8). Source: `linux/stat.h`."""
 STAT = {"x86_64": struct.Struct("=QQQIII4xQqqq6Q24x"), "aarch64": struct.Struct("=QQIIIIQ8xqi4xq6Q8x")}
 """`struct stat` of the kernel. Source: `asm/stat.h` of each architecture."""
+MACHINE = os.uname().machine
 OVERFLOW_ID = 65534
 """How a user outside of the box is called inside."""
 FSOPEN, FSCONFIG, FSCONFIG_CREATE = 430, 431, 6
@@ -52,8 +52,7 @@ DONE = b"."
 """Told to the evaluator when no process of the box is left."""
 
 
-@dataclass(frozen=True, slots=True)
-class WaitingCall:
+class WaitingCall(NamedTuple):
     """The thread whose call waits for an answer."""
 
     thread: int
@@ -73,6 +72,12 @@ class StatSupervisor:
     """Descriptors to close when the box is set up."""
     mounts: set[int] = field(default_factory=set[int])
     """Numbers of mounts that the box sees."""
+    are_mounts_final: bool = False
+    """Whether they were read when the box was set up: nothing in it mounts anything later."""
+    owner: int = field(default_factory=os.getuid)
+    """The user of the box."""
+    statx: ctypes.Array[ctypes.c_char] = field(default_factory=lambda: ctypes.create_string_buffer(STATX_SIZE))
+    """Where the kernel writes each result, whole."""
 
     def serve(self) -> None:
         """Until no process of the box is left."""
@@ -101,10 +106,8 @@ class StatSupervisor:
         except OSError as error:
             self._respond(identity, error.errno or errno.EIO)
             return
-        with suppress(OSError):  # the caller has ended
-            if self.held and is_program(thread):
-                while self.held:
-                    os.close(self.held.pop())
+        if self.held:
+            self._release_held(thread)
         try:
             caller = WaitingCall(thread, number == self.fstat_number, tuple(arguments), memory)
             problem = self._answer(caller, identity)
@@ -112,14 +115,20 @@ class StatSupervisor:
             os.close(memory)
         self._respond(identity, problem)
 
+    def _release_held(self, thread: int) -> None:
+        with suppress(OSError):  # the caller has ended
+            if is_program(thread):
+                while self.held:
+                    os.close(self.held.pop())
+
     def _answer(self, caller: WaitingCall, identity: int) -> int:
         """Write the result; return 0 or the number of an error."""
         try:
             target, place = find_target(caller)
-            found = read_statx(target)
-            result = self._make_result(found, caller.thread)
+            fields = read_statx(target, self.statx)
+            result = self._make_result(fields, caller.thread)
             # The thread's number may be another's by now; its memory, opened before, is not.
-            fcntl.ioctl(self.listener, IS_VALID, struct.pack("=Q", identity))
+            fcntl.ioctl(self.listener, IS_VALID, IDENTITY.pack(identity))
             os.pwrite(caller.memory, result, place)
         except OSError as error:
             return errno.EFAULT if error.errno == errno.EIO else error.errno or errno.EIO
@@ -127,14 +136,15 @@ class StatSupervisor:
             return errno.EFAULT
         return 0
 
-    def _make_result(self, found: tuple[int, ...], thread: int) -> bytes:
-        mask, *_, mount = found
-        known = bool(mask & STATX_MNT_ID) and self._is_mounted(mount, thread)
-        return pack_stat(found, known)
+    def _make_result(self, fields: tuple[int, ...], thread: int) -> bytes:
+        mask, mount = fields[0], fields[-1]
+        is_known = bool(mask & STATX_MNT_ID) and self._is_mounted(mount, thread)
+        return pack_stat(fields, is_known, self.owner)
 
     def _is_mounted(self, mount: int, thread: int) -> bool:
         """Whether it is a mount that the box sees; those of pipes, sockets and memory files are the kernel's own."""
-        if mount not in self.mounts:
+        if mount not in self.mounts and not self.are_mounts_final:
+            self.are_mounts_final = is_program(thread)
             self.mounts |= read_mounts(thread)
         return mount in self.mounts
 
@@ -164,13 +174,12 @@ def find_target(caller: WaitingCall) -> tuple[str, int]:
     return f"/proc/{caller.thread}/fd/{number}", place
 
 
-def read_statx(path: str) -> tuple[int, ...]:
-    """Return the fields of `struct statx`. Raises OSError; EBADF if there is nothing."""
-    found = ctypes.create_string_buffer(STATX_SIZE)
-    if LIBC.statx(AT_FDCWD, path.encode(), 0, STATX_MASK, found) != 0:
+def read_statx(path: str, into: ctypes.Array[ctypes.c_char]) -> tuple[int, ...]:
+    """Return the fields of `struct statx`, written `into` a buffer. Raises OSError; EBADF if there is nothing."""
+    if LIBC.statx(AT_FDCWD, path.encode(), 0, STATX_MASK, into) != 0:
         number = ctypes.get_errno()
         raise OSError(errno.EBADF if number == errno.ENOENT else number, "statx")
-    return STATX.unpack_from(found)
+    return STATX.unpack_from(into)
 
 
 def read_mounts(thread: int) -> set[int]:
@@ -179,18 +188,20 @@ def read_mounts(thread: int) -> set[int]:
         return {int(line.split(b" ", 1)[0]) for line in file}
 
 
-def pack_stat(found: tuple[int, ...], known: bool) -> bytes:
-    """Return `struct stat`; of an object that is not `known`, kind, size and owner only."""
-    _, block, _, links, uid, gid, mode, inode, size, blocks, _, *rest = found
-    access, _, change, modification = ((rest[3 * i], rest[3 * i + 1]) for i in range(4))
-    node_major, node_minor, major, minor, _ = rest[12:]
-    times = (*access, *modification, *change) if known else (0,) * 6
-    device, inode = (os.makedev(major, minor), inode) if known else (0, 0)
-    uid, gid = (one if one == os.getuid() else OVERFLOW_ID for one in (uid, gid))
+def pack_stat(fields: tuple[int, ...], is_known: bool, owner: int) -> bytes:
+    """Return `struct stat` of fields of `struct statx`; of an object that is not known, kind, size and owner only.
+
+    owner: the user of the box, who alone has a number inside.
+    """
+    _, block, _, links, uid, gid, mode, inode, size, blocks, _, *times, node_major, node_minor, major, minor, _ = fields
+    access, access_ns, _, _, _, _, change, change_ns, _, modification, modification_ns, _ = times
+    shown = (access, access_ns, modification, modification_ns, change, change_ns) if is_known else (0,) * 6
+    device, inode = (os.makedev(major, minor), inode) if is_known else (0, 0)
+    uid, gid = (uid if uid == owner else OVERFLOW_ID), (gid if gid == owner else OVERFLOW_ID)
     node = os.makedev(node_major, node_minor)
-    if platform.machine() == "x86_64":
-        return STAT["x86_64"].pack(device, inode, links, mode, uid, gid, node, size, block, blocks, *times)
-    return STAT["aarch64"].pack(device, inode, mode, links, uid, gid, node, size, block, blocks, *times)
+    if MACHINE == "x86_64":
+        return STAT["x86_64"].pack(device, inode, links, mode, uid, gid, node, size, block, blocks, *shown)
+    return STAT["aarch64"].pack(device, inode, mode, links, uid, gid, node, size, block, blocks, *shown)
 
 
 def take_device_numbers(count: int) -> list[int]:

@@ -231,8 +231,9 @@ def test_only_a_known_object_has_numbers_and_times(numbers: tuple[int, ...], mod
     times = [(second, 5, 0) for second in rest[:4]]
     node_major, node_minor, major, minor, mount = (each % 4096 for each in rest[4:])
     found = (0x17FF, block, 0, links, uid, gid, mode, inode, size, blocks, 0, *(x for time in times for x in time))
-    packed = pack_stat((*found, node_major, node_minor, major, minor, mount), known)
+    packed = pack_stat((*found, node_major, node_minor, major, minor, mount), known, uid)
     result = STAT["x86_64"].unpack(packed)
     assert result[3] == mode and result[7] == size
     assert (result[0], result[1]) == ((os.makedev(major, minor), inode) if known else (0, 0))
-    assert known or result[10:] == (0,) * 6
+    assert result[10:] == ((times[0][0], 5, times[3][0], 5, times[2][0], 5) if known else (0,) * 6)
+    assert result[4:6] == (uid, gid if gid == uid else stat_supervisor.OVERFLOW_ID)

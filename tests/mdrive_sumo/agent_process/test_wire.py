@@ -176,5 +176,27 @@ def test_the_agents_side_imports_little() -> None:
     assert found == {"__main__", "mdrive_sumo", "msgpack", "numpy"}
 
 
+@pytest.mark.slow
+def test_the_agents_side_reads_modules_as_python_does(tmp_path: Path) -> None:
+    """Its own way of reading saves the supervisor of a box two calls a module."""
+    contents = {
+        "empty": b"",
+        "short": b"x = 1\r\n",
+        "long": bytes(range(256)) * 700,
+    }  # longer than what is read at once
+    for name, content in contents.items():
+        (tmp_path / name).write_bytes(content)
+    code = (
+        "import sys; from importlib.machinery import SourceFileLoader as Loader; before = Loader.get_data\n"
+        "import mdrive_sumo.agent_process.host\n"
+        "assert Loader.get_data is not before\n"
+        "for path in sys.argv[1:]: assert Loader('x', path).get_data(path) == before(Loader('x', path), path)\n"
+        "try: Loader('x', 'no').get_data('no')\n"
+        "except FileNotFoundError: print('told')"
+    )
+    command = [sys.executable, "-S", "-c", code, *(str(tmp_path / name) for name in contents)]
+    assert subprocess.run(command, capture_output=True, text=True, env=_bare(), check=True).stdout == "told\n"
+
+
 def _bare() -> dict[str, str]:
     return {"PYTHONPATH": os.pathsep.join((str(Path(wire_protocol.__file__).parents[2]), *sys.path[1:]))}
