@@ -25,8 +25,13 @@ from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.driving_options import MAX_SPEED
 from mdrive_sumo.planning.fleet_paths import FleetPaths, find_cells_blocked_by_objects, predict_stations
-from mdrive_sumo.planning.joint_detours import has_undecided_vehicle, plan_joint_detours
-from mdrive_sumo.planning.joint_plan import find_common_scale, find_road_horizon, plan_on_roads
+from mdrive_sumo.planning.joint_plan import (
+    find_common_scale,
+    find_road_horizon,
+    has_undecided_vehicle,
+    plan_joint_detours,
+    plan_on_roads,
+)
 from mdrive_sumo.planning.motion_prediction import TIMES
 from mdrive_sumo.planning.parameters import JOINT_PLANNING, MARGINS, PLANNER, SafetyMargin
 from mdrive_sumo.planning.path_overlap import find_cells
@@ -51,6 +56,7 @@ from mdrive_sumo.planning.speed_profile import (
     build_free_road_problem,
     falls_behind,
     predict_free_stations,
+    round_limits,
 )
 from mdrive_sumo.planning.stop_lines import build_stop_lines
 
@@ -151,7 +157,8 @@ class OmniscientAgent:
     def _find_reason(self, seen: Observation, known: Privileged) -> Reason:
         """Return why the profile is slower than a drive on a free road: the first thing that this would meet."""
         assert self._profile is not None, "a review makes a profile first"
-        free = predict_free_stations(self._speeds, self._scale.lattice, (self._s, max(seen.own.speed, 0.0)), TIMES)
+        start, lattice = (self._s, max(seen.own.speed, 0.0)), self._scale.lattice
+        free = predict_free_stations(round_limits(self._speeds, lattice), lattice, start, TIMES)
         age_s = (seen.tick - self._profile_tick) * self._briefing.tick_s
         if not falls_behind(self._profile, age_s, free, TIMES):
             return RouteSpeeds(self._speeds, self._scale.top_speed, self._legal).find_reason(self._s)

@@ -1,46 +1,59 @@
 """The built-in agents by name; the first docstring line of a class is the description of the agent."""
 
-from collections.abc import Mapping
-from types import MappingProxyType
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from typing import cast
 
-from mdrive_sumo.agents.colmdriver import ColmdriverAgent
-from mdrive_sumo.agents.colmdriver_rule import ColmdriverRuleAgent
-from mdrive_sumo.agents.constant_speed import ConstantSpeedAgent
-from mdrive_sumo.agents.idm import IdmAgent
-from mdrive_sumo.agents.learned.lmdrive import LmdriveAgent
-from mdrive_sumo.agents.learned.tcp import TcpAgent
-from mdrive_sumo.agents.learned.uniad import UniadAgent
-from mdrive_sumo.agents.learned.vad import VadAgent
-from mdrive_sumo.agents.omniscient import OmniscientAgent
-from mdrive_sumo.agents.perception_swap import AttFuseAgent, CoBevtAgent, DiscoNetAgent, FCooperAgent
-from mdrive_sumo.agents.sharing import SharingAgent
-from mdrive_sumo.agents.sharing_negotiation import SharingNegotiationAgent
-from mdrive_sumo.agents.single import SingleAgent
-from mdrive_sumo.agents.stationary import StationaryAgent
-from mdrive_sumo.agents.take_turns import TakeTurnsAgent
 from mdrive_sumo.contract.agent_options import AgentFactory
 
-LEARNED_AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
-    {"tcp": TcpAgent, "lmdrive": LmdriveAgent, "uniad": UniadAgent, "vad": VadAgent}
-)
+
+class AgentTable(Mapping[str, AgentFactory]):
+    """Agents by name. The module of an agent is imported when the agent is asked for, because most runs need one."""
+
+    def __init__(self, place_by_name: Mapping[str, str]) -> None:
+        """place_by_name: module below this package, a colon and the class."""
+        self._place_by_name = dict(place_by_name)
+
+    def __getitem__(self, name: str) -> AgentFactory:
+        module, _, class_name = self._place_by_name[name].partition(":")
+        return cast(AgentFactory, getattr(import_module(f"{__package__}.{module}"), class_name))
+
+    def __contains__(self, name: object) -> bool:
+        """Return whether there is an agent of that name, without importing it as `Mapping` would."""
+        return name in self._place_by_name
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._place_by_name)
+
+    def __len__(self) -> int:
+        return len(self._place_by_name)
+
+
+_LEARNED = {
+    "tcp": "learned.tcp:TcpAgent",
+    "lmdrive": "learned.learned_agent:LmdriveAgent",
+    "uniad": "learned.learned_agent:UniadAgent",
+    "vad": "learned.learned_agent:VadAgent",
+}
+LEARNED_AGENTS = AgentTable(_LEARNED)
 """Counterparts of the paper's systems."""
-AGENTS: Mapping[str, AgentFactory] = MappingProxyType(
+AGENTS = AgentTable(
     {
-        "stationary": StationaryAgent,
-        "constant-speed": ConstantSpeedAgent,
-        "take-turns": TakeTurnsAgent,
-        "idm": IdmAgent,
-        "single": SingleAgent,
-        "sharing": SharingAgent,
-        "colmdriver-rule": ColmdriverRuleAgent,
-        "colmdriver": ColmdriverAgent,
-        "sharing+negotiation": SharingNegotiationAgent,
-        **LEARNED_AGENTS,
-        "perception-swap:attfuse": AttFuseAgent,
-        "perception-swap:disconet": DiscoNetAgent,
-        "perception-swap:fcooper": FCooperAgent,
-        "perception-swap:cobevt": CoBevtAgent,
-        "omniscient": OmniscientAgent,
+        "stationary": "sensorless:StationaryAgent",
+        "constant-speed": "sensorless:ConstantSpeedAgent",
+        "take-turns": "sensorless:TakeTurnsAgent",
+        "idm": "idm:IdmAgent",
+        "single": "sharing:SingleAgent",
+        "sharing": "sharing:SharingAgent",
+        "colmdriver-rule": "colmdriver:ColmdriverRuleAgent",
+        "colmdriver": "colmdriver:ColmdriverAgent",
+        "sharing+negotiation": "sharing:SharingNegotiationAgent",
+        **_LEARNED,
+        "perception-swap:attfuse": "perception_swap:AttFuseAgent",
+        "perception-swap:disconet": "perception_swap:DiscoNetAgent",
+        "perception-swap:fcooper": "perception_swap:FCooperAgent",
+        "perception-swap:cobevt": "perception_swap:CoBevtAgent",
+        "omniscient": "omniscient:OmniscientAgent",
     }
 )
 """The names that `--agent NAME` accepts."""

@@ -1,45 +1,99 @@
-"""`sharing`: drives by its own detections and those that others share."""
+"""`single`, `sharing` and `sharing+negotiation`: one driver by own detections, those of others, agreements."""
 
-from mdrive_sumo.contract import Briefing, Detections, Observation, Reply, SensorSpec
+from mdrive_sumo.contract import Briefing, Detections, Note, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config
+from mdrive_sumo.negotiation import NegotiationInterface, RuleNegotiator
 from mdrive_sumo.perception.object_tracker import ObjectTracker
 from mdrive_sumo.planning.driving_options import DrivingOptions
-from mdrive_sumo.planning.ego_planner import EgoPlanner
+from mdrive_sumo.planning.ego_planner import EgoPlanner, exclude_objects
 from mdrive_sumo.v2x.awareness_service import AwarenessService
 
 
-class SharingAgent:
+class SingleAgent:
+    """Own sensors only: plans in space and time around what it sees and tracks, and yields by time-to-conflict."""
+
+    label = "single"
+    name = "single"
+
+    def __init__(self, config: Config) -> None:
+        self._options = DrivingOptions(self.name, config)
+
+    def sensors(self) -> tuple[SensorSpec, ...]:
+        """Return the sensor of visible boxes."""
+        return (self._options.build_sensor_spec(),)
+
+    def start(self, briefing: Briefing) -> None:
+        """Prepare the tracker; the path needs the first observation, because the briefing has no heading of the car."""
+        self._briefing = briefing = self._options.adapt_briefing(briefing)
+        self._tracker = ObjectTracker(briefing, self._options.find_detector(briefing))
+        self._ego_planner: EgoPlanner | None = None
+
+    def _get_planner(self, seen: Observation) -> EgoPlanner:
+        """Return the planner, built at the first observation."""
+        if self._ego_planner is None:
+            cruise_speed = self._options.find_cruise_speed(self._briefing)
+            self._ego_planner = EgoPlanner(self._briefing, seen.own, cruise_speed)
+        return self._ego_planner
+
+    def act(self, seen: Observation) -> Reply:
+        """Return the plan, updated when it is due."""
+        car, detections = self._get_planner(seen), None
+        notes: tuple[Note, ...] = ()
+        if car.track_ego(seen):
+            tracked = self._tracker.update(seen)
+            detections = Detections.from_objects(tracked)
+            notes = car.update_plan(seen, tracked, sigmas=self._tracker.position_sigmas)
+        return Reply(plan=car.planner.build_plan(seen.tick), notes=notes, detections=detections)
+
+
+class SharingAgent(SingleAgent):
     """The planner and tracker of `single`, fed also with CAMs and CPMs of CAVs and road-side units."""
 
     label = "sharing"
     name = "sharing"
-
-    def __init__(self, config: Config) -> None:
-        self._options = DrivingOptions(self.name, config)
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Return the sensor of visible boxes and of the free view."""
         return (self._options.build_sensor_spec(free_space=True),)
 
     def start(self, briefing: Briefing) -> None:
-        """Prepare fusion and sending; the path needs the first observation, which has the heading of the car."""
-        self._briefing = briefing = self._options.adapt_briefing(briefing)
-        detector = self._options.find_detector(briefing)
-        self._tracker = ObjectTracker(briefing, detector)
-        self._awareness = AwarenessService(briefing, self._options.find_range(briefing), detector)
-        self._ego_planner: EgoPlanner | None = None
+        """Prepare as `single` does, and the sending."""
+        super().start(briefing)
+        detector = self._options.find_detector(self._briefing)
+        self._awareness = AwarenessService(self._briefing, self._options.find_range(self._briefing), detector)
 
     def act(self, seen: Observation) -> Reply:
         """Return the plan, updated when it is due, and messages with the own state and detections."""
-        if self._ego_planner is None:
-            cruise_speed = self._options.find_cruise_speed(self._briefing)
-            self._ego_planner = EgoPlanner(self._briefing, seen.own, cruise_speed)
         notes = self._tracker.receive(seen.messages)
-        detections = None
-        if self._ego_planner.track_ego(seen):
+        reply = super().act(seen)
+        messages = self._awareness.compose_messages(seen)
+        return Reply(plan=reply.plan, messages=messages, notes=notes + reply.notes, detections=reply.detections)
+
+
+class SharingNegotiationAgent(SharingAgent):
+    """Shares perception as `sharing` does, and settles by rule which CAV passes first: the paper's future work."""
+
+    label = "negotiation"
+    name = "sharing+negotiation"
+
+    def start(self, briefing: Briefing) -> None:
+        """Prepare as `sharing` does, and the negotiation."""
+        super().start(briefing)
+        self._negotiation = NegotiationInterface(briefing, RuleNegotiator(passing=True), stops=False)
+
+    def act(self, seen: Observation) -> Reply:
+        """Return the plan, updated when it is due, and messages with detections, plan and claims."""
+        car, detections = self._get_planner(seen), None
+        planner = car.planner
+        notes = self._tracker.receive(seen.messages)
+        self._negotiation.receive(seen)
+        if car.track_ego(seen):
+            names, motions = self._negotiation.predict_announced_motions(seen, planner)
             tracked = self._tracker.update(seen)
             detections = Detections.from_objects(tracked)
-            notes += self._ego_planner.update_plan(seen, tracked, sigmas=self._tracker.position_sigmas)
-        plan = self._ego_planner.planner.build_plan(seen.tick)
-        messages = self._awareness.compose_messages(seen)
-        return Reply(plan=plan, messages=messages, notes=notes, detections=detections)
+            others = exclude_objects(tracked, names)
+            notes += car.update_plan(seen, others, motions, sigmas=self._tracker.position_sigmas)
+        plan = planner.build_plan(seen.tick)
+        step = self._negotiation.negotiate(seen, planner, plan.points)
+        messages = self._awareness.compose_messages(seen) + step.messages
+        return Reply(plan=plan, messages=messages, notes=notes + step.notes, detections=detections)

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from mdrive_sumo.agents.constant_speed import CONSTANT_SPEED
+from mdrive_sumo.agents.sensorless import CONSTANT_SPEED
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.generate.lane_routes import LaneRoute
 from mdrive_sumo.generate.proposal import Proposal

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.agents.learned.instructions import compose_instruction
-from mdrive_sumo.agents.learned.lidar_histogram import build_lidar_histogram
 from mdrive_sumo.agents.learned.navigation import RouteNavigator
+from mdrive_sumo.agents.learned.network_inputs import build_lidar_histogram
 from mdrive_sumo.agents.learned.system_spec import DECISION_TICKS, SystemSpec
 from mdrive_sumo.contract import Agent, Briefing, Observation, OwnState, Plan, Reply, SensorSpec
 from mdrive_sumo.core.seeding import draw_first_uniform

@@ -1,14 +1,16 @@
 """Negotiation by a language model: CAVs exchange messages, the most central one states the actions (protocol 10.4)."""
 
+import json
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 from mdrive_sumo.contract import Message, Note
-from mdrive_sumo.negotiation.agreement import build_decision, count_conflict_ticks, format_outcome
 from mdrive_sumo.negotiation.conflict_graph import (
     CONFLICT,
+    STEP_TICKS,
+    ConflictGraph,
     build_conflict_graph,
     find_next_planning_tick,
 )
@@ -32,7 +34,7 @@ from mdrive_sumo.negotiation.prompt import (
 )
 from mdrive_sumo.negotiation.right_of_way_claims import NegotiationTerms, build_mcm_message
 from mdrive_sumo.negotiation.rule_negotiator import apply_rule
-from mdrive_sumo.v2x.messages import MAX_NAMES, TEXT, Mcm, MessageError, decode, encode
+from mdrive_sumo.v2x.messages import MAX_NAMES, TEXT, Intention, Mcm, MessageError, decode, encode
 
 OUTCOME = "negotiation"
 """Kind of the note about the outcome of a round."""
@@ -55,6 +57,50 @@ class LlmNegotiationParameters:
 
 
 LLM_NEGOTIATION = LlmNegotiationParameters()
+
+
+def count_conflict_ticks(graph: ConflictGraph, group: Sequence[str]) -> int:
+    """Return the ticks until the last conflict of a group, one planning step if there is none."""
+    return graph.count_conflict_ticks(group) if graph.in_conflict.any() else STEP_TICKS
+
+
+def build_decision(
+    me: str,
+    members: Sequence[NegotiationMember],
+    actions: Mapping[str, Intention],
+    group: tuple[str, ...],
+    until: int,
+) -> NegotiationDecision:
+    """Return the own decision from the actions of all: the member with the faster action goes first."""
+    mine = actions[me]
+    graph = build_conflict_graph(members)
+    opponents = (graph.find_opponents(me) if me in graph.ids else frozenset()) & set(group)
+    action_by_id = {name: actions.get(name, Intention.KEEP) for name in opponents}
+    first = frozenset(name for name, action in action_by_id.items() if action > mine)
+    after = frozenset(name for name, action in action_by_id.items() if action < mine)
+    return NegotiationDecision(mine, first, after, until, tuple(group))
+
+
+def format_outcome(
+    conversation: Conversation,
+    actions: Mapping[str, Intention],
+    critique: Critique,
+    consensus: float | None,
+    decided_by: str,
+) -> str:
+    """Return the outcome of a round as JSON; the total is the original's, with a missing consensus counted as 0."""
+    outcome = {
+        "group": conversation.group,
+        "round": conversation.round,
+        "by": decided_by,
+        "actions": {name: action.name for name, action in actions.items()},
+        "safety": round(critique.safety, 3),
+        "efficiency": round(critique.efficiency, 3),
+        "consensus": consensus,
+        "total": round(3 * (consensus or 0.0) + 5 * critique.safety + 2 * critique.efficiency, 3),
+        "feedback": critique.feedback,
+    }
+    return json.dumps(outcome, sort_keys=True, separators=(",", ":"))
 
 
 class LlmNegotiator:

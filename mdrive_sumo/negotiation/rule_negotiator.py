@@ -25,7 +25,7 @@ from mdrive_sumo.negotiation.right_of_way_claims import (
     build_mcm_message,
     collect_claims,
 )
-from mdrive_sumo.planning.precedence import order_by_urgency
+from mdrive_sumo.planning.planning_order import order_by_urgency
 from mdrive_sumo.v2x.messages import MAX_NAMES, Intention, Mcm
 
 

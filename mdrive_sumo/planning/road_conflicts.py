@@ -12,14 +12,13 @@ from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.evasive_profile import build_evasion_problem, find_evasive_profile, find_latest_contact
 from mdrive_sumo.planning.fleet_paths import FleetPaths, predict_stations_at
-from mdrive_sumo.planning.motion_trends import AccelerationEstimator
 from mdrive_sumo.planning.moving_traffic import TRAFFIC
 from mdrive_sumo.planning.parameters import MARGINS, STOP_LINE, SafetyMargin
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 from mdrive_sumo.planning.road_direction import RoadDirection
 from mdrive_sumo.planning.speed_profile import SpeedProfile
 from mdrive_sumo.planning.stop_lines import StopLines
-from mdrive_sumo.planning.traffic_prediction import TrafficView
+from mdrive_sumo.planning.traffic_prediction import AccelerationEstimator, TrafficView
 
 
 @dataclass(frozen=True, slots=True)

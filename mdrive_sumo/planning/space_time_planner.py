@@ -32,6 +32,7 @@ from mdrive_sumo.planning.speed_profile import (
     build_free_road_problem,
     falls_behind,
     predict_free_stations,
+    round_limits,
 )
 from mdrive_sumo.planning.stop_lines import StopPoint
 
@@ -48,6 +49,7 @@ class SpaceTimePlanner:
         rear_to_centre = briefing.vehicle.rear_to_centre
         self.path: ReferencePath = build_path(briefing.route_xy, rear_to_centre, start_yaw, self.scale.path)
         self._speeds = self._compute_speeds()
+        self._rounded_limits = round_limits(self._speeds.limits, self.scale.lattice)
         self._profile: SpeedProfile | None = None
         self._profile_tick = self._moved_tick = 0
         self.s = 0.0
@@ -65,6 +67,7 @@ class SpaceTimePlanner:
         x, y = self.path.get_points(np.array((self.s,)))[0].tolist()
         self.path, self.s = path, path.project(x, y, self.s)
         self._speeds, self._profile = self._compute_speeds(), None
+        self._rounded_limits = round_limits(self._speeds.limits, self.scale.lattice)
 
     def track_ego(self, tick: int, own: OwnState) -> None:
         """Update the station from the measured state."""
@@ -195,7 +198,7 @@ class SpaceTimePlanner:
     ) -> Reason:
         """Return why the new profile does not drive as on a free road: the first thing that such a drive would meet."""
         assert self._profile is not None, "update() has just made it"
-        free = predict_free_stations(self._speeds.limits, self.scale.lattice, start, TIMES)
+        free = predict_free_stations(self._rounded_limits, self.scale.lattice, start, TIMES)
         if not falls_behind(self._profile, 0.0, free, TIMES):
             return self._speeds.find_reason(start[0])
         first, reason = len(TIMES), self.reason
@@ -203,8 +206,8 @@ class SpaceTimePlanner:
             passed = np.flatnonzero((free > stop.s) & (stop.until_s >= TIMES))
             if len(passed) and passed[0] < first:
                 first, reason = int(passed[0]), stop.reason
-        met = conflicts.find_first_met(find_cells(self.path, free), self.scale.plan_margin)
-        if met is not None and met[0] < first:
+        met = conflicts.find_first_met(find_cells(self.path, free[:first]), self.scale.plan_margin)
+        if met is not None:
             first, reason = met[0], met[1].reason
         if first == len(TIMES) or reason.distance_m is not None:
             return reason

@@ -1,7 +1,7 @@
 """Speed profiles along a path, and the constraints of a search for one (`profile_search`)."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -167,11 +167,19 @@ def build_free_road_problem(
     )
 
 
-def predict_free_stations(limits: Float, lattice: SpeedLattice, start: tuple[float, float], times: Float) -> Float:
+def round_limits(limits: Float, lattice: SpeedLattice) -> list[float]:
+    """Return the highest speeds [m/s] of the lattice that keep to limits (M,) [m/s]."""
+    steps = np.maximum(np.floor(limits / lattice.speed_step + 1e-6), 1.0)
+    return list[float]((steps * lattice.speed_step).tolist())
+
+
+def predict_free_stations(
+    limits: Sequence[float], lattice: SpeedLattice, start: tuple[float, float], times: Float
+) -> Float:
     """Return the arc lengths (T,) [m] at equidistant `times` (T,) [s] of a drive that no road user limits.
 
-    limits: (M,) [m/s] at the points of the path, rounded as the lattice rounds them; start: arc length [m] and speed
-    [m/s]. It tells what limits a profile, and is no plan: it may brake late.
+    limits: `round_limits` at the points of the path; start: arc length [m] and speed [m/s]. It tells what limits a
+    profile, and is no plan: it may brake late.
     """
     s, speed = start
     step_s = float(times[0])
@@ -179,8 +187,7 @@ def predict_free_stations(limits: Float, lattice: SpeedLattice, start: tuple[flo
         speed = lattice.find_index(speed) * lattice.speed_step
     stations = np.zeros(len(times))
     for k in range(len(times)):
-        limit = float(limits[min(int(s / SPACING_M), len(limits) - 1)])
-        limit = max(math.floor(limit / lattice.speed_step + 1e-6), 1) * lattice.speed_step
+        limit = limits[min(int(s / SPACING_M), len(limits) - 1)]
         after = min(speed + FREE_ACCELERATION * step_s, max(limit, speed - FREE_BRAKING * step_s))
         s += (speed + after) / 2 * step_s
         speed = after
@@ -189,8 +196,11 @@ def predict_free_stations(limits: Float, lattice: SpeedLattice, start: tuple[flo
 
 
 def falls_behind(profile: SpeedProfile, age_s: float, free: Float, times: Float) -> bool:
-    """Return whether a profile of that age [s] falls behind the stations (T,) [m] of a free drive within `LAG_S`."""
-    soon = times <= LAG_S
+    """Return whether a profile of that age [s] falls behind the stations (T,) [m] of a free drive within `LAG_S`.
+
+    times: equidistant, from the first step on.
+    """
+    soon = slice(round(LAG_S / float(times[0])))
     return float((free[soon] - profile.get_stations(age_s + times[soon])).max()) >= LAG_M
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mdrive_sumo.agents.constant_speed import ConstantSpeedAgent
+from mdrive_sumo.agents.sensorless import ConstantSpeedAgent
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
 from mdrive_sumo.core.geometry import box_corners, boxes_corners, boxes_overlap
 

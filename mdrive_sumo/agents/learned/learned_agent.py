@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.agents.learned.creep_rule import CREEP, CreepRule
-from mdrive_sumo.agents.learned.decided_plan import DecidedPlan
 from mdrive_sumo.agents.learned.ego_frame import convert_to_world
 from mdrive_sumo.agents.learned.instructions import RouteInstructor
 from mdrive_sumo.agents.learned.model_weights import load_network
@@ -48,6 +47,32 @@ PROVIDERS = Choice("auto", ("auto", "cpu"))
 WEIGHTS = "weights"
 BRAKING_SPEED = 1.0
 """[m/s] A plan that is slower than the car by more, on the mean of its 3 s, brakes: a slower change is no decision."""
+
+
+@dataclass(frozen=True, slots=True)
+class DecidedPlan:
+    """What a network decided: a plan in the world frame, and the control of its control branch if it has one."""
+
+    tick: int
+    points: Float
+    """(1 + N, 2) [m]: where the car was, and where it shall be every `PLAN_INTERVAL_S`."""
+    control: Float | None = None
+    """(3,) throttle, brake, steer."""
+    is_creeping: bool = False
+    """Whether the plan is that of `CreepRule` instead of the network's."""
+
+    def sample(self, elapsed_s: float) -> Float:
+        """Return the points (N, 2) [m, world frame] every `PLAN_INTERVAL_S` from `elapsed_s` after the decision on.
+
+        Points between the plan's lie on straight lines; the last ones go on with the plan's last velocity. The first
+        point of a `Plan` lies one interval after the present, so a plan that is repeated unchanged would stand still.
+        """
+        planned = PLAN_INTERVAL_S * np.arange(len(self.points))
+        wanted = planned[1:] + elapsed_s
+        over_s = np.maximum(wanted - planned[-1], 0.0)
+        velocity = (self.points[-1] - self.points[-2]) / PLAN_INTERVAL_S
+        columns = [np.interp(wanted, planned, self.points[:, axis]) + over_s * velocity[axis] for axis in (0, 1)]
+        return np.column_stack(columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,3 +191,24 @@ def _read_weights_path(agent: str, config: Config) -> Path | None:
             f"agent {agent}: option {WEIGHTS}: expected the path of a .onnx or .json file, found {value!r}"
         )
     return Path(value) if value else None
+
+
+class VadAgent(LearnedAgent):
+    """Counterpart of VAD, trained on mdrive-sumo data: six cameras and the lanes of its route, answers a plan."""
+
+    system = "vad"
+
+
+class UniadAgent(LearnedAgent):
+    """Counterpart of UniAD, trained on mdrive-sumo data: six cameras, answers a plan."""
+
+    system = "uniad"
+
+
+class LmdriveAgent(LearnedAgent):
+    """Counterpart of LMDrive, trained on mdrive-sumo data: cameras, LiDAR and instructions in English, answers a plan.
+
+    Its navigator composes the instructions (`RouteInstructor`), as people do in the data of LMDrive.
+    """
+
+    system = "lmdrive"

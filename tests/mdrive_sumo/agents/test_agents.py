@@ -2,6 +2,8 @@
 
 import math
 import re
+import subprocess
+import sys
 from collections.abc import Mapping
 from functools import cache
 
@@ -12,7 +14,7 @@ from testing.planning import briefing, own, seen, things
 from testing.sampling import sampled
 
 from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.agents.take_turns import find_slot
+from mdrive_sumo.agents.sensorless import find_slot
 from mdrive_sumo.contract import LABELS, MAX_PLAN_POINTS, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline
@@ -54,6 +56,19 @@ def test_agents_describe_themselves(name: str) -> None:
     assert agent.label in LABELS
     assert (type(agent).__doc__ or "").strip().splitlines()[0].endswith(".") or ":" in (type(agent).__doc__ or "")
     assert (agent.label == "privileged") == any(s.kind == "privileged" for s in agent.sensors())
+
+
+def test_an_agent_is_imported_without_the_others() -> None:
+    """In a fresh process: this one has imported all of them."""
+    code = (
+        "import sys; from mdrive_sumo.agents.registry import AGENTS\n"
+        "assert 'idm' in AGENTS and 'nobody' not in AGENTS and len(AGENTS) == len([*AGENTS])\n"
+        "agent = AGENTS['constant-speed']\n"
+        "loaded = sorted(name for name in sys.modules if name.startswith('mdrive_sumo.agents.'))\n"
+        "print(agent.__name__, *loaded)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["ConstantSpeedAgent", "mdrive_sumo.agents.registry", "mdrive_sumo.agents.sensorless"]
 
 
 @pytest.mark.parametrize("name", sorted(AGENTS))

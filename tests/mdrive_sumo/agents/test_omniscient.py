@@ -12,7 +12,7 @@ from mdrive_sumo.agents.omniscient import OmniscientAgent
 from mdrive_sumo.contract import Briefing, Objects, Observation, OwnState, Privileged
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.planning.joint_detours import has_undecided_vehicle, plan_joint_detours
+from mdrive_sumo.planning.joint_plan import has_undecided_vehicle, plan_joint_detours
 from mdrive_sumo.planning.parameters import PEDESTRIAN
 from mdrive_sumo.planning.pedestrian_caution import limit_speeds_near_pedestrians, predict_walking_on
 from mdrive_sumo.planning.reference_path import SPACING_M, build_path

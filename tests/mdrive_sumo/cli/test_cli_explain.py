@@ -11,7 +11,7 @@ from testing.local_executor import run_in_process
 from testing.mixed_run import SCENARIO, drive_mixed_run
 from testing.short_suite import make_short_suite
 
-from mdrive_sumo.agents.single import SingleAgent
+from mdrive_sumo.agents.sharing import SingleAgent
 from mdrive_sumo.cli import main
 from mdrive_sumo.contract import REASON, Observation, Reply
 from mdrive_sumo.episode import EpisodeRecord, load_episode

@@ -3,7 +3,7 @@
 import pytest
 
 import mdrive_sumo as md
-from mdrive_sumo.agents.constant_speed import ConstantSpeedAgent
+from mdrive_sumo.agents.sensorless import ConstantSpeedAgent
 from mdrive_sumo.api.scenario_source import find_scenario
 from mdrive_sumo.contract import Briefing, Control, Observation, Reply
 from mdrive_sumo.generate.validation.rule_coverage import RULES, count_rules, describe_rules, find_exercised_rules

@@ -11,9 +11,13 @@ import pytest
 from testing.negotiation_fakes import completion, served
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.negotiation.language_model import LanguageModel, LanguageModelSettings, check_settings
+from mdrive_sumo.negotiation.language_model import (
+    LanguageModel,
+    LanguageModelSettings,
+    check_settings,
+    read_llm_options,
+)
 from mdrive_sumo.negotiation.llm_endpoint import build_completions_url
-from mdrive_sumo.negotiation.llm_options import read_llm_options
 from mdrive_sumo.negotiation.prompt import clean_message, parse_actions
 from mdrive_sumo.v2x.messages import Intention
 

@@ -15,7 +15,7 @@ from mdrive_sumo.negotiation.conflict_graph import (
 from mdrive_sumo.negotiation.peer_table import MEMORY_TICKS, PeerTable
 from mdrive_sumo.negotiation.right_of_way_claims import NegotiationTerms, build_mcm_message, collect_claims
 from mdrive_sumo.negotiation.rule_negotiator import apply_rule, find_leader_pairs, select_winner
-from mdrive_sumo.planning.precedence import order_by_urgency
+from mdrive_sumo.planning.planning_order import order_by_urgency
 from mdrive_sumo.v2x.messages import Direction, Intention, Mcm, ReferencePose, decode
 
 

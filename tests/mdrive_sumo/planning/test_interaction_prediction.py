@@ -10,10 +10,9 @@ from testing.planning import LENGTH, briefing, own, straight, things
 from mdrive_sumo.contract import Objects, OwnState
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, Kind
-from mdrive_sumo.planning.interaction_prediction import InteractionPredictor
+from mdrive_sumo.planning.interaction_prediction import QUEUE_GAP, InteractionPredictor
 from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion, predict_yielding
 from mdrive_sumo.planning.parameters import PLANNER, RIGHT_OF_WAY
-from mdrive_sumo.planning.queue_gap import QUEUE_GAP
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner, StopPoint
 
 RIGHT, LEFT = math.pi / 2, -math.pi / 2

@@ -7,11 +7,10 @@ from testing.road_speeds import centre_line
 
 from mdrive_sumo.planning.car_following import FOLLOWING, find_vehicles_ahead, predict_travel
 from mdrive_sumo.planning.evasive_profile import build_evasion_problem, find_evasive_profile, find_latest_contact
-from mdrive_sumo.planning.motion_trends import AccelerationEstimator
 from mdrive_sumo.planning.parameters import MARGINS
 from mdrive_sumo.planning.reference_path import build_path
 from mdrive_sumo.planning.road_direction import build_road_direction
-from mdrive_sumo.planning.traffic_prediction import TrafficView
+from mdrive_sumo.planning.traffic_prediction import AccelerationEstimator, TrafficView
 
 ROUTE = centre_line()[:301]
 TIMES = np.arange(1, 49) * 0.125

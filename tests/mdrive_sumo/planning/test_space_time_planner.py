@@ -14,9 +14,9 @@ from testing.sampling import examples
 
 from mdrive_sumo.contract import Cause, Reason
 from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.planning.interaction_prediction import compute_queue_gap
 from mdrive_sumo.planning.motion_prediction import HORIZON_S, TIMES, PredictedMotion
 from mdrive_sumo.planning.parameters import MARGINS, PLANNER
-from mdrive_sumo.planning.queue_gap import compute_queue_gap
 from mdrive_sumo.planning.reference_path import SPACING_M
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner
 from mdrive_sumo.planning.stop_lines import StopPoint

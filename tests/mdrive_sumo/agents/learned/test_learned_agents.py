@@ -9,12 +9,12 @@ import pytest
 from testing.learned_samples import make_briefing, make_observation
 from testing.tiny_network import TinyNetwork, save_tiny_weights
 
-from mdrive_sumo.agents.learned.control_fusion import ControlFusion
 from mdrive_sumo.agents.learned.creep_rule import CREEP, CreepRule
-from mdrive_sumo.agents.learned.decided_plan import DecidedPlan
 from mdrive_sumo.agents.learned.instructions import RouteInstructor
+from mdrive_sumo.agents.learned.learned_agent import DecidedPlan
 from mdrive_sumo.agents.learned.navigation import Navigation, RouteNavigator
 from mdrive_sumo.agents.learned.system_spec import DECISION_TICKS, PLAN_INTERVAL_S, SYSTEMS
+from mdrive_sumo.agents.learned.tcp import ControlFusion
 from mdrive_sumo.agents.registry import LEARNED_AGENTS
 from mdrive_sumo.contract import (
     STANDSTILL,

@@ -49,7 +49,7 @@ def test_it_arrives_and_the_run_verifies(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_it_drives_in_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run_in_process(monkeypatch)
-    locator = "mdrive_sumo.agents.learned.vad:VadAgent"
+    locator = "mdrive_sumo.agents.learned.learned_agent:VadAgent"
     ended = evaluate(tmp_path, locator, "vad", TinyNetwork(speed=5.0))
     assert ended.exit_code == 0, ended.output
     results = load_results(tmp_path / "run" / "results.json")

@@ -11,11 +11,11 @@ from testing.learned_samples import make_briefing, make_observation
 
 from mdrive_sumo.agents.learned import instructions
 from mdrive_sumo.agents.learned.instructions import VOCABULARY, compose_instruction, encode_instruction
-from mdrive_sumo.agents.learned.lidar_histogram import build_lidar_histogram
 from mdrive_sumo.agents.learned.navigation import Navigation, RouteNavigator
 from mdrive_sumo.agents.learned.network_inputs import (
     black_out_images,
     build_inputs,
+    build_lidar_histogram,
     compute_motion,
     describe_inputs,
     has_sensor_data,
