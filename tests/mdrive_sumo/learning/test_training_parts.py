@@ -1,0 +1,270 @@
+"""Parts of training scenarios on their own: what situations ask for, where CAVs, traffic and parked vehicles are."""
+
+import random
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+import shapely
+
+from mdrive_sumo.core.geometry import box_corners
+from mdrive_sumo.learning.roadside_actors import (
+    build_parked_vehicles,
+    fit_to_lane_width,
+    is_behind_bend,
+    select_free_actors,
+)
+from mdrive_sumo.learning.training_scenarios import list_training_networks
+from mdrive_sumo.learning.training_situations import MOST_CAVS, SITUATIONS, SituationPlan
+from mdrive_sumo.learning.training_spawn_points import build_training_cavs, draw_start_speeds
+from mdrive_sumo.learning.training_traffic import TrafficRequest, build_training_traffic, locate_departure
+from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
+from mdrive_sumo.scenario.background import BackgroundVehicle
+from mdrive_sumo.scenario.scenario import Ego
+from mdrive_sumo.scenario.scenario_part import Pose
+from mdrive_sumo.scenario.scripted_actor import Actor
+from mdrive_sumo.vehicle.dynamics import MKZ_2017
+
+NETWORKS = list_training_networks("train")
+CAR = MKZ_2017.length, MKZ_2017.width
+SEEDS = range(12)
+
+
+@lru_cache
+def load(network: str) -> RoadMap:
+    return load_road_map(find_network_folder(network))
+
+
+def draw(kind: str, network: str, seed: int) -> SituationPlan | None:
+    return SITUATIONS[kind].draw(load(network), random.Random(seed))
+
+
+# --- situations ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", SITUATIONS)
+def test_a_situation_asks_for_what_a_scenario_can_hold(kind: str) -> None:
+    plans = [draw(kind, network, seed) for network in NETWORKS if SITUATIONS[kind].fits(network) for seed in SEEDS]
+    drawn = [plan for plan in plans if plan is not None]
+    assert len(drawn) > len(SEEDS)
+    for plan in drawn:
+        assert list(plan.ways) == [f"Vehicle {n}" for n in range(1, len(plan.ways) + 1)]
+        assert 1 <= len(plan.ways) <= MOST_CAVS + 1
+        assert 35.0 < plan.route_m[0] < plan.route_m[1]
+        assert 0 <= plan.hidden_walkers <= plan.walkers
+        counts = (plan.crossing_cyclists, plan.leading_cyclists, plan.parked, plan.queue, plan.traffic)
+        assert min(counts) >= 0
+
+
+def what_it_is_about(kind: str, plan: SituationPlan) -> bool:
+    """Whether a plan has what its situation is named after."""
+    first, *others = plan.ways.values()
+    return {
+        "lone": lambda: not others and plan == SituationPlan(plan.ways, plan.route_m),
+        "meeting": lambda: len(others) >= 1,
+        "oncoming-left": lambda: first.turn == "left" and len(others) + plan.traffic > 0,
+        "queue": lambda: plan.queue > 0 or first.lanes[0] in {way.lanes[0] for way in others},
+        "obstacle": lambda: plan.obstacles[0].affects_vehicle == "Vehicle 1",
+        "walkers": lambda: plan.walkers > 0,
+        "cyclists": lambda: plan.crossing_cyclists + plan.leading_cyclists > 0,
+        "traffic": lambda: plan.traffic >= 3,
+        "dense": lambda: 20 <= plan.traffic <= 84 and plan.is_jammed,
+        "lane-changes": lambda: {way.entry for way in others} <= {first.entry},
+        "roundabout": lambda: first.turn in ("left", "u_turn"),
+        "merge": lambda: (
+            len(others) > 0 and {(way.exit, way.exit_rank) for way in others} == {(first.exit, first.exit_rank)}
+        ),
+    }[kind]()
+
+
+@pytest.mark.parametrize("kind", SITUATIONS)
+def test_a_situation_has_what_its_name_says(kind: str) -> None:
+    network = next(
+        name for name in ("train_roundabout", "train_corridor", "train_avenue") if SITUATIONS[kind].fits(name)
+    )
+    plans = [draw(kind, network, seed) for seed in SEEDS]
+    assert all(plan is not None and what_it_is_about(kind, plan) for plan in plans)
+    assert len({str(plan) for plan in plans}) > 3
+
+
+@pytest.mark.parametrize("kind", ["oncoming-left", "lane-changes", "roundabout"])
+def test_a_network_without_the_lanes_for_a_situation_stages_none(kind: str) -> None:
+    """A winding road of one lane a direction, without a junction."""
+    assert all(draw(kind, "train_winding", seed) is None for seed in SEEDS)
+
+
+# --- CAVs ---------------------------------------------------------------------------------------------------------
+
+
+def straight(x: float = 0.0, y: float = 0.0, bend: float = 0.0, name: str = "1") -> Ego:
+    """A CAV at rest on a route of 60 m to the east that bends after 10 m by that angle [rad]."""
+    yaw = np.where(np.arange(61) < 10, 0.0, bend)
+    xy = np.cumsum(np.column_stack((np.cos(yaw), np.sin(yaw))), axis=0) - (1.0, 0.0) + (x, y)
+    route = tuple((float(a), float(b), float(c)) for (a, b), c in zip(xy, yaw, strict=True))
+    return Ego(id=name, start=Pose(x=x, y=y, yaw=0.0), lanes=("a_0",), route=route)
+
+
+def moving_share(egos: list[Ego], others: list[shapely.Polygon]) -> float:
+    drawn = [draw_start_speeds(egos, others, CAR, random.Random(seed))[0].start_speed for seed in range(200)]
+    assert all(speed == 0.0 or 2.0 <= speed <= 8.0 for speed in drawn)
+    return sum(speed > 0.0 for speed in drawn) / len(drawn)
+
+
+def box(x: float, y: float) -> shapely.Polygon:
+    return shapely.Polygon(box_corners(x, y, 0.0, 4.0, 1.8))
+
+
+def test_a_third_of_the_cavs_with_a_free_road_start_with_a_speed() -> None:
+    assert 0.25 < moving_share([straight()], []) < 0.45
+    assert 0.25 < moving_share([straight(bend=0.2)], [box(6.0, 3.5), box(-5.0, 0.0), box(27.0, 0.0)]) < 0.45
+
+
+@pytest.mark.parametrize(
+    ("egos", "others"),
+    [
+        pytest.param([straight()], [box(20.0, 0.0)], id="vehicle ahead"),
+        pytest.param([straight()], [box(12.0, 3.2)], id="vehicle half in the lane"),
+        pytest.param([straight(), straight(x=15.0, name="2")], [], id="CAV ahead"),
+        pytest.param([straight(bend=0.4)], [], id="bend"),
+        pytest.param([straight(bend=-0.4)], [], id="bend to the right"),
+    ],
+)
+def test_no_cav_starts_with_a_speed_towards_something_or_into_a_bend(
+    egos: list[Ego], others: list[shapely.Polygon]
+) -> None:
+    assert moving_share(egos, others) == 0.0
+
+
+def place_cavs(kind: str, network: str, seed: int) -> tuple[RoadMap, SituationPlan, dict[str, Ego]]:
+    roads, rng = load(network), random.Random(seed)
+    plan = SITUATIONS[kind].draw(roads, rng)
+    assert plan is not None
+    return roads, plan, build_training_cavs(plan, roads, rng)
+
+
+@pytest.mark.parametrize("network", ["train_tee", "train_winding"])
+def test_a_single_cav_has_a_route_on_its_lanes_within_the_bounds(network: str) -> None:
+    for seed in SEEDS:
+        _, plan, egos = place_cavs("lone", network, seed)
+        (ego,) = egos.values()
+        assert ego.start_speed == 0.0
+        length = float(np.hypot(*np.diff(ego.xy, axis=0).T).sum())
+        assert 30.0 <= length <= plan.route_m[1] + 1.0
+        assert ego.xy[0] == pytest.approx((ego.start.x, ego.start.y), abs=0.5)
+
+
+# --- background vehicles ------------------------------------------------------------------------------------------
+
+
+def build_traffic(request: TrafficRequest, seed: int) -> tuple[RoadMap, Ego, tuple[BackgroundVehicle, ...]]:
+    roads, _, egos = place_cavs("lone", "train_corridor", seed)
+    (ego,) = egos.values()
+    return roads, ego, build_training_traffic(roads, (ego,), (), request, random.Random(seed))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_jammed", [False, True])
+def test_traffic_at_the_start_has_room_and_no_more_speed_than_room(is_jammed: bool) -> None:
+    for seed in range(3):
+        roads, ego, vehicles = build_traffic(TrafficRequest(0, 24, is_jammed), seed)
+        present = [one for one in vehicles if one.depart_s == 0.0]
+        assert [one.id for one in vehicles] == [f"bg{k}" for k in range(len(vehicles))]
+        assert len(present) >= 8 and len(vehicles) - len(present) == 24 - round(0.75 * 24)
+        start = shapely.Polygon(box_corners(ego.start.x, ego.start.y, ego.start.yaw, *CAR))
+        boxes = [locate_departure(one, roads) for one in present]
+        for k, one in enumerate(boxes):
+            assert min(one.distance(other) for other in (start, *boxes[:k])) >= 0.5 - 1e-6
+        near = shapely.Point(ego.start.x, ego.start.y).buffer(75.0)
+        assert is_jammed or all(one.intersects(near) for one in boxes)
+        for one in present:
+            lane = roads.lanes[f"{one.edges[0]}_{one.depart_lane}"]
+            assert one.length < one.depart_pos_m <= lane.centre.length
+            assert one.depart_speed <= 0.3 * (lane.centre.length - one.depart_pos_m) + 0.01
+            assert one.depart_speed <= 0.6 * lane.speed_limit + 0.01
+
+
+def test_vehicles_that_enter_later_come_apart_and_in_order() -> None:
+    for seed in range(3):
+        _, _, vehicles = build_traffic(TrafficRequest(0, 40), seed)
+        entering = [one for one in vehicles if one.depart_s > 0.0]
+        departures = [one.depart_s for one in entering]
+        assert departures == sorted(departures)
+        by_lane: dict[tuple[str, int], list[float]] = {}
+        for one in entering:
+            by_lane.setdefault((one.edges[0], one.depart_lane), []).append(one.depart_s)
+        assert all(np.diff(times).min(initial=9.0) >= 3.0 - 0.02 for times in by_lane.values())
+        assert min(departures) >= 1.0
+
+
+def test_a_queue_stands_ahead_of_the_first_cav_bumper_to_bumper() -> None:
+    lengths: list[int] = []
+    for seed in range(8):
+        roads, ego, queue = build_traffic(TrafficRequest(3, 0), seed)
+        lane = roads.lanes[ego.lanes[0]]
+        front_m = lane.centre.project(ego.start.x, ego.start.y)[0] + CAR[0] / 2
+        for one in queue:
+            assert (one.depart_s, one.depart_speed, one.edges[0]) == (0.0, 0.0, lane.edge)
+            gap_m = one.depart_pos_m - one.length - front_m
+            assert 2.0 - 0.02 <= gap_m <= 4.0 + 0.02 or (one.id == "bg0" and 8.0 - 0.02 <= gap_m <= 22.0 + 0.02)
+            front_m = one.depart_pos_m
+        lengths.append(len(queue))
+    assert max(lengths) == 3
+
+
+# --- parked vehicles, obstacles -----------------------------------------------------------------------------------
+
+
+def test_parked_vehicles_stand_at_the_right_edge_of_a_road_and_away_from_its_ends() -> None:
+    roads, _, egos = place_cavs("lone", "train_tee", 1)
+    parked = list(build_parked_vehicles(roads, list(egos.values()), 40, random.Random(3)))
+    assert len(parked) == 40
+    for one in parked:
+        lane = roads.driving[roads.find_nearest_lanes(np.array([[one.start.x, one.start.y]])).lane[0]]
+        s, offset = lane.centre.project(one.start.x, one.start.y)
+        edge_m = -offset - lane.width / 2 - one.width / 2
+        assert -0.31 <= edge_m <= 0.61
+        assert s - one.length / 2 >= 6.0 - 0.1 and s + one.length / 2 <= lane.centre.length - 6.0 + 0.1
+        assert one.start.yaw == pytest.approx(lane.centre.yaw_at(s), abs=0.01)
+
+
+def actor(id_: str, x: float, y: float) -> Actor:
+    return Actor(id=id_, kind="vehicle", length=4.0, width=1.8, start=Pose(x=x, y=y, yaw=0.0))
+
+
+def test_actors_need_room_and_parked_ones_leave_the_routes_free() -> None:
+    roads = replace(load("train_winding"), buildings=())
+    everything = (
+        actor("block", 20.0, 0.5),  # an obstacle may stand in a route, not in another one
+        actor("block_2", 21.0, 0.5),
+        actor("parked_0", 40.0, 2.0),  # 1.1 m beside the route
+        actor("parked_1", 40.0, 2.4),
+        actor("screen_0", 50.0, -2.0),
+        actor("walker", 7.0, 0.0),  # before the bumper of the CAV
+        actor("walker_2", 8.0, 0.0),
+    )
+    chosen = select_free_actors(roads, [straight()], everything)
+    assert [one.id for one in chosen] == ["block", "parked_1", "walker_2"]
+
+
+def test_an_obstacle_in_a_narrow_lane_stands_further_right_and_in_a_wide_one_where_it_was() -> None:
+    for network in ("train_crossing_narrow", "train_crossing_wide"):
+        roads = load(network)
+        lane = max((one for one in roads.driving if not one.junction), key=lambda one: one.centre.length)
+        s = lane.centre.length / 2
+        (x, y), yaw = lane.centre.at(s), lane.centre.yaw_at(s)
+        there = actor("block", 0.0, 0.0).model_copy(update={"start": Pose(x=x, y=y, yaw=yaw)})
+        moved = fit_to_lane_width(there, roads).start
+        _, offset = lane.centre.project(moved.x, moved.y)
+        assert offset == pytest.approx(-max(3.5 - lane.width, 0.0), abs=2e-3)
+        assert moved.yaw == yaw
+
+
+@pytest.mark.parametrize(
+    ("bend", "station", "expected"), [(0.7, 15, True), (0.7, 40, False), (0.5, 15, False), (-0.7, 15, True)]
+)
+def test_an_obstacle_shortly_after_a_bend_leaves_no_room(bend: float, station: int, expected: bool) -> None:
+    ego = straight(bend=bend)
+    x, y = ego.xy[station].tolist()
+    assert is_behind_bend(actor("block", x, y), ego) is expected
