@@ -24,7 +24,8 @@ from mdrive_sumo.agents.learned.system_spec import SYSTEMS
 from mdrive_sumo.agents.learned.weights_manifest import WeightsManifest, read_manifest
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import write_text
-from mdrive_sumo.core.statistics import TOO_FEW, bootstrap_stratified_clustered_mean
+from mdrive_sumo.core.statistics import bootstrap_stratified_clustered_mean
+from mdrive_sumo.core.tables import TOO_FEW
 from mdrive_sumo.scoring import Results, ScenarioResult, compute_overall, load_results
 from tools.seed_runs import check_seed_runs
 from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files

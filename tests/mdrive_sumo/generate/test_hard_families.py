@@ -5,14 +5,17 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import pytest
+import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.generate.hard.families import FAMILIES
 from mdrive_sumo.generate.hard.family import BUCKET, FamilyCandidate, ScenarioFamily
+from mdrive_sumo.generate.hard.family_parts import compute_pose, load_network
+from mdrive_sumo.generate.hard.passage_pedestrian import DEEP_M, STREETS, WALL_M, PassageStreet, find_passages
 from mdrive_sumo.generate.network_features import is_hard_tier
 from mdrive_sumo.generate.pipeline import ProposalRejected
 from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
-from mdrive_sumo.roads import find_network_folder, load_road_map
+from mdrive_sumo.roads import find_lane_path, find_network_folder, load_road_map
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import load_suite
@@ -103,3 +106,18 @@ def test_families_are_distinct_and_their_networks_belong_to_the_tier_alone() -> 
     used = {scenario.network for category in FAMILIES for scenario in build_samples(category)}
     assert all(is_hard_tier(network) for network in used)
     assert not any(is_hard_tier(scenario.network) for scenario in load_suite("interaction").scenarios)
+
+
+@pytest.mark.parametrize("street", STREETS, ids=lambda street: street.own[0])
+def test_riders_come_through_free_passages_past_a_wall(street: PassageStreet) -> None:
+    roads = load_network(street.network)
+    lanes = find_lane_path(roads, *street.own)
+    houses = shapely.union_all(roads.building_shapes)
+    passages = find_passages(roads, lanes)
+    assert len(passages) >= 3
+    for station in passages:
+        begin, end = (compute_pose(roads, lanes, station, offset) for offset in (-DEEP_M, street.across_m))
+        way = shapely.LineString([(begin.x, begin.y), (end.x, end.y)])
+        assert houses.distance(way) > 0.3  # half the width of a rider
+        before = compute_pose(roads, lanes, station - 1.5, -WALL_M - 0.2)
+        assert houses.contains(shapely.Point(before.x, before.y))
