@@ -24,8 +24,7 @@ from mdrive_sumo.contract.detector_profiles import PROFILES, PUBLISHED, Detectio
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.core.terminal import echo
-from mdrive_sumo.sensing.detection_noise import EPOCH_TICKS, add_errors, draw_detected
-from mdrive_sumo.sensing.false_positives import CAR_M, draw_false_positives
+from mdrive_sumo.sensing.detection_noise import CAR_M, EPOCH_TICKS, add_errors, draw_detected, draw_false_positives
 from tools.tool_command import HELP, ToolCommand
 
 FRAMES = 800

@@ -109,7 +109,7 @@ class EpisodeRecord:
     """All messages sent over the channel, in the order of sending, with their delivery."""
     notes: tuple[NoteRecord, ...] = ()
     dropped_notes: int = 0
-    """Notes beyond the limits of an episode, which were not kept; see `note_log`."""
+    """Notes beyond the limits of an episode, which were not kept; see `recorder.NoteLog`."""
     thinking: tuple[ThinkTime, ...] = ()
     pseudonyms: Mapping[str, str] = field(default_factory=dict[str, str])
     """Id in the scenario of every CAV and road-side unit by the id that agents knew it by; empty if they knew it by

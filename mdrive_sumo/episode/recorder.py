@@ -1,4 +1,4 @@
-"""Collects quantized frames and applied controls tick by tick, and builds the `EpisodeRecord`."""
+"""Collects quantized frames, applied controls and notes tick by tick, and builds the `EpisodeRecord`."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import blake2b
@@ -13,14 +13,55 @@ from mdrive_sumo.core.state import Contact, EgoState, Frame, Kind
 from mdrive_sumo.episode.episode import (
     Ending,
     EpisodeRecord,
+    NoteRecord,
     PlanRecord,
     ReceivedMessages,
     SignalChange,
     ThinkTime,
 )
-from mdrive_sumo.episode.note_log import NoteLog
 from mdrive_sumo.episode.quantization import Quanta, to_quanta
 from mdrive_sumo.v2x.channel import SentMessage
+
+MAX_KINDS = 32
+"""Kinds of notes in an episode. The baselines use four."""
+MAX_NOTES = 20_000
+"""Notes in an episode: two in every tick of eight CAVs for a minute."""
+MAX_CHARACTERS = 8 * 2**20
+"""Characters in all notes of an episode; an exchange with a language model has a few thousand."""
+
+
+class NoteLog:
+    """Collects notes; those beyond a limit are counted and dropped. The same notes are kept in every run."""
+
+    def __init__(self) -> None:
+        self._records: list[NoteRecord] = []
+        self._kinds: set[str] = set()
+        self._characters = 0
+        self.dropped = 0
+        """Notes that were not kept."""
+
+    @property
+    def records(self) -> tuple[NoteRecord, ...]:
+        """The notes that were kept, in order."""
+        return tuple(self._records)
+
+    def add(self, tick: int, ego: str, notes: Sequence[Note]) -> None:
+        """Add the notes of one CAV."""
+        for note in notes:
+            if self._has_room(note):
+                self._kinds.add(note.kind)
+                self._characters += len(note.text)
+                self._records.append(NoteRecord(tick, ego, note))
+            else:
+                self.dropped += 1
+
+    def _has_room(self, note: Note) -> bool:
+        return (
+            len(self._records) < MAX_NOTES
+            and self._characters + len(note.text) <= MAX_CHARACTERS
+            and (note.kind in self._kinds or len(self._kinds) < MAX_KINDS)
+        )
+
 
 PLAN_EVERY_TICKS = 4
 """Plans are recorded at 5 Hz: they are for display; re-execution uses the log of controls."""

@@ -1,15 +1,19 @@
-"""Construction of the briefing of a CAV."""
+"""Construction of the briefing of a CAV, with the free road width to either side of its route."""
+
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from mdrive_sumo.contract import Briefing, StopSign, TrafficLight, VehicleFacts
 from mdrive_sumo.contract.detector_profiles import IDEAL
-from mdrive_sumo.core.geometry import Polyline
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.scenario import Ego
-from mdrive_sumo.sensing.route_room import compute_route_room
 
 
 def build_briefing(
@@ -63,3 +67,57 @@ def _find_traffic_lights(ego: Ego, roads: RoadMap, route: Polyline) -> list[Traf
             if abs(d) < lane.width:  # else the stop line lies before the start of the route
                 lights.append(TrafficLight(lane.lights[there], s))
     return lights
+
+
+MAX_ROOM_M = 10.0
+"""Maximum reported width."""
+SEAM_M = 0.1
+"""Strips of neighbouring lanes may leave a gap of that width between each other, which is no edge of the road."""
+
+
+class _Surface(NamedTuple):
+    """Drivable surface in pieces, with a search tree."""
+
+    pieces: npt.NDArray[np.object_]
+    tree: shapely.STRtree
+
+
+def compute_route_room(roads: RoadMap, xy: Float, yaw: Float) -> Float:
+    """Return the free width (N, 2) [m] left and right of route points xy (N, 2) [m] with lane direction yaw (N,).
+
+    Measured across the lane, up to the edge of all lanes and junctions together, oncoming lanes included; at most
+    `MAX_ROOM_M`.
+    """
+    surface = _build_surface(roads)
+    near = np.unique(surface.tree.query(shapely.LineString(xy), predicate="dwithin", distance=MAX_ROOM_M))
+    area = shapely.buffer(shapely.union_all(surface.pieces[near]), -SEAM_M)
+    shapely.prepare(area)
+    cos, sin = portable.cos_sin(yaw)
+    left = np.column_stack((-sin, cos)) * MAX_ROOM_M
+    return np.column_stack([_measure_reach(area, xy, side) for side in (left, -left)])
+
+
+def _measure_reach(area: shapely.Geometry, xy: Float, across: Float) -> Float:
+    """Return the distance (N,) [m] from each point in that direction to the first exit from the area."""
+    rays = shapely.linestrings(np.stack((xy, xy + across), axis=1))
+    gone = np.asarray(shapely.distance(shapely.points(xy), shapely.difference(rays, area)))
+    return np.where(np.isnan(gone), MAX_ROOM_M, gone)
+
+
+@lru_cache(maxsize=8)
+def _build_surface(roads: RoadMap) -> _Surface:
+    """Return lanes widened by `SEAM_M` on either side, and junctions without pedestrian areas."""
+    lines = np.array([shapely.LineString(lane.centre.xy) for lane in roads.driving], dtype=object)
+    lanes = shapely.buffer(lines, roads.lane_width / 2 + SEAM_M)
+    pedestrian_areas = shapely.STRtree([shapely.make_valid(shapely.Polygon(outline)) for outline in roads.pavements])
+    junctions = [
+        _subtract_pedestrian_areas(shapely.buffer(shapely.Polygon(outline), SEAM_M), pedestrian_areas)
+        for outline in roads.junctions
+    ]
+    pieces = np.array([*lanes, *junctions], dtype=object)
+    return _Surface(pieces, shapely.STRtree(pieces))
+
+
+def _subtract_pedestrian_areas(junction: shapely.Geometry, pedestrian_areas: shapely.STRtree) -> shapely.Geometry:
+    overlapping = pedestrian_areas.geometries[pedestrian_areas.query(junction, predicate="intersects")]
+    return shapely.difference(junction, shapely.union_all(overlapping)) if len(overlapping) else junction

@@ -14,8 +14,7 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import TAU, Bool, Float, wrap_angles
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.detection_noise import add_errors, draw_detected
-from mdrive_sumo.sensing.false_positives import draw_false_positives
+from mdrive_sumo.sensing.detection_noise import add_errors, draw_detected, draw_false_positives
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
 from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
 from mdrive_sumo.sensing.visibility import BuildingEdges, SightView, announce_eye

@@ -38,18 +38,6 @@ class Sensor(Protocol):
         ...
 
 
-def _cost_little(spec: SensorSpec) -> float:  # noqa: ARG001  # common signature
-    return SMALL_MS
-
-
-def _cost_objects(spec: SensorSpec) -> float:  # noqa: ARG001  # common signature
-    return OBJECTS_MS
-
-
-def _give_objects(spec: SensorSpec) -> str:
-    return repr(spec.kind)
-
-
 def _give_no_objects(spec: SensorSpec) -> str:  # noqa: ARG001  # common signature
     return ""
 
@@ -62,9 +50,9 @@ class SensorKind:
     """The field of `Observation` that it fills."""
     build: Callable[[SensorSpec, SensorSetup], Sensor] | None
     """Builds a sensor; raises InputError for invalid options. None: `ObservationBuilder` itself fills the field."""
-    price: Callable[[SensorSpec], float] = _cost_little
+    price: Callable[[SensorSpec], float] = lambda _: SMALL_MS
     """Returns the CPU time [ms a tick] that it costs the evaluator; with unusable options that of the dearest."""
-    find_objects: Callable[[SensorSpec], str] = _give_objects
+    find_objects: Callable[[SensorSpec], str] = lambda spec: repr(spec.kind)
     """Returns by what the sensor gives objects, e.g. "'lidar' with hit_ids"; "" for what a car carries. By default a
     kind belongs to the object track (docs/decisions/057-sensor-track-and-object-track.md)."""
     is_named: bool = False
@@ -81,7 +69,7 @@ class SensorKind:
 
 SENSOR_KINDS: Mapping[str, SensorKind] = MappingProxyType(
     {
-        "objects": SensorKind("objects", ObjectsSensor, _cost_objects),
+        "objects": SensorKind("objects", ObjectsSensor, lambda _: OBJECTS_MS),
         "gnss": SensorKind("gnss", GnssSensor, find_objects=_give_no_objects),
         "imu": SensorKind("imu", ImuSensor, find_objects=_give_no_objects),
         "speedometer": SensorKind("speedometer", SpeedometerSensor, find_objects=_give_no_objects),

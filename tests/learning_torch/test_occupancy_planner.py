@@ -4,7 +4,7 @@ import torch
 
 from mdrive_sumo.learning.networks.bev_grid import BEV_AHEAD_M, BEV_LEFT_M
 from mdrive_sumo.learning.networks.heads import sample_occupancy
-from mdrive_sumo.learning.networks.occupancy_planner import OccupancyPlanner
+from mdrive_sumo.learning.networks.uniad import OccupancyPlanner
 
 PLAN = torch.stack((torch.arange(1, 7) * 4.0, torch.zeros(6)), dim=-1)[None]
 

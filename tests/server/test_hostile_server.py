@@ -25,7 +25,7 @@ from testing.sandbox_runs import AGENTS
 from mdrive_sumo.agent_process.sandbox import examine_layers
 from mdrive_sumo.agent_process.sandbox.box_spec import SLOTS
 from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
-from mdrive_sumo.episode.note_log import MAX_KINDS
+from mdrive_sumo.episode.recorder import MAX_KINDS
 from mdrive_sumo.runs.fingerprint import compute_code_checksum
 from server.enums import MIN_HIDDEN_SCENARIOS
 from server.settings import SandboxSettings

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from testing.viewer_crossing import record
 
 from mdrive_sumo.contract import Message, Note
-from mdrive_sumo.episode import load_episode, note_log, save_episode
-from mdrive_sumo.episode.note_log import MAX_CHARACTERS, MAX_KINDS, MAX_NOTES, NoteLog
+from mdrive_sumo.episode import load_episode, recorder, save_episode
+from mdrive_sumo.episode.recorder import MAX_CHARACTERS, MAX_KINDS, MAX_NOTES, NoteLog
 from mdrive_sumo.scoring import scenario_score
 from mdrive_sumo.v2x.channel import MAX_COUNTED_TYPES, OTHER, DeliveryStatus, SentMessage, count_exchanged
 
@@ -21,7 +21,7 @@ NOTES = st.lists(st.builds(Note, st.sampled_from("abcdef"), st.text(max_size=20)
 def test_what_is_kept_is_within_the_limits_and_nothing_else_is_dropped(notes: list[Note]) -> None:
     with pytest.MonkeyPatch.context() as patch:
         for name, value in (("MAX_KINDS", 3), ("MAX_NOTES", 20), ("MAX_CHARACTERS", 100)):
-            patch.setattr(note_log, name, value)
+            patch.setattr(recorder, name, value)
         log = NoteLog()
         for tick, note in enumerate(notes):
             log.add(tick, "a", (note,))

@@ -17,8 +17,7 @@ from mdrive_sumo.planning.parameters import DETOUR
 from mdrive_sumo.planning.path_overlap import compute_footprints, find_cells
 from mdrive_sumo.planning.reference_path import PATH, SPACING_M, build_path
 from mdrive_sumo.roads import RoadMap
-from mdrive_sumo.sensing.briefing_builder import build_briefing
-from mdrive_sumo.sensing.route_room import compute_route_room
+from mdrive_sumo.sensing.briefing_builder import build_briefing, compute_route_room
 
 
 def strip(radius: float, oncoming: int) -> shapely.Geometry:

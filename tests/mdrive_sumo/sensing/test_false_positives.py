@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from mdrive_sumo.contract.detector_profiles import FAR_M, PROFILES
 from mdrive_sumo.core.geometry import TAU
 from mdrive_sumo.core.seeding import draw_first_uniform, draw_uniforms
-from mdrive_sumo.sensing.detection_noise import EPOCH_TICKS
-from mdrive_sumo.sensing.false_positives import CELL_M, draw_false_positives
+from mdrive_sumo.sensing.detection_noise import CELL_M, EPOCH_TICKS, draw_false_positives
 
 PROFILE = max(PROFILES.values(), key=lambda profile: profile.false_positives)
 Row = tuple[str, float, float, float]

@@ -10,14 +10,19 @@ import shapely
 
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.roads import DrivableArea, Lane, RoadMap, find_network_folder, load_road_map
-from mdrive_sumo.roads.drawing.crosswalk_stripes import MIN_SHARE, build_crossing_stripes, find_walking_line
 from mdrive_sumo.roads.drawing.lane_markings import INSET_M, MIN_LINE_M
 from mdrive_sumo.roads.drawing.line_joining import join_lines, smooth_line
-from mdrive_sumo.roads.drawing.map_geometry import MapGeometry, build_map_geometry
+from mdrive_sumo.roads.drawing.map_geometry import (
+    MIN_SHARE,
+    MapGeometry,
+    build_crossing_stripes,
+    build_map_geometry,
+    find_walking_line,
+)
 from mdrive_sumo.roads.network_file import StopSignBox
 from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.sensing.briefing_builder import compute_route_room
 from mdrive_sumo.sensing.raster_sensor import _map_edges  # pyright: ignore[reportPrivateUsage]
-from mdrive_sumo.sensing.route_room import compute_route_room
 
 EVERYWHERE = shapely.box(-1e4, -1e4, 1e4, 1e4)
 WIDTH_M = 3.5
