@@ -12,7 +12,7 @@ from typing import Any
 
 from mdrive_sumo.agent_process.agent_connection import HISTOGRAM_MS
 from mdrive_sumo.agent_process.sandbox import check_layers, check_shared_kernel
-from mdrive_sumo.agent_process.sandbox.episode_group import join_episode_group
+from mdrive_sumo.agent_process.sandbox.cgroups import join_episode_group
 from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_text

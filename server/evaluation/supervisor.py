@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 from sqlalchemy import select
 
-from mdrive_sumo.agent_process.sandbox.episode_group import remove_dead_episode_groups
+from mdrive_sumo.agent_process.sandbox.cgroups import remove_dead_episode_groups
 from mdrive_sumo.agent_process.sandbox.private_files import remove_idle_files
 from mdrive_sumo.core.errors import InputError
 from server.clock import now_us

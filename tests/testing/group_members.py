@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import BoxError, cgroups, open_box
-from mdrive_sumo.agent_process.sandbox.episode_group import join_episode_group
+from mdrive_sumo.agent_process.sandbox.cgroups import join_episode_group
 from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
 from testing.paths import ROOT, TESTS
 from testing.sandbox_runs import MEBIBYTE, SMALL, processes_of, shell_spec

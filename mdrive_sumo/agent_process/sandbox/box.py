@@ -13,7 +13,7 @@ from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox.cgroups import Cgroup
 from mdrive_sumo.agent_process.sandbox.launch import BoxError
-from mdrive_sumo.agent_process.sandbox.output_log import LogRing
+from mdrive_sumo.agent_process.sandbox.pipe_ends import LogRing
 from mdrive_sumo.agent_process.sandbox.supervisor_process import has_been_killed
 from mdrive_sumo.agent_process.sandbox.user_slots import UserSlot
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from mdrive_sumo.agent_process.sandbox import bubblewrap, gvisor, seccomp
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
 from mdrive_sumo.agent_process.sandbox.launch import STAGE, LaunchPlan, StatWatch, make_program
+from mdrive_sumo.agent_process.sandbox.limits import rlimits
 from mdrive_sumo.agent_process.sandbox.pipe_ends import PipeEnds
-from mdrive_sumo.agent_process.sandbox.rlimits import rlimits
 from mdrive_sumo.agent_process.sandbox.supervisor_process import request_supervisor
 from mdrive_sumo.core.errors import InputError
 

@@ -13,8 +13,7 @@ from mdrive_sumo.agent_process.sandbox.box import Box, BoxParts
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
 from mdrive_sumo.agent_process.sandbox.command_lines import BoxPlacement, launch
 from mdrive_sumo.agent_process.sandbox.launch import BoxError, start
-from mdrive_sumo.agent_process.sandbox.output_log import LogRing
-from mdrive_sumo.agent_process.sandbox.pipe_ends import PipeEnds
+from mdrive_sumo.agent_process.sandbox.pipe_ends import LogRing, PipeEnds
 from mdrive_sumo.agent_process.sandbox.private_files import provide_private_files
 from mdrive_sumo.agent_process.sandbox.user_slots import UserSlot, take
 from mdrive_sumo.core.posix import check_posix

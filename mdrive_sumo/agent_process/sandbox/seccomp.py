@@ -1,18 +1,20 @@
-"""The filter of system calls that a box is under, made of the table in `refused_calls`.
+"""The filters of system calls that a box is under.
 
+libseccomp makes one of the table in `refused_calls`; what it cannot express is written as instructions of classic BPF.
 Programs of the other word size (32-bit entry, x32) are refused every call, because the table names calls by the native
-numbers only.
+numbers only. Sources: `linux/bpf_common.h`, `linux/seccomp.h`, and `seccomp(2)` for `struct seccomp_data`.
 """
 
 import errno
 import socket
+import struct
 import tempfile
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from mdrive_sumo.agent_process.sandbox import bpf
 from mdrive_sumo.agent_process.sandbox.refused_calls import (
     ALLOWED_IOCTLS,
     CLONE_PIDFD,
@@ -59,7 +61,7 @@ def _refuse_unknown(seccomp: Any) -> bytes:
     """The first instructions: calls that no table here knows, and requests of `ioctl`."""
     machine, ioctl = seccomp.system_arch(), find_number(seccomp, "ioctl")
     last_old = max(seccomp.resolve_syscall(seccomp.Arch.NATIVE, call) for call in LAST_OLD)
-    return bpf.refuse_unknown(machine, last_old, LAST_KNOWN, ioctl, ALLOWED_IOCTLS)
+    return refuse_unknown(machine, last_old, LAST_KNOWN, ioctl, ALLOWED_IOCTLS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +78,7 @@ def compile_stat_filter() -> StatFilter:
     """Raises InputError as `compiled` does."""
     seccomp = _load_library()
     fstat, newfstatat = (find_number(seccomp, call) for call in ("fstat", "newfstatat"))
-    program = bpf.watch_stat(seccomp.system_arch(), fstat, newfstatat)
+    program = watch_stat(seccomp.system_arch(), fstat, newfstatat)
     return StatFilter(program, fstat, find_number(seccomp, "seccomp"))
 
 
@@ -119,3 +121,71 @@ def _refuse_arguments(seccomp: Any, rules: Any) -> None:
         rules.add_rule(refused, call, seccomp.Arg(5, seccomp.NE, 0))
     for call in ("socket", "socketpair"):
         rules.add_rule(refused, call, seccomp.Arg(0, seccomp.NE, socket.AF_UNIX))
+
+
+LOAD, JUMP_EQUAL, JUMP_GREATER, JUMP_BITS, RETURN = 0x20, 0x15, 0x25, 0x45, 0x06
+NUMBER, ARCHITECTURE = 0, 4
+"""Offsets in `struct seccomp_data`."""
+ALLOW, NOTIFY = 0x7FFF0000, 0x7FC00000
+AT_EMPTY_PATH = 0x1000
+NEW_NUMBERS = 424
+"""From here on a call has the same number on all architectures (source: `scripts/syscall.tbl` of Linux)."""
+
+Instruction = tuple[int, int, int, int]
+
+
+def find_argument(position: int) -> int:
+    """Return the offset of the lower half of an argument."""
+    return 16 + 8 * position
+
+
+def refuse(number: int) -> Instruction:
+    """Return the instruction that answers with an error."""
+    return RETURN, 0, 0, 0x00050000 | number
+
+
+def assemble(instructions: Iterable[Instruction]) -> bytes:
+    """Return the program as the kernel takes it."""
+    return b"".join(struct.pack("=HBBI", *each) for each in instructions)
+
+
+def watch_stat(architecture: int, fstat: int, newfstatat: int) -> bytes:
+    """Return the filter that asks a supervisor about each `fstat`, by that name or by `AT_EMPTY_PATH`.
+
+    Other word sizes are left to the filter that refuses them everything.
+    """
+    return assemble(
+        (
+            (LOAD, 0, 0, ARCHITECTURE),
+            (JUMP_EQUAL, 0, 5, architecture),
+            (LOAD, 0, 0, NUMBER),
+            (JUMP_EQUAL, 4, 0, fstat),
+            (JUMP_EQUAL, 0, 2, newfstatat),
+            (LOAD, 0, 0, find_argument(3)),
+            (JUMP_BITS, 1, 0, AT_EMPTY_PATH),
+            (RETURN, 0, 0, ALLOW),
+            (RETURN, 0, 0, NOTIFY),
+        )
+    )
+
+
+def refuse_unknown(architecture: int, last_old: int, last: int, ioctl: int, requests: tuple[int, ...]) -> bytes:
+    """Return the beginning of a filter that refuses calls of newer kernels, and all but some requests of `ioctl`.
+
+    What it does not refuse goes on to the instructions after it. last_old: the largest number below `NEW_NUMBERS`.
+    """
+    tail: list[Instruction] = [
+        *((JUMP_EQUAL, len(requests) - i, 0, request) for i, request in enumerate(requests)),
+        refuse(errno.ENOTTY),
+    ]
+    body: list[Instruction] = [
+        (LOAD, 0, 0, NUMBER),
+        (JUMP_GREATER, 2, 0, last),
+        (JUMP_GREATER, 0, 2, last_old),
+        (JUMP_GREATER, 1, 0, NEW_NUMBERS - 1),
+        refuse(errno.ENOSYS),
+        (JUMP_EQUAL, 0, 1 + len(tail), ioctl),
+        (LOAD, 0, 0, find_argument(1)),
+        *tail,
+    ]
+    return assemble(((LOAD, 0, 0, ARCHITECTURE), (JUMP_EQUAL, 0, len(body), architecture), *body))

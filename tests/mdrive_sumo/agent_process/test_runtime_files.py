@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mdrive_sumo.agent_process.sandbox.elf_libraries import find_libraries, read_needed
-from mdrive_sumo.agent_process.sandbox.runtime_files import is_unused, list_runtime_paths
+from mdrive_sumo.agent_process.sandbox.runtime_files import find_libraries, is_unused, list_runtime_paths, read_needed
 
 
 def test_the_libraries_of_a_program_are_those_that_its_loader_names() -> None:

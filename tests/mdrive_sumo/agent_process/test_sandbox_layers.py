@@ -32,7 +32,7 @@ from mdrive_sumo.agent_process.sandbox import (
     open_box,
     seccomp,
 )
-from mdrive_sumo.agent_process.sandbox.episode_group import remove_dead_episode_groups
+from mdrive_sumo.agent_process.sandbox.cgroups import remove_dead_episode_groups
 from mdrive_sumo.agent_process.sandbox.private_files import MEMORY
 from mdrive_sumo.core.errors import InputError
 
