@@ -117,7 +117,7 @@ class Episode:
 
         Raises InputError for a tick that was not recorded.
         """
-        from mdrive_sumo.report.episode_plot import draw_episode
+        from mdrive_sumo.report.scenario_plot import draw_episode
 
         if not -len(self) <= tick < len(self):
             raise InputError(f"plot: tick: expected at most {len(self) - 1}, found {tick}")

@@ -13,9 +13,8 @@ from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.core.tables import Table, format_text
 from mdrive_sumo.report.comparison_report.compared_agent import make_compared_agents
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, build_comparison_report
-from mdrive_sumo.report.comparison_report.report_page import render_report_page
 from mdrive_sumo.report.comparison_report.report_runs import load_report_runs
-from mdrive_sumo.report.comparison_report.write_comparison_report import write_comparison_report
+from mdrive_sumo.report.comparison_report.write_comparison_report import render_report_page, write_comparison_report
 from mdrive_sumo.report.replay_page import FRAME_HEIGHT_PX
 
 if TYPE_CHECKING:

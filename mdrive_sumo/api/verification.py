@@ -8,8 +8,7 @@ from typing import Any
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_text
-from mdrive_sumo.report.report_check import find_report_differences, has_captured_cooperation
-from mdrive_sumo.report.run_report import REPORT_FILE
+from mdrive_sumo.report.run_report import REPORT_FILE, find_report_differences, has_captured_cooperation
 from mdrive_sumo.runs.episode_job import replay_language_model
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.foreign_agent import permit_agent

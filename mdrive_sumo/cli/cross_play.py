@@ -12,6 +12,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.study.cross_play import CrossPlayStudy, summarise_cross_play
+from mdrive_sumo.study.plots import draw_cross_play
 from mdrive_sumo.study.two_agent_files import (
     build_matrix,
     build_strangers_table,
@@ -19,7 +20,6 @@ from mdrive_sumo.study.two_agent_files import (
     cross_play_json,
     cross_play_markdown,
 )
-from mdrive_sumo.study.two_agent_plots import draw_cross_play
 
 DEFAULT_AGENTS = "idm,single,sharing,colmdriver-rule,sharing+negotiation"
 """Built-in agents that react to other vehicles: constant-speed, stationary and take-turns do not."""

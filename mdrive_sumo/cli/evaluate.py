@@ -26,7 +26,7 @@ from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation
 from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
-from mdrive_sumo.study.reference_runs import evaluate_captured_cooperation
+from mdrive_sumo.study.study_runs import evaluate_captured_cooperation
 
 EXECUTORS = ("local", "dask")
 

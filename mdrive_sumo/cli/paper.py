@@ -23,10 +23,10 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare, prepare_with_suite
 from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.study.paper.paper_agents import prepare_installed_agents
-from mdrive_sumo.study.paper.paper_facts import PaperRequest
 from mdrive_sumo.study.paper.paper_files import write_paper
 from mdrive_sumo.study.paper.paper_numbers import compute_paper_numbers
 from mdrive_sumo.study.paper.paper_plan import PaperScale, make_plan
+from mdrive_sumo.study.paper.paper_report import PaperRequest
 from mdrive_sumo.study.paper.paper_study import REFERENCE, PaperStudy
 from mdrive_sumo.study.paper.study_folder import claim_folder, describe_study
 from mdrive_sumo.study.study_runs import RUNS_FOLDER

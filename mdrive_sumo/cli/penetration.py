@@ -11,13 +11,13 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.runs.other_agents import SINGLE
 from mdrive_sumo.study.penetration import LEVELS, PenetrationStudy, summarise_penetration
+from mdrive_sumo.study.plots import draw_penetration
 from mdrive_sumo.study.two_agent_files import (
     build_penetration_table,
     penetration_csv,
     penetration_json,
     penetration_markdown,
 )
-from mdrive_sumo.study.two_agent_plots import draw_penetration
 
 
 @click.command("penetration")

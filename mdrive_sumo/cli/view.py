@@ -13,8 +13,12 @@ from mdrive_sumo.cli.choice import choose_seed, find_one_scenario
 from mdrive_sumo.cli.replay_bar import follow_pages, write_run_replays
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
-from mdrive_sumo.report.run_page.compared_runs import ComparedRun, load_compared_runs
-from mdrive_sumo.report.run_page.comparison_data import build_comparison_data, find_telling_seeds
+from mdrive_sumo.report.run_page.comparison_data import (
+    ComparedRun,
+    build_comparison_data,
+    find_telling_seeds,
+    load_compared_runs,
+)
 from mdrive_sumo.report.run_page.comparison_files import (
     build_in_step_page,
     check_recordings_exist,
@@ -23,7 +27,6 @@ from mdrive_sumo.report.run_page.comparison_files import (
     select_pairs,
     write_in_step_pages,
 )
-from mdrive_sumo.report.run_page.comparison_page import render_comparison_page
 from mdrive_sumo.report.run_page.replay_files import (
     VIEW_FOLDER,
     ReplaySelection,
@@ -33,7 +36,7 @@ from mdrive_sumo.report.run_page.replay_files import (
     write_page,
     write_replays,
 )
-from mdrive_sumo.report.run_page.run_page import render_run_page
+from mdrive_sumo.report.run_page.run_page import render_comparison_page, render_run_page
 from mdrive_sumo.report.run_page.run_page_data import Replays, build_run_page_data, read_replays
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_run_journal

@@ -4,6 +4,8 @@ import colorsys
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from mdrive_sumo.scenario.scripted_actor import KindName
+
 _FIXED = ("#2f6bed", "#e0701a", "#12946b", "#b83fa6", "#0f93b5", "#c93a4b", "#7a5be0", "#8a7a12")
 _GOLDEN_ANGLE = 137.5 / 360
 _COUNT = 32
@@ -52,6 +54,11 @@ LIGHT: Mapping[str, str] = MappingProxyType(
     }
 )
 """Custom properties of the replay in light mode, and the colours of pictures."""
+KINDS: tuple[KindName, ...] = ("vehicle", "pedestrian", "cyclist", "static")
+KIND_COLOURS: dict[KindName, str] = {kind: LIGHT[kind] for kind in KINDS}
+"""Colour by kind, of scripted and background road users."""
+MIN_SIZE_M = 0.9
+"""Smaller actors are drawn at this size, because they would not be visible otherwise."""
 DARK: Mapping[str, str] = MappingProxyType(
     {
         "ground": "#14171b",

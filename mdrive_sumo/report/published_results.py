@@ -3,9 +3,12 @@
 Numbers as printed in the paper's source (mdrive.tex). Its own tables are the only source; nothing here was computed.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.scoring import Results
 
 AS_PUBLISHED = "CARLA, as published: not ranked"
 """Heading of published rows in a table."""
@@ -79,3 +82,24 @@ PUBLISHED_GAPS: Mapping[str, float] = MappingProxyType(
     {"static-avoidance": 3.54, "dynamic-avoidance": 35.12, "dynamic-coordination": 24.58}
 )
 """Multi-agent minus single-agent harmonic mean of DS and SR by level; the text of RQ1 (subsec:rq1) names them."""
+
+
+def order_buckets(names: Iterable[str]) -> tuple[str, ...]:
+    """Return buckets in the order of the paper's main table, others after them by name."""
+    place_by_name = {name: i for i, name in enumerate(BUCKETS)}
+    return tuple(sorted(names, key=lambda name: (place_by_name.get(name, len(BUCKETS)), name)))
+
+
+def check_published_rows(results: Results) -> None:
+    """Raise InputError unless results are of whole buckets of the paper in a suite of this package."""
+    if results.run.suite not in SUITES:
+        raise InputError(
+            f"--with-published: expected a suite of the paper's buckets ({', '.join(SUITES)}), found"
+            f" {results.run.suite}"
+        )
+    for name, bucket in results.buckets.items():
+        if bucket.scenarios != BUCKET_SIZES.get(name):
+            raise InputError(
+                f"--with-published: expected all {BUCKET_SIZES.get(name, 0)} scenarios of {name}, which the published"
+                f" rows are means over, found {bucket.scenarios}"
+            )

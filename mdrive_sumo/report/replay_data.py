@@ -1,6 +1,7 @@
 """The data of a replay page: an episode, its map and its marks as one block of base64 text.
 
-The block is a gzip stream of a JSON header and int32 tables, so no id or text of a file can become markup.
+The block is a gzip stream of a JSON header and int32 tables, so no id or text of a file can become markup. Images of
+cameras are a block of JSON beside it.
 """
 
 import base64
@@ -14,17 +15,56 @@ import numpy as np
 import shapely
 from shapely.geometry.polygon import orient
 
+from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord
+from mdrive_sumo.episode.camera_archive import CameraTrack
 from mdrive_sumo.report.replay_marks import ReplayMark
 from mdrive_sumo.report.replay_messages import build_message_tables
 from mdrive_sumo.report.replay_notes import list_notes
-from mdrive_sumo.report.replay_visibility import SIGHT_EVERY_TICKS, SIGHT_RANGE_M, compute_visibility
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.drawing.map_geometry import SignalHead, StopMark, build_map_geometry, list_signal_heads
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScenarioResult
+from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
+from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
+
+SIGHT_EVERY_TICKS = 4
+SIGHT_RANGE_M = 100.0
+MIN_VISIBLE_FRACTION = 0.1
+"""A road user of which less is visible counts as hidden; the threshold of the ideal detector."""
+
+
+def compute_visibility(episode: EpisodeRecord, roads: RoadMap) -> Int:
+    """Return (egos, N, S) for every fourth tick: 1 where the CAV sees the road user, else 0."""
+    ticks = range(0, episode.ticks, SIGHT_EVERY_TICKS)
+    sight = np.zeros((episode.egos, len(episode.ids), len(ticks)), dtype=np.int64)
+    buildings = BuildingEdges(roads)
+    for column, tick in enumerate(ticks):
+        present = np.flatnonzero(episode.valid[tick])
+        scene = SensingFrame(tick, _boxes(episode, tick, present), {})
+        for row, ego in enumerate(present[present < episode.egos].tolist()):
+            boxes = scene.boxes
+            eye = SensorPose(float(boxes.x[row]), float(boxes.y[row]), float(boxes.yaw[row]), row)
+            sight[ego, present, column] = (
+                SightView(eye, scene, buildings, SIGHT_RANGE_M).visible_fractions() >= MIN_VISIBLE_FRACTION
+            )
+    return sight
+
+
+def _boxes(episode: EpisodeRecord, tick: int, present: Int) -> Objects:
+    return Objects(
+        ids=tuple(episode.ids[i] for i in present.tolist()),
+        kind=episode.kind[present],
+        x=episode.x[tick, present],
+        y=episode.y[tick, present],
+        yaw=episode.yaw[tick, present],
+        speed=episode.speed[tick, present],
+        length=episode.length[present],
+        width=episode.width[present],
+    )
+
 
 SURROUNDINGS_M = 80.0
 """Roads farther than this from every road user and route are left out of the page."""
@@ -170,3 +210,22 @@ def _head(head: SignalHead, origin: Float) -> tuple[list[int], float, float, tup
 
 def _sign(mark: StopMark, origin: Float) -> list[int] | None:
     return None if mark.sign is None else _line(mark.sign[None], origin)
+
+
+MAX_PAGE_BYTES = 12 * 2**20
+"""Of all images of a page; of more, every second, third ... image is shown."""
+
+
+def pack_camera_images(episode: EpisodeRecord, tracks: Sequence[CameraTrack]) -> str:
+    """Return the images of the CAVs of an episode; "" without any."""
+    of_cavs = [track for track in tracks if track.ego in episode.ego_ids and track.images]
+    size = sum(len(image) for track in of_cavs for image in track.images.values())
+    step = -(-size // MAX_PAGE_BYTES)
+    packed = [_pack_track(episode, track, step) for track in of_cavs]
+    return json.dumps(packed, separators=(",", ":")).replace("<", "\\u003c") if packed else ""
+
+
+def _pack_track(episode: EpisodeRecord, track: CameraTrack, step: int) -> dict[str, Any]:
+    ticks = [tick for tick in sorted(track.images) if tick < episode.ticks][::step]
+    images = [{"tick": tick, "jpeg": base64.b64encode(track.images[tick]).decode()} for tick in ticks]
+    return {"ego": episode.ego_ids.index(track.ego), "camera": track.camera, "images": images}

@@ -12,8 +12,7 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.episode.camera_archive import CameraTrack
 from mdrive_sumo.report.html_page import read_static, render_html_page
 from mdrive_sumo.report.palette import CAV_COLOURS, format_custom_properties
-from mdrive_sumo.report.replay_cameras import pack_camera_images
-from mdrive_sumo.report.replay_data import pack_replay_data
+from mdrive_sumo.report.replay_data import pack_camera_images, pack_replay_data
 from mdrive_sumo.report.replay_marks import ReplayMark, find_marks
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario

@@ -1,27 +1,123 @@
-"""Plot a scenario: network, routes, starts, goals, scripted actors and background vehicles at their departure."""
+"""Plots with matplotlib: networks, scenarios at their start, and single ticks of recorded episodes."""
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from itertools import cycle
 from pathlib import Path
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PatchCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
+from matplotlib.patches import Circle, Patch, PathPatch, Polygon, RegularPolygon
+from matplotlib.path import Path as Outline
 
 from mdrive_sumo.core.geometry import Float, box_corners, build_polyline
 from mdrive_sumo.core.output_files import make_parents, new_file
-from mdrive_sumo.report.actor_plot import draw_actors
+from mdrive_sumo.core.state import DT, Kind
+from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.report.label_placement import LabelBox, LabelRequest, place_labels
-from mdrive_sumo.report.map_plot import draw_map
 from mdrive_sumo.report.map_view import MapView, fit_view
-from mdrive_sumo.report.palette import CAV_COLOURS, LIGHT
+from mdrive_sumo.report.palette import CAV_COLOURS, KIND_COLOURS, LIGHT, MIN_SIZE_M
 from mdrive_sumo.roads import RoadMap
+from mdrive_sumo.roads.drawing.map_geometry import MapGeometry, build_map_geometry
 from mdrive_sumo.scenario.background import BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Ego, Scenario
+from mdrive_sumo.scenario.scripted_actor import Actor, KindName, LaneMotion, PathMotion, ReplayMotion
 from mdrive_sumo.vehicle.dynamics import MKZ_2017
+
+GROUND, PAVEMENT, APRON, ASPHALT, PAINT = (LIGHT[name] for name in ("ground", "footway", "apron", "road", "line"))
+BUILDING, BUILDING_EDGE = LIGHT["building"], LIGHT["building-edge"]
+
+
+def draw_map(axes: Axes, roads: RoadMap, view: MapView) -> None:
+    """Draw everything of the network that is visible in the view, and fit the axes to the view."""
+    axes.set_facecolor(GROUND)
+    axes.set(xlim=(view.left, view.right), ylim=(view.low, view.high), aspect="equal", xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+    geometry = build_map_geometry(roads, view.box)
+    _add_shapes(axes, geometry.pavements, PAVEMENT, 1)
+    _add_shapes(axes, geometry.aprons, APRON, 1.5)
+    _add_shapes(axes, geometry.asphalt, ASPHALT, 2)
+    _add_shapes(axes, geometry.stripes, PAINT, 2.5)
+    _add_lines(axes, geometry.markings.solid, 0.9)
+    _add_lines(axes, geometry.markings.dashed, 0.9, (0, (7, 6)))
+    _draw_stops(axes, geometry, view)
+    _add_shapes(axes, geometry.buildings, BUILDING, 5, edge=BUILDING_EDGE)
+
+
+def _add_shapes(axes: Axes, shapes: Iterable[shapely.Polygon], colour: str, order: float, edge: str = "none") -> None:
+    patches = [PathPatch(_make_path(shape)) for shape in shapes]
+    axes.add_collection(PatchCollection(patches, facecolor=colour, edgecolor=edge, linewidth=0.8, zorder=order))
+
+
+def _make_path(polygon: shapely.Polygon) -> Outline:
+    """Return a polygon with its holes as one path."""
+    rings = (polygon.exterior, *polygon.interiors)
+    return Outline.make_compound_path(*(Outline(shapely.get_coordinates(ring), closed=True) for ring in rings))
+
+
+def _add_lines(
+    axes: Axes, lines: Iterable[Float], width: float, style: str | tuple[int, tuple[int, int]] = "solid"
+) -> None:
+    axes.add_collection(LineCollection(list(lines), colors=PAINT, linewidths=width, linestyles=style, zorder=3))
+
+
+def _draw_stops(axes: Axes, geometry: MapGeometry, view: MapView) -> None:
+    """Draw the stop lines of traffic lights and stop signs, and the signs."""
+    marks = (*geometry.stop_signs, *geometry.light_stops)
+    _add_lines(axes, (mark.line for mark in marks), 2.4)
+    for mark in marks:
+        if mark.sign is not None and view.contains(shapely.Point(mark.sign)):
+            x, y = mark.sign.tolist()
+            axes.add_patch(RegularPolygon((x, y), 8, radius=1.5, facecolor=LIGHT["bad"], edgecolor="white", zorder=6))
+            axes.text(x, y, "STOP", color="white", fontsize=4.5, weight="bold", ha="center", va="center", zorder=7)
+
+
+def draw_actors(axes: Axes, actors: Sequence[Actor], roads: RoadMap) -> None:
+    """Draw every actor at its start with its path, and a legend of the kinds that occur."""
+    for actor in actors:
+        colour = KIND_COLOURS[actor.kind]
+        axes.add_collection(
+            LineCollection([find_actor_path(actor, roads)], colors=colour, linewidths=1.4, linestyles=":", zorder=7.5)
+        )
+        axes.add_patch(_make_shape(actor, colour))
+    present = {actor.kind for actor in actors}
+    kinds: list[KindName] = [kind for kind in KIND_COLOURS if kind in present]
+    if kinds:
+        entries = [Patch(facecolor=KIND_COLOURS[kind], edgecolor="white", label=kind) for kind in kinds]
+        legend = axes.legend(handles=entries, loc="upper right", fontsize=8, framealpha=0.85)
+        legend.set_zorder(15)
+
+
+def find_actor_path(actor: Actor, roads: RoadMap) -> Float:
+    """Return the points (N, 2) [m] of an actor's path from its start on."""
+    start = (actor.start.x, actor.start.y)
+    match actor.motion:
+        case PathMotion(points=points):
+            return np.array(points)
+        case LaneMotion(lanes=lanes):
+            centres = [roads.lanes[lane].centre.xy for lane in lanes if lane in roads.lanes]
+            whole = np.concatenate([np.array([start]), *centres])
+            first = 1 + int(np.argmin(np.hypot(*(whole[1:] - start).T)))
+            return np.concatenate((whole[:1], whole[first:]))
+        case ReplayMotion(poses=poses):
+            return np.array([pose[1:3] for pose in poses])
+        case _:
+            return np.array([start, start])
+
+
+def _make_shape(actor: Actor, colour: str) -> Patch:
+    """Return a disc for a pedestrian, and a box for every other kind."""
+    x, y = actor.start.x, actor.start.y
+    length, width = max(actor.length, MIN_SIZE_M), max(actor.width, MIN_SIZE_M)
+    if actor.kind == "pedestrian":
+        return Circle((x, y), length / 2, facecolor=colour, edgecolor="white", linewidth=0.6, zorder=8)
+    corners = box_corners(x, y, actor.start.yaw, length, width)
+    return Polygon(corners, facecolor=colour, edgecolor="white", linewidth=0.6, zorder=8)
+
 
 LATER_ALPHA = 0.35
 """Opacity of background vehicles that depart later, where others may be until then."""
@@ -197,3 +293,34 @@ def _write_captions(figure: Figure, scenario: Scenario, roads: RoadMap) -> None:
             weight="bold",
             va="center",
         )
+
+
+def draw_episode(axes: Axes, record: EpisodeRecord, scenario: Scenario, roads: RoadMap, tick: int) -> None:
+    """Draw the road users that are present in a tick; CAVs in colour with their routes and the paths driven so far."""
+    draw_map(axes, roads, fit_view(np.concatenate([ego.xy for ego in scenario.egos])))
+    for ego, colour in zip(scenario.egos, cycle(CAV_COLOURS)):
+        axes.plot(*ego.xy.T, color=colour, linewidth=2.0, linestyle=":", zorder=7)
+    colours = _choose_colours(record)
+    for i in np.flatnonzero(record.valid[tick]).tolist():
+        if i < record.egos:
+            driven = record.valid[: tick + 1, i]
+            axes.plot(record.x[: tick + 1, i][driven], record.y[: tick + 1, i][driven], color=colours[i], zorder=7)
+        _draw_road_user(axes, record, tick, i, colours[i])
+    axes.set_title(f"{record.scenario}, tick {tick} ({tick * DT:.2f} s)", fontsize=10)
+
+
+def _choose_colours(record: EpisodeRecord) -> Sequence[str]:
+    """Return the colour of every road user by column: CAVs by their order, others by their kind."""
+    by_kind = {Kind[name.upper()]: colour for name, colour in KIND_COLOURS.items()}
+    egos = [colour for _, colour in zip(range(record.egos), cycle(CAV_COLOURS), strict=False)]
+    return [*egos, *(by_kind[Kind(kind)] for kind in record.kind[record.egos :].tolist())]
+
+
+def _draw_road_user(axes: Axes, record: EpisodeRecord, tick: int, i: int, colour: str) -> None:
+    """Draw the box of the road user in column `i`, and the id of a CAV in it."""
+    x, y, yaw = (float(values[tick, i]) for values in (record.x, record.y, record.yaw))
+    length, width = max(float(record.length[i]), MIN_SIZE_M), max(float(record.width[i]), MIN_SIZE_M)
+    corners = box_corners(x, y, yaw, length, width)
+    axes.add_patch(Polygon(corners, facecolor=colour, edgecolor="white", linewidth=0.8, zorder=8 + (i < record.egos)))
+    if i < record.egos:
+        axes.text(x, y, record.ids[i], color="white", fontsize=8, weight="bold", ha="center", va="center", zorder=10)

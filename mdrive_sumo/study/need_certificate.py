@@ -52,11 +52,10 @@ from mdrive_sumo.sensing.visibility import BuildingEdges
 from mdrive_sumo.study.need.conflict_zone import ConflictZone, ZoneFinder
 from mdrive_sumo.study.need.crossing_search import CrossingSearch, SafeCrossing
 from mdrive_sumo.study.need.doom import DoomTest
-from mdrive_sumo.study.need.message_lead import ReferenceDrive
+from mdrive_sumo.study.need.message_lead import ReferenceDrive, Witnesses
 from mdrive_sumo.study.need.motion import MotionLimits, RouteMotion, build_route_motion
 from mdrive_sumo.study.need.occluders import StandingVehicles
 from mdrive_sumo.study.need.sight_tables import SightTables
-from mdrive_sumo.study.need.witnesses import Witnesses
 
 NEED_FILE = "need.json"
 COMFORT = 2.0

@@ -1,19 +1,24 @@
-"""The runs of a channel study: every agent in every condition, each a run folder of its own that can be continued."""
+"""The runs of a channel study, each a run folder that can be continued, and the references of captured cooperation."""
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
+from mdrive_sumo.core.clock import IDEAL
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import Progress, evaluate
 from mdrive_sumo.runs.fingerprint import compute_fingerprint
-from mdrive_sumo.runs.prepared_run import PreparedRun, make_run_info
+from mdrive_sumo.runs.prepared_run import PreparedRun, make_run_info, prepare
+from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scoring import Results, ScenarioResult
+from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation, compute_captured_cooperation
 from mdrive_sumo.study.conditions import ChannelCondition
+from mdrive_sumo.v2x.comm_settings import PRESETS
 
 RUNS_FOLDER = "runs"
 BEST = "omniscient"
@@ -133,3 +138,32 @@ def name_agent_folder(agent: AgentSpec) -> str:
         return agent.name
     checksum = hashlib.sha256(agent.resolve().name.encode()).hexdigest()[:6]
     return re.sub(r"[^A-Za-z0-9_.+-]+", "_", re.sub(r"^.*/|\.py(?=:)", "", agent.name)) + "-" + checksum
+
+
+Evaluate = Callable[[PreparedRun], Results]
+
+
+def make_reference_configs(config: RunConfig) -> tuple[RunConfig, RunConfig]:
+    """Return the same agent with the channel off, and omniscient: suite, scenarios, seed and score mode of `config`.
+
+    They have no `out`, so they lie where `eval` puts them by default: one reference serves many runs. `fresh` does
+    not reach them.
+    """
+    own = replace(config, out=None, fresh=False)
+    off = replace(own, options=replace(own.options, comm=PRESETS["off"]))
+    best = replace(own, agent=AgentSpec(BEST), options=replace(own.options, comm=PRESETS["ideal"], clock=IDEAL))
+    return off, best
+
+
+def evaluate_captured_cooperation(results: Results, config: RunConfig, evaluate: Evaluate) -> CapturedCooperation:
+    """Return the captured cooperation of a finished run; `evaluate` drives the references unless they are finished.
+
+    Raises InputError, and what `evaluate` raises.
+    """
+    try:
+        off, best = (evaluate(prepare(reference)) for reference in make_reference_configs(config))
+    except InputError as error:
+        problem, stale, _ = str(error).partition("; --fresh")
+        mend = "; remove that folder to have it driven anew" if stale else ""
+        raise InputError(f"reference for captured cooperation: {problem}{mend}") from None
+    return compute_captured_cooperation(results, off, best)

@@ -9,7 +9,7 @@ import pytest
 
 from mdrive_sumo.open_loop import OpenLoopScenario
 from mdrive_sumo.open_loop.open_loop_job import OpenLoopJob
-from mdrive_sumo.report.comparison_report.report_figure import ReportFigure
+from mdrive_sumo.report.comparison_report.report_figures import ReportFigure
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scenario.suite import load_suite, save_suite
 from mdrive_sumo.scoring import ScenarioResult

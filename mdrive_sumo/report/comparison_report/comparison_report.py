@@ -6,11 +6,6 @@ from dataclasses import dataclass, field
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import Table
-from mdrive_sumo.report.comparison_report.category_tables import (
-    build_category_table,
-    build_interdrive_table,
-    build_level_table,
-)
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.comparison_report.cooperation_table import build_cooperation_table
 from mdrive_sumo.report.comparison_report.difference_tables import (
@@ -18,20 +13,28 @@ from mdrive_sumo.report.comparison_report.difference_tables import (
     build_difference_table,
     compute_differences,
 )
-from mdrive_sumo.report.comparison_report.infraction_tables import build_infraction_table, build_outcome_table
+from mdrive_sumo.report.comparison_report.outcome_tables import (
+    build_infraction_table,
+    build_outcome_table,
+    build_scalar_table,
+)
 from mdrive_sumo.report.comparison_report.provenance_table import build_provenance_table, list_facts, list_warnings
-from mdrive_sumo.report.comparison_report.published_rows import check_published_rows
-from mdrive_sumo.report.comparison_report.report_figure import ReportFigure
 from mdrive_sumo.report.comparison_report.report_figures import (
+    ReportFigure,
     make_difference_figure,
     make_distribution_figure,
     make_level_figure,
     make_scenario_figure,
 )
-from mdrive_sumo.report.comparison_report.scalar_tables import build_scalar_table
-from mdrive_sumo.report.comparison_report.scenario_tables import build_distribution_table, build_scenario_table
+from mdrive_sumo.report.comparison_report.scenario_tables import (
+    build_category_table,
+    build_distribution_table,
+    build_interdrive_table,
+    build_level_table,
+    build_scenario_table,
+)
 from mdrive_sumo.report.comparison_report.score_tables import build_bucket_table, build_main_table
-from mdrive_sumo.report.published_results import PUBLISHED_METHODS
+from mdrive_sumo.report.published_results import PUBLISHED_METHODS, check_published_rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +86,7 @@ def build_comparison_report(
     if not agents:
         raise InputError("report: expected at least one run, found none")
     if with_published:
-        check_published_rows(agents)
+        check_published_rows(agents[0].results)
     published = PUBLISHED_METHODS if with_published else ()
     made_by = f"Command: {shlex.join(command)}" if command else ""
     sections = (

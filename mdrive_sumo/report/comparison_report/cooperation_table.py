@@ -12,7 +12,7 @@ from mdrive_sumo.core.tables import (
     make_row,
 )
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
-from mdrive_sumo.report.comparison_report.published_rows import order_buckets
+from mdrive_sumo.report.published_results import order_buckets
 from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, compare_settings
 from mdrive_sumo.scoring import ScoreMode
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation, compute_captured_from_scenarios

@@ -16,7 +16,7 @@ from mdrive_sumo.core.tables import (
     make_row,
 )
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
-from mdrive_sumo.report.comparison_report.published_rows import order_buckets
+from mdrive_sumo.report.published_results import order_buckets
 from mdrive_sumo.runs.compare import TIE, average_seeds
 from mdrive_sumo.scoring import ScenarioResult
 from mdrive_sumo.scoring.paired_intervals import (

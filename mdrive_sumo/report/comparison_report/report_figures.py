@@ -1,6 +1,8 @@
-"""The figures of a report: categories, differences, distribution of the driving score, scores by scenario."""
+"""Figures of a report: categories, differences, distribution of the driving score, scores by scenario."""
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from textwrap import fill
 
@@ -10,13 +12,45 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mdrive_sumo.core.tables import Table
-from mdrive_sumo.report.comparison_report.category_tables import compute_agent_levels
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.comparison_report.difference_tables import AgentDifference
-from mdrive_sumo.report.comparison_report.report_figure import ReportFigure
-from mdrive_sumo.report.comparison_report.scenario_tables import compute_distribution
-from mdrive_sumo.report.figure_style import COLOURS
+from mdrive_sumo.report.comparison_report.scenario_tables import compute_agent_levels, compute_distribution
+from mdrive_sumo.report.figure_style import COLOURS, open_figure, render_figure
 from mdrive_sumo.scoring import compute_harmonic_mean
+
+INK, PAPER, GRID = "#000000", "#ffffff", "#dddddd"
+"""Colours of lines and text, background and grid in figures, which a page replaces by its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReportFigure:
+    """A figure of a report. `name` is the stem of its files."""
+
+    name: str
+    title: str
+    description: str
+    """What it shows, for readers who cannot see it."""
+    size_in: tuple[float, float]
+    draw: Callable[[Figure], None]
+
+    def render(self, *kinds: str) -> tuple[bytes, ...]:
+        """Return the figure as each of `kinds`, "png" or "svg"; the same bytes for the same numbers."""
+        with open_figure(*self.size_in) as figure:
+            self.draw(figure)
+            return tuple(render_figure(figure, kind) for kind in kinds)
+
+
+def inline_svg(svg: bytes, name: str) -> str:
+    """Return an SVG element for a page: in the page's colours, light and dark, with ids that begin with `name`."""
+    text = svg.decode("utf-8")
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    for before in ('id="', 'href="#', "url(#"):
+        text = text.replace(before, f"{before}{name}-")
+    for colour, variable in ((INK, "ink"), (PAPER, "card"), (GRID, "grid")):
+        text = text.replace(f": {colour}", f": var(--{variable})")
+    return text.strip()
+
 
 HATCHES = ("", "///", "...", "xxx")
 """Patterns of bars once all colours are in use."""

@@ -14,8 +14,7 @@ from mdrive_sumo.core.tables import (
     make_row,
 )
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
-from mdrive_sumo.report.comparison_report.published_rows import order_buckets
-from mdrive_sumo.report.published_results import AS_PUBLISHED, MAIN_TABLE_LABEL, PublishedMethod
+from mdrive_sumo.report.published_results import AS_PUBLISHED, MAIN_TABLE_LABEL, PublishedMethod, order_buckets
 from mdrive_sumo.scoring import MeanIntervals, Means
 from mdrive_sumo.scoring.intervals import BUCKET_MEAN, SCENARIO_MEAN
 from mdrive_sumo.scoring.summary import count_scenarios

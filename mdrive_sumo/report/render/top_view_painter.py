@@ -7,10 +7,9 @@ import shapely
 
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import Kind
-from mdrive_sumo.report.actor_plot import MIN_SIZE_M
 from mdrive_sumo.report.label_placement import LabelBox
 from mdrive_sumo.report.map_view import fit_view
-from mdrive_sumo.report.palette import LIGHT
+from mdrive_sumo.report.palette import LIGHT, MIN_SIZE_M
 from mdrive_sumo.report.render.cameras import Camera, TopCamera
 from mdrive_sumo.report.render.frame_painter import FramePainter, list_route_points
 from mdrive_sumo.report.render.ground_layers import build_ground_layers, build_route_layers

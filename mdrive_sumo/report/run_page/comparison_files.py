@@ -4,8 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.report.run_page.compared_runs import ComparedRun
-from mdrive_sumo.report.run_page.comparison_data import PairKey, find_telling_seeds
+from mdrive_sumo.report.run_page.comparison_data import ComparedRun, PairKey, find_telling_seeds
 from mdrive_sumo.report.run_page.in_step_page import APART_M, InStepSide, render_in_step
 from mdrive_sumo.report.run_page.replay_files import VIEW_FOLDER, ReplaySelection, build_replay, write_page
 from mdrive_sumo.runs.compare import TIE

@@ -1,10 +1,15 @@
-"""The run page: one self-contained HTML page of a run that never accesses the network."""
+"""The run page and the comparison page: one self-contained HTML page each that never accesses the network."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE
+from mdrive_sumo.core.tables import CellValue, Column, Table, make_row, make_text_columns
 from mdrive_sumo.report.html_page import read_static, render_html_page
 from mdrive_sumo.report.palette import format_custom_properties
 from mdrive_sumo.report.result_tables import (
+    SCORE_COLUMNS,
     build_interval_table,
     build_score_table,
     count_infractions,
@@ -12,13 +17,42 @@ from mdrive_sumo.report.result_tables import (
     describe_agent,
     describe_partial,
     describe_seeds,
+    list_bounds,
     list_scores,
     list_void,
     make_score_table,
 )
+from mdrive_sumo.report.run_page.comparison_data import ComparisonData
 from mdrive_sumo.report.run_page.run_page_data import RunPageData
-from mdrive_sumo.report.score_terms import SCORE_TERMS
+from mdrive_sumo.runs.compare import RunComparison
 from mdrive_sumo.scoring import compute_category_means
+
+SCORE_TERMS: Mapping[str, str] = MappingProxyType(
+    {
+        "DS": "driving score in percent: RC x IP",
+        "SR": "success rate in percent: share of CAVs with DS > 99.95",
+        "RC": "route completion in percent",
+        "IP": "infraction penalty: the product of the factors of all infractions, 1 if there are none",
+        "efficient SR": ("success rate in percent that counts only successes within twice the time of `omniscient`"),
+        "time ratio": (
+            "the time that a CAV needs to arrive divided by the time of `omniscient`, averaged over the CAVs of a"
+            " scenario if all arrive"
+        ),
+        "timed": "of a scenario: every CAV arrived, so that it has a time ratio",
+        "void": "of an episode: made worthless by a failure of mdrive-sumo or SUMO, never by the agent",
+    }
+)
+"""Term -> its row in the glossary."""
+
+
+DIFFERENCE_COLUMNS = (
+    *make_text_columns({"runs": "", "score": "score"}),
+    Column("scenarios", "scenarios", decimals=0),
+    *(Column(label, label, has_sign=True) for label in ("mean", "95 % from", "to")),
+    *(Column(label, label, decimals=0, undefined="") for label in ("better", "equal", "worse")),
+)
+
+TIME_RATIO = "time ratio"
 
 
 def render_run_page(data: RunPageData, *, replays_note: str = "", refresh_s: int = 0) -> str:
@@ -48,7 +82,9 @@ def render_run_page(data: RunPageData, *, replays_note: str = "", refresh_s: int
         infractions=count_infractions(results),
         void=len(list_void(results)),
         terms=SCORE_TERMS,
-        replays_note=_describe_missing_recordings(data) or replays_note,
+        replays_note=replays_note
+        if data.has_recordings
+        else "This run was made with --no-record: there are no replays.",
     )
 
 
@@ -58,5 +94,59 @@ def render_overview(template: str, **values: Any) -> str:
     return render_html_page(template, style=style, script=read_static("overview.js"), **values)
 
 
-def _describe_missing_recordings(data: RunPageData) -> str:
-    return "" if data.has_recordings else "This run was made with --no-record: there are no replays."
+def render_comparison_page(data: ComparisonData, *, replays_note: str = "") -> str:
+    """Return the page. The same runs give the same bytes. replays_note: a sentence about which replays there are."""
+    first = data.runs[0].stored.results.run
+    return render_overview(
+        "comparison_page.html",
+        title=f"{' and '.join(run.agent for run in data.runs)} on {first.suite} · mdrive-sumo",
+        data=data,
+        first=data.runs[0],
+        suite=first.suite,
+        seeds=[describe_seeds(run.stored.results.run) for run in data.runs],
+        score_table=_build_score_table(data),
+        difference_table=_build_difference_table(data),
+        too_few_note=TOO_FEW_NOTE if any(one.ds.ends is None for one in data.comparisons) else "",
+        outcomes=("worse", "better", "equal", "not compared"),
+        replays_note=" ".join(filter(None, (replays_note, _describe_missing_recordings(data)))),
+    )
+
+
+def _build_score_table(data: ComparisonData) -> Table:
+    means = [(run.letter, run.agent, run.stored.results.overall.scenario_mean) for run in data.runs]
+    columns = (*make_text_columns({"run": "run", "agent": "agent"}), *SCORE_COLUMNS)
+    rows = [make_row((letter, agent, *list_scores(scores))) for letter, agent, scores in means]
+    return Table("scores", "Scores", columns, tuple(rows))
+
+
+def _build_difference_table(data: ComparisonData) -> Table:
+    rows = [
+        make_row(row)
+        for run, comparison in zip(data.runs[1:], data.comparisons, strict=True)
+        for row in _list_differences(f"{run.letter} - A", comparison)
+    ]
+    return Table("differences", "Paired differences", DIFFERENCE_COLUMNS, tuple(rows))
+
+
+def _list_differences(name: str, comparison: RunComparison) -> list[tuple[CellValue, ...]]:
+    intervals = {
+        "DS": comparison.ds,
+        "SR": comparison.sr,
+        "efficient SR": comparison.efficient_sr,
+        TIME_RATIO: comparison.time_ratio,
+    }
+    return [
+        (
+            name if i == 0 else "",
+            score,
+            comparison.timed if score == TIME_RATIO else len(comparison.pairs),
+            *list_bounds(interval),
+            *(comparison.count_wins_ties_losses() if i == 0 else (None,) * 3),
+        )
+        for i, (score, interval) in enumerate(intervals.items())
+    ]
+
+
+def _describe_missing_recordings(data: ComparisonData) -> str:
+    names = [run.letter for run in data.runs if not run.stored.run.config.record]
+    return f"Made with --no-record, so without replays: {', '.join(names)}." if names else ""

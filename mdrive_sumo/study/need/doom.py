@@ -8,11 +8,10 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import DT
-from mdrive_sumo.study.need.approach import ApproachState
+from mdrive_sumo.study.need.approach import ApproachState, UserReaction
+from mdrive_sumo.study.need.message_lead import Witnesses
 from mdrive_sumo.study.need.occluders import BIN_TICKS
-from mdrive_sumo.study.need.reaction import UserReaction
 from mdrive_sumo.study.need.sight_tables import SightTables
-from mdrive_sumo.study.need.witnesses import Witnesses
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,47 @@ from mdrive_sumo.open_loop import OpenLoopResults, OpenLoopScenario
 from mdrive_sumo.open_loop.results import OpenLoopMetrics, combine_metrics
 from mdrive_sumo.scoring import EpisodeKey, Results, ScenarioResult
 from mdrive_sumo.study.paper.paper_study import REFERENCE
-from mdrive_sumo.study.paper.resampled_metrics import resample_metric
+
+CHUNK = 500
+"""Resamples whose precision curves are in memory at once."""
+
+
+def resample_metric(recordings: Sequence[OpenLoopScenario], metric: str, counts: Float) -> Float:
+    """Return an open-loop metric (R,) where recording j counts `counts[r, j]` times; NaN where it is undefined.
+
+    As in `combine_metrics`, each frame has the same weight; for the collision rate `cr` each recording.
+    """
+    if metric == "ap50":
+        chunks = [counts[place : place + CHUNK] for place in range(0, len(counts), CHUNK)]
+        return np.concatenate([100.0 * _compute_precision(recordings, chunk) for chunk in chunks])
+    values = [getattr(one, metric) for one in recordings]
+    frames = [1 if metric == "cr" else one.frames for one in recordings]
+    weights = np.array([0 if value is None else count for value, count in zip(values, frames, strict=True)])
+    known = np.array([0.0 if value is None else value for value in values])
+    sums = sum_resamples(counts, np.stack((weights * known, weights), axis=-1))
+    return _divide(sums[:, 0], sums[:, 1])
+
+
+def _compute_precision(recordings: Sequence[OpenLoopScenario], counts: Float) -> Float:
+    """Return average precision in [0, 1] (R,): area under the interpolated curve of precision over recall."""
+    tables = [one.count_detections() for one in recordings]
+    scores = sorted({score for table in tables for score in table.by_score}, reverse=True)
+    cells = np.array([[table.by_score.get(score, (0, 0)) for score in scores] for table in tables], dtype=float)
+    if not scores:
+        return np.full(len(counts), np.nan)
+    sums = sum_resamples(counts, cells)
+    found, accepted = (np.cumsum(sums[:, :, part], axis=1) for part in (0, 1))
+    truths = sum_resamples(counts, np.array([table.truths for table in tables], dtype=float))
+    recall = _divide(np.pad(found, ((0, 0), (1, 0))), np.broadcast_to(truths[:, None], (len(counts), len(scores) + 1)))
+    precision = np.nan_to_num(_divide(found, accepted))
+    best_after = np.maximum.accumulate(precision[:, ::-1], axis=1)[:, ::-1]
+    return (np.diff(recall, axis=1) * best_after).sum(axis=1)
+
+
+def _divide(numerator: Float, denominator: Float) -> Float:
+    """Return the quotient; NaN where the denominator is 0."""
+    return np.divide(numerator, denominator, out=np.full(numerator.shape, np.nan), where=denominator > 0)
+
 
 OPEN_METRICS: Mapping[str, int] = {"ap50": 1, "ade": -1, "fde": -1, "cr": -1, "cr_mdrive": -1, "overlap": -1}
 """Open-loop metrics, with 1 where more is better; the paper's figure has AP50 and ADE."""

@@ -14,7 +14,7 @@ from mdrive_sumo.core.tables import (
     Table,
     make_row,
 )
-from mdrive_sumo.report.comparison_report.report_figure import ReportFigure
+from mdrive_sumo.report.comparison_report.report_figures import ReportFigure
 from mdrive_sumo.report.figure_style import COLOURS, MARKERS
 from mdrive_sumo.study.paper.open_closed import OPEN_METRICS, OpenClosedComparison, OpenClosedLine
 

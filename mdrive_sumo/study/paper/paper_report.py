@@ -1,16 +1,18 @@
 """The study as a report: tables and figures with the words that say what they can be compared with."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 from mdrive_sumo.core.tables import Table, make_row, make_text_columns
-from mdrive_sumo.report.comparison_report.category_tables import (
+from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, ReportSection
+from mdrive_sumo.report.comparison_report.report_figures import make_level_figure
+from mdrive_sumo.report.comparison_report.scenario_tables import (
     build_category_table,
     build_interdrive_table,
     build_level_table,
 )
-from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, ReportSection
-from mdrive_sumo.report.comparison_report.report_figures import make_level_figure
 from mdrive_sumo.report.comparison_report.score_tables import build_bucket_table, build_main_table
 from mdrive_sumo.report.published_results import (
     BUCKET_SIZES,
@@ -19,20 +21,75 @@ from mdrive_sumo.report.published_results import (
     PUBLISHED_POSE_ERROR,
 )
 from mdrive_sumo.study.paper import section_texts
-from mdrive_sumo.study.paper.channel_table import build_channel_table
 from mdrive_sumo.study.paper.cooperation_gain import PAIRS
-from mdrive_sumo.study.paper.gain_tables import build_gap_table, build_pair_table
 from mdrive_sumo.study.paper.open_closed_table import (
     build_correlation_table,
     build_open_closed_table,
     make_open_closed_figure,
 )
-from mdrive_sumo.study.paper.paper_facts import QUICK, PaperRequest, list_paper_facts, list_paper_warnings
 from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
-from mdrive_sumo.study.paper.paper_plan import PaperScale
+from mdrive_sumo.study.paper.paper_plan import LOG_BUCKET, PaperScale
 from mdrive_sumo.study.paper.paper_study import CONDITIONS
-from mdrive_sumo.study.paper.scenario_table import build_scenario_table
+from mdrive_sumo.study.paper.paper_tables import (
+    build_channel_table,
+    build_gap_table,
+    build_pair_table,
+    build_scenario_table,
+)
 from mdrive_sumo.study.paper.section_texts import SectionText
+
+QUICK = "QUICK"
+QUICK_WARNING = (
+    f"{QUICK}: a few scenarios of every kind, to see what comes out. These numbers are no results:"
+    " run the study without --quick for them."
+)
+CHOICES: Mapping[PaperScale, str] = MappingProxyType(
+    {
+        PaperScale.QUICK: "one of each InterDrive group and interactivity level, and two logs",
+        PaperScale.STANDARD: "a quarter of each category, and five or more of each InterDrive group and level",
+        PaperScale.WHOLE: "all of the suite",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PaperRequest:
+    """The study as the user asked for it, and what could not be part of it."""
+
+    command: Sequence[str]
+    left_out: Mapping[str, str]
+    """Why built-in agents are left out, by agent."""
+
+
+def list_paper_facts(numbers: PaperNumbers, request: PaperRequest) -> dict[str, str]:
+    """Return what was measured with what, by name."""
+    run = numbers.compared[0].results.run
+    plan = numbers.plan
+    logs = LOG_BUCKET if any(one.bucket == LOG_BUCKET for one in numbers.scenarios) else "every bucket"
+    options = ", ".join(f"{name} {value}" for name, value in run.conditions.items())
+    return {
+        "suite": f"{run.suite}, checksum {run.suite_checksum}",
+        "scenarios": f"{len(plan.closed)}: {CHOICES[plan.scale]}",
+        "open loop (RQ3)": f"{logs}: {len(plan.logs)} scenarios",
+        "worse channels (RQ5)": f"{logs}: {len(plan.channel)} scenarios with two CAVs or more, evenly spaced in the"
+        f" order of the suite: {', '.join(plan.channel)}",
+        "seeds": ", ".join(map(str, run.all_seeds)),
+        "agents": ", ".join(numbers.closed),
+        "score mode": run.score_mode,
+        "options": f"{options}, agent clock {run.agent_clock}",
+        "command": shlex.join(request.command),
+        "versions": ", ".join(f"{name} {version}" for name, version in sorted(run.versions.items())),
+    }
+
+
+def list_paper_warnings(numbers: PaperNumbers, request: PaperRequest) -> tuple[str, ...]:
+    """Return what a reader must know before the numbers."""
+    void = sum(one.void for one in numbers.runs)
+    found = [QUICK_WARNING] if numbers.plan.scale is PaperScale.QUICK else []
+    found += [f"Left out: {name}: {why}." for name, why in request.left_out.items()]
+    found += [f"{void} episodes are void: a failure of the benchmark or of SUMO, not of an agent."] if void else []
+    return tuple(found)
+
 
 TITLE = "The paper's tables and figures, measured with mdrive-sumo"
 QUICK_PREFIX = "quick_"

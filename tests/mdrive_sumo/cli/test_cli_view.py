@@ -14,7 +14,7 @@ from testing.view_runs import drive_story, make_run, succeed
 from mdrive_sumo.cli import main
 from mdrive_sumo.cli.view import RUN_PAGE
 from mdrive_sumo.report.run_page import comparison_files, replay_files
-from mdrive_sumo.report.run_page.compared_runs import ComparedRun
+from mdrive_sumo.report.run_page.comparison_data import ComparedRun
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scoring import EpisodeKey, ScenarioResult
 

@@ -16,8 +16,7 @@ from testing.view_runs import make_run
 
 from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_results
 from mdrive_sumo.report.comparison_report.comparison_report import build_comparison_report
-from mdrive_sumo.report.comparison_report.report_page import render_report_page
-from mdrive_sumo.report.comparison_report.write_comparison_report import format_report_markdown
+from mdrive_sumo.report.comparison_report.write_comparison_report import format_report_markdown, render_report_page
 from mdrive_sumo.report.run_page import replay_files
 from mdrive_sumo.report.table_latex import format_latex
 from mdrive_sumo.scoring import ScenarioResult

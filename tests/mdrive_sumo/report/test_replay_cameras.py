@@ -11,7 +11,7 @@ from testing.chromium import CHROMIUM
 from testing.viewer_crossing import crossing, record, scenario
 
 from mdrive_sumo.episode.camera_archive import CameraTrack, encode_image
-from mdrive_sumo.report import replay_cameras
+from mdrive_sumo.report import replay_data
 from mdrive_sumo.report.replay_page import render_replay
 
 HOSTILE = "</script><script>window.owned = 1</script>"
@@ -47,7 +47,7 @@ def test_without_images_a_page_has_no_card_for_them() -> None:
 
 def test_of_too_many_images_every_second_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     size = sum(len(image) for track in make_tracks()[:2] for image in track.images.values())
-    monkeypatch.setattr(replay_cameras, "MAX_PAGE_BYTES", size // 2 + 1)
+    monkeypatch.setattr(replay_data, "MAX_PAGE_BYTES", size // 2 + 1)
     first, _ = read_images(render_replay(record(), scenario(2), crossing(), (), None, make_tracks()))
     assert [one["tick"] for one in first["images"]] == [0, 8]
 

@@ -15,8 +15,8 @@ from testing.viewer_talking import RSU, talking, with_rsu
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.report.replay_data import compute_visibility
 from mdrive_sumo.report.replay_page import render_replay
-from mdrive_sumo.report.replay_visibility import compute_visibility
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 from mdrive_sumo.v2x.messages import Cam, Cpm, Mcm, decode
 from tests.mdrive_sumo.report.test_replay_page import HOSTILE, SETTLED, carried, needs_browser, opened, wait

@@ -8,10 +8,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 from testing.actors_world import actor
 
-from mdrive_sumo.report.actor_plot import KIND_COLOURS
-from mdrive_sumo.report.map_plot import BUILDING
-from mdrive_sumo.report.palette import CAV_COLOURS, LIGHT
-from mdrive_sumo.report.scenario_plot import save_scenario_plot
+from mdrive_sumo.report.palette import CAV_COLOURS, KIND_COLOURS, LIGHT
+from mdrive_sumo.report.scenario_plot import BUILDING, save_scenario_plot
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.background import Background, BackgroundVehicle
 from mdrive_sumo.scenario.scenario import Scenario

@@ -19,8 +19,7 @@ from mdrive_sumo.api.verification import Permission, RunVerification
 from mdrive_sumo.cli import main
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tree_difference import find_tree_differences
-from mdrive_sumo.report.report_check import find_report_differences
-from mdrive_sumo.report.run_report import build_run_report
+from mdrive_sumo.report.run_report import build_run_report, find_report_differences
 from mdrive_sumo.runs.stored_run import load_stored_run, load_unchecked_run
 from mdrive_sumo.runs.verify_files import ExpectedResults, find_results_differences
 from mdrive_sumo.scoring import Results, ScoreMode, load_results, save_results, score_episode, summarize_run

@@ -8,7 +8,6 @@ import pytest
 from testing.report_samples import BEST, SHARING, SINGLE, make_agent_run, make_sample_runs, save_run, save_sample_runs
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.report.comparison_report.category_tables import build_category_table
 from mdrive_sumo.report.comparison_report.compared_agent import (
     MULTI_AGENT,
     SINGLE_AGENT,
@@ -19,6 +18,7 @@ from mdrive_sumo.report.comparison_report.compared_agent import (
 from mdrive_sumo.report.comparison_report.comparison_report import build_comparison_report
 from mdrive_sumo.report.comparison_report.provenance_table import list_warnings
 from mdrive_sumo.report.comparison_report.report_runs import load_report_runs
+from mdrive_sumo.report.comparison_report.scenario_tables import build_category_table
 from mdrive_sumo.report.comparison_report.score_tables import build_main_table
 from mdrive_sumo.report.comparison_report.write_comparison_report import format_report_markdown
 from mdrive_sumo.scoring import Results

@@ -16,9 +16,12 @@ from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.report.comparison_report.compared_agent import make_compared_agents
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, build_comparison_report
 from mdrive_sumo.report.comparison_report.replay_pages import find_replay_links
-from mdrive_sumo.report.comparison_report.report_page import ReportLinks, render_report_page
 from mdrive_sumo.report.comparison_report.report_runs import load_report_runs
-from mdrive_sumo.report.comparison_report.write_comparison_report import format_report_markdown
+from mdrive_sumo.report.comparison_report.write_comparison_report import (
+    ReportLinks,
+    format_report_markdown,
+    render_report_page,
+)
 from mdrive_sumo.report.replay_page import render_replay
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.runs.stored_run import load_viewed_run

@@ -9,19 +9,19 @@ from testing.report_samples import BEST, CRASH, SINGLE, make_agent_run, make_sam
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_markdown
-from mdrive_sumo.report.comparison_report.category_tables import (
-    build_category_table,
-    build_interdrive_table,
-    build_level_table,
-)
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent, make_agents_of_results
 from mdrive_sumo.report.comparison_report.cooperation_table import build_cooperation_table
-from mdrive_sumo.report.comparison_report.infraction_tables import build_infraction_table, build_outcome_table
+from mdrive_sumo.report.comparison_report.outcome_tables import (
+    build_infraction_table,
+    build_outcome_table,
+    build_scalar_table,
+)
 from mdrive_sumo.report.comparison_report.provenance_table import build_provenance_table, list_facts, list_warnings
-from mdrive_sumo.report.comparison_report.published_rows import check_published_rows, order_buckets
-from mdrive_sumo.report.comparison_report.scalar_tables import build_scalar_table
 from mdrive_sumo.report.comparison_report.scenario_tables import (
+    build_category_table,
     build_distribution_table,
+    build_interdrive_table,
+    build_level_table,
     build_scenario_table,
     compute_distribution,
 )
@@ -32,6 +32,8 @@ from mdrive_sumo.report.published_results import (
     PUBLISHED_LATENCY,
     PUBLISHED_METHODS,
     PUBLISHED_POSE_ERROR,
+    check_published_rows,
+    order_buckets,
 )
 from mdrive_sumo.scoring import Means, compute_harmonic_mean, summarize_run
 from mdrive_sumo.scoring.captured_cooperation import compute_captured_cooperation
@@ -103,7 +105,7 @@ def test_published_rows_need_whole_buckets_of_the_paper(
     suite: str, scores: dict[str, tuple[float, ...]], sentence: str
 ) -> None:
     with pytest.raises(InputError, match=sentence):
-        check_published_rows(make_agents_of_results([make_agent_run("idm", scores, suite=suite)]))
+        check_published_rows(make_agent_run("idm", scores, suite=suite))
 
 
 def test_buckets_have_the_order_of_the_paper() -> None:

@@ -12,8 +12,8 @@ from mdrive_sumo.contract import Message
 from mdrive_sumo.core.state import End, Kind
 from mdrive_sumo.report.palette import CAV_COLOURS, LIGHT, SKY
 from mdrive_sumo.report.render.canvas import Canvas, Pixels
-from mdrive_sumo.report.render.captions import choose_text_size
 from mdrive_sumo.report.render.chase_view_painter import ChaseViewPainter
+from mdrive_sumo.report.render.frame_painter import choose_text_size
 from mdrive_sumo.report.render.rendered_episode import RenderedEpisode
 from mdrive_sumo.report.render.rings import Rings
 from mdrive_sumo.report.render.solids import build_road_user, sort_back_to_front

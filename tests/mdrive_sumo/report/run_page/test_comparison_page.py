@@ -9,11 +9,15 @@ from testing.html_page import Page
 from testing.view_runs import HIT, HOSTILE, edit_results, hit, lose, make_run, succeed
 
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.report.run_page.compared_runs import ComparedRun, load_compared_runs
-from mdrive_sumo.report.run_page.comparison_data import build_comparison_data, find_telling_seeds
+from mdrive_sumo.report.run_page.comparison_data import (
+    ComparedRun,
+    build_comparison_data,
+    find_telling_seeds,
+    load_compared_runs,
+)
 from mdrive_sumo.report.run_page.comparison_files import name_in_step_file, select_pairs
-from mdrive_sumo.report.run_page.comparison_page import render_comparison_page
 from mdrive_sumo.report.run_page.replay_files import ReplaySelection
+from mdrive_sumo.report.run_page.run_page import render_comparison_page
 from mdrive_sumo.runs.compare import compare
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.scoring import ScenarioResult

@@ -6,8 +6,8 @@ import xml.etree.ElementTree as ET
 import pytest
 from testing.paths import ROOT
 
+from mdrive_sumo.report.run_page.run_page import SCORE_TERMS
 from mdrive_sumo.report.run_page.scenario_sketch import draw_scenario_sketch
-from mdrive_sumo.report.score_terms import SCORE_TERMS
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.suite import load_suite
 

@@ -11,13 +11,12 @@ from testing.study_samples import make_run, make_scenario
 from mdrive_sumo.open_loop import OpenLoopResults, OpenLoopScenario
 from mdrive_sumo.open_loop.results import OpenLoopRunInfo, combine_metrics, summarize_open_loop
 from mdrive_sumo.scoring import Results
-from mdrive_sumo.study.paper.open_closed import OPEN_METRICS, compare_open_with_closed
+from mdrive_sumo.study.paper.open_closed import OPEN_METRICS, compare_open_with_closed, resample_metric
 from mdrive_sumo.study.paper.open_closed_table import (
     build_correlation_table,
     build_open_closed_table,
     make_open_closed_figure,
 )
-from mdrive_sumo.study.paper.resampled_metrics import resample_metric
 
 Precision = tuple[tuple[float, int, int], ...] | None
 

@@ -10,17 +10,19 @@ from mdrive_sumo.report.comparison_report.compared_agent import make_agents_of_r
 from mdrive_sumo.report.published_results import AS_PUBLISHED, BUCKETS, PUBLISHED_GAPS, PUBLISHED_LATENCY
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results
-from mdrive_sumo.study.paper.channel_table import build_channel_table
 from mdrive_sumo.study.paper.cooperation_gain import PairGain, compute_pair_gains, compute_role_gaps
-from mdrive_sumo.study.paper.gain_tables import build_gap_table, build_pair_table
 from mdrive_sumo.study.paper.open_closed import OpenClosedComparison
 from mdrive_sumo.study.paper.paper_agents import AgentRole, find_role
-from mdrive_sumo.study.paper.paper_facts import PaperRequest
 from mdrive_sumo.study.paper.paper_numbers import PaperNumbers
 from mdrive_sumo.study.paper.paper_plan import PaperPlan, PaperScale
-from mdrive_sumo.study.paper.paper_report import build_paper_report
+from mdrive_sumo.study.paper.paper_report import PaperRequest, build_paper_report
 from mdrive_sumo.study.paper.paper_study import CONDITIONS
-from mdrive_sumo.study.paper.scenario_table import build_scenario_table
+from mdrive_sumo.study.paper.paper_tables import (
+    build_channel_table,
+    build_gap_table,
+    build_pair_table,
+    build_scenario_table,
+)
 
 CLEAN, LATENCY, POSE_ERROR = CONDITIONS
 

@@ -7,7 +7,7 @@ from testing.viewer_crossing import record
 
 from mdrive_sumo.episode.episode import SignalChange
 from mdrive_sumo.report.palette import LIGHT
-from mdrive_sumo.report.render.signal_states import SignalStates
+from mdrive_sumo.report.render.rendered_episode import SignalStates
 
 CHANGES = (SignalChange(3, "c", "rG"), SignalChange(10, "c", "yo"), SignalChange(5, "d:x", "g"))
 
