@@ -84,7 +84,7 @@ def test_the_channel_is_no_condition_of_an_agent_that_exchanges_nothing() -> Non
     [
         ({"sensing": "perfect"}, "b (sensing perfect)", "sensing: realistic for a, c; perfect for b."),
         ({"friction": "weather"}, "b (friction weather)", "friction: dry for a, c; weather for b."),
-        ({"ids": "random"}, "b (ids random)", "ids: scenario for a, c; random for b."),
+        ({"ids": "scenario"}, "b (ids scenario)", "ids: random for a, c; scenario for b."),
         ({"agent_clock": "fixed:50"}, "b (agent clock fixed:50)", "agent clock: ideal for a, c; fixed:50 for b."),
         ({"seeds": (7,)}, "b (seed 7)", "seeds: 0 for a, c; 7 for b. Differences are paired by the seeds that both"),
         ({"channel": "paper-latency"}, "b (channel paper-latency)", "channel: ideal for a, c; paper-latency for b."),
