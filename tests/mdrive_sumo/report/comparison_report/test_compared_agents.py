@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from testing.journals import rewrite_journal
 from testing.report_samples import BEST, SHARING, SINGLE, make_agent_run, make_sample_runs, save_run, save_sample_runs
 
 from mdrive_sumo.core.errors import InputError
@@ -122,6 +123,7 @@ def test_library_code_names_a_line_only_if_nothing_else_does(tmp_path: Path) -> 
         folder = save_run(tmp_path / code, make_agent_run("idm", BEST))
         header = {"format": "mdrive-sumo/journal/1", "fingerprint": {"code": f"sha256:{code * 64}"}}
         (folder / "journal.jsonl").write_text(json.dumps(header) + "\n")
+        rewrite_journal(folder / "journal.jsonl", str)
         places.append(folder)
     agents = make_compared_agents(load_report_runs(places))
     assert [agent.name for agent in agents] == ["idm (library code aaaaaaaaaaaa)", "idm (library code bbbbbbbbbbbb)"]
