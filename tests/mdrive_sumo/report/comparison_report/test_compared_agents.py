@@ -22,6 +22,7 @@ from mdrive_sumo.report.comparison_report.report_runs import load_report_runs
 from mdrive_sumo.report.comparison_report.scenario_tables import build_category_table
 from mdrive_sumo.report.comparison_report.score_tables import build_main_table
 from mdrive_sumo.report.comparison_report.write_comparison_report import format_report_markdown
+from mdrive_sumo.runs.journal import FORMAT
 from mdrive_sumo.scoring import Results
 
 
@@ -121,7 +122,7 @@ def test_library_code_names_a_line_only_if_nothing_else_does(tmp_path: Path) -> 
     places: list[Path] = []
     for code in "ab":
         folder = save_run(tmp_path / code, make_agent_run("idm", BEST))
-        header = {"format": "mdrive-sumo/journal/1", "fingerprint": {"code": f"sha256:{code * 64}"}}
+        header = {"format": FORMAT, "fingerprint": {"code": f"sha256:{code * 64}"}}
         (folder / "journal.jsonl").write_text(json.dumps(header) + "\n")
         rewrite_journal(folder / "journal.jsonl", str)
         places.append(folder)
