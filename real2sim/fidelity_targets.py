@@ -133,10 +133,10 @@ def build_stalled_target(stalled: Sequence[StalledVehicle]) -> FidelityTarget:
 
 def build_logged_drive_target(drive: LoggedDrive) -> FidelityTarget:
     """Build the target that the scorer finds no infraction in the CAVs' logged drives but those a person confirmed."""
-    found = "; ".join(
-        f"CAV {cav}: {one.kind} at {one.from_s:g} s, factor {one.factor:.4g}, at ({one.x:.1f}, {one.y:.1f})"
-        for cav, one in drive.unconfirmed
+    detail = "; ".join(
+        f"CAV {cav}: {event.kind} at {event.from_s:g} s, factor {event.factor:.4g}, at ({event.x:.1f}, {event.y:.1f})"
+        for cav, event in drive.unconfirmed
     )
     return FidelityTarget(
-        name="unconfirmed infractions of the logged drive", value=len(drive.unconfirmed), limit=0, detail=found
+        name="unconfirmed infractions of the logged drive", value=len(drive.unconfirmed), limit=0, detail=detail
     )

@@ -63,8 +63,8 @@ class PolylineIndex:
         if not len(line):
             return np.zeros(0)
         begins, yaws, base = self._segments
-        at = np.clip(s, 0.0, None) + base[line]
-        return yaws[np.maximum(np.searchsorted(begins, at, side="right") - 1, 0)]
+        stations = np.clip(s, 0.0, None) + base[line]
+        return yaws[np.maximum(np.searchsorted(begins, stations, side="right") - 1, 0)]
 
     def project_points(self, xy: Float, reach: float) -> PolylineProjections:
         """Project points xy (N, 2) [m] onto all polylines within `reach` [m]."""

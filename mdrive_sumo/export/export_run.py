@@ -81,15 +81,19 @@ def _select_ids(stored: StoredRun, patterns: Sequence[str]) -> set[str]:
     driven = {result.id for result in stored.results.scenarios}
     if not patterns:
         return driven
-    found: set[str] = set()
+    chosen: set[str] = set()
     for pattern in patterns:
         globs = pattern.split(",")
-        scenarios = (one for one in stored.run.scenarios if one.id in driven)
-        fitting = {one.id for one in scenarios if any(fnmatchcase(n, g) for g in globs for n in (one.id, one.category))}
+        scenarios = (scenario for scenario in stored.run.scenarios if scenario.id in driven)
+        fitting = {
+            scenario.id
+            for scenario in scenarios
+            if any(fnmatchcase(n, g) for g in globs for n in (scenario.id, scenario.category))
+        }
         if not fitting:
             raise InputError(_describe_unknown_scenario(stored, pattern, sorted(driven)))
-        found |= fitting
-    return found
+        chosen |= fitting
+    return chosen
 
 
 def _describe_unknown_scenario(stored: StoredRun, pattern: str, driven: Sequence[str]) -> str:

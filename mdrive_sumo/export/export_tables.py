@@ -110,9 +110,19 @@ def _build_messages(recording: ScoredRecording) -> Columns:
 def _build_events(recording: ScoredRecording) -> Columns:
     names = ("tick", "cav", "event", "other", "x", "y", "factor", "impact_speed", "text")
     rows = [
-        (one.tick, ego.id, one.kind, one.other, one.x, one.y, one.factor, one.impact_speed, "")
+        (
+            infraction.tick,
+            ego.id,
+            infraction.kind,
+            infraction.other,
+            infraction.x,
+            infraction.y,
+            infraction.factor,
+            infraction.impact_speed,
+            "",
+        )
         for ego in recording.result.egos
-        for one in ego.infractions
+        for infraction in ego.infractions
     ]
     record = recording.record
     for ending in record.endings:
@@ -126,7 +136,7 @@ def _build_events(recording: ScoredRecording) -> Columns:
 
 
 def _build_signals(recording: ScoredRecording) -> Columns:
-    rows = [(one.tick, one.light, one.state) for one in recording.record.signals]
+    rows = [(change.tick, change.light, change.state) for change in recording.record.signals]
     columns = _transpose(rows, ("tick", "light", "state"))
     return {**columns, "time_s": [round(tick * DT, 2) for tick in columns["tick"]]}
 
@@ -137,13 +147,13 @@ def _build_scores(recording: ScoredRecording) -> Columns:
     return {
         **{name: [getattr(result, name)] for name in names},
         "cavs": [len(result.egos)],
-        "infractions": [sum(one.factor < 1.0 for ego in result.egos for one in ego.infractions)],
+        "infractions": [sum(infraction.factor < 1.0 for ego in result.egos for infraction in ego.infractions)],
     }
 
 
 def _build_cav_scores(recording: ScoredRecording) -> Columns:
     def count_infractions(ego: EgoResult) -> int:
-        return sum(one.factor < 1.0 for one in ego.infractions)
+        return sum(infraction.factor < 1.0 for infraction in ego.infractions)
 
     egos = recording.result.egos
     return {

@@ -19,6 +19,7 @@ AGAINST_M = 4.0
 ROUTE_M = 2.0
 """[m] By how much the lanes of a CAV's route count as nearer."""
 NO_LANE = -1
+"""Index of the lane of a road user that is on none."""
 
 
 def assign_lanes(recording: ScoredRecording, x: Float, y: Float) -> tuple[Int, Float]:
@@ -33,21 +34,21 @@ def assign_lanes(recording: ScoredRecording, x: Float, y: Float) -> tuple[Int, F
     is_vehicle = record.kind != Kind.PEDESTRIAN
     ticks, columns = np.nonzero(record.valid & is_vehicle)
     points: Any = shapely.points(x[ticks, columns], y[ticks, columns])
-    lines = np.array([shapely.LineString(one.centre.xy) for one in roads.driving], dtype=object)
-    rows, found = shapely.STRtree(lines).query(points, predicate="dwithin", distance=NEARBY_M)
+    lines = np.array([shapely.LineString(driving_lane.centre.xy) for driving_lane in roads.driving], dtype=object)
+    rows, near_lanes = shapely.STRtree(lines).query(points, predicate="dwithin", distance=NEARBY_M)
     if not len(rows):
         return lane, position
-    stations = shapely.line_locate_point(lines[found], points[rows])
-    yaws = np.empty(len(found))
-    for index in np.unique(found):
-        yaws[found == index] = roads.driving[index].centre.yaws_at(stations[found == index])
+    stations = shapely.line_locate_point(lines[near_lanes], points[rows])
+    yaws = np.empty(len(near_lanes))
+    for index in np.unique(near_lanes):
+        yaws[near_lanes == index] = roads.driving[index].centre.yaws_at(stations[near_lanes == index])
     turn = portable.cos(yaws - record.yaw[ticks[rows], columns[rows]])
-    cost = shapely.distance(lines[found], points[rows]) + AGAINST_M * (1.0 - turn)
-    cost -= ROUTE_M * _lies_on_route(recording)[columns[rows], found]
-    order = np.lexsort((found, cost, rows))
+    cost = shapely.distance(lines[near_lanes], points[rows]) + AGAINST_M * (1.0 - turn)
+    cost -= ROUTE_M * _lies_on_route(recording)[columns[rows], near_lanes]
+    order = np.lexsort((near_lanes, cost, rows))
     first = order[np.unique(rows[order], return_index=True)[1]]
     chosen = rows[first]
-    lane[ticks[chosen], columns[chosen]] = found[first]
+    lane[ticks[chosen], columns[chosen]] = near_lanes[first]
     position[ticks[chosen], columns[chosen]] = stations[first]
     return lane, position
 

@@ -69,7 +69,10 @@ def _shift_result(result: ScenarioResult, origin: Float) -> ScenarioResult:
     egos = tuple(
         ego.model_copy(
             update={
-                "infractions": tuple(one.model_copy(update={"x": one.x + x, "y": one.y + y}) for one in ego.infractions)
+                "infractions": tuple(
+                    infraction.model_copy(update={"x": infraction.x + x, "y": infraction.y + y})
+                    for infraction in ego.infractions
+                )
             }
         )
         for ego in result.egos

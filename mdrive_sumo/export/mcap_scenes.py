@@ -54,6 +54,7 @@ COLOR_BY_KIND = {
     Kind.CYCLIST: (0.94, 0.89, 0.26),
     Kind.STATIC: (0.35, 0.35, 0.35),
 }
+"""Red, green and blue from 0 to 1, chosen muted: only CAVs are bright."""
 JSON_TOPICS = {"/v2x/messages": "messages", "/signals": "signals"}
 """Topic -> the table (`export_tables`) whose rows are its messages, each in its tick."""
 ROAD, BOUND, ROUTE, ZEBRA = (0.22, 0.23, 0.25), (0.80, 0.80, 0.80), (0.20, 0.60, 0.95), (0.85, 0.85, 0.80)
@@ -167,8 +168,8 @@ def _log_events(recording: ScoredRecording, context: foxglove.Context) -> None:
 
 def _log_tables(recording: ScoredRecording, context: foxglove.Context) -> None:
     for topic, name in JSON_TOPICS.items():
-        table = next(one for one in EXPORT_TABLES if one.name == name)
-        fields = {one.name: {"type": one.type, "description": one.description} for one in table.columns}
+        table = next(candidate for candidate in EXPORT_TABLES if candidate.name == name)
+        fields = {column.name: {"type": column.type, "description": column.description} for column in table.columns}
         schema = {"type": "object", "title": f"mdrive_sumo.{name}", "properties": fields}
         channel = foxglove.Channel(topic, schema=schema, context=context)
         for row in _list_rows(recording, name):
@@ -193,7 +194,7 @@ def _log_cavs(recording: ScoredRecording, context: foxglove.Context) -> None:
 
 
 def _list_rows(recording: ScoredRecording, name: str) -> Iterator[dict[str, Any]]:
-    table = next(one for one in EXPORT_TABLES if one.name == name)
+    table = next(candidate for candidate in EXPORT_TABLES if candidate.name == name)
     columns = table.build_rows(recording)
     return (dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True))
 
@@ -228,11 +229,11 @@ def build_map_entities(recording: ScoredRecording) -> list[SceneEntity]:
         _build_map_entity(
             "buildings",
             lines=[
-                _build_line(np.concatenate((one.outline, one.outline[:1])), height, BUILDING)
-                for one in roads.buildings
+                _build_line(np.concatenate((building.outline, building.outline[:1])), height, BUILDING)
+                for building in roads.buildings
                 for height in (LINE_Z, BUILDING_M)
             ],
-            surfaces=_triangulate([one.outline for one in roads.buildings], BUILDING_M, BUILDING),
+            surfaces=_triangulate([building.outline for building in roads.buildings], BUILDING_M, BUILDING),
         ),
     ]
 

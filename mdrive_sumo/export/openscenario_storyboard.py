@@ -43,6 +43,7 @@ CATEGORY = {
     "bicycle": xosc.VehicleCategory.bicycle,
 }
 MINOR_VERSION = 2
+"""Of OpenSCENARIO XML 1: version 1.2."""
 NEWER_ATTRIBUTES = {
     b"header": (b"date",),  # of today, when the same recording shall give the same file
     b"outline": (b"id", b"fillType", b"outer", b"closed", b"laneType"),

@@ -30,7 +30,9 @@ def write_parquet(recordings: Iterable[ScoredRecording], folder: Path) -> None:
 
 def _build_schema(table: ExportTable) -> Any:
     fields = [
-        pa.field(one.name, ARROW_TYPES[one.type], metadata={"unit": one.unit, "description": one.description})
-        for one in table.columns
+        pa.field(
+            column.name, ARROW_TYPES[column.type], metadata={"unit": column.unit, "description": column.description}
+        )
+        for column in table.columns
     ]
     return pa.schema(fields, metadata={"description": table.description})

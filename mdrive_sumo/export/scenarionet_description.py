@@ -26,6 +26,7 @@ VERSION = "MetaDrive v0.4.3"
 """Of the description's rules."""
 DATASET, DATASET_VERSION = "mdrive-sumo", "v1"
 FRAME_TICKS = TICKS_PER_SECOND // 10
+"""Ticks from one frame to the next: 10 frames a second, as the sources of ScenarioNet have."""
 TYPE_BY_KIND = {
     Kind.VEHICLE: "VEHICLE",
     Kind.PEDESTRIAN: "PEDESTRIAN",

@@ -21,26 +21,26 @@ class LaneSignal:
     @property
     def phases(self) -> list[tuple[str, int]]:
         """The letters with their numbers of ticks, as they follow each other."""
-        found: list[tuple[str, int]] = []
+        phases: list[tuple[str, int]] = []
         for state in self.states:
-            if found and found[-1][0] == state:
-                found[-1] = (state, found[-1][1] + 1)
+            if phases and phases[-1][0] == state:
+                phases[-1] = (state, phases[-1][1] + 1)
             else:
-                found.append((state, 1))
-        return found
+                phases.append((state, 1))
+        return phases
 
 
 def list_lane_signals(record: EpisodeRecord, roads: RoadMap) -> list[LaneSignal]:
     """Return the signals of all controlled lanes, in the order of `roads.driving`."""
     programs = _expand_programs(record)
-    found: list[LaneSignal] = []
+    signals: list[LaneSignal] = []
     for lane in roads.driving:
         for successor, link in lane.lights.items():
             light, _, index = link.rpartition(":")
             states = programs.get(light, [""] * record.ticks)
             letters = tuple(state[int(index)] if int(index) < len(state) else UNKNOWN for state in states)
-            found.append(LaneSignal(lane.id, successor, letters))
-    return found
+            signals.append(LaneSignal(lane.id, successor, letters))
+    return signals
 
 
 def _expand_programs(record: EpisodeRecord) -> dict[str, list[str]]:

@@ -25,7 +25,7 @@ from real2sim.match.waypoint_matcher import match_waypoints
 
 ON_LANE_M = 1.0
 """[m] An actor further from the lanes along its path keeps its path."""
-AHEAD_M = 150.0
+BEYOND_PATH_M = 150.0
 """[m] Lanes are followed this far beyond the end of an actor's path: a lane change takes up to 130 m (protocol 3.4)."""
 
 NetOffset = tuple[float, float]
@@ -118,7 +118,7 @@ def _follow_lanes(motion: Motion, roads: RoadMap) -> LaneMotion | None:
 
 def _extend_straight(roads: RoadMap, lane: str) -> Iterator[str]:
     """Yield the straightest continuation from the end of a lane."""
-    left = AHEAD_M
+    left = BEYOND_PATH_M
     here = roads.lanes[lane]
     seen = {lane}
     while here.successors and left > 0:

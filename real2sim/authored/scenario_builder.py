@@ -19,7 +19,7 @@ from mdrive_sumo.scenario.scenario_part import Pose
 from real2sim.authored.actor_placement import note_start_contacts, note_unreachable_triggers, place_actors
 from real2sim.carla.conversion_report import DroppedWaypoint, OffLaneWaypoint, ReportedWaypoint, StartShift
 from real2sim.match.waypoint_matcher import (
-    REACH_M,
+    CANDIDATE_RANGE_M,
     RouteLeg,
     WaypointMatch,
     build_dense_route,
@@ -29,12 +29,15 @@ from real2sim.match.waypoint_matcher import (
 from real2sim.source_scene import CavRoute, SourceScene
 
 OFF_LANE_M = 0.5
+"""[m] Waypoints further than this from their lane are reported."""
 CAR_LENGTH_M = 4.90
 CAR_WIDTH_M = 2.00
+"""[m] Length and width of a CAV: authored files have none."""
 GAP_M = 0.02
 """[m] Kept between boxes, so that rounding poses to 1 mm cannot bring them into contact."""
-STEP_M = 0.1
+SHIFT_STEP_M = 0.1
 MAX_SHIFT_M = 20.0
+"""[m] No start is moved further; chosen: four lengths of a car."""
 
 RouteLegs = tuple[RouteLeg, ...]
 
@@ -133,13 +136,17 @@ def _find_off_lane(cav: _MatchedCav, roads: RoadMap) -> Iterator[OffLaneWaypoint
 def _find_dropped(cav: _MatchedCav, roads: RoadMap) -> Iterator[DroppedWaypoint]:
     for i in cav.match.dropped:
         nearest, distance = _find_nearest_lane(cav, i, roads)
-        reason = f"no lane within {REACH_M:g} m" if distance > REACH_M else "no way to it and on from it (behind?)"
+        reason = (
+            f"no lane within {CANDIDATE_RANGE_M:g} m"
+            if distance > CANDIDATE_RANGE_M
+            else "no way to it and on from it (behind?)"
+        )
         yield DroppedWaypoint(_build_waypoint(cav, i), nearest, round(distance, 3), reason)
 
 
 def _find_nearest_lane(cav: _MatchedCav, waypoint: int, roads: RoadMap) -> tuple[str, float]:
-    found = roads.find_nearest_lanes(cav.xy[waypoint : waypoint + 1])
-    return roads.driving[found.lane[0]].id, float(found.distance[0])
+    nearest = roads.find_nearest_lanes(cav.xy[waypoint : waypoint + 1])
+    return roads.driving[nearest.lane[0]].id, float(nearest.distance[0])
 
 
 def _build_waypoint(cav: _MatchedCav, waypoint: int) -> ReportedWaypoint:
@@ -148,7 +155,7 @@ def _build_waypoint(cav: _MatchedCav, waypoint: int) -> ReportedWaypoint:
 
 
 def separate_starts(roads: RoadMap, routes: Sequence[RouteLegs]) -> tuple[float, ...]:
-    """Return how far each start moves forward [m], in steps of `STEP_M`, with the smallest sum; raise InputError.
+    """Return how far each start moves forward [m], in steps of `SHIFT_STEP_M`, with the smallest sum; raise InputError.
 
     Uniform-cost search over the shifts: of two overlapping boxes, one moves on until it is clear of the other. Sharing
     the distance between both is never shorter, because a separating axis is reached soonest by the box that is faster
@@ -172,7 +179,7 @@ def separate_starts(roads: RoadMap, routes: Sequence[RouteLegs]) -> tuple[float,
         seen.add(steps)
         pair = _find_first_overlap([box(i, n) for i, n in enumerate(steps)])
         if pair is None:
-            return tuple(round(n * STEP_M, 3) for n in steps)
+            return tuple(round(n * SHIFT_STEP_M, 3) for n in steps)
         for mover, other in (pair, pair[::-1]):
             further = range(steps[mover] + 1, limit(mover) + 1)
             clear = (n for n in further if not boxes_overlap(box(mover, n), box(other, steps[other])))
@@ -199,14 +206,14 @@ def advance_start(roads: RoadMap, legs: RouteLegs, distance: float) -> RouteLegs
 
 
 def _compute_box(roads: RoadMap, legs: RouteLegs, steps: int) -> Float:
-    pose = compute_start_pose(roads, advance_start(roads, legs, steps * STEP_M))
+    pose = compute_start_pose(roads, advance_start(roads, legs, steps * SHIFT_STEP_M))
     return box_corners(*pose, CAR_LENGTH_M + GAP_M, CAR_WIDTH_M + GAP_M)
 
 
 def _count_possible_steps(roads: RoadMap, legs: RouteLegs) -> int:
     """Return the number of steps that leave at least 2 m of the route."""
     length = float(np.hypot(*np.diff(build_dense_route(roads, legs).xy, axis=0).T).sum())
-    return max(int((min(length - 2.0, MAX_SHIFT_M)) / STEP_M), 0)
+    return max(int((min(length - 2.0, MAX_SHIFT_M)) / SHIFT_STEP_M), 0)
 
 
 def _find_first_overlap(boxes: Sequence[Float]) -> tuple[int, int] | None:

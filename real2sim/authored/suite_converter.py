@@ -22,6 +22,7 @@ from real2sim.readers.interdrive import describe_omitted_routes, read_interdrive
 from real2sim.source_scene import SourceScene, TownMap
 
 DT_S = 0.1
+"""[s] Interval of the motions that vote for directions and speeds: that of V2XPnP's logs."""
 ASSUMED_MPS = 8.0
 """[m/s] Assumed speed on paths without times; it only determines the spacing of votes for lane directions."""
 MAX_CHORD_M = 12.0
@@ -71,8 +72,8 @@ def _collect_motions(scene: SourceScene) -> Iterator[Float]:
             yield _sample_poses(np.array(actor.motion.poses))
         elif isinstance(actor.motion, PathMotion):
             ways.append(np.array(actor.motion.points))
-    for way in ways:
-        yield from (_sample_path(piece) for piece in _split_at_long_chords(way))
+    for path in ways:
+        yield from (_sample_path(piece) for piece in _split_at_long_chords(path))
 
 
 def _sample_poses(poses: Float) -> Float:
@@ -81,13 +82,13 @@ def _sample_poses(poses: Float) -> Float:
     return np.column_stack((x, y, yaw))
 
 
-def _split_at_long_chords(way: Float) -> Iterator[Float]:
-    far = np.flatnonzero(np.hypot(*np.diff(way, axis=0).T) > MAX_CHORD_M) + 1
-    return (piece for piece in np.split(way, far) if len(piece) > 1)
+def _split_at_long_chords(path: Float) -> Iterator[Float]:
+    far = np.flatnonzero(np.hypot(*np.diff(path, axis=0).T) > MAX_CHORD_M) + 1
+    return (piece for piece in np.split(path, far) if len(piece) > 1)
 
 
-def _sample_path(way: Float) -> Float:
-    line = build_polyline(way)
+def _sample_path(path: Float) -> Float:
+    line = build_polyline(path)
     stations = np.arange(0.0, line.length, ASSUMED_MPS * DT_S)
     return np.array([(*line.at(s), line.yaw_at(s)) for s in stations])
 

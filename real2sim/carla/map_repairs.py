@@ -137,10 +137,10 @@ def _complete_signals(path: Path, root: Element) -> Repairs:
             for signal in list(signals):
                 if signal.tag in ("signal", "signalReference"):
                     yield from _complete_signal(signals, signal, end)
-    known = {signal.get("id") for signal in root.iter("signal")}
+    signal_ids = {signal.get("id") for signal in root.iter("signal")}
     for signals in root.iter("signals"):
         for reference in signals.findall("signalReference"):
-            if reference.get("id") not in known:
+            if reference.get("id") not in signal_ids:
                 signals.remove(reference)
                 yield f"signal {reference.get('id')}: a reference to it left out, it is not in the map"
 
@@ -265,11 +265,11 @@ def _build_connector(
     )
     links = ElementTree.SubElement(road, "link")
     contact = connection.get("contactPoint", "start")
-    for tag, other, at in (
+    for tag, other, end in (
         ("predecessor", incoming, "end" if leaves_at_end else "start"),
         ("successor", linked, contact),
     ):
-        attributes = {"elementType": "road", "elementId": other.get("id", ""), "contactPoint": at}
+        attributes = {"elementType": "road", "elementId": other.get("id", ""), "contactPoint": end}
         ElementTree.SubElement(links, tag, attributes)
     plan = ElementTree.SubElement(road, "planView")
     place = {"s": "0", "x": repr(x), "y": repr(y), "hdg": repr(yaw), "length": repr(CONNECTOR_M)}

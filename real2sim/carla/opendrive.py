@@ -20,6 +20,7 @@ STOP_SIGN = "206"
 STOP_BOX_M = 4.0
 """[m] Length of a stop box, which OpenDRIVE does not define: it contains a car waiting up to 1.5 m before the line."""
 APPROACH_M = 12.0
+"""[m] Lanes this near to a sign are searched for the one that it stops; chosen: three lanes and a verge."""
 MAX_ROADS_M = 1e6
 """[m] CARLA's largest town has 11 km of reference lines."""
 MIN_ROAD_M = 5.0
@@ -29,6 +30,7 @@ DISPLACED_M = 0.5
 MIN_WIDTH_M = 1.8
 """[m] netconvert leaves out narrower lanes (--opendrive.min-width)."""
 APPROACH_RAD = math.radians(45)
+"""The sign faces the lane that it stops; chosen half-way to the direction of a crossing road."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from mdrive_sumo.core.geometry import Float, wrap_angle
 from real2sim.xml_file import Element, read_number
 
 SHAPES = ("line", "arc", "spiral", "poly3", "paramPoly3")
-STEP_M = 0.1
+CUBIC_STEP_M = 0.1
 """[m] Four chords of a cubic take its place; at a radius of 1 m a chord is 0.1 mm off."""
 MAX_STEPS = 10_000
 """Steps along one piece: of pieces above 1 km they are longer, as are their radii."""
@@ -26,11 +26,11 @@ Pose = tuple[float, float, float]
 def check_geometry(path: Path, road: Element) -> None:
     """Raise InputError for a piece without one of the shapes that the standard defines."""
     for piece in road.iterfind("planView/geometry"):
-        found = [part.tag for part in piece if part.tag != "userData"]
-        if len(found) != 1 or found[0] not in SHAPES:
+        shapes = [part.tag for part in piece if part.tag != "userData"]
+        if len(shapes) != 1 or shapes[0] not in SHAPES:
             raise InputError(
                 f"{path}: road {road.get('id')}: expected a line, arc, spiral, poly3 or paramPoly3 in every geometry, "
-                f"found {', '.join(found) or 'none'}"
+                f"found {', '.join(shapes) or 'none'}"
             )
 
 
@@ -81,8 +81,8 @@ def _follow_spiral(curvature: float, change: float, ds: float) -> Pose:
     count = min(max(math.ceil(ds), 1), MAX_STEPS)
     nodes, weights = np.polynomial.legendre.leggauss(5)
     half = ds / count / 2
-    at = (2 * np.arange(count)[:, None] + 1 + nodes) * half
-    yaw = curvature * at + change * np.square(at) / 2
+    nodes_s = (2 * np.arange(count)[:, None] + 1 + nodes) * half
+    yaw = curvature * nodes_s + change * np.square(nodes_s) / 2
     return (
         float((np.cos(yaw) * weights).sum()) * half,
         float((np.sin(yaw) * weights).sum()) * half,
@@ -100,9 +100,9 @@ def _read_cubic(path: Path, shape: Element, length: float) -> tuple[Float, Float
 
 def _follow_cubic(u: Float, v: Float, last: float, ds: float) -> Pose:
     """Return the pose where the curve, sampled to its end, is ds [m] long."""
-    p = np.linspace(0.0, last, min(max(round(ds / STEP_M), 10), MAX_STEPS) * 4 + 1)
+    p = np.linspace(0.0, last, min(max(round(ds / CUBIC_STEP_M), 10), MAX_STEPS) * 4 + 1)
     x, y = (sum((c * p**k for k, c in enumerate(axis)), np.zeros(len(p))) for axis in (u, v))
     s = np.concatenate(((0.0,), np.hypot(np.diff(x), np.diff(y)).cumsum()))
-    at = float(np.interp(ds, s, p))
-    du, dv = (axis[1] + 2 * axis[2] * at + 3 * axis[3] * at * at for axis in (u, v))
+    parameter = float(np.interp(ds, s, p))
+    du, dv = (axis[1] + 2 * axis[2] * parameter + 3 * axis[3] * parameter * parameter for axis in (u, v))
     return float(np.interp(ds, s, x)), float(np.interp(ds, s, y)), math.atan2(float(dv), float(du))

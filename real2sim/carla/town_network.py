@@ -139,11 +139,11 @@ def _build_from_opendrive(
         mirror_net(xml)
         about = _build_network_file(name, xml, source, command, origin)
     _write_network(folder, xml, about.model_copy(update={"stop_signs": signs}))
-    known = None if signs is None else len(signs)
+    sign_count = None if signs is None else len(signs)
     coarse = f"curves in steps of {resolution_m:g} m: with {RESOLUTIONS_M[0]:g} m netconvert runs out of memory"
     repairs = drive.repairs + ((coarse,) if resolution_m != RESOLUTIONS_M[0] else ())
     return TownNetwork(
-        name, folder, about.offset, source, known, placed.unplaced, gaps.median_m, repairs, drive.left_hand,
+        name, folder, about.offset, source, sign_count, placed.unplaced, gaps.median_m, repairs, drive.left_hand,
         gaps.measured, gaps.displaced,
     )  # fmt: skip
 

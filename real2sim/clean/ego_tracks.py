@@ -15,6 +15,7 @@ from real2sim.recording import ObserverView, Recording
 EGO_M = 2.2
 """[m] The sensor is this close to the box centre; the next car is further away."""
 EGO_SPREAD = 1.4
+"""Factor by which the 90th percentile of the distance may exceed `EGO_M`, because single boxes jump."""
 
 
 def _empty_track() -> FusedTrack:

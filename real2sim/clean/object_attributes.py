@@ -10,6 +10,7 @@ from real2sim.clean.track_segments import TrackSegments
 from real2sim.recording import DEFAULT_SIZE_M, ObjectCategory
 
 DISAGREE_M = 0.2
+"""[m] Chosen: sizes that differ by more between observers get a note."""
 MIN_SIZE_M, MAX_LENGTH_M, MAX_VEHICLE_WIDTH_M = 0.1, 40.0, 10.0
 """Limits of a scenario; `MAX_VEHICLE_WIDTH_M` applies to vehicles, other objects may be as wide as long."""
 
@@ -39,12 +40,12 @@ def vote_size(segments: TrackSegments, members: Sequence[int], category: ObjectC
     for name, values, usual in zip(
         ("length", "width"), (segments.length, segments.width), DEFAULT_SIZE_M[category], strict=True
     ):
-        known = values[rows][np.isfinite(values[rows])] if rows else np.zeros(0)
-        size.append(float(np.median(known)) if len(known) else usual)
-        if len(known) == 0:
+        measured = values[rows][np.isfinite(values[rows])] if rows else np.zeros(0)
+        size.append(float(np.median(measured)) if len(measured) else usual)
+        if len(measured) == 0:
             notes.append(f"{name} {usual:g} m assumed")
-        elif category is not ObjectCategory.PEDESTRIAN and np.ptp(known) > DISAGREE_M:
-            notes.append(f"{name} {known.min():.2f} to {known.max():.2f} m: {size[-1]:.2f}")
+        elif category is not ObjectCategory.PEDESTRIAN and np.ptp(measured) > DISAGREE_M:
+            notes.append(f"{name} {measured.min():.2f} to {measured.max():.2f} m: {size[-1]:.2f}")
     within = clamp_size(size[0], size[1], category.kind)
     for name, value, limit in zip(("length", "width"), size, within, strict=True):
         if abs(value - limit) > 0.01:

@@ -21,6 +21,7 @@ PEDESTRIAN_M, PEDESTRIAN_CROSS_VIEW_M = 0.4, 0.55
 P90_FACTOR = 1.8
 """Factor by which the 90th percentile of the distance may exceed the limit of the median."""
 TURNED_RAD = float(np.radians(35.0))
+"""Chosen: boxes that differ by more in direction, modulo pi, are those of two vehicles."""
 CROSS_VIEW_LIMIT = 1.5
 """Segments of two observers further apart than this multiple of the limit are never one object."""
 BRIDGED_FRAMES = 20
@@ -28,6 +29,7 @@ BRIDGED_FRAMES = 20
 RAMP_FRAMES = 10
 """The weight of an observer rises and falls over this many frames, so that the weighted mean does not jump."""
 OUTLIER_M = 0.3
+"""[m] Scale of the Cauchy weights: a position this far from the mean has half the weight."""
 UNKNOWN_LENGTH_M, UNKNOWN_WIDTH_M = 4.0, 1.8
 """[m] Dimensions assumed where the source gives none, for every label because labels flip."""
 
@@ -163,15 +165,15 @@ def fuse_segments(segments: TrackSegments, members: Sequence[int]) -> FusedTrack
     say = compute_ramp_weights(valid)
     x, y = segments.x[rows], segments.y[rows]
     there = np.asarray(valid.any(axis=0))
-    at = (_compute_weighted_mean(x, say), _compute_weighted_mean(y, say))
+    centre = (_compute_weighted_mean(x, say), _compute_weighted_mean(y, say))
     for _ in range(3 if len(rows) > 2 else 0):
-        off = np.nan_to_num(np.hypot(x - at[0], y - at[1]))
+        off = np.nan_to_num(np.hypot(x - centre[0], y - centre[1]))
         weight = say / (1 + (off / OUTLIER_M) ** 2)
-        at = (_compute_weighted_mean(x, weight), _compute_weighted_mean(y, weight))
+        centre = (_compute_weighted_mean(x, weight), _compute_weighted_mean(y, weight))
     yaw = segments.yaw[rows]
-    known = say * np.isfinite(yaw)
-    sin, cos = (_compute_weighted_mean(of(2 * yaw), known) for of in (np.sin, np.cos))
-    return FusedTrack(there, at[0], at[1], np.arctan2(sin, cos) / 2)
+    yaw_weight = say * np.isfinite(yaw)
+    sin, cos = (_compute_weighted_mean(of(2 * yaw), yaw_weight) for of in (np.sin, np.cos))
+    return FusedTrack(there, centre[0], centre[1], np.arctan2(sin, cos) / 2)
 
 
 def _compute_weighted_mean(values: Float, weight: Float) -> Float:
@@ -185,9 +187,9 @@ def compute_ramp_weights(valid: Bool) -> Float:
     The first and the last frame of the log are not treated as ends, because no object disappears there.
     """
     members, frames = valid.shape
-    at = np.arange(frames)
+    frame_numbers = np.arange(frames)
     inside = np.full((members, frames), RAMP_FRAMES, dtype=np.int64)
     for absent, side in ((~valid, 1), (~valid[:, ::-1], -1)):
-        last = np.maximum.accumulate(np.where(absent, at, -RAMP_FRAMES - 1), axis=1)
-        inside = np.minimum(inside, (at - last)[:, ::side])
+        last = np.maximum.accumulate(np.where(absent, frame_numbers, -RAMP_FRAMES - 1), axis=1)
+        inside = np.minimum(inside, (frame_numbers - last)[:, ::side])
     return np.where(valid, np.clip(inside / RAMP_FRAMES, 0.0, 1.0) ** 2, 0.0)

@@ -15,7 +15,7 @@ from real2sim.tracks.track_contacts import TrackBoxes, find_contacts
 
 SLACK_M = 0.05
 """[m] Boxes are labelled by hand: each side is reduced by this. The fidelity check allows 0.1 m."""
-NEAR_M = 0.5
+RECONSTRUCTION_SHIFT_M = 0.5
 """[m] Reconstruction hardly moves boxes further than this."""
 FIRST_SHARE = 1 / 3
 """A track that overlaps another one only in this first share of its frames begins later."""
@@ -41,7 +41,14 @@ def resolve_overlaps(
 def _reconstructed(tracks: Sequence[RecordedTrack], dt_s: float) -> list[RecordedTrack]:
     """Return the tracks as reconstruction changes them, computed only for those that appear near another one."""
     there = [hold_still(track) if track.parked else track for track in tracks]
-    near = sorted({i for pair in find_contacts(there, -NEAR_M).spawn_overlaps for i in pair if not there[i].parked})
+    near = sorted(
+        {
+            i
+            for pair in find_contacts(there, -RECONSTRUCTION_SHIFT_M).spawn_overlaps
+            for i in pair
+            if not there[i].parked
+        }
+    )
     for i, track in zip(near, reconstruct_tracks([there[i] for i in near], dt_s), strict=True):
         there[i] = track
     return there

@@ -11,21 +11,27 @@ from real2sim.clean.observer_fusion import MIN_COMMON_FRAMES, FusedTrack, fuse_s
 from real2sim.clean.track_segments import TrackSegments
 
 MAX_GAP_S = 2.0
+"""[s] Chosen: longer gaps stay open, because their two ends do not tell what happened between them."""
 JOIN_M = 0.8
+"""[m] Distance allowed between the extrapolated end of a track and the beginning of the next without a gap."""
 JOIN_ACCELERATION = 2.0
 """[m/s²] Change of speed allowed during a gap."""
 MAX_JOIN_M = 4.0
+"""[m] The allowance for acceleration in a gap (`JOIN_ACCELERATION`) grows no further."""
 SAME_ID_EXTRA_M = 2.5
 """[m] Additional jump allowed for the same id: reported as a teleport, which is better than two tracks."""
 SPEED_STEP, SPEED_RATE = 2.0, 5.0
 """[m/s], [m/s²] Difference between the speeds before and after: constant part and part per second of gap."""
 STANDING_SPEED = 0.5
+"""[m/s] Slower objects stand, and"""
 STANDING_M = 0.7
+"""[m] continue where they are seen within this distance, whatever their extrapolated motion says."""
 END_FRAMES = 6
 """Number of frames at either end used to estimate the velocity."""
 ORPHAN_M = 8.0
 """[m] Off-track positions with the same id within this distance are errors; beyond it they are another object."""
 SHORT_FRAMES = 5
+"""Groups of fewer frames may be orphans even if no jump cut them off."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +108,7 @@ def _compute_costs(segments: TrackSegments, groups: Sequence[list[int]], ends: G
     gap_s = np.maximum(gap, 0.0) * dt_s
     before, after = ends.exit_velocity[:, None], ends.entry_velocity[None, :]
     before, after = np.where(np.isnan(before), after, before), np.where(np.isnan(after), before, after)
-    known = np.isfinite(before + after).all(-1)
+    comparable = np.isfinite(before + after).all(-1)
     moved = ends.entry[None, :] - ends.exit[:, None]
     off = np.hypot(*np.moveaxis(moved - np.nan_to_num(before + after) / 2 * gap[..., None], -1, 0))
     change = np.hypot(*np.moveaxis(np.nan_to_num(after - before), -1, 0)) / dt_s
@@ -110,7 +116,7 @@ def _compute_costs(segments: TrackSegments, groups: Sequence[list[int]], ends: G
     limit = JOIN_M + np.minimum(0.5 * JOIN_ACCELERATION * gap_s**2, MAX_JOIN_M)
     named = _share_ids(segments, groups)
     here = np.hypot(moved[..., 0], moved[..., 1])
-    explained = (off < limit) & (gap_s <= MAX_GAP_S) & (change < SPEED_STEP + SPEED_RATE * gap_s) & known
+    explained = (off < limit) & (gap_s <= MAX_GAP_S) & (change < SPEED_STEP + SPEED_RATE * gap_s) & comparable
     standing = (speed < STANDING_SPEED) & (here < STANDING_M)
     jumped = named & (off < limit + SAME_ID_EXTRA_M) & (gap_s <= MAX_GAP_S)
     long_unseen = named & (gap_s > MAX_GAP_S) & (here < ORPHAN_M + (speed + 2.0) * gap_s)
@@ -139,7 +145,7 @@ def find_orphans(segments: TrackSegments, groups: Sequence[list[int]]) -> dict[i
     Only groups cut off by jumps and very short groups are candidates.
     """
     sights = [fuse_segments(segments, group) for group in groups]
-    found: dict[int, int] = {}
+    owners: dict[int, int] = {}
     size = [int(sight.valid.sum()) for sight in sights]
     for a, group in enumerate(groups):
         if not (all(segments.is_cut[i] for i in group) or size[a] < SHORT_FRAMES):
@@ -151,8 +157,8 @@ def find_orphans(segments: TrackSegments, groups: Sequence[list[int]]) -> dict[i
                 and not names.isdisjoint(segments.ids[i] for i in other)
                 and _lies_within(sights, a, b)
             ):
-                found[a] = b
-    return found
+                owners[a] = b
+    return owners
 
 
 def _lies_within(sights: Sequence[FusedTrack], a: int, b: int) -> bool:

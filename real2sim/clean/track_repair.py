@@ -25,23 +25,23 @@ def fill_gaps(valid: Bool, x: Float, y: Float, longest: int) -> tuple[Bool, Floa
     """
     valid, x, y = valid.copy(), x.copy(), y.copy()
     frames = np.flatnonzero(valid)
-    for at in np.flatnonzero(np.diff(frames) > 1):
-        before, after = int(frames[at]), int(frames[at + 1])
+    for gap in np.flatnonzero(np.diff(frames) > 1):
+        before, after = int(frames[gap]), int(frames[gap + 1])
         gone = float(np.hypot(x[after] - x[before], y[after] - y[before]))
         if after - before - 1 <= longest or gone < 0.7:
             missing = np.arange(before + 1, after)
             for values in (x, y):
-                slopes = _estimate_slope(values, frames, at, -1), _estimate_slope(values, frames, at + 1, 1)
+                slopes = _estimate_slope(values, frames, gap, -1), _estimate_slope(values, frames, gap + 1, 1)
                 slopes = (0.0, 0.0) if gone < 0.7 and after - before > longest else slopes
                 values[missing] = _interpolate_cubic(missing, (before, after), (values[before], values[after]), slopes)
             valid[missing] = True
     return valid, x, y
 
 
-def _estimate_slope(values: Float, frames: Int, at: np.intp, side: int) -> float:
+def _estimate_slope(values: Float, frames: Int, gap: np.intp, side: int) -> float:
     """Return the change per frame over up to five frames before (side -1) or after a gap; NaN for a single frame."""
-    rows = frames[max(at - 4, 0) : at + 1] if side < 0 else frames[at : at + 5]
-    rows = rows[np.abs(rows - frames[at]) < 10]
+    rows = frames[max(gap - 4, 0) : gap + 1] if side < 0 else frames[gap : gap + 5]
+    rows = rows[np.abs(rows - frames[gap]) < 10]
     if len(rows) < 2:
         return float("nan")
     off = rows - rows.mean()
@@ -49,13 +49,13 @@ def _estimate_slope(values: Float, frames: Int, at: np.intp, side: int) -> float
 
 
 def _interpolate_cubic(
-    at: Int, ends: tuple[int, int], values: tuple[float, float], slopes: tuple[float, float]
+    frames: Int, ends: tuple[int, int], values: tuple[float, float], slopes: tuple[float, float]
 ) -> Float:
     """Evaluate a Hermite cubic at frames `at`; unknown slopes are replaced by that of the chord."""
     span = ends[1] - ends[0]
     chord = (values[1] - values[0]) / span
     begin, end = (chord if np.isnan(slope) else slope for slope in slopes)
-    t = (at - ends[0]) / span
+    t = (frames - ends[0]) / span
     bump = t * (1 - t) * ((begin - chord) * (1 - t) - (end - chord) * t) * span
     return values[0] + chord * span * t + bump
 
@@ -65,13 +65,13 @@ def spread_steps(valid: Bool, x: Float, y: Float, dt_s: float) -> tuple[Float, F
 
     Returns positions and (frame, size [m]) of every step.
     """
-    off, since = (found[0] for found in compute_unexplained_steps(x[None], y[None], valid[None]))
+    off, since = (steps[0] for steps in compute_unexplained_steps(x[None], y[None], valid[None]))
     size = np.where(since > 1, 0.0, np.hypot(off[:, 0], off[:, 1]))  # motion in an open gap is unknown
     steps = [(int(frame), float(size[frame])) for frame in np.flatnonzero(size > BREAK_M)]
-    at, span = np.arange(len(x)), SPREAD_S / dt_s
+    rows, span = np.arange(len(x)), SPREAD_S / dt_s
     for frame, _ in steps:
-        side = np.where(at >= frame, 1.0, -1.0)
-        away = np.clip(np.abs(at + 0.5 - frame) / span, 0.0, 1.0)
+        side = np.where(rows >= frame, 1.0, -1.0)
+        away = np.clip(np.abs(rows + 0.5 - frame) / span, 0.0, 1.0)
         share = side * (1 + np.cos(np.pi * away)) / 4
         x, y = x - share * off[frame, 0], y - share * off[frame, 1]
     return x, y, steps
@@ -107,8 +107,8 @@ def compute_motion_directions(valid: Bool, x: Float, y: Float, dt_s: float) -> t
     if len(frames) < 2:
         speed[frames] = 0.0
         return course, speed
-    at = np.arange(len(frames))
-    low, high = np.maximum(at - CHORD_FRAMES, 0), np.minimum(at + CHORD_FRAMES, len(frames) - 1)
+    rows = np.arange(len(frames))
+    low, high = np.maximum(rows - CHORD_FRAMES, 0), np.minimum(rows + CHORD_FRAMES, len(frames) - 1)
     dx, dy = (values[frames[high]] - values[frames[low]] for values in (x, y))
     course[frames] = np.arctan2(dy, dx)
     speed[frames] = np.hypot(dx, dy) / ((frames[high] - frames[low]) * dt_s)
@@ -124,18 +124,18 @@ def compute_vehicle_heading(axis: Float, votes: Float, motion: tuple[Float, Floa
     """
     course, speed, valid = motion
     frames = np.flatnonzero(valid)
-    known = frames[np.isfinite(axis[frames])]
-    if len(known) == 0:
+    with_axis = frames[np.isfinite(axis[frames])]
+    if len(with_axis) == 0:
         return hold_last_heading(np.where(valid & (speed > HEADING_SPEED), course, np.nan), valid)
     straight = axis.copy()
-    straight[known] = np.unwrap(axis[known], period=np.pi)
-    turned = np.round((straight[known] - axis[known]) / np.pi) % 2
-    forward = np.nan_to_num(speed[known]) * np.cos(np.nan_to_num(course[known]) - straight[known])
-    box_says = np.where(turned > 0, -1.0, 1.0) * np.nan_to_num(votes[known])
+    straight[with_axis] = np.unwrap(axis[with_axis], period=np.pi)
+    turned = np.round((straight[with_axis] - axis[with_axis]) / np.pi) % 2
+    forward = np.nan_to_num(speed[with_axis]) * np.cos(np.nan_to_num(course[with_axis]) - straight[with_axis])
+    box_says = np.where(turned > 0, -1.0, 1.0) * np.nan_to_num(votes[with_axis])
     ahead = forward.sum() if np.abs(forward.sum()) * dt_s > TURN_M else box_says.sum()
     heading = np.full(len(axis), np.nan)
-    heading[known] = straight[known] + (np.pi if ahead < 0 else 0.0)
-    heading[frames] = np.interp(frames, known, heading[known])
+    heading[with_axis] = straight[with_axis] + (np.pi if ahead < 0 else 0.0)
+    heading[frames] = np.interp(frames, with_axis, heading[with_axis])
     return np.where(valid, wrap_angles(heading), np.nan)
 
 
@@ -144,14 +144,14 @@ def compute_pedestrian_heading(course: Float, speed: Float, valid: Bool, box: Fl
     moving = valid & (speed > HEADING_SPEED)
     if moving.any():
         return hold_last_heading(np.where(moving, course, np.nan), valid)
-    known = box[valid & np.isfinite(box)]
-    return np.where(valid, known[0] if len(known) else 0.0, np.nan)
+    angles = box[valid & np.isfinite(box)]
+    return np.where(valid, angles[0] if len(angles) else 0.0, np.nan)
 
 
 def hold_last_heading(heading: Float, valid: Bool) -> Float:
     """Replace unknown headings (NaN) by the last known one, or the first one at the beginning; 0 if none is known."""
-    known = np.flatnonzero(np.isfinite(heading))
-    if len(known) == 0:
+    known_frames = np.flatnonzero(np.isfinite(heading))
+    if len(known_frames) == 0:
         return np.where(valid, 0.0, np.nan)
-    at = np.maximum(np.searchsorted(known, np.arange(len(heading)), side="right") - 1, 0)
-    return np.where(valid, heading[known[at]], np.nan)
+    last_known = np.maximum(np.searchsorted(known_frames, np.arange(len(heading)), side="right") - 1, 0)
+    return np.where(valid, heading[known_frames[last_known]], np.nan)

@@ -14,9 +14,13 @@ BREAK_M = 0.8
 BREAK_ACCELERATION = 4.0
 """[m/s²] Change of speed allowed while a track is not observed."""
 MAX_BREAK_M = 6.0
+"""[m] The allowance for acceleration while a track is not observed (`BREAK_ACCELERATION`) grows no further."""
 HALF_WINDOW = 4
+"""Number of steps on each side whose median tells how the object moves."""
 EXCURSION_S = 1.5
+"""[s] Positions that stay away for longer are no excursion."""
 FROZEN_M = 0.02
+"""[m] A smaller step is a repeated position."""
 FROZEN_SPEED = 2.0
 """[m/s] An object this fast cannot stop within one frame."""
 
@@ -73,26 +77,26 @@ class TrackSegments:
 
 def collect_segments(recording: Recording) -> TrackSegments:
     """Collect the unsplit tracks of all views; raise InputError if a track does not fit the recording."""
-    found = [(i, track) for i, view in enumerate(recording.views) for track in view.tracks]
-    shape = (len(found), recording.frame_count)
-    for i, track in found:
+    tracks = [(i, track) for i, view in enumerate(recording.views) for track in view.tracks]
+    shape = (len(tracks), recording.frame_count)
+    for i, track in tracks:
         if len(track.valid) != recording.frame_count:
             raise InputError(
                 f"log {recording.id}, observer {recording.views[i].observer}, track {track.id}: "
                 f"expected {recording.frame_count} frames, found {len(track.valid)}"
             )
-    valid = np.array([track.valid for _, track in found], dtype=np.bool_).reshape(shape)
+    valid = np.array([track.valid for _, track in tracks], dtype=np.bool_).reshape(shape)
     arrays = {
-        name: np.array([getattr(track, name) for _, track in found], dtype=np.float64).reshape(shape)
+        name: np.array([getattr(track, name) for _, track in tracks], dtype=np.float64).reshape(shape)
         for name in ("x", "y", "yaw", "length", "width")
     }
     valid &= np.isfinite(arrays["x"]) & np.isfinite(arrays["y"])
     return TrackSegments(
-        np.array([i for i, _ in found], dtype=np.int64),
-        tuple(track.id for _, track in found),
-        tuple(track.category for _, track in found),
-        np.array([track.parked for _, track in found], dtype=np.bool_),
-        np.zeros(len(found), dtype=np.bool_),
+        np.array([i for i, _ in tracks], dtype=np.int64),
+        tuple(track.id for _, track in tracks),
+        tuple(track.category for _, track in tracks),
+        np.array([track.parked for _, track in tracks], dtype=np.bool_),
+        np.zeros(len(tracks), dtype=np.bool_),
         valid,
         **{name: np.where(valid, values, np.nan) for name, values in arrays.items()},
     )
@@ -105,8 +109,8 @@ def compute_unexplained_steps(x: Float, y: Float, valid: Bool) -> tuple[Float, I
     frame and where invalid), and the number of frames (K, T) since the previous observation.
     """
     tracks, frames = valid.shape
-    at = np.where(valid, np.arange(frames), -1)
-    last = np.concatenate((np.full((tracks, 1), -1), np.maximum.accumulate(at, axis=1)[:, :-1]), axis=1)
+    last_valid = np.where(valid, np.arange(frames), -1)
+    last = np.concatenate((np.full((tracks, 1), -1), np.maximum.accumulate(last_valid, axis=1)[:, :-1]), axis=1)
     stepped = valid & (last >= 0)
     since = np.where(stepped, np.arange(frames) - last, 1)
     xy = np.stack((x, y), axis=-1)

@@ -95,9 +95,9 @@ def opendrive(paths: tuple[Path, ...], out: Path) -> None:
 
     for town in convert_opendrive(paths, out):
         signs = "stop signs unknown" if town.stop_signs is None else f"{town.stop_signs} stop signs"
-        found = f"{'left-hand, ' * town.left_hand}{signs}, {len(town.repairs)} repairs"
+        facts = f"{'left-hand, ' * town.left_hand}{signs}, {len(town.repairs)} repairs"
         lanes = f"{town.displaced_lanes} of {town.measured_lanes} lanes compared over 0.5 m off the map"
-        echo(f"{town.name}: {found}, {lanes}")
+        echo(f"{town.name}: {facts}, {lanes}")
     echo(f"Report: {out / NETWORKS_MARKDOWN}")
     echo(f"Draw them: mdrive-sumo show {shlex.quote(str(out))}")
     echo("Drive on them: add suite.json and <id>/scenario.json (`mdrive-sumo schema suite`, `schema scenario`)")

@@ -86,9 +86,9 @@ def convert(ctx: click.Context, suite: Path | None, as_json: bool) -> None:
     from real2sim.pipeline.quality_file import load_qualities
     from real2sim.pipeline.suite_summary import format_summary, summarize_suite
 
-    found = summarize_suite(load_qualities(suite))
-    echo(found.model_dump_json(indent=1) if as_json else format_summary(found))
-    ctx.exit(0 if found.all.passed else 1)
+    summary = summarize_suite(load_qualities(suite))
+    echo(summary.model_dump_json(indent=1) if as_json else format_summary(summary))
+    ctx.exit(0 if summary.all.passed else 1)
 
 
 convert.add_command(mdrive)

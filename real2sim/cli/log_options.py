@@ -232,9 +232,7 @@ def find_logs(paths: Sequence[Path], pattern: LogPattern) -> list[Path]:
     Raises InputError for a folder without any log.
     """
     return [
-        found
-        for path in paths
-        for found in _find_logs_in(path, pattern.is_log) or [_refuse_folder(path, pattern.wanted)]
+        log for path in paths for log in _find_logs_in(path, pattern.is_log) or [_refuse_folder(path, pattern.wanted)]
     ]
 
 
@@ -247,7 +245,7 @@ def _refuse_folder(path: Path, wanted: str) -> Path:
 def _find_logs_in(path: Path, is_log: Callable[[Path], bool]) -> list[Path]:
     if is_log(path) or not path.is_dir():
         return [path] if is_log(path) else []
-    return [found for below in sorted(path.iterdir()) for found in _find_logs_in(below, is_log)]
+    return [log for below in sorted(path.iterdir()) for log in _find_logs_in(below, is_log)]
 
 
 def match_file(*names: str) -> LogPattern:

@@ -78,11 +78,11 @@ def draw_chart(chart: LineChart) -> Markup:
 
 def _draw_series(series: ChartSeries, x_range: tuple[float, float], top: float) -> Markup:
     upper = series.upper
-    known = np.isfinite(series.x) & np.isfinite(series.y)
+    drawable = np.isfinite(series.x) & np.isfinite(series.y)
     if upper is not None:
-        known &= np.isfinite(upper)
+        drawable &= np.isfinite(upper)
     d = ""
-    for run in kinematics.find_runs(known):
+    for run in kinematics.find_runs(drawable):
         x, y = series.x[run], series.y[run]
         if upper is not None:
             x, y = np.concatenate((x, x[::-1])), np.concatenate((y, upper[run][::-1]))

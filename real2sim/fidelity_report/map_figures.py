@@ -49,6 +49,7 @@ INFRACTION_MAP_M = 36.0
 INFRACTION_NEAR_M = 10.0
 """[m] Road users this far outside the picture of an infraction are drawn too: their boxes may reach into it."""
 ARROW_SPACING_M, ARROW_HALF_WIDTH_M = 10.0, 0.45
+"""[m] Distance between the arrows on a lane, and half their width."""
 NAME_ASPECT = 0.66
 """Mean width of a letter relative to its height."""
 THUMBNAIL_LANE_M, THUMBNAIL_STEP_M = 3.5, 0.4
@@ -125,14 +126,14 @@ def _arrow_path(svg: SvgFrame, line: Polyline) -> str:
 
 
 def _draw_tracks(svg: SvgFrame, entry: ReportEntry) -> Markup:
-    raw, track, known = entry.raw, entry.reconstructed, entry.best_track
+    raw, track, best = entry.raw, entry.reconstructed, entry.best_track
     return join_markup(
         (
             render_path(svg.dots_path(raw.xy), id=f"raw-{entry.number}") if raw else None,
             render_path(svg.line_path(track.xy, track.valid), id=f"way-{entry.number}")
             if track and track.valid.any()
             else None,
-            _draw_box(svg, known, entry.number) if known and known.valid.any() else None,
+            _draw_box(svg, best, entry.number) if best and best.valid.any() else None,
         )
     )
 

@@ -16,9 +16,9 @@ from real2sim.recording import RecordedTrack
 
 SCHEDULE_S = 0.2
 """[s] Interval between two points of a schedule."""
-BEYOND_M = 300.0
+ROUTE_AFTER_LOG_M = 300.0
 """[m] Length of the route after the end of the log: 20 s at 15 m/s."""
-OFF_M = 3.0
+OFF_ROAD_M = 3.0
 """[m] A vehicle that drives further than this before its first lane or after its last was off the road there."""
 BETWEEN_M = 10.0
 """[m] A vehicle that drives further than this between two of its lanes leaves the road: two car lengths. The largest
@@ -80,7 +80,7 @@ def route_track(track: RecordedTrack, match: LaneMatch, roads: RoadMap) -> Route
     if why := _explain_off_road(track, match, on, roads):
         return why
     lanes = (*_find_entry_lanes(roads, match.route[0]), *match.route)
-    lanes = (*lanes, *find_straight_continuation(roads, lanes[-1], BEYOND_M))
+    lanes = (*lanes, *find_straight_continuation(roads, lanes[-1], ROUTE_AFTER_LOG_M))
     path = build_route_path(roads, lanes)
     if not path.edges:
         return "no edge outside a junction on its route"
@@ -96,16 +96,18 @@ def route_track(track: RecordedTrack, match: LaneMatch, roads: RoadMap) -> Route
 
 
 def _find_off_road_ends(track: RecordedTrack, on: np.ndarray) -> list[slice]:
-    """Return the frames before the first lane and after the last that are longer than `OFF_M`."""
+    """Return the frames before the first lane and after the last that are longer than `OFF_ROAD_M`."""
     ends = (slice(0, int(on[0])), slice(int(on[-1]) + 1, len(track.valid)))
     return [
-        end for end, at in zip(ends, (on[0], on[-1]), strict=True) if _compute_end_length(track, end, int(at)) > OFF_M
+        end
+        for end, frame in zip(ends, (on[0], on[-1]), strict=True)
+        if _compute_end_length(track, end, int(frame)) > OFF_ROAD_M
     ]
 
 
-def _compute_end_length(track: RecordedTrack, end: slice, at: int) -> float:
+def _compute_end_length(track: RecordedTrack, end: slice, frame: int) -> float:
     """Return the distance [m] driven in the frames of one end, up to or from frame `at`."""
-    rows = sorted({*(np.flatnonzero(track.valid[end]) + end.start).tolist(), at})
+    rows = sorted({*(np.flatnonzero(track.valid[end]) + end.start).tolist(), frame})
     return float(np.hypot(*np.diff(track.xy[rows], axis=0).T).sum())
 
 
@@ -113,12 +115,14 @@ def _explain_off_road(track: RecordedTrack, match: LaneMatch, on: np.ndarray, ro
     """Return why the track leaves the roads where they continue; "" where it only enters or leaves the map."""
     for end in _find_off_road_ends(track, on):
         first = end.start == 0
-        at = int(on[0] if first else on[-1])
-        lane = roads.lanes[match.lanes[at]]
-        rest = float(match.s[at]) if first else lane.centre.length - float(match.s[at])
-        onward = any(lane.id in one.successors for one in roads.driving) if first else bool(lane.successors)
+        frame = int(on[0] if first else on[-1])
+        lane = roads.lanes[match.lanes[frame]]
+        rest = float(match.s[frame]) if first else lane.centre.length - float(match.s[frame])
+        onward = (
+            any(lane.id in lane_after.successors for lane_after in roads.driving) if first else bool(lane.successors)
+        )
         if onward or rest > EDGE_OF_MAP_M:
-            away = _compute_end_length(track, end, at)
+            away = _compute_end_length(track, end, frame)
             return f"drives {away:.1f} m off the road {'before its first' if first else 'after its last'} lane"
     for before, after in pairwise(on.tolist()):
         away = float(np.hypot(*np.diff(track.xy[before : after + 1], axis=0).T).sum()) if after > before + 1 else 0.0
@@ -129,50 +133,50 @@ def _explain_off_road(track: RecordedTrack, match: LaneMatch, on: np.ndarray, ro
 
 def _find_entry_lanes(roads: RoadMap, lane: str) -> tuple[str, ...]:
     """Return the lanes before one inside a junction, from an edge on: SUMO inserts vehicles on edges only."""
-    found: list[str] = []
-    while roads.lanes[(found or [lane])[0]].junction:
-        first = (found or [lane])[0]
-        before = [one.id for one in roads.driving if first in one.successors and one.id not in found]
+    lanes_before: list[str] = []
+    while roads.lanes[(lanes_before or [lane])[0]].junction:
+        first = (lanes_before or [lane])[0]
+        before = [lane.id for lane in roads.driving if first in lane.successors and lane.id not in lanes_before]
         if not before:
             break
-        found.insert(0, before[0])
-    return tuple(found)
+        lanes_before.insert(0, before[0])
+    return tuple(lanes_before)
 
 
 def build_background_vehicle(
-    one: RoutedTrack, name: str, driving: CarFollowing, dt_s: float, log: bool
+    routed: RoutedTrack, name: str, driving: CarFollowing, dt_s: float, log: bool
 ) -> BackgroundVehicle:
     """Return the vehicle from its first frame on. The `progress` of its schedule begins above 0 if it begins in a
     junction."""
-    frames = np.flatnonzero(np.isfinite(one.progress))
-    first, front = int(frames[0]), one.front_progress
-    edge = next(stage for stage in one.path.edges_in_order if not stage.junction)
+    frames = np.flatnonzero(np.isfinite(routed.progress))
+    first, front = int(frames[0]), routed.front_progress
+    edge = next(stage for stage in routed.path.edges_in_order if not stage.junction)
     depart = min(max(float(front[first]) - edge.begin, 0.0), max(edge.length - INSERTION_MARGIN_M, 0.0))
     start = edge.begin + depart
     return BackgroundVehicle(
         id=name,
         depart_s=round(first * dt_s, 3),
-        edges=one.path.edges,
-        depart_lane=_find_depart_lane(one),
+        edges=routed.path.edges,
+        depart_lane=_find_depart_lane(routed),
         depart_pos_m=round(depart, 2),
-        depart_speed=min(round(_compute_depart_speed(one.progress[frames], dt_s), 2), 60.0),
-        length=one.length,
-        width=one.width,
+        depart_speed=min(round(_compute_depart_speed(routed.progress[frames], dt_s), 2), 60.0),
+        length=routed.length,
+        width=routed.width,
         driving=driving,
         schedule=Schedule(
             progress=_sample_schedule(frames, front[frames] - start, dt_s),
-            lanes=_find_lane_changes(one, start),
+            lanes=_find_lane_changes(routed, start),
             leaves=int(frames[-1]) < len(front) - 1,
         ),
-        log=timed_poses(one.track, dt_s) if log else (),
+        log=timed_poses(routed.track, dt_s) if log else (),
     )
 
 
-def _find_depart_lane(one: RoutedTrack) -> int:
+def _find_depart_lane(routed: RoutedTrack) -> int:
     """Return the index of the departure lane: that of the first frame, else of the edge before the junction."""
-    first = int(np.flatnonzero(np.isfinite(one.progress))[0])
-    edge = next(stage for stage in one.path.edges_in_order if not stage.junction)
-    on = [lane for lane in edge.lanes if lane.id == one.match.lanes[first]]
+    first = int(np.flatnonzero(np.isfinite(routed.progress))[0])
+    edge = next(stage for stage in routed.path.edges_in_order if not stage.junction)
+    on = [lane for lane in edge.lanes if lane.id == routed.match.lanes[first]]
     return (on or list(edge.lanes))[0].index
 
 
@@ -191,29 +195,29 @@ def _sample_schedule(frames: np.ndarray, front: Float, dt_s: float) -> tuple[tup
     return tuple((round(float(frames[k]) * dt_s, 3), float(s)) for k, s in zip(kept, rounded, strict=True))
 
 
-def _find_lane_changes(one: RoutedTrack, start: float) -> tuple[tuple[float, int], ...]:
+def _find_lane_changes(routed: RoutedTrack, start: float) -> tuple[tuple[float, int], ...]:
     """Return where the front bumper is when the centre enters the next lane of its route [m], with the lane's index.
 
     A change that the route requires but no frame shows (a lane that ends) takes place at the last position on the lane
     before.
     """
-    seen = _find_lane_extents(one)
-    found: list[tuple[float, int]] = []
-    index = _find_depart_lane(one)
-    for k, stage in enumerate(one.path.edges_in_order):
+    seen = _find_lane_extents(routed)
+    changes: list[tuple[float, int]] = []
+    index = _find_depart_lane(routed)
+    for k, stage in enumerate(routed.path.edges_in_order):
         if stage.junction:
             continue
         for before, lane in pairwise([None, *stage.lanes]):
             if lane is not None and lane.index != index:
-                at = (
+                change_at = (
                     seen.get((k, lane.id), (stage.begin, 0.0))[0]
                     if before is None
                     else _find_crossing(seen, k, before, lane)
                 )
-                at = max(min(at, stage.end - LANE_CHANGE_MARGIN_M), stage.begin)
-                found.append((round(max(at - start, 0.0), 2), lane.index))
+                change_at = max(min(change_at, stage.end - LANE_CHANGE_MARGIN_M), stage.begin)
+                changes.append((round(max(change_at - start, 0.0), 2), lane.index))
                 index = lane.index
-    return tuple(sorted(found, key=lambda change: change[0]))
+    return tuple(sorted(changes, key=lambda change: change[0]))
 
 
 def _find_crossing(seen: dict[tuple[int, str], tuple[float, float]], stage: int, before: Lane, lane: Lane) -> float:
@@ -223,17 +227,17 @@ def _find_crossing(seen: dict[tuple[int, str], tuple[float, float]], stage: int,
     return seen.get((stage, before.id), (0.0, 0.0))[1]
 
 
-def _find_lane_extents(one: RoutedTrack) -> dict[tuple[int, str], tuple[float, float]]:
+def _find_lane_extents(routed: RoutedTrack) -> dict[tuple[int, str], tuple[float, float]]:
     """Return the first and last position of the front bumper [m] by edge index and lane."""
-    found: dict[tuple[int, str], tuple[float, float]] = {}
-    least, front = 0, one.front_progress
-    for frame in np.flatnonzero(np.isfinite(one.progress)).tolist():
-        lane = one.match.lanes[frame]
-        k = one.path.find_edge_index(lane, least) if lane else None
+    extents: dict[tuple[int, str], tuple[float, float]] = {}
+    least, front = 0, routed.front_progress
+    for frame in np.flatnonzero(np.isfinite(routed.progress)).tolist():
+        lane = routed.match.lanes[frame]
+        k = routed.path.find_edge_index(lane, least) if lane else None
         if k is not None:
-            least, at = max(k, least), float(front[frame])
-            found[k, lane] = (found.get((k, lane), (at, at))[0], at)
-    return found
+            least, front_m = max(k, least), float(front[frame])
+            extents[k, lane] = (extents.get((k, lane), (front_m, front_m))[0], front_m)
+    return extents
 
 
 def timed_poses(track: RecordedTrack, dt_s: float) -> tuple[tuple[float, float, float, float], ...]:

@@ -24,7 +24,7 @@ TAPER_M = 10.0
 """[m] Length over which the route returns to the centre line: half of a lane change (`cavs.LANE_CHANGE_M`)."""
 MAX_ASIDE_M = 3.5
 """[m] Largest lateral offset; `checks.OFF_LANE_M` allows 4 m."""
-BEYOND_M = 1.0
+BESIDE_LANE_M = 1.0
 """[m] A point this far before or behind a lane is beside another one."""
 
 
@@ -53,8 +53,8 @@ def explain_unused_cavs(
     wanted: Sequence[str], chosen: Sequence[str], tracks: Sequence[RecordedTrack], matches: Mapping[str, LaneMatch]
 ) -> dict[str, str]:
     """Return the CAVs of the source that are not CAVs of the scenario, with the reason."""
-    known = {track.id: track for track in tracks}
-    return {name: _explain_unused(known.get(name), matches.get(name)) for name in wanted if name not in chosen}
+    track_by_id = {track.id: track for track in tracks}
+    return {name: _explain_unused(track_by_id.get(name), matches.get(name)) for name in wanted if name not in chosen}
 
 
 def _explain_unused(track: RecordedTrack | None, match: LaneMatch | None) -> str:
@@ -135,15 +135,15 @@ def _build_route(match: LaneMatch, roads: RoadMap) -> tuple[Route, str]:
 def _extend_lanes(roads: RoadMap, lanes: Sequence[str], goal: float, missing: float) -> tuple[list[str], float]:
     """Extend the lanes by `missing` [m], or to the end of the network; return them and the arc length [m] of the goal
     on the last one."""
-    found = list(lanes)
+    extended = list(lanes)
     for lane in ("", *find_straight_continuation(roads, lanes[-1], missing)):
         if lane:
-            found, goal = [*found, lane], 0.0
-        rest = roads.lanes[found[-1]].centre.length - goal
+            extended, goal = [*extended, lane], 0.0
+        rest = roads.lanes[extended[-1]].centre.length - goal
         if missing <= rest:
-            return found, goal + missing
+            return extended, goal + missing
         goal, missing = goal + rest, missing - rest
-    return found, goal
+    return extended, goal
 
 
 def _build_dense_route(
@@ -182,7 +182,7 @@ def follow_log_aside(route: Route, match: LaneMatch, roads: RoadMap) -> Route:
         offsets = np.clip(match.offset[frames][first], -MAX_ASIDE_M, MAX_ASIDE_M)
         for i, (x, y) in enumerate(route.xy.tolist()):
             s, d = lane.centre.project(x, y)
-            if abs(d) > BEYOND_M or np.hypot(*(np.array(lane.centre.at(s)) - (x, y))) > BEYOND_M:
+            if abs(d) > BESIDE_LANE_M or np.hypot(*(np.array(lane.centre.at(s)) - (x, y))) > BESIDE_LANE_M:
                 continue
             away = max(stations[0] - s, s - stations[-1], 0.0)
             share = np.clip(1 - away / TAPER_M, 0.0, 1.0)

@@ -14,11 +14,11 @@ from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, boxes_overlap
 from mdrive_sumo.roads import RoadMap
 from real2sim.fit.background_vehicle import RoutedTrack
 
-MARGIN_M = 0.3
+PASSING_GAP_M = 0.3
 """[m] Free space on both sides of a box that SUMO's traffic passes."""
 DEEP_M, LEAST_S = 0.25, 0.5
 """[m], [s] Vehicles in one lane are abreast if their boxes, each side moved inwards by this, overlap for that long."""
-NEAR_M = 30.0
+OVERLAP_RANGE_M = 30.0
 """[m] Boxes whose centres are further apart never overlap."""
 
 
@@ -31,43 +31,43 @@ class CentrelineTraffic:
 
     def corners(self, k: int, frames: np.ndarray, grown: float) -> Float:
         """Return the corners (N, 4, 2) of a vehicle's box in frames (N,), each side moved outwards by `grown` [m]."""
-        one, at = self.drivers[k], self.poses[k, frames]
-        length, width = max(one.length + 2 * min(grown, 0.0), 0.1), max(one.width + 2 * grown, 0.1)
-        return boxes_corners(at[:, 0], at[:, 1], at[:, 2], np.array(length), np.array(width))
+        driver, poses = self.drivers[k], self.poses[k, frames]
+        length, width = max(driver.length + 2 * min(grown, 0.0), 0.1), max(driver.width + 2 * grown, 0.1)
+        return boxes_corners(poses[:, 0], poses[:, 1], poses[:, 2], np.array(length), np.array(width))
 
 
 def place_on_centrelines(drivers: Sequence[RoutedTrack], roads: RoadMap) -> CentrelineTraffic:
     """Place every vehicle on the centre line at its matched arc length."""
     frames = len(drivers[0].match.lanes) if drivers else 0
     poses = np.full((len(drivers), frames, 3), np.nan)
-    for k, one in enumerate(drivers):
-        for frame in np.flatnonzero(np.isfinite(one.progress) & np.isfinite(one.match.s)).tolist():
-            line, s = roads.lanes[one.match.lanes[frame]].centre, float(one.match.s[frame])
+    for k, driver in enumerate(drivers):
+        for frame in np.flatnonzero(np.isfinite(driver.progress) & np.isfinite(driver.match.s)).tolist():
+            line, s = roads.lanes[driver.match.lanes[frame]].centre, float(driver.match.s[frame])
             poses[k, frame] = (*line.at(s), line.yaw_at(s))
     return CentrelineTraffic(drivers, poses)
 
 
 def find_abreast(traffic: CentrelineTraffic, dt_s: float) -> dict[str, str]:
     """Return, by track id, why a vehicle cannot be in a lane: another one is beside it, nearer to the centre line."""
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     drivers = traffic.drivers
-    for k, one in enumerate(drivers):
+    for k, candidate in enumerate(drivers):
         for n in range(k):
             other = drivers[n]
-            if one.track.id in found or other.track.id in found:
+            if candidate.track.id in reasons or other.track.id in reasons:
                 continue
             frames = _find_overlap_frames(traffic, k, n)
             if len(frames) * dt_s < LEAST_S:
                 continue
-            off = [float(np.mean(np.abs(driver.match.offset[frames]))) for driver in (one, other)]
-            out, stays = (one, other) if off[0] >= off[1] else (other, one)
-            found[out.track.id] = f"beside {stays.track.id} in one lane, {max(off):.1f} m from its centre line"
-    return found
+            off = [float(np.mean(np.abs(driver.match.offset[frames]))) for driver in (candidate, other)]
+            out, stays = (candidate, other) if off[0] >= off[1] else (other, candidate)
+            reasons[out.track.id] = f"beside {stays.track.id} in one lane, {max(off):.1f} m from its centre line"
+    return reasons
 
 
 def _find_overlap_frames(traffic: CentrelineTraffic, k: int, n: int) -> np.ndarray:
-    one, other = (traffic.drivers[i].match.lanes for i in (k, n))
-    same = np.array([a == b != "" for a, b in zip(one, other, strict=True)], dtype=np.bool_)
+    lanes, other = (traffic.drivers[i].match.lanes for i in (k, n))
+    same = np.array([a == b != "" for a, b in zip(lanes, other, strict=True)], dtype=np.bool_)
     frames = _find_near_frames(traffic, k, same, traffic.poses[n, :, :2])
     if not len(frames):
         return frames
@@ -78,15 +78,15 @@ def _find_overlap_frames(traffic: CentrelineTraffic, k: int, n: int) -> np.ndarr
 def find_vehicles_through(traffic: CentrelineTraffic, there: Bool, corners: Float) -> list[str]:
     """Return the track ids of vehicles that pass through the boxes of an object with corners (T, 4, 2), in frames when
     it is `there`."""
-    found: list[str] = []
-    for k, one in enumerate(traffic.drivers):
+    abreast: list[str] = []
+    for k, driver in enumerate(traffic.drivers):
         frames = _find_near_frames(traffic, k, there, corners.mean(axis=1))
-        if len(frames) and boxes_overlap(traffic.corners(k, frames, MARGIN_M), corners[frames]).any():
-            found.append(one.track.id)
-    return found
+        if len(frames) and boxes_overlap(traffic.corners(k, frames, PASSING_GAP_M), corners[frames]).any():
+            abreast.append(driver.track.id)
+    return abreast
 
 
 def _find_near_frames(traffic: CentrelineTraffic, k: int, rows: Bool, xy: Float) -> np.ndarray:
     """Return the frames among `rows` (T,) in which a vehicle is near points (T, 2) [m]."""
     apart = np.hypot(*(traffic.poses[k, :, :2] - xy).T)
-    return np.flatnonzero(rows & (np.nan_to_num(apart, nan=np.inf) < NEAR_M))
+    return np.flatnonzero(rows & (np.nan_to_num(apart, nan=np.inf) < OVERLAP_RANGE_M))

@@ -9,12 +9,14 @@ from mdrive_sumo.scenario.background import CarFollowing
 from real2sim.fit.background_vehicle import RoutedTrack
 from real2sim.tracks.kinematics import compute_derivative
 
-REACH_M = 60.0
+LEADER_RANGE_M = 60.0
 """[m] Leaders further ahead are not followed."""
 MOVING, STANDING = 2.0, 0.3
 """[m/s] A time gap is measured above the first speed; below the second the vehicle is standing."""
 TAU_S = (0.2, 2.0)
+"""[s] Least and largest time headway that is estimated."""
 MIN_GAP_M = (0.3, 2.5)
+"""[m] Least and largest gap at a standstill that is estimated; the largest is SUMO's default."""
 ACCEL, DECEL = (2.6, 8.0), (4.5, 9.0)
 """Bounds. A log of seconds shows less than a driver is capable of: never below SUMO's defaults for passenger cars."""
 GAP_PERCENTILE = 5.0
@@ -30,23 +32,23 @@ def estimate_driving(drivers: Sequence[RoutedTrack], dt_s: float) -> list[CarFol
 def _lane_positions(drivers: Sequence[RoutedTrack]) -> tuple[Int, Float]:
     """Return the lane number (K, T), -1 without a lane, and the arc length (K, T) [m]."""
     numbers = {"": -1}
-    for one in drivers:
-        for lane in one.match.lanes:
+    for driver in drivers:
+        for lane in driver.match.lanes:
             numbers.setdefault(lane, len(numbers) - 1)
-    lanes = np.array([[numbers[lane] for lane in one.match.lanes] for one in drivers], dtype=np.int64)
-    return lanes, np.array([one.match.s for one in drivers])
+    lanes = np.array([[numbers[lane] for lane in driver.match.lanes] for driver in drivers], dtype=np.int64)
+    return lanes, np.array([driver.match.s for driver in drivers])
 
 
 def _estimate_vehicle(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Float, dt_s: float) -> CarFollowing:
-    one = drivers[k]
-    speed = np.gradient(one.progress, dt_s) if len(one.progress) > 1 else np.zeros_like(one.progress)
+    driver = drivers[k]
+    speed = np.gradient(driver.progress, dt_s) if len(driver.progress) > 1 else np.zeros_like(driver.progress)
     gaps = _compute_gaps(drivers, k, lanes, s)
     standing = gaps[(speed < STANDING) & np.isfinite(gaps)]
     close = min(_low_percentile(standing, MIN_GAP_M[1]), _low_percentile(gaps[np.isfinite(gaps)], MIN_GAP_M[1]))
     min_gap = float(np.clip(close, *MIN_GAP_M))
     follows = (speed > MOVING) & np.isfinite(gaps)
     tau = float(np.clip(_low_percentile((gaps[follows] - min_gap) / speed[follows], 1.0), *TAU_S))
-    seen = one.progress[np.isfinite(one.progress)]
+    seen = driver.progress[np.isfinite(driver.progress)]
     force = compute_derivative(seen, dt_s, 2)
     up, down = (float(np.percentile(a, 98)) if len(a) else 0.0 for a in (force, -force))
     return CarFollowing(
@@ -60,19 +62,19 @@ def _estimate_vehicle(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Flo
 
 def _compute_gaps(drivers: Sequence[RoutedTrack], k: int, lanes: Int, s: Float) -> Float:
     """Return the bumper-to-bumper distance (T,) [m] to the next vehicle on the lanes of the route; NaN without one."""
-    one = drivers[k]
+    driver = drivers[k]
     begins = np.full((int(lanes.max()) + 2,), np.nan)
     by_name = {lane: number for row, other in zip(lanes, drivers, strict=True)
                for number, lane in zip(row.tolist(), other.match.lanes, strict=True)}  # fmt: skip
-    for stage in one.path.edges_in_order:
+    for stage in driver.path.edges_in_order:
         for lane in stage.lanes:
             if lane.id in by_name:
                 begins[by_name[lane.id]] = stage.begin
     begins[-1] = np.nan
-    ahead = begins[lanes] + s - one.progress[None, :]
+    ahead = begins[lanes] + s - driver.progress[None, :]
     ahead[k] = np.nan
-    half = np.array([other.length / 2 for other in drivers])[:, None] + one.length / 2
-    ahead = np.where((ahead > 0.5) & (ahead < REACH_M), ahead - half, np.inf)
+    half = np.array([other.length / 2 for other in drivers])[:, None] + driver.length / 2
+    ahead = np.where((ahead > 0.5) & (ahead < LEADER_RANGE_M), ahead - half, np.inf)
     nearest = ahead.min(axis=0)
     return np.where(np.isfinite(nearest), np.maximum(nearest, 0.0), np.nan)
 

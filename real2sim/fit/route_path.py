@@ -56,18 +56,18 @@ class RoutePath:
 
     @cached_property
     def _by_lane(self) -> dict[str, list[int]]:
-        found: dict[str, list[int]] = {}
+        indices: dict[str, list[int]] = {}
         for i, stage in enumerate(self.edges_in_order):
             for lane in stage.lanes:
-                if i not in found.setdefault(lane.id, []):
-                    found[lane.id].append(i)
-        return found
+                if i not in indices.setdefault(lane.id, []):
+                    indices[lane.id].append(i)
+        return indices
 
     def find_edge_index(self, lane: str, least: int) -> int | None:
         """Return the index of the edge with that lane: the first from `least` on, else the last before; None if there
         is none."""
-        at = self._by_lane.get(lane, [])
-        return next((i for i in at if i >= least), at[-1] if at else None)
+        indices = self._by_lane.get(lane, [])
+        return next((i for i in indices if i >= least), indices[-1] if indices else None)
 
 
 def build_route_path(roads: RoadMap, lanes: Sequence[str]) -> RoutePath:
@@ -104,7 +104,7 @@ def compute_edge_length(roads: RoadMap, lane: Lane) -> float:
     while side.right:
         side = roads.lanes[side.right]
         beside.append(side)
-    return float(np.mean([one.centre.length for one in beside]))
+    return float(np.mean([lane.centre.length for lane in beside]))
 
 
 def compute_progress(path: RoutePath, track: RecordedTrack, match: LaneMatch) -> Float:
@@ -118,45 +118,45 @@ def compute_progress(path: RoutePath, track: RecordedTrack, match: LaneMatch) ->
     whole = np.arange(frames[0], frames[-1] + 1)
     x, y = (np.interp(whole, frames, values[frames]) for values in (track.x, track.y))
     driven = np.concatenate(((0.0,), np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
-    at, ahead = _find_matched_frames(path, match, whole)
+    indices, ahead = _find_matched_frames(path, match, whole)
     inside = (ahead > CLAMPED_M) & (ahead < path.length - CLAMPED_M)
-    at, ahead = (at[inside], ahead[inside]) if inside.any() else (at, ahead)
+    indices, ahead = (indices[inside], ahead[inside]) if inside.any() else (indices, ahead)
     along = np.full(len(match.lanes), np.nan)
-    along[whole] = np.maximum.accumulate(driven + np.interp(whole, at, ahead - driven[at - frames[0]]))
+    along[whole] = np.maximum.accumulate(driven + np.interp(whole, indices, ahead - driven[indices - frames[0]]))
     return along
 
 
 def _find_matched_frames(path: RoutePath, match: LaneMatch, whole: np.ndarray) -> tuple[np.ndarray, Float]:
     """Return the frames with a lane of the path, and the distance along it there."""
-    at: list[int] = []
+    indices: list[int] = []
     ahead: list[float] = []
     stage = 0
     for frame in whole.tolist():
-        found = path.find_edge_index(match.lanes[frame], stage) if match.lanes[frame] else None
-        if found is None:
+        index = path.find_edge_index(match.lanes[frame], stage) if match.lanes[frame] else None
+        if index is None:
             continue
-        stage = max(stage, found)
-        here = path.edges_in_order[found]
-        lane = next(one for one in here.lanes if one.id == match.lanes[frame])
-        at.append(frame)
+        stage = max(stage, index)
+        here = path.edges_in_order[index]
+        lane = next(candidate for candidate in here.lanes if candidate.id == match.lanes[frame])
+        indices.append(frame)
         ahead.append(here.begin + float(match.s[frame]) * here.length / lane.centre.length)
-    return np.array(at, dtype=np.intp), np.array(ahead)
+    return np.array(indices, dtype=np.intp), np.array(ahead)
 
 
 def find_straight_continuation(roads: RoadMap, lane: str, least_m: float) -> tuple[str, ...]:
     """Return the lanes after this one that turn least, until they are `least_m` long together or the network ends."""
-    found: list[str] = []
+    lanes: list[str] = []
     so_far = 0.0
     here = roads.lanes[lane]
     while (so_far < least_m or here.junction) and here.successors:
         here = roads.lanes[min(here.successors, key=lambda id_: (_compute_lane_turn(roads, id_), id_))]
-        if here.id in found:
+        if here.id in lanes:
             break
-        found.append(here.id)
+        lanes.append(here.id)
         so_far += here.centre.length
-    while found and roads.lanes[found[-1]].junction:
-        found.pop()
-    return tuple(found)
+    while lanes and roads.lanes[lanes[-1]].junction:
+        lanes.pop()
+    return tuple(lanes)
 
 
 def _compute_lane_turn(roads: RoadMap, lane: str) -> float:

@@ -82,7 +82,7 @@ def build_standing_actor(track: RecordedTrack, name: str, traffic: CentrelineTra
     box = box_corners(x, y, heading, length, width)
     motion: Motion = StandingMotion()
     said: list[str] = []
-    if any(_is_driven_through(box, one, track) for one in traffic.drivers):
+    if any(_is_driven_through(box, driver, track) for driver in traffic.drivers):
         first, last = int(track.valid_frames[0]) * dt_s, (int(track.valid_frames[-1]) + 1) * dt_s
         motion = ReplayMotion(
             poses=((round(first, 3), x, y, heading), (round(last, 3), x, y, heading)), stays=bool(track.valid[-1])
@@ -105,15 +105,15 @@ def build_standing_actor(track: RecordedTrack, name: str, traffic: CentrelineTra
     return actor, "; ".join(part for part in said if part)
 
 
-def _is_driven_through(box: np.ndarray, one: RoutedTrack, track: RecordedTrack) -> bool:
+def _is_driven_through(box: np.ndarray, driver: RoutedTrack, track: RecordedTrack) -> bool:
     """Return whether the vehicle overlaps the box in a frame in which the object is not seen."""
-    rows = one.track.valid & ~track.valid
+    rows = driver.track.valid & ~track.valid
     if not rows.any():
         return False
-    moving = one.track
+    moving = driver.track
     near = rows & (np.hypot(moving.x - box[:, 0].mean(), moving.y - box[:, 1].mean()) < 30.0)
     if not near.any():
         return False
     yaw = np.nan_to_num(moving.yaw[near])
-    boxes = boxes_corners(moving.x[near], moving.y[near], yaw, np.array(one.length), np.array(one.width))
+    boxes = boxes_corners(moving.x[near], moving.y[near], yaw, np.array(driver.length), np.array(driver.width))
     return bool(boxes_overlap(boxes, box[None]).any())

@@ -32,6 +32,7 @@ from real2sim.recording import ObjectCategory, RecordedTrack
 ACTION_STEP_S = 0.1
 """[s] Drivers of a log react at its frame rate, which SUMO's insertion and schedules need."""
 LEAST_FRAMES = 2
+"""A track of fewer frames has no motion."""
 LONG_NAME, SHORT_NAME = 16, 6
 """Names of more characters are shortened, but to no fewer than the second."""
 DRIVEN_KINDS = frozenset(
@@ -97,22 +98,22 @@ def fit_traffic(
 
     Raises InputError for a CAV that is not present in the first frame or has no route through the network.
     """
-    known = {track.id: track for track in tracks}
+    track_by_id = {track.id: track for track in tracks}
     for name in cavs:
-        if name not in known:
+        if name not in track_by_id:
             raise InputError(
-                f"CAV {name}: expected one of the tracks {_list_some(sorted(known))}, found none of that name"
+                f"CAV {name}: expected one of the tracks {_list_some(sorted(track_by_id))}, found none of that name"
             )
     work = _FitContext(matches, roads, dt_s, make_scenario_names(tracks), {})
-    egos = tuple(_fit_ego(work, known[name]) for name in cavs)
+    egos = tuple(_fit_ego(work, track_by_id[name]) for name in cavs)
     rest = [track for track in tracks if track.id not in cavs]
     drivers = _select_background_vehicles(work, rest)
     following = estimate_driving(drivers, dt_s) if drivers else []
     vehicles = [
-        build_background_vehicle(one, work.names[one.track.id], driving, dt_s, mode != "reactive")
-        for one, driving in zip(drivers, following, strict=True)
+        build_background_vehicle(driver, work.names[driver.track.id], driving, dt_s, mode != "reactive")
+        for driver, driving in zip(drivers, following, strict=True)
     ]
-    on_road, traffic = {one.track.id for one in drivers}, place_on_centrelines(drivers, roads)
+    on_road, traffic = {driver.track.id for driver in drivers}, place_on_centrelines(drivers, roads)
     actors = [actor for track in rest if track.id not in on_road for actor in _build_actors(work, track, traffic)]
     background = Background(vehicles=tuple(vehicles), action_step_s=ACTION_STEP_S, mode=mode)
     return FittedTraffic(egos, background, tuple(actors), work.roles, work.names)
@@ -157,26 +158,26 @@ def _fit_ego(work: _FitContext, track: RecordedTrack) -> Ego:
 
 def _select_background_vehicles(work: _FitContext, tracks: Sequence[RecordedTrack]) -> list[RoutedTrack]:
     """Return the moving vehicles that SUMO can drive; the others get a reason."""
-    found: list[RoutedTrack] = []
+    routed_tracks: list[RoutedTrack] = []
     for track in tracks:
         if track.parked or track.category not in DRIVEN_KINDS or track.valid.sum() < LEAST_FRAMES:
             continue
         match = work.matches.get(track.id)
-        one = route_track(track, match, work.roads) if match is not None else "it was not matched to lanes"
-        if isinstance(one, str):
-            work.roles[track.id] = TrackRole(Disposition.ACTOR, one)
+        routed = route_track(track, match, work.roads) if match is not None else "it was not matched to lanes"
+        if isinstance(routed, str):
+            work.roles[track.id] = TrackRole(Disposition.ACTOR, routed)
             continue
-        found.append(one)
-    beside = find_abreast(place_on_centrelines(found, work.roads), work.dt_s)
-    for one in found:
-        out = one.track.id in beside
+        routed_tracks.append(routed)
+    beside = find_abreast(place_on_centrelines(routed_tracks, work.roads), work.dt_s)
+    for routed in routed_tracks:
+        out = routed.track.id in beside
         role = (
-            TrackRole(Disposition.ACTOR, beside[one.track.id])
+            TrackRole(Disposition.ACTOR, beside[routed.track.id])
             if out
-            else TrackRole(Disposition.BACKGROUND, one.omitted_part)
+            else TrackRole(Disposition.BACKGROUND, routed.omitted_part)
         )
-        work.roles[one.track.id] = role
-    return [one for one in found if one.track.id not in beside]
+        work.roles[routed.track.id] = role
+    return [routed for routed in routed_tracks if routed.track.id not in beside]
 
 
 def _build_actors(work: _FitContext, track: RecordedTrack, traffic: CentrelineTraffic) -> list[Actor]:

@@ -16,6 +16,7 @@ SAME_TIME_S = 0.5
 FACTOR_SLACK = 0.005
 """A confirmation does not hold for a penalty factor that is lower by more than this: that is a worse infraction."""
 MAX_BYTES = 1_000_000
+"""Chosen: room for thousands of entries, which a person writes by hand."""
 
 Text = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=500)]
 
@@ -68,7 +69,7 @@ def load_confirmed_infractions(path: Path) -> tuple[ConfirmedInfraction, ...]:
 def describe_unused(confirmed: Sequence[ConfirmedInfraction]) -> tuple[str, ...]:
     """Return a note for each confirmation that no infraction matches."""
     return tuple(
-        f"confirmed infraction not found: {one.kind} of CAV {one.cav} at {one.time_s:g} s with factor"
-        f" {one.factor:g} or higher (confirmed by {one.by}): remove the entry or look again"
-        for one in confirmed
+        f"confirmed infraction not found: {entry.kind} of CAV {entry.cav} at {entry.time_s:g} s with factor"
+        f" {entry.factor:g} or higher (confirmed by {entry.by}): remove the entry or look again"
+        for entry in confirmed
     )

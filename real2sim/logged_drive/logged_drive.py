@@ -76,12 +76,14 @@ class LoggedDrive(_Part):
     @property
     def unconfirmed(self) -> tuple[tuple[str, LoggedInfraction], ...]:
         """The infractions that no person has confirmed, with the id of their CAV."""
-        return tuple((cav.id, one) for cav in self.cavs for one in cav.infractions if not one.is_confirmed)
+        return tuple(
+            (cav.id, infraction) for cav in self.cavs for infraction in cav.infractions if not infraction.is_confirmed
+        )
 
     @property
     def confirmed_count(self) -> int:
         """Number of confirmed infractions."""
-        return sum(one.is_confirmed for cav in self.cavs for one in cav.infractions)
+        return sum(infraction.is_confirmed for cav in self.cavs for infraction in cav.infractions)
 
 
 def score_logged_drive(
@@ -97,23 +99,23 @@ def score_logged_drive(
     `names`: track id -> id in the scenario. `confirmed`: those of other scenarios are ignored.
     """
     episode = record_logged_drive(scenario, roads, {names[track.id]: track for track in tracks}, dt_s)
-    own = [one for one in confirmed if one.scenario == scenario.id]
+    own = [confirmation for confirmation in confirmed if confirmation.scenario == scenario.id]
     used: set[int] = set()
     cavs: list[LoggedCav] = []
     for column, ego in enumerate(scenario.egos):
         track = build_ego_track(episode.record, scenario, roads, column)
-        found = find_infractions(track)
+        events = find_infractions(track)
         cavs.append(
             LoggedCav(
                 id=ego.id,
                 end=episode.end_by_cav[ego.id],
                 duration_s=_to_seconds(track.ending.tick),
                 rc=round(criteria.compute_completion_percent(episode.progress[ego.id], track.reference), 2),
-                ip=round(math.prod(one.factor for one in found), 4),
-                infractions=tuple(_build_infraction(track, one, own, used) for one in found),
+                ip=round(math.prod(event.factor for event in events), 4),
+                infractions=tuple(_build_infraction(track, event, own, used) for event in events),
             )
         )
-    unused = [one for k, one in enumerate(own) if k not in used]
+    unused = [confirmation for k, confirmation in enumerate(own) if k not in used]
     return LoggedDrive(cavs=tuple(cavs), notes=describe_unused(unused))
 
 
@@ -122,29 +124,31 @@ def _to_seconds(tick: int) -> float:
 
 
 def _build_infraction(
-    track: EgoTrack, found: InfractionEvent, confirmed: Sequence[ConfirmedInfraction], used: set[int]
+    track: EgoTrack, event: InfractionEvent, confirmed: Sequence[ConfirmedInfraction], used: set[int]
 ) -> LoggedInfraction:
     """Return the infraction with its confirmation, whose number is added to `used`: each holds for one infraction."""
-    time_s = _to_seconds(found.tick)
+    time_s = _to_seconds(event.tick)
     match = next(
         (
             k
-            for k, one in enumerate(confirmed)
-            if k not in used and one.cav == track.ego.id and one.covers(found.kind, time_s, found.factor)
+            for k, confirmation in enumerate(confirmed)
+            if k not in used
+            and confirmation.cav == track.ego.id
+            and confirmation.covers(event.kind, time_s, event.factor)
         ),
         None,
     )
     if match is not None:
         used.add(match)
     entry = None if match is None else confirmed[match]
-    first, last = _find_stretch(track, found)
+    first, last = _find_stretch(track, event)
     return LoggedInfraction(
-        kind=found.kind,
+        kind=event.kind,
         time_s=time_s,
         x=round(float(track.xy[first, 0]), 2),
         y=round(float(track.xy[first, 1]), 2),
-        factor=round(found.factor, 4),
-        other=found.other,
+        factor=round(event.factor, 4),
+        other=event.other,
         from_s=_to_seconds(first),
         to_s=_to_seconds(last),
         reason="" if entry is None else entry.reason,
@@ -152,9 +156,9 @@ def _build_infraction(
     )
 
 
-def _find_stretch(track: EgoTrack, found: InfractionEvent) -> tuple[int, int]:
+def _find_stretch(track: EgoTrack, event: InfractionEvent) -> tuple[int, int]:
     """Return the first and the last tick of an infraction, see `LoggedInfraction.from_s`."""
-    if found.kind != OUTSIDE_LANES:
-        return found.tick, found.tick
+    if event.kind != OUTSIDE_LANES:
+        return event.tick, event.tick
     longest = max(find_runs(find_infringing_ticks(track)), key=lambda run: run.stop - run.start)
     return longest.start, longest.stop - 1

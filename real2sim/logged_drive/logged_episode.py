@@ -81,7 +81,7 @@ def record_logged_drive(
     world = _build_logged_world(scenario, tracks, dt_s)
     vehicles = {ego.id: _with_logged_size(tracks[ego.id]) for ego in scenario.egos}
     walls = contact.build_walls(building.outline for building in roads.buildings)
-    recorder = Recorder(scenario.id, {}, {name: (one.length, one.width) for name, one in vehicles.items()})
+    recorder = Recorder(scenario.id, {}, {name: (vehicle.length, vehicle.width) for name, vehicle in vehicles.items()})
     states = _CavStates(
         {ego.id: criteria.build_route_reference(ego) for ego in scenario.egos},
         criteria.compute_time_limit_ticks(scenario),
@@ -130,11 +130,14 @@ def record_log(
 
 
 def _build_logged_world(scenario: Scenario, tracks: Mapping[str, RecordedTrack], dt_s: float) -> _LoggedWorld:
-    vehicles = sorted(scenario.background.vehicles, key=lambda one: one.id)
+    vehicles = sorted(scenario.background.vehicles, key=lambda vehicle: vehicle.id)
     return _LoggedWorld(
         {ego.id: build_track_path(tracks[ego.id], dt_s) for ego in scenario.egos},
-        tuple((one.id, (one.length, one.width), build_track_path(tracks[one.id], dt_s)) for one in vehicles),
-        [(actor, build_actor_path(actor)) for actor in sorted(scenario.actors, key=lambda one: one.id)],
+        tuple(
+            (vehicle.id, (vehicle.length, vehicle.width), build_track_path(tracks[vehicle.id], dt_s))
+            for vehicle in vehicles
+        ),
+        [(actor, build_actor_path(actor)) for actor in sorted(scenario.actors, key=lambda actor: actor.id)],
     )
 
 

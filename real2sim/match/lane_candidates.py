@@ -112,12 +112,12 @@ class LaneCandidateIndex:
 
 
 def _group_siblings(groups: Sequence[Sequence[str]], roads: RoadMap) -> dict[str, tuple[str, ...]]:
-    found: dict[str, set[str]] = {lane.id: set() for lane in roads.driving}
+    connectors: dict[str, set[str]] = {lane.id: set() for lane in roads.driving}
     for group in groups:
         inside = {id_ for id_ in group if roads.lanes[id_].junction}
         for id_ in inside:
-            found[id_] |= inside - {id_}
-    return {id_: tuple(sorted(others)) for id_, others in found.items()}
+            connectors[id_] |= inside - {id_}
+    return {id_: tuple(sorted(others)) for id_, others in connectors.items()}
 
 
 @lru_cache(maxsize=8)

@@ -12,8 +12,11 @@ from mdrive_sumo.core.geometry import Float
 from real2sim.match.lane_candidates import LaneCandidateIndex, LaneCandidates, LanePath
 
 OFFSET_SIGMA_M = 0.8
+"""[m] Chosen: standard deviation of the distance from the centre line of the lane that is driven on."""
 HEADING_SIGMA_RAD = np.radians(15)
+"""Chosen: standard deviation of the angle between vehicle and lane."""
 DISTANCE_SCALE_M = 1.5
+"""[m] Chosen: this difference between the driven distance and that along the lanes costs 1."""
 LANE_CHANGE_COST = 4.0
 """Cost of a lane change: that of driving 2.3 sigma off a centre line in a single key frame."""
 LANE_CHANGE_M = 5.0
@@ -86,7 +89,7 @@ def _find_best_step(
 
 
 def _backtrack(chain: list[dict[int, _ViterbiStep]]) -> tuple[list[int], list[LanePath | None]]:
-    row = min(chain[-1], key=lambda one: chain[-1][one].cost)
+    row = min(chain[-1], key=lambda last_row: chain[-1][last_row].cost)
     rows, hops = [row], list[LanePath | None]()
     for layer in reversed(chain[1:]):
         step = layer[rows[-1]]

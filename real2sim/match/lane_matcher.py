@@ -16,9 +16,10 @@ from real2sim.match.lane_candidates import LaneCandidateIndex, LaneCandidates, L
 from real2sim.match.lane_chain import find_best_chain
 from real2sim.match.route_repair import find_route_on_map, resolve_connector_changes
 
-REACH_M = 4.0
+CANDIDATE_RANGE_M = 4.0
 """[m] Lanes further away are no candidates: an object beyond a lane's width is off the road."""
 MAX_TURN_RAD = np.radians(75)
+"""A lane at a larger angle to the vehicle is crossed, not driven on."""
 KEY_FRAME_M = 2.0
 """[m] Distance between key frames."""
 STILL_M = 2.0
@@ -66,7 +67,7 @@ def match_track(track: Float, roads: RoadMap) -> LaneMatch:
         return _build_unmatched(len(track), "never seen")
     index = load_candidate_index(roads)
     xy = track[seen, :2]
-    around = index.find_candidates(xy, _compute_headings(track[seen]), REACH_M)
+    around = index.find_candidates(xy, _compute_headings(track[seen]), CANDIDATE_RANGE_M)
     near = _take_candidates(around, ~(np.abs(around.turn) > MAX_TURN_RAD))  # unknown directions are kept
     if why := _find_off_road_reason(around, near, xy):
         return _build_unmatched(len(track), why)
@@ -76,8 +77,8 @@ def match_track(track: Float, roads: RoadMap) -> LaneMatch:
     if hops.count(None) or np.abs(near.offset[rows]).max() > ASIDE_M:
         unchanged = near, rows, hops, aside
         near, rows, hops, aside = _follow_connector_change(roads, near, keys, xy) or unchanged
-    found = _cut_at_border(_assemble_match(index, track, seen, near, rows, hops), roads)
-    return replace(found, aside_frames=tuple(int(frame) for frame in seen[aside]))
+    match = _cut_at_border(_assemble_match(index, track, seen, near, rows, hops), roads)
+    return replace(match, aside_frames=tuple(int(frame) for frame in seen[aside]))
 
 
 def _cut_at_border(match: LaneMatch, roads: RoadMap) -> LaneMatch:
@@ -148,8 +149,9 @@ def _find_off_road_reason(around: LaneCandidates, near: LaneCandidates, xy: Floa
     missing = 1 - len(np.unique(near.point)) / len(xy)
     if missing > 1 - MIN_ON_LANE_SHARE:
         if 1 - len(np.unique(around.point)) / len(xy) > 1 - MIN_ON_LANE_SHARE:
-            return f"{doing} off the road: {missing:.0%} of frames over {REACH_M:g} m from any lane"
-        return f"{doing} across or against the lanes: in {missing:.0%} of frames none within {REACH_M:g} m runs its way"
+            return f"{doing} off the road: {missing:.0%} of frames over {CANDIDATE_RANGE_M:g} m from any lane"
+        nearby = f"none within {CANDIDATE_RANGE_M:g} m runs its way"
+        return f"{doing} across or against the lanes: in {missing:.0%} of frames {nearby}"
     nearest = np.full(len(xy), np.inf)
     np.minimum.at(nearest, near.point, np.abs(near.offset))
     if still and (gap := float(np.median(nearest))) >= ROADSIDE_OFFSET_M:
@@ -186,9 +188,9 @@ def _assemble_match(
     for frame in range(len(seen)):
         k = int(np.searchsorted(keys, frame, side="right")) - 1
         ways = _find_possible_lanes(k, rows, hops, near, names)
-        at = [row for row in _find_rows(near, frame) if names[near.lane[row]] in ways]
-        if at:
-            best = min(at, key=lambda row: abs(near.offset[row]))
+        candidates = [row for row in _find_rows(near, frame) if names[near.lane[row]] in ways]
+        if candidates:
+            best = min(candidates, key=lambda row: abs(near.offset[row]))
             lane[seen[frame]], s[seen[frame]], offset[seen[frame]] = (
                 names[near.lane[best]],
                 near.s[best],

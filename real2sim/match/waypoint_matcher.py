@@ -1,8 +1,8 @@
 """Match sparse waypoints to a drivable lane sequence: a shortest path through all their candidate lanes.
 
 The nearest lane alone is wrong where lanes overlap (junctions) or lead the other way. So every waypoint keeps all lanes
-within `REACH_M` as candidates, and the cheapest chain over the whole route is chosen by distance from the lanes, driven
-length and lane changes. The idea is that of map matching with hidden Markov models (Newson, Krumm 2009).
+within `CANDIDATE_RANGE_M` as candidates, and the cheapest chain over the whole route is chosen by distance from the
+lanes, driven length and lane changes. The idea is that of map matching with hidden Markov models (Newson, Krumm 2009).
 """
 
 import heapq
@@ -17,11 +17,12 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline
 from mdrive_sumo.roads import Lane, RoadMap, Route, join_route_pieces
 
-REACH_M = 12.0
+CANDIDATE_RANGE_M = 12.0
 """[m] Lanes further from a waypoint are no candidates; a waypoint without candidates is dropped and reported."""
 OFF_LANE_COST = 12.0
 """Metres of driving equivalent to one metre off the centre line: a lane width outweighs two lane changes."""
 LANE_CHANGE_COST_M = 10.0
+"""[m] A lane change costs as much as a detour of this length."""
 LATE_CHANGE_COST = 0.05
 """Extra cost of a lane change per metre driven before it: CARLA's planner changes lanes as soon as it can."""
 DETOUR_M = 150.0
@@ -31,6 +32,7 @@ DROP_COST_M = 400.0
 CHANGE_M = 5.0
 """Length of a change over one lane, if there is room: five 1 m points, as in CARLA's GlobalRoutePlanner."""
 SAMPLE_M = 0.25
+"""[m] Distance between the points of a path."""
 END_SKEW_M = 5.0
 """[m] Longitudinal offset allowed between the ends of neighbouring lanes."""
 
@@ -78,7 +80,7 @@ def match_waypoints(roads: RoadMap, xy: Float) -> WaypointMatch:
     feet = [_find_candidates(roads, i, float(x), float(y)) for i, (x, y) in enumerate(xy)]
     kept = [candidates for candidates in feet if candidates]
     if len(kept) < 2:
-        raise InputError(f"expected at least 2 waypoints within {REACH_M:g} m of a lane, found {len(kept)}")
+        raise InputError(f"expected at least 2 waypoints within {CANDIDATE_RANGE_M:g} m of a lane, found {len(kept)}")
     chains = [_Chain(_compute_emission_cost(foot), (foot,), ()) for foot in kept[0]]
     for candidates in kept[1:-1]:
         without = (_Chain(chain.cost + DROP_COST_M, chain.feet, chain.legs) for chain in chains)
@@ -92,7 +94,7 @@ def match_waypoints(roads: RoadMap, xy: Float) -> WaypointMatch:
 
 
 def _find_candidates(roads: RoadMap, waypoint: int, x: float, y: float) -> list[WaypointProjection]:
-    near = roads.find_lanes_near(x, y, REACH_M)
+    near = roads.find_lanes_near(x, y, CANDIDATE_RANGE_M)
     return [WaypointProjection(waypoint, lane.id, *lane.centre.project(x, y)) for lane in near]
 
 

@@ -21,13 +21,13 @@ WIDTH_M: Mapping[LaneKind, float] = {LaneKind.BIKE: 1.8, LaneKind.SHOULDER: 2.5,
 """[m] Width of lanes that vehicles stand on but do not drive on, where the source gives none."""
 LANE_WIDTH_M = 3.5
 """[m] Width of driving lanes where the source gives none."""
-MARGIN_M = 0.6
+ASPHALT_MARGIN_M = 0.6
 """[m] Asphalt around a vehicle of the log."""
 CLOSING_M = 2.5
 """[m] Vehicles up to twice this apart stand on one area."""
 SLIVER_M = 0.3
 """[m] Strips up to twice this width beside known asphalt come from imprecise maps and tracks."""
-REACH_M = 40.0
+MAP_AREA_RANGE_M = 40.0
 """[m] Areas of the map farther from all lanes are left out: nuScenes gives those of half a city."""
 MIN_CORE_M2 = 1.0
 """[m²] Areas that are smaller without a strip of `SLIVER_M` come from imprecise maps and tracks as well."""
@@ -41,10 +41,10 @@ def add_observed_areas(map: HdMap, tracks: Iterable[RecordedTrack]) -> HdMap:
     driven = shapely.union_all([_build_swept_area(track) for track in vehicles])
     observed = driven.buffer(CLOSING_M).buffer(-CLOSING_M)
     lanes = [_build_lane_area(lane) for lane in map.lanes.values() if lane.kind is not LaneKind.SIDEWALK]
-    known = shapely.union_all([*lanes, *(_to_polygon(area) for area in map.drivable_areas)])
-    beyond = shapely.difference(observed, known)
+    mapped = shapely.union_all([*lanes, *(_to_polygon(area) for area in map.drivable_areas)])
+    beyond = shapely.difference(observed, mapped)
     cores = [part for part in shapely.get_parts(beyond.buffer(-SLIVER_M)).tolist() if part.area >= MIN_CORE_M2]
-    areas = shapely.intersection(shapely.union_all(cores).buffer(SLIVER_M + MARGIN_M), observed)
+    areas = shapely.intersection(shapely.union_all(cores).buffer(SLIVER_M + ASPHALT_MARGIN_M), observed)
     return replace(map, observed_areas=split_areas(areas))
 
 
@@ -52,10 +52,10 @@ def _build_swept_area(track: RecordedTrack) -> BaseGeometry:
     """Return the area that a vehicle covers, with a margin."""
     rows = track.valid_frames
     length, width = (
-        float(np.nanmedian(known)) if np.isfinite(known := column[rows]).any() else usual
+        float(np.nanmedian(measured)) if np.isfinite(measured := column[rows]).any() else usual
         for column, usual in zip((track.length, track.width), DEFAULT_SIZE_M[track.category], strict=True)
     )
-    size = length + 2 * MARGIN_M, width + 2 * MARGIN_M
+    size = length + 2 * ASPHALT_MARGIN_M, width + 2 * ASPHALT_MARGIN_M
     poses = np.nan_to_num(np.column_stack((track.x, track.y, track.yaw))[rows[[0, -1]]]).tolist()
     ends = [shapely.Polygon(box_corners(x, y, yaw, *size)) for x, y, yaw in poses]
     path = shapely.LineString(track.xy[rows]) if len(rows) > 1 else shapely.Point(track.xy[rows[0]])
@@ -83,7 +83,7 @@ def collect_drivable_areas(map: HdMap) -> tuple[DrivableArea, ...]:
     aside = [_build_lane_area(lane) for lane in map.lanes.values() if lane.kind in WIDTH_M]
     whole = shapely.union_all([*aside, *(_to_polygon(area) for area in map.drivable_areas)])
     lines = [lane.centre for lane in map.lanes.values() if lane.kind is LaneKind.DRIVING and len(lane.centre) > 1]
-    near = shapely.buffer(shapely.MultiLineString(lines).simplify(1.0), REACH_M, quad_segs=4)
+    near = shapely.buffer(shapely.MultiLineString(lines).simplify(1.0), MAP_AREA_RANGE_M, quad_segs=4)
     observed = [_to_polygon(area) for area in map.observed_areas]
     kept = shapely.union_all([shapely.intersection(whole, near), *observed]).simplify(TOLERANCE_M)
     return tuple(

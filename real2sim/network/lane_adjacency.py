@@ -14,12 +14,14 @@ from real2sim.polylines import PolylineIndex, compute_angles_between, sample_pol
 NEIGHBOUR_OFFSET_M = (1.8, 5.5)
 """Lateral distance [m] between the centre lines of neighbours."""
 PARALLEL_RAD = np.radians(20)
+"""Neighbours differ by less in direction."""
 STEADY_M = 1.5
 """[m] Variation allowed in the distance between neighbours: beyond it they diverge."""
 MIN_SHARED_M = 8.0
 """[m] Minimum length of a stretch side by side."""
-STEP_M = 2.0
+SAMPLE_SPACING_M = 2.0
 CROSSING_RAD = np.radians(12)
+"""Lines that meet at a smaller angle merge or part."""
 CROSSING_INSIDE_M = 1.5
 """[m] Lines that touch closer than this to the ends of both do not cross."""
 
@@ -42,7 +44,7 @@ def find_adjacencies(segments: Mapping[str, LaneSegment]) -> list[LaneAdjacency]
     if not values:
         return []
     lines = [segment.centreline for segment in values]
-    points = sample_polylines(lines, STEP_M)
+    points = sample_polylines(lines, SAMPLE_SPACING_M)
     feet = PolylineIndex(lines).project_points(points.xy, NEIGHBOUR_OFFSET_M[1])
     owner = points.line[feet.point]
     good = (owner != feet.line) & (np.abs(feet.lateral) >= NEIGHBOUR_OFFSET_M[0]) & (np.abs(feet.longitudinal) <= 1.0)
@@ -50,13 +52,15 @@ def find_adjacencies(segments: Mapping[str, LaneSegment]) -> list[LaneAdjacency]
     rows = np.flatnonzero(good)
     rows = rows[np.lexsort((feet.point[rows], feet.line[rows], owner[rows]))]
     bounds = np.flatnonzero(np.diff(owner[rows]) | np.diff(feet.line[rows])) + 1
-    found: list[LaneAdjacency] = []
+    adjacencies: list[LaneAdjacency] = []
     for pair in np.split(rows, bounds) if len(rows) else ():
         segment, other = values[owner[pair[0]]], values[feet.line[pair[0]]]
-        at = feet.point[pair]
-        if (adjacency := _find_steady_stretch(segment, other, points.s[at], at, feet.lateral[pair])) is not None:
-            found.append(adjacency)
-    return found
+        numbers = feet.point[pair]
+        if (
+            adjacency := _find_steady_stretch(segment, other, points.s[numbers], numbers, feet.lateral[pair])
+        ) is not None:
+            adjacencies.append(adjacency)
+    return adjacencies
 
 
 def _find_steady_stretch(
@@ -79,15 +83,15 @@ def find_crossings(segments: Mapping[str, LaneSegment]) -> dict[tuple[str, str],
     values = sorted(segments.values(), key=lambda segment: segment.id)
     lines = PolylineIndex([segment.centreline for segment in values])
     drawn = lines.geometries
-    found: dict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
+    crossings: dict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)
     for i, j in zip(*lines.tree.query(drawn, predicate="intersects"), strict=True):
         if i >= j:
             continue
         for point in shapely.get_parts(shapely.intersection(drawn[i], drawn[j])):
-            at = tuple(float(shapely.line_locate_point(drawn[k], shapely.centroid(point))) for k in (i, j))
-            if _is_real_crossing(values[i], values[j], at[0], at[1]):
-                found[values[i].id, values[j].id].append((at[0], at[1]))
-    return dict(found)
+            stations = tuple(float(shapely.line_locate_point(drawn[k], shapely.centroid(point))) for k in (i, j))
+            if _is_real_crossing(values[i], values[j], stations[0], stations[1]):
+                crossings[values[i].id, values[j].id].append((stations[0], stations[1]))
+    return dict(crossings)
 
 
 def _is_real_crossing(first: LaneSegment, second: LaneSegment, a: float, b: float) -> bool:

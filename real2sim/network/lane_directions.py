@@ -17,21 +17,29 @@ from real2sim.hd_map import LaneKind, MapLane
 from real2sim.network.lane_segment import HEADING_OVER_M, compute_chord_yaw, compute_yaw_difference
 from real2sim.polylines import PolylineIndex, compute_angles_between
 
-SAMPLES = 10
-AGREEMENT = 0.8
+MIN_SAMPLES = 10
+"""Least number of samples of a lane,"""
+MIN_AGREEMENT = 0.8
+"""least share of them that agree on one direction, and"""
 WITHIN_RAD = np.radians(30)
-STEP_M = 0.3
+"""largest angle between a sample and the lane: MDrive's vote (data_formats 1.3)."""
+MIN_STEP_M = 0.3
 """[m] Shorter steps between frames have no reliable direction."""
-NEAR_M = 3.0
-TOUCH_M = 1.5
-TOUCH_RAD = np.radians(30)
+VOTE_RANGE_M = 3.0
+"""[m] A position votes for lanes within this distance."""
+ENDS_MEET_M = 1.5
+ENDS_ALIGNED_RAD = np.radians(30)
 ADJACENT_M = 6.0
+"""[m] Centre lines further apart do not lie side by side."""
 
-CLEAR_M = 1.0
+CLEARLY_NEARER_M = 1.0
 """[m] A position votes for the nearest parallel lane if the next one is this much further away."""
 MOTION_WEIGHT = 6
+"""Chosen: what vehicles do counts as much as three links, and"""
 LINK_WEIGHT = 2
+"""a link as much as two continuations, which only say that two ends meet."""
 SWEEPS = 10
+"""Largest number of sweeps; the relaxation ends as soon as one changes nothing."""
 
 ContinuationsByLane = Mapping[str, Sequence[tuple[str, int]]]
 """Continuations of each lane, see `LaneContinuation`."""
@@ -65,11 +73,11 @@ def vote_directions(lanes: Mapping[str, MapLane], motions: Sequence[Float]) -> L
         for id_, lane in lanes.items()
         if lane.directed
     }
-    known = {id_: MOTION_WEIGHT * motion_votes.get(id_, 0) + LINK_WEIGHT * link_votes.get(id_, 0) for id_ in lanes}
-    sign = fixed | {id_: 1 if score > 0 else -1 for id_, score in known.items() if score and id_ not in fixed}
+    evidence = {id_: MOTION_WEIGHT * motion_votes.get(id_, 0) + LINK_WEIGHT * link_votes.get(id_, 0) for id_ in lanes}
+    sign = fixed | {id_: 1 if score > 0 else -1 for id_, score in evidence.items() if score and id_ not in fixed}
     _propagate(sign, around)
     undecided = _decide_by_majority(sign, lanes, around)
-    _relax(sign, known, around, fixed)
+    _relax(sign, evidence, around, fixed)
     undecided -= _decide_by_neighbours(sign, lanes, undecided)
     inverted = tuple(id_ for id_ in lanes if sign[id_] < 0)
     return LaneDirections(inverted, tuple(sorted(undecided)), motion_votes)
@@ -98,17 +106,17 @@ def vote_by_motion(lanes: Mapping[str, MapLane], motions: Sequence[Float]) -> di
     for i in np.unique(lane):
         angles = turn[lane == i]
         shares = ((angles <= WITHIN_RAD).mean(), (angles >= np.pi - WITHIN_RAD).mean())
-        if len(angles) >= SAMPLES and max(shares) >= AGREEMENT:
+        if len(angles) >= MIN_SAMPLES and max(shares) >= MIN_AGREEMENT:
             votes[ids[i]] = 1 if shares[0] > shares[1] else -1
     return votes
 
 
 def extract_moving_steps(motions: Sequence[Float]) -> tuple[Float, Float]:
-    """Return positions (M, 2) [m] and directions (M,) [rad] of steps of at least `STEP_M`."""
+    """Return positions (M, 2) [m] and directions (M,) [rad] of steps of at least `MIN_STEP_M`."""
     xy, yaw = [np.zeros((0, 2))], [np.zeros(0)]
     for motion in motions:
         step = np.diff(motion[:, :2], axis=0)
-        far = np.hypot(step[:, 0], step[:, 1]) >= STEP_M  # NaN compares false
+        far = np.hypot(step[:, 0], step[:, 1]) >= MIN_STEP_M  # NaN compares false
         xy.append(((motion[1:, :2] + motion[:-1, :2]) / 2)[far])
         yaw.append(np.arctan2(step[far, 1], step[far, 0]))
     return np.concatenate(xy), np.concatenate(yaw)
@@ -119,13 +127,13 @@ def _assign_to_lanes(lines: Sequence[Polyline], xy: Float, yaw: Float) -> tuple[
 
     Many lanes are near inside junctions; motion across a lane is no vote for it.
     """
-    feet = PolylineIndex(lines).project_points(xy, NEAR_M)
+    feet = PolylineIndex(lines).project_points(xy, VOTE_RANGE_M)
     turn = compute_angles_between(feet.yaw, yaw[feet.point])
     rows = np.flatnonzero(np.minimum(turn, np.pi - turn) <= WITHIN_RAD)
     rows = rows[np.lexsort((feet.line[rows], feet.distance[rows], feet.point[rows]))]
     _, begin, count = np.unique(feet.point[rows], return_index=True, return_counts=True)
     first, second = rows[begin], rows[np.minimum(begin + 1, len(rows) - 1)]
-    clear = (count == 1) | (feet.distance[second] - feet.distance[first] >= CLEAR_M)
+    clear = (count == 1) | (feet.distance[second] - feet.distance[first] >= CLEARLY_NEARER_M)
     return feet.line[first[clear]], turn[first[clear]]
 
 
@@ -140,17 +148,17 @@ def _compute_outward_end(lane: MapLane, side: int) -> tuple[Float, float]:
 def _find_continuations(lanes: Mapping[str, MapLane]) -> list[LaneContinuation]:
     ends = [(id_, side, *_compute_outward_end(lane, side)) for id_, lane in lanes.items() for side in (0, 1)]
     points: Any = shapely.points(np.array([end[2] for end in ends]))
-    found: list[LaneContinuation] = []
-    for i, j in zip(*shapely.STRtree(points).query(points, predicate="dwithin", distance=TOUCH_M), strict=True):
+    continuations: list[LaneContinuation] = []
+    for i, j in zip(*shapely.STRtree(points).query(points, predicate="dwithin", distance=ENDS_MEET_M), strict=True):
         (a, a_side, _, a_yaw), (b, b_side, _, b_yaw) = ends[i], ends[j]
         if (
             i < j
             and a != b
             and lanes[a].kind is lanes[b].kind
-            and compute_yaw_difference(a_yaw, b_yaw + np.pi) <= TOUCH_RAD
+            and compute_yaw_difference(a_yaw, b_yaw + np.pi) <= ENDS_ALIGNED_RAD
         ):
-            found.append((a, b, 1 if a_side != b_side else -1))
-    return found
+            continuations.append((a, b, 1 if a_side != b_side else -1))
+    return continuations
 
 
 def _vote_by_links(lanes: Mapping[str, MapLane]) -> dict[str, int]:
@@ -161,7 +169,7 @@ def _vote_by_links(lanes: Mapping[str, MapLane]) -> dict[str, int]:
     for a, b in links:
         gap = {(i, j): float(np.hypot(*(lanes[a].centre[-i] - lanes[b].centre[-j]))) for i in (0, 1) for j in (0, 1)}
         i, j = min(gap, key=lambda pair: gap[pair])
-        if gap[i, j] <= TOUCH_M:
+        if gap[i, j] <= ENDS_MEET_M:
             votes[a] += 1 if i else -1
             votes[b] += -1 if j else 1
     return votes
@@ -181,12 +189,14 @@ def _propagate(sign: dict[str, int], around: ContinuationsByLane) -> None:
         sign.update(fresh)
 
 
-def _relax(sign: dict[str, int], known: Mapping[str, int], around: ContinuationsByLane, fixed: Collection[str]) -> None:
+def _relax(
+    sign: dict[str, int], evidence: Mapping[str, int], around: ContinuationsByLane, fixed: Collection[str]
+) -> None:
     """Reverse lanes while their own evidence and their continuations outvote them."""
     for _ in range(SWEEPS):
         changed = False
         for id_ in sign:
-            score = known[id_] + sum(turn * sign[other] for other, turn in around.get(id_, ()))
+            score = evidence[id_] + sum(turn * sign[other] for other, turn in around.get(id_, ()))
             if score * sign[id_] < 0 and id_ not in fixed:
                 sign[id_], changed = -sign[id_], True
         if not changed:
@@ -211,11 +221,11 @@ def _decide_by_majority(sign: dict[str, int], lanes: Mapping[str, MapLane], arou
         if id_ in sign:
             continue
         chain = {id_: 1}
-        _propagate(chain, {one: others for one, others in around.items() if one not in sign})
+        _propagate(chain, {lane_id: others for lane_id, others in around.items() if lane_id not in sign})
         drawn = sum(chain.values())
         if len(chain) == 1 or not drawn:
             undecided |= set(chain)
-        sign.update({one: turn if drawn >= 0 else -turn for one, turn in chain.items()})
+        sign.update({lane_id: turn if drawn >= 0 else -turn for lane_id, turn in chain.items()})
     return undecided
 
 
@@ -226,8 +236,13 @@ def _decide_by_neighbours(sign: dict[str, int], lanes: Mapping[str, MapLane], un
         lane = lanes[id_]
         named = (lane.left_neighbour, lane.right_neighbour)
         for other_id, other in lanes.items():
-            known = other_id in named or (lane.group and other.group == lane.group)
-            if known and other_id not in undecided and other_id != id_ and (turn := _compare_adjacent(lane, other)):
+            is_neighbour = other_id in named or (lane.group and other.group == lane.group)
+            if (
+                is_neighbour
+                and other_id not in undecided
+                and other_id != id_
+                and (turn := _compare_adjacent(lane, other))
+            ):
                 sign[id_] = turn * sign[other_id]
                 done.add(id_)
                 break

@@ -11,8 +11,8 @@ from real2sim.network.lane_segment import LaneLink, LaneSegment
 KEPT_GAP_M = 5.0
 KEPT_YAW = np.radians(60)
 """A link of the map is kept if the ends are this close and have about the same direction."""
-ASIDE_M = 0.8
-AHEAD_M = (-1.0, 2.0)
+GAP_ACROSS_M = 0.8
+GAP_ALONG_M = (-1.0, 2.0)
 TOUCH_YAW = np.radians(30)
 """Ends this close across and along the lane, and aligned, are linked even if the map does not link them."""
 EXACT_M = 0.1
@@ -48,7 +48,7 @@ def rebuild_links(segments: Mapping[str, LaneSegment], source_links: Iterable[La
         linked[index[a], index[b]] = True
     exact = (gap <= EXACT_M) & (turn <= EXACT_YAW) & alike
     ahead, aside = gap * np.cos(chord), gap * np.abs(np.sin(chord))
-    near = (aside <= ASIDE_M) & (ahead >= AHEAD_M[0]) & (ahead <= AHEAD_M[1])
+    near = (aside <= GAP_ACROSS_M) & (ahead >= GAP_ALONG_M[0]) & (ahead <= GAP_ALONG_M[1])
     touching = (exact | (near & (turn <= TOUCH_YAW) & alike)) & ~linked
     touching &= exact | ~_find_indirect_links(linked | touching)
     linked |= touching

@@ -11,15 +11,23 @@ from real2sim.hd_map import LaneKind, MapLane
 from real2sim.polylines import PolylineIndex, compute_angles_between, sample_polylines
 
 SPACING_M = 1.0
-FAR_M = 20.0
+"""[m] Centre lines are compared at points of this distance."""
+SEARCH_RANGE_M = 20.0
+"""[m] Lines further away are not searched for; a point without any line counts as this far off."""
 SAME_DIRECTION_RAD = np.radians(60)
+"""A lane at a larger angle crosses or comes towards that of the source: it is not its image."""
 ONCOMING_OFFSET_M = (2.0, 7.0)
 """Lateral distance [m] of the oncoming lane."""
 ONCOMING_SPACING_M = 5.0
+"""[m] Distance between the points that look for an oncoming lane."""
 ONCOMING_RAD = np.radians(160)
+"""An oncoming lane is at least this far from the own direction: opposite, with room for bends."""
 ON_LANE_M = 1.5
+"""[m] A vehicle this near to a centre line drives on that lane: less than half a lane width."""
 SPEED_PERCENTILE = 95
+"""The speed of a lane is this percentile: the highest ones are errors of tracking."""
 MIN_SPEED_SAMPLES = 10
+"""Chosen: fewer samples say nothing about the limit of a lane."""
 
 
 @dataclass(frozen=True)
@@ -48,12 +56,12 @@ def _summarise(distance: Float) -> tuple[float, float, float]:
 def measure_line_distances(lines: Sequence[Polyline], others: Sequence[Polyline]) -> Float:
     """Return distances (M,) [m] from points every metre on `lines` to the nearest of `others` within 60 degrees.
 
-    Points without such a line within `FAR_M` count as `FAR_M`.
+    Points without such a line within `SEARCH_RANGE_M` count as `SEARCH_RANGE_M`.
     """
     points, index = sample_polylines(lines, SPACING_M), PolylineIndex(others)
-    best = np.full(len(points.xy), FAR_M)
+    best = np.full(len(points.xy), SEARCH_RANGE_M)
     open_ = np.arange(len(best))
-    for reach in (1.0, FAR_M):  # most points are near, and the wide search is expensive
+    for reach in (1.0, SEARCH_RANGE_M):  # most points are near, and the wide search is expensive
         feet = index.project_points(points.xy[open_], reach)
         point = open_[feet.point]
         along = compute_angles_between(feet.yaw, points.yaw[point]) <= SAME_DIRECTION_RAD
@@ -68,9 +76,9 @@ def measure_observed_speeds(lanes: Mapping[str, MapLane], motions: Sequence[Floa
     steps = [np.diff(motion[:, :2], axis=0) for motion in motions] or [np.zeros((0, 2))]
     speed = np.hypot(*np.concatenate(steps).T) / dt_s
     xy = np.concatenate([motion[1:, :2] for motion in motions]) if motions else np.zeros((0, 2))
-    known = np.isfinite(speed)
-    speed = speed[known]
-    feet = PolylineIndex([Polyline(lane.centre) for lane in driving.values()]).project_points(xy[known], ON_LANE_M)
+    measured = np.isfinite(speed)
+    speed = speed[measured]
+    feet = PolylineIndex([Polyline(lane.centre) for lane in driving.values()]).project_points(xy[measured], ON_LANE_M)
     return {
         id_: float(np.percentile(speed[feet.point[feet.line == i]], SPEED_PERCENTILE))
         for i, id_ in enumerate(driving)

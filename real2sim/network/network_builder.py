@@ -37,13 +37,16 @@ from real2sim.network.segment_splitting import split_at_neighbours
 from real2sim.network.stop_signs import build_stop_boxes, derive_right_of_way, place_stop_lines
 
 DEFAULT_LANE_WIDTH_M = 3.5
+"""[m] A usual lane, where neither the map nor the neighbours tell the width."""
 PLAUSIBLE_WIDTHS_M = (2.0, 6.0)
 """[m] Widths outside are errors of the boundaries."""
 DEFAULT_SPEED_MPS = 13.89
+"""[m/s] 50 km/h, where the map has no limit and the log shows no higher speed."""
 BUILT_LANE_KINDS = (LaneKind.DRIVING, LaneKind.BIKE, LaneKind.SIDEWALK)
 MIN_CROSSWALK_M = 1.0
 """[m] Narrower crosswalks are not drawn."""
 FOOTWAY_MPS = 2.78
+"""[m/s] 10 km/h: no vehicle of a log is routed over a footway."""
 
 
 @dataclass(frozen=True)
@@ -268,7 +271,7 @@ def _sum_lengths(segments: Iterable[LaneSegment]) -> dict[str, float]:
 
 def _find_lost_in_part(segments: Mapping[str, LaneSegment], *lost_m: Mapping[str, float]) -> frozenset[str]:
     """Return the lanes that are left out, but for more than `MIN_LANE_M`."""
-    lengths = {id_: sum(one.get(id_, 0.0) for one in lost_m) for one in lost_m for id_ in one}
+    lengths = {id_: sum(lost.get(id_, 0.0) for lost in lost_m) for lost in lost_m for id_ in lost}
     return frozenset(id_ for id_, length in lengths.items() if segments[id_].centreline.length - length > MIN_LANE_M)
 
 

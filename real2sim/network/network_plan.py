@@ -177,7 +177,9 @@ def _find_inner_edges(
         id_
         for group in groups
         if _is_loop(sets, group)
-        and all(segments[one].centreline.length <= FOLD_M and ahead[one] and behind[one] for one in group)
+        and all(
+            segments[lane_id].centreline.length <= FOLD_M and ahead[lane_id] and behind[lane_id] for lane_id in group
+        )
         for id_ in group
     }
 
@@ -213,15 +215,15 @@ def _measure_length(connection: PlannedConnection) -> float:
 
 def _find_paths(start: str, ahead: Mapping[str, Sequence[str]], inside: Collection[str]) -> list[tuple[str, ...]]:
     """Return chains of connectors from a lane to the next lane of an edge, which is the last element."""
-    found: list[tuple[str, ...]] = []
+    paths: list[tuple[str, ...]] = []
     open_: list[tuple[str, ...]] = [(next_,) for next_ in reversed(ahead.get(start, ()))]
-    while open_ and len(found) < MAX_PATHS:
+    while open_ and len(paths) < MAX_PATHS:
         path = open_.pop()
         if path[-1] not in inside:
-            found.append(path)
+            paths.append(path)
         else:
             open_ += [(*path, next_) for next_ in reversed(ahead.get(path[-1], ())) if next_ not in path]
-    return found
+    return paths
 
 
 def _build_connection(segments: Mapping[str, LaneSegment], start: str, path: tuple[str, ...]) -> PlannedConnection:

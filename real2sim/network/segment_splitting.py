@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from real2sim.network.lane_adjacency import LaneAdjacency, find_adjacencies, find_crossings
 from real2sim.network.lane_segment import LaneLink, LaneSegment, split_segments
 
-MARGIN_M = 8.0
+MIN_PART_M = 8.0
 """[m] Minimum length of a part."""
 SAME_CUT_M = 5.0
 """[m] Cuts closer to each other are merged."""
@@ -35,9 +35,9 @@ def _find_crossing_cuts(segments: Mapping[str, LaneSegment]) -> dict[str, list[f
     wanted: dict[str, list[float]] = defaultdict(list)
     for pair, places in find_crossings(segments).items():
         for k, id_ in enumerate(pair):
-            at = [place[k] for place in places]
+            places_here = [place[k] for place in places]
             if not segments[id_].junction:
-                wanted[id_] += [min(at) - CROSSING_HALF_M, max(at) + CROSSING_HALF_M]
+                wanted[id_] += [min(places_here) - CROSSING_HALF_M, max(places_here) + CROSSING_HALF_M]
     return _space_out_cuts(segments, {id_: _merge_stretches(stations) for id_, stations in wanted.items()})
 
 
@@ -45,7 +45,7 @@ def _merge_stretches(stations: Sequence[float]) -> list[float]:
     """Merge overlapping stretches (begin, end, begin, end...) and return the bounds of their unions."""
     bounds: list[float] = []
     for begin, end in sorted(zip(stations[::2], stations[1::2], strict=True)):
-        if bounds and begin <= bounds[-1] + MARGIN_M:
+        if bounds and begin <= bounds[-1] + MIN_PART_M:
             bounds[-1] = max(bounds[-1], end)
         else:
             bounds += [begin, end]
@@ -72,8 +72,8 @@ def _space_out_cuts(
     for id_, stations in wanted.items():
         kept: list[float] = []
         for station in sorted(stations):
-            inside = MARGIN_M <= station <= segments[id_].centreline.length - MARGIN_M
-            if inside and (not kept or station - kept[-1] >= MARGIN_M):
+            inside = MIN_PART_M <= station <= segments[id_].centreline.length - MIN_PART_M
+            if inside and (not kept or station - kept[-1] >= MIN_PART_M):
                 kept.append(station)
         if kept:
             tidy[id_] = kept

@@ -13,12 +13,14 @@ from real2sim.network.lane_segment import LaneSegment, compute_yaw_difference
 from real2sim.network.network_plan import NetworkPlan
 from real2sim.polylines import PolylineIndex
 
-REACH_M = 1.0
+STOP_LINE_REACH_M = 1.0
 """[m] A stop line applies to lanes whose centre line is this close."""
-AHEAD_M = 1.0
+MIN_LINE_STATION_M = 1.0
 """[m] Minimum arc length of a stop line: a lane that begins at the line is not stopped by it."""
 ACROSS_RAD = np.radians(50)
+"""A stop line lies across its lane: a lane at a larger angle to it is another one's."""
 PRIORITY: Mapping[str, int] = {"stop": 1, "yield": 2, "": 3}
+"""Priority of an edge by the sign at its end; netconvert compares them only."""
 StopsBySegment = Mapping[str, list[tuple[str, float]]]
 """Segment id -> signs before its end, with the arc length [m] of the line."""
 
@@ -29,7 +31,7 @@ def place_stop_lines(plan: NetworkPlan, map: HdMap) -> dict[str, list[tuple[str,
     tree = PolylineIndex([segment.centreline for segment in segments]).tree
     stops: defaultdict[str, list[tuple[str, float]]] = defaultdict(list)
     for line in map.stop_lines:
-        near = tree.query(shapely.LineString(line.line), predicate="dwithin", distance=REACH_M)
+        near = tree.query(shapely.LineString(line.line), predicate="dwithin", distance=STOP_LINE_REACH_M)
         for segment, s in _find_crossed_segments(line, [segments[i] for i in sorted(near)]):
             stops[segment.id].append((line.sign, s))
     return dict(stops)
@@ -39,14 +41,14 @@ def _find_crossed_segments(line: StopLine, near: Iterable[LaneSegment]) -> list[
     """Return lanes that cross the line; only those that the map names, if it names any of them."""
     x, y = line.line.mean(0)
     yaw = float(np.arctan2(*(line.line[1] - line.line[0])[::-1])) + np.pi / 2
-    found: list[tuple[LaneSegment, float]] = []
+    crossed: list[tuple[LaneSegment, float]] = []
     for segment in near:
         s = min(segment.centreline.project(float(x), float(y))[0], segment.centreline.length)
         turn = compute_yaw_difference(segment.centreline.yaw_at(s), yaw)
-        if s >= AHEAD_M and min(turn, np.pi - turn) <= ACROSS_RAD:
-            found.append((segment, s))
-    named = [(segment, s) for segment, s in found if segment.source_lane in line.lanes]
-    return named or found
+        if s >= MIN_LINE_STATION_M and min(turn, np.pi - turn) <= ACROSS_RAD:
+            crossed.append((segment, s))
+    named = [(segment, s) for segment, s in crossed if segment.source_lane in line.lanes]
+    return named or crossed
 
 
 def build_stop_boxes(stops: StopsBySegment, lane_ids: Mapping[str, str]) -> tuple[StopSignBox, ...]:

@@ -48,7 +48,7 @@ def find_contraflow_ends(
     behind, ahead = {b for _, b in links}, {a for a, _ in links}
     lines = PolylineIndex([segment.centreline for segment in segments.values()])
     ids = list(segments)
-    found: set[str] = set()
+    contraflow: set[str] = set()
     for id_, segment in segments.items():
         is_open = id_ not in behind, id_ not in ahead
         is_short = segment.centreline.length <= SHORT_M
@@ -58,17 +58,17 @@ def find_contraflow_ends(
         stub = compute_stub_length(segment) if id_ in inside else length
         begin = 0.0 if is_open[0] else length - stub
         if _is_on_opposite_lanes(lines, ids.index(id_), (begin, begin + stub)):
-            found.add(id_)
-    return found
+            contraflow.add(id_)
+    return contraflow
 
 
 def _is_on_opposite_lanes(lines: PolylineIndex, own: int, part: tuple[float, float]) -> bool:
     """Return whether other segments run against the part (from, to [m]) of a segment at all of its samples."""
     line = lines.polylines[own]
     count = max(SAMPLES, round((part[1] - part[0]) / SPACING_M) + 1)
-    at = part[0] + (part[1] - part[0]) * (np.arange(count) + 0.5) / count
-    feet = lines.project_points(np.array([line.at(float(s)) for s in at]), ON_LANE_M)
-    turn = compute_angles_between(feet.yaw, line.yaws_at(at)[feet.point])
+    stations = part[0] + (part[1] - part[0]) * (np.arange(count) + 0.5) / count
+    feet = lines.project_points(np.array([line.at(float(s)) for s in stations]), ON_LANE_M)
+    turn = compute_angles_between(feet.yaw, line.yaws_at(stations)[feet.point])
     against = (turn >= OPPOSITE_RAD) & (np.abs(feet.longitudinal) < ON_LANE_M / 3) & (feet.line != own)
     return len(np.unique(feet.point[against])) == count
 

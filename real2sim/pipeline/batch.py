@@ -127,12 +127,12 @@ def _plan_tasks(
         return tasks, refused
     whole = [replace(task, every_s=options.every_s) for task in tasks]
     with ProcessPool(_split_task, min(options.workers, max(len(whole), 1)), LIMIT_S) as pool:
-        found = {
+        answers = {
             task.number: (_describe_failure(answer) if isinstance(answer, WorkerFailure) else answer)
             for task, answer in pool.run(whole)
         }
-    cut = [replace(log, window=window) for i, log in enumerate(once) for window in _windows_or_none(found[i])]
-    refused += [answer for _, answer in sorted(found.items()) if isinstance(answer, str)]
+    cut = [replace(log, window=window) for i, log in enumerate(once) for window in _windows_or_none(answers[i])]
+    refused += [answer for _, answer in sorted(answers.items()) if isinstance(answer, str)]
     return _plan_tasks(cut, parts, replace(options, every_s=None))[0], refused
 
 

@@ -44,7 +44,7 @@ def fit_departures(fit: Fit, measure: Measure, dt_s: float) -> tuple[FittedTraff
         if not waiting:
             break
         tracks = {name: id_ for id_, name in fitted.names.items()}
-        departs = {one.id: round(one.depart_s / dt_s) for one in fitted.background.vehicles}
+        departs = {vehicle.id: round(vehicle.depart_s / dt_s) for vehicle in fitted.background.vehicles}
         for name, frames in waiting.items():
             departures[tracks[name]] = departs[name] + frames
             delays[name] = delays.get(name, 0) + frames

@@ -30,6 +30,7 @@ else:
 
 
 ANSWER_BYTES = 4 * 2**30
+"""Largest answer: twice the arrays of `input_checks.MAX_ROWS`."""
 READ, REFUSED, FAILED, NO_MEMORY = b"R", b"E", b"F", b"M"
 """First byte of an answer: a value, an InputError, another exception, out of memory."""
 NO_ROOM = 100

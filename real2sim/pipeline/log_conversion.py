@@ -31,6 +31,7 @@ MIN_LOG_S = 2.0
 """[s] Shorter logs would pass almost unchecked: turns are measured within one second, traffic against the log after one
 and two seconds."""
 PROPOSED_WINDOW_S = 20.0
+"""[s] Length that the error for a long log proposes: about that of a nuScenes scene."""
 
 
 def convert_log(log: LogSource, draft: Path, wish: ConversionOptions) -> BuiltScenario:

@@ -105,13 +105,13 @@ def _opv2v(log: LogSource) -> Recording:
     if len(log.maps) != 1:
         raise InputError(f"{log.path}: expected one map (--map), an OpenDRIVE or a vector map, found {len(log.maps)}")
     if log.maps[0].suffix != ".xodr":
-        found, notes = read_vector_map(log.maps[0])
-        recording = read_opv2v(log.path, found, LogFrame(), log.agents)
+        hd_map, notes = read_vector_map(log.maps[0])
+        recording = read_opv2v(log.path, hd_map, LogFrame(), log.agents)
         return replace(recording, notes=(*recording.notes, *notes))
     with tempfile.TemporaryDirectory() as folder:
         town = build_opendrive_network(log.maps[0], Path(folder))
-        found = build_hd_map(load_road_map(Path(folder)))
-    return read_opv2v(log.path, found, LogFrame(is_carla=True, offset=town.offset), log.agents)
+        hd_map = build_hd_map(load_road_map(Path(folder)))
+    return read_opv2v(log.path, hd_map, LogFrame(is_carla=True, offset=town.offset), log.agents)
 
 
 def _v2xseq(log: LogSource) -> Recording:

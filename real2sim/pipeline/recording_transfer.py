@@ -109,8 +109,8 @@ def _to_array(dtype: Any, plain: dict[str, Any]) -> "np.ndarray[Any, Any]":
     return np.frombuffer(_check(plain["data"], bytes), found).reshape(shape).copy()
 
 
-def _get_only(found: list[Any]) -> Any:
-    (one,) = found
+def _get_only(candidates: list[Any]) -> Any:
+    (one,) = candidates
     return one
 
 

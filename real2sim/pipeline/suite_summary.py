@@ -144,25 +144,25 @@ def _sum_stalled(lines: Sequence[FidelityRow]) -> int | None:
     return sum(counts) if counts else None
 
 
-def format_summary(found: FidelitySummary) -> str:
+def format_summary(summary: FidelitySummary) -> str:
     """For a terminal: a line for each scenario, all together, then what misses its target."""
-    rows = [HEAD, *map(_format_cells, (*found.scenarios, found.all))]
+    rows = [HEAD, *map(_format_cells, (*summary.scenarios, summary.all))]
     widths = [max(len(row[i]) for row in rows) for i in range(len(HEAD))]
     lines = [
         "  ".join(_pad(cell, width, i) for i, (cell, width) in enumerate(zip(row, widths, strict=True))).rstrip()
         for row in rows
     ]
-    return "\n".join((*lines, "", LEGEND, "", *_format_misses(found)))
+    return "\n".join((*lines, "", LEGEND, "", *_format_misses(summary)))
 
 
 def _pad(cell: str, width: int, column: int) -> str:
     return cell.ljust(width) if column in (0, len(HEAD) - 1) else cell.rjust(width)
 
 
-def _format_misses(found: FidelitySummary) -> list[str]:
-    if not found.misses:
+def _format_misses(summary: FidelitySummary) -> list[str]:
+    if not summary.misses:
         return ["Every figure meets its target."]
-    return [f"{scenario}: {sentence}" for missed in found.misses.values() for scenario, sentence in missed.items()]
+    return [f"{scenario}: {sentence}" for missed in summary.misses.values() for scenario, sentence in missed.items()]
 
 
 def _format_cells(line: FidelityRow) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from real2sim.tracks import kinematics
 from real2sim.tracks.stationary import has_moved
 
 OFF_ROUTE_M = 3.0
+"""[m] A position further from every lane is off the road, see the check of `off_route_frames`."""
 LEEWAY_M = 0.3
 """[m] Allowed difference between reconstruction and log (issue C): lane checks apply where the log is inside by this
 much.

@@ -72,8 +72,8 @@ class LaneSegmentIndex:
         """
         distance = np.full(len(xy), np.inf)
         if len(self.starts) and len(xy):
-            found, reach = self.tree.query_nearest(shapely.points(xy), all_matches=False, return_distance=True)
-            distance[found[0]] = np.maximum(reach - self.wider[found[1]], 0.0)
+            nearest, reach = self.tree.query_nearest(shapely.points(xy), all_matches=False, return_distance=True)
+            distance[nearest[0]] = np.maximum(reach - self.wider[nearest[1]], 0.0)
         return distance
 
     def heading_deviations(self, xy: Float, yaw: Float, offsets: Float | None = None) -> Float:

@@ -200,18 +200,20 @@ def assess_reconstruction(converted: ReconstructedLog) -> ReconstructionQuality:
 
 def _set_speed_limits(actors: Sequence[ActorQuality], limits: Mapping[str, float]) -> list[ActorQuality]:
     """Return the actors with the highest speed that is plausible on their road."""
-    moving = {one.id: one.speed_max for one in actors if one.moving and one.category not in SCRIPTED_CATEGORIES}
+    moving = {
+        actor.id: actor.speed_max for actor in actors if actor.moving and actor.category not in SCRIPTED_CATEGORIES
+    }
     plausible = find_plausible_speeds(moving, limits)
-    return [one.model_copy(update={"speed_limit": plausible.get(one.id, TOWN_MPS)}) for one in actors]
+    return [actor.model_copy(update={"speed_limit": plausible.get(actor.id, TOWN_MPS)}) for actor in actors]
 
 
-def _contacts_by_id(found: TrackContacts, ids: Sequence[str]) -> dict[str, Any]:
+def _contacts_by_id(contacts: TrackContacts, ids: Sequence[str]) -> dict[str, Any]:
     return {
-        "collisions": tuple((ids[i], ids[j], n) for i, j, n in found.collisions),
-        "spawn_overlaps": tuple((ids[i], ids[j]) for i, j in found.spawn_overlaps),
-        "duplicates": tuple((ids[i], ids[j]) for i, j in found.duplicates),
-        "least_distance": found.least_distance_m if np.isfinite(found.least_distance_m) else None,
-        "close_frames": found.close_frames,
+        "collisions": tuple((ids[i], ids[j], n) for i, j, n in contacts.collisions),
+        "spawn_overlaps": tuple((ids[i], ids[j]) for i, j in contacts.spawn_overlaps),
+        "duplicates": tuple((ids[i], ids[j]) for i, j in contacts.duplicates),
+        "least_distance": contacts.least_distance_m if np.isfinite(contacts.least_distance_m) else None,
+        "close_frames": contacts.close_frames,
     }
 
 

@@ -29,6 +29,7 @@ CATEGORY_BY_TYPE: Mapping[str, ObjectCategory] = {
 """`background` and `unknown` are omitted because their class is not defined."""
 EGO_ID = "AV"
 DT_S = 0.1
+"""[s] The table numbers time steps, which are 10 a second."""
 MAX_FRAMES = 10_000
 """A thousand seconds: larger values are damaged."""
 NUMBER_COLUMNS = ("timestep", "position_x", "position_y", "heading")
@@ -93,12 +94,14 @@ def _build_tracks(path: Path, rows: Columns, frames: int) -> tuple[tuple[Recorde
 
 
 def _build_track(path: Path, rows: Columns, chosen: Bool, category: ObjectCategory, frames: int) -> RecordedTrack:
-    id_, at = str(rows["track_id"][chosen][0]), rows["timestep"][chosen].astype(np.intp)
-    if len(np.unique(at)) < len(at):
-        raise InputError(f"{path}: track {id_}: expected one row a timestep, found {len(at)} for {len(np.unique(at))}")
+    id_, timesteps = str(rows["track_id"][chosen][0]), rows["timestep"][chosen].astype(np.intp)
+    if len(np.unique(timesteps)) < len(timesteps):
+        raise InputError(
+            f"{path}: track {id_}: expected one row a timestep, found {len(timesteps)} for {len(np.unique(timesteps))}"
+        )
     x, y, yaw, size = np.full((4, frames), np.nan)
     for column, name in ((x, "position_x"), (y, "position_y"), (yaw, "heading")):
-        column[at] = rows[name][chosen]
+        column[timesteps] = rows[name][chosen]
     return RecordedTrack(
         id=id_,
         category=category,

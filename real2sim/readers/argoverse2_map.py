@@ -81,9 +81,9 @@ def read_argoverse2_map(folder: Path) -> tuple[HdMap, tuple[str, ...]]:
     lost = len(archive.lane_segments) - len(lanes)
     if not lanes:
         raise InputError(f"{path}: lane_segments: expected at least one that is a lane, found none in {lost}")
-    crossings = tuple(_build_crosswalk(path, id_, one) for id_, one in archive.pedestrian_crossings.items())
+    crossings = tuple(_build_crosswalk(path, id_, crossing) for id_, crossing in archive.pedestrian_crossings.items())
     outlines = (
-        _to_xy(f"{path}: drivable_areas.{id_}", one.area_boundary) for id_, one in archive.drivable_areas.items()
+        _to_xy(f"{path}: drivable_areas.{id_}", area.area_boundary) for id_, area in archive.drivable_areas.items()
     )
     hd_map = HdMap(
         lanes=_drop_oncoming_neighbours(lanes), crosswalks=crossings, drivable_areas=build_separate_areas(outlines)
@@ -94,12 +94,12 @@ def read_argoverse2_map(folder: Path) -> tuple[HdMap, tuple[str, ...]]:
 def find_single_file(folder: Path, *patterns: str) -> Path:
     """Return the only file that matches the first pattern with any match; raise InputError."""
     for pattern in patterns:
-        found = sorted(folder.glob(pattern))
-        if len(found) == 1:
-            return found[0]
-        if found:
-            names = f"{found[0].name}, {found[1].name}"
-            raise InputError(f"{folder}: expected one {pattern}, found {len(found)}, such as {names}")
+        files = sorted(folder.glob(pattern))
+        if len(files) == 1:
+            return files[0]
+        if files:
+            names = f"{files[0].name}, {files[1].name}"
+            raise InputError(f"{folder}: expected one {pattern}, found {len(files)}, such as {names}")
     raise InputError(f"{folder}: expected {' or '.join(patterns)}, found none")
 
 
@@ -129,9 +129,9 @@ def _to_xy(where: str, line: Av2Line) -> Float:
     return parse_points(where, [(point.x, point.y) for point in line]) if line else np.zeros((0, 2))
 
 
-def _build_crosswalk(path: Path, id_: str, one: Av2Crossing) -> Float:
+def _build_crosswalk(path: Path, id_: str, crossing: Av2Crossing) -> Float:
     """Join the two long edges to a ring (N, 2)."""
-    first, second = (_to_xy(f"{path}: pedestrian_crossings.{id_}", edge) for edge in (one.edge1, one.edge2))
+    first, second = (_to_xy(f"{path}: pedestrian_crossings.{id_}", edge) for edge in (crossing.edge1, crossing.edge2))
     same_way = (first[-1] - first[0]) @ (second[-1] - second[0]) > 0
     return np.concatenate((first, second[::-1] if same_way else second))
 

@@ -31,6 +31,7 @@ AXLE_TO_CENTRE_M = 1.425
 In the available log the pose slips sideways in bends like a point 0.1 m behind the axle, unlike a centre.
 """
 DT_S = 0.1
+"""[s] Boxes are annotated 10 times a second."""
 HOLD_S = 0.055
 """[s] The last box is held for about half a frame at most."""
 STILL_M = 1.0
@@ -181,16 +182,16 @@ def read_argoverse2_sensor(folder: Path) -> Recording:
 
 
 def _read_ego_poses(path: Path, sweeps_ns: Int, start_ns: int) -> PoseSeries:
-    found = parse_poses(path, read_columns(path, POSE_COLUMNS), start_ns)
-    order = np.argsort(found.t, kind="stable")
-    found = PoseSeries(found.t[order], found.xyz[order], found.quaternion[order])
+    poses = parse_poses(path, read_columns(path, POSE_COLUMNS), start_ns)
+    order = np.argsort(poses.t, kind="stable")
+    poses = PoseSeries(poses.t[order], poses.xyz[order], poses.quaternion[order])
     end = float(to_seconds(sweeps_ns, start_ns).max())
-    if found.t[0] > HOLD_S or found.t[-1] < end - HOLD_S:
+    if poses.t[0] > HOLD_S or poses.t[-1] < end - HOLD_S:
         raise InputError(
             f"{path}: expected poses for all sweeps, 0 to {end:g} s after the first, "
-            f"found them from {found.t[0]:g} to {found.t[-1]:g} s"
+            f"found them from {poses.t[0]:g} to {poses.t[-1]:g} s"
         )
-    return found
+    return poses
 
 
 def _build_boxes(path: Path, rows: Columns, ego: PoseSeries, start_ns: int) -> AnnotatedBoxes:

@@ -109,7 +109,7 @@ def _check_numbers(path: Path, element: Element) -> None:
         if not fine:
             where = f"{path}: {element.tag} {element.get('id')}"
             raise InputError(f"{where}: {value.tag}: expected a finite number, found {value.text!r:.80}")
-    for angle in (one for turned in element.iter("orientation") for one in turned):
+    for angle in (value for turned in element.iter("orientation") for value in turned):
         if abs(float(angle.text or "")) > MAX_ANGLE:
             where = f"{path}: {element.tag} {element.get('id')}"
             raise InputError(f"{where}: orientation: expected at most {MAX_ANGLE:g} rad, found {angle.text!r:.80}")
@@ -134,19 +134,27 @@ def _drop_unsupported(root: Element) -> Iterator[str]:
     """Remove elements that are not needed or not readable by commonroad-io; yield notes on the latter."""
     for problem in root.findall("planningProblem"):
         root.remove(problem)
-    groups = [one for one in _list_obstacles(root) if (shape := one.find("shape")) is not None and len(shape) > 1]
+    groups = [
+        obstacle
+        for obstacle in _list_obstacles(root)
+        if (shape := obstacle.find("shape")) is not None and len(shape) > 1
+    ]
     for obstacle in groups:
         root.remove(obstacle)
     if groups:
         yield f"{len(groups)} obstacles of more than one shape skipped"
-    vague = [one for one in _list_obstacles(root) if any(time.find("exact") is None for time in one.iter("time"))]
+    vague = [
+        obstacle
+        for obstacle in _list_obstacles(root)
+        if any(time.find("exact") is None for time in obstacle.iter("time"))
+    ]
     for obstacle in vague:
         root.remove(obstacle)
     if vague:
         yield f"{len(vague)} obstacles without exact times skipped"
     there = {lanelet.get("id") for lanelet in root.iter("lanelet")}
-    lost = [(one, link) for one in root.iter("lanelet") for name in LINK_TAGS for link in one.findall(name)]
-    lost = [(one, link) for one, link in lost if link.get("ref") not in there]
+    lost = [(lanelet, link) for lanelet in root.iter("lanelet") for name in LINK_TAGS for link in lanelet.findall(name)]
+    lost = [(lanelet, link) for lanelet, link in lost if link.get("ref") not in there]
     for lanelet, link in lost:
         lanelet.remove(link)
     if lost:
@@ -196,22 +204,22 @@ def _capture_remarks() -> Generator[list[str]]:
 
 
 def _build_tracks(path: Path, scenario: Any) -> tuple[tuple[RecordedTrack, ...], tuple[str, ...]]:
-    found: list[tuple[Any, ObjectCategory, Sequence[Any]]] = []
+    kept: list[tuple[Any, ObjectCategory, Sequence[Any]]] = []
     skipped: Counter[str] = Counter()
     for obstacle in scenario.obstacles:
         reason = _find_skip_reason(obstacle)
         if reason:
             skipped[reason] += 1
         else:
-            found.append((obstacle, _classify(obstacle), _list_states(obstacle)))
-    times = [state.time_step for obstacle, _, states in found if _is_dynamic(obstacle) for state in states]
+            kept.append((obstacle, _classify(obstacle), _list_states(obstacle)))
+    times = [state.time_step for obstacle, _, states in kept if _is_dynamic(obstacle) for state in states]
     if not times:
         raise InputError(f"{path}: expected at least one dynamic obstacle with a trajectory, found none")
-    check_frame_count(f"{path}: time", max(times) - min(times) + 1, len(found))
+    check_frame_count(f"{path}: time", max(times) - min(times) + 1, len(kept))
     span = range(min(times), max(times) + 1)
-    tracks = tuple(_build_track(path, *one, span) for one in found)
+    tracks = tuple(_build_track(path, obstacle, category, states, span) for obstacle, category, states in kept)
     notes = (f"{count} obstacles {why} skipped" for why, count in sorted(skipped.items()))
-    return tracks, (*notes, *note_vague_states([states for _, _, states in found]))
+    return tracks, (*notes, *note_vague_states([states for _, _, states in kept]))
 
 
 def _find_skip_reason(obstacle: Any) -> str:
@@ -287,8 +295,8 @@ def read_pose(state: Any) -> tuple[float, float, float]:
 
 def note_vague_states(obstacles: Sequence[Sequence[Any]]) -> Iterator[str]:
     """Yield notes on states that are sets; `obstacles` are the states of each."""
-    shapes = sum(any(not isinstance(one.position, np.ndarray) for one in states) for states in obstacles)
-    intervals = sum(any(not isinstance(one.orientation, int | float) for one in states) for states in obstacles)
+    shapes = sum(any(not isinstance(state.position, np.ndarray) for state in states) for states in obstacles)
+    intervals = sum(any(not isinstance(state.orientation, int | float) for state in states) for states in obstacles)
     if shapes:
         yield f"{shapes} obstacles whose positions are areas: their centres taken"
     if intervals:

@@ -25,6 +25,7 @@ from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Reco
 
 DT_S = 0.1
 STEP_MS = 100
+"""[ms] The data set has 10 rows a second."""
 CASE_COLUMN = "case_id"
 KEY_COLUMNS = ("track_id", "timestamp_ms", "agent_type")
 MOTION_COLUMNS = ("x", "y", "vx", "vy")
@@ -71,7 +72,7 @@ def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None, 
     tracks_found = sum(len({row.id for row in its_rows}) for its_rows in rows.values())
     steps = (max(times) - min(times)) / STEP_MS
     frames = check_frame_count(f"{vehicles}: timestamp_ms", steps + 1.5, tracks_found)  # rounded to whole steps
-    found = tuple(
+    its_tracks = tuple(
         track for path, its_rows in rows.items() for track in _build_tracks(path, its_rows, min(times), frames)
     )
     hd_map, notes = read_lanelet2(osm)
@@ -80,9 +81,9 @@ def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None, 
         source="interaction",
         dt_s=DT_S,
         frame_count=frames,
-        views=(ObserverView("log", found),),
+        views=(ObserverView("log", its_tracks),),
         map=hd_map,
-        notes=(*_note_guesses(found), *notes),
+        notes=(*_note_guesses(its_tracks), *notes),
     )
     return crop_recording(str(vehicles), recording, window)
 
@@ -94,14 +95,16 @@ def find_interaction_map(tracks: Path, maps: Sequence[Path] = ()) -> Path:
     (version 1.0) or after their table (1.2: `DR_X_train.csv`).
     """
     folder = tracks if tracks.is_dir() else tracks.parent
-    found = tuple(maps) or tuple(sorted(folder.glob("*.osm")))
-    if not found:
+    candidates = tuple(maps) or tuple(sorted(folder.glob("*.osm")))
+    if not candidates:
         above = [place / "maps" for place in folder.resolve().parents[:2]]
         names = (folder.resolve().name, SPLIT.sub("", tracks.stem))
-        found = tuple(path for place in above for name in names if (path := place / f"{name}.osm").is_file())
-    if len(found) != 1:
-        raise InputError(f"{folder}: expected one Lanelet2 map *.osm beside the tracks (or --map), found {len(found)}")
-    return found[0]
+        candidates = tuple(path for place in above for name in names if (path := place / f"{name}.osm").is_file())
+    if len(candidates) != 1:
+        raise InputError(
+            f"{folder}: expected one Lanelet2 map *.osm beside the tracks (or --map), found {len(candidates)}"
+        )
+    return candidates[0]
 
 
 def _build_id(osm: Path, vehicles: Path, case: str) -> str:
@@ -206,9 +209,9 @@ def _classify(path: Path, row: _TrackRow) -> ObjectCategory:
     try:
         return CATEGORY_BY_TYPE[row.agent_type]
     except KeyError:
-        known = ", ".join(CATEGORY_BY_TYPE)
+        types = ", ".join(CATEGORY_BY_TYPE)
         raise InputError(
-            f"{path}: line {row.line}: agent_type: expected one of {known}, found {row.agent_type!r}"
+            f"{path}: line {row.line}: agent_type: expected one of {types}, found {row.agent_type!r}"
         ) from None
 
 

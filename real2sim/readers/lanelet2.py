@@ -46,9 +46,9 @@ SIGN_BY_RULE: Mapping[str, str] = {"all_way_stop": "stop", "traffic_light": "sig
 SPEED_PATTERN = re.compile(r"\s*(\d+(?:\.\d+)?)\s*(mph|km/?h|m/s|mps|)\s*")
 MPS_BY_UNIT: Mapping[str, float] = {"mph": 0.44704, "m/s": 1.0, "mps": 1.0}
 """All other units are km/h, which Lanelet2 assumes for a bare number."""
-REACH_M = 1.0
+STOP_LINE_GAP_M = 1.0
 """[m] Stop lines may end this far from the centre line of their lane: some are drawn short."""
-WIDTHS_M = (1.5, 8.0)
+CROSSWALK_WIDTHS_M = (1.5, 8.0)
 """[m] Distance between the two lines of a crosswalk."""
 MIN_LENGTH_RATIO = 0.5
 """Minimum length of the shorter line relative to the longer one."""
@@ -92,7 +92,7 @@ def read_lanelet2(path: Path, utm_origin: tuple[float, float] | None = None) -> 
     """
     osm = read_osm(path, utm_origin)
     lanelets, faults = _build_lanelets(osm)
-    roads = {one.relation.id: one for one in lanelets if one.subtype in LANE_KIND_BY_SUBTYPE}
+    roads = {lanelet.relation.id: lanelet for lanelet in lanelets if lanelet.subtype in LANE_KIND_BY_SUBTYPE}
     if not roads:
         why = f": {faults[0]}" if faults else ""
         raise InputError(f"{path}: expected at least one lanelet with the subtype road, found none{why}")
@@ -101,18 +101,20 @@ def read_lanelet2(path: Path, utm_origin: tuple[float, float] | None = None) -> 
         notes += (f"{len(faults)} lanelets skipped, the first: {faults[0]}",)
     lanes = _build_lanes(osm, roads, limits)
     drawn = tuple(
-        build_outline(osm.build_line(one.left), osm.build_line(one.right))
-        for one in lanelets
-        if one.subtype == "crosswalk"
+        build_outline(osm.build_line(lanelet.left), osm.build_line(lanelet.right))
+        for lanelet in lanelets
+        if lanelet.subtype == "crosswalk"
     )
     crosswalks = drawn or find_marked_crosswalks(osm)
     stop_lines = _build_stop_lines(osm, lanes)
     unknown = Counter(
-        one.subtype for one in lanelets if one.subtype not in LANE_KIND_BY_SUBTYPE and one.subtype != "crosswalk"
+        lanelet.subtype
+        for lanelet in lanelets
+        if lanelet.subtype not in LANE_KIND_BY_SUBTYPE and lanelet.subtype != "crosswalk"
     )
     notes += osm.notes
     notes += tuple(f"{count} lanelets of the subtype {name!r} skipped" for name, count in sorted(unknown.items()))
-    areas = tuple(area for one in osm.list_relations("multipolygon") for area in _build_areas(osm, one))
+    areas = tuple(area for relation in osm.list_relations("multipolygon") for area in _build_areas(osm, relation))
     return HdMap(lanes, crosswalks, stop_lines, _build_signals(osm, lanes), drivable_areas=areas), notes
 
 
@@ -120,7 +122,7 @@ def _build_areas(osm: OsmFile, relation: OsmRelation) -> tuple[MapArea, ...]:
     """Return the areas for vehicles that a multipolygon encloses, without those for other uses."""
     if relation.tags.get("subtype") not in DRIVABLE_SUBTYPES:
         return ()
-    ways = [osm.build_line(way) for way in osm.list_ways(relation, "outer", "inner")]
+    ways = [osm.build_line(lines) for lines in osm.list_ways(relation, "outer", "inner")]
     return split_areas(shapely.build_area(shapely.union_all(list(map(shapely.LineString, ways)))))
 
 
@@ -164,53 +166,57 @@ def _compute_signed_area(ring: Float) -> float:
 
 def _build_lanes(osm: OsmFile, roads: Mapping[str, _Lanelet], limits: Mapping[str, float]) -> dict[str, MapLane]:
     links = _index_lanelets(roads)
-    return {key: _build_lane(osm, one, links, _find_limit(one.relation, limits)) for key, one in roads.items()}
+    return {
+        key: _build_lane(osm, lanelet, links, _find_limit(lanelet.relation, limits)) for key, lanelet in roads.items()
+    }
 
 
 def _index_lanelets(roads: Mapping[str, _Lanelet]) -> _LaneletIndex:
     starts: defaultdict[tuple[str, str], tuple[str, ...]] = defaultdict(tuple)
     ends: defaultdict[tuple[str, str], tuple[str, ...]] = defaultdict(tuple)
-    for key, one in roads.items():
-        starts[one.start] += (key,)
-        ends[one.end] += (key,)
-    lefts = {one.left.nodes: key for key, one in roads.items()}
-    rights = {one.right.nodes: key for key, one in roads.items()}
+    for key, lanelet in roads.items():
+        starts[lanelet.start] += (key,)
+        ends[lanelet.end] += (key,)
+    lefts = {lanelet.left.nodes: key for key, lanelet in roads.items()}
+    rights = {lanelet.right.nodes: key for key, lanelet in roads.items()}
     return _LaneletIndex(starts, ends, lefts, rights)
 
 
-def _build_lane(osm: OsmFile, one: _Lanelet, links: _LaneletIndex, limit: float) -> MapLane:
-    left, right = osm.build_line(one.left), osm.build_line(one.right)
+def _build_lane(osm: OsmFile, lanelet: _Lanelet, links: _LaneletIndex, limit: float) -> MapLane:
+    left, right = osm.build_line(lanelet.left), osm.build_line(lanelet.right)
     return MapLane(
-        id=one.relation.id,
-        kind=LANE_KIND_BY_SUBTYPE[one.subtype],
+        id=lanelet.relation.id,
+        kind=LANE_KIND_BY_SUBTYPE[lanelet.subtype],
         centre=compute_centreline(left, right),
         left=left,
         right=right,
-        entries=links.ends.get(one.start, ()),
-        exits=links.starts.get(one.end, ()),
-        left_neighbour=links.rights.get(one.left.nodes, ""),
-        right_neighbour=links.lefts.get(one.right.nodes, ""),
+        entries=links.ends.get(lanelet.start, ()),
+        exits=links.starts.get(lanelet.end, ()),
+        left_neighbour=links.rights.get(lanelet.left.nodes, ""),
+        right_neighbour=links.lefts.get(lanelet.right.nodes, ""),
         speed_limit=limit,
-        directed=one.relation.tags.get("one_way", "yes") != "no",
-        junction="turn_direction" in one.relation.tags,
+        directed=lanelet.relation.tags.get("one_way", "yes") != "no",
+        junction="turn_direction" in lanelet.relation.tags,
     )
 
 
 def _parse_limits(osm: OsmFile) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return speed limits [m/s] by the id of their regulatory element, and notes on unreadable ones."""
-    texts = {one.id: one.tags.get("sign_type", "") for one in _list_rules(osm, "speed_limit")}
-    found = {key: SPEED_PATTERN.fullmatch(text) for key, text in texts.items()}
-    limits = {key: float(match[1]) * MPS_BY_UNIT.get(match[2], 1 / 3.6) for key, match in found.items() if match}
+    texts = {rule.id: rule.tags.get("sign_type", "") for rule in _list_rules(osm, "speed_limit")}
+    matches = {key: SPEED_PATTERN.fullmatch(text) for key, text in texts.items()}
+    limits = {key: float(match[1]) * MPS_BY_UNIT.get(match[2], 1 / 3.6) for key, match in matches.items() if match}
     notes = tuple(
         f"speed limit {key} skipped: expected sign_type such as 50 km/h, found {texts[key]!r}"
-        for key, match in found.items()
+        for key, match in matches.items()
         if not match
     )
     return limits, notes
 
 
 def _list_rules(osm: OsmFile, *subtypes: str) -> tuple[OsmRelation, ...]:
-    return tuple(one for one in osm.list_relations("regulatory_element") if one.tags.get("subtype") in subtypes)
+    return tuple(
+        relation for relation in osm.list_relations("regulatory_element") if relation.tags.get("subtype") in subtypes
+    )
 
 
 def _find_limit(relation: OsmRelation, limits: Mapping[str, float]) -> float:
@@ -242,14 +248,20 @@ def _find_sign(osm: OsmFile, rule: OsmRelation) -> str:
 
 def _find_governed_lanelets(osm: OsmFile, rule: OsmRelation) -> tuple[str, ...]:
     """Return lanelets that refer to the rule, or that the rule requires to yield."""
-    naming = (one.id for one in osm.list_relations("lanelet") if rule.id in one.list_members("regulatory_element"))
+    naming = (
+        relation.id
+        for relation in osm.list_relations("lanelet")
+        if rule.id in relation.list_members("regulatory_element")
+    )
     return tuple(dict.fromkeys((*rule.list_members("yield"), *naming)))
 
 
 def _find_crossed_lanes(line: Float, names: tuple[str, ...], lanes: Mapping[str, MapLane]) -> tuple[str, ...]:
     drawn = shapely.LineString(line)
     return tuple(
-        name for name in names if name in lanes and drawn.distance(shapely.LineString(lanes[name].centre)) < REACH_M
+        name
+        for name in names
+        if name in lanes and drawn.distance(shapely.LineString(lanes[name].centre)) < STOP_LINE_GAP_M
     )
 
 
@@ -264,16 +276,21 @@ def find_marked_crosswalks(osm: OsmFile) -> tuple[Float, ...]:
     if len(marked) < 2:
         return ()
     lines = shapely.get_parts(shapely.line_merge(shapely.MultiLineString(marked)))
-    apart = np.array([[one.hausdorff_distance(other) for other in lines] for one in lines])
+    apart = np.array([[line.hausdorff_distance(other) for other in lines] for line in lines])
     np.fill_diagonal(apart, np.inf)
     nearest = apart.argmin(axis=1)
-    pairs = ((one, int(other)) for one, other in enumerate(nearest) if nearest[other] == one < other)
-    return tuple(_build_polygon(lines[one], lines[other]) for one, other in pairs if _is_pair(lines[one], lines[other]))
+    pairs = ((first, int(other)) for first, other in enumerate(nearest) if nearest[other] == first < other)
+    return tuple(
+        _build_polygon(lines[first], lines[other]) for first, other in pairs if _is_pair(lines[first], lines[other])
+    )
 
 
-def _is_pair(one: shapely.LineString, other: shapely.LineString) -> bool:
-    alike = min(one.length, other.length) >= MIN_LENGTH_RATIO * max(one.length, other.length)
-    return alike and WIDTHS_M[0] <= one.interpolate(0.5, normalized=True).distance(other) <= WIDTHS_M[1]
+def _is_pair(line: shapely.LineString, other: shapely.LineString) -> bool:
+    alike = min(line.length, other.length) >= MIN_LENGTH_RATIO * max(line.length, other.length)
+    return (
+        alike
+        and CROSSWALK_WIDTHS_M[0] <= line.interpolate(0.5, normalized=True).distance(other) <= CROSSWALK_WIDTHS_M[1]
+    )
 
 
 def _build_polygon(one: shapely.LineString, other: shapely.LineString) -> Float:
@@ -288,6 +305,6 @@ def build_outline(left: Float, right: Float) -> Float:
     return np.concatenate((right, left[::-1]))
 
 
-def measure_end_gap(one: Float, other: Float) -> float:
+def measure_end_gap(line: Float, other: Float) -> float:
     """Return the sum of the gaps [m] between both starts and both ends."""
-    return float(np.hypot(*(one[[0, -1]] - other[[0, -1]]).T).sum())
+    return float(np.hypot(*(line[[0, -1]] - other[[0, -1]]).T).sum())

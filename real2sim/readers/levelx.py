@@ -38,13 +38,14 @@ CATEGORY_BY_CLASS: Mapping[str, ObjectCategory] = {
 MIN_STRIDE = 2
 """Every second frame of 25 a second is taken, near the 10 a second of the other sources; of large logs fewer."""
 MAX_RATE_HZ = 100.0
+"""[Hz] Chosen: four times the rate of the data sets; a higher one is an error of the file."""
 MARKINGS = {"upperLaneMarkings": -1, "lowerLaneMarkings": 1}
 """Column of highD's markings -> direction of the traffic between them along x."""
 IMAGE_COLUMNS = ("x", "y", "width", "height")
 GROUND_COLUMNS = ("xCenter", "yCenter", "heading", "length", "width")
 DIRECTIONS = {"1": math.pi, "2": 0.0}
 """highD's drivingDirection -> heading [rad]: 1 are the upper lanes, which lead to the left."""
-MARGIN_M = 5.0
+LANE_MARGIN_M = 5.0
 """[m] Lanes of highD end this far beyond the outermost boxes."""
 
 
@@ -82,9 +83,9 @@ def read_levelx(tracks: Path, maps: Sequence[Path] = ()) -> Recording:
     if not 0.0 < rate <= MAX_RATE_HZ:
         raise InputError(f"{_name_sibling(tracks, 'recordingMeta')}: frameRate: expected 1 to 100, found {rate:g}")
     frames = check_frame_count(f"{tracks}: frame", (log.count - 1) // log.stride + 1, len(log.classes))
-    found = _read_tracks(log, frames)
+    tracks_found = _read_tracks(log, frames)
     if log.is_image:
-        hd_map, notes = _build_straight_lanes(log, found), ("lanes made from the markings of the recording",)
+        hd_map, notes = _build_straight_lanes(log, tracks_found), ("lanes made from the markings of the recording",)
     else:
         origin = (_read_meta_number(log, "xUtmOrigin"), _read_meta_number(log, "yUtmOrigin"))
         hd_map, notes = read_lanelet2(_find_map(log, maps), origin)
@@ -93,7 +94,7 @@ def read_levelx(tracks: Path, maps: Sequence[Path] = ()) -> Recording:
         source="levelx",
         dt_s=log.stride / rate,
         frame_count=frames,
-        views=(ObserverView("log", found),),
+        views=(ObserverView("log", tracks_found),),
         map=hd_map,
         notes=(f"one of every {log.stride} frames taken, of {rate:g} a second", *notes),
     )
@@ -177,23 +178,23 @@ def _place_in_plane(numbers: Sequence[float], heading: float | None) -> tuple[fl
 
 def _find_map(log: _Log, maps: Sequence[Path]) -> Path:
     """Return the one map given, else that of the location in a folder `maps` beside or above the tracks."""
-    found = tuple(maps)
+    files = tuple(maps)
     location = log.meta.get("locationId", "")
-    if not found:
+    if not files:
         above = log.tracks.resolve().parents[:3]
-        found = tuple(path for place in above for path in sorted((place / "maps").rglob(f"*location{location}.osm")))
-    if len(found) != 1:
+        files = tuple(path for place in above for path in sorted((place / "maps").rglob(f"*location{location}.osm")))
+    if len(files) != 1:
         raise InputError(
-            f"{log.tracks}: expected one Lanelet2 map maps/.../location{location}.osm (or --map), found {len(found)}"
+            f"{log.tracks}: expected one Lanelet2 map maps/.../location{location}.osm (or --map), found {len(files)}"
         )
-    return found[0]
+    return files[0]
 
 
 def _build_straight_lanes(log: _Log, tracks: Sequence[RecordedTrack]) -> HdMap:
     """Build highD's lanes between its markings, along the stretch in which vehicles were seen."""
     path = _name_sibling(log.tracks, "recordingMeta")
     x = np.concatenate([track.x[track.valid] for track in tracks] or [np.zeros(1)])
-    ends = np.array((x.min() - MARGIN_M, x.max() + MARGIN_M))
+    ends = np.array((x.min() - LANE_MARGIN_M, x.max() + LANE_MARGIN_M))
     limit = _read_meta_number(log, "speedLimit")
     lanes: dict[str, MapLane] = {}
     for name, direction in MARKINGS.items():

@@ -76,13 +76,13 @@ class _ScenarioDraft:
 
 def find_mdrive_folders(paths: Iterable[Path]) -> tuple[Path, ...]:
     """Return all scenario directories in or below the given ones, in order; raise InputError if one has none."""
-    found: list[Path] = []
+    folders: list[Path] = []
     for path in paths:
         here = sorted(manifest.parent for manifest in path.rglob(MANIFEST))
         if not here:
             raise InputError(f"{path}: expected a directory with {MANIFEST} in it or below, found none")
-        found += here
-    return tuple(found)
+        folders += here
+    return tuple(folders)
 
 
 def read_mdrive(folder: Path, map: Path | VectorMap) -> SourceScene:

@@ -75,11 +75,11 @@ def find_blueprint_shape(model: str) -> BlueprintShape | None:
     if name.startswith("walker."):
         return PEDESTRIAN
     if name.startswith("static."):
-        known = next((prop for parts, prop in _PROPS if any(part in name for part in parts)), None)
+        prop_name = next((prop for parts, prop in _PROPS if any(part in name for part in parts)), None)
         return (
             UNKNOWN_PROP
-            if known is None
-            else BlueprintShape(PROPS[known].length, PROPS[known].width, PROPS[known].kind)
+            if prop_name is None
+            else BlueprintShape(PROPS[prop_name].length, PROPS[prop_name].width, PROPS[prop_name].kind)
         )
     return None
 

@@ -35,6 +35,7 @@ DEFAULT_SPEED_BY_ROLE: Mapping[ActorRole, float] = {"npc": 8.0, "pedestrian": 1.
 
 _T = TypeVar("_T")
 DEFAULT_DISTANCE_M = 8.0
+"""[m] Distance of a trigger that names none, as in MDrive (protocol 3.4)."""
 DISTANCE_LIMITS_M = (1.0, 50.0)
 """Trigger distances are clamped to these."""
 
@@ -154,9 +155,9 @@ def read_scripts(folder: Path, route_id: str, actors: Collection[str], vehicles:
             notes.append(f"behaviour {number} of {entry.actor_name} is of route {entry.route_id}: skipped")
             continue
         if entry.actor_name not in actors:
-            known = ", ".join(actors) or "none"
+            names = ", ".join(actors) or "none"
             raise InputError(
-                f"{where}: actor_name: expected an actor of the manifest ({known}), found {entry.actor_name!r}"
+                f"{where}: actor_name: expected an actor of the manifest ({names}), found {entry.actor_name!r}"
             )
         if entry.trigger is None or entry.actor_name in of:
             why = "without a trigger" if entry.trigger is None else "a second one"

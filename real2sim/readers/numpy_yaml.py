@@ -14,6 +14,7 @@ from yaml.constructor import ConstructorError
 NUMBERS = frozenset(("f4", "f8", "i4", "i8"))
 """Kinds of numbers that arrays may hold."""
 MAX_DIMENSIONS = 2
+"""Poses are matrices; nothing in these files has more dimensions."""
 _PYTHON = "tag:yaml.org,2002:python/"
 
 

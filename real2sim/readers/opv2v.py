@@ -134,10 +134,10 @@ def _read_view(folder: Path, files: Mapping[int, Path], numbers: range, frame: L
             shared[id_][name] += 1
         check_frame_count(str(path), len(numbers), len(boxes))
     names = _name_objects(folder.name, list(boxes), shared)
-    found = {id_: find_category(labels[id_].most_common(1)[0][0]) for id_ in boxes}
-    tracks = tuple(_build_track(names[id_], table, found[id_]) for id_, table in boxes.items())
+    categories = {id_: find_category(labels[id_].most_common(1)[0][0]) for id_ in boxes}
+    tracks = tuple(_build_track(names[id_], table, categories[id_]) for id_, table in boxes.items())
     view = ObserverView(folder.name, tracks, pose, is_infrastructure=folder.name.startswith("-"))
-    return view, sum(category is None for category in found.values())
+    return view, sum(category is None for category in categories.values())
 
 
 def _name_objects(agent: str, ids: Sequence[str], shared: Mapping[str, Counter[str]]) -> dict[str, str]:
@@ -151,8 +151,8 @@ def _name_objects(agent: str, ids: Sequence[str], shared: Mapping[str, Counter[s
         if id_ not in shared:
             names[id_] = id_
             continue
-        known = [name for name, _ in shared[id_].most_common() if name and name not in names.values()]
-        names[id_] = known[0] if known else f"{agent}_{id_}"
+        free_names = [name for name, _ in shared[id_].most_common() if name and name not in names.values()]
+        names[id_] = free_names[0] if free_names else f"{agent}_{id_}"
     return names
 
 

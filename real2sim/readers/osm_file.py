@@ -89,7 +89,8 @@ def read_osm(path: Path, utm_origin: tuple[float, float] | None = None) -> OsmFi
     ways = {way.id: way for way in (_read_way(path, element) for element in _list_elements(root, "way"))}
     unusable = {id_: reason for id_, way in ways.items() if (reason := _find_fault(way, nodes))}
     relations = {
-        relation.id: relation for relation in (_read_relation(path, one) for one in _list_elements(root, "relation"))
+        relation.id: relation
+        for relation in (_read_relation(path, element) for element in _list_elements(root, "relation"))
     }
     return OsmFile(path, nodes, {id_: ways[id_] for id_ in ways if id_ not in unusable}, relations, unusable)
 

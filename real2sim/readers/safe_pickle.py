@@ -28,6 +28,7 @@ from mdrive_sumo.core.input_files import open_regular
 MAX_EMPTY_ROWS = 10_000
 """Rows of an array without elements: each costs memory when it is read, but none in the file."""
 MAX_DIMENSIONS = 8
+"""Chosen: more than the arrays of any description have."""
 _DTYPE_NAME = re.compile(r"b1|[iu][1248]|f[248]|U[1-9][0-9]{0,4}")
 """Bool, integers, floats and text: never objects, records, dates or raw memory."""
 _BYTE_ORDERS = ("<", ">", "=", "|")
@@ -84,9 +85,9 @@ class _PickledArray(np.ndarray[Any, np.dtype[Any]]):
         if not isinstance(state, tuple) or len(state) != 5:
             raise ValueError("expected the state of an array")
         _, shape, dtype, fortran, data = state
-        found = _build_array(shape, dtype, "F" if fortran is True else "C", data)
+        array = _build_array(shape, dtype, "F" if fortran is True else "C", data)
         set_state: Callable[[Any], None] = super().__setstate__
-        set_state((1, found.shape, found.dtype, fortran is True, found.tobytes("A")))
+        set_state((1, array.shape, array.dtype, fortran is True, array.tobytes("A")))
 
 
 def _build_array(shape: Any, dtype: Any, order: Any, data: Any) -> npt.NDArray[Any]:

@@ -113,13 +113,13 @@ def _read_times(path: Path, metadata: Mapping[str, Any], frames: int) -> TimeGri
 def _build_tracks(path: Path, raw: Mapping[str, Any], frames: int) -> tuple[tuple[RecordedTrack, ...], tuple[str, ...]]:
     skipped: Counter[str] = Counter()
     tracks: list[RecordedTrack] = []
-    for id_, one in raw.items():
+    for id_, raw_track in raw.items():
         where = f"{path}: tracks.{id_}"
-        category = _classify(where, one)
+        category = _classify(where, raw_track)
         if category is None:
-            skipped[f"of the unknown type {one['type']}"] += 1
+            skipped[f"of the unknown type {raw_track['type']}"] += 1
             continue
-        track = _build_track(where, str(id_), category, one["state"], frames)
+        track = _build_track(where, str(id_), category, raw_track["state"], frames)
         if track.valid.any():
             tracks.append(track)
         else:
@@ -129,12 +129,12 @@ def _build_tracks(path: Path, raw: Mapping[str, Any], frames: int) -> tuple[tupl
     return tuple(tracks), tuple(f"{count} tracks {why} skipped" for why, count in sorted(skipped.items()))
 
 
-def _classify(where: str, one: Any) -> ObjectCategory | None:
-    if not isinstance(one, dict) or "type" not in one or not isinstance(one.get("state"), dict):
-        raise InputError(f"{where}: expected a dict with type and state, found {type(one).__name__}")
-    metadata = one.get("metadata")
+def _classify(where: str, track: Any) -> ObjectCategory | None:
+    if not isinstance(track, dict) or "type" not in track or not isinstance(track.get("state"), dict):
+        raise InputError(f"{where}: expected a dict with type and state, found {type(track).__name__}")
+    metadata = track.get("metadata")
     finer = CATEGORY_BY_NUSCENES_TYPE.get(str(metadata.get("type"))) if isinstance(metadata, dict) else None
-    coarse = CATEGORY_BY_TYPE.get(str(one["type"]))
+    coarse = CATEGORY_BY_TYPE.get(str(track["type"]))
     return finer or coarse
 
 

@@ -16,9 +16,10 @@ from real2sim.readers.map_geometry import build_cross_line, build_nested_areas, 
 
 DEFAULT_LINE_M = 3.5
 """[m] Length of a stop line across a lane of unknown width."""
-TOUCH_M = 0.1
+ENDS_MEET_M = 0.1
 """[m] Lane ends this close are connected: in nuScenes they agree to 1e-11 m or not at all."""
-TOUCH_RAD = np.radians(45)
+ENDS_ALIGNED_RAD = np.radians(45)
+"""A lane that continues another one differs by less in direction; one that crosses or turns back by more."""
 MPS_PER_MPH = 0.44704
 MAX_LIMIT_MPS = 50.0
 """[m/s] Higher limits stand for none: MetaDrive gives its lanes 1000 km/h."""
@@ -157,7 +158,7 @@ def _find_neighbour(where: str, feature: Mapping[str, Any], name: str, nearest: 
         return ""
     if not isinstance(neighbours[nearest], dict):
         return str(neighbours[nearest])
-    stretches: list[Mapping[str, Any]] = [one for one in neighbours if isinstance(one, dict)]
+    stretches: list[Mapping[str, Any]] = [neighbour for neighbour in neighbours if isinstance(neighbour, dict)]
     lengths = [
         read_finite(where, stretch, "self_end_index") - read_finite(where, stretch, "self_start_index")
         for stretch in stretches
@@ -185,8 +186,8 @@ def _link_touching_lanes(lanes: Mapping[str, MapLane]) -> dict[str, MapLane]:
     ids = list(lanes)
     starts, ends = (np.array([lanes[id_].centre[row] for id_ in ids]) for row in (0, -1))
     first, last = (np.array([_compute_yaw(lanes[id_].centre, row) for id_ in ids]) for row in (0, -2))
-    near = np.hypot(*(ends[:, None] - starts[None]).transpose(2, 0, 1)) <= TOUCH_M
-    along = np.cos(last[:, None] - first[None]) >= np.cos(TOUCH_RAD)
+    near = np.hypot(*(ends[:, None] - starts[None]).transpose(2, 0, 1)) <= ENDS_MEET_M
+    along = np.cos(last[:, None] - first[None]) >= np.cos(ENDS_ALIGNED_RAD)
     follows = near & along & ~np.eye(len(ids), dtype=np.bool_)
     return {
         id_: replace(
@@ -211,10 +212,10 @@ def _build_stop_signs(
     for id_, feature in features.items():
         if feature["type"] == "STOP_SIGN":
             where = f"{path}: map_features.{id_}"
-            known = [lane for lane in _read_ids(where, feature, "lane") if lane in lanes]
-            lost += not known
-            at = _read_position(where, feature.get("position"))
-            lines += [StopLine(_build_stop_line(lanes[lane], at), (lane,), "stop") for lane in known]
+            lane_ids = [lane for lane in _read_ids(where, feature, "lane") if lane in lanes]
+            lost += not lane_ids
+            position = _read_position(where, feature.get("position"))
+            lines += [StopLine(_build_stop_line(lanes[lane], position), (lane,), "stop") for lane in lane_ids]
     return tuple(lines), (f"{lost} stop signs of lanes that are not in the map skipped",) if lost else ()
 
 
@@ -229,11 +230,11 @@ def _build_traffic_lights(
         if lane not in lanes:
             continue
         given = light.get("stop_point")
-        at = (
+        middle = (
             lanes[lane].centre[0] if dataset == "nuplan" or is_empty(given) else _read_position(f"{path}: {id_}", given)
         )
         signals[id_] = (lane,)
-        lines.append(StopLine(_build_stop_line(lanes[lane], at), (lane,), "signal"))
+        lines.append(StopLine(_build_stop_line(lanes[lane], middle), (lane,), "signal"))
     lost = len(lights) - len(signals)
     return (
         tuple(lines),
@@ -246,9 +247,9 @@ def _read_position(where: str, raw: Any) -> Float:
     return parse_points(where, [raw])[0]
 
 
-def _build_stop_line(lane: MapLane, at: Float) -> Float:
+def _build_stop_line(lane: MapLane, position: Float) -> Float:
     line = Polyline(lane.centre)
-    s = min(max(line.project(float(at[0]), float(at[1]))[0], 0.0), line.length)
+    s = min(max(line.project(float(position[0]), float(position[1]))[0], 0.0), line.length)
     return build_cross_line(line, s, lane.width if lane.width > 0 else DEFAULT_LINE_M)
 
 
@@ -279,8 +280,8 @@ def read_lane_width(where: str, feature: MapFeature) -> float:
     sides = parse_numbers(f"{where}.width", () if feature.get("width") is None else feature["width"])
     if sides.ndim != 2 or sides.shape[1] != 2:
         return float("nan")
-    known = sides[(sides > 0).all(1)]
-    return float(np.median(known.sum(1))) if len(known) else float("nan")
+    both_known = sides[(sides > 0).all(1)]
+    return float(np.median(both_known.sum(1))) if len(both_known) else float("nan")
 
 
 def read_lane_boundaries(where: str, feature: MapFeature, features: Mapping[str, MapFeature]) -> tuple[Float, Float]:
@@ -306,12 +307,12 @@ def _read_boundary(where: str, feature: MapFeature, name: str, features: Mapping
     """Return the parts of road lines along the stretches of the lane that they bound."""
     centre = parse_all_points(where, feature["polyline"])
     pieces = [np.zeros((0, 2))]
-    for one in read_list(where, feature, name):
-        if not isinstance(one, dict):
-            raise InputError(f"{where}.{name}: expected dicts, found {type(one).__name__}")
-        line = features.get(str(one.get("boundary_feature_id")), {}).get("polyline")
+    for item in read_list(where, feature, name):
+        if not isinstance(item, dict):
+            raise InputError(f"{where}.{name}: expected dicts, found {type(item).__name__}")
+        line = features.get(str(item.get("boundary_feature_id")), {}).get("polyline")
         if not is_empty(line):
-            rows = [int(read_finite(f"{where}.{name}", one, f"lane_{end}_index")) for end in ("start", "end")]
+            rows = [int(read_finite(f"{where}.{name}", item, f"lane_{end}_index")) for end in ("start", "end")]
             pieces.append(_clip_line(parse_points(f"{where}.{name}", line), centre[np.clip(rows, 0, len(centre) - 1)]))
     return np.concatenate(pieces)
 

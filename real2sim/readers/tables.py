@@ -61,8 +61,8 @@ def find_columns(path: Path, header: Sequence[str], wanted: Sequence[str]) -> tu
     """Return the indices of the wanted columns; raise InputError for one that is missing."""
     missing = [name for name in wanted if name not in header]
     if missing:
-        found = " ".join(", ".join(header).split())[:200] or "none"
-        raise InputError(f"{path}: expected the column {missing[0]}, found {found}")
+        columns = " ".join(", ".join(header).split())[:200] or "none"
+        raise InputError(f"{path}: expected the column {missing[0]}, found {columns}")
     return tuple(header.index(name) for name in wanted)
 
 

@@ -42,14 +42,14 @@ def read_v2xpnp(folder: Path, maps: Path | Sequence[Path], agents: Sequence[str]
     views = read_views(folder, agents)
     candidates = (maps,) if isinstance(maps, Path) else tuple(maps)
     view_list = tuple(view for view, _ in views)
-    found, map_notes = _choose_map(folder, view_list, candidates)
+    hd_map, map_notes = _choose_map(folder, view_list, candidates)
     return Recording(
         id=folder.resolve().name,
         source="v2xpnp",
         dt_s=DT_S,
         frame_count=len(view_list[0].pose),
         views=view_list,
-        map=found,
+        map=hd_map,
         cavs=tuple(view.observer for view in view_list if not view.is_infrastructure),
         notes=tuple(note for _, notes in views for note in notes) + map_notes,
     )
@@ -59,7 +59,9 @@ def read_views(folder: Path, agents: Sequence[str] | None = None) -> tuple[tuple
     """Return every agent's view with its notes; raise InputError."""
     names = _list_agents(folder) if agents is None else list(agents)
     files = {name: _list_frames(folder / name) for name in names}
-    numbers = range(min(min(one) for one in files.values()), max(max(one) for one in files.values()) + 1)
+    numbers = range(
+        min(min(numbered) for numbered in files.values()), max(max(numbered) for numbered in files.values()) + 1
+    )
     check_frame_count(str(folder), len(numbers))
     return tuple(_read_view(folder / name, files[name], numbers) for name in names)
 
@@ -137,10 +139,10 @@ def _list_frames(folder: Path) -> dict[int, Path]:
 def _build_view(folder: Path, frames: Sequence[V2xpnpFrame]) -> tuple[ObserverView, tuple[str, ...]]:
     sensor = np.array([frame.sensor for frame in frames])
     names, rows = _index_objects(frames)
-    at = np.repeat(np.arange(len(frames)), [len(frame.ids) for frame in frames])
+    frame_numbers = np.repeat(np.arange(len(frames)), [len(frame.ids) for frame in frames])
     check_frame_count(str(folder), len(frames), len(names))
     boxes = np.full((len(names), len(frames), 12), np.nan)
-    boxes[rows, at] = np.concatenate([frame.boxes for frame in frames])
+    boxes[rows, frame_numbers] = np.concatenate([frame.boxes for frame in frames])
     labels, static = _count_labels(frames)
     notes = [f"agent {folder.name}: {note}" for note in _note_labels(labels)]
     tracks = tuple(_build_track(name, box, labels[name], static[name]) for name, box in zip(names, boxes, strict=True))

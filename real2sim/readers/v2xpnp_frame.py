@@ -140,8 +140,8 @@ def _parse_yaml(path: Path, text: str, typed: bool = True) -> V2xpnpFrame:
         _check_depth(path, text)
         raw: Any = yaml.load(text, NumpyLoader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
-        found = " ".join(str(error).split())
-        raise InputError(f"{path}: expected well-formed YAML, found: {found}") from None
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: expected well-formed YAML, found: {reason}") from None
     if not isinstance(raw, Mapping):
         raise InputError(f"{path}: expected a mapping with lidar_pose and vehicles, found {type(raw).__name__}")
     vehicles = raw.get("vehicles") or {}

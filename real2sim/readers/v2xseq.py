@@ -23,6 +23,7 @@ from real2sim.readers.tables import TableRow, read_rows
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 DT_S = 0.1
+"""[s] The data set has 10 rows a second."""
 CLOCK_ERROR_S = 0.03
 """[s] A time further from the grid of frames is refused."""
 KEYS = ("timestamp", "id", "type", "sub_type", "tag")
@@ -58,7 +59,7 @@ Point = Annotated[tuple[float, float], BeforeValidator(_parse_point)]
 def _drop_none(raw: Any) -> Any:
     """Return ids as texts without those that say none."""
     ids = raw if isinstance(raw, list) else [] if raw is None else [raw]
-    return [str(one) for one in ids if one is not None and str(one) not in ("None", "")]
+    return [str(id_) for id_ in ids if id_ is not None and str(id_) not in ("None", "")]
 
 
 Ids = Annotated[tuple[str, ...], BeforeValidator(_drop_none)]
@@ -142,8 +143,8 @@ def _classify(row: TableRow) -> ObjectCategory:
     names = [text.strip().lower() for text in (row.cells[3], row.cells[2])]
     category = next((CATEGORY_BY_TYPE[name] for name in names if name in CATEGORY_BY_TYPE), None)
     if category is None:
-        known = ", ".join(CATEGORY_BY_TYPE)
-        raise InputError(f"{row.where}: sub_type: expected one of {known}, found {row.cells[3]!r}")
+        types = ", ".join(CATEGORY_BY_TYPE)
+        raise InputError(f"{row.where}: sub_type: expected one of {types}, found {row.cells[3]!r}")
     return category
 
 
@@ -153,10 +154,12 @@ def read_v2xseq_map(path: Path) -> HdMap:
     lanes = {id_: _build_lane(path, id_, lane) for id_, lane in file.LANE.items()}
     return HdMap(
         lanes=lanes,
-        crosswalks=tuple(parse_points(f"{path}: CROSSWALK {id_}", one.polygon) for id_, one in file.CROSSWALK.items()),
+        crosswalks=tuple(
+            parse_points(f"{path}: CROSSWALK {id_}", crosswalk.polygon) for id_, crosswalk in file.CROSSWALK.items()
+        ),
         stop_lines=tuple(
-            StopLine(parse_points(f"{path}: STOPLINE {id_}", one.centerline)[[0, -1]])
-            for id_, one in file.STOPLINE.items()
+            StopLine(parse_points(f"{path}: STOPLINE {id_}", stop_line.centerline)[[0, -1]])
+            for id_, stop_line in file.STOPLINE.items()
         ),
     )
 

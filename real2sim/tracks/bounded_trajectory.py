@@ -17,8 +17,9 @@ from real2sim.tracks.kinematics import WINDOW, compute_derivative
 MAX_ITERATIONS, CHECK_INTERVAL = 400, 10
 """Maximum number of iterations, and the number of iterations between two convergence checks."""
 RELATIVE_TOLERANCE = 0.01
-"""Convergence: bounds hold to this share of them, steps to this share of `STEP_M`."""
-STEP_M = 0.1
+"""Convergence: bounds hold to this share of them, steps to this share of `STEP_UNIT_M`."""
+STEP_UNIT_M = 0.1
+"""[m] Unit of the steps, as jerk and acceleration are in units of their bounds."""
 RELAXATION = 1.7
 """Over-relaxation; 1.5 to 1.8 converges fastest (Boyd et al., section 3.4.3)."""
 PENALTIES = (3000.0, 300.0, 30.0)
@@ -69,7 +70,7 @@ def _build_matrices(frames: int, jerk: float, acceleration: float, dt_s: float) 
     of one iteration."""
     unit = np.eye(frames)
     blocks = [compute_derivative(unit, dt_s, order) / limit for order, limit in ((3, jerk), (2, acceleration))]
-    blocks.append(np.diff(unit, axis=0) / STEP_M)
+    blocks.append(np.diff(unit, axis=0) / STEP_UNIT_M)
     most = [float(np.abs(block).sum(axis=1).max()) ** 2 for block in blocks]
     rows = np.concatenate(blocks)
     scale = np.repeat([gain / size for gain, size in zip(PENALTIES, most, strict=True)], [len(b) for b in blocks])

@@ -36,19 +36,24 @@ STAND_SPEED = 0.25
 """[m/s] Slower than this over `STAND_S` is a standstill."""
 STAND_S = 1.0
 CREEP_M = 0.6
+"""[m] An object that moves further than this meanwhile does not stand, but drives slowly."""
 BRAKING_S = 0.6
 """[s] Time that braking and driving off may take from either end of a standstill if they would be too hard
 otherwise."""
 TIE = 1e7
+"""Weight of the steps at a standstill: far above every other penalty, so that nothing moves there."""
 OUTLIER_M = 0.5
+"""[m] A position this far from the smooth path has half the weight."""
 MAX_ROUNDS = 6
 """Maximum number of solutions until no vehicle rolls back; remaining backward steps are then set to zero."""
 HITCH = 0.28
 """Distance from the box centre to the rear axle, as a share of the length."""
 SHORTEST_FRAMES = 4
+"""The fewest frames that have a third difference."""
 FIRST_M, FIRST_RAD = 1.0, float(np.radians(20.0))
 """Largest angle between the box and the course over the first metre after driving off."""
 ACROSS_RAD = float(np.radians(45.0))
+"""A box turned further than this against the motion, modulo pi, does not tell the heading."""
 
 
 @dataclass(frozen=True)
@@ -140,8 +145,8 @@ def _enforce_standstill(xy: Float, still: Bool, heading: Float | None) -> Float:
     if heading is not None:
         ahead = np.column_stack((np.cos(heading), np.sin(heading)))
         step = step - np.minimum((step * ahead).sum(axis=1), 0.0)[:, None] * ahead
-    way = np.concatenate((np.zeros((1, 2)), np.cumsum(step, axis=0)))
-    return way + np.mean(xy - way, axis=0)
+    path = np.concatenate((np.zeros((1, 2)), np.cumsum(step, axis=0)))
+    return path + np.mean(xy - path, axis=0)
 
 
 def _select_headings(box: Float, follows: Float) -> Float:
@@ -184,13 +189,13 @@ def _find_standstill(batch: _Batch, calm: Float, dt_s: float) -> Bool:
     """Return a mask (K, T-1): less than `STAND_SPEED` over `STAND_S` around the step."""
     frames = batch.xy.shape[1]
     half = max(round(STAND_S / dt_s / 2), 1)
-    at = np.arange(frames - 1)
+    step_numbers = np.arange(frames - 1)
     last = batch.valid.sum(axis=1)[:, None] - 1
-    low, high = np.maximum(at - half + 1, 0)[None, :], np.minimum(at + half, np.maximum(last, 1))
+    low, high = np.maximum(step_numbers - half + 1, 0)[None, :], np.minimum(step_numbers + half, np.maximum(last, 1))
     rows = np.arange(len(calm))[:, None]
     gone = calm[rows, np.maximum(high, low + 1)] - calm[rows, low]
     speed = np.hypot(gone[..., 0], gone[..., 1]) / (np.maximum(high - low, 1) * dt_s)
-    slow = (speed < STAND_SPEED) & (at[None, :] < last)
+    slow = (speed < STAND_SPEED) & (step_numbers[None, :] < last)
     return _keep_lasting(slow, calm, half - 1)
 
 

@@ -16,6 +16,7 @@ from mdrive_sumo.core.geometry import Float
 THIRD = np.array((-1.0, 3.0, -3.0, 1.0))
 """Third difference of four frames."""
 BAND = 3
+"""Number of diagonals on each side of the matrix: a third difference couples four frames."""
 
 
 SECOND = np.array((1.0, -2.0, 1.0))

@@ -43,9 +43,9 @@ def _average_positions(xy: Float, frames: int = JITTER_FRAMES) -> Float:
     """Return positions averaged over `frames` frames, fewer near the ends; the end points stay."""
     half = min(frames // 2, (len(xy) - 1) // 2)
     total = np.concatenate((np.zeros((1, 2)), np.cumsum(xy, axis=0)))
-    at = np.arange(len(xy))
-    reach = np.minimum(np.minimum(at, len(xy) - 1 - at), half)
-    return (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)[:, None]
+    row_numbers = np.arange(len(xy))
+    reach = np.minimum(np.minimum(row_numbers, len(xy) - 1 - row_numbers), half)
+    return (total[row_numbers + reach + 1] - total[row_numbers - reach]) / (2 * reach + 1)[:, None]
 
 
 def hold_still(track: RecordedTrack) -> RecordedTrack:

@@ -40,9 +40,9 @@ class TrackBoxes:
     def corners(self, track: np.ndarray, frame: np.ndarray, shrink: float = 0.0) -> Float:
         """Return the corners (N, 4, 2) [m] of the boxes at (track, frame) (N,), each side moved inwards by `shrink`
         [m]."""
-        at = (track, frame)
-        sides = (np.maximum(size[at] - 2 * shrink, 0.05) for size in (self.length, self.width))
-        return boxes_corners(self.x[at], self.y[at], self.yaw[at], *sides)
+        cell = (track, frame)
+        sides = (np.maximum(size[cell] - 2 * shrink, 0.05) for size in (self.length, self.width))
+        return boxes_corners(self.x[cell], self.y[cell], self.yaw[cell], *sides)
 
     def find_near_pairs(self, margin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return first track, second track and frame (N,) of all pairs whose circumscribed circles are less than

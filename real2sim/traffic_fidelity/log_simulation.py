@@ -99,7 +99,7 @@ def simulate_log(
     """Run the scenario until the log ends. `tracks`: by id in the scenario; CAVs follow theirs."""
     frames = len(next(iter(tracks.values())).valid)
     cavs = {ego.id: build_track_path(tracks[ego.id], dt_s) for ego in scenario.egos}
-    actors = [(actor, build_actor_path(actor)) for actor in sorted(scenario.actors, key=lambda one: one.id)]
+    actors = [(actor, build_actor_path(actor)) for actor in sorted(scenario.actors, key=lambda actor: actor.id)]
     sizes = {ego.id: median_size(tracks[ego.id]) for ego in scenario.egos}
     seen: dict[str, list[tuple[float, float, float, float]]] = {}
     with SumoWorld(scenario, roads, sizes, seed) as world:
@@ -118,4 +118,6 @@ def _resample(rows: Float, frames: int, dt_s: float) -> Float:
     times = np.arange(frames) * dt_s
     there = (times > rows[0, 0] - 1e-6) & (times < rows[-1, 0] + 1e-6)
     columns = (rows[:, 1], rows[:, 2], np.unwrap(rows[:, 3]))
-    return np.where(there[:, None], np.column_stack([np.interp(times, rows[:, 0], one) for one in columns]), np.nan)
+    return np.where(
+        there[:, None], np.column_stack([np.interp(times, rows[:, 0], column) for column in columns]), np.nan
+    )

@@ -9,11 +9,12 @@ from scipy.spatial import KDTree
 
 from mdrive_sumo.core.geometry import Float, build_polyline
 
-NEAR_M = 1.5
+CONFLICT_M = 1.5
 """[m] Paths this near to one another cannot be driven at the same time."""
 APART_M = 3.0
 """[m] A path that is near the other within its first metres begins there: the vehicle follows, it does not merge."""
 SPACING_M = 0.5
+"""[m] Distance between the points of a path."""
 MIN_PATH_M = 2.0
 """[m] A vehicle that drives less has no path."""
 
@@ -41,15 +42,15 @@ def find_conflict_points(tracks: Mapping[str, Float]) -> tuple[ConflictPoint, ..
     """Return the conflict points of all pairs of vehicles; positions (T, 2) [m] by name, NaN where a vehicle is
     absent."""
     paths = {name: path for name, xy in sorted(tracks.items()) if (path := _sample_path(xy)) is not None}
-    found: list[ConflictPoint] = []
+    points: list[ConflictPoint] = []
     for a, b in combinations(paths, 2):
-        at = _find_meeting_point(paths[a], paths[b])
-        if at is None:
+        meeting = _find_meeting_point(paths[a], paths[b])
+        if meeting is None:
             continue
-        i, j = at
+        i, j = meeting
         first, second, k, n = (a, b, i, j) if paths[a].frame[i] <= paths[b].frame[j] else (b, a, j, i)
-        found.append(ConflictPoint(first, second, _xy(paths[first], k), _xy(paths[second], n)))
-    return tuple(found)
+        points.append(ConflictPoint(first, second, _xy(paths[first], k), _xy(paths[second], n)))
+    return tuple(points)
 
 
 def _xy(path: _DrivenPath, k: int) -> tuple[float, float]:
@@ -71,10 +72,10 @@ def _sample_path(xy: Float) -> _DrivenPath | None:
     )
 
 
-def _find_meeting_point(one: _DrivenPath, other: _DrivenPath) -> tuple[int, int] | None:
+def _find_meeting_point(path: _DrivenPath, other: _DrivenPath) -> tuple[int, int] | None:
     """Return the indices of the points at which two paths first come near each other after a stretch apart."""
-    gap, _ = one.tree.query(other.xy, distance_upper_bound=NEAR_M)
-    back, _ = other.tree.query(one.xy, distance_upper_bound=NEAR_M)
+    gap, _ = path.tree.query(other.xy, distance_upper_bound=CONFLICT_M)
+    back, _ = other.tree.query(path.xy, distance_upper_bound=CONFLICT_M)
     begins, meets = np.flatnonzero(np.isfinite(back)), np.flatnonzero(np.isfinite(gap))
     if not len(begins) or not len(meets):
         return None

@@ -67,14 +67,14 @@ def measure_stalled_traffic(
 
     `names`: track id -> id in the scenario. Needs the process's only SUMO simulation. Raises WorldError or InputError.
     """
-    background = {one.id for one in scenario.background.vehicles}
+    background = {vehicle.id for vehicle in scenario.background.vehicles}
     if not background:
         return ()
-    logged = {names[one.id]: compute_longest_stand(one, dt_s) for one in tracks if names[one.id] in background}
+    logged = {names[track.id]: compute_longest_stand(track, dt_s) for track in tracks if names[track.id] in background}
     frames = max(len(track.valid) for track in tracks)
     drives = (drive_alone(scenario, roads, (frames - 1) * dt_s), drive_with_omniscient(scenario, roads))
     cavs = {ego.id for ego in scenario.egos}
-    return tuple(one for drive in drives for one in find_stalled(drive, logged, cavs))
+    return tuple(stalled for drive in drives for stalled in find_stalled(drive, logged, cavs))
 
 
 def compute_longest_stand(track: RecordedTrack, dt_s: float) -> float:
@@ -95,7 +95,9 @@ def find_stalled(drive: TrafficDrive, logged: Mapping[str, float], cavs: set[str
         standing = np.abs(drive.speed) < STANDING_MPS
     for column, id_ in enumerate(drive.ids):
         if id_ in logged:
-            longest = max(_find_stretches(standing[:, column]), key=lambda one: one[1] - one[0], default=(0, 0))
+            longest = max(
+                _find_stretches(standing[:, column]), key=lambda stretch: stretch[1] - stretch[0], default=(0, 0)
+            )
             if (longest[1] - longest[0]) * SAMPLE_S > logged[id_] + STALLED_S:
                 stands[id_] = longest
     ahead = {id_: _find_ahead(drive, id_, last - 1) for id_, (_, last) in stands.items()}

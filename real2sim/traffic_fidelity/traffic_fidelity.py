@@ -98,26 +98,30 @@ def measure_traffic_fidelity(
     """
     by_name = {names[track.id]: track for track in tracks}
     run = simulate_log(scenario, roads, by_name, dt_s, seed)
-    vehicles = [_pair_tracks(by_name[one.id], one, run, dt_s) for one in scenario.background.vehicles]
-    moving = {ego.id: by_name[ego.id].xy for ego in scenario.egos} | {one.name: one.log for one in vehicles}
-    placed = {ego.id: by_name[ego.id].xy for ego in scenario.egos} | {one.name: one.simulated for one in vehicles}
-    background = {one.name for one in vehicles}
-    pairs = [one for one in find_conflict_points(moving) if background & {one.first, one.second}]
-    changed = tuple((one.first, one.second) for one in pairs if not is_order_kept(one, moving, placed))
+    vehicles = [_pair_tracks(by_name[scheduled.id], scheduled, run, dt_s) for scheduled in scenario.background.vehicles]
+    moving = {ego.id: by_name[ego.id].xy for ego in scenario.egos} | {vehicle.name: vehicle.log for vehicle in vehicles}
+    placed = {ego.id: by_name[ego.id].xy for ego in scenario.egos} | {
+        vehicle.name: vehicle.simulated for vehicle in vehicles
+    }
+    background = {vehicle.name for vehicle in vehicles}
+    pairs = [point for point in find_conflict_points(moving) if background & {point.first, point.second}]
+    changed = tuple((point.first, point.second) for point in pairs if not is_order_kept(point, moving, placed))
     errors = tuple(_summarize_errors(vehicles, after, dt_s) for after in AFTER_S)
-    there = [one for one in vehicles if np.isfinite(one.simulated[:, 0]).any()]
+    there = [vehicle for vehicle in vehicles if np.isfinite(vehicle.simulated[:, 0]).any()]
     return TrafficFidelity(
         mode=scenario.background.mode,
         vehicles=len(vehicles),
         errors=errors,
-        median_at_5s=next(one.median for one in errors if one.after_s == 5.0),
+        median_at_5s=next(error.median for error in errors if error.after_s == 5.0),
         order_pairs=len(pairs),
         order_kept=len(pairs) - len(changed),
         order_share=1 - len(changed) / len(pairs) if pairs else None,
         order_changed=changed,
-        not_departed=tuple(one.name for one in vehicles if one not in there),
-        departed_late=tuple((one.name, delay) for one in there if (delay := _compute_delay(one, dt_s)) > LATE_S),
-        left_early=tuple(one.name for one in there if _has_left_early(one, dt_s)),
+        not_departed=tuple(vehicle.name for vehicle in vehicles if vehicle not in there),
+        departed_late=tuple(
+            (vehicle.name, delay) for vehicle in there if (delay := _compute_delay(vehicle, dt_s)) > LATE_S
+        ),
+        left_early=tuple(vehicle.name for vehicle in there if _has_left_early(vehicle, dt_s)),
         contacts=_find_new_contacts(vehicles, by_name, run),
     )
 
@@ -133,46 +137,48 @@ def _pair_tracks(
 
 
 def _summarize_errors(vehicles: Sequence[_VehicleTracks], after_s: float, dt_s: float) -> PositionErrors:
-    found = [error for one in vehicles if (error := _compute_error(one, after_s, dt_s)) is not None]
-    if not found:
+    errors = [error for vehicle in vehicles if (error := _compute_error(vehicle, after_s, dt_s)) is not None]
+    if not errors:
         return PositionErrors(after_s=after_s, vehicles=0, median=None, lower=None, upper=None, worst=None)
-    lower, median, upper, worst = (round(float(q), 3) for q in np.percentile(found, (25, 50, 75, 100)))
-    return PositionErrors(after_s=after_s, vehicles=len(found), median=median, lower=lower, upper=upper, worst=worst)
+    lower, median, upper, worst = (round(float(q), 3) for q in np.percentile(errors, (25, 50, 75, 100)))
+    return PositionErrors(after_s=after_s, vehicles=len(errors), median=median, lower=lower, upper=upper, worst=worst)
 
 
-def _compute_error(one: _VehicleTracks, after_s: float, dt_s: float) -> float | None:
+def _compute_error(vehicle: _VehicleTracks, after_s: float, dt_s: float) -> float | None:
     """Return the distance [m] between log and simulation `after_s` after the vehicle's first frame; None if the log has
     ended."""
-    frame = int(np.flatnonzero(np.isfinite(one.log[:, 0]))[0]) + round(after_s / dt_s)
-    if frame >= len(one.log) or np.isnan(one.log[frame, 0]):
+    frame = int(np.flatnonzero(np.isfinite(vehicle.log[:, 0]))[0]) + round(after_s / dt_s)
+    if frame >= len(vehicle.log) or np.isnan(vehicle.log[frame, 0]):
         return None
-    apart = float(np.hypot(*(one.simulated[frame] - one.log[frame])))
+    apart = float(np.hypot(*(vehicle.simulated[frame] - vehicle.log[frame])))
     return apart if np.isfinite(apart) else GONE_M
 
 
-def _has_left_early(one: _VehicleTracks, dt_s: float) -> bool:
+def _has_left_early(vehicle: _VehicleTracks, dt_s: float) -> bool:
     """Return whether the vehicle disappears more than half a second before it leaves the log."""
-    last_seen, last_there = (int(np.flatnonzero(np.isfinite(xy[:, 0]))[-1]) for xy in (one.log, one.simulated))
+    last_seen, last_there = (int(np.flatnonzero(np.isfinite(xy[:, 0]))[-1]) for xy in (vehicle.log, vehicle.simulated))
     return last_there < last_seen - round(0.5 / dt_s)
 
 
-def _compute_delay(one: _VehicleTracks, dt_s: float) -> float:
+def _compute_delay(vehicle: _VehicleTracks, dt_s: float) -> float:
     """Return how much later [s] than in the log the vehicle appears."""
-    first_seen, first_there = (int(np.flatnonzero(np.isfinite(xy[:, 0]))[0]) for xy in (one.log, one.simulated))
+    first_seen, first_there = (int(np.flatnonzero(np.isfinite(xy[:, 0]))[0]) for xy in (vehicle.log, vehicle.simulated))
     return round((first_there - first_seen) * dt_s, 3)
 
 
 def _find_new_contacts(
     vehicles: Sequence[_VehicleTracks], tracks: Mapping[str, RecordedTrack], run: SimulatedTraffic
 ) -> tuple[tuple[str, str, int], ...]:
-    logged = [tracks[one.name] for one in vehicles]
-    placed = [_with_poses(tracks[one.name], run.poses[one.name]) for one in vehicles if one.name in run.poses]
+    logged = [tracks[vehicle.name] for vehicle in vehicles]
+    placed = [
+        _with_poses(tracks[vehicle.name], run.poses[vehicle.name]) for vehicle in vehicles if vehicle.name in run.poses
+    ]
     if len(placed) < 2:
         return ()
-    known = {frozenset((logged[i].id, logged[j].id)) for i, j, _ in find_contacts(logged, SLACK_M).collisions}
-    found = [(placed[i].id, placed[j].id, frames) for i, j, frames in find_contacts(placed, SLACK_M).collisions]
-    names = {tracks[one.name].id: one.name for one in vehicles}
-    return tuple((names[a], names[b], frames) for a, b, frames in found if frozenset((a, b)) not in known)
+    in_log = {frozenset((logged[i].id, logged[j].id)) for i, j, _ in find_contacts(logged, SLACK_M).collisions}
+    simulated = [(placed[i].id, placed[j].id, frames) for i, j, frames in find_contacts(placed, SLACK_M).collisions]
+    names = {tracks[vehicle.name].id: vehicle.name for vehicle in vehicles}
+    return tuple((names[a], names[b], frames) for a, b, frames in simulated if frozenset((a, b)) not in in_log)
 
 
 def _with_poses(track: RecordedTrack, poses: Float) -> RecordedTrack:

@@ -85,9 +85,9 @@ def _select_ticks(episode: EpisodeRecord, window_s: tuple[float, float] | None) 
 def _assign_categories(episode: EpisodeRecord, scenario: Scenario) -> Sequence[ObjectCategory]:
     """Return the category of every episode column: that of the scenario, else by kind and size."""
     models = {actor.id: actor.model for actor in scenario.actors}
-    known = {category.value: category for category in ObjectCategory}
+    category_by_value = {category.value: category for category in ObjectCategory}
     return [
-        known.get(models.get(name, ""), _guess_category(Kind(int(kind)), float(length)))
+        category_by_value.get(models.get(name, ""), _guess_category(Kind(int(kind)), float(length)))
         for name, kind, length in zip(episode.ids, episode.kind, episode.length, strict=True)
     ]
 

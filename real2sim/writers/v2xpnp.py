@@ -27,7 +27,9 @@ LABEL_BY_CATEGORY: Mapping[ObjectCategory, str] = {
     ObjectCategory.STATIC: "TrashCan",
 }
 _HALF_HEIGHT_M = 0.75
+"""[m] Of every box, and its centre above the ground: the format has heights, a scenario has none."""
 _DECIMALS = 3
+"""Millimetres and thousandths of a degree."""
 
 
 def write_v2xpnp(truth: Recording, folder: Path, noise: ObservationNoise | None, seed: int) -> dict[str, str]:
@@ -70,8 +72,8 @@ def _format_frames(view: ObserverView, frames: int) -> list[str]:
 def _tabulate(track: RecordedTrack) -> list[list[float]]:
     """Return rows of x, y, yaw [degrees], half length, half width of the valid frames."""
     rows = np.column_stack((track.xy, np.degrees(track.yaw), track.length / 2, track.width / 2))[track.valid_frames]
-    known: Float = np.where(np.isnan(rows), 0.0, rows)
-    return known.tolist()
+    filled: Float = np.where(np.isnan(rows), 0.0, rows)
+    return filled.tolist()
 
 
 def _format_number(value: float) -> str:

@@ -35,46 +35,46 @@ _TYPES = {kind: number for number, kind in LANE_KINDS.items()} | {LaneKind.BIKE:
 """The format has no cycle lanes; they are written as shoulders."""
 
 
-def write_vector_map(found: HdMap, path: Path) -> Mapping[str, str]:
+def write_vector_map(hd_map: HdMap, path: Path) -> Mapping[str, str]:
     """Write a map; return the "road_lane" name of each lane id.
 
     The format cannot represent widths, limits, neighbours, directions, stop lines and ids of traffic lights; the two
     boundaries of a lane become one list.
     """
-    numbers = assign_lane_numbers(found)
+    numbers = assign_lane_numbers(hd_map)
     names = {lane: f"{road}_{place}" for lane, (road, place) in numbers.items()}
-    lanes = [_build_lane(lane, numbers[lane.id], names) for lane in found.lanes.values()]
+    lanes = [_build_lane(lane, numbers[lane.id], names) for lane in hd_map.lanes.values()]
     crosswalks = [
         _PickledObject("Crosswalk", {"polygon": _build_points(polygon), "id": i})
-        for i, polygon in enumerate(found.crosswalks)
+        for i, polygon in enumerate(hd_map.crosswalks)
     ]
     fields: dict[str, _PickledValue] = {
         "map_features": [*lanes, *crosswalks],
-        "dynamic_states": _build_dynamic_states(found),
+        "dynamic_states": _build_dynamic_states(hd_map),
     }
     write_bytes(path, b"\x80\x02" + _encode(_PickledObject("Map", fields)) + b".")
     return names
 
 
-def assign_lane_numbers(found: HdMap) -> dict[str, tuple[int, int]]:
+def assign_lane_numbers(hd_map: HdMap) -> dict[str, tuple[int, int]]:
     """Return road_id and lane_id of every lane: those in the ids if all are "road_lane", else counters.
 
     Lanes of one group, or else neighbours, become one road, counted from left to right from 1.
     """
-    parts = {name: re.fullmatch(r"(-?[1-9][0-9]*|0)_(-?[1-9][0-9]*|0)", name) for name in found.lanes}
+    parts = {name: re.fullmatch(r"(-?[1-9][0-9]*|0)_(-?[1-9][0-9]*|0)", name) for name in hd_map.lanes}
     if all(parts.values()):
         return {name: (int(part[1]), int(part[2])) for name, part in parts.items() if part}
     roads: dict[str, list[tuple[int, str]]] = defaultdict(list)
-    for lane in found.lanes.values():
-        head, steps = _find_leftmost(found, lane)
+    for lane in hd_map.lanes.values():
+        head, steps = _find_leftmost(hd_map, lane)
         roads[f"group {lane.group}" if lane.group else f"lane {head}"].append((steps, lane.id))
     return {name: (r, n) for r, row in enumerate(roads.values()) for n, (_, name) in enumerate(sorted(row), start=1)}
 
 
-def _find_leftmost(found: HdMap, lane: MapLane) -> tuple[str, int]:
+def _find_leftmost(hd_map: HdMap, lane: MapLane) -> tuple[str, int]:
     """Return the leftmost lane over neighbours, and the number of steps to it."""
     seen = [lane.id]
-    while (left := found.lanes[seen[-1]].left_neighbour) in found.lanes and left not in seen:
+    while (left := hd_map.lanes[seen[-1]].left_neighbour) in hd_map.lanes and left not in seen:
         seen.append(left)
     return seen[-1], len(seen) - 1
 
@@ -96,10 +96,10 @@ def _build_points(line: Float) -> list[_PickledObject]:
     return [_PickledObject("MapPoint", {"x": x, "y": y, "z": 0.0}) for x, y in line.tolist()]
 
 
-def _build_dynamic_states(found: HdMap) -> list[_PickledObject] | None:
+def _build_dynamic_states(hd_map: HdMap) -> list[_PickledObject] | None:
     """Return one state with all controlled lanes unknown; None without traffic lights."""
-    places = {name: i for i, name in enumerate(found.lanes)}
-    lit = sorted({places[lane] for lanes in found.signals.values() for lane in lanes if lane in places})
+    places = {name: i for i, name in enumerate(hd_map.lanes)}
+    lit = sorted({places[lane] for lanes in hd_map.signals.values() for lane in lanes if lane in places})
     if not lit:
         return None
     states = [_PickledObject("TrafficSignalLaneState", {"lane": place, "state": "UNKNOWN"}) for place in lit]
