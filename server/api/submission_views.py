@@ -115,17 +115,12 @@ def to_submission(session: Session, caller: Caller | None, submission: tables.Su
         why=visible_reason(phase, SubmissionState(submission.state), submission.why),
         created=to_datetime(submission.created_us),
         finished=to_datetime(finished if exact else finished - finished % HOUR_US) if finished is not None else None,
-        sensing_track=_find_sensing_track(submission),
+        sensing_track=None if submission.summary is None else SensingTrack(submission.summary["sensing_track"]),
         counts=submission.counts,
         shown=submission.shown,
         summary=visible_summary(phase, submission.summary, exact),
         **more,
     )
-
-
-def _find_sensing_track(submission: tables.SubmissionRow) -> SensingTrack | None:
-    found = submission.summary.get("sensing_track") if submission.summary is not None else None
-    return SensingTrack(found) if found else None
 
 
 def visible_reason(phase: tables.PhaseRow, state: SubmissionState, said: str) -> str:

@@ -14,8 +14,7 @@ Columns = dict[str, Any]
 """Expected values by name of the column."""
 _PREFIX = "submission-"
 _COPIED = ("archive_sha256", "phase", "evaluator", "track", "name", "environment", "counts", "jobs_sha256")
-"""Columns of a submission that its entries repeat, and a checksum of its jobs; from `track` on in entries of newer
-versions only."""
+"""Columns of a submission that its entries repeat, and a checksum of its jobs where they were queued."""
 _PAIR = ("phase", "tested", "others", "scenario")
 _UNFINISHED: Columns = {"state": None, "ds": None, "summary_sha256": None}
 
@@ -28,9 +27,9 @@ class AuditedRows:
     tokens: dict[str, Columns] = field(default_factory=lambda: {})
     phases: dict[str, Columns] = field(default_factory=lambda: {})
     webhooks: dict[str, Columns] = field(default_factory=lambda: {})
-    """By team; `url_sha256` and `secret_sha256` are absent in entries of older versions."""
+    """By team, with checksums of address and secret."""
     submissions: dict[str, Columns] = field(default_factory=lambda: {})
-    """`state` is None while a submission is unfinished; `summary_sha256` is absent in entries of older versions."""
+    """`state` is None while a submission is unfinished."""
     cross_play: dict[str, list[Columns]] = field(default_factory=lambda: {})
     """Results by `name_pair`, in the order of the log: one for each evaluator under which the pair was driven."""
 
@@ -54,8 +53,6 @@ class AuditedRows:
         elif action in set(SubmissionState):
             row |= {"state": action, "finished_us": entry.at_us, "why": data.get("why", "")}
             row |= {name: data[name] for name in ("ds", "summary_sha256") if name in data}
-            if action == SubmissionState.DONE and "summary_sha256" not in data:
-                row.pop("summary_sha256", None)
 
     def _find_team(self, entry: AuditEntryRow) -> str | None:
         if entry.action.endswith("rerun"):
@@ -81,8 +78,8 @@ def _hide_team(rows: AuditedRows, entry: AuditEntryRow) -> None:
 
 def _issue_token(rows: AuditedRows, entry: AuditEntryRow) -> None:
     data = entry.data
-    row = {"team": data["team"], "scope": data["scope"], "created_us": entry.at_us, "revoked_us": None}
-    rows.tokens[data["token"]] = row | {name: data[name] for name in ("hash",) if name in data}
+    issued = {name: data[name] for name in ("team", "scope", "hash")}
+    rows.tokens[data["token"]] = issued | {"created_us": entry.at_us, "revoked_us": None}
 
 
 def _revoke_token(rows: AuditedRows, entry: AuditEntryRow) -> None:
@@ -90,7 +87,7 @@ def _revoke_token(rows: AuditedRows, entry: AuditEntryRow) -> None:
 
 
 def _set_webhook(rows: AuditedRows, entry: AuditEntryRow) -> None:
-    checksums = {name: value for name, value in entry.data.items() if name.endswith("_sha256")}
+    checksums = {name: entry.data[name] for name in ("url_sha256", "secret_sha256")}
     rows.webhooks[entry.data["team"]] = {"created_us": entry.at_us} | checksums
 
 

@@ -3,13 +3,12 @@
 import hashlib
 import json
 import math
-from collections.abc import Iterator, Mapping
-from typing import Any, NotRequired, TypedDict
+from collections.abc import Iterator
+from typing import Any, TypedDict
 
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
-from mdrive_sumo.contract import SensingTrack
 from server.enums import SubmissionState
 from server.store.tables import PhaseRow, StandingRow, SubmissionRow
 
@@ -29,10 +28,10 @@ class SummaryData(TypedDict):
     overall: FiguresData
     buckets: dict[str, FiguresData]
     categories: dict[str, FiguresData]
-    sensing_track: NotRequired[str]
-    """sensor or object; absent in summaries of older versions."""
-    results_sha256: NotRequired[str]
-    """Checksum of the results of its scenarios; absent in summaries of older versions."""
+    sensing_track: str
+    """The track in which it is ranked: `sensor` if all its episodes are, else `object`."""
+    results_sha256: str
+    """Checksum of the results of its scenarios."""
 
 
 def slice_key(bucket: str | None = None, category: str | None = None) -> str:
@@ -73,11 +72,6 @@ def update_standings(session: Session, submission: SubmissionRow) -> None:
                 best[line] = standing
     session.add_all(best.values())
     session.flush()
-
-
-def find_sensing_track(summary: Mapping[str, Any]) -> str:
-    """Return the sensing track in which a submission is ranked: `object` unless all its episodes are `sensor`."""
-    return summary.get("sensing_track") or SensingTrack.OBJECT.value
 
 
 def round_ds(figures: FiguresData) -> float:
@@ -128,7 +122,7 @@ def make_standings(submission: SubmissionRow, evaluator: str, is_public: bool) -
             phase=submission.phase,
             slice=slice_,
             track=submission.track,
-            sensing_track=find_sensing_track(summary),
+            sensing_track=summary["sensing_track"],
             team=submission.team,
             evaluator=evaluator,
             submission=submission.id,

@@ -13,7 +13,6 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from mdrive_sumo.core.clean_text import clean_for_page
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.statistics import MIN_UNITS
 from server.api.problems import ProblemError, find_status, hide_paths
 from server.api.schemas.submissions import FiguresOut
 from server.clock import format_utc
@@ -79,8 +78,7 @@ def format_ratio(value: float | None) -> str:
 def format_interval(figures: FiguresOut, name: str) -> str:
     """Format the interval of `ds` or `sr` as [80.1, 90.2]; "" if unknown, as for too few scenarios."""
     low, high = getattr(figures, f"{name}_low"), getattr(figures, f"{name}_high")
-    is_few = figures.scenarios is not None and figures.scenarios < MIN_UNITS  # in summaries of older versions
-    return "" if low is None or high is None or is_few else f"[{low:.1f}, {high:.1f}]"
+    return "" if low is None or high is None else f"[{low:.1f}, {high:.1f}]"
 
 
 def format_time(moment: datetime | int | None) -> str:

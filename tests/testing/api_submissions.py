@@ -11,4 +11,6 @@ def drive_submissions(server: Server, *ids: str, ds: float = 80.0) -> None:
         while (job := jobs.claim(session, "worker", LEASE, server.now_us)) is not None:
             assert jobs.finish(session, job.id, "worker", job.attempt, GOOD, server.now_us + S)
         for each in ids:
-            assert submissions.finish_if_complete(session, each, summary(ds), server.now_us + S)
+            assert submissions.finish_if_complete(
+                session, each, summary(ds, submissions.list_finished_jobs(session, each)), server.now_us + S
+            )

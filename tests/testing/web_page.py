@@ -165,7 +165,7 @@ PAPER = ("CoDriving", "CoLMDriver", "TCP", "CoLMDriver (rule-based)", "LMDrive",
 """Methods of the paper."""
 
 
-def driven(server: Server, who: str, ds: float, sensing: str = "", **fields: str) -> str:
+def driven(server: Server, who: str, ds: float, sensing: str = "object", **fields: str) -> str:
     """A finished submission, on the boards now."""
     server.now_us += S
     answer = server.send(who, another_zip(server.now_us // S), **fields)
@@ -177,8 +177,7 @@ def driven(server: Server, who: str, ds: float, sensing: str = "", **fields: str
         "scalars": {"mean_speed": ds / 10, "comfort": 99.0, "min_ttc": None, "min_pet": 1.2, "message_rate": ds}
     }
     parts = {"overall": figures, "buckets": {"InterDrive": figures | {"ds": 99 - ds}}, "categories": {"merge": figures}}
-    if sensing:
-        parts["sensing_track"] = sensing
+    parts |= {"sensing_track": sensing, "results_sha256": "0" * 64}
     with server.store.write() as session:
         while (job := jobs.claim(session, "worker", LEASE, server.now_us)) is not None:
             outcome = JobOutcome(ScenarioVerdict.OK, {"ds": ds, "sr": 0.0})

@@ -27,6 +27,8 @@ SUMMARY: SummaryData = {
     "overall": FIGURES,
     "buckets": {"Junctions": FIGURES | {"ds": 44.5}},
     "categories": {"crossing": FIGURES | {"ds": 33.5}},
+    "sensing_track": "object",
+    "results_sha256": "0" * 64,
 }
 
 

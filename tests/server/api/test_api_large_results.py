@@ -126,9 +126,8 @@ def test_health_answers_while_lists_are_read(server: Server) -> None:
     large = overviews.make_overview(result(8, 6), {"text": "x" * 1000})
     with server.store.write() as session:
         for number in range(223):
-            row = tables.JobRow(
-                submission=mine, scenario=f"s{number:03}", seed=0, state=JobState.DONE.value, verdict="ok"
-            )
+            own = {"submission": mine, "others": mine, "scenario": f"s{number:03}", "seed": 0}
+            row = tables.JobRow(**own, state=JobState.DONE.value, verdict="ok")
             session.add(row)
             session.flush()
             session.execute(insert(tables.JobOverviewRow).values(job=row.id, submission=mine, data=large))

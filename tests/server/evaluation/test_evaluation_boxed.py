@@ -167,7 +167,8 @@ def test_two_agents_drive_in_boxes_of_their_own_and_each_answers_for_its_cavs(tm
     twelve, five = task(tmp_path, team(dies=12)), task(tmp_path, team(dies=5))
     for first, second, answered in ((twelve, five, (12, 5)), (five, twelve, (5, 12))):
         other = OtherArchive(second.archive_sha256, second.environment)
-        outcome = driven(replace(first, track=ChallengeTrack.NEGOTIATION, other=other))
+        pair = {"kind": JobKind.CROSS_PLAY, "track": ChallengeTrack.NEGOTIATION, "other": other}
+        outcome = driven(replace(first, **pair))
         result = ScenarioResult.model_validate(outcome.result)
         assert compute_score(result).tested_failed and compute_score(result).others_failed
         assert outcome.usage is not None

@@ -29,7 +29,7 @@ def ids(store: Store) -> list[str]:
     return with_teams(store, "red", "blue", "green", phase=WIDE)
 
 
-def place(store: Store, team: str, ds: float, now_us: int, sensing: str = "", **changed: object) -> str:
+def place(store: Store, team: str, ds: float, now_us: int, sensing: str = "object", **changed: object) -> str:
     """A finished submission."""
     with store.write() as session:
         submission = sent(session, team, now_us, **changed)
