@@ -1,10 +1,13 @@
-"""The ASGI application of the API: its services, middleware and routes."""
+"""The ASGI application of the API: its services, middleware, routes and OpenAPI description."""
 
+import json
 from asyncio import create_task
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
+from typing import Any
 
 from fastapi import APIRouter, FastAPI
+from fastapi.openapi.utils import get_openapi
 from starlette.concurrency import run_in_threadpool
 
 from mdrive_sumo import __version__
@@ -12,9 +15,9 @@ from mdrive_sumo.core.output_files import make_folder
 from server import clock
 from server.api import problems
 from server.api.concurrency_limit import ConcurrencyLimit
-from server.api.dependencies import CHECKERS, Services
+from server.api.dependencies import CHECKERS, OPTIONAL_TOKEN, Services
 from server.api.leaderboard_cache import DirectDatabaseReader, LeaderboardCache, SubprocessDatabaseReader
-from server.api.openapi import make_openapi
+from server.api.problems import Problem
 from server.api.request_bodies import RequestBodyMiddleware
 from server.api.response_cache import ResponseCacheMiddleware
 from server.api.response_headers import ResponseHeadersMiddleware
@@ -24,7 +27,6 @@ from server.api.routes import (
     leaderboards,
     overviews,
     phases,
-    register,
     results,
     submissions,
     teams,
@@ -38,17 +40,19 @@ from server.store.phases import list_phases as every_phase
 from server.store.phases import set_phases as put_phases
 
 API = "/api/v1"
-PARTS = (
-    *(teams, webhook, register, phases, submissions, results),
-    *(overviews, events, leaderboards, health),
+ROUTERS = (
+    *(teams.router, webhook.router, teams.registration_router, phases.router, submissions.router, results.router),
+    *(overviews.router, events.router, leaderboards.router, health.router),
 )
-"""Modules with the routes, in the order of the description."""
+"""In the order of the description."""
 UPLOADS = (f"{API}/submissions", "/submit")
 """Paths that receive archives: the API's and that of the web form."""
 CHECKER_NICE = 2
 """Niceness of the checkers: requests have priority."""
 MAX_REPLAYS = 12
 """Replay pages under way at a time, waiting ones included: each holds one of the 40 threads that serve all requests."""
+_RENAMED = {"ChallengeTrack": "Track", "SubmissionState": "State", "TokenScope": "Scope"}
+"""OpenAPI: published names of components whose classes have more telling ones."""
 _ABOUT = """
 Submit an agent, follow its evaluation, see its rank. Errors are problem details (RFC 9457): `detail` is one sentence
 that says what to do. Send tokens as `Authorization: Bearer TOKEN`.
@@ -156,6 +160,51 @@ def prepare_storage(services: Services, now_us: int) -> None:
 
 def _make_router() -> APIRouter:
     router = APIRouter()
-    for part in PARTS:
-        router.include_router(part.router)
+    for part in ROUTERS:
+        router.include_router(part)
     return router
+
+
+def make_openapi(app: FastAPI) -> Callable[[], dict[str, Any]]:
+    """Return a function for `app.openapi` that builds the description on its first call."""
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            found = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
+            problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+            found.setdefault("components", {}).setdefault("schemas", {})["Problem"] = problem
+            app.openapi_schema = _use_published_names(_describe_tokens(found))
+        return app.openapi_schema
+
+    return openapi
+
+
+def _describe_tokens(description: dict[str, Any]) -> dict[str, Any]:
+    """Return the description with one scheme; where the token is optional, an empty requirement stands before it.
+
+    OpenAPI 3.1, "Security Requirement Object": "To make security optional, an empty security requirement ({}) can be
+    included in the array."
+    """
+    schemes: dict[str, Any] = description["components"]["securitySchemes"]
+    schemes.pop(OPTIONAL_TOKEN)
+    (required,) = ({name: []} for name in schemes)
+    for methods in description["paths"].values():
+        for operation in methods.values():
+            if "security" in operation:
+                is_required = required in operation["security"]
+                operation["security"] = [required] if is_required else [{}, required]
+    return description
+
+
+def _use_published_names(description: dict[str, Any]) -> dict[str, Any]:
+    """Return the description with the component names that clients know: without the suffixes `In` and `Out`."""
+    components: dict[str, Any] = description["components"]["schemas"]
+    published = {name: _RENAMED.get(name, name.removesuffix("Out").removesuffix("In")) for name in components}
+    for name, schema in components.items():
+        if schema.get("title") == name:
+            schema["title"] = published[name]
+    description["components"]["schemas"] = {published[name]: schema for name, schema in components.items()}
+    text = json.dumps(description)
+    for name, new in published.items():
+        text = text.replace(f'"#/components/schemas/{name}"', f'"#/components/schemas/{new}"')
+    return json.loads(text)

@@ -14,7 +14,6 @@ from server.api.check_queue import CheckQueue
 from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.event_watch import EventWatch
 from server.api.leaderboard_cache import LeaderboardCache
-from server.api.openapi import OPTIONAL_TOKEN
 from server.api.problems import ProblemError
 from server.api.submission_views import Caller, find_caller
 from server.api.subprocess_runner import CallRunner
@@ -30,6 +29,8 @@ CHECKERS = 2
 """Processes that check archives: one team can occupy all but one of them."""
 _R = TypeVar("_R")
 _BEARER = "Bearer "
+OPTIONAL_TOKEN = "OptionalToken"
+"""OpenAPI: name of the scheme of operations that anyone may call and that tell the holder of a token more."""
 _optional_scheme = HTTPBearer(auto_error=False, scheme_name=OPTIONAL_TOKEN)
 _scheme = HTTPBearer(auto_error=False, description="A token of a team or of an admin.")
 """For OpenAPI only: `get_optional_caller` reads the header itself to distinguish a wrong token from none."""

@@ -11,7 +11,7 @@ from starlette.concurrency import run_in_threadpool
 from mdrive_sumo.core.errors import InputError
 from server import environments, paths
 from server.api import submission_views
-from server.api.agent_start import AGENT_START_S, check_uploaded_agent, starts_agents
+from server.api.child_calls import check_uploaded_agent
 from server.api.dependencies import Services
 from server.api.schemas.submissions import SubmissionOut
 from server.api.submission_views import Caller
@@ -20,12 +20,15 @@ from server.api.upload import Upload, receive_upload
 from server.archive import ArchiveLimits, ArchiveRefused, Manifest, inspect_archive, verify_contents
 from server.enums import ChallengeTrack
 from server.errors import check_text
+from server.settings import ServerSettings
 from server.store import phases, quota, submissions, tables
 from server.store.submissions import NewSubmission
 from server.tracks import check_style
 
 INSPECT_S = 5.0
 """Time limit of the inspection of an archive's directory and small files [s]; it takes milliseconds."""
+AGENT_START_S = 60.0
+"""Time limit of the call [s]: imports, unpacking, a box, and 20 s for the agent itself."""
 FIELDS = frozenset(("phase", "track", "name"))
 """Fields of the form besides the archive."""
 
@@ -48,6 +51,12 @@ async def receive_submission(
             async with services.check_queue.turn(team):
                 manifest = await to_thread.run_sync(service.check_archive, limiter=services.check_threads)
             return await run_in_threadpool(service.accept, manifest)
+
+
+def starts_agents(settings: ServerSettings) -> bool:
+    """Return whether uploaded agents are started on this machine: only where agents of public phases run anyway."""
+    work = settings.work
+    return settings.limits.start_agents and work.processes > 0 and not work.scheduler and work.phase_kinds != "hidden"
 
 
 class SubmissionService:

@@ -16,8 +16,8 @@ from threading import BoundedSemaphore, Lock
 from typing import Any, ParamSpec, Protocol, TypeVar
 
 from mdrive_sumo.agent_process.sandbox.box import OUTSIDE_SIGNALS
+from server.api.child_calls import answer_calls
 from server.api.problems import ProblemError
-from server.api.subprocess_child import answer_calls
 
 P = ParamSpec("P")
 R = TypeVar("R")

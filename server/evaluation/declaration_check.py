@@ -3,17 +3,16 @@
 import logging
 import tempfile
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 
 from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
-from mdrive_sumo.agent_process.sandbox import check_layers
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.loop.agent_driver import AgentFailure
 from server.archive import ArchiveRefused, Manifest, extract_archive
 from server.clock import now_us
 from server.environments import load_environment
+from server.evaluation.machine_check import find_layers
 from server.evaluation.phase_separation import PhaseSeparation
 from server.settings import ServerSettings
 from server.submitted_agent import SubmittedAgent, read_declaration
@@ -40,7 +39,7 @@ def check_declaration(
     try:
         environment = load_environment(manifest.environment, settings.environments)
         backend = settings.sandbox.choose_backend()
-        _find_layers(settings.sandbox.required, backend, settings.sandbox.copies)
+        find_layers(settings.sandbox.required, backend, settings.sandbox.copies)
         if not separation.try_begin("upload", public=True, now_us=now_us()):
             return False
         stage = settings.data / "stage"  # where folders that a crash leaves are deleted
@@ -81,9 +80,3 @@ def refuse_sensing(declared: AgentDeclaration, *, sensor_track_only: bool) -> No
         check_sensing(declared.sensors, sensor_track_only=sensor_track_only)
     except InputError as error:
         raise ArchiveRefused(str(error)) from None
-
-
-@lru_cache(maxsize=1)
-def _find_layers(required: tuple[str, ...], backend: str, copies: Path) -> tuple[str, ...]:
-    """Return the sandbox layers of this machine, examined once a process. Raises InputError if a required one lacks."""
-    return check_layers(required, backend, copies)

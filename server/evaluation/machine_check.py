@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 
 from sqlalchemy import make_url
@@ -35,6 +36,12 @@ def check_machine(settings: ServerSettings) -> None:
             sandbox.check_layers(wanted.required, wanted.choose_backend(), wanted.copies)
         except InputError as error:
             raise InputError(f"{error}. {_ADVICE}") from None
+
+
+@lru_cache(maxsize=1)
+def find_layers(required: tuple[str, ...], backend: str, copies: Path) -> tuple[str, ...]:
+    """Return the sandbox layers of this machine, examined once a process. Raises InputError if a required one lacks."""
+    return sandbox.check_layers(required, backend, copies)
 
 
 def check_hidden_phases(settings: ServerSettings, session: Session, now_us: int) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mdrive_sumo.agent_process.agent_connection import HISTOGRAM_MS
-from mdrive_sumo.agent_process.sandbox import check_layers, check_shared_kernel
+from mdrive_sumo.agent_process.sandbox import check_shared_kernel
 from mdrive_sumo.agent_process.sandbox.cgroups import join_episode_group
 from mdrive_sumo.contract import SensingTrack
 from mdrive_sumo.core.errors import InputError
@@ -27,7 +27,7 @@ from server.environments import load_environment
 from server.evaluation.archive_cache import unpack_archive
 from server.evaluation.cross_play import is_failure_by_messages
 from server.evaluation.job_task import BY_MESSAGES, AgentRejection, JobResult, JobTask
-from server.evaluation.machine_check import SHARED_KERNEL_SETTING
+from server.evaluation.machine_check import SHARED_KERNEL_SETTING, find_layers
 from server.evaluation.thinking_times import THINKING
 from server.store.jobs import JobOutcome
 from server.store.overviews import MAX_RESULT_BYTES, count_bytes
@@ -79,15 +79,9 @@ def _choose_backend(task: JobTask) -> JobTask:
     return replace(task, sandbox=task.sandbox.model_copy(update={"backend": backend}))
 
 
-@lru_cache(maxsize=1)
-def _find_layers(required: tuple[str, ...], backend: str, copies: Path) -> tuple[str, ...]:
-    """Return the active sandbox layers, checked once per process. Raises InputError if a required one is missing."""
-    return check_layers(required, backend, copies)
-
-
 def _find_task_layers(task: JobTask) -> tuple[str, ...]:
     """Return the layers of this task's sandboxes; they may lack copies that this machine could make."""
-    found = _find_layers(task.sandbox.required, task.sandbox.backend, task.sandbox.copies)
+    found = find_layers(task.sandbox.required, task.sandbox.backend, task.sandbox.copies)
     return tuple(name for name in found if name != "private-files" or task.sandbox.copies_folder() is not None)
 
 

@@ -6,8 +6,8 @@ from fastapi import APIRouter, Form, Request, Response
 from fastapi.responses import RedirectResponse
 
 from mdrive_sumo.core.errors import InputError
-from server.api import registration
 from server.api.dependencies import Now, ServicesDep
+from server.api.routes.teams import register_team
 from server.web.templating import describe_refusal, render_page
 from server.web.visitor import OptionalVisitor, delete_token_cookie, find_visitor, set_token_cookie
 
@@ -55,7 +55,7 @@ def register(request: Request, services: ServicesDep, at_us: Now, name: Field = 
     """Register a team, show its token once, and log in."""
     settings = services.settings.registration
     try:
-        made = registration.register(services.store, settings, name, at_us)
+        made = register_team(services.store, settings, name, at_us)
     except InputError as error:
         status, problem, headers = describe_refusal(error, at_us)
         return render_page(request, "register.html", status, headers, problem=problem, name=name, registration=settings)

@@ -4,35 +4,58 @@ import json
 from bisect import bisect_left
 from collections.abc import Collection, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from http import HTTPStatus
 from itertools import islice, takewhile
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Depends, Response
 from fastapi.responses import FileResponse
 from sqlalchemy import ColumnElement, RowMapping, Text, cast, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from server import paths
-from server.api import replay_page, submission_views
+from server.api import child_calls, submission_views
 from server.api.csv_format import csv_headers, to_csv
 from server.api.dependencies import AnyCaller, Caller, OptionalCaller, Services, ServicesDep
 from server.api.problems import HiddenScenariosError, ProblemError, document_problems
 from server.api.schemas.parameters import Id, ScenarioId, Seed
 from server.api.schemas.scenarios import EgoOut, ScenarioOut, ScenariosOut
 from server.settings import ServerSettings
-from server.store import NotFound, tables
+from server.store import NotFound, submissions, tables
 from server.store.overviews import EMPTY_OVERVIEW
 
 router = APIRouter(tags=["results"])
 REPLAY_S = 60.0
+"""Time limit of writing a replay page, waiting for its turn included [s]."""
 _SANDBOX_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Content-Security-Policy": "sandbox allow-scripts allow-downloads",
 }
 """Files with content of agents get an opaque origin, so that their scripts cannot use the visitor's cookies."""
-_SCENARIO_PATH = "/submissions/{submission}/scenarios/{scenario}/{seed}"
+SCENARIO_PATH = "/submissions/{submission}/scenarios/{scenario}/{seed}"
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioPlace:
+    """What `SCENARIO_PATH` names."""
+
+    submission: Id
+    scenario: ScenarioId
+    seed: Seed
+
+
+@dataclass(frozen=True, slots=True)
+class LogPlace(ScenarioPlace):
+    """The log of an agent in a scenario."""
+
+    cav: ScenarioId
+    """`all` for a joint agent."""
+
+
+Place = Annotated[ScenarioPlace, Depends()]
+PlaceOfLog = Annotated[LogPlace, Depends()]
 
 
 @router.get(
@@ -84,71 +107,53 @@ def list_scenarios(submission: str, caller: Caller | None, services: Services) -
 
 
 @router.get(
-    f"{_SCENARIO_PATH}/recording",
+    f"{SCENARIO_PATH}/recording",
     response_class=FileResponse,
     responses=document_problems(401, 403, 404, 422) | {200: {"content": {"application/octet-stream": {}}}},
 )
-def fetch_recording(
-    submission: Id,
-    scenario: ScenarioId,
-    seed: Seed,
-    caller: OptionalCaller,
-    services: ServicesDep,
-) -> FileResponse:
+def fetch_recording(place: Place, caller: OptionalCaller, services: ServicesDep) -> FileResponse:
     """Return the recorded episode in the format of `mdrive-sumo`."""
     with services.store.read() as session:
-        _find_job(session, caller, submission, scenario, seed)
-    path = _require_file(paths.recording_path(services.settings, submission, scenario, seed), "recording")
-    return FileResponse(
-        path, media_type="application/octet-stream", filename=f"{scenario}-{seed}.npz", headers=_SANDBOX_HEADERS
-    )
+        _find_job(session, caller, place)
+    name = f"{place.scenario}-{place.seed}.npz"
+    path = _find_recording(services.settings, place)
+    return FileResponse(path, media_type="application/octet-stream", filename=name, headers=_SANDBOX_HEADERS)
 
 
 @router.get(
-    f"{_SCENARIO_PATH}/replay",
+    f"{SCENARIO_PATH}/replay",
     response_class=FileResponse,
     responses=document_problems(401, 403, 404, 422) | {200: {"content": {"text/html": {"schema": {"type": "string"}}}}},
 )
-def fetch_replay(
-    submission: Id,
-    scenario: ScenarioId,
-    seed: Seed,
-    caller: OptionalCaller,
-    services: ServicesDep,
-) -> FileResponse:
+def fetch_replay(place: Place, caller: OptionalCaller, services: ServicesDep) -> FileResponse:
     """Return the page that `mdrive-sumo view` writes: one file that loads nothing else. The first time takes seconds.
 
     Where too many pages are being written, the response is 503 with Retry-After.
     """
     with services.store.read() as session:
-        job = _find_job(session, caller, submission, scenario, seed)
-        suite = submission_views.get_phase(session, _submission(session, submission)).suite
-    page = paths.replay_path(services.settings, submission, scenario, seed)
+        job = _find_job(session, caller, place)
+        suite = submission_views.get_phase(session, submissions.get(session, place.submission)).suite
+    page = paths.replay_path(services.settings, place.submission, place.scenario, place.seed)
     if not page.is_file():
-        recording = _require_file(paths.recording_path(services.settings, submission, scenario, seed), "recording")
-        _write_page(services, replay_page.ReplayRequest(suite, scenario, job.result or {}, recording, page))
+        recording = _find_recording(services.settings, place)
+        request = child_calls.ReplayRequest(suite, place.scenario, job.result or {}, recording, page)
+        services.replay_runner.call(REPLAY_S, child_calls.write_replay_page, request)
     return FileResponse(page, media_type="text/html", headers=_SANDBOX_HEADERS)
 
 
 @router.get(
-    f"{_SCENARIO_PATH}/logs/{{cav}}",
+    f"{SCENARIO_PATH}/logs/{{cav}}",
     response_class=FileResponse,
     responses=document_problems(401, 403, 404, 422)
     | {200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
 )
-def fetch_log(
-    submission: Id,
-    scenario: ScenarioId,
-    seed: Seed,
-    cav: ScenarioId,
-    caller: AnyCaller,
-    services: ServicesDep,
-) -> FileResponse:
+def fetch_log(place: PlaceOfLog, caller: AnyCaller, services: ServicesDep) -> FileResponse:
     """Return the end of the log of a CAV's agent (`all` for a joint agent); for its team and admins."""
     with services.store.read() as session:
-        submission_views.find_own(session, caller, submission)
-        _find_job(session, caller, submission, scenario, seed)
-    path = _require_file(paths.log_path(services.settings, submission, scenario, seed, cav), "log")
+        submission_views.find_own(session, caller, place.submission)
+        _find_job(session, caller, place)
+    path = paths.log_path(services.settings, place.submission, place.scenario, place.seed, place.cav)
+    _require_file(path, "log")
     return FileResponse(path, media_type="text/plain; charset=utf-8", headers=_SANDBOX_HEADERS)
 
 
@@ -178,25 +183,19 @@ def _find_disclosed(session: Session, caller: Caller | None, submission_id: str)
     return submission
 
 
-def _find_job(session: Session, caller: Caller | None, submission: str, scenario: str, seed: int) -> tables.JobRow:
+def _find_job(session: Session, caller: Caller | None, place: ScenarioPlace) -> tables.JobRow:
     """Return a job that the caller may see. Raises NotFound and HiddenScenariosError."""
-    _find_disclosed(session, caller, submission)
-    wanted = select(tables.JobRow).where(
-        tables.JobRow.is_of(submission), tables.JobRow.scenario == scenario, tables.JobRow.seed == seed
-    )
+    _find_disclosed(session, caller, place.submission)
+    row = tables.JobRow
+    wanted = select(row).where(row.is_of(place.submission), row.scenario == place.scenario, row.seed == place.seed)
     if (job := session.scalar(wanted)) is None:
-        raise NotFound(f"scenario: this submission has no {scenario!r} with seed {seed}")
+        raise NotFound(f"scenario: this submission has no {place.scenario!r} with seed {place.seed}")
     return job
 
 
-def _submission(session: Session, submission_id: str) -> tables.SubmissionRow:
-    found = session.get(tables.SubmissionRow, submission_id)
-    assert found is not None
-    return found
-
-
-def _write_page(services: Services, request: replay_page.ReplayRequest) -> None:
-    services.replay_runner.call(REPLAY_S, replay_page.write_replay_page, request)
+def _find_recording(settings: ServerSettings, place: ScenarioPlace) -> Path:
+    path = paths.recording_path(settings, place.submission, place.scenario, place.seed)
+    return _require_file(path, "recording")
 
 
 def _require_file(path: Path, what: str) -> Path:

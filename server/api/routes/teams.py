@@ -1,9 +1,13 @@
-"""Teams and tokens, managed by admins."""
+"""Teams and tokens, managed by admins, and the self-registration of teams, where the settings allow it."""
+
+from http import HTTPStatus
+from typing import NamedTuple
 
 from fastapi import APIRouter
+from sqlalchemy import func, select
 
 from server.api.dependencies import AdminCaller, AnyCaller, Now, ServicesDep
-from server.api.problems import document_problems
+from server.api.problems import ProblemError, document_problems
 from server.api.schemas.parameters import Id, TeamName, to_datetime
 from server.api.schemas.teams import (
     HideIn,
@@ -11,15 +15,21 @@ from server.api.schemas.teams import (
     MeOut,
     NewTeamIn,
     NewTokenIn,
+    RegisteredOut,
     TeamOut,
     TeamsOut,
     TokenOut,
     TokensOut,
 )
+from server.clock import DAY_US, day_start_us, format_utc
 from server.enums import TokenScope
-from server.store import tables, teams, tokens
+from server.settings import RegistrationSettings
+from server.store import OverLimit, Store, tables, teams, tokens
 
 router = APIRouter(tags=["teams and tokens"])
+registration_router = APIRouter(tags=["teams and tokens"])
+VISITOR = "visitor"
+"""Who registers, in the audit log."""
 
 
 @router.get("/me", responses=document_problems(401))
@@ -92,3 +102,39 @@ def _to_token(found: tables.TokenRow) -> TokenOut:
         created=to_datetime(found.created_us),
         revoked=revoked,
     )
+
+
+@registration_router.post("/register", status_code=201, responses=document_problems(400, 403, 408, 413, 422, 429))
+def register(new: NewTeamIn, services: ServicesDep, at_us: Now) -> RegisteredOut:
+    """Register a team where registration is open. Its token is in this response only."""
+    made = register_team(services.store, services.settings.registration, new.name, at_us)
+    return RegisteredOut(team=to_team(made.team), token=made.token)
+
+
+class RegisteredTeam(NamedTuple):
+    """A new team and its first token."""
+
+    team: tables.TeamRow
+    token: str
+    """Text of the token, which is not stored."""
+
+
+def register_team(store: Store, settings: RegistrationSettings, name: str, now_us: int) -> RegisteredTeam:
+    """Create a team and its token in one transaction.
+
+    Raises ProblemError (403) where registration is closed, OverLimit, and InputError for an unusable name.
+    """
+    if not settings.open:
+        sentence = "registration is closed: ask the organisers for a team and its token"
+        raise ProblemError(HTTPStatus.FORBIDDEN, "closed", sentence)
+    with store.write() as session:
+        today = (
+            select(func.count()).select_from(tables.TeamRow).where(tables.TeamRow.created_us >= day_start_us(now_us))
+        )
+        if (session.scalar(today) or 0) >= settings.per_day:
+            tomorrow = day_start_us(now_us) + DAY_US
+            retry = format_utc(tomorrow)
+            sentence = f"all {settings.per_day} registrations of today are used; the next one is possible at {retry}"
+            raise OverLimit("day", sentence, tomorrow)
+        team = teams.create(session, name, now_us, VISITOR)
+        return RegisteredTeam(team, tokens.issue(session, team, TokenScope.SUBMIT, now_us, VISITOR))

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 import mdrive_sumo as md
 from mdrive_sumo.cli import main
-from server.api.replay_page import ReplayRequest, write_replay_page
+from server.api.child_calls import ReplayRequest, write_replay_page
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("in_process")]
 

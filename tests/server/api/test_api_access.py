@@ -11,7 +11,7 @@ from testing.store_samples import GOOD, LEASE, PHASE, S, summary
 from testing.web_page import Visit
 
 from server import paths
-from server.api.app import PARTS
+from server.api.app import ROUTERS
 from server.api.dependencies import get_optional_caller, require_caller
 from server.enums import TokenScope
 from server.store import audit, jobs, submissions, teams, tokens
@@ -135,7 +135,7 @@ def test_the_description_says_where_a_token_is_needed(server: Server) -> None:
 def test_the_description_agrees_with_the_dependencies(server: Server) -> None:
     """Of every route, pages excepted: none reads the caller without saying so, or says so without reading it."""
     described = server.app.openapi()["paths"]
-    routes = [route for part in PARTS for route in part.router.routes if isinstance(route, APIRoute)]
+    routes = [route for router in ROUTERS for route in router.routes if isinstance(route, APIRoute)]
     assert {API + route.path for route in routes} == set(described)
     for route in routes:
         method = "".join(route.methods or ())

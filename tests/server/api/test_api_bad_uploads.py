@@ -11,7 +11,7 @@ from testing import archive_samples
 from testing.api_app import ZIP, Server, listening, problem
 
 from server.api import submission_service
-from server.api.agent_start import starts_agents
+from server.api.submission_service import starts_agents
 from server.api.subprocess_runner import CallEndedError
 from server.archive import ArchiveRefused, Manifest
 from server.settings import ArchiveSettings, ServerSettings, WorkerSettings

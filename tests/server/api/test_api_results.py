@@ -24,7 +24,7 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.scenario.suite import list_packaged_suites, load_suite
 from server import paths
-from server.api import replay_page
+from server.api import child_calls
 from server.api.app import MAX_REPLAYS
 from server.api.problems import ProblemError
 from server.api.subprocess_runner import CallEndedError, SubprocessRunner
@@ -105,19 +105,19 @@ def test_a_replay_is_made_once(server: Server, monkeypatch: pytest.MonkeyPatch) 
     mine = finished(server)
     page = paths.replay_path(server.settings, mine, "merge", 0)
     page.unlink()
-    orders: list[replay_page.ReplayRequest] = []
+    orders: list[child_calls.ReplayRequest] = []
 
-    def make(order: replay_page.ReplayRequest) -> None:
+    def make(order: child_calls.ReplayRequest) -> None:
         orders.append(order)
         order.page.write_text("made")
 
-    monkeypatch.setattr(replay_page, "write_replay_page", make)
+    monkeypatch.setattr(child_calls, "write_replay_page", make)
     for _ in range(2):
         assert server.ask("GET", f"/submissions/{mine}/scenarios/merge/0/replay").text == "made"
     assert [(order.suite, order.scenario, order.result["ds"]) for order in orders] == [("interdrive", "merge", 20.0)]
 
 
-def locked(order: replay_page.ReplayRequest) -> None:
+def locked(order: child_calls.ReplayRequest) -> None:
     """Paint a replay in another process; it takes as long as the recording is locked."""
     with order.recording.open("rb") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
@@ -130,7 +130,7 @@ def locked(order: replay_page.ReplayRequest) -> None:
 def test_requests_that_wait_for_replays_do_not_stop_the_server(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     mine = finished(server)
     paths.replay_path(server.settings, mine, "merge", 0).unlink()
-    monkeypatch.setattr(replay_page, "write_replay_page", locked)
+    monkeypatch.setattr(child_calls, "write_replay_page", locked)
     painter = SubprocessRunner(MAX_REPLAYS)
     server.app.state.services = replace(server.app.state.services, replay_runner=painter)
     one = f"{API}/submissions/{mine}/scenarios/merge/0/replay"
@@ -154,7 +154,7 @@ def test_requests_that_wait_for_replays_do_not_stop_the_server(server: Server, m
 def test_a_page_that_was_made_meanwhile_is_not_made_again(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     page.write_text("made")
-    replay_page.write_replay_page(replay_page.ReplayRequest("no-such-suite", "merge", {}, tmp_path / "no.npz", page))
+    child_calls.write_replay_page(child_calls.ReplayRequest("no-such-suite", "merge", {}, tmp_path / "no.npz", page))
     assert page.read_text() == "made"
 
 
@@ -167,8 +167,8 @@ def test_a_replay_of_a_real_episode(tmp_path: Path) -> None:
         result = aside.call(120.0, run_job, job)
         aside.call(
             60.0,
-            replay_page.write_replay_page,
-            replay_page.ReplayRequest("interdrive", scenario, result.model_dump(), recording, page),
+            child_calls.write_replay_page,
+            child_calls.ReplayRequest("interdrive", scenario, result.model_dump(), recording, page),
         )
     finally:
         aside.close()

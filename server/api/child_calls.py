@@ -1,11 +1,46 @@
-"""Writes the replay page of a recorded episode; runs in a subprocess, because it takes seconds and much memory."""
+"""Runs in the children of `subprocess_runner`: what they call is imported in the call, so that they start fast.
 
+At their start they need neither FastAPI nor SQLAlchemy.
+"""
+
+import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import write_text
+from server.errors import StoreUnavailable
+
+if TYPE_CHECKING:
+    from server.archive import Manifest
+    from server.settings import ServerSettings
+
+
+def answer_calls(pipe: Connection, nice: int) -> None:
+    """Answer calls until the parent closes the pipe."""
+    os.nice(nice)
+    with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
+        pipe.send("ready")
+        while True:
+            function, args, kwargs = pipe.recv()
+            try:
+                answer = True, function(*args, **kwargs)
+            except (InputError, OSError, StoreUnavailable) as error:
+                answer = False, error
+            pipe.send(answer)
+
+
+def check_uploaded_agent(
+    archive: Path, manifest: "Manifest", settings: "ServerSettings", sensor_track_only: bool = False
+) -> bool:
+    """Call `declaration_check.check_declaration`. Raises ArchiveRefused."""
+    from server.evaluation.declaration_check import check_declaration
+
+    return check_declaration(archive, manifest, settings, sensor_track_only=sensor_track_only)
 
 
 @dataclass(frozen=True, slots=True)
