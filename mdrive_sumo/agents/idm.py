@@ -39,6 +39,7 @@ class IdmParameters:
     response_s: float = 0.5
     """Time constant with which it approaches the speed from which it could just stop comfortably."""
     standing_gap_m: float = 2.0
+    """Gap to the car ahead when both stand: the IDM's s0, 2 m in its paper."""
     lateral_acceleration: float = 2.5
     """[m/s2]"""
     decision_ticks: int = 4

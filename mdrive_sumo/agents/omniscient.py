@@ -80,6 +80,7 @@ class OmniscientParameters:
     time_reserve_s: float = 1.0
     """Profiles end this long before the time limit."""
     min_horizon_s: float = 10.0
+    """[s] A profile is planned for at least so long, even close to the time limit."""
     interval_s: float = 0.25
     """Spacing of plan points."""
     beyond_goal_m: float = 6.0
@@ -87,6 +88,7 @@ class OmniscientParameters:
     review_ticks: int = 10
     """Every CAV reviews its plan this often, each in its own tick, so that no two change their plans at once."""
     review_s: float = 8.0
+    """[s] How far ahead the present profile is checked."""
     stop_before_m: tuple[float, float] = (2.5, 1.0)
     """The box centre stops at most and at least this far before the line of a stop sign."""
     stop_tolerance_m: float = 1.0

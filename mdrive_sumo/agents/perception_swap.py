@@ -35,6 +35,7 @@ class PerceptionSwapParameters:
     """Parameters of `PerceptionSwapAgent`; the hazard rule is that of protocol 11.2 (CARLA's BasicAgent)."""
 
     range_m: float = 80.0
+    """[m] Of the detector."""
     max_senders: int = 4
     """The detector fuses the detections of the nearest senders, at most this many (OPV2V's setting),"""
     max_sender_distance_m: float = 70.0
@@ -42,10 +43,13 @@ class PerceptionSwapParameters:
     speed: float = 6.0
     """[m/s] 21.6 km/h (paper, table of controllers)."""
     controller: str = "carla-pid-6"
+    """CARLA's PID with the gains of the paper for 6 m/s."""
     min_ahead_m: float = 0.5
     """A detection between this distance and `hazard_base_m` plus the way of `hazard_growth_s` ahead is a hazard."""
     hazard_base_m: float = 6.0
+    """[m] Range of a hazard at standstill (protocol 11.2)."""
     hazard_growth_s: float = 1.0
+    """[s] The range grows by the way that the car drives in this time (protocol 11.2)."""
     max_lateral_m: float = 1.6 + 0.9
     """... unless it is further to the side."""
     hold_ticks: int = 3
@@ -53,8 +57,11 @@ class PerceptionSwapParameters:
     standing_speed: float = 0.3
     """[m/s] A slower car ignores hazards from `standing_range_m` on."""
     standing_range_m: float = 4.0
+    """[m] See `standing_speed`."""
     interval_s: float = 0.2
+    """Spacing of plan points [s]."""
     plan_points: int = 15
+    """3 s with `interval_s`."""
     halt_s: float = 1.0
     """A halting plan stands for the second that the controller looks ahead."""
 

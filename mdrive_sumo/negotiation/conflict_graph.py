@@ -53,11 +53,13 @@ class ConflictGraph:
     """All pairs of members by their closest approach; matrices are (N, N) in the order of ids, symmetric, read-only."""
 
     ids: tuple[str, ...]
+    """Station ids, in the order of rows and columns."""
     distance: Float
     """[m], infinite on the diagonal."""
     step: Int
     """Index of the prediction's point at the closest approach: 0 lies one step ahead."""
     in_conflict: Bool
+    """(N, N) closer than `ConflictParameters.min_distance_m` at their closest approach."""
     distance_to_conflict: Float
     """(N,) straight distance [m] from each member's first predicted point to that of its nearest closest approach, 1000
     if it is alone (protocol 10.5). Cars of the same speed are equally far from their closest approach, so this measure
@@ -73,12 +75,12 @@ class ConflictGraph:
 
     def find_group(self, name: str) -> tuple[str, ...]:
         """Return the connected component with that member, sorted; empty if the member has no conflict."""
-        found, todo = {name}, [name]
-        while todo:
-            new = self.find_opponents(todo.pop()) - found
-            found |= new
-            todo.extend(new)
-        return tuple(sorted(found)) if len(found) > 1 else ()
+        group, unvisited = {name}, [name]
+        while unvisited:
+            new = self.find_opponents(unvisited.pop()) - group
+            group |= new
+            unvisited.extend(new)
+        return tuple(sorted(group)) if len(group) > 1 else ()
 
     def count_conflict_ticks(self, group: Sequence[str]) -> int:
         """Return the ticks until the last conflict of a group: 4 k*, k* counted from 1."""

@@ -11,6 +11,7 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.negotiation.negotiator import NegotiationMember
 
 CRITIC = "critic"
+"""Word in the header of what the critic says."""
 _HEADER = re.compile(r"\[([0-9a-f]{8}) (\d{1,2})(?: (critic))?\] (.*)", re.DOTALL)
 PATIENCE_TICKS = 20
 """A member that says nothing for this long when it has the turn is skipped."""
@@ -59,11 +60,14 @@ class Conversation:
     order: tuple[str, ...]
     """The first member, the most central one, also states at the end of a round what was agreed."""
     last_activity_tick: int
+    """Tick of the last utterance, or of the beginning."""
     round: int = 1
     text_by_turn: dict[tuple[int, str], str] = field(default_factory=dict[tuple[int, str], str])
     """By (round, member)."""
     feedback: str = ""
+    """The critic's objection to the last round; "" if there is none."""
     is_done: bool = False
+    """Whether the group has agreed, or has changed."""
     round_opened_tick: int = -1
     """When the critic opened this round; its announcement in the same tick belongs to the previous round."""
 

@@ -12,6 +12,7 @@ from mdrive_sumo.core.geometry import Float, wrap_angle
 from mdrive_sumo.v2x.messages import Direction, Intention
 
 INTERVAL_S = 0.2
+"""[s] A planning step: the paper's planners decide at 5 Hz."""
 POINTS = 20
 """Points of a prediction, `INTERVAL_S` apart: 4 s."""
 AFTER_S: Float = np.arange(1, POINTS + 1, dtype=np.float64) * INTERVAL_S
@@ -37,7 +38,9 @@ class IntentionParameters:
     min_keep_speed: float = 4.0
     """[m/s] A slower CAV with priority does not keep its speed, it accelerates (protocol 10.4, 10.5)."""
     near_m: float = 5.0
+    """[m] At this distance of the nearest vehicle traffic counts as densest."""
     far_m: float = 50.0
+    """[m] From this distance on it counts as free."""
     dense_vehicles: int = 20
     """Number of vehicles, the own one included, in the densest traffic."""
     stop_below: float = -4.0

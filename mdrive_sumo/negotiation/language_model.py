@@ -21,6 +21,7 @@ from mdrive_sumo.negotiation.llm_endpoint import (
 from mdrive_sumo.negotiation.transcript import LanguageModelTranscript, check_transcript, format_exchange
 
 EXCHANGE, FALLBACK = "llm-exchange", "llm-fallback"
+"""Kinds of notes: a request with its answer; a place where the rule decided because the model gave nothing usable."""
 FINAL_FAILURES = ("timeout", "missing")
 """Kinds of failure after which a request is not repeated."""
 FIRST_PAUSE_S = 0.5
@@ -36,6 +37,7 @@ class LanguageModelSettings:
     endpoint: str = ""
     """URL of a service with OpenAI's chat completions API; unused if there is a transcript."""
     model: str = "default"
+    """Name of the model, as the endpoint knows it."""
     api_key_env: str = ""
     """Name of the environment variable with the key; "": no key."""
     transcript: str = ""
@@ -45,12 +47,15 @@ class LanguageModelSettings:
     tries: int = 3
     """Attempts per request (protocol K17)."""
     max_calls: int = 300
+    """Requests of one CAV in an episode."""
     max_tokens_total: int = 400_000
     """Counted from the usage that the endpoint reports."""
     give_up_after: int = 3
     """No further requests after this many failures in a row."""
     max_answer_chars: int = MAX_ANSWER_CHARS
+    """A longer answer counts as a failure."""
     temperature: float = 0
+    """0: the most likely answer."""
 
 
 def check_settings(settings: LanguageModelSettings) -> LanguageModelSettings:

@@ -10,6 +10,7 @@ MAX_BODY_BYTES = 262_144
 MAX_ANSWER_CHARS = 2000
 """A longer answer is refused; 256 tokens are about 1000 characters."""
 PATH = "/chat/completions"
+"""Of OpenAI's chat completions API, below its version."""
 
 
 class LanguageModelError(Exception):
@@ -103,5 +104,5 @@ def _parse_answer(body: bytes, max_chars: int) -> ChatCompletion:
 
 def _parse_tokens(usage: object) -> int:
     """Return the total number of tokens, 0 if it is missing or implausible."""
-    found = usage.get("total_tokens") if isinstance(usage, dict) else None
-    return found if type(found) is int and 0 <= found < 1_000_000 else 0
+    tokens = usage.get("total_tokens") if isinstance(usage, dict) else None
+    return tokens if type(tokens) is int and 0 <= tokens < 1_000_000 else 0

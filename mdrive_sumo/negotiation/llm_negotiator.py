@@ -322,8 +322,8 @@ class LlmNegotiator:
         members, group = tuple(present.values()), conversation.group
         graph = build_conflict_graph(members)
         chat = build_action_chat(members, conversation.get_utterances(rounds=1))
-        found = self._model.ask(chat, ACTION_TOKENS, partial(parse_actions, group=group))
-        actions, consensus = found or (apply_rule(members, graph, group), None)
+        answer = self._model.ask(chat, ACTION_TOKENS, partial(parse_actions, group=group))
+        actions, consensus = answer or (apply_rule(members, graph, group), None)
         actions = avoid_slow_keeping(actions, members)
         until = tick + count_conflict_ticks(graph, group) + CONFLICT.aftermath_ticks
         self._decision = build_decision(me, members, actions, group, until)
@@ -331,6 +331,6 @@ class LlmNegotiator:
         self._source, self._has_new_terms = me, True
         critique = evaluate_actions(members, actions)
         self._collect_model_notes()  # the outcome follows the exchanges that led to it
-        outcome = format_outcome(conversation, actions, critique, consensus, "model" if found else "rule")
+        outcome = format_outcome(conversation, actions, critique, consensus, "model" if answer else "rule")
         self._notes.append(Note(OUTCOME, outcome))
         return critique

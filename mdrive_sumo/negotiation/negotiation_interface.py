@@ -33,9 +33,11 @@ class InterfaceParameters:
     direction_m: float = 30.0
     """Length of the path ahead from which the announced direction is classified."""
     same_direction_cos: float = 0.7
+    """Cosine of the largest angle (46 degrees) between cars in the same direction."""
     leader_ahead_m: float = 20.0
     """A CAV at most this far ahead and this close to the own path, in the same direction, is a leader."""
     leader_lateral_m: float = 1.5
+    """[m] Lateral distance of its centre from the own path: less than half a lane."""
     trust_s: float = 2.0
     """A CAV that yields is considered for this long only, and with a box smaller by these margins [m] on every side:
     otherwise both would wait for each other."""

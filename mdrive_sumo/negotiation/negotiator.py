@@ -31,6 +31,7 @@ class NegotiationMember:
     position_sigma: float = 0.0
     """Standard deviations of the errors of x and of y [m], and of yaw [rad], of the own car's estimate."""
     yaw_sigma: float = 0.0
+    """Standard deviation of the error of yaw [rad] of the own car's estimate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +44,7 @@ class NegotiationDecision:
     priority_over: frozenset[str] = frozenset()
     """Stations that yield to this CAV."""
     until_tick: int = 0
+    """Last tick in which it counts."""
     group: tuple[str, ...] = ()
 
 

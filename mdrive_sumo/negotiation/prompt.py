@@ -12,7 +12,9 @@ from mdrive_sumo.v2x.messages import Direction, Intention
 Chat = list[dict[str, str]]
 
 MAX_TEXT_BYTES = 1024
+"""Of one utterance with its header; the channel would carry 8192."""
 MESSAGE_TOKENS, ACTION_TOKENS = 256, 256
+"""Longest answers that are asked for: about 1000 characters."""
 
 ACTIONS = {intention.name: intention for intention in Intention}
 _DIRECTION_TEXTS = {

@@ -34,7 +34,9 @@ class LeaderParameters:
     """When a CAV leads another one on its path. Both values are design choices."""
 
     max_lateral_m: float = 1.5
+    """[m] Distance of the leader from the follower's desired trajectory: less than half a lane."""
     same_direction_cos: float = 0.5
+    """Cosine of the largest angle (60 degrees) between leader and follower."""
 
 
 LEADER = LeaderParameters()
@@ -180,7 +182,7 @@ class RuleNegotiator:
 
 def find_leader_pairs(members: Sequence[NegotiationMember], parameters: LeaderParameters = LEADER) -> RightOfWayClaims:
     """Return (leader, follower) pairs: a member on the path of another one in the same direction must go first."""
-    found: set[tuple[str, str]] = set()
+    pairs: set[tuple[str, str]] = set()
     for follower in members:
         line = densify(np.vstack(((follower.x, follower.y), follower.desired)))
         for leader in members:
@@ -190,8 +192,8 @@ def find_leader_pairs(members: Sequence[NegotiationMember], parameters: LeaderPa
             cos, sin = portable.cos_sin(follower.yaw)
             ahead = cos * (leader.x - follower.x) + sin * (leader.y - follower.y)
             if ahead > 0 and gaps.min() < parameters.max_lateral_m:
-                found.add((leader.id, follower.id))
-    return frozenset(pair for pair in found if pair[::-1] not in found)
+                pairs.add((leader.id, follower.id))
+    return frozenset(pair for pair in pairs if pair[::-1] not in pairs)
 
 
 @lru_cache(maxsize=CACHED_VIEWS)

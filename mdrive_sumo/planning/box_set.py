@@ -20,11 +20,13 @@ class BoxSet:
     x: Float
     """(K, 4) coordinates of the corners [m]."""
     y: Float
+    """(K, 4) likewise, in the order of `x`."""
     axes: Float
     """(2, K, 2) x and y of the two sides."""
     low: Float
     """(K, 2) extremes of the own corners along both sides."""
     high: Float
+    """(K, 2) greatest extremes, `low` the least."""
     centre: Float
     """(K, 2) [m]"""
     radius: Float

@@ -30,6 +30,7 @@ class CarFollowingParameters:
     stopping: float = -2.0
     """[m/s2] A vehicle that brakes harder is about to stop."""
     step_s: float = 0.25
+    """[s] Of the integration."""
 
 
 FOLLOWING = CarFollowingParameters()

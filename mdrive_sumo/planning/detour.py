@@ -117,8 +117,8 @@ class _DetourSearch:
         shifts = [self._build_shift(group, side, extra) for side in (1, -1) for extra in extra_shifts]
         best, smallest = None, math.inf
         for shift in sorted(shifts, key=lambda shift: abs(shift.left)):
-            if abs(shift.left) < smallest and (found := self._try_shift(shift, group)) is not None:
-                detour, size = found
+            if abs(shift.left) < smallest and (tried := self._try_shift(shift, group)) is not None:
+                detour, size = tried
                 best, smallest = (detour, size) if size < smallest else (best, smallest)
         return best
 
@@ -160,9 +160,9 @@ class _DetourSearch:
         path, parameters = detour.path, self._parameters
         if np.abs(path.curvature[_find_detour_cells(detour, 1)]).max() > parameters.max_curvature:
             return False
-        here = find_cells(path, np.array((self._s,)))
+        own_cell = find_cells(path, np.array((self._s,)))
         max_speed, braking = self._briefing.vehicle.max_speed, parameters.braking
-        if compute_curve_speeds(path, max_speed, braking, braking)[here][0] < self._speed:
+        if compute_curve_speeds(path, max_speed, braking, braking)[own_cell][0] < self._speed:
             return False
         return self._is_on_road(detour)
 

@@ -21,7 +21,9 @@ class EvasionParameters:
     accelerations: tuple[float, ...] = (-4.0, -6.0, -2.0, 0.0, 2.0, 3.0)
     """[m/s2] Of two that are free equally long the first one is taken: braking leaves more time."""
     step_s: float = 0.25
+    """[s] Spacing of the points of a profile, and of the times at which contact is looked for."""
     horizon_s: float = 6.0
+    """[s] A car at 33 m/s stands after 5.5 s with the hardest of `accelerations`."""
 
 
 EVASION = EvasionParameters()

@@ -84,8 +84,8 @@ def predict_stations(path: ReferencePath, state: OwnState, plan: Plan | None, ti
     Beyond the end of its plan, and without one, it continues at its last speed.
     """
     if plan is None:
-        here = path.project(state.x, state.y, 0.0, within_m=path.length)
-        return here + max(state.speed, 0.0) * times
+        station = path.project(state.x, state.y, 0.0, within_m=path.length)
+        return station + max(state.speed, 0.0) * times
     gaps = portable.square(plan.points[:, None] - path.xy[None]).sum(-1)
     stations = np.maximum.accumulate(gaps.argmin(1) * SPACING_M)
     due = (np.arange(len(stations)) + 1) * plan.interval_s - age_s
@@ -101,8 +101,8 @@ def predict_stations_at(
     Points of the plan are located on every `COARSE`-th point of the path first, and only as far as the times reach.
     """
     if plan is None:
-        return [predict_stations(path, state, plan, one, age_s) for one in times]
-    until_s = max(float(one.max(initial=0.0)) for one in times) + age_s
+        return [predict_stations(path, state, plan, each, age_s) for each in times]
+    until_s = max(float(each.max(initial=0.0)) for each in times) + age_s
     points = plan.points[: int(until_s / plan.interval_s) + 2]
     coarse = path.xy[::COARSE]
     dx, dy = points[:, :1] - coarse[:, 0], points[:, 1:] - coarse[:, 1]
@@ -113,7 +113,7 @@ def predict_stations_at(
     stations = np.maximum.accumulate(cells * SPACING_M)
     due = (np.arange(len(stations)) + 1) * plan.interval_s - age_s
     speed = (stations[-1] - stations[-2]) / plan.interval_s if len(stations) > 1 else 0.0
-    return [np.interp(one, due, stations) + speed * np.maximum(one - due[-1], 0.0) for one in times]
+    return [np.interp(each, due, stations) + speed * np.maximum(each - due[-1], 0.0) for each in times]
 
 
 def find_cells_blocked_by_objects(

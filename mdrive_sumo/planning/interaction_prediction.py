@@ -103,9 +103,9 @@ class InteractionPredictor:
         yields_to_ego = right_of_way.find_followers_beside(ego, preview, objects)
         same_direction = right_of_way.find_same_direction(preview, objects)
         row_by_id = {name: row for row, name in enumerate(objects.ids) if row not in on_path and not yields_to_ego[row]}
-        found = right_of_way.find_crossing_conflicts(preview, objects, curvature, self._scale.right_of_way)
-        conflicts = [one for one in found if one.begin_m > 0 and one.id in row_by_id]
-        crossing = [one for one in conflicts if not same_direction[row_by_id[one.id]]]
+        predicted = right_of_way.find_crossing_conflicts(preview, objects, curvature, self._scale.right_of_way)
+        conflicts = [conflict for conflict in predicted if conflict.begin_m > 0 and conflict.id in row_by_id]
+        crossing = [conflict for conflict in conflicts if not same_direction[row_by_id[conflict.id]]]
         first = self._yielding.select_first(ego, crossing, self._elapsed_s)
         for conflict in conflicts:
             row = row_by_id[conflict.id]
@@ -114,7 +114,8 @@ class InteractionPredictor:
             else:
                 top_speed = get_top_speed(objects, row, self._scale.others_top_speed)
                 motions.append(_predict_crossing(objects, row, float(curvature[row]), conflict.id in first, top_speed))
-        stops = [stop for one in conflicts if one.id in first for stop in self._build_stop_points(one, ego, planner.s)]
+        yielded_to = [conflict for conflict in conflicts if conflict.id in first]
+        stops = [stop for conflict in yielded_to for stop in self._build_stop_points(conflict, ego, planner.s)]
         return motions, stops
 
     def _predict_lead_object(
@@ -122,14 +123,14 @@ class InteractionPredictor:
     ) -> PredictedMotion:
         """Return the motion of an object on the own path: it brakes from now on; sigma [m]: of its position."""
         speed, look_m = float(objects.speed[row]), self._scale.right_of_way.look_ahead_m
-        here = path.project(float(objects.x[row]), float(objects.y[row]), s + look_m / 2, look_m)
-        yaw = float(np.interp(here, np.arange(len(path.xy)) * SPACING_M, path.yaw))
+        station = path.project(float(objects.x[row]), float(objects.y[row]), s + look_m / 2, look_m)
+        yaw = float(np.interp(station, np.arange(len(path.xy)) * SPACING_M, path.yaw))
         travelled = predict_yielding(speed)
         aligned = abs(wrap_angle(float(objects.yaw[row]) - yaw)) < self._parameters.same_direction_rad
         poses = place_on_arc(objects, row, travelled, 0.0)
         if abs(speed) > MOTION.standing_speed and aligned:
-            poses = place_on_path(path, here, travelled)
-        gap_m = here - s - (self._briefing.vehicle.length + float(objects.length[row])) / 2
+            poses = place_on_path(path, station, travelled)
+        gap_m = station - s - (self._briefing.vehicle.length + float(objects.length[row])) / 2
         moves = aligned and abs(speed) > MOTION.standing_speed
         reason = _build_reason(objects, row, Cause.FOLLOW if moves else Cause.BLOCKED, distance_m=max(gap_m, 0.0))
         motion = _build_motion(objects, row, poses, reason)

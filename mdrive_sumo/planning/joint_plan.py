@@ -58,7 +58,7 @@ def plan_on_roads(
 ) -> tuple[FleetPaths, tuple[str, ...]]:
     """Return paths and order of planning of CAVs that may start at speed; `compute_speeds` depends on `scale` only."""
     digest = hashlib.blake2b(digest_size=16)
-    objects = (getattr(known.objects, one.name) for one in fields(Objects))
+    objects = (getattr(known.objects, column.name) for column in fields(Objects))
     columns = [column for column in objects if isinstance(column, np.ndarray)]
     for array in (*known.routes, *known.rooms, *known.speed_limits, *columns):
         digest.update(np.ascontiguousarray(array).tobytes() + b"|")
@@ -139,13 +139,13 @@ def _build_plain_paths(
     known: Privileged, briefing: Briefing, scale: PlanningScale
 ) -> dict[str, tuple[ReferencePath, Briefing]]:
     """Return by CAV id its path without detours and the briefing that it would have."""
-    found: dict[str, tuple[ReferencePath, Briefing]] = {}
+    plain: dict[str, tuple[ReferencePath, Briefing]] = {}
     for ego, route, state, room in zip(known.ego_ids, known.routes, known.states, known.rooms, strict=True):
         path = build_path(route, briefing.vehicle.rear_to_centre, state.yaw, scale.path)
         line = build_polyline(route)
         of_route = {"route_xy": route, "route_yaw": line.yaws_at(line.s), "route_s": line.s, "route_room": room}
-        found[ego] = path, replace(briefing, ego_id=ego, **of_route)
-    return found
+        plain[ego] = path, replace(briefing, ego_id=ego, **of_route)
+    return plain
 
 
 def _avoid_boxes(path: ReferencePath, boxes: Float, briefing: Briefing, step_m: float) -> ReferencePath:

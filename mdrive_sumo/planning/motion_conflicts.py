@@ -60,8 +60,8 @@ class MotionConflicts:
         if not len(rows):
             return rows, rows
         mine = BoxSet.build(compute_footprints(self._path, length, width, cells))
-        own, found = mine.find_pairs(self._boxes if len(rows) == len(self._boxes) else self._boxes.take(rows))
-        return rows[found], own
+        own, theirs = mine.find_pairs(self._boxes if len(rows) == len(self._boxes) else self._boxes.take(rows))
+        return rows[theirs], own
 
     def find_met(self, cells: Int, margin: SafetyMargin) -> Bool:
         """Return a mask (K,): whether the own box in cell k (K,) overlaps a predicted box at the k-th time."""

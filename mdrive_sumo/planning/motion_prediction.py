@@ -13,6 +13,7 @@ from mdrive_sumo.planning.reference_path import ReferencePath
 from mdrive_sumo.planning.speed_lattice import SAMPLE_S
 
 HORIZON_S = 10.0
+"""[s] How far ahead the baselines plan: a car at 8 m/s drives 80 m in it."""
 STRIDE = 2
 """Footprints are compared at every second sample of a profile, and at every second cell of the path."""
 TIMES: Float = np.arange(1, round(HORIZON_S / SAMPLE_S) // STRIDE + 1, dtype=np.float64) * SAMPLE_S * STRIDE
@@ -27,12 +28,14 @@ class PredictedMotion:
     """
 
     poses: Float
+    """(T', 3) with at most as many rows as `TIMES`."""
     length: Float | float
     """One value, or one per row: an object at an uncertain position covers a longer box."""
     width: float
     reason: Reason
     """Why the own car must mind it."""
     stands_at_end: bool = False
+    """Whether the object stays at its last pose for ever."""
     min_gap_m: float = 0.0
     """The own car keeps at least this gap [m] behind the box, whatever its margin is."""
 

@@ -16,9 +16,10 @@ from mdrive_sumo.planning.road_direction import SHARP_TURN_RAD, RoadDirection, R
 
 IN_LANE_M = 1.8
 """[m] A vehicle whose centre is less aside of the line straight ahead of another one is in its lane."""
-AHEAD_M = 100.0
+LEADER_RANGE_M = 100.0
 """[m] Vehicles further ahead do not matter to a driver."""
 SAME_DIRECTION_RAD = 0.6
+"""A vehicle is a leader if it heads in the own direction up to this angle: 34 degrees, more than in a lane change."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,13 +119,13 @@ class MovingTraffic:
         x, y = objects.x + travelled * cos, objects.y + travelled * sin
         here = np.broadcast_to(self.position.station, travelled.shape).ravel()
         there = here + (self.forward * travelled).ravel()
-        way = (self.road.get_points(there) - self.road.get_points(here)).reshape(*travelled.shape, 2)
+        moved = (self.road.get_points(there) - self.road.get_points(here)).reshape(*travelled.shape, 2)
         before, after = (self.road.get_yaw(s).reshape(travelled.shape) for s in (here, there))
         (cos, sin), (next_cos, next_sin) = portable.cos_sin(before), portable.cos_sin(after)
         follows_turn = np.abs(after - before) < SHARP_TURN_RAD
         keeps, lateral = self.keeps_lane & follows_turn, self.position.lateral
-        x = np.where(keeps, objects.x + way[..., 0] - lateral * (next_sin - sin), x)
-        y = np.where(keeps, objects.y + way[..., 1] + lateral * (next_cos - cos), y)
+        x = np.where(keeps, objects.x + moved[..., 0] - lateral * (next_sin - sin), x)
+        y = np.where(keeps, objects.y + moved[..., 1] + lateral * (next_cos - cos), y)
         yaw = np.where(keeps, objects.yaw + after - before, objects.yaw)
         cos, sin = portable.cos_sin(yaw)
         x, y = x - gap / 2 * cos, y - gap / 2 * sin
@@ -156,5 +157,5 @@ class MovingTraffic:
         aside = np.where(keeps, lateral - lateral[:count, None], aside)
         same = portable.cos(everything.yaw - objects.yaw[:, None]) > portable.cos(SAME_DIRECTION_RAD)
         is_vehicle = everything.kind == Kind.VEHICLE
-        is_ahead = (along > 0) & (along < AHEAD_M) & (np.abs(aside) < IN_LANE_M) & same & is_vehicle
+        is_ahead = (along > 0) & (along < LEADER_RANGE_M) & (np.abs(aside) < IN_LANE_M) & same & is_vehicle
         return find_vehicles_ahead(along, is_ahead, everything.length)

@@ -118,7 +118,7 @@ class ObstacleAvoidance:
         planner.replace_path(detour.path)
         last_s = max(detour.last_s, self._detour.last_s) if self._detour else detour.last_s
         self._detour = detour._replace(last_s=last_s)
-        self._passed_ids |= {name for name, one in zip(objects.ids, parked.tolist(), strict=True) if one}
+        self._passed_ids |= {name for name, is_parked in zip(objects.ids, parked.tolist(), strict=True) if is_parked}
         return True
 
     def _find_oncoming_stops(

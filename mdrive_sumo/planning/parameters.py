@@ -98,6 +98,7 @@ class AvoidanceParameters:
     straight_on_m: float = 80.0
     """Other vehicles are predicted to drive straight on for this distance, in steps of `straight_on_step_m`."""
     straight_on_step_m: float = 2.0
+    """Less than half the length of a car: successive boxes overlap."""
     memory_ticks: int = 3 * TICKS_PER_SECOND // 2
     """A conflict is remembered for this long: detectors miss objects for half a second, and one hides another."""
     creeping_speed: float = 1.5
@@ -122,6 +123,7 @@ class RightOfWayParameters:
     look_ahead_m: float = 40.0
     """Previewed distance, on the own path and on the paths of others."""
     stride_m: float = 1.0
+    """Spacing of the previewed stations, and of predicted positions of others."""
     side_gap_m: float = 0.25
     """Free space on either side of the own car."""
     moving_speed: float = 0.5
@@ -161,7 +163,9 @@ class MotionParameters:
     hesitation_braking: float = 1.0
     """[m/s2] Of a road user that goes first but hesitates, for `hesitation_s`."""
     hesitation_s: float = 1.5
+    """[s] Duration of that hesitation."""
     reaction_s: float = 0.3
+    """Of a road user that yields, before it brakes with `yielding_braking`."""
     yielding_braking: float = 3.0
     """[m/s2] Of a road user that yields."""
     standing_speed: float = 0.2
@@ -211,6 +215,7 @@ class PedestrianParameters:
     crossing_m: float = 14.0
     """Pedestrians are assumed to walk straight on for this distance, in steps of `crossing_step_m`."""
     crossing_step_m: float = 0.5
+    """Less than a pedestrian's own size (0.6 m): no place is left out."""
     side_gap_m: float = 0.5
     stride_cells: int = 2
     """Every such cell of the path is compared."""
@@ -219,6 +224,7 @@ class PedestrianParameters:
     braking: float = 1.5
     """[m/s2] The limit allows this gentle braking to a standstill `gap_m` before the pedestrian's path."""
     gap_m: float = 2.0
+    """Distance before the pedestrian's path at which the car would stand."""
     started_m: float = 0.3
     """A pedestrian this far from the first observed position has started to cross."""
     walking_speed: float = 1.5
@@ -248,6 +254,7 @@ class PlannerParameters:
     check_ticks: int = 4
     """The present profile is checked at 5 Hz, the rate of the paper's planners."""
     check_s: float = 3.0
+    """How far ahead the present profile is checked: from 8 m/s a car stands after 2 s with 4 m/s2."""
     lateral_acceleration: float = 3.0
     """[m/s2] Comfort in bends."""
     braking: float = 2.0
@@ -263,7 +270,9 @@ class PlannerParameters:
     stopped_speed: float = 0.05
     """[m/s] A slower car stands; in a queue its next profile begins where it is, not where its profile has it."""
     interval_s: float = 0.2
+    """Spacing of plan points [s]."""
     plan_points: int = 50
+    """10 s with `interval_s`: the horizon of the planner."""
     max_tracking_error_m: float = 0.8
     """A car further than this from the profile's station makes a new profile."""
 
@@ -277,6 +286,7 @@ class JointPlanningParameters:
     vehicle_prediction_s: float = 4.0
     """Background vehicles are predicted to go straight on for this long."""
     pedestrian_prediction_s: float = 12.0
+    """Pedestrians are predicted to walk straight on for this long: 17 m at 1.4 m/s."""
     standing_speed: float = 0.1
     """[m/s]"""
     growth: float = 0.1

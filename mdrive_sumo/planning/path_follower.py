@@ -14,10 +14,13 @@ class FollowerParameters:
     """How far the reference may run ahead of the car, and the shape of its plans. Design choices (decision 012)."""
 
     lead_m: float = 1.0
+    """[m] The reference is at most this far from the car."""
     lead_speed: float = 1.5
     """[m/s]"""
     plan_interval_s: float = 0.2
+    """Spacing of plan points [s]."""
     plan_points: int = 15
+    """3 s with `plan_interval_s`."""
 
 
 FOLLOWER = FollowerParameters()

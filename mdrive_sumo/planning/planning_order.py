@@ -89,10 +89,10 @@ def order_by_urgency(
         for first, second in pairs:
             inherited[first] = min(inherited[first], inherited[second])
     own = urgency if own_urgency_breaks_ties else dict.fromkeys(group, 0.0)
-    left = sorted(group, key=lambda name: (inherited[name], own[name], name))
+    waiting = sorted(group, key=lambda name: (inherited[name], own[name], name))
     order: list[str] = []
-    while left:
-        free = [name for name in left if not any(second == name and first in left for first, second in pairs)]
-        order.append((free or left)[0])
-        left.remove(order[-1])
+    while waiting:
+        free = [name for name in waiting if not any(second == name and first in waiting for first, second in pairs)]
+        order.append((free or waiting)[0])
+        waiting.remove(order[-1])
     return tuple(order)

@@ -27,6 +27,7 @@ class _Layer:
     first: int
     """Number of the first cell."""
     cost: Float
+    """(speeds, K), infinity where a state cannot be reached."""
 
     @property
     def end(self) -> int:

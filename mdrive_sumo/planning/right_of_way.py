@@ -70,10 +70,13 @@ class CrossingConflict:
     begin_m: float
     """Begin and end of the shared area on the own path [m from here]."""
     end_m: float
+    """Behind it the own path is free again [m from here]."""
     arrives_s: float
     """When the other road user enters and leaves that area [s from now]."""
     leaves_s: float
+    """When its rear has left the shared area [s from now]."""
     is_standing: bool
+    """Whether it is slower than `RightOfWayParameters.moving_speed`."""
     bearing: float
     """Heading of the other road user relative to the own heading [rad]."""
     ego_turns: bool
@@ -250,9 +253,9 @@ class YieldingPolicy:
         """Return the ids of the road users to which the own car yields; elapsed_s: time since the last call [s]."""
         is_impatient = self._waited_s > self._patience_s
         self._yielded_to = frozenset(
-            one.id
-            for one in conflicts
-            if must_yield(ego, one, one.id in self._yielded_to, is_impatient, self._parameters)
+            conflict.id
+            for conflict in conflicts
+            if must_yield(ego, conflict, conflict.id in self._yielded_to, is_impatient, self._parameters)
         )
         if is_impatient or (self._yielded_to and ego.speed < self._parameters.moving_speed):
             self._waited_s += elapsed_s

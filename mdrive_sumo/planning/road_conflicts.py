@@ -26,6 +26,7 @@ class RoadSituation:
     """The own car, and what it knows in one tick."""
 
     known: Privileged
+    """What the privileged sensor tells of all road users."""
     s: float
     """[m] Station on the own path."""
     speed: float
@@ -76,9 +77,9 @@ class RoadConflicts:
         """
         start, path = (now.s, now.speed), fleet.path_by_ego[self.briefing.ego_id]
         problem = build_evasion_problem(path, speeds, start, self.top_speed)
-        found = find_evasive_profile(problem, partial(self.find_blocked, now, fleet, problem.cells, problem.times))
-        if found is not None:
-            return found
+        profile = find_evasive_profile(problem, partial(self.find_blocked, now, fleet, problem.cells, problem.times))
+        if profile is not None:
+            return profile
         find_met = partial(self.find_met, now, fleet, margin=MARGINS.contact)
         return find_latest_contact(speeds, start, find_met, None if present is None else (present, age_s))
 
@@ -91,8 +92,9 @@ class RoadConflicts:
         """Return all CAVs but the own one."""
         vehicle = self.briefing.vehicle
         names = [name for name in known.ego_ids if name != self.briefing.ego_id]
-        states = [one for name, one in zip(known.ego_ids, known.states, strict=True) if name != self.briefing.ego_id]
-        rows = [(one.x, one.y, one.yaw, one.speed, vehicle.length, vehicle.width) for one in states]
+        own_id = self.briefing.ego_id
+        states = [state for name, state in zip(known.ego_ids, known.states, strict=True) if name != own_id]
+        rows = [(state.x, state.y, state.yaw, state.speed, vehicle.length, vehicle.width) for state in states]
         columns = np.array(rows, dtype=np.float64).reshape(-1, 6).T
         return Objects(tuple(names), np.full(len(names), Kind.VEHICLE, dtype=np.uint8), *columns)
 

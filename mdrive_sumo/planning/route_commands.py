@@ -37,16 +37,16 @@ def find_route_commands(route_xy: Float, route_yaw: Float) -> Int:
     Bends that turn by more than `TURN_RAD` are turns; where the route leaves the direction of its lane by more than
     `ASIDE_RAD` it changes lanes; the rest follows the lane, straight across junctions too.
     """
-    found = np.full(len(route_yaw), int(RouteCommand.FOLLOW))
+    commands = np.full(len(route_yaw), int(RouteCommand.FOLLOW))
     turned = wrap_angles(np.diff(route_yaw, append=route_yaw[-1:]))
     bends = np.sign(turned) * (np.abs(turned) > BEND_RAD_PER_M)
     edges = [0, *(np.flatnonzero(np.diff(bends)) + 1).tolist(), len(bends)]
     for first, last in pairwise(edges):
         if bends[first] and abs(turned[first:last].sum()) > TURN_RAD:
-            found[first:last] = RouteCommand.LEFT if bends[first] > 0 else RouteCommand.RIGHT
+            commands[first:last] = RouteCommand.LEFT if bends[first] > 0 else RouteCommand.RIGHT
     if len(route_yaw) > 1:
         along = np.gradient(route_xy, axis=0)
         aside = wrap_angles(portable.atan2(along[:, 1], along[:, 0]) - route_yaw)
-        changes = (np.abs(aside) > ASIDE_RAD) & (found == RouteCommand.FOLLOW)
-        found[changes] = np.where(aside[changes] > 0, int(RouteCommand.CHANGE_LEFT), int(RouteCommand.CHANGE_RIGHT))
-    return found
+        changes = (np.abs(aside) > ASIDE_RAD) & (commands == RouteCommand.FOLLOW)
+        commands[changes] = np.where(aside[changes] > 0, int(RouteCommand.CHANGE_LEFT), int(RouteCommand.CHANGE_RIGHT))
+    return commands

@@ -103,11 +103,11 @@ class SpaceTimePlanner:
             start = self.s, speed
         else:
             return
-        found = self._find_profile(tick, start, conflicts, stop_points)
-        self._profile = found or build_braking_profile(self._build_problem(tick, start))
+        profile = self._find_profile(tick, start, conflicts, stop_points)
+        self._profile = profile or build_braking_profile(self._build_problem(tick, start))
         self._profile_tick = tick
         self.reason = self._find_reason(start, conflicts, stop_points)
-        if found is None:
+        if profile is None:
             self.reason = replace(self.reason, cause=Cause.NO_WAY)
 
     def _is_on_course(self, tick: int) -> bool:

@@ -34,6 +34,7 @@ class SpeedProfile:
     reaches_goal: bool
     """A profile that does not reach its goal is the best that could be found."""
     step_s: float = FINE.step_s
+    """[s] Between two points."""
 
     @cached_property
     def _acceleration(self) -> Float:
@@ -75,6 +76,7 @@ class SpeedProfileProblem:
     must_move: Bool
     """(T / samples,) layers at which the car must not stand."""
     ends_standing: bool = False
+    """Whether the profile must end with speed 0 in one of the `goals`."""
     wait_penalty: float = 0.0
     """Cost of a step per cell that is still ahead, relative to the squared acceleration: without it, a car that cannot
     reach the goal yet drives when it is gentlest, which may be late."""

@@ -20,6 +20,7 @@ class StopPoint:
     s: float
     reason: Reason
     until_s: float = math.inf
+    """Infinity: until it is no longer listed."""
 
 
 class StopLines:
@@ -63,5 +64,7 @@ def _build_stop(station: float, here: float, cause: Cause, others: tuple[str, ..
 def build_stop_lines(path: ReferencePath, briefing: Briefing, include_signs: bool = True) -> StopLines:
     """Return the stop lines of a briefing, converted from the route to the path; with or without stop signs."""
     signs = [convert_route_station(path, briefing, sign.s) for sign in briefing.stop_signs if include_signs]
-    lights = [TrafficLight(one.id, convert_route_station(path, briefing, one.s)) for one in briefing.traffic_lights]
+    lights = [
+        TrafficLight(light.id, convert_route_station(path, briefing, light.s)) for light in briefing.traffic_lights
+    ]
     return StopLines(signs, lights)

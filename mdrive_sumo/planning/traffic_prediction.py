@@ -109,9 +109,10 @@ class TrafficView:
 
     def find_lead(self, state: OwnState) -> int:
         """Return 1 for a CAV ahead in the own lane, -1 for one behind in it, 0 for all others."""
-        one = np.array((0.0,))
-        at = Objects(("",), np.zeros(1, np.uint8), one + state.x, one + state.y, one + state.yaw, one, one, one)
-        position = self.road.locate(self.path, at)
+        zero = np.zeros(1)
+        x, y, yaw = zero + state.x, zero + state.y, zero + state.yaw
+        cav = Objects(("",), np.zeros(1, np.uint8), x, y, yaw, zero, zero, zero)
+        position = self.road.locate(self.path, cav)
         in_lane = abs(float(position.lateral[0])) < TRAFFIC.own_lane_m
         if not in_lane or abs(float(position.turned[0])) > SHARP_TURN_RAD:
             return 0

@@ -36,14 +36,14 @@ SENTENCES: Mapping[Cause, str] = MappingProxyType(
         Cause.LIGHT: "stops at traffic light {names}{gap}",
         Cause.AGREEMENT: "lets {names} go first, as negotiated",
         Cause.ANNOUNCED: "keeps clear of the way that {names} has announced{meets}",
-        Cause.HAZARD: "brakes for {names}, {which} its detector sees straight ahead{gap}",
+        Cause.HAZARD: "stops for {names}, {which} its detector sees{here} in its way",
         Cause.NO_WAY: "finds no way past {names}",
         Cause.PEDESTRIAN: "is careful of {names} beside the road, {which} may step out",
         Cause.TURN: "waits for its turn{begins}",
         Cause.STATIONARY: "stands, as this agent always does",
-        Cause.NETWORK_DRIVES: "drives as its network plans: {speed}",
-        Cause.NETWORK_BRAKES: "brakes because its network plans to: {speed} on the mean of its plan",
-        Cause.NETWORK_STANDS: "stands because its network plans to",
+        Cause.NETWORK_DRIVES: "follows its network, which plans {speed} on average",
+        Cause.NETWORK_BRAKES: "follows its network, which plans to slow down to {speed} on average",
+        Cause.NETWORK_STANDS: "follows its network, which plans to stand",
         Cause.CREEP: "creeps ahead by rule, because its network kept it standing",
     }
 )

@@ -27,6 +27,7 @@ GPU_PROVIDER, CPU_PROVIDER = "CUDAExecutionProvider", "CPUExecutionProvider"
 ERRORS_ONLY = 3
 """Severity of what ONNX Runtime prints."""
 CACHED_NETWORKS = 8
+"""Networks that a process keeps loaded; there are four systems."""
 
 
 @dataclass(frozen=True, slots=True)

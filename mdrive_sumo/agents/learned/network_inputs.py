@@ -96,6 +96,7 @@ LIDAR_HEIGHT_M = 2.5
 GROUND_M = 0.4
 """Points lower than that above the ground go to layer 0, higher ones to layer 1."""
 MOST = 255
+"""Points counted in a cell: the range of a byte."""
 
 
 def build_lidar_histogram(cloud: PointCloud) -> npt.NDArray[np.uint8]:
