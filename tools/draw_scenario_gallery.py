@@ -31,7 +31,7 @@ SUITE = "mdrive"
 SIDE_PX = 300
 """Longer side of a picture: three fit beside each other on a page."""
 QUALITY = 75
-"""Of WebP: 3 KB a picture, less than half of PNG, and names of CAVs stay readable."""
+"""Quality of WebP: 3 KB a picture, less than half of PNG, and names of CAVs stay readable."""
 
 HEAD = """# Scenario gallery
 

@@ -19,7 +19,7 @@ from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_change
 
 TUTORIALS = Path(__file__).parents[1] / "docs" / "tutorials"
 LIMIT_S = 600
-"""Of a cell."""
+"""Seconds that a cell may take."""
 MAX_OUTPUT_BYTES = 60_000
 """Of a form of an output: of a larger one, such as a replay page, the text is kept."""
 PICTURE_PX, PICTURE_COLOURS = 520, 128

@@ -9,7 +9,7 @@ from mdrive_sumo.core.input_files import open_regular
 PART_BYTES = 2**20
 """Read at once."""
 MAX_CHECKED_BYTES = 2**32
-"""Of a file; weights and shards of training data are the largest."""
+"""Bytes of a file that has a checksum; weights and shards of training data are the largest."""
 
 
 def compute_files_checksum(files: Mapping[str, Path]) -> str:

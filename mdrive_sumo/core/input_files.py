@@ -16,9 +16,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.posix import find_open_flags
 
 MAX_BYTES = 2**28
-"""Of a file that is read as a whole, unless the caller knows better. The largest results have 20 MB."""
+"""Bytes of a file that is read as a whole, unless the caller states others. The largest results have 20 MB."""
 MAX_ENTRIES = 200_000
-"""Of a folder that a stranger sent. A run of all scenarios with 20 seeds has 20 000."""
+"""Files of a folder that a stranger sent. A run of all scenarios with 20 seeds has 20 000."""
 OPENED_FILE = find_open_flags("O_RDONLY", "O_NONBLOCK", "O_CLOEXEC")
 _KINDS = (
     (stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"),

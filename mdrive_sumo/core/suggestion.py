@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from mdrive_sumo.core.clean_text import truncate
 
 LEAST_SIMILARITY = 0.6
-"""Of two names that may be the same one mistyped, in [0, 1]: the default of `difflib`."""
+"""Similarity in [0, 1] of two names that may be the same one mistyped: the default of `difflib`."""
 
 
 def suggest_name(name: str, names: Iterable[str]) -> str:

@@ -19,7 +19,7 @@ from mdrive_sumo.core.input_files import open_regular
 from mdrive_sumo.episode.episode_schema import ARRAYS
 
 MAX_BYTES = 2**30
-"""Of all arrays of a recording together; the largest of the benchmark have 3 MB."""
+"""Bytes of all arrays of a recording together; the largest of the benchmark have 3 MB."""
 MAX_ARRAY_HEADER = 1000
 """Characters; numpy writes about 120."""
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)

@@ -22,18 +22,18 @@ from mdrive_sumo.core.output_files import NewFile, make_parents
 MAX_WIDTH_PX = 480
 """Wider images are made smaller."""
 QUALITY = 75
-"""Of JPEG, Pillow's default: for people to look at, no agent sees these files."""
+"""Quality of the JPEG files, Pillow's default: for people to look at, no agent sees these files."""
 MAX_ARCHIVE_BYTES = 64 * 2**20
-"""Of an episode: about 7 000 images. What comes later is left out."""
+"""Bytes of an episode's images, about 7 000 images. What comes later is left out."""
 MAX_FILE_BYTES = 3 * MAX_ARCHIVE_BYTES
-"""With the index, and what zip adds to each image."""
+"""Bytes of an archive with its index and what zip adds to each image."""
 MAX_IMAGE_BYTES = 2**20
 """Largest image that is read: more than the pixels of `MAX_WIDTH_PX` x 700, uncompressed."""
 MAX_IMAGES = 100_000
 """More than ten times as many as `MAX_ARCHIVE_BYTES` hold of usual images."""
 INDEX = "index.json"
 _TIME = (1980, 1, 1, 0, 0, 0)
-"""Of all members: the same images give the same bytes."""
+"""Time stamp of all members: the same images give the same bytes."""
 Pixels = npt.NDArray[np.uint8]
 
 

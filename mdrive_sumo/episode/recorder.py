@@ -66,7 +66,7 @@ class NoteLog:
 PLAN_EVERY_TICKS = 4
 """Plans are recorded at 5 Hz: they are for display; re-execution uses the log of controls."""
 DIGEST_BYTES = 8
-"""Of each tick, in the file: 64 bits tell any two episodes of a run apart."""
+"""Bytes of the digest of each tick: 64 bits tell any two episodes of a run apart."""
 
 
 class Recorder:

@@ -53,7 +53,7 @@ class ShardJob:
     folder: Path
     number: int
     indices: tuple[int, ...]
-    """Of its scenarios."""
+    """Indices of its scenarios."""
 
     @property
     def name(self) -> str:
@@ -196,7 +196,7 @@ def _write_dataset(
 
 
 EXPERT_SHARE = 0.2
-"""Of the segments of a drive, as `learn data --mix`."""
+"""Share of the segments of a drive that the expert drives, as `learn data --mix`."""
 
 
 @dataclass(frozen=True, slots=True)

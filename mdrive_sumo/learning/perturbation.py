@@ -16,10 +16,10 @@ class PerturbationParameters:
     """Bursts at the rate 1. All values are design choices: a learner errs by so much before it is trained well."""
 
     pause_s: tuple[float, float] = (4.0, 8.0)
-    """From the end of a burst to the next one; divided by the rate."""
+    """Seconds from the end of a burst to the next one, divided by the rate."""
     duration_s: tuple[float, float] = (0.6, 1.6)
     lateral_share: float = 0.65
-    """Of the bursts that shift the plan sideways; the others change its pace."""
+    """Share of the bursts that shift the plan sideways; the others change its pace."""
     offset_m: tuple[float, float] = (0.4, 1.0)
     """Sideways, to either side. The car lags behind: it comes 0.3 to 0.8 m and up to 10 degrees off its path."""
     pace: tuple[float, float] = (0.4, 1.25)

@@ -36,13 +36,13 @@ class RecordingSetup:
     expert: Agent
     rigs: tuple[str, ...]
     seed: int
-    """Of perturbations, segments and paraphrases."""
+    """Seed of perturbations, segments and paraphrases."""
     estimator_seed: int
-    """Of the errors of the own state that a learner gets; those of the episode's own estimator."""
+    """Seed of the errors of the own state that a learner gets; those of the episode's own estimator."""
     perturbation: float = 0.0
     learner: Agent | None = None
     system: SystemSpec | None = None
-    """Of the learner."""
+    """System of the learner."""
     mix: float = 0.0
     """Share of the segments that the expert drives if there is a learner."""
 
@@ -54,7 +54,7 @@ class RecordedDecision:
     tick: int
     labels: Mapping[str, npt.NDArray[Any]]
     images: Mapping[str, bytes]
-    """By RIG-CAMERA."""
+    """JPEG files by RIG-CAMERA."""
     instruction: str
 
 

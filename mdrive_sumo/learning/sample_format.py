@@ -179,7 +179,7 @@ def build_training_data_schema() -> dict[str, Any]:
 
 
 QUALITY = 90
-"""With full colour resolution (4:4:4): a 200 x 112 image of a street takes about 9 kB."""
+"""Quality of the JPEG files, with full colour resolution (4:4:4): a 200 x 112 image of a street takes about 9 kB."""
 
 
 def encode_image(image: CameraImage) -> bytes:

@@ -41,9 +41,9 @@ class TrainingSample:
 
     key: str
     images: Mapping[str, npt.NDArray[np.uint8]]
-    """By `ImageInput.name`: (cameras, H, W, 3)."""
+    """Pixels (cameras, H, W, 3) by `ImageInput.name`."""
     labels: Mapping[str, npt.NDArray[Any]]
-    """As `sample_format.LABELS`."""
+    """Arrays by their name in `sample_format.LABELS`."""
     instruction: str
     about: SampleAbout
 

@@ -48,7 +48,7 @@ class StoredSample:
     """Shard and key, for errors."""
     key: str
     files: Mapping[str, bytes]
-    """By what follows the key and a dot."""
+    """Contents of its files by what follows the key and a dot in their names."""
 
     def get_file(self, suffix: str) -> bytes:
         """Return the content of a file. Raises InputError if it is missing."""

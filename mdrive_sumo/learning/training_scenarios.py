@@ -41,7 +41,8 @@ from mdrive_sumo.scenario.weather import WeatherName
 from mdrive_sumo.vehicle import dynamics
 
 VERSION = 1
-"""Of this generator, part of every seed; incremented whenever the same arguments would make another scenario."""
+"""Version of this generator, part of every seed; incremented whenever the same arguments would make another
+scenario."""
 BUCKET = "Training"
 VALIDATION_PREFIX = "train_val_"
 TEMPLATE, TEMPLATE_SHARE = "template", 0.15

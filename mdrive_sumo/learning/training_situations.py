@@ -50,7 +50,7 @@ class TrainingSituation:
     """A kind of training scenario."""
 
     share: float
-    """Of all training scenarios."""
+    """Share of all training scenarios."""
     draw: Callable[[RoadMap, random.Random], SituationPlan | None]
     networks: frozenset[str] = field(default_factory=frozenset[str])
     """Words in the names of the networks that can stage it; empty: any network."""

@@ -25,7 +25,7 @@ class OpenLoopRun:
 
     reference: Reference
     agent: AgentSpec
-    """As a worker starts it."""
+    """The agent as a worker starts it."""
     options: EpisodeOptions
     folder: Path
     workers: int

@@ -55,9 +55,9 @@ class OpenLoopScenario(OpenLoopMetrics):
     failures: dict[str, str]
     """Why agents failed, by CAV."""
     sensing_track: TrackName = Field(default="", exclude_if=lambda track: not track)
-    """As in `results.json`."""
+    """Sensing track of the scenario, as in `results.json`."""
     digest: str
-    """Of the recording."""
+    """Digest of the recording."""
     precision_counts: tuple[tuple[float, int, int], ...] | None
     """Score, number of true detections and number of detections with that score; null if no agent replied any."""
 

@@ -27,7 +27,7 @@ class FusionParameters:
     """Nearer detections are one vehicle. Centres of two vehicles are never nearer unless side by side.
     Three standard deviations of the paper's pose error (0.6 m) exceed it: one vehicle then counts twice."""
     pedestrian_gate_m: float = 1.0
-    """The same for pedestrians and cyclists."""
+    """The same distance [m] for pedestrians and cyclists."""
 
 
 @dataclass(frozen=True, slots=True)

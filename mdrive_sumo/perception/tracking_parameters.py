@@ -22,7 +22,7 @@ class TrackingParameters:
     known_name_gate: float = 25.0
     """The same for a pair that the own sensor or the station named before: five standard deviations."""
     known_name_bonus: float = 4.0
-    """By this a pair with a known name is preferred, in units of the gate: a hint and no proof."""
+    """Preference of a pair with a known name, in units of the gate: a hint and no proof."""
     min_gate_widths: float = 0.75
     """Positions within this share of the object's width are one object in any case: boxes do not overlap."""
     correlation_ticks: int = TICKS_PER_SECOND // 2

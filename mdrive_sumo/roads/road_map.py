@@ -36,7 +36,7 @@ NEARBY_M = 4.0
 CROSSWALK_EDGE = re.compile(r"ecrosswalk_\d+")
 """Ids of the unconnected footways by which `convert` draws the crosswalks of a log's map."""
 MAX_NET_BYTES = 256 * 2**20
-"""Of an uncompressed net; a map of CARLA's Town04 has 0.7 MB."""
+"""Bytes of an uncompressed net; a map of CARLA's Town04 has 0.7 MB."""
 _NET_ERRORS = (
     SAXException, SyntaxError, LookupError, ValueError, TypeError, AttributeError, AssertionError, ArithmeticError,
     shapely.errors.ShapelyError,
@@ -99,7 +99,7 @@ class RoadMap:
     drivable_areas: tuple[DrivableArea, ...] = ()
     """Asphalt beyond the lanes, for pictures."""
     log_origin: tuple[float, float] = (0.0, 0.0)
-    """Of a converted log that was shifted: its origin in the frame of the log [m]."""
+    """Origin of a converted log that was shifted, in the frame of the log [m]."""
 
     @property
     def net_file(self) -> Path:

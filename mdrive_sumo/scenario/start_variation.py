@@ -27,7 +27,7 @@ class StartBounds:
     speed: float = 2.0
     """[m/s] of a CAV that is written to start at rest: it stops again within half a metre."""
     speed_share: float = 0.1
-    """Of the speed of a CAV that is written to start in motion."""
+    """Share of the speed of a CAV that is written to start in motion."""
     line_gap_m: float = 1.0
     """A shifted front bumper stays this far before the end of its lane and before a stop line."""
     gap_m: float = 2.0

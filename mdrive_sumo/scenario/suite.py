@@ -61,7 +61,7 @@ class SuiteFile(BaseModel):
     parts: tuple[Identifier, ...] = ()
     """Names of packaged suites, or of folders beside this one, whose scenarios it has instead of any of its own."""
     checksum: str = ""
-    """Of the sealed suite, see `Suite.checksum`; "": it may be changed."""
+    """Checksum of the sealed suite, see `Suite.checksum`; "": it may be changed."""
     score_mode: ScoreModeName | None = Field(default=None, exclude_if=lambda mode: mode is None)
     """Score mode of runs that name none; without it see `Suite.score_mode`."""
 

@@ -33,22 +33,22 @@ class VariationBounds:
     """How far a seed may take a scenario from what is written. Assumptions, each with its reason."""
 
     start: StartBounds = field(default_factory=StartBounds)
-    """Of the starts of CAVs."""
+    """Bounds of the starts of CAVs."""
     log_trim_s: float = 0.5
     """Logged traffic begins up to this much later in its log [s]: the interval in which `find_conflicts` still sees the
     same order of vehicles. All of a scenario's log by the same time, because logged vehicles do not yield to each
     other."""
     trigger_share: float = 0.15
-    """Of the distance or radius of a trigger: 15 % of the usual 8 to 25 m is up to one car's length."""
+    """Share of the distance or radius of a trigger: 15 % of the usual 8 to 25 m is up to one car's length."""
     trigger_time_s: float = 0.5
     """[s] of a trigger at a time: a driver's reaction time."""
     actor_speed_share: float = 0.1
     """Of the speed of a scripted actor: the spread of walking and free driving speeds is about that (SUMO draws
     speed factors with a deviation of 0.1)."""
     driver_share: float = 0.1
-    """Of headway, gap, acceleration and deceleration of SUMO's drivers, as for speeds."""
+    """Share of headway, gap, acceleration and deceleration of SUMO's drivers, as for speeds."""
     imperfection: float = 0.1
-    """Of `sigma`, never below 0 or above 1."""
+    """Change of `sigma` up or down; it stays within 0 and 1."""
     departure_s: float = 0.5
     """[s] of the departure of vehicles without schedule, never below 0; those that depart at 0 s stay in frame 0."""
 

@@ -18,10 +18,10 @@ class Weather:
 
     name: WeatherName
     objects_range: float
-    """Of object detection."""
+    """Factor on the range of object detection."""
     lidar_range: float
     grip: float = 1.0
-    """Of the friction between tyres and road; counts only with `FrictionMode.WEATHER`."""
+    """Factor on the friction between tyres and road; it counts only with `FrictionMode.WEATHER`."""
 
 
 WEATHERS: Mapping[WeatherName, Weather] = MappingProxyType(

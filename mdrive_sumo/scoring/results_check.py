@@ -21,9 +21,9 @@ from mdrive_sumo.scoring.summary import compute_bucket_means, compute_overall
 SUM_TOLERANCE = 2e-6
 """Largest difference of a mean recomputed from values of 6 decimals."""
 SCORE_TOLERANCE = 1e-4
-"""As above, of a driving score: RC [%] times a product of factors, each rounded to 6 decimals."""
+"""The same for a driving score: RC [%] times a product of factors, each rounded to 6 decimals."""
 LARGEST = 1e9
-"""Of what has no smaller bound: metres, ticks, ratios. Sums of larger numbers could overflow."""
+"""Greatest value where there is no smaller bound: metres, ticks, ratios. Sums of larger numbers could overflow."""
 PERCENT, FACTOR, POSITIVE, PLACE = (0.0, 100.0), (0.0, 1.0), (0.0, LARGEST), (-LARGEST, LARGEST)
 """Least and greatest value of each kind of figure."""
 MAX_NAME = 1000

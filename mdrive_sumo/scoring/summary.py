@@ -62,7 +62,7 @@ def compute_bucket_means(scenarios: Sequence[ScenarioResult]) -> dict[str, Bucke
 
 
 def compute_category_means(scenarios: Sequence[ScenarioResult]) -> dict[str, BucketResult]:
-    """As `buckets`, by category."""
+    """As `compute_bucket_means`, by category."""
     return compute_group_means(scenarios, lambda scenario: scenario.category)
 
 

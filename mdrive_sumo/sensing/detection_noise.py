@@ -21,7 +21,7 @@ from mdrive_sumo.core.state import Kind
 EPOCH_TICKS = 10
 """0.5 s: duration of a miss, and time scale of position errors."""
 WEIGHTS = tuple(portable.cos_sin(math.pi / 2 * step / EPOCH_TICKS) for step in range(EPOCH_TICKS))
-"""Of the earlier and the later draw, by the ticks since the earlier one."""
+"""Weights of the earlier and the later draw, by the ticks since the earlier one."""
 
 
 @lru_cache(maxsize=4096)

@@ -16,9 +16,9 @@ HitKeys = npt.NDArray[np.int64]
 """Distance as the bits of a float32, which sort as the numbers do, and behind it the owner: the least one wins."""
 
 EDGE_SLACK = 1e-9
-"""Of a wall's length and of a direction [rad]: neighbouring walls leave no gap."""
+"""Share of a wall's length, and a direction [rad], by which walls are longer: neighbouring walls leave no gap."""
 CORNERS = np.array(((1, -1, -1, 1), (1, 1, -1, -1)))[:, :, None]
-"""Of a box: which are ahead or behind, and left or right."""
+"""Signs of the corners of a box: ahead or behind, and left or right."""
 TOUCH_M = 1e-9
 """What is nearer counts as so far away."""
 

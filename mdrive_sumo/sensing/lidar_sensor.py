@@ -35,7 +35,7 @@ RANGE_M = 85.0
 FIELD_DEG = (-30.0, 10.0)
 """Elevation of the lowest and the highest channel."""
 ATTENUATION = 0.004
-"""Of intensity [1/m]: exp(-0.004 d), the formula and default of CARLA's ray-cast LiDAR."""
+"""Attenuation of intensity [1/m]: exp(-0.004 d), the formula and default of CARLA's ray-cast LiDAR."""
 ABOVE_ROOF_M = 1.0
 """Default height above the roof, at the box centre: 2.5 m on a car. The paper gives no pose."""
 

@@ -19,14 +19,14 @@ VAN_LENGTH_M, TRUCK_LENGTH_M = 5.5, 7.5
 CAR_M, VAN_M, TRUCK_M = 1.5, 2.2, 3.4
 """[m] Heights of cars, vans, and trucks or buses: assumptions, usual sizes of their kinds."""
 HEIGHT_OF_KIND_M = np.array((CAR_M, 1.75, 1.75, 1.0))
-"""By `Kind`: car, pedestrian, cyclist, static obstacle."""
+"""Assumed heights [m] by `Kind`: car, pedestrian, cyclist, static obstacle."""
 BUILDING_M = 10.0
 """[m] Higher than every mount of a LiDAR and every vehicle: a wall hides all that is behind it (`lidar_cast`)."""
 
 GROUND_REFLECTIVITY, BUILDING_REFLECTIVITY = 0.2, 0.5
 """Assumptions: asphalt is dark, facades are between it and car paint."""
 REFLECTIVITY_OF_KIND = np.array((0.8, 0.4, 0.5, 0.6))
-"""By `Kind`, assumptions: a vehicle reflects most. SUMO has no materials."""
+"""Assumed reflectivities by `Kind`: a vehicle reflects most. SUMO has no materials."""
 
 
 @dataclass(frozen=True, slots=True)

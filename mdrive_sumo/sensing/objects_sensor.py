@@ -21,7 +21,7 @@ from mdrive_sumo.sensing.visibility import BuildingEdges, SightView, announce_ey
 
 OPTIONS = ("profile", "fov_deg", "yaw_deg", "free_space", "min_visible", "road_range_m")
 SECTORS = 72
-"""Of free sight by default: one every 5 degrees."""
+"""Sectors of free sight by default: one every 5 degrees."""
 MAX_SECTORS = 720
 """Two for each degree."""
 MAX_RANGE_M = 1000.0

@@ -48,7 +48,7 @@ class ObservationBuilder:
             for ego, carrier in self._carriers.items()
             if common.sensing is SensingProfile.REALISTIC and not carrier.privileged
         }
-        """Of the CAVs whose own state is an estimate; the privileged sensor tells the true states anyway."""
+        """Estimators of the CAVs whose own state is an estimate; the privileged sensor tells the true states anyway."""
 
     def estimate_own_state(self, frame: Frame, ego: str) -> EgoState:
         """Return the state in which a CAV takes itself to be: its agent plans, and its controller drives, by it."""
@@ -111,9 +111,9 @@ class _Carrier:
         self.privileged = False
         """Whether one of the sensors knows everything."""
         self._single: dict[str, Sensor] = {}
-        """By the field of `Observation` that it fills."""
+        """Each sensor by the field of `Observation` that it fills."""
         self._named: dict[str, dict[str, Sensor]] = {}
-        """By that field and the sensor's id."""
+        """Each sensor by that field and its id."""
         self._drawn: tuple[SensingFrame, Objects] | None = None
         """What `_look` returned last, and for which frame: several sensors draw it."""
         salt = common.derive_track_salt(ego)

@@ -106,13 +106,13 @@ class SensorSetup:
     carrier: str
     """Id of the CAV or RSU."""
     seed: int
-    """Of this sensor's noise; draw with `seeding.uniforms`/`normals(seed, purpose, tick, object id...)` only."""
+    """Seed of this sensor's noise; draw with `seeding.uniforms`/`normals(seed, purpose, tick, object id...)` only."""
     roads: RoadMap
     weather: Weather
     briefing: Briefing | None
     """None for a road-side unit."""
     track_salt: int = 0
-    """Of the track names of this carrier in this episode; the same for all its sensors."""
+    """Salt of the track names of this carrier in this episode; the same for all its sensors."""
     standard_detector: str = IDEAL
     """The detector profile that `standard` stands for."""
     look: Callable[[SensingFrame, SensorPose], Objects] = lambda _scene, _eye: Objects.empty()

@@ -36,7 +36,7 @@ class SightView:
     buildings: BuildingEdges
     range_m: float
     number: int | None = None
-    """Of the eye among those announced: it is computed together with them. There is one map."""
+    """Number of the eye among those announced: it is computed together with them. There is one map."""
     _free_m_by_sectors: dict[int, Float] = field(default_factory=dict[int, Float], compare=False, repr=False)
     """A pure cache: detections and false positives need the same free sight."""
 

@@ -17,10 +17,10 @@ CAM, CPM, MCM, TEXT = "cam", "cpm", "mcm", "text"
 TYPES = (CAM, CPM, MCM, TEXT)
 MAX_OBJECTS, MAX_SECTORS, MAX_POINTS, MAX_NAMES = 255, 255, 100, 32
 MAX_NAME_BYTES = 80
-"""Of UTF-8: ids of scenarios have at most 80 characters (`scenario_part.Identifier`)."""
+"""Bytes of a name in UTF-8: ids of scenarios have at most 80 characters (`scenario_part.Identifier`)."""
 MAX_TEXT_BYTES = 8192
 MAX_PAYLOAD_BYTES = 65535
-"""Of types that are the agents' own."""
+"""Bytes of a message of a type that is the agents' own."""
 MESSAGE_REACH_M = 327.67
 """How far from the sender's pose a message can place something, along and across [m]."""
 
@@ -54,9 +54,9 @@ class ReferencePose:
     """The sender's reference pose [m, rad] as the sender estimates it, its tick, and how uncertain it is."""
 
     x: float
-    """Of the box centre in the world frame [m]."""
+    """x of the box centre in the world frame [m]."""
     y: float
-    """Of the box centre in the world frame [m]."""
+    """y of the box centre in the world frame [m]."""
     yaw: float
     """Heading [rad], counter-clockwise from +x."""
     tick: int
@@ -80,9 +80,9 @@ class Cam:
     yaw_rate: float
     """[rad/s], positive to the left."""
     length: float
-    """Of the box [m]."""
+    """Length of the box [m]."""
     width: float
-    """Of the box [m]."""
+    """Width of the box [m]."""
     speed_sigma: float = 0.0
     """Standard deviation of the error of the speed [m/s]."""
 
@@ -119,7 +119,7 @@ class Mcm:
     direction: Direction
     """Where the sender goes."""
     interval_s: float
-    """Between the points of the trajectories; the first point lies one interval after the pose's tick."""
+    """Time [s] between the points of the trajectories; the first point lies one interval after the pose's tick."""
     planned: Float
     """(K, 2) box centres [m] that the sender plans to follow."""
     desired: Float = field(default_factory=lambda: np.zeros((0, 2)))

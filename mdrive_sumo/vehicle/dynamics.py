@@ -65,13 +65,13 @@ class VehicleParameters:
     steer_lag: float = 0.08
     """Time constant of the steering [s]. Assumption."""
     max_power: float = 155_000.0
-    """At the wheels [W]: the 183 kW (245 hp) of the 2.0 l engine less 15 % driveline losses (assumed)."""
+    """Power at the wheels [W]: the 183 kW (245 hp) of the 2.0 l engine less 15 % driveline losses (assumed)."""
     max_acceleration: float = 4.5
     """Limit of the drive force, as acceleration [m/s2]. Assumption; 0-100 km/h then takes 7.65 s."""
     max_speed: float = 58.0
     """Governed top speed [m/s]. Assumption: 130 mph."""
     max_deceleration: float = 8.0
-    """At full brake [m/s2], a little under the friction limit 0.9 g. Assumption: anti-lock brakes."""
+    """Deceleration at full brake [m/s2], a little under the friction limit 0.9 g. Assumption: anti-lock brakes."""
     drive_lag: float = 0.25
     """Time constant from throttle to force [s]. Assumption."""
     brake_lag: float = 0.12

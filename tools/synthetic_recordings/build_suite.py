@@ -41,7 +41,7 @@ from tools.tool_command import HELP, ToolCommand, dry_run_option
 
 COUNT = 67
 SHARES = {("crossing", 2): 28, ("crossing", 1): 7, ("corridor", 2): 26, ("corridor", 1): 6}
-"""Of 67: number of scenarios by map and number of CAVs; 1.81 CAVs per scenario (paper: 1.80)."""
+"""Number of the 67 scenarios by map and number of CAVs; 1.81 CAVs per scenario (paper: 1.80)."""
 DRIVES_PER_SCENARIO = 2.0
 """Some drives stop at a red light, some are not solvable, and the means must match."""
 LIMIT_S = 600.0

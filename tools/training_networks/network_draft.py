@@ -64,7 +64,7 @@ class NetworkDraft:
     nodes: list[Node] = field(default_factory=list[Node])
     streets: list[Street] = field(default_factory=list[Street])
     connections: list[tuple[str, int, str, int]] = field(default_factory=list[tuple[str, int, str, int]])
-    """From edge and lane, to edge and lane."""
+    """Connections: from edge and lane, to edge and lane."""
     crossings: list[tuple[str, str]] = field(default_factory=list[tuple[str, str]])
     """Zebra crossings: node, and the edges that they cross."""
     ring: tuple[Sequence[str], Sequence[str]] = ((), ())

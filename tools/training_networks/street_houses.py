@@ -19,7 +19,7 @@ class HouseRows:
     setback_m: tuple[float, float]
     """Least and largest distance from the edge of lane or pavement."""
     gap_m: tuple[float, float] = (2.0, 14.0)
-    """Between two houses of a row."""
+    """Least and greatest gap [m] between two houses of a row."""
     size_m: tuple[float, float] = (9.0, 24.0)
     """Length along the street."""
     depth_m: tuple[float, float] = (7.0, 13.0)

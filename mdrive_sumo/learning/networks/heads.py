@@ -122,7 +122,7 @@ def sample_occupancy(occupancy: Tensor, x: Tensor, y: Tensor) -> Tensor:
 STEP_SCALE_M = 4.0
 """[m] Between two waypoints at 8 m/s."""
 ROUTE_SCALES = (20.0, 20.0, 2.0, 10.0)
-"""Of x, y, half lane width [m] and speed limit [m/s] of a route point."""
+"""Divisors of x, y, half lane width [m] and speed limit [m/s] of a route point."""
 
 
 class PlanHead(nn.Module):

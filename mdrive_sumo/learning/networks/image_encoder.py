@@ -9,7 +9,7 @@ from mdrive_sumo.learning.networks.blocks import ConvBlock, ResidualBlock
 SMALL_WIDTHS = (24, 40, 64, 128)
 """Channels at strides 2, 4, 8 and 16 for six images of 112 x 200: see docs/training.md for its price."""
 WIDE_WIDTHS = (32, 48, 80, 160)
-"""For one image."""
+"""Channels of the four stages, for a rig of one image."""
 
 
 class ImageEncoder(nn.Module):

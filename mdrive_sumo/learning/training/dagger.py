@@ -10,7 +10,7 @@ from mdrive_sumo.learning.training.export_network import export_network
 from mdrive_sumo.learning.training.run_training import Arrays, Report, TrainingRun, run_training
 
 LATER_RATE = 0.5
-"""Of the learning rate, in rounds after the first: they begin with trained weights."""
+"""Factor on the learning rate in rounds after the first: they begin with trained weights."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ from mdrive_sumo.learning.training.training_data import build_empty_memory
 
 OPSET = 17
 MOST_BYTES = 3_000_000
-"""Of a file of weights: they are part of the package."""
+"""Bytes of a file of weights: they are part of the package."""
 LEAST_SHARED = 64
 """Constants with fewer numbers stay in single precision."""
 MOST_DIFFERENCE_M = 1e-2

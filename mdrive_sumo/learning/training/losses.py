@@ -54,9 +54,10 @@ EGO_HALF_M = (2.5, 1.1)
 """Half length and width of the car with a margin of 0.2 m."""
 CAR_HALF_WIDTH_M = 0.9
 AXIS_WEIGHTS = (1.0, 2.0)
-"""Of errors ahead and to the side: half a metre to the side is another lane's edge, half a metre ahead is nothing."""
+"""Weights of errors ahead and to the side: half a metre to the side is another lane's edge, half a metre ahead is
+nothing."""
 CONTROL_WEIGHTS = (1.0, 1.0, 4.0)
-"""Of throttle, brake, steer: steering is small, and decides where the car goes."""
+"""Weights of throttle, brake, steer: steering is small, and decides where the car goes."""
 
 
 def compute_plan_loss(plan: Tensor, expert: Tensor) -> Tensor:
@@ -117,9 +118,9 @@ def measure_offset(points: Tensor, route: Tensor) -> Tensor:
 
 
 OCCUPIED_WEIGHT = 4.0
-"""Of occupied cells, which are few."""
+"""Weight of occupied cells, which are few."""
 CENTRE_WEIGHT = 8.0
-"""Of cells with a centre, which are few."""
+"""Weight of cells with a centre, which are few."""
 NEAR_LANE_M = 2.0
 """[m] Mean distance up to which a predicted lane is a true one."""
 

@@ -15,7 +15,7 @@ from mdrive_sumo.learning.training.training_data import TrainingData
 from mdrive_sumo.learning.training.training_options import TrainingOptions
 
 STEPS, SAMPLES, BATCH = 50, 20, 4
-"""Of a run that takes seconds on one core."""
+"""Size of a run that takes seconds on one core."""
 COMPARED = 10
 """Steps at the beginning and at the end whose mean losses are compared."""
 

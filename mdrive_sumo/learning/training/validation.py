@@ -14,7 +14,7 @@ from mdrive_sumo.learning.training.training_data import TrainingData
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 MOST_SAMPLES, MOST_GLANCED = 20_000, 1000
-"""Of a full validation, and of one during training; evenly spread over the rows."""
+"""Samples of a full validation, and of one during training, evenly spread over the rows."""
 
 
 @dataclass(frozen=True, slots=True)

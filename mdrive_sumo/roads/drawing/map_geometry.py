@@ -47,7 +47,7 @@ class SignalHead:
     yaw: float
     """Driving direction there [rad]."""
     width: float
-    """Of the lane [m]."""
+    """Width of the lane [m]."""
     lights: tuple[str, ...]
     """Names "tls:index", from left to right."""
 

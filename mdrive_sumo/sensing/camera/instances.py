@@ -72,7 +72,7 @@ class SceneInstances:
     model: Int
     """Index into `MESHES`."""
     row: Int
-    """Of the road user in `SensingFrame.boxes`, -1 for a lamp."""
+    """Row of the road user in `SensingFrame.boxes`, -1 for a lamp."""
     centre: Float
     """(N, 2) [m], relative to the scene's origin."""
     radius: Float

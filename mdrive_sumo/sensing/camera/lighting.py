@@ -15,7 +15,7 @@ class Lighting:
 
     zenith: Rgb
     horizon: Rgb
-    """Of the sky at the horizon, and of the fog."""
+    """Colour of the sky at the horizon, and of the fog."""
     sun: Rgb
     ambient: Rgb
     fog_per_m: float
