@@ -14,6 +14,17 @@ pytestmark = pytest.mark.slow
 REAL_MAIN = [sys.executable, "-c", "from mdrive_sumo.cli import main; main()"]
 
 
+def test_a_job_is_imported_without_any_agent() -> None:
+    """Each worker process then loads only the agent that it drives, and what that needs."""
+    code = (
+        "import sys, mdrive_sumo.runs.episode_job; print(*(name for name in sys.modules if name.startswith('mdrive')))"
+    )
+    done = subprocess.run((sys.executable, "-c", code), capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert {name for name in loaded if name.startswith("mdrive_sumo.agents.")} == {"mdrive_sumo.agents.registry"}
+    assert not {name.split(".")[1] for name in loaded - {"mdrive_sumo"}} & {"planning", "negotiation", "perception"}
+
+
 def test_help_names_every_command_without_importing_any_of_them() -> None:
     code = (
         "import sys\n"
