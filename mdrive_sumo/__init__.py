@@ -13,12 +13,11 @@ processes of agents stay light.
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mdrive_sumo.api.comparison import compare
     from mdrive_sumo.api.episode import Episode, load_episode
     from mdrive_sumo.api.evaluation import evaluate
     from mdrive_sumo.api.open_evaluation import evaluate_open
     from mdrive_sumo.api.report import RunsReport, build_report
-    from mdrive_sumo.api.run import Run, Scores, load_run
+    from mdrive_sumo.api.run import Run, Scores, compare, load_run
     from mdrive_sumo.api.simulation import Simulation, simulate
     from mdrive_sumo.contract import Agent, Briefing, Control, Message, Note, Observation, Plan, Reply, SensorSpec
     from mdrive_sumo.core.errors import InputError, MdriveError, WorldError
@@ -87,7 +86,7 @@ _MODULE_BY_NAME = {
     "RunsReport": "api.report",
     "Scores": "api.run",
     "build_report": "api.report",
-    "compare": "api.comparison",
+    "compare": "api.run",
     "load_episode": "api.episode",
     "load_run": "api.run",
     **dict.fromkeys(

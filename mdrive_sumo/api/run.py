@@ -1,4 +1,4 @@
-"""Run: the results of an evaluation with one seed or several."""
+"""Run: the results of an evaluation with one seed or several; runs are loaded and compared."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -13,9 +13,11 @@ from mdrive_sumo.core.tables import Column, Table, format_text, make_row
 from mdrive_sumo.export.export_run import export_runs
 from mdrive_sumo.report.result_tables import SCORE_COLUMNS as SHOWN_COLUMNS
 from mdrive_sumo.report.result_tables import format_optional, format_summary, list_scores
+from mdrive_sumo.runs.compare import RunComparison
+from mdrive_sumo.runs.compare import compare as compare_results
 from mdrive_sumo.runs.process_pool import count_available_cores
 from mdrive_sumo.runs.rescore import rescore_run
-from mdrive_sumo.runs.run_results import load_run_results
+from mdrive_sumo.runs.run_folder import load_run_results
 from mdrive_sumo.runs.stored_run import load_stored_run, load_unchecked_run
 from mdrive_sumo.runs.verify import VerificationResult
 from mdrive_sumo.scoring import (
@@ -203,3 +205,18 @@ def load_run(folder: str | Path | Iterable[str | Path]) -> Run:
     """
     folders = tuple(map(Path, (folder,) if isinstance(folder, str | Path) else folder))
     return Run(folders, tuple(map(load_run_results, folders)))
+
+
+def compare(run: Run | str | Path, other: Run | str | Path) -> RunComparison:
+    """Return the paired differences `other` minus `run`, with 95 % bootstrap intervals over the scenarios.
+
+    Of several seeds the mean score of each scenario is compared; scenarios that are void with any seed are left out.
+    Raises InputError for runs with different score modes or without a scenario in common.
+    """
+    first, second = (one if isinstance(one, Run) else load_run(one) for one in (run, other))
+    return compare_results(_join(first), _join(second), (first.folders[0], second.folders[0]))
+
+
+def _join(run: Run) -> Results:
+    """Return the results of all folders of a run as one."""
+    return run.results[0].model_copy(update={"scenarios": tuple(run.scores)})

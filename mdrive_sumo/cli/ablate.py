@@ -8,10 +8,14 @@ from typing import Any
 
 import click
 
-from mdrive_sumo.cli.choice import choose_seed, find_one_scenario
-from mdrive_sumo.cli.foreign_agent import foreign_agent_options, read_permission
-from mdrive_sumo.cli.scenario_option import make_scenario_option
-from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.cli.options import make_scenario_option, workers_option
+from mdrive_sumo.cli.stored_run_options import (
+    choose_seed,
+    find_one_scenario,
+    foreign_agent_options,
+    moved_suite_option,
+    read_permission,
+)
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.core.tables import format_text, make_text_table
@@ -44,7 +48,7 @@ HEADER = (
 @click.option("--each-message", metavar="TYPE", help="Mute every message of that type, each alone.")
 @click.option("--max-runs", type=click.IntRange(min=1), default=100, show_default=True, help="Largest number of runs.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
-@click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
+@moved_suite_option
 @foreign_agent_options
 @workers_option
 @click.pass_context

@@ -6,7 +6,7 @@ import click
 
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.runs.compare import compare, comparison_table
-from mdrive_sumo.runs.run_results import load_run_results
+from mdrive_sumo.runs.run_folder import load_run_results
 from mdrive_sumo.scoring import load_results
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.cli.choice import load_one_recording
+from mdrive_sumo.cli.stored_run_options import load_one_recording, moved_suite_option
 from mdrive_sumo.core.clean_text import clean_for_terminal
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
@@ -17,7 +17,7 @@ from mdrive_sumo.core.terminal import echo
 @click.option("--cav", metavar="ID", required=True, help="The CAV, by its id in the scenario.")
 @click.option("--tick", type=int, help="Tell what holds in this tick, and since when [default: the whole story].")
 @click.option("--seed", type=int, help="Which one in a run of several seeds [default: the first].")
-@click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
+@moved_suite_option
 def command(run_folder: Path, pattern: str, cav: str, tick: int | None, seed: int | None, suite: str | None) -> None:
     """Tell in sentences what a CAV did and why: where it departed, braked, waited, negotiated, collided or arrived.
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from mdrive_sumo.cli.stored_run_options import moved_suite_option
 from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.export.export_formats import list_export_formats
@@ -29,7 +30,7 @@ def _describe_formats() -> str:
 )
 @click.option("--scenario", "patterns", multiple=True, metavar="GLOB", help="Only these; repeatable [default: all].")
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="New or empty folder.")
-@click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
+@moved_suite_option
 def command(run_folder: Path, format_name: str, patterns: tuple[str, ...], out: Path, suite: str | None) -> None:
     """Write recorded episodes in the formats of other tools.
 

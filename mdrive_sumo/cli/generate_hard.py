@@ -12,7 +12,7 @@ from typing import Any
 import click
 from pydantic import ValidationError
 
-from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.cli.options import workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo, echo_live
 from mdrive_sumo.generate.generated_suite import check_output_folder

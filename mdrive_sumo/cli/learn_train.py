@@ -8,8 +8,7 @@ from typing import Any
 import click
 
 from mdrive_sumo.agents.learned.system_spec import SYSTEMS
-from mdrive_sumo.cli.finite_range import FiniteRange
-from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.cli.options import FiniteRange, workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.learning.require_torch import require_torch

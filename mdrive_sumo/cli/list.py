@@ -2,30 +2,31 @@
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.cli.list_networks import NETWORKS, list_networks, list_networks_of
-from mdrive_sumo.cli.list_plug_ins import list_metrics, list_plug_in_table
 from mdrive_sumo.contract.agent_options import AgentFactory
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.plug_ins import PlugInKind, list_plug_ins
+from mdrive_sumo.core.plug_ins import PREFIX, SHORT_CHECKSUM, PlugIn, PlugInKind, list_plug_ins
 from mdrive_sumo.core.tables import format_text, make_text_table
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.generate.validation import is_hard_suite
 from mdrive_sumo.open_loop import OPEN_LOOP_FILE
 from mdrive_sumo.report.agent_failures import list_agent_failures
+from mdrive_sumo.roads import list_packaged_networks, load_road_map
+from mdrive_sumo.roads.network_file import NETWORK_FILE, read_network_file
 from mdrive_sumo.runs.run_config import RUNS_FOLDER
-from mdrive_sumo.runs.run_listing import ListedRun, list_runs
-from mdrive_sumo.runs.run_results import load_run_results
+from mdrive_sumo.runs.run_folder import ListedRun, list_runs, load_run_results
 from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, SuiteStatistics, compute_suite_statistics
 from mdrive_sumo.scenario.suite import Suite, list_packaged_suites, load_suite
+from mdrive_sumo.scoring.metrics import METRICS, InfractionMetric
+from mdrive_sumo.scoring.metrics.registry import load_metric_plug_ins
 from mdrive_sumo.sensing.sensor_kinds import derive_sensing_track
 from mdrive_sumo.study.need_certificate import NeedCertificate, load_need
 from mdrive_sumo.study.occlusion_certificate import CERTIFICATE_FILE, OcclusionCertificate, load_certificates
@@ -209,6 +210,69 @@ def _name_agent(fingerprint: Mapping[str, Any]) -> str:
         return name
     words = [f"{key} {str(value).rpartition('/')[2]}" for key, value in sorted(options.items())]
     return f"{name} ({', '.join(words)})" if words else name
+
+
+NETWORKS = "networks"
+
+
+def list_networks(_: str) -> str:
+    """Return the table of the packaged networks."""
+    return _format_networks(list_packaged_networks())
+
+
+def list_networks_of(folder: Path) -> str:
+    """Return the table of the networks in a folder, or in its networks/. Raises InputError without any."""
+    places = [*sorted(folder.glob("*")), *sorted((folder / NETWORKS).glob("*"))]
+    found = {place.name: place for place in places if (place / NETWORK_FILE).is_file()}
+    if not found:
+        raise InputError(f"{folder}: expected networks in NAME/{NETWORK_FILE} or {NETWORKS}/NAME, found none")
+    return _format_networks(found)
+
+
+def _format_networks(folders: Mapping[str, Path]) -> str:
+    rows = _make_network_rows(folders)
+    return format_text(make_text_table(("network", "lanes", "buildings", "stop signs", "description"), rows))
+
+
+def _make_network_rows(folders: Mapping[str, Path]) -> Iterator[Sequence[str]]:
+    for name, folder in folders.items():
+        roads, about = load_road_map(folder), read_network_file(folder)
+        signs = "unknown" if roads.stop_signs is None else str(len(roads.stop_signs))
+        yield name, str(len(roads.lanes)), str(len(roads.buildings)), signs, about.description
+
+
+def list_metrics(_: str) -> str:
+    """Return the table of all metrics, those of other packages last. Raises InputError."""
+    rows = [
+        (metric.name, "changes DS" if isinstance(metric, InfractionMetric) else "informative", origin)
+        for metrics, origin in ((METRICS, "built in"), (load_metric_plug_ins(), "plug-in"))
+        for metric in metrics
+    ]
+    return format_text(make_text_table(("metric", "kind", "from"), rows))
+
+
+def list_plug_in_table(_: str) -> str:
+    """Return the table of the plug-ins of other packages, with what identifies them."""
+    rows = [
+        (
+            str(kind),
+            name,
+            one.package,
+            one.version,
+            _shorten_checksum(one),
+            one.locator,
+        )
+        for kind in PlugInKind
+        for name, one in list_plug_ins(kind).items()
+    ]
+    if not rows:
+        groups = ", ".join(f"{PREFIX}{kind}" for kind in PlugInKind)
+        return f"no plug-ins are installed; their entry points are in the groups {groups}"
+    return format_text(make_text_table(("kind", "name", "package", "version", "checksum", "object"), rows))
+
+
+def _shorten_checksum(plug_in: PlugIn) -> str:
+    return plug_in.identify().rpartition("sha256:")[2][:SHORT_CHECKSUM]
 
 
 LISTS: Mapping[str, Callable[[str], str]] = {

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
-from mdrive_sumo.cli.choice import load_one_recording
+from mdrive_sumo.cli.stored_run_options import load_one_recording, moved_suite_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.render.render_options import DEFAULT_FPS, DEFAULT_SIZE, RenderOptions, ViewName
@@ -48,7 +48,7 @@ def _describe(values: dict[str, Any]) -> str:
 @click.option("--speed", type=float, default=1.0, show_default=True, help="2: twice as fast as it happened.")
 @click.option("--messages/--no-messages", default=True, show_default=True, help="Lines for CPMs and MCMs that arrive.")
 @click.option("--force", is_flag=True, help="Replace an existing file.")
-@click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
+@moved_suite_option
 def command(
     run_folders: tuple[Path, ...], pattern: str | None, seed: int | None, suite: str | None, out: Path, **options: Any
 ) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.setting_options import setting_option
+from mdrive_sumo.cli.stored_run_options import moved_suite_option
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.runs.rescore import rescore_run, save_rescored
@@ -15,7 +16,7 @@ from mdrive_sumo.scoring import ScoreMode
 @click.command("rescore")
 @click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
 @setting_option("score_mode", help="[default: that of the run]")
-@click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
+@moved_suite_option
 @click.pass_context
 def command(ctx: click.Context, run_folder: Path, score_mode: str | None, suite: str | None) -> None:
     """Score the recordings of a run again, without simulation, and write RUN/results-MODE.json.

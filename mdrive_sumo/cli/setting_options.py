@@ -8,8 +8,7 @@ from typing import Any, TypeVar
 import click
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
-from mdrive_sumo.cli.scenario_option import make_scenario_option
-from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.cli.options import make_scenario_option, workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.setting import Setting, list_settings
 from mdrive_sumo.core.suggestion import describe_unknown

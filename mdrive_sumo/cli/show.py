@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.cli.choice import find_one_scenario
 from mdrive_sumo.cli.evaluate import with_references
-from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.cli.options import workers_option
+from mdrive_sumo.cli.stored_run_options import find_one_scenario
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.terminal import echo
@@ -21,7 +21,7 @@ from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import NETWORK_FILE
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, report_write_errors
 from mdrive_sumo.runs.journal import JOURNAL_FILE
-from mdrive_sumo.runs.run_listing import check_run_folder
+from mdrive_sumo.runs.run_folder import check_run_folder
 from mdrive_sumo.runs.stored_run import load_stored_run
 from mdrive_sumo.scenario.suite import load_suite
 

@@ -7,11 +7,9 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.ablate import command as ablate_command
-from mdrive_sumo.cli.cross_play import command as cross_play_command
-from mdrive_sumo.cli.gain import command as gain_command
 from mdrive_sumo.cli.paper import command as paper_command
-from mdrive_sumo.cli.penetration import command as penetration_command
 from mdrive_sumo.cli.setting_options import add_options, parse_comm_options, seed_options, setting_option
+from mdrive_sumo.cli.study_agents import cross_play_command, gain_command, penetration_command
 from mdrive_sumo.cli.study_display import drive_with_display
 from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names
 from mdrive_sumo.core.clock import parse_clock

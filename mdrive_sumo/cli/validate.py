@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import click
 
-from mdrive_sumo.cli.scenario_option import scenario_option
-from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.cli.options import scenario_option, workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.generate.validation import (

@@ -6,8 +6,8 @@ from typing import Any
 import click
 
 from mdrive_sumo.api.verification import FileVerification, RunVerification
-from mdrive_sumo.cli.foreign_agent import foreign_agent_options, read_permission
-from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.cli.options import workers_option
+from mdrive_sumo.cli.stored_run_options import foreign_agent_options, moved_suite_option, read_permission
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.runs.foreign_agent import describe_foreign_agent
 from mdrive_sumo.runs.prepared_run import PreparedRun
@@ -20,7 +20,7 @@ MAX_DIFFERENCES = 20
 @click.command("verify")
 @click.argument("run_folder", metavar="RUN", type=click.Path(path_type=Path))
 @click.option("--sample", type=click.IntRange(min=1), metavar="N", help="Only N scenarios, always the same ones.")
-@click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
+@moved_suite_option
 @foreign_agent_options
 @workers_option
 @click.pass_context

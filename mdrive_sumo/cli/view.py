@@ -9,8 +9,8 @@ from time import sleep as _sleep
 
 import click
 
-from mdrive_sumo.cli.choice import choose_seed, find_one_scenario
 from mdrive_sumo.cli.replay_bar import follow_pages, write_run_replays
+from mdrive_sumo.cli.stored_run_options import choose_seed, find_one_scenario, moved_suite_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
 from mdrive_sumo.report.run_page.comparison_data import (
@@ -88,7 +88,7 @@ COMPARISON_NOTES: Mapping[ReplaySelection, str] = {
 @click.option(
     "--live", is_flag=True, help="Write the page of a run that is going on anew as it grows, until it is finished."
 )
-@click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
+@moved_suite_option
 def command(run_folders: tuple[Path, ...], **options: object) -> None:
     """Open the page of a run in the browser, compare runs, or replay an episode.
 

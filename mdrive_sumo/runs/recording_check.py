@@ -40,7 +40,7 @@ def load_recording(run: PreparedRun, result: ScenarioResult) -> EpisodeRecord:
 def check_recordings(run: PreparedRun, episodes: Iterable[EpisodeKey], checksums: Mapping[EpisodeKey, str]) -> None:
     """Raise InputError for a recording of these episodes that is not the file which the journal notes.
 
-    checksums: by scenario and seed; an episode without one, as in journals of older versions, is not checked.
+    checksums: by scenario and seed; an episode without one is not checked.
     """
     for key in episodes:
         path, expected = run.find_recording(key), checksums.get(key)

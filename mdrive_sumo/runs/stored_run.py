@@ -19,8 +19,7 @@ from mdrive_sumo.runs.fingerprint import (
 from mdrive_sumo.runs.journal import JOURNAL_FILE, JournalText, read_run_journal
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.runs.run_config import RunConfig
-from mdrive_sumo.runs.run_listing import check_run_folder
-from mdrive_sumo.runs.run_results import build_partial_results
+from mdrive_sumo.runs.run_folder import build_partial_results, check_run_folder
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.scoring import Results, load_results, load_unchecked_results
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.cli.options import workers_option
 from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo, echo_live

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import click
 
-from mdrive_sumo.cli.scenario_option import make_scenario_option
-from mdrive_sumo.cli.workers import workers_option
+from mdrive_sumo.cli.options import make_scenario_option, workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.terminal import echo
 from server.archive import ArchiveLimits, Manifest

@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
-from mdrive_sumo.runs.run_results import load_run_results
+from mdrive_sumo.runs.run_folder import load_run_results
 from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, list_settings
 from mdrive_sumo.scoring import Results, load_results, summarize_run
 

@@ -14,7 +14,7 @@ import mdrive_sumo as md
 from mdrive_sumo.cli import main, view
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.journal import JOURNAL_FILE, open_journal, read_fingerprint
-from mdrive_sumo.runs.run_results import load_run_results
+from mdrive_sumo.runs.run_folder import load_run_results
 
 MARK = "partial: 2 of 3"
 

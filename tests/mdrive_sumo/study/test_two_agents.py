@@ -11,7 +11,7 @@ from testing.short_suite import make_short_suite
 from testing.study_samples import invoke, make_run, make_scenario
 
 from mdrive_sumo.agents.registry import AGENTS
-from mdrive_sumo.cli.cross_play import list_all_agents
+from mdrive_sumo.cli.study_agents import list_all_agents
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
 from mdrive_sumo.study.cross_play import summarise_cross_play

@@ -1,15 +1,23 @@
-"""Find the scenarios and recordings that a user names on the command line."""
+"""Options of commands over a stored run: which episode, where its suite is, whether its agent may run."""
 
+import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import click
+
+from mdrive_sumo.cli.setting_options import add_options, setting_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.scoring import Results
 
 if TYPE_CHECKING:
+    from mdrive_sumo.api.verification import Permission
     from mdrive_sumo.export.scored_recording import ScoredRecording
+
+moved_suite_option = click.option("--suite", metavar="NAME|DIR", help="Where the run's suite is now, if it has moved.")
 
 
 def find_one_scenario(suite: Suite, pattern: str) -> Scenario:
@@ -53,3 +61,28 @@ def load_one_recording(folder: Path, pattern: str | None, seed: int | None, suit
             f"{folder}: scenario {names[0]}: expected a recorded episode of seed {chosen}, found a void one"
         )
     return next(load_recordings(stored, of_seed))
+
+
+def foreign_agent_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add `--trust-agent`, `--sandbox` and `--agent` to a command that executes a stored run."""
+    return add_options(
+        [
+            click.option(
+                "--trust-agent", is_flag=True, help="Run the agent's file that RUN names with your permissions."
+            ),
+            click.option(
+                "--sandbox", is_flag=True, help="Run it in boxes, as a run made with `eval --sandbox` always is."
+            ),
+            click.option("--agent", metavar="PATH:CLASS", help="Where the run's agent is now, if it has moved."),
+            setting_option("agent_limits"),
+        ]
+    )(function)
+
+
+def read_permission(options: dict[str, Any]) -> "Permission":
+    """Take the options out of a command's and return them. On a terminal the user is asked if none permits it."""
+    from mdrive_sumo.api.verification import Permission  # only here: other commands execute nothing
+
+    ask = click.confirm if sys.stdin.isatty() else None
+    trusted, sandbox, place = (options.pop(name) for name in ("trust_agent", "sandbox", "agent"))
+    return Permission(trusted, sandbox, place, ask, options.pop("agent_limits"))
