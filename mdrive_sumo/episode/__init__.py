@@ -7,11 +7,9 @@ from mdrive_sumo.episode.episode import (
     NoteRecord,
     PlanRecord,
     ReceivedMessages,
-    SignalChange,
-    ThinkTime,
 )
 from mdrive_sumo.episode.episode_file import load_episode, save_episode
-from mdrive_sumo.episode.episode_schema import build_episode_schema
+from mdrive_sumo.episode.episode_schema import SignalEntry, ThinkTimeEntry, build_episode_schema
 from mdrive_sumo.episode.quantization import quantize_frame
 from mdrive_sumo.episode.recorded_frame import rebuild_frame
 from mdrive_sumo.episode.recorder import Recorder
@@ -22,9 +20,9 @@ __all__ = [
     "EpisodeRecord",
     "ReceivedMessages",
     "NoteRecord",
-    "ThinkTime",
+    "ThinkTimeEntry",
     "PlanRecord",
-    "SignalChange",
+    "SignalEntry",
     "Recorder",
     "build_episode_schema",
     "load_episode",

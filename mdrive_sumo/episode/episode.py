@@ -12,6 +12,7 @@ import numpy.typing as npt
 from mdrive_sumo.contract import CONTROL_STEP, Message, Note, TrackName, join_sensing_tracks
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import Contact, End, FailureReason
+from mdrive_sumo.episode.episode_schema import SignalEntry, ThinkTimeEntry
 from mdrive_sumo.episode.quantization import Quanta, from_quanta
 from mdrive_sumo.v2x.channel import SentMessage
 
@@ -44,24 +45,6 @@ class PlanRecord:
     ego: str
     interval_s: float
     points: Float
-
-
-@dataclass(frozen=True, slots=True)
-class SignalChange:
-    """From `tick` on the traffic light `light` shows `state` (SUMO letters)."""
-
-    tick: int
-    light: str
-    state: str
-
-
-@dataclass(frozen=True, slots=True)
-class ThinkTime:
-    """The reply to the observation of `tick` took effect `ticks` later (measured clock only)."""
-
-    ego: str
-    tick: int
-    ticks: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +84,7 @@ class EpisodeRecord:
     plans: tuple[PlanRecord, ...]
     contacts: tuple[tuple[int, Contact], ...]
     """(tick, contact), in order."""
-    signals: tuple[SignalChange, ...]
+    signals: tuple[SignalEntry, ...]
     endings: tuple[Ending, ...]
     digests: npt.NDArray[np.uint8]
     """(T, 8): the chained digest after each tick."""
@@ -110,7 +93,7 @@ class EpisodeRecord:
     notes: tuple[NoteRecord, ...] = ()
     dropped_notes: int = 0
     """Notes beyond the limits of an episode, which were not kept; see `recorder.NoteLog`."""
-    thinking: tuple[ThinkTime, ...] = ()
+    thinking: tuple[ThinkTimeEntry, ...] = ()
     pseudonyms: Mapping[str, str] = field(default_factory=dict[str, str])
     """Id in the scenario of every CAV and road-side unit by the id that agents knew it by; empty if they knew it by
     the same. Payloads of messages and texts of notes contain the ids of agents, everything else those of the scenario.

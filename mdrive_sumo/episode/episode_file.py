@@ -4,7 +4,7 @@ import json
 import zipfile
 import zlib
 from collections.abc import Sequence
-from dataclasses import asdict, astuple
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,10 @@ import numpy.typing as npt
 from mdrive_sumo.contract import Message, Note
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import new_file
-from mdrive_sumo.core.state import Contact, End, FailureReason, Kind
-from mdrive_sumo.episode.array_archive import read_arrays
-from mdrive_sumo.episode.episode import Ending, EpisodeRecord, NoteRecord, PlanRecord, SignalChange, ThinkTime
-from mdrive_sumo.episode.episode_schema import FORMAT
+from mdrive_sumo.core.state import Contact, Kind
+from mdrive_sumo.episode.array_archive import Arrays, read_arrays
+from mdrive_sumo.episode.episode import Ending, EpisodeRecord, NoteRecord, PlanRecord
+from mdrive_sumo.episode.episode_schema import FORMAT, EpisodeHeader
 from mdrive_sumo.episode.recording_checks import check_recording, parse_header
 from mdrive_sumo.scenario.scenario import shorten_value
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
@@ -40,14 +40,14 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
         "ids": episode.ids,
         "egos": episode.egos,
         "contacts": [(tick, c.ego, c.other, int(c.kind)) for tick, c in episode.contacts],
-        "signals": [(s.tick, s.light, s.state) for s in episode.signals],
+        "signals": episode.signals,
         "endings": [asdict(ending) for ending in episode.endings],
         "plans": [(p.tick, p.ego, p.interval_s, len(p.points)) for p in episode.plans],
         "messages": [(m.sender, m.tick, m.type, len(m.payload)) for m in (sent.message for sent in episode.messages)],
         "receivers": _list_receivers(episode.messages),
         "notes": [(n.tick, n.ego, n.note.kind, n.note.text) for n in episode.notes],
         **({"dropped_notes": episode.dropped_notes} if episode.dropped_notes else {}),
-        "thinking": [astuple(thinking) for thinking in episode.thinking],
+        "thinking": episode.thinking,
         "pseudonyms": dict(episode.pseudonyms),
     }
     points = [np.rint(p.points * 100).astype(np.int32) for p in episode.plans]
@@ -74,10 +74,11 @@ def load_episode(path: Path) -> EpisodeRecord:
     """Load an episode file. Raises InputError for one that is missing, corrupt or of another version."""
     try:
         arrays = read_arrays(path)
-        header = json.loads(arrays["header"].tobytes())
-        if header["format"] != FORMAT:
-            raise InputError(f"{path}: expected the format {FORMAT}, found {shorten_value(header['format'])}")
-        check_recording(parse_header(header), arrays)
+        stated = json.loads(arrays["header"].tobytes())
+        if stated["format"] != FORMAT:
+            raise InputError(f"{path}: expected the format {FORMAT}, found {shorten_value(stated['format'])}")
+        header = parse_header(stated)
+        check_recording(header, arrays)
         return _build_record(header, arrays)
     except FileNotFoundError:
         raise InputError(f"{path}: expected a recording, found no file") from None
@@ -86,19 +87,19 @@ def load_episode(path: Path) -> EpisodeRecord:
         raise InputError(f"{path}: expected a recording of mdrive-sumo, found a corrupt file ({reason})") from None
 
 
-def _build_record(header: dict[str, Any], data: dict[str, Any]) -> EpisodeRecord:
+def _build_record(header: EpisodeHeader, data: Arrays) -> EpisodeRecord:
     ticks = len(data["quanta"])
     valid = np.unpackbits(data["valid"], axis=0, count=ticks).astype(np.bool_)
     plans, begin = [], 0
-    for tick, ego, interval_s, count in header["plans"]:
+    for tick, ego, interval_s, count in header.plans:
         points = np.cumsum(data["plan_points"][begin : begin + count].astype(np.int32), axis=0) / 100
         plans.append(PlanRecord(tick, ego, interval_s, points))
         begin += count
     return EpisodeRecord(
-        scenario=header["scenario"],
-        about=header["about"],
-        ids=tuple(header["ids"]),
-        egos=header["egos"],
+        scenario=header.scenario,
+        about=header.about,
+        ids=tuple(header.ids),
+        egos=header.egos,
         kind=data["kind"],
         length=data["length"],
         width=data["width"],
@@ -106,15 +107,15 @@ def _build_record(header: dict[str, Any], data: dict[str, Any]) -> EpisodeRecord
         quanta=_integrate_twice(data["quanta"], valid),
         controls=np.cumsum(data["controls"], axis=0, dtype=np.int32).astype(np.int16),
         plans=tuple(plans),
-        contacts=tuple((tick, Contact(ego, other, Kind(kind))) for tick, ego, other, kind in header["contacts"]),
-        signals=tuple(SignalChange(*change) for change in header["signals"]),
-        endings=tuple(_build_ending(**ending) for ending in header["endings"]),
+        contacts=tuple((tick, Contact(ego, other, Kind(kind))) for tick, ego, other, kind in header.contacts),
+        signals=tuple(header.signals),
+        endings=tuple(Ending(**dict(ending)) for ending in header.endings),
         digests=data["digests"],
         messages=_build_messages(header, data),
-        notes=tuple(NoteRecord(tick, ego, Note(kind, text)) for tick, ego, kind, text in header["notes"]),
-        dropped_notes=int(header.get("dropped_notes", 0)),
-        thinking=tuple(ThinkTime(*thinking) for thinking in header["thinking"]),
-        pseudonyms=header["pseudonyms"],
+        notes=tuple(NoteRecord(tick, ego, Note(kind, text)) for tick, ego, kind, text in header.notes),
+        dropped_notes=header.dropped_notes,
+        thinking=tuple(header.thinking),
+        pseudonyms=header.pseudonyms,
     )
 
 
@@ -133,19 +134,15 @@ def _fates(messages: Sequence[SentMessage]) -> npt.NDArray[np.int32]:
     return np.array(rows, dtype=np.int32).reshape(-1, 4)
 
 
-def _build_messages(header: dict[str, Any], data: dict[str, Any]) -> tuple[SentMessage, ...]:
-    fates: list[dict[str, tuple[DeliveryStatus, int]]] = [{} for _ in header["messages"]]
+def _build_messages(header: EpisodeHeader, data: Arrays) -> tuple[SentMessage, ...]:
+    fates: list[dict[str, tuple[DeliveryStatus, int]]] = [{} for _ in header.messages]
     for i, receiver, fate, tick in np.cumsum(data["fates"], axis=0).tolist():
-        fates[i][header["receivers"][receiver]] = (_FATES[fate], tick)
+        fates[i][header.receivers[receiver]] = (_FATES[fate], tick)
     payloads, begin, messages = data["payloads"].tobytes(), 0, list[SentMessage]()
-    for (sender, tick, name, size), what in zip(header["messages"], fates, strict=True):
+    for (sender, tick, name, size), what in zip(header.messages, fates, strict=True):
         messages.append(SentMessage(Message(name, payloads[begin : begin + size], sender, tick), what))
         begin += size
     return tuple(messages)
-
-
-def _build_ending(ego: str, tick: int, end: str, failure: str | None, text: str, failed_tick: int | None) -> Ending:
-    return Ending(ego, tick, End(end), FailureReason(failure) if failure else None, text, failed_tick)
 
 
 def _compute_differences(values: Ints) -> Ints:

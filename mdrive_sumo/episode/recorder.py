@@ -16,8 +16,8 @@ from mdrive_sumo.episode.episode import (
     NoteRecord,
     PlanRecord,
     ReceivedMessages,
-    SignalChange,
-    ThinkTime,
+    SignalEntry,
+    ThinkTimeEntry,
 )
 from mdrive_sumo.episode.quantization import Quanta, to_quanta
 from mdrive_sumo.v2x.channel import SentMessage
@@ -95,7 +95,7 @@ class Recorder:
         self._controls: list[npt.NDArray[np.int16]] = []
         self._plans: list[PlanRecord] = []
         self._contacts: list[tuple[int, Contact]] = []
-        self._signals: list[SignalChange] = []
+        self._signals: list[SignalEntry] = []
         self._notes = NoteLog()
         self._last_signals: dict[str, str] = {}
         self._digests: list[bytes] = []
@@ -159,7 +159,7 @@ class Recorder:
         for light, state in frame.signals.items():
             if self._last_signals.get(light) != state:
                 self._last_signals[light] = state
-                self._signals.append(SignalChange(frame.tick, light, state))
+                self._signals.append(SignalEntry(frame.tick, light, state))
 
     def _add_digest(
         self, frame: Frame, quanta: Quanta, applied: npt.NDArray[np.int16], received: ReceivedMessages
@@ -180,7 +180,7 @@ class Recorder:
         self._digests.append(self._chain.digest())
 
     def finish(
-        self, endings: Sequence[Ending], sent: Sequence[SentMessage] = (), thinking: Sequence[ThinkTime] = ()
+        self, endings: Sequence[Ending], sent: Sequence[SentMessage] = (), thinking: Sequence[ThinkTimeEntry] = ()
     ) -> EpisodeRecord:
         """Return the record of all added ticks."""
         shape = (len(self._rows), len(self._columns))

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from mdrive_sumo.contract import Observation, Reply
 from mdrive_sumo.core.clock import Clock
-from mdrive_sumo.episode import ThinkTime
+from mdrive_sumo.episode import ThinkTimeEntry
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure
 from mdrive_sumo.loop.request_pace import RequestPace
 
@@ -23,7 +23,7 @@ class AgentScheduler:
         self,
         drivers: Mapping[str, AgentDriver],
         clock: Clock,
-        recorded: Sequence[ThinkTime],
+        recorded: Sequence[ThinkTimeEntry],
         report_failure: Callable[[str, AgentFailure], None],
         pace: RequestPace | None = None,
     ) -> None:
@@ -35,7 +35,7 @@ class AgentScheduler:
         self._drivers, self._clock, self._report_failure = drivers, clock, report_failure
         self._recorded_ticks = {(one.ego, one.tick): one.ticks for one in recorded} if recorded else None
         self._pending: dict[str, _PendingReply] = {}
-        self.think_times: list[ThinkTime] = []
+        self.think_times: list[ThinkTimeEntry] = []
         """All think times of one tick or more under a measured clock."""
 
     def find_busy(self, tick: int) -> set[str]:
@@ -68,7 +68,7 @@ class AgentScheduler:
         else:
             ticks = self._clock.delay_ticks(self._drivers[ego].think_time_s)
         if self._clock.kind == "measured" and ticks:
-            self.think_times.append(ThinkTime(ego, tick, ticks))
+            self.think_times.append(ThinkTimeEntry(ego, tick, ticks))
         return ticks
 
     def _prepare(self, ego: str, observation: Observation) -> bool:

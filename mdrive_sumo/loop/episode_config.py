@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from mdrive_sumo.episode import Ending, ThinkTime
+from mdrive_sumo.episode import Ending, ThinkTimeEntry
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.loop.pseudonyms import derive_pseudonyms
 from mdrive_sumo.roads import RoadMap
@@ -28,7 +28,7 @@ class EpisodeConfig:
     replayed_failures: tuple[Ending, ...] = ()
     """Agent failures of a recorded run. They are repeated in the same tick, because a time-out is not reproducible."""
     options: EpisodeOptions = EpisodeOptions()
-    think_times: tuple[ThinkTime, ...] = ()
+    think_times: tuple[ThinkTimeEntry, ...] = ()
     """Think times of the agents of a recorded run, to re-execute it under a measured clock."""
     pass_through: bool = False
     """Whether boxes may overlap; contacts are recorded in either case."""

@@ -22,7 +22,7 @@ from mdrive_sumo.episode import (
     EpisodeRecord,
     ReceivedMessages,
     Recorder,
-    ThinkTime,
+    ThinkTimeEntry,
     quantize_frame,
 )
 from mdrive_sumo.loop.agent_driver import AgentFailure
@@ -140,7 +140,7 @@ class EpisodeSimulation:
         failure = Ending(ego, tick, End.AGENT_FAILED, error.failure, error.text, tick)
         self._failures.setdefault(ego, failure)
 
-    def finish(self, think_times: Sequence[ThinkTime] = ()) -> EpisodeRecord:
+    def finish(self, think_times: Sequence[ThinkTimeEntry] = ()) -> EpisodeRecord:
         """Return the read-only record of the finished episode."""
         if not self.is_done:
             raise RuntimeError("episode: expected every CAV to have ended before finish()")

@@ -13,7 +13,7 @@ from mdrive_sumo.agent_process.sandbox import BoxKilledError
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_locator
 from mdrive_sumo.core.state import End
-from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTime, load_episode, save_episode
+from mdrive_sumo.episode import Ending, EpisodeRecord, ThinkTimeEntry, load_episode, save_episode
 from mdrive_sumo.episode.camera_archive import CameraArchiveWriter
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.loop import EpisodeConfig, run_episode
@@ -58,7 +58,7 @@ class EpisodeJob:
     """File for the camera images that agents are given; None: none."""
     replayed_failures: tuple[Ending, ...] = ()
     """Agent failures of the recorded run, for re-execution."""
-    think_times: tuple[ThinkTime, ...] = ()
+    think_times: tuple[ThinkTimeEntry, ...] = ()
     """Think times of the agents of the recorded run, for re-execution."""
     checksum: str = ""
     """Of the scenario's file when the run was prepared, because a worker reads it again; "": not checked."""

@@ -11,7 +11,15 @@ from hypothesis import strategies as st
 from mdrive_sumo.contract import Control, Message, Note, Plan
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Actors, Contact, EgoState, End, FailureReason, Frame, Kind
-from mdrive_sumo.episode import Ending, EpisodeRecord, Recorder, ThinkTime, load_episode, quantize_frame, save_episode
+from mdrive_sumo.episode import (
+    Ending,
+    EpisodeRecord,
+    Recorder,
+    ThinkTimeEntry,
+    load_episode,
+    quantize_frame,
+    save_episode,
+)
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
 
 SIZES = {"0": (4.9, 2.0), "1": (4.9, 2.0)}
@@ -50,7 +58,7 @@ def recorded(ticks: int = 40, seed: int = 0) -> EpisodeRecord:
         Ending("0", ticks - 1, End.ARRIVED),
         Ending("1", ticks // 2 - 1, End.AGENT_FAILED, FailureReason.TIMEOUT, "act: …", failed_tick=3),
     ]
-    return recorder.finish(endings, tuple(sent(tick, rng) for tick in range(ticks)), (ThinkTime("0", 3, 2),))
+    return recorder.finish(endings, tuple(sent(tick, rng) for tick in range(ticks)), (ThinkTimeEntry("0", 3, 2),))
 
 
 def sent(tick: int, rng: np.random.Generator) -> SentMessage:

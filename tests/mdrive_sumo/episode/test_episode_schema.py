@@ -10,7 +10,7 @@ from testing.worlds import EmptyWorld, Says, pedals, straight_ego, straight_road
 
 from mdrive_sumo.contract import Message, Note, Observation, Plan, Reply
 from mdrive_sumo.core.clock import Clock
-from mdrive_sumo.episode import ThinkTime, load_episode, save_episode
+from mdrive_sumo.episode import ThinkTimeEntry, load_episode, save_episode
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.episode.episode_schema import ARRAYS, DIMENSIONS, EpisodeHeader, build_episode_schema
 from mdrive_sumo.loop import EpisodeConfig, run_episode
@@ -34,7 +34,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         seed=0,
         about={"agent": "test"},
         options=EpisodeOptions(clock=Clock("measured")),
-        think_times=(ThinkTime("2", 2, 3),),
+        think_times=(ThinkTimeEntry("2", 2, 3),),
     )
     agents = {
         "0": Says(lambda seen: pedals(brake=1.0)),

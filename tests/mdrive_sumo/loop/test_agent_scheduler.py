@@ -11,7 +11,7 @@ from testing.worlds import EmptyWorld, Says, pedals, straight_ego, straight_road
 from mdrive_sumo.contract import Message, Note, Observation, Reply
 from mdrive_sumo.core.clock import Clock, parse_clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.episode import EpisodeRecord, ThinkTime
+from mdrive_sumo.episode import EpisodeRecord, ThinkTimeEntry
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
@@ -129,7 +129,7 @@ class Slow(LocalDriver):
 
 
 def test_measured_thinking_is_recorded_and_can_be_repeated() -> None:
-    def run(driver: type[LocalDriver], think_times: tuple[ThinkTime, ...] = ()) -> EpisodeRecord:
+    def run(driver: type[LocalDriver], think_times: tuple[ThinkTimeEntry, ...] = ()) -> EpisodeRecord:
         options = EpisodeOptions(clock=Clock("measured"))
         made = EpisodeConfig(TWO, straight_road(), seed=0, options=options, think_times=think_times)
         return run_episode(made, EmptyWorld(), {ego: driver(Says(lambda seen: QUIET)) for ego in "01"})

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 from testing.viewer_crossing import record
 
-from mdrive_sumo.episode.episode import SignalChange
+from mdrive_sumo.episode.episode import SignalEntry
 from mdrive_sumo.report.palette import LIGHT
 from mdrive_sumo.report.render.rendered_episode import SignalStates
 
-CHANGES = (SignalChange(3, "c", "rG"), SignalChange(10, "c", "yo"), SignalChange(5, "d:x", "g"))
+CHANGES = (SignalEntry(3, "c", "rG"), SignalEntry(10, "c", "yo"), SignalEntry(5, "d:x", "g"))
 
 
 @pytest.mark.parametrize(
