@@ -39,6 +39,7 @@ from mdrive_sumo.planning.pedestrian_caution import limit_speeds_near_pedestrian
 from mdrive_sumo.planning.planning_order import find_planning_order
 from mdrive_sumo.planning.profile_search import find_fastest_profile
 from mdrive_sumo.planning.reference_path import (
+    PathState,
     ReferencePath,
     RouteSpeeds,
     build_path,
@@ -159,7 +160,7 @@ class OmniscientAgent:
     def _find_reason(self, seen: Observation, known: Privileged) -> Reason:
         """Return why the profile is slower than a drive on a free road: the first thing that this would meet."""
         assert self._profile is not None, "a review makes a profile first"
-        start, lattice = (self._s, max(seen.own.speed, 0.0)), self._scale.lattice
+        start, lattice = PathState(self._s, max(seen.own.speed, 0.0)), self._scale.lattice
         free = predict_free_stations(round_limits(self._speeds, lattice), lattice, start, TIMES)
         age_s = (seen.tick - self._profile_tick) * self._briefing.tick_s
         if not falls_behind(self._profile, age_s, free, TIMES):
@@ -210,7 +211,7 @@ class OmniscientAgent:
         fleet = FleetPaths(plan_joint_detours(known, briefing), (briefing.vehicle.length, briefing.vehicle.width))
         until_s = briefing.time_limit_s - self._parameters.time_reserve_s
         problems = {
-            ego: build_free_road_problem(path, self._compute_speeds(path), (0.0, 0.0), 0.0, until_s)
+            ego: build_free_road_problem(path, self._compute_speeds(path), PathState(0.0, 0.0), 0.0, until_s)
             for ego, path in fleet.path_by_ego.items()
         }
         return fleet, find_planning_order(fleet, problems)
@@ -278,7 +279,7 @@ class OmniscientAgent:
         briefing = self._briefing
         now_s = seen.tick * briefing.tick_s
         speeds = limit_speeds_near_pedestrians(self._path, self._speeds, known.objects, briefing.vehicle)
-        start, lattice = (self._s, seen.own.speed), self._scale.lattice
+        start, lattice = PathState(self._s, seen.own.speed), self._scale.lattice
         free = build_free_road_problem(self._path, speeds, start, now_s, self._find_horizon(now_s), lattice)
         if self._road is not None:
             return self._find_profile_on_roads(seen, known, free)

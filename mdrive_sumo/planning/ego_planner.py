@@ -8,7 +8,6 @@ from mdrive_sumo.contract import Briefing, Note, Objects, Observation, OwnState,
 from mdrive_sumo.planning.interaction_prediction import EXACT, InteractionPredictor
 from mdrive_sumo.planning.motion_prediction import PredictedMotion
 from mdrive_sumo.planning.obstacle_avoidance import ObstacleAvoidance
-from mdrive_sumo.planning.parameters import STOP_LINE
 from mdrive_sumo.planning.space_time_planner import SpaceTimePlanner
 from mdrive_sumo.planning.stop_lines import StopLines, StopPoint, build_stop_lines
 
@@ -56,12 +55,7 @@ class EgoPlanner:
 
     def _find_line_stops(self, seen: Observation) -> list[StopPoint]:
         """Return the stop signs and red lights ahead."""
-        here, speed = self.planner.s, seen.own.speed
-
-        def can_stop(line: float) -> bool:
-            return line > here and (speed * speed) / (2 * max(line - here, 0.5)) < STOP_LINE.yellow_braking
-
-        return self._stop_lines.find_stops(here, speed, seen.signals, can_stop)
+        return self._stop_lines.find_stops(self.planner.s, seen.own.speed, seen.signals)
 
 
 def exclude_objects(objects: Objects, ids: Collection[str]) -> Objects:

@@ -9,7 +9,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.planning.parameters import MARGINS, PLANNER, SafetyMargin
 from mdrive_sumo.planning.profile_search import find_fastest_profile
-from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
+from mdrive_sumo.planning.reference_path import SPACING_M, PathState, ReferencePath
 from mdrive_sumo.planning.speed_lattice import LatticeParameters, choose_lattice
 from mdrive_sumo.planning.speed_profile import SpeedProfile, SpeedProfileProblem, build_free_road_problem
 
@@ -32,7 +32,7 @@ EVASION_LATTICE = LatticeParameters(medium_top_speed=math.inf)
 
 
 def build_evasion_problem(
-    path: ReferencePath, speeds: Float, start: tuple[float, float], top_speed: float
+    path: ReferencePath, speeds: Float, start: PathState, top_speed: float
 ) -> SpeedProfileProblem:
     """Return the problem of driving on for `horizon_s` on a free road, from a station [m] and speed [m/s].
 
@@ -65,20 +65,20 @@ def find_evasive_profile(problem: SpeedProfileProblem, block: Callable[[SafetyMa
 
 def find_latest_contact(
     speeds: Float,
-    start: tuple[float, float],
+    start: PathState,
     find_met: Callable[[Float, Float], Bool],
     present: tuple[SpeedProfile, float] | None = None,
     parameters: EvasionParameters = EVASION,
 ) -> SpeedProfile:
     """Return the rest of the present profile or a profile of constant acceleration: what meets something last.
 
-    speeds: (M,) [m/s] highest at the points of the path; start: station [m] and speed [m/s];
+    speeds: (M,) [m/s] highest at the points of the path;
     find_met(stations (T,) [m], times (T,) [s]) returns a mask (T,); present: a profile and its age [s].
     """
     best: SpeedProfile | None = None
     longest = -1
     rest = [] if present is None else [_build_rest(*present, parameters)]
-    constant = (_build_profile(speeds, start, one, parameters) for one in parameters.accelerations)
+    constant = (_build_profile(speeds, start, each, parameters) for each in parameters.accelerations)
     for profile in (*rest, *constant):
         times = np.arange(1, len(profile.s), dtype=np.float64) * parameters.step_s
         met = find_met(profile.s[1:], times)
@@ -97,12 +97,10 @@ def _build_rest(profile: SpeedProfile, age_s: float, parameters: EvasionParamete
     return SpeedProfile(stations[:-1], (stations[1:] - stations[:-1]) / step_s, reaches_goal=False, step_s=step_s)
 
 
-def _build_profile(
-    speeds: Float, start: tuple[float, float], acceleration: float, parameters: EvasionParameters
-) -> SpeedProfile:
+def _build_profile(speeds: Float, start: PathState, acceleration: float, parameters: EvasionParameters) -> SpeedProfile:
     """Return the profile with that acceleration [m/s2], within the highest speeds."""
     step_s = parameters.step_s
-    s, speed = [start[0]], [max(start[1], 0.0)]
+    s, speed = [start.s], [max(start.speed, 0.0)]
     for _ in range(round(parameters.horizon_s / step_s)):
         limit = float(speeds[min(int(s[-1] / SPACING_M), len(speeds) - 1)])
         highest = max(limit, speed[-1] - 4.0 * step_s)

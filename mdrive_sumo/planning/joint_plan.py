@@ -19,7 +19,13 @@ from mdrive_sumo.planning.fleet_paths import FleetPaths
 from mdrive_sumo.planning.parameters import JOINT_PLANNING, JointPlanningParameters
 from mdrive_sumo.planning.planning_order import find_planning_order
 from mdrive_sumo.planning.planning_scale import PROTOCOL_SCALE, PlanningScale
-from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath, build_path, interpolate_legal_speeds
+from mdrive_sumo.planning.reference_path import (
+    SPACING_M,
+    PathState,
+    ReferencePath,
+    build_path,
+    interpolate_legal_speeds,
+)
 from mdrive_sumo.planning.speed_lattice import FINE, LatticeParameters, choose_lattice
 from mdrive_sumo.planning.speed_profile import SpeedProfileProblem, build_free_road_problem
 
@@ -84,8 +90,8 @@ def _build_problem(problem: _JointProblem, ego: str, path: ReferencePath) -> Spe
     state, lattice = problem.known.states[row], choose_lattice(problem.scale.top_speed, LatticeParameters(10.0, 0.0))
     route_s = np.linspace(0.0, path.goal_s, len(problem.known.routes[row]))
     speeds = problem.compute_speeds(path, interpolate_legal_speeds(path, route_s, problem.known.speed_limits[row]))
-    start = path.project(state.x, state.y, 0.0), max(state.speed, 0.0)
-    return build_free_road_problem(path, speeds, start, 0.0, find_road_horizon(speeds, start[0]), lattice)
+    start = PathState(path.project(state.x, state.y, 0.0), max(state.speed, 0.0))
+    return build_free_road_problem(path, speeds, start, 0.0, find_road_horizon(speeds, start.s), lattice)
 
 
 def find_road_horizon(speeds: Float, s: float, parameters: RoadHorizon = ROAD_HORIZON) -> float:

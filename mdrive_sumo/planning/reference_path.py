@@ -7,6 +7,7 @@ densely, with its curvature and the heading of the car's body along it.
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -38,6 +39,15 @@ LOOK_AHEAD_S = 4.0
 """[s] A route that slows a car further ahead, at its cruising speed, is no reason for what it does now."""
 NOTICEABLE_SPEED = 0.5
 """[m/s] A route that takes less off the cruising speed does not limit it: half a step of the finest lattice."""
+
+
+class PathState(NamedTuple):
+    """Where on a path a car is, and how fast."""
+
+    s: float
+    """Arc length [m]."""
+    speed: float
+    """[m/s] Along the path."""
 
 
 @dataclass(frozen=True)

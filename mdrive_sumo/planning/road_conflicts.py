@@ -13,8 +13,8 @@ from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.evasive_profile import build_evasion_problem, find_evasive_profile, find_latest_contact
 from mdrive_sumo.planning.fleet_paths import FleetPaths, predict_stations_at
 from mdrive_sumo.planning.moving_traffic import TRAFFIC
-from mdrive_sumo.planning.parameters import MARGINS, STOP_LINE, SafetyMargin
-from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
+from mdrive_sumo.planning.parameters import MARGINS, SafetyMargin
+from mdrive_sumo.planning.reference_path import SPACING_M, PathState, ReferencePath
 from mdrive_sumo.planning.road_direction import RoadDirection
 from mdrive_sumo.planning.speed_profile import SpeedProfile
 from mdrive_sumo.planning.stop_lines import StopLines
@@ -75,7 +75,7 @@ class RoadConflicts:
 
         speeds: (M,) [m/s] highest at the points of the own path; age_s: [s] of the present profile.
         """
-        start, path = (now.s, now.speed), fleet.path_by_ego[self.briefing.ego_id]
+        start, path = PathState(now.s, now.speed), fleet.path_by_ego[self.briefing.ego_id]
         problem = build_evasion_problem(path, speeds, start, self.top_speed)
         profile = find_evasive_profile(problem, partial(self.find_blocked, now, fleet, problem.cells, problem.times))
         if profile is not None:
@@ -118,9 +118,4 @@ class RoadConflicts:
 
 def find_red_light(lights: StopLines, s: float, seen: Observation) -> float:
     """Return the station [m] that the box centre must not pass now because of a light; infinity if there is none."""
-    speed = seen.own.speed
-
-    def can_stop(line: float) -> bool:
-        return line > s and (speed * speed) / (2 * max(line - s, 0.5)) < STOP_LINE.yellow_braking
-
-    return min((stop.s for stop in lights.find_stops(s, speed, seen.signals, can_stop)), default=math.inf)
+    return min((stop.s for stop in lights.find_stops(s, seen.own.speed, seen.signals)), default=math.inf)

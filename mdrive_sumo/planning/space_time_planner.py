@@ -20,6 +20,7 @@ from mdrive_sumo.planning.planning_scale import PlanningScale, find_planning_sca
 from mdrive_sumo.planning.profile_search import find_fastest_profile
 from mdrive_sumo.planning.reference_path import (
     SPACING_M,
+    PathState,
     ReferencePath,
     RouteSpeeds,
     build_path,
@@ -92,15 +93,15 @@ class SpaceTimePlanner:
         profile, replan_ticks = self._profile, self.scale.replan_ticks
         conflicts = MotionConflicts(self.path, self._briefing.vehicle, motions)
         if profile is None or not self._is_on_course(tick):
-            start = self.s, speed
+            start = PathState(self.s, speed)
         elif (tick - self._profile_tick) % replan_ticks == 0:
             layer = min((tick - self._profile_tick) // replan_ticks, len(profile.s) - 1)
-            start = float(profile.s[layer]), float(profile.speed[layer])
+            start = PathState(float(profile.s[layer]), float(profile.speed[layer]))
             in_queue = any(motion.min_gap_m for motion in motions)
-            if in_queue and not start[1] and abs(speed) <= self._parameters.stopped_speed:
-                start = self.s, 0.0  # its estimated position drifts: a standing car must not follow that
+            if in_queue and not start.speed and abs(speed) <= self._parameters.stopped_speed:
+                start = PathState(self.s, 0.0)  # its estimated position drifts: a standing car must not follow that
         elif self._is_unsafe(tick, conflicts):
-            start = self.s, speed
+            start = PathState(self.s, speed)
         else:
             return
         profile = self._find_profile(tick, start, conflicts, stop_points)
@@ -131,11 +132,11 @@ class SpaceTimePlanner:
     def _find_profile(
         self,
         tick: int,
-        start: tuple[float, float],
+        start: PathState,
         conflicts: MotionConflicts,
         stop_points: Sequence[StopPoint],
     ) -> SpeedProfile | None:
-        """Return the fastest profile from start (arc length [m], speed [m/s]); None if all collide."""
+        """Return the fastest profile from `start`; None if all collide."""
         problem, parameters = self._build_problem(tick, start), self._parameters
         if tick - self._moved_tick > parameters.deadlock_ticks:
             blocked = self._find_blocked(problem, conflicts, stop_points, parameters.deadlock_margin)
@@ -149,7 +150,7 @@ class SpaceTimePlanner:
         )
         return find_fastest_profile(problem)
 
-    def _build_problem(self, tick: int, start: tuple[float, float]) -> SpeedProfileProblem:
+    def _build_problem(self, tick: int, start: PathState) -> SpeedProfileProblem:
         """Return the problem of driving on a free road for the horizon."""
         now_s = tick / TICKS_PER_SECOND
         lattice = self.scale.lattice
@@ -193,14 +194,12 @@ class SpaceTimePlanner:
                 blocked[_find_stop_cell(problem, stop) :] = True
         return blocked
 
-    def _find_reason(
-        self, start: tuple[float, float], conflicts: MotionConflicts, stop_points: Sequence[StopPoint]
-    ) -> Reason:
+    def _find_reason(self, start: PathState, conflicts: MotionConflicts, stop_points: Sequence[StopPoint]) -> Reason:
         """Return why the new profile does not drive as on a free road: the first thing that such a drive would meet."""
         assert self._profile is not None, "update() has just made it"
         free = predict_free_stations(self._rounded_limits, self.scale.lattice, start, TIMES)
         if not falls_behind(self._profile, 0.0, free, TIMES):
-            return self._speeds.find_reason(start[0])
+            return self._speeds.find_reason(start.s)
         first, reason = len(TIMES), self.reason
         for stop in stop_points:
             passed = np.flatnonzero((free > stop.s) & (stop.until_s >= TIMES))
@@ -211,7 +210,7 @@ class SpaceTimePlanner:
             first, reason = met[0], met[1].reason
         if first == len(TIMES) or reason.distance_m is not None:
             return reason
-        return replace(reason, distance_m=float(free[first]) - start[0], seconds=reason.seconds or float(TIMES[first]))
+        return replace(reason, distance_m=float(free[first]) - start.s, seconds=reason.seconds or float(TIMES[first]))
 
     def predict_desired_points(self, speed: float, points: int) -> Float:
         """Return where the car would be every `interval_s` on a free road (points, 2) [m], from that speed [m/s] on."""

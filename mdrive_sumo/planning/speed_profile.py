@@ -9,7 +9,7 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.planning.parameters import MARGINS, PROFILE, ProfileParameters, SafetyMargin
-from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
+from mdrive_sumo.planning.reference_path import SPACING_M, PathState, ReferencePath
 from mdrive_sumo.planning.speed_lattice import (
     FINE,
     SAMPLE_S,
@@ -141,17 +141,17 @@ class SpeedProfileProblem:
 def build_free_road_problem(
     path: ReferencePath,
     speeds: Float,
-    start: tuple[float, float],
+    start: PathState,
     now_s: float,
     until_s: float,
     lattice: SpeedLattice = FINE,
 ) -> SpeedProfileProblem:
     """Return the problem of driving to the goal on a free road.
 
-    speeds: (M,) limit [m/s] at each point of the path; start: arc length [m] and speed [m/s]; now_s, until_s: the
-    present time and the time limit [s] of the episode.
+    speeds: (M,) limit [m/s] at each point of the path; now_s, until_s: the present time and the time limit [s] of the
+    episode.
     """
-    first_s, speed = start[0], max(start[1], 0.0)
+    first_s, speed = start.s, max(start.speed, 0.0)
     lattice_s = first_s + lattice.compute_shift(speed)
     goal = max(math.ceil((path.goal_s + PROFILE.beyond_goal_m - lattice_s) / lattice.cell_m), 0)
     ahead = np.arange(goal + lattice.max_cells_per_step + 1)
@@ -175,13 +175,10 @@ def round_limits(limits: Float, lattice: SpeedLattice) -> list[float]:
     return list[float]((steps * lattice.speed_step).tolist())
 
 
-def predict_free_stations(
-    limits: Sequence[float], lattice: SpeedLattice, start: tuple[float, float], times: Float
-) -> Float:
+def predict_free_stations(limits: Sequence[float], lattice: SpeedLattice, start: PathState, times: Float) -> Float:
     """Return the arc lengths (T,) [m] at equidistant `times` (T,) [s] of a drive that no road user limits.
 
-    limits: `round_limits` at the points of the path; start: arc length [m] and speed [m/s]. It tells what limits a
-    profile, and is no plan: it may brake late.
+    limits: `round_limits` at the points of the path. It tells what limits a profile, and is no plan: it may brake late.
     """
     s, speed = start
     step_s = float(times[0])

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 from mdrive_sumo.contract import Briefing, Cause, Reason, TrafficLight
@@ -31,17 +32,25 @@ class StopLines:
     ) -> None:
         self._signs, self._lights, self._parameters = list(signs), lights, parameters
 
-    def find_stops(self, here: float, speed: float, signals: Mapping[str, str], can_stop: CanStop) -> list[StopPoint]:
+    def find_stops(
+        self, here: float, speed: float, signals: Mapping[str, str], can_stop: CanStop | None = None
+    ) -> list[StopPoint]:
         """Return the stop points at stop signs and closed lights.
 
-        here: station of the car [m]; speed [m/s]; signals: state letter by traffic light id.
+        here: station of the car [m]; speed [m/s]; signals: state letter by traffic light id; can_stop: whether a
+        car stops at a yellow light, by default if braking with `yellow_braking` is enough.
         """
         self._signs = [line for line in self._signs if not self._is_obeyed(line, here, speed)]
         stops = [_build_stop(line - self._parameters.sign_gap_m, here, Cause.STOP_SIGN) for line in self._signs]
+        can_stop = can_stop or partial(self._can_stop_gently, here, speed)
         for light in self._lights:
             if self._is_closed(light.s, signals.get(light.id, "g"), here, can_stop):
                 stops.append(_build_stop(light.s - self._parameters.light_gap_m, here, Cause.LIGHT, (light.id,)))
         return stops
+
+    def _can_stop_gently(self, here: float, speed: float, line: float) -> bool:
+        """Return whether the car can stop with `yellow_braking`; closer than 0.5 m the distance does not matter."""
+        return line > here and (speed * speed) / (2 * max(line - here, 0.5)) < self._parameters.yellow_braking
 
     def _is_obeyed(self, line: float, here: float, speed: float) -> bool:
         """Return whether the car stands before the line of a stop sign or has passed it."""

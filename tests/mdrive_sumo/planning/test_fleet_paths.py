@@ -16,7 +16,7 @@ from mdrive_sumo.planning.fleet_paths import (
 )
 from mdrive_sumo.planning.parameters import MARGINS
 from mdrive_sumo.planning.planning_order import find_planning_order
-from mdrive_sumo.planning.reference_path import ReferencePath, build_path
+from mdrive_sumo.planning.reference_path import PathState, ReferencePath, build_path
 from mdrive_sumo.planning.speed_profile import (
     SpeedProfileProblem,
     build_free_road_problem,
@@ -32,7 +32,7 @@ def straight_path() -> ReferencePath:
 
 
 def free_task(path: ReferencePath, speed: float = 0.0, until_s: float = 30.0) -> SpeedProfileProblem:
-    return build_free_road_problem(path, np.full(len(path.xy), 9.0), (0.0, speed), 0.0, until_s)
+    return build_free_road_problem(path, np.full(len(path.xy), 9.0), PathState(0.0, speed), 0.0, until_s)
 
 
 def cars(*rows: tuple[float, float, float, float]) -> Objects:

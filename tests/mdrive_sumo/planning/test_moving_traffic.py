@@ -8,7 +8,7 @@ from testing.road_speeds import centre_line
 from mdrive_sumo.planning.car_following import FOLLOWING, find_vehicles_ahead, predict_travel
 from mdrive_sumo.planning.evasive_profile import build_evasion_problem, find_evasive_profile, find_latest_contact
 from mdrive_sumo.planning.parameters import MARGINS
-from mdrive_sumo.planning.reference_path import build_path
+from mdrive_sumo.planning.reference_path import PathState, build_path
 from mdrive_sumo.planning.road_direction import build_road_direction
 from mdrive_sumo.planning.traffic_prediction import AccelerationEstimator, TrafficView
 
@@ -80,7 +80,7 @@ def test_a_slow_car_leaves_the_way_of_a_fast_one_instead_of_stopping_in_it() -> 
     def find_met(stations: np.ndarray, times: np.ndarray) -> np.ndarray:
         return (times > 2.0) & (times < 4.0) & (np.abs(stations - 10.0) < 6.0)
 
-    profile = find_latest_contact(np.full(400, 15.0), (8.0, 4.0), find_met)
+    profile = find_latest_contact(np.full(400, 15.0), PathState(8.0, 4.0), find_met)
     assert profile.speed.min() >= 4.0
     assert not find_met(profile.s[1:], np.arange(1, len(profile.s)) * profile.step_s).any()
 
@@ -88,7 +88,7 @@ def test_a_slow_car_leaves_the_way_of_a_fast_one_instead_of_stopping_in_it() -> 
 def test_a_fast_car_changes_its_speed_every_half_second_to_evade() -> None:
     """A vehicle fills its way from 1 s to 2 s on, 33 m ahead: it brakes for a second, and passes behind."""
     path, speeds = build_path(ROUTE, 1.42), np.full(2000, 22.0)
-    problem = build_evasion_problem(path, speeds, (10.0, 20.0), 22.0)
+    problem = build_evasion_problem(path, speeds, PathState(10.0, 20.0), 22.0)
     blocked = np.zeros_like(problem.blocked)
     blocked[8:16, 130:170] = True
     profile = find_evasive_profile(problem, lambda _: blocked.copy())
@@ -100,8 +100,8 @@ def test_a_fast_car_changes_its_speed_every_half_second_to_evade() -> None:
 
 
 def test_a_present_profile_without_contact_is_kept() -> None:
-    never = find_latest_contact(np.full(400, 15.0), (0.0, 8.0), lambda s, _: s > 1e3)
-    kept = find_latest_contact(np.full(400, 15.0), (0.0, 8.0), lambda s, _: s > 1e3, (never, 1.0))
+    never = find_latest_contact(np.full(400, 15.0), PathState(0.0, 8.0), lambda s, _: s > 1e3)
+    kept = find_latest_contact(np.full(400, 15.0), PathState(0.0, 8.0), lambda s, _: s > 1e3, (never, 1.0))
     assert kept.speed[0] == pytest.approx(never.speed[4], abs=0.6)
 
 

@@ -11,7 +11,7 @@ from testing.sampling import examples
 from mdrive_sumo.planning.parameters import AVOIDANCE, DETOUR, MARGINS, PLANNER, RIGHT_OF_WAY
 from mdrive_sumo.planning.planning_scale import PlanningScale
 from mdrive_sumo.planning.profile_search import find_fastest_profile
-from mdrive_sumo.planning.reference_path import PATH, ReferencePath, build_path
+from mdrive_sumo.planning.reference_path import PATH, PathState, ReferencePath, build_path
 from mdrive_sumo.planning.speed_lattice import FINE, SAMPLE_S, choose_lattice
 from mdrive_sumo.planning.speed_profile import build_braking_profile, build_free_road_problem
 
@@ -52,7 +52,7 @@ def test_profiles_are_continuous_and_never_enter_what_is_blocked(
 ) -> None:
     path, speed = way(), share * top
     lattice = choose_lattice(top)
-    task = build_free_road_problem(path, np.full(len(path.xy), top), (0.0, speed), 0.0, 40.0, lattice)
+    task = build_free_road_problem(path, np.full(len(path.xy), top), PathState(0.0, speed), 0.0, 40.0, lattice)
     ahead = task.lattice_s + np.arange(len(task.cells)) * lattice.cell_m
     blocked = np.zeros_like(task.blocked)
     blocked[np.ix_(task.times < opens, (ahead >= wall) & (ahead < wall + 8.0))] = True
@@ -74,7 +74,7 @@ def test_profiles_are_continuous_and_never_enter_what_is_blocked(
 
 def test_a_profile_that_ends_on_the_way_can_stop_before_what_stays_there() -> None:
     path, lattice = way(), choose_lattice(33.33)
-    task = build_free_road_problem(path, np.full(len(path.xy), 33.33), (0.0, 30.0), 0.0, 4.0, lattice)
+    task = build_free_road_problem(path, np.full(len(path.xy), 33.33), PathState(0.0, 30.0), 0.0, 4.0, lattice)
     hasty = find_fastest_profile(task)
     assert hasty is not None and hasty.s[-1] > 120.0
     after = np.arange(len(task.cells)) * lattice.cell_m > 160.0
@@ -86,7 +86,7 @@ def test_a_profile_that_ends_on_the_way_can_stop_before_what_stays_there() -> No
 
 def test_emergency_braking_starts_at_the_own_speed() -> None:
     path, lattice = way(), choose_lattice(33.33)
-    task = build_free_road_problem(path, np.full(len(path.xy), 33.33), (0.0, 25.0), 0.0, 4.0, lattice)
+    task = build_free_road_problem(path, np.full(len(path.xy), 33.33), PathState(0.0, 25.0), 0.0, 4.0, lattice)
     halt = build_braking_profile(task)
     assert (halt.speed[0], halt.speed[-1]) == (25.0, 0.0)
     assert halt.s[-1] < 25.0**2 / (2 * 5.0)
@@ -94,7 +94,7 @@ def test_emergency_braking_starts_at_the_own_speed() -> None:
 
 def test_a_search_that_is_stuck_ends_early_with_the_same_place() -> None:
     path, lattice = way(), choose_lattice(16.67)
-    task = build_free_road_problem(path, np.full(len(path.xy), 16.67), (0.0, 10.0), 0.0, 60.0, lattice)
+    task = build_free_road_problem(path, np.full(len(path.xy), 16.67), PathState(0.0, 10.0), 0.0, 60.0, lattice)
     blocked = np.zeros_like(task.blocked)
     blocked[:, 400:] = True
     found = find_fastest_profile(replace(task, blocked=blocked))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.planning.parameters import MARGINS, PROFILE
 from mdrive_sumo.planning.profile_search import find_fastest_profile
-from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath, build_path
+from mdrive_sumo.planning.reference_path import SPACING_M, PathState, ReferencePath, build_path
 from mdrive_sumo.planning.speed_lattice import FINE, SAMPLE_S
 from mdrive_sumo.planning.speed_profile import (
     SpeedProfile,
@@ -27,7 +27,7 @@ def straight_path() -> ReferencePath:
 
 
 def free_task(path: ReferencePath, speed: float = 0.0, until_s: float = 30.0) -> SpeedProfileProblem:
-    return build_free_road_problem(path, np.full(len(path.xy), 9.0), (0.0, speed), 0.0, until_s)
+    return build_free_road_problem(path, np.full(len(path.xy), 9.0), PathState(0.0, speed), 0.0, until_s)
 
 
 @pytest.mark.slow
