@@ -56,7 +56,7 @@ def command(
 
     Several RUNs of one scenario are drawn side by side. --view top shows the whole scene from above, or 70 m around a
     followed CAV; --view chase shows it in perspective from behind the followed CAV, by default that of the first
-    infraction; --view driver shows what its driver sees (extra camera). A tick is 1/20 s.
+    infraction; --view driver shows what its driver sees (both: extra camera). A tick is 1/20 s.
     """
     from mdrive_sumo.report.render.render_episodes import RenderedEpisode, check_output, render_episodes
 

@@ -39,7 +39,7 @@ PACKAGES = (
     ("pyseccomp", "serve, submit --dry-run", "server"),
     ("distributed", "--executor dask", "dask"),
     ("ribs", "generate --hard", "search"),
-    ("moderngl", "agents with cameras, render --view driver", "camera"),
+    ("moderngl", "agents with cameras, render --view chase or driver", "camera"),
     ("onnxruntime", "learned agents", "learned"),
     ("torch", "learn train, learn export", "learn"),
     ("onnx", "learn train, learn export", "learn"),
@@ -133,7 +133,9 @@ def _renderer() -> InstallationCheck:
     except (OSError, subprocess.TimeoutExpired) as error:
         problem = str(error)
     remedy = f"{problem.rpartition('InputError: ')[2]}; {GL_REMEDY}"
-    return InstallationCheck("OpenGL", found, "agents with cameras, render --view driver", remedy, is_required=False)
+    return InstallationCheck(
+        "OpenGL", found, "agents with cameras, render --view chase or driver", remedy, is_required=False
+    )
 
 
 def _failure_of(command: Iterable[str]) -> str:

@@ -19,8 +19,6 @@ def _make_colour(number: int) -> str:
 
 CAV_COLOURS = (*_FIXED, *(_make_colour(number) for number in range(len(_FIXED), _COUNT)))
 """Colours of the CAVs in the order of the scenario; they repeat after the last."""
-SKY = "#dde6ef"
-"""Above the horizon of pictures in perspective."""
 LIGHT: Mapping[str, str] = MappingProxyType(
     {
         "ground": "#f1f2ee",

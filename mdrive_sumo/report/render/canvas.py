@@ -1,20 +1,20 @@
 """Canvas: a picture in memory that areas, lines and texts are painted on, with the rasteriser of matplotlib (Agg)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.backends.backend_agg import RendererAgg
-from matplotlib.colors import to_rgba
+from matplotlib.colors import to_hex, to_rgba
 from matplotlib.font_manager import FontProperties
 from matplotlib.path import Path
 from matplotlib.textpath import TextPath
 from matplotlib.transforms import Affine2D
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.report.render.rings import Rings
+from mdrive_sumo.report.render.cameras import Rings
 
 Pixels = npt.NDArray[np.uint8]
 Align = Literal["left", "centre", "right"]
@@ -129,18 +129,12 @@ def _parse_colour(colour: str) -> tuple[float, float, float, float]:
     return to_rgba(colour)
 
 
-@lru_cache(maxsize=4096)
-def blend(colour: str, other: str, share: float) -> str:
-    """Return a colour between two others, `share` of the way to the second, without opacity."""
-    first, second = np.array(to_rgba(colour)[:3]), np.array(to_rgba(other)[:3])
-    return _format_colour((first + share * (second - first)).tolist())
-
-
-@lru_cache(maxsize=4096)
 def fade(colour: str, opacity: float) -> str:
     """Return a colour with an opacity in [0, 1]."""
-    return _format_colour((*to_rgba(colour)[:3], opacity))
+    return to_hex((*to_rgba(colour)[:3], opacity), keep_alpha=True)
 
 
-def _format_colour(parts: Iterable[float]) -> str:
-    return "#" + "".join(f"{round(255 * min(max(part, 0.0), 1.0)):02x}" for part in parts)
+def parse_rgb(colour: str) -> tuple[int, int, int]:
+    """Return red, green and blue of a colour, each 0 to 255."""
+    red, green, blue = (round(255 * part) for part in to_rgba(colour)[:3])
+    return red, green, blue

@@ -6,10 +6,9 @@ from pathlib import Path
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.report.render.canvas import GAP_PX, Pixels, join_pictures
-from mdrive_sumo.report.render.chase_view_painter import ChaseViewPainter
-from mdrive_sumo.report.render.driver_view_painter import DriverViewPainter
 from mdrive_sumo.report.render.frame_painter import FramePainter
 from mdrive_sumo.report.render.frame_times import choose_telling_cav, choose_ticks, find_telling_tick
+from mdrive_sumo.report.render.perspective_painters import ChaseViewPainter, DriverViewPainter
 from mdrive_sumo.report.render.picture_files import PICTURE, check_output, write_gif, write_mp4, write_png
 from mdrive_sumo.report.render.render_options import DEFAULT_FPS, DEFAULT_SIZE, RenderOptions
 from mdrive_sumo.report.render.rendered_episode import RenderedEpisode

@@ -52,7 +52,7 @@ def test_a_missing_renderer_is_named_with_its_reason(monkeypatch: pytest.MonkeyP
     result = CliRunner().invoke(command)
     assert result.exit_code == 0, result.output
     sentence = "GLCONTEXT_DEVICE_INDEX: expected the number of an EGL device, found 'nine'; pip install"
-    assert "missing for agents with cameras, render --view driver: OpenGL (camera: " in result.output
+    assert "missing for agents with cameras, render --view chase or driver: OpenGL (camera: " in result.output
     assert sentence in result.output
 
 

@@ -19,8 +19,8 @@ from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import load_episode
 from mdrive_sumo.episode.camera_archive import encode_image, load_camera_tracks
-from mdrive_sumo.report.render import driver_view_painter
-from mdrive_sumo.report.render.driver_view_painter import DRIVER, FOV_DEG, DriverViewPainter
+from mdrive_sumo.report.render import perspective_painters
+from mdrive_sumo.report.render.perspective_painters import DRIVER, DRIVER_FOV_DEG, DriverViewPainter
 
 pytestmark = [needs_opengl, pytest.mark.slow]
 WIDTH, HEIGHT = 320, 180
@@ -30,7 +30,7 @@ class CameraTalker(Talker):
     """Sees what the driver's view shows."""
 
     def sensors(self) -> tuple[SensorSpec, ...]:
-        image = {"width": WIDTH, "height": HEIGHT, "fov_deg": FOV_DEG, "every_ticks": 4}
+        image = {"width": WIDTH, "height": HEIGHT, "fov_deg": DRIVER_FOV_DEG, "every_ticks": 4}
         pose = {"x": DRIVER.x, "y": DRIVER.y, "z": DRIVER.z}
         return (*super().sensors(), SensorSpec("camera", "eyes", options={**image, **pose}))
 
@@ -108,7 +108,7 @@ def test_without_a_renderer_the_drivers_view_is_one_sentence(
     def fail() -> None:
         raise InputError('camera: expected the package moderngl, found none; pip install ".[camera]"')
 
-    monkeypatch.setattr(driver_view_painter, "load_renderer", fail)
+    monkeypatch.setattr(perspective_painters, "load_renderer", fail)
     done = call("render", run_folder, "--view", "driver", "--out", tmp_path / "x.png")
     assert done.exit_code == 2
     assert 'pip install ".[camera]"' in done.output

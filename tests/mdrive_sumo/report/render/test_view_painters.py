@@ -1,22 +1,21 @@
 """What is on pictures from above and in perspective, at pixels that are computed here."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 from matplotlib.colors import to_rgb
 from testing.viewer_crossing import crossing, record, scenario
 
 from mdrive_sumo.contract import Message
-from mdrive_sumo.core.state import End, Kind
-from mdrive_sumo.report.palette import CAV_COLOURS, LIGHT, SKY
+from mdrive_sumo.core.state import End
+from mdrive_sumo.report.palette import CAV_COLOURS, LIGHT
+from mdrive_sumo.report.render.cameras import Rings
 from mdrive_sumo.report.render.canvas import Canvas, Pixels
-from mdrive_sumo.report.render.chase_view_painter import ChaseViewPainter
 from mdrive_sumo.report.render.frame_painter import choose_text_size
+from mdrive_sumo.report.render.perspective_painters import ABOVE_M, AIM_M, BEHIND_M, ChaseViewPainter
 from mdrive_sumo.report.render.rendered_episode import RenderedEpisode
-from mdrive_sumo.report.render.rings import Rings
-from mdrive_sumo.report.render.solids import build_road_user, sort_back_to_front
 from mdrive_sumo.report.render.top_view_painter import FOLLOWED_M, TopViewPainter
 from mdrive_sumo.scoring import EgoResult, Infraction, ScenarioResult
 from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
@@ -98,19 +97,35 @@ def test_an_infraction_is_announced_when_it_happens_and_for_three_seconds(
     assert during > before + 500 > after
 
 
-def test_behind_a_cav_are_sky_road_and_its_rear(episode: RenderedEpisode) -> None:
+def test_behind_a_cav_are_its_rear_and_its_route_below_it(episode: RenderedEpisode) -> None:
     view = ChaseViewPainter(episode, SIZE, True, 0)
     camera = view.paint_world(3)
     picture = view.canvas.to_array()
     x, y, _ = episode.find_pose(0, 3)
-    assert colour_at(picture, 320, 5) == as_bytes(SKY)
-    assert colour_at(picture, 320, camera.horizon + 3) in (as_bytes(LIGHT["ground"]), as_bytes(LIGHT["road"]))
-    rear = camera.find_pixel((x - 4.7 / 2, y, 0.4))
-    assert rear is not None
+    assert (camera.x, camera.y, camera.z) == pytest.approx((x - BEHIND_M, y, ABOVE_M))
+    rear = camera.find_pixel((x - 4.7 / 2, y, 0.8))
+    assert rear is not None and rear[0] == pytest.approx(320)
     red, green, blue = colour_at(picture, *rear)
-    base = as_bytes(CAV_COLOURS[0])
-    assert blue > green > red and blue < base[2]  # its blue, shaded
-    assert rear[1] > camera.horizon and rear[0] == pytest.approx(320)
+    assert blue > green > red, "the colour of the CAV, as bright as the light makes it"
+    bare = replace(episode, scenario=episode.scenario.model_copy(update={"egos": episode.scenario.egos[1:]}))
+    other = ChaseViewPainter(bare, SIZE, True, 0)
+    other.paint_world(3)
+    differs = (other.canvas.to_array() != picture).any(-1)
+    route = camera.find_pixel((x + 8.0, y, 0.0))
+    assert route is not None
+    assert not differs[round(rear[1]), 320], "the route does not cover the CAV"
+    assert differs[: round(rear[1])].any(), "it is ahead of the CAV"
+
+
+def test_the_camera_is_before_a_wall_that_would_hide_its_cav(episode: RenderedEpisode) -> None:
+    """A wall 10 m behind the CAV: the camera is nearer, and lower by as much as it still looks at the roof."""
+    x, y, _ = episode.find_pose(0, 3)
+    wall = shapely.box(x - 11.0, y - 5.0, x - 10.0, y + 5.0)
+    view = ChaseViewPainter(episode, SIZE, True, 0)
+    view._buildings = wall
+    camera = view.paint_world(3)
+    assert camera.x == pytest.approx(x - 9.5)
+    assert (camera.z - AIM_M) / 9.5 == pytest.approx((ABOVE_M - AIM_M) / BEHIND_M)
 
 
 def test_the_camera_stays_where_its_cav_ended(episode: RenderedEpisode) -> None:
@@ -119,28 +134,6 @@ def test_the_camera_stays_where_its_cav_ended(episode: RenderedEpisode) -> None:
     assert last < 39
     assert episode.find_pose(1, 39) == episode.find_pose(1, last)
     ChaseViewPainter(episode, SIZE, True, 1).paint(39)
-
-
-def test_what_is_nearer_is_painted_later() -> None:
-    eye = np.array((0.0, 0.0, 5.0))
-    places = [(30.0, 2.0), (10.0, 0.0), (20.0, -5.0), (80.0, 0.0)]
-    solids = [build_road_user(Kind.VEHICLE, (*place, 0.3), (4.0, 2.0, 1.5), "#336699") for place in places]
-    painted = [tuple(solid.middle.tolist()) for solid in sort_back_to_front(solids, eye)]
-    assert painted == sorted(places, key=lambda place: -math.hypot(*place))
-
-
-@pytest.mark.parametrize("yaw", [0.0, 0.7, 3.0, -2.0])
-@pytest.mark.parametrize("kind", [Kind.VEHICLE, Kind.PEDESTRIAN])
-def test_only_faces_that_point_to_the_eye_are_visible(kind: Kind, yaw: float) -> None:
-    """From above and outside of a box at most two walls of four and the roof are seen."""
-    box = build_road_user(kind, (0.0, 0.0, yaw), (4.0, 2.0, 1.5), "#336699")
-    seen = box.list_visible(np.array((30.0, 4.0, 6.0)))
-    boxes = 2 if kind is Kind.VEHICLE else 1  # body and cabin
-    assert len(box.faces) == 5 * boxes
-    assert 2 * boxes <= len(seen) <= 3 * boxes
-    for face in seen:
-        outward = face.corners.mean(axis=0) - (0.0, 0.0, 0.75)
-        assert np.dot(face.normal, outward) > -0.3
 
 
 def test_areas_that_overlap_are_filled_and_holes_are_not() -> None:
