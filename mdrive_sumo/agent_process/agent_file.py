@@ -7,6 +7,7 @@ from mdrive_sumo.agent_process.agent_lookup import CARLA_PREFIX
 from mdrive_sumo.core.input_files import read_bytes
 
 MAX_SOURCE_BYTES = 2**24
+"""Chosen: far above any file that a person writes; a larger one is data, and is not parsed."""
 MAX_NAMED = 6
 """Classes that a sentence names."""
 ENTRY_POINT = "get_entry_point"
@@ -111,7 +112,7 @@ def _find_method(path: Path, module: ast.Module, cls: str, method: str, bases_le
         return own
     bases = [base.id if isinstance(base, ast.Name) else getattr(base, "attr", "") for base in node.bases]
     inherited = (_find_method(path, module, base, method, bases_left - 1) for base in bases)
-    return next((found for found in inherited if found is not None), None)
+    return next((definition for definition in inherited if definition is not None), None)
 
 
 def _find_imported_method(

@@ -68,18 +68,18 @@ def _find_spec(name: str, path: Sequence[str] | None) -> ModuleSpec | None:
     """
     if path is not None:
         return PathFinder.find_spec(name, path)
-    found = (finder.find_spec(name, None, None) for finder in sys.meta_path)
-    return next((spec for spec in found if spec is not None), None)
+    specs = (finder.find_spec(name, None, None) for finder in sys.meta_path)
+    return next((spec for spec in specs if spec is not None), None)
 
 
 def load_agent_class(locator: str) -> Callable[[Config], Agent]:
     """Import the class that `module:Class` or `path.py:Class` names; runs the user's code. Raises InputError."""
     place, name = split_locator(locator)
     module = load_module_from_file(Path(place)) if place.endswith(".py") else _import_module(place)
-    found: Any = getattr(module, name, None)
-    if not callable(found):
+    agent_class: Any = getattr(module, name, None)
+    if not callable(agent_class):
         raise InputError(f"expected a class {name} in {Path(place).name}, found none{_suggest_class(name, module)}")
-    return cast("Callable[[Config], Agent]", found)
+    return cast("Callable[[Config], Agent]", agent_class)
 
 
 def _suggest_class(name: str, module: Any) -> str:

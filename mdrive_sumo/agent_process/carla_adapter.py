@@ -29,6 +29,7 @@ from mdrive_sumo.core.state import DT
 from mdrive_sumo.planning.route_commands import RouteCommand, find_route_commands
 
 EARTH_RADIUS_M = 6_378_137.0
+"""Equatorial radius of WGS 84, by which the CARLA leaderboard turns routes into GPS coordinates."""
 KINDS = {"sensor.other.gnss": "gnss", "sensor.other.imu": "imu", "sensor.speedometer": "speedometer"}
 """Of which a CAV has one here, at its box centre; several declared ones read the same."""
 LIDAR = "sensor.lidar.ray_cast"
@@ -61,7 +62,7 @@ class CarlaSensor:
 
     id: str
     kind: str
-    at: tuple[float, float, float]
+    place: tuple[float, float, float]
 
 
 class CarlaAgentAdapter:
@@ -185,7 +186,7 @@ def _make_specs(row: Mapping[str, Any], sensor: CarlaSensor, slow: bool) -> list
 
 def _read_pose(row: Mapping[str, Any], sensor: CarlaSensor) -> dict[str, float]:
     """Mirrored: y, yaw and pitch change their sign."""
-    x, y, z = sensor.at
+    x, y, z = sensor.place
     roll, pitch, yaw = (_read_metres(row, name) for name in ("roll", "pitch", "yaw"))
     return {"x": x, "y": y, "z": z, "roll_deg": roll, "pitch_deg": -pitch, "yaw_deg": -yaw}
 
@@ -214,7 +215,7 @@ def _convert_points(sensor: CarlaSensor, seen: Observation) -> Any:
 def _convert_gnss(sensor: CarlaSensor, seen: Observation) -> Any:
     """Latitude, longitude [degrees], altitude [m] of the receiver where it was put: ours is at the box centre."""
     assert seen.gnss is not None
-    ahead, left, up = sensor.at
+    ahead, left, up = sensor.place
     cos, sin = portable.cos_sin(seen.own.yaw)
     east, north = cos * ahead - sin * left, sin * ahead + cos * left
     latitude = math.radians(seen.gnss.latitude_deg)

@@ -152,7 +152,7 @@ class AutonomousAgent:
 
 def call_setup(agent: Any, config: str, vehicles: int) -> None:
     """Calls `setup`, which in single-vehicle agents takes the configuration, and perhaps what is optional."""
-    taken = [one for one in signature(agent.setup).parameters.values() if one.kind in POSITIONAL]
+    taken = [argument for argument in signature(agent.setup).parameters.values() if argument.kind in POSITIONAL]
     takes_two = len(taken) > 1 and is_vehicle_count(taken[1].name, taken[1].default is Parameter.empty)
     agent.setup(*((config, vehicles) if takes_two else (config,)))
 
@@ -177,8 +177,8 @@ def _compute_spacing(agent: Any) -> float:
     if not isinstance(config, dict):
         return DEFAULT_SPACING_M
     inner = config.get("control")
-    found = inner if isinstance(inner, dict) and "target_point_distance" in inner else config
-    return float(found.get("target_point_distance", DEFAULT_SPACING_M))
+    options = inner if isinstance(inner, dict) and "target_point_distance" in inner else config
+    return float(options.get("target_point_distance", DEFAULT_SPACING_M))
 
 
 CARLA = (Vector3D, Location, Rotation, Transform, VehicleControl)
@@ -195,8 +195,8 @@ MODULES: dict[str, tuple[type, ...]] = {
 
 def install_stubs() -> None:
     """Makes these names importable in this process, unless there is a real CARLA."""
-    found = importlib.util.find_spec("carla")
-    if found is not None and found.origin is not None:  # a mere folder of that name has none
+    installed = importlib.util.find_spec("carla")
+    if installed is not None and installed.origin is not None:  # a mere folder of that name has none
         return
     for name, classes in MODULES.items():
         module = sys.modules[name] = ModuleType(name)

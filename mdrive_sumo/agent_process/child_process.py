@@ -24,6 +24,7 @@ HIDDEN = frozenset({"scenarios"})
 KIT, SITE, PYTHON, FRAMES, AGENT_FOLDER = "/kit", "/site", "/python", "/frames", "/agent"
 """Paths in a box of our code, the environment's packages, its interpreter, the frames, and the agent."""
 AGENT_FD = 3
+"""The first after the standard ones, as `sandbox.BoxSpec` promises."""
 ENDING_S = 2.0
 """How long a process may take to end after it has closed its socket [s]."""
 

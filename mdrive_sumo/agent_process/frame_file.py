@@ -27,6 +27,7 @@ else:
 
 PREFIX = "mdrive-frames-"
 ALIGNMENT = 64
+"""Of each array [bytes]: a line of the cache of x86-64 and of most ARM processors."""
 LEAST_BYTES = 2**16
 """Smallest size of a file that holds an array [bytes]."""
 MAX_FRAME_BYTES = 2**27

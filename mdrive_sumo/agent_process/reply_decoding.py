@@ -33,9 +33,11 @@ T = TypeVar("T")
 MAX_ITEMS = 4096
 """Items of one array: msgpack allocates as many as are declared, at every level."""
 MAX_KEYS = 256
-MAX_SENSORS = 64
-MAX_OPTIONS = 64
+"""Keys of one map: a reply of a joint agent has one for each CAV."""
+MAX_SENSORS, MAX_OPTIONS = 64, 64
+"""Of a declaration, and of a sensor in it. Chosen: several times what the largest rig and a camera have."""
 MAX_DIMENSIONS = 2
+"""Of an array: points of a plan and boxes of detections are tables."""
 
 
 class InvalidReplyError(ValueError):
@@ -129,12 +131,12 @@ def _unpack(data: bytes) -> Any:
 
 
 def _build_distinct_map(pairs: list[tuple[Any, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     for key, value in pairs:
-        if type(key) is not str or key in found:
+        if type(key) is not str or key in fields:
             raise InvalidReplyError(f"expected different strings as keys, found {key!r:.40} again or of another type")
-        found[key] = value
-    return found
+        fields[key] = value
+    return fields
 
 
 def _refuse_extension(code: int, _: bytes) -> None:

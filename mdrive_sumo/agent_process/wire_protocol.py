@@ -109,31 +109,31 @@ def _array_to_plain(value: Array, store: Callable[[Array], int] | None) -> Any:
     return about
 
 
-def _from_plain(found: Any, load: Callable[[Array, int], None] | None) -> Any:
-    if isinstance(found, tuple):
-        return tuple([_from_plain(item, load) if type(item) in _NESTED else item for item in found])
-    if not isinstance(found, dict):
-        return found
-    kind = found.pop("", None)
+def _from_plain(plain: Any, load: Callable[[Array, int], None] | None) -> Any:
+    if isinstance(plain, tuple):
+        return tuple([_from_plain(item, load) if type(item) in _NESTED else item for item in plain])
+    if not isinstance(plain, dict):
+        return plain
+    kind = plain.pop("", None)
     if kind is None:
-        return {key: _from_plain(item, load) for key, item in found.items()}
+        return {key: _from_plain(item, load) for key, item in plain.items()}
     if kind == "array":
-        return _array_from_plain(found, load)
+        return _array_from_plain(plain, load)
     if kind == "map":
-        return {key: _from_plain(item, load) for key, item in found["items"]}
-    for name, item in found.items():
+        return {key: _from_plain(item, load) for key, item in plain["items"]}
+    for name, item in plain.items():
         if type(item) in _NESTED:
-            found[name] = _from_plain(item, load)
-    return _CLASSES[kind](**found)
+            plain[name] = _from_plain(item, load)
+    return _CLASSES[kind](**plain)
 
 
-def _array_from_plain(found: dict[str, Any], load: Callable[[Array, int], None] | None) -> Array:
-    if found["dtype"] not in DTYPES:
-        raise WireError(f"expected an array of one of {DTYPES}, found {found['dtype']!r}")
-    if "data" in found:
-        return np.frombuffer(found["data"], dtype=_DTYPES[found["dtype"]]).reshape(found["shape"]).copy()
+def _array_from_plain(plain: dict[str, Any], load: Callable[[Array, int], None] | None) -> Array:
+    if plain["dtype"] not in DTYPES:
+        raise WireError(f"expected an array of one of {DTYPES}, found {plain['dtype']!r}")
+    if "data" in plain:
+        return np.frombuffer(plain["data"], dtype=_DTYPES[plain["dtype"]]).reshape(plain["shape"]).copy()
     if load is None:
         raise WireError("expected no array outside the message, found one")
-    array = np.empty(found["shape"], dtype=_DTYPES[found["dtype"]])
-    load(array, found["offset"])
+    array = np.empty(plain["shape"], dtype=_DTYPES[plain["dtype"]])
+    load(array, plain["offset"])
     return array

@@ -10,10 +10,8 @@ import numpy as np
 from mdrive_sumo.contract.exchange import Control, Message, Note, Plan, Reply
 from mdrive_sumo.contract.sensors import Detections
 
-MAX_PLAN_POINTS = 200
-MAX_DETECTIONS = 1000
-MAX_MESSAGES = 64
-"""In one reply."""
+MAX_PLAN_POINTS, MAX_DETECTIONS, MAX_MESSAGES = 200, 1000, 64
+"""In one reply. Chosen: 200 points are 10 s in steps of a tick; all bound the work of the evaluator for a tick."""
 MAX_NOTES = 200_000
 """Characters in the notes of one reply."""
 NAME = re.compile(r"[a-z0-9_-]{1,16}")

@@ -25,7 +25,7 @@ TrackName = Literal["", "sensor", "object"]
 
 def join_sensing_tracks(tracks: Iterable[str]) -> TrackName:
     """Return the track of several episodes: `object` if any is; unknown ("") if any is or there are none; `sensor`."""
-    found = set(tracks)
-    if SensingTrack.OBJECT in found:
+    different = set(tracks)
+    if SensingTrack.OBJECT in different:
         return "object"
-    return "sensor" if found == {SensingTrack.SENSOR} else ""
+    return "sensor" if different == {SensingTrack.SENSOR} else ""

@@ -73,9 +73,9 @@ def sources(spec: BoxSpec) -> dict[str, Path]:
     root = spec.rootfs or Path("/")
     names = TAKEN if spec.rootfs is None else sorted(entry.name for entry in root.iterdir())
     programs = [name for name in names if name not in (*NOT_OF_IMAGES, *used, *(("etc",) if root == Path("/") else ()))]
-    found = {f"/{name}": root / name for name in (*programs, *(HOST_ETC if spec.rootfs is None else ()))}
-    found = {inner: outer for inner, outer in found.items() if outer.is_symlink() or outer.exists()}
-    return found | {inner: outer.resolve() for outer, inner in spec.readonly.items()}
+    system = {f"/{name}": root / name for name in (*programs, *(HOST_ETC if spec.rootfs is None else ()))}
+    system = {inner: outer for inner, outer in system.items() if outer.is_symlink() or outer.exists()}
+    return system | {inner: outer.resolve() for outer, inner in spec.readonly.items()}
 
 
 def find_hidden_paths(spec: BoxSpec) -> tuple[str, ...]:

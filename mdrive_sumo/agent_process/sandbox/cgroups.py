@@ -13,12 +13,14 @@ from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 
-NEEDED = ("memory", "pids")
-WANTED = ("cpu", "cpuacct")
+NEEDED, WANTED = ("memory", "pids"), ("cpu", "cpuacct")
+"""Controllers without which no group is made, and those that are used where they are."""
 EPISODE_PREFIX = "mdrive-episode-"
 """Of the groups of evaluators' processes (`join_episode_group`). Boxes are made beside them, not inside."""
 PERIOD_US = 100_000
+"""Of the share of the processor: the kernel's default."""
 PAUSE_S = 0.005
+"""Between two looks whether the last process of a group is gone [s]; most need one or two."""
 CHARGE_BYTES = 1 << 20
 """How far below its limit a group may be when the kernel refuses it more memory."""
 
@@ -61,14 +63,14 @@ def _leave_episode_group(group: str) -> str:
 
 def _parse_mounts(text: str) -> list[tuple[frozenset[str], str, Path]]:
     """Options ("cgroup2" for version 2), root within the hierarchy and mount point, from `/proc/self/mountinfo`."""
-    found: list[tuple[frozenset[str], str, Path]] = []
+    mounts: list[tuple[frozenset[str], str, Path]] = []
     for line in text.splitlines():
         left, _, right = line.partition(" - ")
         root, point = left.split()[3:5]
         kind, _, options = right.split(" ", 2)
         if kind in ("cgroup", "cgroup2"):
-            found.append((frozenset((kind, *options.split(","))), root, Path(point)))
-    return found
+            mounts.append((frozenset((kind, *options.split(","))), root, Path(point)))
+    return mounts
 
 
 def _locate_group_folder(group: str, root: str, point: Path) -> Path | None:
@@ -176,8 +178,8 @@ class Cgroup:
     def cpu_s(self) -> float | None:
         """CPU time used by all processes [s]; None where the kernel does not say."""
         if self.version == 2:
-            found = _read_number(self.folders["memory"] / "cpu.stat", "usage_usec")
-            return None if found is None else found / 1e6
+            used_us = _read_number(self.folders["memory"] / "cpu.stat", "usage_usec")
+            return None if used_us is None else used_us / 1e6
         words = _read_words(self.folders["cpuacct"] / "cpuacct.usage") if "cpuacct" in self.folders else []
         return int(words[0]) / 1e9 if words else None
 
@@ -263,7 +265,7 @@ def remove_dead_episode_groups(hierarchy: CgroupHierarchy | None = None) -> None
     """
     hierarchy = hierarchy or find_hierarchy()
     folders: set[Path] = set(hierarchy.folders.values()) if hierarchy is not None else set()
-    for group in (each for folder in folders for each in folder.glob(f"{EPISODE_PREFIX}*")):
+    for group in (member for folder in folders for member in folder.glob(f"{EPISODE_PREFIX}*")):
         if not Path("/proc", group.name.removeprefix(EPISODE_PREFIX)).exists():
             with suppress(OSError):
                 group.rmdir()

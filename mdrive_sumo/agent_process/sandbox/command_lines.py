@@ -15,6 +15,7 @@ from mdrive_sumo.agent_process.sandbox.supervisor_process import request_supervi
 from mdrive_sumo.core.errors import InputError
 
 CAP_SYS_ADMIN = 1 << 21
+"""Its bit in the masks of `/proc/self/status`. Source: `linux/capability.h`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +53,9 @@ def _plan_bubblewrap(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> Laun
 
 
 def _plan_watch(ends: PipeEnds, place: BoxPlacement) -> StatWatch:
-    found = seccomp.compile_stat_filter()
-    link = ends.undo.enter_context(request_supervisor(place.uid, found.fstat, place.entries))
-    return StatWatch(make_program(found.program), found.seccomp, link)
+    stat_filter = seccomp.compile_stat_filter()
+    link = ends.undo.enter_context(request_supervisor(place.uid, stat_filter.fstat, place.entries))
+    return StatWatch(make_program(stat_filter.program), stat_filter.seccomp, link)
 
 
 def _plan_gvisor(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
@@ -99,10 +100,10 @@ def may_mount() -> bool:
 
 def find_program(name: str, backend: str) -> str:
     """Return the path of a backend's program. Raises InputError."""
-    found = shutil.which(name)
-    if found is None:
+    path = shutil.which(name)
+    if path is None:
         raise InputError(f"sandbox: the backend {backend} needs the program {name}, which is not installed here")
-    return found
+    return path
 
 
 def _to_host_path(word: str, spec: BoxSpec) -> str:

@@ -33,9 +33,11 @@ MS_BIND, MS_REC, MS_PRIVATE, MS_REMOUNT = 4096, 16384, 1 << 18, 32
 MS_RDONLY, MS_NOSUID, MS_NODEV, MS_NOEXEC = 1, 2, 4, 8
 CLONE_NEWNS = 0x00020000
 PR_SET_PDEATHSIG, PR_SET_NO_NEW_PRIVS = 1, 38
+"""Sources of these and of the next ones: `linux/mount.h`, `linux/sched.h`, `linux/prctl.h`, `linux/seccomp.h`."""
 SECCOMP_SET_MODE_FILTER, NEW_LISTENER, WAIT_KILLABLE = 1, 8, 32
 """The last: a signal does not end a call that the supervisor has taken (Linux 5.19)."""
 FAILED = 126
+"""Exit code of a launch that could not execute its program, as that of a shell."""
 LIBC: Any = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
 
 

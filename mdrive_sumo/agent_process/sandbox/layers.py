@@ -218,8 +218,8 @@ def _describe_filter(walled: bool) -> str:
 
 
 def _examine_uid(outside: Mapping[str, str]) -> SandboxLayer:
-    found = outside.get("Uid:", "").partition(" ")[0]
-    own = found.isdigit() and int(found) >= FIRST_UID and os.geteuid() == 0
+    uid = outside.get("Uid:", "").partition(" ")[0]
+    own = uid.isdigit() and int(uid) >= FIRST_UID and os.geteuid() == 0
     how = f"{FIRST_UID} + slot" if own else "all boxes run as the user who starts them; only root can change that"
     return SandboxLayer("uid", own, how)
 
@@ -231,9 +231,9 @@ def _examine_cgroup() -> SandboxLayer:
 
 
 def _examine_rlimits(seen: Mapping[str, str], limits: BoxLimits) -> SandboxLayer:
-    found = seen.get("open-files", "")
+    open_files = seen.get("open-files", "")
     how = "processes, CPU time, file size, open files, no core files"
-    return SandboxLayer("rlimits", found == str(limits.open_files), how)
+    return SandboxLayer("rlimits", open_files == str(limits.open_files), how)
 
 
 def _examine_optional() -> tuple[SandboxLayer, ...]:
@@ -243,12 +243,12 @@ def _examine_optional() -> tuple[SandboxLayer, ...]:
 
 def check_layers(required: Sequence[str], backend: str = "bubblewrap", copies: Path = MEMORY) -> tuple[str, ...]:
     """What boxes of this backend have here. Raises InputError, one sentence, if they lack any of these layers."""
-    found = {layer.name: layer for layer in examine_layers(backend, copies)}
-    unknown = [name for name in required if name not in found]
+    layers = {layer.name: layer for layer in examine_layers(backend, copies)}
+    unknown = [name for name in required if name not in layers]
     if unknown:
-        raise InputError(f"sandbox: expected layers among {', '.join(found)}, found {', '.join(unknown)}")
-    missing = [found[name] for name in required if not found[name].active]
+        raise InputError(f"sandbox: expected layers among {', '.join(layers)}, found {', '.join(unknown)}")
+    missing = [layers[name] for name in required if not layers[name].active]
     if missing:
         lacks = "; ".join(f"{layer.name} ({layer.detail})" for layer in missing)
         raise InputError(f"sandbox: expected the layers {', '.join(required)} on this machine, found no {lacks}")
-    return tuple(name for name in LAYERS if found[name].active)
+    return tuple(name for name in LAYERS if layers[name].active)

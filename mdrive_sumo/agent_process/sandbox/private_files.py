@@ -39,6 +39,7 @@ class FileTree:
     key: str
     """Changes with every change of names, sizes, permissions and times in it."""
     size_bytes: int
+    """Of all files together."""
 
 
 _TREES: dict[Path, tuple[tuple[int, ...], FileTree]] = {}
@@ -49,9 +50,9 @@ def find_tree(source: Path, hidden: frozenset[Path]) -> FileTree:
     """Return the tree at a path, read once in a process as long as its top stays the same."""
     top = source.stat()
     identity = (top.st_dev, top.st_ino, top.st_ctime_ns, top.st_mtime_ns, hash(hidden))
-    known = _TREES.get(source)
-    if known is not None and known[0] == identity:
-        return known[1]
+    read_before = _TREES.get(source)
+    if read_before is not None and read_before[0] == identity:
+        return read_before[1]
     interpreter = is_interpreter_prefix(source)
 
     def skip(relative: Path) -> bool:
@@ -68,10 +69,10 @@ def _skip_nothing(_relative: Path) -> bool:
 
 def _read_tree(source: Path, skip: Skip) -> FileTree:
     digest, size = hashlib.blake2b(str(source).encode(), digest_size=12), 0
-    for relative, found in _walk(source, skip):
-        row = (os.fsencode(relative), found.st_mode, found.st_size, found.st_mtime_ns)
+    for relative, status in _walk(source, skip):
+        row = (os.fsencode(relative), status.st_mode, status.st_size, status.st_mtime_ns)
         digest.update(repr(row).encode())
-        size += found.st_size
+        size += status.st_size
     return FileTree(source, skip, digest.hexdigest(), size)
 
 
@@ -98,26 +99,26 @@ def copy_tree(tree: FileTree, target: Path) -> None:
     if tree.source.is_dir():
         target.mkdir(exist_ok=True)
         _copy_attributes(tree.source.stat(), target)
-    for relative, found in _walk(tree.source, tree.skip):
-        _copy_entry(tree.source / relative, target / relative, found)
+    for relative, status in _walk(tree.source, tree.skip):
+        _copy_entry(tree.source / relative, target / relative, status)
 
 
-def _copy_entry(source: Path, target: Path, found: os.stat_result) -> None:
+def _copy_entry(source: Path, target: Path, status: os.stat_result) -> None:
     """Sockets, pipes and devices are left out."""
-    if stat.S_ISLNK(found.st_mode):
+    if stat.S_ISLNK(status.st_mode):
         target.symlink_to(source.readlink())
-    elif stat.S_ISDIR(found.st_mode):
+    elif stat.S_ISDIR(status.st_mode):
         target.mkdir(exist_ok=True)
-        target.chmod(stat.S_IMODE(found.st_mode) & MODE | stat.S_IRWXU)
-    elif stat.S_ISREG(found.st_mode):
+        target.chmod(stat.S_IMODE(status.st_mode) & MODE | stat.S_IRWXU)
+    elif stat.S_ISREG(status.st_mode):
         shutil.copyfile(source, target)
-        _copy_attributes(found, target)
+        _copy_attributes(status, target)
 
 
-def _copy_attributes(found: os.stat_result, target: Path) -> None:
+def _copy_attributes(status: os.stat_result, target: Path) -> None:
     """Times too: Python compares those of a source with its compiled file."""
-    target.chmod(stat.S_IMODE(found.st_mode) & MODE)
-    os.utime(target, ns=(found.st_atime_ns, found.st_mtime_ns))
+    target.chmod(stat.S_IMODE(status.st_mode) & MODE)
+    os.utime(target, ns=(status.st_atime_ns, status.st_mtime_ns))
 
 
 MEMORY = Path("/dev/shm")
@@ -172,7 +173,7 @@ def remove_idle_files(folder: Path, slots: Iterable[int] | None = None) -> None:
 def _remove_own_files() -> None:
     """At the end of a process that opened boxes. What a killed one left is used, or removed, by the next."""
     for folder in {folder for folder, _ in _PROVIDED}:
-        remove_idle_files(folder, {slot for each, slot in _PROVIDED if each == folder})
+        remove_idle_files(folder, {slot for provided, slot in _PROVIDED if provided == folder})
 
 
 def find_file_system(folder: Path) -> str:

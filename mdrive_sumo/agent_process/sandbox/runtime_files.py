@@ -47,15 +47,15 @@ def is_interpreter_prefix(folder: Path) -> bool:
 @cache
 def list_runtime_paths(program: str) -> tuple[Path, ...]:
     """Return the host's files and folders that `program` needs, as its box looks them up: absolute, links included."""
-    found = {Path("/usr/bin", name) for name in PROGRAMS}
+    paths = {Path("/usr/bin", name) for name in PROGRAMS}
     executable = Path(program)
     library = _find_python_library(executable.resolve()) if executable.is_file() else []
-    compiled = [*found, executable, *(path for folder in library for path in folder.glob("lib-dynload/*.so"))]
+    compiled = [*paths, executable, *(path for folder in library for path in folder.glob("lib-dynload/*.so"))]
     if executable.is_relative_to("/usr") and executable.is_file():
-        found |= {executable, *library}
-    found |= {Path(name) for name in FIXED}
-    found |= find_libraries([path.resolve() for path in compiled], WHEEL_LIBRARIES)
-    return tuple(sorted({path for start in found for path in _follow_links(start) if os.path.lexists(path)}))
+        paths |= {executable, *library}
+    paths |= {Path(name) for name in FIXED}
+    paths |= find_libraries([path.resolve() for path in compiled], WHEEL_LIBRARIES)
+    return tuple(sorted({path for start in paths for path in _follow_links(start) if os.path.lexists(path)}))
 
 
 def _find_python_library(executable: Path) -> list[Path]:
@@ -87,7 +87,7 @@ MAGIC = b"\x7fELF\x02\x01"
 
 def find_libraries(programs: Iterable[Path], names: Iterable[str] = ()) -> frozenset[Path]:
     """Return the paths, as the loader looks them up, of all libraries that these programs need, and of `names`."""
-    found: set[Path] = set()
+    libraries: set[Path] = set()
     waiting = [*programs]
     wanted = [*names]
     while waiting or wanted:
@@ -96,10 +96,10 @@ def find_libraries(programs: Iterable[Path], names: Iterable[str] = ()) -> froze
             continue
         name = wanted.pop()
         path = Path(name) if name.startswith("/") else _find_library(name)
-        if path is not None and path.is_file() and path not in found:
-            found.add(path)
+        if path is not None and path.is_file() and path not in libraries:
+            libraries.add(path)
             waiting.append(path)
-    return frozenset(found)
+    return frozenset(libraries)
 
 
 def read_needed(path: Path) -> tuple[str, ...]:

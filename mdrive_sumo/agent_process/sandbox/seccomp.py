@@ -93,9 +93,9 @@ def _load_library() -> Any:
 
 def find_number(seccomp: Any, call: str) -> int:
     """Return the number of a call on this machine. Raises InputError if neither libseccomp nor we know it."""
-    found: int = seccomp.resolve_syscall(seccomp.Arch.NATIVE, call)
-    if found != UNKNOWN:
-        return found
+    number: int = seccomp.resolve_syscall(seccomp.Arch.NATIVE, call)
+    if number != UNKNOWN:
+        return number
     if call not in NUMBERS:
         raise InputError(
             f"sandbox: expected libseccomp to know the system call {call}, which boxes refuse, found that it does not;"

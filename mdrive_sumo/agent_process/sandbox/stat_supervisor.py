@@ -43,11 +43,13 @@ FSOPEN, FSCONFIG, FSCONFIG_CREATE = 430, 431, 6
 """Calls, with the same numbers on all architectures, and a command. Source: `linux/mount.h`."""
 FEWEST_NUMBERS = 2
 """Words of a line of process numbers outside of boxes: its name and one number."""
-LARGEST_MESSAGE = 64
-MOST_GROUPS = 16
+LARGEST_MESSAGE, MOST_GROUPS = 64, 16
+"""Bytes of a request, which is two numbers, and open files with it: a link, and at most four groups of version 1."""
 MOST_DESCRIPTORS = 1 << 20
+"""The kernel's default of how many a process may have (`fs.nr_open`)."""
 LIBC = ctypes.CDLL(None, use_errno=True)
 PR_SET_PDEATHSIG = 1
+"""Source: `linux/prctl.h`."""
 DONE = b"."
 """Told to the evaluator when no process of the box is left."""
 
