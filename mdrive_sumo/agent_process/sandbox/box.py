@@ -205,7 +205,7 @@ class Box:
             self._report = report
         if starved:
             raise BoxError("sandbox: the kernel ended a process of the box for want of memory outside of it")
-        if ours:
+        if ours and not (killed and unsupervised):  # bubblewrap fails, too, if it loses the supervisor
             why = f"ended by signal {ended_by} from outside" if ended_by is not None else _read_last_words(problem)
             raise BoxError(f"sandbox: {PROGRAMS[self._backend]} failed: {why}")
         if killed:

@@ -9,7 +9,7 @@ from mdrive_sumo.agent_process.sandbox.box_spec import SLOTS
 from mdrive_sumo.core.errors import InputError
 
 FIRST_UID = 60001
-"""Above the users that Debian creates (to 59999); with all slots below `nobody` (65534)."""
+"""Above the users that Debian creates (to 59999); with all slots below the user without rights (65534)."""
 
 
 @dataclass(frozen=True, slots=True)

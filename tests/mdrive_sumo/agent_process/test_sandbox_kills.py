@@ -31,6 +31,7 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.open_agents import declare_agent
 from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.scoring.results import ScenarioResult
 
 SLOT = own_slot()
 WAITING = "echo here >&3; while :; do sleep 1; done"
@@ -215,7 +216,7 @@ def test_an_episode_whose_box_is_killed_is_driven_again_with_the_same_result(
     opened = count_boxes(monkeypatch, kill_first)
     with caplog.at_level(logging.WARNING):
         assert run_job(job) == undisturbed
-    assert len(opened) == 2 * len(undisturbed.egos)
+    assert was_driven_twice(opened, undisturbed)
     assert "signal 9, which may have come from outside; the episode is driven once more" in caplog.text
 
 
@@ -230,8 +231,13 @@ def test_an_episode_whose_supervisor_is_killed_is_driven_again(
     with caplog.at_level(logging.WARNING):
         assert run_job(job) == undisturbed
     assert End.AGENT_FAILED not in {ego.outcome for ego in undisturbed.egos}
-    assert len(opened) == 2 * len(undisturbed.egos)
+    assert was_driven_twice(opened, undisturbed)
     assert "the supervisor of the box was ended by a signal" in caplog.text
+
+
+def was_driven_twice(opened: list[int], result: ScenarioResult) -> bool:
+    """The first box may be found dead before the next one is opened."""
+    return len(result.egos) < len(opened) <= 2 * len(result.egos)
 
 
 def kill_supervisor_of_the_first(number: int, process: BoxedAgentProcess) -> None:

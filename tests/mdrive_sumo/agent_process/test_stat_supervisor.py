@@ -19,9 +19,11 @@ from testing.sandbox_runs import PATIENCE_S, SMALL, find_supervisor, needs_bubbl
 
 from mdrive_sumo.agent_process.sandbox import (
     Box,
+    BoxError,
     BoxKilledError,
     BoxSpec,
     cgroups,
+    command_lines,
     open_box,
     stat_supervisor,
     supervisor_process,
@@ -166,6 +168,20 @@ def test_a_killed_supervisor_is_ours_once(number: int) -> None:
         os.kill(find_supervisor(box), number)
         wait_until_unanswered(caller)
         assert box.close().signal == signal.SIGKILL
+
+
+def test_a_supervisor_that_is_killed_before_the_box_begins_is_ours_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    def request_killed(*_: object) -> socket.socket:
+        ours, theirs = socket.socketpair()
+        theirs.close()
+        return ours
+
+    monkeypatch.setattr(command_lines, "request_supervisor", request_killed)
+    with pytest.raises(BoxKilledError, match="could not be started: have fstat supervised: .*Broken pipe"):
+        open_box(SPEC)
+    with pytest.raises(BoxError, match="could not be started") as caught:
+        open_box(replace(SPEC, owns_signals=True))
+    assert not isinstance(caught.value, BoxKilledError)
 
 
 @pytest.mark.parametrize(("end", "code"), [("os._exit(3)", 3), ("os.abort()", None)])

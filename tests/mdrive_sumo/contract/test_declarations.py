@@ -72,9 +72,8 @@ def test_a_rig_is_the_papers_at_any_scale(name: str) -> None:
         assert (large.kind, large.id) == (small.kind, small.id) == ("camera", camera.id)
         assert (large.options["width"], large.options["height"]) == camera.size
         assert (small.options["width"], small.options["height"]) == tuple(round(side / 2) for side in camera.size)
-        assert small.options | {"kind": "rgb", "every_ticks": 1} == large.options | {
-            name: small.options[name] for name in ("width", "height")
-        }
+        sides = {name: small.options[name] for name in ("width", "height")}
+        assert {**small.options, "kind": "rgb", "every_ticks": 1} == {**large.options, **sides}
         assert (small.options["kind"], small.options["every_ticks"]) == ("semantic", 4)
 
 
