@@ -9,13 +9,12 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import bubblewrap, cgroups, gvisor
-from mdrive_sumo.agent_process.sandbox.box import Box, BoxKilledError, BoxParts
+from mdrive_sumo.agent_process.sandbox.box import Box, BoxParts
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
 from mdrive_sumo.agent_process.sandbox.command_lines import BoxPlacement, launch
-from mdrive_sumo.agent_process.sandbox.launch import BoxError, LaunchPlan, start
+from mdrive_sumo.agent_process.sandbox.launch import BoxError, start
 from mdrive_sumo.agent_process.sandbox.pipe_ends import LogRing, PipeEnds
 from mdrive_sumo.agent_process.sandbox.private_files import provide_private_files
-from mdrive_sumo.agent_process.sandbox.supervisor_process import has_been_killed
 from mdrive_sumo.agent_process.sandbox.user_slots import UserSlot, take
 from mdrive_sumo.core.posix import check_posix
 
@@ -98,7 +97,7 @@ def _start(spec: BoxSpec, slot: UserSlot, group: cgroups.Cgroup | None, folder: 
             ends.theirs.callback(os.close, fd)
         seen = provide_private_files(spec, slot.number) if spec.copies is not None else bubblewrap.sources(spec)
         plan = launch(spec, ends, BoxPlacement(slot.uid, entries, folder, seen))
-        pid = _start_program(spec, plan)
+        pid = start(plan)
         parts = BoxParts(
             pid=pid,
             pidfd=os.pidfd_open(pid),
@@ -113,13 +112,3 @@ def _start(spec: BoxSpec, slot: UserSlot, group: cgroups.Cgroup | None, folder: 
         )
         ends.undo.pop_all()
     return Box(parts, ends.own, LogRing(ends.log, spec.limits.log_bytes), spec.backend)
-
-
-def _start_program(spec: BoxSpec, plan: LaunchPlan) -> int:
-    """Process id. Raises BoxError; BoxKilledError if the supervisor of the box has been killed meanwhile."""
-    try:
-        return start(plan)
-    except BoxError as error:
-        if plan.watch is None or spec.owns_signals or not has_been_killed(plan.watch.link):
-            raise
-        raise BoxKilledError(str(error)) from None
