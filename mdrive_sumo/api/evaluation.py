@@ -103,8 +103,8 @@ def _locate(suite: str | Suite, scenario: str) -> tuple[str, str]:
         raise InputError(f"suite: expected a suite, its name or its folder, found {suite!r:.40}")
     name = suite.name if list_packaged_suites().get(suite.name) == suite.folder else str(suite.folder)
     stored = load_suite(name)
-    known = {one.id: one for one in stored}
-    changed = [one.id for one in suite if known.get(one.id) != one]
+    stored_by_id = {one.id: one for one in stored}
+    changed = [one.id for one in suite if stored_by_id.get(one.id) != one]
     if changed:
         raise InputError(
             f"suite {suite.name}: expected scenarios as they are in {suite.folder}, found another {changed[0]!r};"

@@ -52,11 +52,11 @@ def evaluate_open(
         evaluate_with_progress(run, progress)
         return run.folder
 
-    found = find_reference(_find_name(reference), drive, suite=suite, pattern=scenario, seed=seed)
+    recorded = find_reference(_find_name(reference), drive, suite=suite, pattern=scenario, seed=seed)
     spec, chosen = AgentSpec(agent, agent_config or {}), EpisodeOptions.parse(**options)
     spec = spec.with_limits(parse_agent_limits(agent_limits)) if agent_limits else spec
     folder = None if out is None else Path(out)
-    run = prepare_open_loop(found, spec, chosen, folder, count, sandbox=sandbox)
+    run = prepare_open_loop(recorded, spec, chosen, folder, count, sandbox=sandbox)
 
     def report(done: int, total: int, result: OpenLoopScenario) -> None:
         if progress:

@@ -37,9 +37,9 @@ class RunsReport:
         if table not in self.tables:
             expected = ", ".join(self.tables)
             raise InputError(f"table: expected one of {expected}, found {table!r}{suggest_name(table, self.tables)}")
-        found = self.tables[table]
-        keys = [column.key for column in found.columns]
-        return build_data_frame(dict(zip(keys, (cell.value for cell in row.cells), strict=True)) for row in found.rows)
+        shown = self.tables[table]
+        keys = [column.key for column in shown.columns]
+        return build_data_frame(dict(zip(keys, (cell.value for cell in row.cells), strict=True)) for row in shown.rows)
 
     def save(self, out: str | Path) -> Path:
         """Write the files of `mdrive-sumo report` into a new or empty folder and return it. Raises InputError."""

@@ -178,7 +178,7 @@ class Run:
     def rescore(self, mode: ScoreMode | str) -> "Run":
         """Return the run in another score mode, computed from its recordings without simulation."""
         stored = [load_stored_run(folder) for folder in self.folders]
-        return Run(self.folders, tuple(rescore_run(one, parse_score_mode(mode)) for one in stored))
+        return Run(self.folders, tuple(rescore_run(stored_run, parse_score_mode(mode)) for stored_run in stored))
 
     def verify(
         self, sample: int | None = None, workers: int | None = None, *, trust_agent: bool = False, sandbox: bool = False
@@ -189,13 +189,13 @@ class Run:
         sandbox: whether it runs in boxes. A file of the folder with another number than the second execution has a
         result of its own, with its name as `scenario`. Raises InputError without permission.
         """
-        found: list[VerificationResult] = []
+        verifications: list[VerificationResult] = []
         for folder in self.folders:
             verification = RunVerification(load_unchecked_run(folder), Permission(trust_agent, sandbox), sample)
-            found += verification.verify_episodes(workers or count_available_cores())
+            verifications += verification.verify_episodes(workers or count_available_cores())
             files = [file for file in verification.verify_files() if file.differences]
-            found += [VerificationResult(file.file, False, "; ".join(file.differences[:3])) for file in files]
-        return found
+            verifications += [VerificationResult(file.file, False, "; ".join(file.differences[:3])) for file in files]
+        return verifications
 
 
 def load_run(folder: str | Path | Iterable[str | Path]) -> Run:
@@ -213,7 +213,7 @@ def compare(run: Run | str | Path, other: Run | str | Path) -> RunComparison:
     Of several seeds the mean score of each scenario is compared; scenarios that are void with any seed are left out.
     Raises InputError for runs with different score modes or without a scenario in common.
     """
-    first, second = (one if isinstance(one, Run) else load_run(one) for one in (run, other))
+    first, second = (given if isinstance(given, Run) else load_run(given) for given in (run, other))
     return compare_results(_join(first), _join(second), (first.folders[0], second.folders[0]))
 
 

@@ -26,6 +26,7 @@ from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.sumo import SumoWorld
 
 DEFAULT_SENSORS = (SensorSpec("objects"),)
+"""What the CAVs of a `Simulation` sense unless it names sensors: the objects around them."""
 
 
 def simulate(

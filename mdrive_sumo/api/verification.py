@@ -69,17 +69,19 @@ class RunVerification:
 
     def verify_episodes(self, workers: int) -> Iterator[VerificationResult]:
         """Drive the chosen scenarios again and yield the comparison of each as it finishes. Raises InputError."""
-        for found in verify(self.run, self.chosen, workers, tuple(self._modes)):
-            self._scores[found.key] = found.scores
-            yield found
+        for verification in verify(self.run, self.chosen, workers, tuple(self._modes)):
+            self._scores[verification.key] = verification.scores
+            yield verification
 
     def verify_files(self) -> Iterator[FileVerification]:
         """Yield the comparison of every file with figures. Raises InputError for one that cannot be read."""
         own = self._stored.run.config.score_mode
         facts = _declare(self.run, self._stored.run)
         for mode, path in self._modes.items():
-            found = self._stored.results if mode == own and path.name == RESULTS_FILE else load_unchecked_results(path)
-            yield self._verify_results(path.name, found, mode, facts)
+            results = (
+                self._stored.results if mode == own and path.name == RESULTS_FILE else load_unchecked_results(path)
+            )
+            yield self._verify_results(path.name, results, mode, facts)
         if (again := rescored_path(self._stored.run.folder, own)).is_file():
             yield self._verify_results(again.name, load_unchecked_results(again), own, facts)
         expected = build_expected_results(self._stored.run, self._stored.results, self._scores, own, facts).results

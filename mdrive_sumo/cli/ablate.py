@@ -76,8 +76,8 @@ def command(
     if differing := next(effects).difference:
         echo(f"{recorded.id}: the recording itself comes out differently: {differing}", err=True)
         ctx.exit(1)
-    found = rank_effects(recorded, _collect_effects(effects, len(mutes)))
-    echo(format_ablation_json(found) if as_json else format_ablation_table(found))
+    ranked = rank_effects(recorded, _collect_effects(effects, len(mutes)))
+    echo(format_ablation_json(ranked) if as_json else format_ablation_table(ranked))
 
 
 def _find_recorded(run: PreparedRun, results: Results, pattern: str, seed: int) -> ScenarioResult:
@@ -90,11 +90,11 @@ def _find_recorded(run: PreparedRun, results: Results, pattern: str, seed: int) 
 
 def _collect_effects(effects: Iterator[MuteEffect], total: int) -> list[MuteEffect]:
     """Return all effects and print a line on stderr for each."""
-    found: list[MuteEffect] = []
+    collected: list[MuteEffect] = []
     for effect in effects:
-        found.append(effect)
-        echo(f"{len(found)}/{total}  without {' '.join(effect.mute)}", err=True)
-    return found
+        collected.append(effect)
+        echo(f"{len(collected)}/{total}  without {' '.join(effect.mute)}", err=True)
+    return collected
 
 
 def format_ablation_table(found: AblationResult) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from mdrive_sumo.api.evaluation import evaluate_run
+from mdrive_sumo.cli.options import get_command_line
 from mdrive_sumo.cli.setting_options import read_channel, run_options
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
@@ -98,7 +99,7 @@ def _read_config(options: dict[str, Any], transcript: Path | None) -> RunConfig:
         agent_config["transcript"] = str(transcript.resolve())
     seeds = range(first, first + options.pop("seeds"))
     config = RunConfig.parse(agent_config=agent_config, seeds=seeds, comm=read_channel(options), **options)
-    return replace(config, command=("mdrive-sumo", *sys.argv[1:]))
+    return replace(config, command=get_command_line())
 
 
 def with_references(ctx: click.Context, results: Results, config: RunConfig) -> CapturedCooperation:

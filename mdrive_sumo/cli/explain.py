@@ -27,14 +27,14 @@ def command(run_folder: Path, pattern: str, cav: str, tick: int | None, seed: in
     from mdrive_sumo.core.geometry import Polyline
     from mdrive_sumo.report.story import CavStory
 
-    found = load_one_recording(run_folder, pattern, seed, suite)
-    record, cavs = found.record, found.record.ego_ids
+    recording = load_one_recording(run_folder, pattern, seed, suite)
+    record, cavs = recording.record, recording.record.ego_ids
     if cav not in cavs:
         hint = suggest_name(cav, cavs)
         raise InputError(f"--cav: expected a CAV of {record.scenario} ({', '.join(cavs)}), found {cav!r:.40}{hint}")
     if tick is not None and not 0 <= tick < record.ticks:
         raise InputError(f"--tick: expected 0 to {record.ticks - 1}, the ticks of {record.scenario}, found {tick}")
-    route = next(ego for ego in found.scenario.egos if ego.id == cav)
-    story = CavStory(record, cav, found.result, Polyline(route.xy).length)
+    route = next(ego for ego in recording.scenario.egos if ego.id == cav)
+    story = CavStory(record, cav, recording.result, Polyline(route.xy).length)
     for line in story.tell() if tick is None else story.tell_moment(tick):
         echo(clean_for_terminal(line))

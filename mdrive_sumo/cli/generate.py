@@ -37,6 +37,7 @@ from mdrive_sumo.scenario.suite import SuiteFile, load_suite
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 COUNT = 10
+"""Scenarios of a command that says no number; chosen: enough to look at."""
 LEAST_SECRET = 16
 """Least length of a private seed [characters], so that it cannot be guessed."""
 
@@ -172,8 +173,8 @@ def _generate(order: GenerationRequest, proposer: tuple[Proposer, str], out: Pat
 
 def _list_known(order: GenerationRequest) -> list[Scenario]:
     """Return the public scenarios, which generated ones must differ from."""
-    known = [scenario for scenario in load_packaged_generated() if scenario.category == order.category]
-    return known + list(build_public_counterparts(order)) if order.split == "hidden" else known
+    public = [scenario for scenario in load_packaged_generated() if scenario.category == order.category]
+    return public + list(build_public_counterparts(order)) if order.split == "hidden" else public
 
 
 def _format_attempt(attempt: GenerationAttempt) -> str:

@@ -33,6 +33,7 @@ HARD_SUITE = "hard"
 HARD_COUNT = 126
 """A third on corridors, 80 certificates (issue K), and room for categories that are neither."""
 BUDGET = 72
+"""New candidates of a family in a command that says no budget: nine batches of eight."""
 HARD_ONLY = ("families", "budget", "start_from", "search_folder", "fresh", "no_search")
 NOT_HARD = ("proposer", "endpoint", "model", "explain")
 

@@ -43,19 +43,19 @@ def evaluate_command(system: str, data: tuple[Path, ...], weights: Path | None, 
     if out is not None:
         with report_write_errors(out):  # before minutes of work
             make_parents(out)
-    found = evaluate_weights(spec, weights, arrays)
-    found["data"] = [str(each) for each in data]
+    figures = evaluate_weights(spec, weights, arrays)
+    figures["data"] = [str(each) for each in data]
     rows = [
-        (name, *(f"{found[key][metric]:.3f}" for metric in found["plan"]))
+        (name, *(f"{figures[key][metric]:.3f}" for metric in figures["plan"]))
         for name, key in ((system, "plan"), ("constant velocity", "constant_velocity"), ("blind", "blackout"))
     ]
-    echo(format_text(make_text_table(("plans", *found["plan"]), rows)))
-    kinds = [(name, str(one["samples"]), f"{one['ade_3s_m']:.3f}") for name, one in found["by_kind"].items()]
+    echo(format_text(make_text_table(("plans", *figures["plan"]), rows)))
+    kinds = [(name, str(one["samples"]), f"{one['ade_3s_m']:.3f}") for name, one in figures["by_kind"].items()]
     echo("\n" + format_text(make_text_table(("the expert", "samples", "ade_3s_m"), kinds)))
-    echo(f"\n{found['samples']} samples; {found['decision_ms']['median']:.1f} ms a decision on one core")
+    echo(f"\n{figures['samples']} samples; {figures['decision_ms']['median']:.1f} ms a decision on one core")
     if out is not None:
         with report_write_errors(out):
-            write_text(out, json.dumps(found, indent=1) + "\n")
+            write_text(out, json.dumps(figures, indent=1) + "\n")
 
 
 @click.command("export")
@@ -77,13 +77,13 @@ def export_command(system: str, checkpoint: Path, out: Path, data: tuple[Path, .
     from mdrive_sumo.learning.training.export_network import export_network
 
     loaded = load_checkpoint(checkpoint, system)
-    found = export_network(loaded, out, load_arrays(data, SYSTEMS[system], workers) if data else None)
-    size = found.network.stat().st_size / 1e6
+    exported = export_network(loaded, out, load_arrays(data, SYSTEMS[system], workers) if data else None)
+    size = exported.network.stat().st_size / 1e6
     echo(
-        f"{found.network}  {size:.2f} MB, differs from PyTorch by {1e3 * found.difference:.3f} mm at most, by"
-        f" {1e3 * found.rounding:.3f} mm before its weights were rounded\n"
+        f"{exported.network}  {size:.2f} MB, differs from PyTorch by {1e3 * exported.difference:.3f} mm at most, by"
+        f" {1e3 * exported.rounding:.3f} mm before its weights were rounded\n"
         f"`eval --agent {system} --agent-config FILE` drives with it, FILE holds"
-        f" {json.dumps({'weights': str(found.network)})}"
+        f" {json.dumps({'weights': str(exported.network)})}"
     )
 
 

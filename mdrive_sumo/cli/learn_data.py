@@ -70,9 +70,9 @@ def command(ctx: click.Context, out: Path, scenarios: int, workers: int, fresh: 
         ctx.exit(130)
     echo(format_dataset(dataset))
     echo(f"{out}  {len(dataset.shards)} shards and dataset.json")
-    failed = [one for one in _list_scenarios(dataset) if one.status == "failed"]
-    for one in failed:
-        echo(f"scenario {one.index} ({one.scenario}) failed: {one.reason}", err=True)
+    failed = [scenario for scenario in _list_scenarios(dataset) if scenario.status == "failed"]
+    for scenario in failed:
+        echo(f"scenario {scenario.index} ({scenario.scenario}) failed: {scenario.reason}", err=True)
     done = sum(len(shard.scenarios) for shard in dataset.shards)
     ctx.exit(1 if failed or done < scenarios else 0)
 
@@ -99,7 +99,7 @@ def _parse_settings(options: Mapping[str, Any]) -> CollectionSettings:
 
 
 def _list_scenarios(dataset: DatasetFile) -> list[CollectedScenario]:
-    return [one for shard in dataset.shards for one in shard.scenarios]
+    return [scenario for shard in dataset.shards for scenario in shard.scenarios]
 
 
 def format_dataset(dataset: DatasetFile) -> str:

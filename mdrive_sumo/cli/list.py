@@ -223,10 +223,10 @@ def list_networks(_: str) -> str:
 def list_networks_of(folder: Path) -> str:
     """Return the table of the networks in a folder, or in its networks/. Raises InputError without any."""
     places = [*sorted(folder.glob("*")), *sorted((folder / NETWORKS).glob("*"))]
-    found = {place.name: place for place in places if (place / NETWORK_FILE).is_file()}
-    if not found:
+    folders = {place.name: place for place in places if (place / NETWORK_FILE).is_file()}
+    if not folders:
         raise InputError(f"{folder}: expected networks in NAME/{NETWORK_FILE} or {NETWORKS}/NAME, found none")
-    return _format_networks(found)
+    return _format_networks(folders)
 
 
 def _format_networks(folders: Mapping[str, Path]) -> str:

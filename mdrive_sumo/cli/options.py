@@ -1,6 +1,7 @@
-"""Options that many commands share: `--workers`, `--scenario`, and numbers between bounds. Imports no simulator."""
+"""What many commands share: `--workers`, `--scenario`, numbers between bounds, their own words. No simulator."""
 
 import math
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -56,3 +57,8 @@ class FiniteRange(click.FloatRange):
         if math.isnan(number):
             self.fail(f"expected a number, found {value!r}", param, ctx)
         return number
+
+
+def get_command_line() -> tuple[str, ...]:
+    """Return the command as the user typed it, for results and reports."""
+    return ("mdrive-sumo", *sys.argv[1:])

@@ -1,6 +1,5 @@
 """`mdrive-sumo study paper`: the counterparts of the paper's tables and figures."""
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 import click
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
-from mdrive_sumo.cli.options import workers_option
+from mdrive_sumo.cli.options import get_command_line, workers_option
 from mdrive_sumo.cli.setting_options import add_options, seed_options, setting_option
 from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
 from mdrive_sumo.cli.study_options import parse_agent_names
@@ -61,7 +60,7 @@ def command(ctx: click.Context, **options: object) -> None:
         echo(f"left out: {name}: {why}", err=True)
     rows = drive_with_display(ctx, prepared.study)
     numbers = compute_paper_numbers(prepared.study, rows)
-    request = PaperRequest(hide_command(("mdrive-sumo", *sys.argv[1:]), given.out), prepared.left_out)
+    request = PaperRequest(hide_command(get_command_line(), given.out), prepared.left_out)
     pages = write_paper(given.out, numbers, request, prepared.about)
     echo(format_text(build_main_table(numbers.compared)))
     echo("\n" + "\n".join(map(str, pages)))
@@ -72,7 +71,9 @@ def command(ctx: click.Context, **options: object) -> None:
 
 def _warn_about_open_failures(opened: Mapping[str, OpenLoopResults], folder: Path) -> bool:
     """Print in how many recordings each agent failed in open loop; return whether there are any."""
-    counts = {agent: sum(bool(one.failures) for one in results.scenarios) for agent, results in opened.items()}
+    counts = {
+        agent: sum(bool(scenario.failures) for scenario in results.scenarios) for agent, results in opened.items()
+    }
     failed = {agent: count for agent, count in counts.items() if count}
     for agent, count in failed.items():
         echo(f"THE AGENT {agent} FAILED in {count} recordings of the open loop: {folder / RUNS_FOLDER}", err=True)
@@ -140,5 +141,5 @@ class _PaperOptions:
             workers=self.workers,
             out=self.out,
             fresh=self.fresh,
-            command=("mdrive-sumo", *sys.argv[1:]),
+            command=get_command_line(),
         )

@@ -49,10 +49,10 @@ def _check_reference_run(stored: StoredRun, folder: Path) -> None:
         "seed": REFERENCE_SEED,
         **REFERENCE_OPTIONS.to_dict(),
     }
-    found = config.to_dict()
+    identity = config.to_dict()
     for name, value in expected.items():
-        if found[name] != value:
-            raise InputError(f"{folder}: {name}: expected a run with {value!r}, found {found[name]!r}")
+        if identity[name] != value:
+            raise InputError(f"{folder}: {name}: expected a run with {value!r}, found {identity[name]!r}")
     if config.has_many_seeds:
         raise InputError(f"{folder}: seeds: expected a run with seed {REFERENCE_SEED} alone, found one of several")
     if any(ego.ticks is None for result in stored.results.scenarios for ego in result.egos):

@@ -1,10 +1,10 @@
 """`mdrive-sumo report`."""
 
-import sys
 from pathlib import Path
 
 import click
 
+from mdrive_sumo.cli.options import get_command_line
 from mdrive_sumo.cli.replay_bar import write_run_replays
 from mdrive_sumo.core.atomic_folder import check_new_folder
 from mdrive_sumo.core.errors import InputError
@@ -50,7 +50,7 @@ def command(
     """
     check_new_folder(out)
     agents = make_compared_agents(load_report_runs(runs))
-    command_line = hide_command(("mdrive-sumo", *sys.argv[1:]), Path.cwd())
+    command_line = hide_command(get_command_line(), Path.cwd())
     report = build_comparison_report(agents, baseline=baseline, with_published=with_published, command=command_line)
     _write_replays(runs, ReplaySelection(replays), suite)
     files = write_comparison_report(report, out)

@@ -168,16 +168,16 @@ def _set_option(comm: CommSettings, option: str, text: str) -> CommSettings:
 
 def _split_by_type(text: str) -> dict[str, list[str]]:
     """Split values by type of message, "" for all types: "0.6,0.6,cam=0,0" -> {"": [...], "cam": [...]}."""
-    found: dict[str, list[str]] = {"": []}
+    values_by_type: dict[str, list[str]] = {"": []}
     name = ""
     for part in text.split(","):
         key, equals, value = part.strip().rpartition("=")
         if equals:
             name = key.strip()
-            if name not in TYPES or name in found:
+            if name not in TYPES or name in values_by_type:
                 raise ValueError(f"expected each type of {', '.join(TYPES)} at most once, found {name!r:.40}")
-        found.setdefault(name, []).append(value.strip())
-    return {name: values for name, values in found.items() if values}
+        values_by_type.setdefault(name, []).append(value.strip())
+    return {name: values for name, values in values_by_type.items() if values}
 
 
 def _parse_number(text: str) -> float:

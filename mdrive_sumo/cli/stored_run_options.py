@@ -22,12 +22,12 @@ moved_suite_option = click.option("--suite", metavar="NAME|DIR", help="Where the
 
 def find_one_scenario(suite: Suite, pattern: str) -> Scenario:
     """Return the only scenario whose id or category fits a glob. Raises InputError if none or several fit."""
-    found = suite.select(pattern)
-    if len(found) == 1:
-        return found[0]
+    fitting = suite.select(pattern)
+    if len(fitting) == 1:
+        return fitting[0]
     raise InputError(
-        f"suite {suite.name}: expected {pattern!r} to fit one scenario, found {len(found)}:"
-        f" {', '.join(scenario.id for scenario in found[:4])}{' ...' if len(found) > 4 else ''}; an id names one"
+        f"suite {suite.name}: expected {pattern!r} to fit one scenario, found {len(fitting)}:"
+        f" {', '.join(scenario.id for scenario in fitting[:4])}{' ...' if len(fitting) > 4 else ''}; an id names one"
     )
 
 
@@ -49,17 +49,15 @@ def load_one_recording(folder: Path, pattern: str | None, seed: int | None, suit
     stored = load_stored_run(folder, suite)
     chosen = choose_seed(stored.results, seed)
     results = select_recorded(stored, (stored.results.scenarios[0].id if pattern is None else pattern,))
-    names = list(dict.fromkeys(result.id for result in results))
-    if len(names) > 1:
+    ids = list(dict.fromkeys(result.id for result in results))
+    if len(ids) > 1:
         raise InputError(
-            f"{folder}: expected {pattern!r} to fit one scenario, found {len(names)}: {', '.join(names[:4])}"
-            f"{' ...' if len(names) > 4 else ''}; an id names one"
+            f"{folder}: expected {pattern!r} to fit one scenario, found {len(ids)}: {', '.join(ids[:4])}"
+            f"{' ...' if len(ids) > 4 else ''}; an id names one"
         )
     of_seed = [result for result in results if result.seed == chosen]
     if not of_seed:
-        raise InputError(
-            f"{folder}: scenario {names[0]}: expected a recorded episode of seed {chosen}, found a void one"
-        )
+        raise InputError(f"{folder}: scenario {ids[0]}: expected a recorded episode of seed {chosen}, found a void one")
     return next(load_recordings(stored, of_seed))
 
 

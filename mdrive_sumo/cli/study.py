@@ -92,7 +92,7 @@ def comm_command(ctx: click.Context, **options: object) -> None:
         "study.md": study_markdown(about, lines, [path for path in pictures if path.suffix == ".png"]),
     }
     table = format_text(build_study_table(lines, brief=True))
-    results = (one for row in rows if not row.reused for one in row.results)
+    results = (result for row in rows if not row.reused for result in row.results)
     given.end_study(ctx, results, pages, pictures, [table], sum(line.void for line in lines))
 
 
@@ -116,38 +116,40 @@ class _ChannelStudyOptions(StudyOptions):
 
     def varied(self) -> dict[str, tuple[Level, ...]]:
         """Return the levels of every varied factor. Raises InputError."""
-        found: dict[str, tuple[Level, ...]] = {}
+        levels: dict[str, tuple[Level, ...]] = {}
         for name, text in (("latency", self.latency), ("loss", self.loss)):
             if text is not None:
-                found[name] = parse_levels(name, text)
+                levels[name] = parse_levels(name, text)
         if self.pose_error is not None:
-            found["pose-error"] = parse_pose_levels(self.pose_error, self.rotation_error)
+            levels["pose-error"] = parse_pose_levels(self.pose_error, self.rotation_error)
         elif self.rotation_error is not None:
             raise InputError("study: --rotation-error: expected --pose-error with it, found none")
-        if not found:
+        if not levels:
             raise InputError("study: expected at least one of --latency, --loss and --pose-error, found none")
-        return found
+        return levels
 
-    def study(self, found: tuple[ChannelCondition, ...]) -> Study:
+    def study(self, conditions: tuple[ChannelCondition, ...]) -> Study:
         """Return the study; creates every agent once. Raises InputError."""
         names = parse_agent_names(self.agents)
         configs = self._parse_agent_configs(names)
         agents = {name: self.prepare_agent(name, configs.get(name)) for name in names}
         best = agents.get(BEST) or self.prepare_agent(BEST) if self.captured else None
-        return Study(agents, best, found, make_off_condition() if self.captured else None, self.all_seeds, self.out)
+        return Study(
+            agents, best, conditions, make_off_condition() if self.captured else None, self.all_seeds, self.out
+        )
 
     def make_episode_options(self) -> EpisodeOptions:
         """Return the conditions of every episode: the base channel, the agents' clock. Raises InputError."""
         return EpisodeOptions(self.base(), parse_clock(self.agent_clock))
 
     def _parse_agent_configs(self, names: Sequence[str]) -> dict[str, dict[str, ConfigValue]]:
-        found: dict[str, dict[str, ConfigValue]] = {}
+        config_by_agent: dict[str, dict[str, ConfigValue]] = {}
         for text in self.agent_config:
             name, _, path = text.partition("=")
             if name not in names or not path:
                 raise InputError(f"study: --agent-config: expected AGENT=FILE with one of --agents, found {text!r}")
-            found[name] = load_agent_config(Path(path))
-        return found
+            config_by_agent[name] = load_agent_config(Path(path))
+        return config_by_agent
 
 
 def _draw(
@@ -160,7 +162,7 @@ def _draw(
     )
     pictures: list[Path] = []
     for name in varied:
-        found = make_curves(lines, FACTORS[name], base)
-        if found:
-            pictures += draw_curves(found, FACTORS[name], title, out / name)
+        curves = make_curves(lines, FACTORS[name], base)
+        if curves:
+            pictures += draw_curves(curves, FACTORS[name], title, out / name)
     return pictures

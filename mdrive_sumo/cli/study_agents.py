@@ -53,7 +53,7 @@ def gain_command(ctx: click.Context, **options: Any) -> None:
         "gain.md": gain_markdown(about, rows, summary),
     }
     table = format_text(build_gain_table(summary))
-    results = (one for row in rows for one in row.results)
+    results = (result for row in rows for result in row.results)
     given.end_study(ctx, results, pages, (), [table], summary.void)
 
 
@@ -98,7 +98,7 @@ def cross_play_command(ctx: click.Context, agents: str, **options: Any) -> None:
         format_text(build_strangers_table(summary)),
         format_text(build_matrix(summary)),
     )
-    results = (one for row in rows for one in row.results)
+    results = (result for row in rows for result in row.results)
     given.end_study(ctx, results, pages, pictures, tables, summary.void)
 
 
@@ -164,7 +164,7 @@ def penetration_command(ctx: click.Context, agents: str, others: str, levels: st
     }
     pictures = draw_penetration(summary, about.suite, given.out / "penetration")
     table = format_text(build_penetration_table(summary))
-    results = (one for row in rows for one in row.results)
+    results = (result for row in rows for result in row.results)
     given.end_study(ctx, results, pages, pictures, [table], summary.void)
 
 

@@ -94,7 +94,7 @@ def warn_about_failures(found: Iterable[Results], folder: Path) -> bool:
     counts = Counter(
         results.run.agent
         for results in found
-        for _ in {(one.result.id, one.result.seed) for one in list_agent_failures(results)}
+        for _ in {(failure.result.id, failure.result.seed) for failure in list_agent_failures(results)}
     )
     for agent, count in counts.items():
         echo(f"THE AGENT {agent} FAILED in {count} episodes; logs and reports: {folder / RUNS_FOLDER}", err=True)

@@ -1,6 +1,5 @@
 """Options that studies of agents share: suite, channel, seeds, folder."""
 
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any, NoReturn, Protocol
 import click
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
+from mdrive_sumo.cli.options import get_command_line
 from mdrive_sumo.cli.setting_options import add_options, parse_comm_options, seed_options, setting_option
 from mdrive_sumo.cli.study_display import warn_about_failures
 from mdrive_sumo.core.errors import InputError
@@ -87,7 +87,7 @@ class StudyOptions:
             workers=self.workers,
             out=self.out,
             fresh=self.fresh,
-            command=_get_command(),
+            command=get_command_line(),
         )
         return prepare(config)
 
@@ -97,7 +97,7 @@ class StudyOptions:
         """Return the study for its files. grid and factors: of a channel study."""
         suite = rows[0].results[0].run.suite
         return StudyDescription(
-            suite, self.scenario, grid, factors or {}, self.all_seeds, hide_command(_get_command(), self.out)
+            suite, self.scenario, grid, factors or {}, self.all_seeds, hide_command(get_command_line(), self.out)
         )
 
     def end_study(
@@ -120,10 +120,6 @@ class StudyOptions:
         echo("\n\n".join((*tables, "\n".join(map(str, (*paths, *pictures))))))
         failed = warn_about_failures(results, self.out)
         ctx.exit(1 if failed or void else 0)
-
-
-def _get_command() -> tuple[str, ...]:
-    return ("mdrive-sumo", *sys.argv[1:])
 
 
 def parse_agent_names(text: str, fewest: int = 1) -> Sequence[str]:

@@ -88,56 +88,59 @@ def command(ctx: click.Context, suite: str, sample: int | None, scenario: str, w
     written = [part for part in loaded.parts or (loaded,) if write and any(s in chosen for s in part.scenarios)]
     for part in written:
         _check_unchanged(part, chosen)
-    found: list[ScenarioValidation] = []
+    validations: list[ScenarioValidation] = []
     sampled = sample_scenarios(replace(loaded, scenarios=chosen), sample)
-    for one in validate_scenarios(loaded, sampled, options["workers"], options["seeds"]):
-        found.append(one)
-        echo(_format_validation(one))
+    for validation in validate_scenarios(loaded, sampled, options["workers"], options["seeds"]):
+        validations.append(validation)
+        echo(_format_validation(validation))
     for part in written:
-        (_write_need if is_hard_suite(part) else _write_certificates)(part, found)
-        _write_reference_times(part, found)
-    whole = find_suite_problems(loaded, found)
+        (_write_need if is_hard_suite(part) else _write_certificates)(part, validations)
+        _write_reference_times(part, validations)
+    whole = find_suite_problems(loaded, validations)
     for sentence in (*whole, *describe_suite(loaded), *describe_rules(loaded)):
         echo(sentence)
-    failed = sum(bool(one.problems) for one in found)
-    difficult, hidden = sum(one.is_difficult for one in found), sum(one.is_occluded for one in found)
-    echo(f"{len(found) - failed} of {len(found)} pass; {difficult} difficult, {hidden} hidden until late")
+    failed = sum(bool(validation.problems) for validation in validations)
+    difficult = sum(validation.is_difficult for validation in validations)
+    hidden = sum(validation.is_occluded for validation in validations)
+    echo(f"{len(validations) - failed} of {len(validations)} pass; {difficult} difficult, {hidden} hidden until late")
     ctx.exit(1 if failed or whole else 0)
 
 
-def _format_validation(one: ScenarioValidation) -> str:
-    if one.hard is not None:
-        solved = f"ok, omniscient 100 with {one.hard.seeds} of {one.hard.seeds} seeds"
-        need = f"needed: a message gains {one.hard.need.lead_s:.1f} s" if one.hard.need.holds else "no need certified"
-        return f"{one.scenario}: {'; '.join(one.problems) or solved}; {need}"
-    said = "; ".join(one.problems) or ("ok" if one.is_difficult else "ok, blind driving has no near miss")
-    return f"{one.scenario}: {said}{', hidden until late' if one.is_occluded else ''}"
+def _format_validation(validation: ScenarioValidation) -> str:
+    if (hard := validation.hard) is not None:
+        solved = f"ok, omniscient 100 with {hard.seeds} of {hard.seeds} seeds"
+        need = f"needed: a message gains {hard.need.lead_s:.1f} s" if hard.need.holds else "no need certified"
+        return f"{validation.scenario}: {'; '.join(validation.problems) or solved}; {need}"
+    said = "; ".join(validation.problems) or ("ok" if validation.is_difficult else "ok, blind driving has no near miss")
+    return f"{validation.scenario}: {said}{', hidden until late' if validation.is_occluded else ''}"
 
 
-def _write_certificates(suite: Suite, found: Sequence[ScenarioValidation]) -> None:
+def _write_certificates(suite: Suite, validations: Sequence[ScenarioValidation]) -> None:
     """Write certificates in the order of the suite, of all its scenarios that could be driven now or before."""
     before = read_certificates(suite.folder)
-    by_name = {one.scenario: one for one in before.certificates} if before else {}
-    by_name |= {one.scenario: one.certificate for one in found}
+    by_name = {certificate.scenario: certificate for certificate in before.certificates} if before else {}
+    by_name |= {validation.scenario: validation.certificate for validation in validations}
     kept = tuple(c for c in (by_name.get(scenario.id) for scenario in suite.scenarios) if c is not None)
     with report_write_errors(suite.folder / CERTIFICATE_FILE):
         save_certificates(suite.folder, OcclusionCertificateFile(suite_checksum=suite.checksum(), certificates=kept))
     echo(f"{suite.folder / CERTIFICATE_FILE}  {len(kept)} certificates")
 
 
-def _write_need(suite: Suite, found: Sequence[ScenarioValidation]) -> None:
+def _write_need(suite: Suite, validations: Sequence[ScenarioValidation]) -> None:
     """Write certificates of need in the order of the suite, of all its scenarios that could be driven now or before."""
     before = read_need(suite.folder)
-    by_name = {one.scenario: one for one in before.certificates} if before else {}
-    by_name |= {one.scenario: one.hard.need for one in found if one.hard is not None}
+    by_name = {certificate.scenario: certificate for certificate in before.certificates} if before else {}
+    by_name |= {validation.scenario: validation.hard.need for validation in validations if validation.hard is not None}
     kept = tuple(by_name[scenario.id] for scenario in suite.scenarios if scenario.id in by_name)
     with report_write_errors(suite.folder / NEED_FILE):
         save_need(suite.folder, NeedCertificateFile(suite_checksum=suite.checksum(), certificates=kept))
     echo(f"{suite.folder / NEED_FILE}  {len(kept)} certificates")
 
 
-def _write_reference_times(suite: Suite, found: Sequence[ScenarioValidation]) -> None:
-    measured = {one.scenario: one.reference for one in found if one.reference is not None}
+def _write_reference_times(suite: Suite, validations: Sequence[ScenarioValidation]) -> None:
+    measured = {
+        validation.scenario: validation.reference for validation in validations if validation.reference is not None
+    }
     with report_write_errors(suite.folder / REFERENCE_TIMES_FILE):
         count = save_reference_times(suite, measured)
     echo(f"{suite.folder / REFERENCE_TIMES_FILE}  times of {count} scenarios")

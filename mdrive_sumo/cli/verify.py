@@ -46,12 +46,12 @@ def command(
         replayed = f"; taken from the recording: {verdict.replayed}" if verdict.replayed else ""
         echo(f"{verdict.scenario}: {verdict.text}{replayed}")
         different += not verdict.identical
-    found = list(verification.verify_files())
-    for file in found:
+    files = list(verification.verify_files())
+    for file in files:
         _print_file(file)
     total = len(verification.chosen)
     skipped = f", {void} void" if (void := sum(one.status == "void" for one in stored.results.scenarios)) else ""
-    numbers = sum(len(file.differences) for file in found)
+    numbers = sum(len(file.differences) for file in files)
     also = f"; the files of the run have {numbers} other values" if numbers else ""
     echo(f"{total - different} of {total} scenarios are identical{skipped}{also}")
     ctx.exit(1 if different or numbers else 0)

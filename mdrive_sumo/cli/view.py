@@ -213,8 +213,8 @@ def _write_in_step(runs: Sequence[ComparedRun], given: _ViewOptions) -> Iterator
     seeds = find_telling_seeds(runs)
     for pattern in given.patterns:
         scenario = find_one_scenario(first.stored.run.suite, pattern).id
-        known = seeds.get((scenario, other.letter), first.stored.results.run.seed)
-        seed = known if given.seed is None else choose_seed(first.stored.results, given.seed)
+        telling_seed = seeds.get((scenario, other.letter), first.stored.results.run.seed)
+        seed = telling_seed if given.seed is None else choose_seed(first.stored.results, given.seed)
         path = given.export or find_comparison_folder(runs) / name_in_step_file(scenario, other.letter)
         write_page(path, build_in_step_page(first, other, (scenario, seed)))
         yield path
@@ -223,8 +223,8 @@ def _write_in_step(runs: Sequence[ComparedRun], given: _ViewOptions) -> Iterator
 def _write_episodes(stored: StoredRun, given: _ViewOptions) -> Iterator[Path]:
     run, results = stored.run, stored.results
     chosen = [find_one_scenario(run.suite, pattern) for pattern in given.patterns]
-    found = [_find_result(results, scenario, choose_seed(results, given.seed)) for scenario in chosen]
-    for result in found:
+    results_to_show = [_find_result(results, scenario, choose_seed(results, given.seed)) for scenario in chosen]
+    for result in results_to_show:
         path = given.export or run.folder / VIEW_FOLDER / name_replay_file(run.info, result)
         write_page(path, build_replay(run, result))
         yield path
@@ -238,12 +238,12 @@ def _open(paths: Sequence[Path], *, is_wanted: bool) -> None:
 
 
 def _find_result(results: Results, scenario: Scenario, seed: int) -> ScenarioResult:
-    found = next((result for result in results.scenarios if result.key == (scenario.id, seed)), None)
-    if found is None:
+    result_of_seed = next((result for result in results.scenarios if result.key == (scenario.id, seed)), None)
+    if result_of_seed is None:
         driven = [*dict.fromkeys(result.id for result in results.scenarios)]
         names = ", ".join(driven[:4]) + (" ..." if len(driven) > 4 else "")
         raise InputError(
             f"scenario {scenario.id}: expected one that this run has driven ({names}), found one outside its"
             f" --scenario; `mdrive-sumo eval --scenario {scenario.id}` drives it in a run of its own"
         )
-    return found
+    return result_of_seed

@@ -27,8 +27,8 @@ def parse_agent_limits(text: str | Mapping[str, float]) -> AgentLimits:
     times: dict[str, float] = {}
     for name, value in pairs:
         if name not in TIMES:
-            known = ", ".join(TIMES)
-            raise InputError(f"{OPTION}: expected one of {known}, found {name!r:.40}{suggest_name(name, TIMES)}")
+            names = ", ".join(TIMES)
+            raise InputError(f"{OPTION}: expected one of {names}, found {name!r:.40}{suggest_name(name, TIMES)}")
         if f"{name}_s" in times:
             raise InputError(f"{OPTION}: {name}: expected it once, found it twice")
         times[f"{name}_s"] = _parse_seconds(name, value)

@@ -153,16 +153,16 @@ def _find_warnings(a: Results, b: Results) -> list[str]:
         "versions": select_shared_versions(a.run, b.run),
     }
     partial = [
-        f"{letter} is partial: {len(one.scenarios)} of {one.planned} episodes are finished"
-        for letter, one in zip("AB", (a, b), strict=True)
-        if one.planned is not None
+        f"{letter} is partial: {len(results.scenarios)} of {results.planned} episodes are finished"
+        for letter, results in zip("AB", (a, b), strict=True)
+        if results.planned is not None
     ]
-    found = [f"A and B differ in {what}: {x} and {y}" for what, (x, y) in compared.items() if x != y]
-    found = partial + found
+    warnings = [f"A and B differ in {what}: {x} and {y}" for what, (x, y) in compared.items() if x != y]
+    warnings = partial + warnings
     tracks = (a.run.sensing_track, b.run.sensing_track)
     if all(tracks) and len(set(tracks)) > 1:
-        found.append(f"A is in the {tracks[0]} track and B in the {tracks[1]} track, which are ranked apart")
-    return found
+        warnings.append(f"A is in the {tracks[0]} track and B in the {tracks[1]} track, which are ranked apart")
+    return warnings
 
 
 def select_shared_versions(a: RunInfo, b: RunInfo) -> tuple[dict[str, str], dict[str, str]]:
@@ -240,7 +240,7 @@ def _format_names(comparison: RunComparison) -> tuple[str, ...]:
 def _format_settings(comparison: RunComparison) -> tuple[str, ...]:
     if not comparison.settings:
         return ("no setting differs" + (" but those above" if comparison.warnings else ""),)
-    rows = [(one.name, one.a, one.b) for one in comparison.settings]
+    rows = [(difference.name, difference.a, difference.b) for difference in comparison.settings]
     return ("settings that differ:", format_text(make_text_table(("", "A", "B"), rows)))
 
 

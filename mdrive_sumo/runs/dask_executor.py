@@ -27,6 +27,7 @@ J = TypeVar("J")
 R = TypeVar("R")
 
 CONNECT_S = 15.0
+"""How long a scheduler may take to answer [s]; chosen: a user who mistyped its address waits so long."""
 CHECK_INTERVAL_S = 1.0
 """How often the scheduler is asked for its number of workers [s]."""
 MAX_WORKERLESS_S = 60.0
@@ -87,9 +88,9 @@ class DaskExecutor(Generic[J, R]):
         while True:
             left_s = CHECK_INTERVAL_S if end is None else min(CHECK_INTERVAL_S, max(0.0, end - time.monotonic()))
             readable = wait([self._reading, *also], timeout=left_s)
-            found = self._collect()
-            if found or set(readable) - {self._reading} or (end is not None and time.monotonic() >= end):
-                return found
+            outcomes = self._collect()
+            if outcomes or set(readable) - {self._reading} or (end is not None and time.monotonic() >= end):
+                return outcomes
             self._check_scheduler()
             if not self._running and end is None:
                 return []
@@ -134,7 +135,7 @@ class DaskExecutor(Generic[J, R]):
             os.write(self._writing, b".")
 
     def _collect(self) -> list[tuple[Key, R | WorkerFailure]]:
-        found: list[tuple[Key, R | WorkerFailure]] = []
+        outcomes: list[tuple[Key, R | WorkerFailure]] = []
         while not self._outcomes.empty():
             os.read(self._reading, 1)
             key, outcome = self._outcomes.get()
@@ -142,8 +143,8 @@ class DaskExecutor(Generic[J, R]):
                 continue  # ended
             if outcome is None:
                 raise self._make_lost_error("its connection broke")
-            found.append((key, outcome))
-        return found
+            outcomes.append((key, outcome))
+        return outcomes
 
 
 def _describe_failure(future: Future[Any]) -> WorkerFailure | None:

@@ -88,24 +88,24 @@ def evaluate(run: PreparedRun, progress: Progress, executor: EpisodeExecutor | N
     """
     about = {"run": run.info.model_dump(mode="json"), "episodes": len(run.episodes)}
     with open_journal(run.folder, run.fingerprint, fresh=run.config.fresh, about=about) as journal:
-        found = _load_kept_results(run, journal)
+        result_by_key = _load_kept_results(run, journal)
         if journal.torn:
             progress.note("the last line of the journal was incomplete and has been dropped")
         episodes = run.episodes
-        progress.begin(len(episodes), found)
-        for result in found.values():
+        progress.begin(len(episodes), result_by_key)
+        for result in result_by_key.values():
             _check_failure(run, result)
-        todo = {key: scenario for key, scenario in episodes.items() if key not in found}
+        todo = {key: scenario for key, scenario in episodes.items() if key not in result_by_key}
         if todo:
             with report_write_errors(run.folder):
                 run.make_folders()
                 (run.folder / RESULTS_FILE).unlink(missing_ok=True)  # until the end it would belong to another journal
             for result in _drive(run, todo, (journal, progress), executor):
                 journal.add_result(result.model_dump(mode="json"), _compute_recording_checksum(run, result))
-                found[result.key] = result
+                result_by_key[result.key] = result
                 progress.done(result)
                 _check_failure(run, result)
-        scored = [run.apply_reference_times(scenario, found[key]) for key, scenario in episodes.items()]
+        scored = [run.apply_reference_times(scenario, result_by_key[key]) for key, scenario in episodes.items()]
         whole = summarize_run(run.info, scored)
         with report_write_errors(run.folder / RESULTS_FILE):
             save_results(whole, run.folder / RESULTS_FILE)
@@ -158,9 +158,9 @@ def _load_kept_results(run: PreparedRun, journal: Journal) -> dict[EpisodeKey, S
         raise InputError(
             f"{place}: expected text, found a lone surrogate, which no file can hold; --fresh starts anew"
         ) from None
-    known = {scenario.id for scenario in run.scenarios}
+    scenario_ids = {scenario.id for scenario in run.scenarios}
     for entry in entries:
-        if entry.id not in known:
+        if entry.id not in scenario_ids:
             raise InputError(f"{place}: expected scenarios of this run, found {entry.id!r:.80}; --fresh starts anew")
         for fault in find_scenario_faults(entry, run.config.score_mode, run.config.seeds):
             raise InputError(f"{place}: {fault}; --fresh starts anew")

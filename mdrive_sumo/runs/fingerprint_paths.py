@@ -10,6 +10,7 @@ from mdrive_sumo.core.private_paths import hide_locator, relate_path, restore_lo
 AGENT_KEYS = ("agent", "others")
 OPTIONS_KEY = "agent_config"
 SUITE_KEY = "suite"
+"""The settings of `RunConfig` whose values are or hold paths."""
 MARK = "run:"
 """Before the path of a file that an option names."""
 

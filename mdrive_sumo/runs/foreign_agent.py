@@ -7,7 +7,7 @@ no permission; the code of others runs only if the user trusts it, or in a box.
 from collections.abc import Callable
 from dataclasses import replace
 
-from mdrive_sumo.core.checksum import compute_file_checksum, compute_files_checksum
+from mdrive_sumo.core.checksum import compute_file_checksum
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.agent_boxing import find_boxed_file
 from mdrive_sumo.runs.agent_spec import AgentSpec
@@ -39,11 +39,15 @@ def permit_agent(
     if config.is_builtin:
         return run
     boxed = sandbox or run.config.sandbox
-    foreign = [(one, key) for one, key in zip(config.agents, CODE_KEYS, strict=False) if not one.is_builtin]
-    for one, _ in foreign if boxed else ():
-        find_boxed_file(one)  # before anything else: a module cannot run in a box
-    for one, key in foreign:
-        _permit_code(run, one, key, ask, permitted=boxed or trusted)
+    foreign = [
+        (foreign_agent, key)
+        for foreign_agent, key in zip(config.agents, CODE_KEYS, strict=False)
+        if not foreign_agent.is_builtin
+    ]
+    for foreign_agent, _ in foreign if boxed else ():
+        find_boxed_file(foreign_agent)  # before anything else: a module cannot run in a box
+    for foreign_agent, key in foreign:
+        _permit_code(run, foreign_agent, key, ask, permitted=boxed or trusted)
     return replace(run, config=replace(config, sandbox=boxed))
 
 
@@ -74,17 +78,9 @@ def check_agent_unchanged(run: PreparedRun, agent: AgentSpec, key: str = CODE_KE
         raise InputError(
             f"{run.folder}: expected the run's agent at {file}, found no file; --agent PATH:CLASS says where it is now"
         )
-    found = agent.code_checksum()
-    former = {compute_files_checksum({name: file}) for name in _list_former_names(run, agent)} if file else set[str]()
-    if expected not in {found, *former}:
+    checksum = agent.code_checksum()
+    if expected != checksum:
         raise InputError(
             f"{run.folder}: the agent has changed since this run: expected {agent.name} with the checksum"
-            f" {str(expected)[:23]}..., found {found[:23]}...; restore it, or give its copy with --agent PATH:CLASS"
+            f" {str(expected)[:23]}..., found {checksum[:23]}...; restore it, or give its copy with --agent PATH:CLASS"
         )
-
-
-def _list_former_names(run: PreparedRun, agent: AgentSpec) -> set[str]:
-    """Return the names with which earlier versions may have hashed the agent's file."""
-    typed = AgentSpec(run.info.agent)
-    files = {agent.find_file(), run.config.agent.find_file(), typed.find_file() if ":" in run.info.agent else None}
-    return {str(file) for file in files if file is not None}

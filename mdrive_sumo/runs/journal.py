@@ -32,12 +32,12 @@ else:
 FORMAT = "mdrive-sumo/journal/2"
 JOURNAL_FILE = "journal.jsonl"
 
-_NOTHING: Mapping[str, Any] = {}
 Fingerprint = Mapping[str, str | int | bool]
 MAX_JOURNAL_BYTES = 2**30
 """The longest journals, of all scenarios with 20 seeds, have 60 MB."""
 _CHECKSUM = re.compile(rb',"checksum":"([0-9a-f]{16})"\}\n\Z')
 _CHECKSUM_BYTES = 8
+"""Enough against accidents: one damaged line in 2**64 is taken for a sound one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ class Journal:
 
 @contextmanager
 def open_journal(
-    folder: Path, fingerprint: Fingerprint, *, fresh: bool, about: Mapping[str, Any] = _NOTHING
+    folder: Path, fingerprint: Fingerprint, *, fresh: bool, about: Mapping[str, Any] | None = None
 ) -> Generator[Journal]:
     """Open the journal of a run folder, new or continued; it is locked until the block ends. Raises InputError.
 
@@ -134,25 +134,25 @@ def open_journal(
         _lock(path, descriptor)
         if fresh:
             os.ftruncate(descriptor, 0)
-        found = _read(path)
-        if _is_unused(path, found, fingerprint):
+        content = _read(path)
+        if _is_unused(path, content, fingerprint):
             os.ftruncate(descriptor, 0)
-            found = _read(path)
-        if found.lines:
-            _check_header(path, found.lines[0], fingerprint)
-        os.ftruncate(descriptor, found.good_bytes)
+            content = _read(path)
+        if content.lines:
+            _check_header(path, content.lines[0], fingerprint)
+        os.ftruncate(descriptor, content.good_bytes)
         os.lseek(descriptor, 0, os.SEEK_END)
-        journal = Journal(path, descriptor, found)
-        if not found.lines:
-            journal.add_header(fingerprint, about)
+        journal = Journal(path, descriptor, content)
+        if not content.lines:
+            journal.add_header(fingerprint, about or {})
         yield journal
     finally:
         os.close(descriptor)
 
 
-def _is_unused(path: Path, found: JournalText, fingerprint: Fingerprint) -> bool:
+def _is_unused(path: Path, content: JournalText, fingerprint: Fingerprint) -> bool:
     """Return whether the journal is that of another command for which nothing was done, such as a refused agent."""
-    return len(found.lines) == 1 and _read_header_fingerprint(path, found.lines[0]) != fingerprint
+    return len(content.lines) == 1 and _read_header_fingerprint(path, content.lines[0]) != fingerprint
 
 
 def _open(path: Path) -> int:
@@ -266,10 +266,10 @@ def _read(path: Path) -> JournalText:
 def read_run_journal(folder: Path) -> tuple[dict[str, Any], JournalText]:
     """Return the fingerprint of a run folder and its journal, also while the run is going on. Raises InputError."""
     path = folder / JOURNAL_FILE
-    found = _read(path)
-    if not found.lines:
+    content = _read(path)
+    if not content.lines:
         raise InputError(f"{path}: expected a journal, found an empty file")
-    return _read_header_fingerprint(path, found.lines[0]), found
+    return _read_header_fingerprint(path, content.lines[0]), content
 
 
 MAX_CHANGES = 4

@@ -26,6 +26,7 @@ from mdrive_sumo.sensing.sensor_kinds import SENSOR_KINDS, check_sensor_budget, 
 
 _TRACEBACK_PLACE = re.compile(r'^  File "(.+)", line (\d+)', re.MULTILINE)
 MAX_LOG_BYTES = 2**16
+"""The end of a log that is searched for the traceback of a failed agent; a traceback has a few KiB."""
 MAX_ARRAY_SENSORS = 8
 """Sensors with large arrays that a boxed agent may have: 64 of the largest would take 1 GB of the evaluator's memory
 for each CAV."""
@@ -77,9 +78,9 @@ def find_unknown_sensor(sensors: Sequence[SensorSpec]) -> str:
     """Return a sentence about the first sensor whose kind does not exist; "" if all exist."""
     for spec in sensors:
         if spec.kind not in SENSOR_KINDS:
-            known = f"sensor {spec.kind!r:.60}: expected one of {', '.join(SENSOR_KINDS)}, found none of that kind"
+            sentence = f"sensor {spec.kind!r:.60}: expected one of {', '.join(SENSOR_KINDS)}, found none of that kind"
             name = f" (id {spec.id!r:.40})" if spec.id else ""
-            return (describe_camera_error(spec.kind) or known) + name
+            return (describe_camera_error(spec.kind) or sentence) + name
     return ""
 
 

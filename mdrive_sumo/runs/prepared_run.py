@@ -151,7 +151,7 @@ def compute_job_limit_s(cavs: int, limits: Sequence[AgentLimits], pace_s: float 
     cavs: most of a scenario. limits: of agents that are not built in. episodes: that the job drives at most, each of
     them `ATTEMPTS` times.
     """
-    of_agents_s = cavs * max((2 * one.start_s + one.episode_s for one in limits), default=0.0)
+    of_agents_s = cavs * max((2 * limit.start_s + limit.episode_s for limit in limits), default=0.0)
     return episodes * (SIMULATION_LIMIT_S + ATTEMPTS * (PACED_TICKS * pace_s + of_agents_s))
 
 
@@ -252,8 +252,8 @@ def check_agent_name(agent: AgentSpec) -> None:
     if ":" not in name or is_family:
         plug_ins = list_plug_ins(PlugInKind.AGENTS)
         suggestion = suggest_name(name, [*AGENTS, *plug_ins])
-        known = f"{', '.join((*AGENTS, *plug_ins))}, module:Class or path.py:Class"
-        raise InputError(f"agent {name!r}: expected {known}, found neither{suggestion}")
+        expected = f"{', '.join((*AGENTS, *plug_ins))}, module:Class or path.py:Class"
+        raise InputError(f"agent {name!r}: expected {expected}, found neither{suggestion}")
 
 
 def declare_all_labels(agents: Sequence[AgentSpec], *, is_sandboxed: bool) -> tuple[str, tuple[str, ...]]:

@@ -70,13 +70,13 @@ class ProcessPool(Generic[J, R]):
     ) -> list[tuple[Key, R | WorkerFailure]]:
         """See Executor."""
         wait([*(busy.worker.pipe for busy in self._busy), *also], timeout=self._compute_wait_s(timeout_s))
-        found: list[tuple[Key, R | WorkerFailure]] = []
+        outcomes: list[tuple[Key, R | WorkerFailure]] = []
         for busy in tuple(self._busy):
             outcome = self._poll_outcome(busy)
             if outcome is not None:
                 self._release(busy)
-                found.append((busy.key, outcome))
-        return found
+                outcomes.append((busy.key, outcome))
+        return outcomes
 
     def cancel(self, key: Key) -> None:
         """See Executor."""

@@ -18,7 +18,7 @@ RESULTS_NAME = "results.json"
 def load_recording(run: PreparedRun, result: ScenarioResult) -> EpisodeRecord:
     """Return the recording of a result. Raises InputError for one that is missing, corrupt, or of another episode."""
     path = run.find_recording(result.key)
-    scenario = next(one for one in run.scenarios if one.id == result.id)
+    scenario = next(candidate for candidate in run.scenarios if candidate.id == result.id)
     episode = load_episode(path)
     egos = tuple(ego.id for ego in scenario.egos)
     if episode.scenario != scenario.id or episode.ego_ids != egos:
@@ -47,12 +47,12 @@ def check_recordings(run: PreparedRun, episodes: Iterable[EpisodeKey], checksums
         if expected is None:
             continue
         try:
-            found = compute_file_checksum(path)
+            checksum = compute_file_checksum(path)
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {error.strerror}") from None
-        if found != expected:
+        if checksum != expected:
             raise InputError(
                 f"{path}: expected the recording that {JOURNAL_FILE} notes, {expected[:19]}..., found another file of"
-                f" {path.stat().st_size} bytes, {found[:19]}...: it was changed or damaged; delete it, and `eval`"
+                f" {path.stat().st_size} bytes, {checksum[:19]}...: it was changed or damaged; delete it, and `eval`"
                 " drives the scenario again"
             )

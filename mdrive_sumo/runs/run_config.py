@@ -26,9 +26,10 @@ from mdrive_sumo.scoring import ScoreMode
 from mdrive_sumo.v2x.comm_settings import PRESETS, CommSettings, format_comm_json
 
 RUNS_FOLDER = Path("runs")
+"""Where runs are kept that name no folder: below the folder in which the user works."""
 ConfigValue = float | str | bool
 MAX_SEEDS = 1000
-"""Most seeds of a command: `mdrive` then has 225 000 episodes, which take weeks."""
+"""Most seeds of a command; chosen: the 225 scenarios of `mdrive` then have 225 000 episodes."""
 
 
 class RunArguments(EpisodeArguments, total=False):
@@ -89,7 +90,8 @@ class RunConfig:
         is_identity=False,
     )
     """Time from the requests of a tick to those of the next one [ms]; 0: none. See `RequestPace`."""
-    workers: int = setting(1, help="Worker processes; auto: one a core.", metavar="N|auto", is_identity=False)
+    workers: int = setting(1, is_identity=False)
+    """Number of worker processes. Its option, `cli.options.workers_option`, is that of many commands."""
     scheduler: str = setting("", help="Address of the Dask scheduler.", metavar="tcp://HOST:PORT", is_identity=False)
     """Address of a Dask scheduler, whose workers then drive; "": own worker processes."""
     out: Path | None = setting(None, help="Run folder [default: runs/...].", metavar="DIR", is_identity=False)
@@ -97,6 +99,7 @@ class RunConfig:
     chosen_mode: ScoreMode | None = setting(None, key="score_mode", help="[default: that of the suite]")
     """The score mode; None: that of the suite, which `prepare` fills in."""
     record: bool = setting(True, help="Keep no recordings: no view, rescore, or verify of every tick.")
+    """Whether recordings are kept."""
     record_cameras: bool = setting(
         False, help="Keep the colour images of the agent's cameras, for view: RUN/cameras.", is_identity=False
     )
@@ -106,7 +109,9 @@ class RunConfig:
     )
     """Whether a third-party agent runs in boxes, where it can read neither scenarios nor networks."""
     fresh: bool = setting(False, help="Start anew instead of continuing an interrupted run.", is_identity=False)
+    """Whether what the folder holds is dropped instead of continued."""
     fail_fast: bool = setting(False, help="Stop at the first failure of the agent.", is_identity=False)
+    """Whether the run stops at the first failure of an agent."""
     command: tuple[str, ...] = ()
     """The command as the user typed it, for the report."""
 
@@ -153,10 +158,10 @@ class RunConfig:
     ) -> "RunConfig":
         """Return the run that a user asks for, with texts or typed values. Raises InputError."""
         values: dict[str, Any] = {**arguments, "suite": suite}
-        known = [one.key for one in list_settings(cls)]
+        keys = [one.key for one in list_settings(cls)]
         for key in values:
-            if key not in known:
-                raise InputError(f"{key}: unknown option, {describe_unknown(key, known)}")
+            if key not in keys:
+                raise InputError(f"{key}: unknown option, {describe_unknown(key, keys)}")
         limits = values.pop("agent_limits", None)
         parts: dict[str, Any] = {
             "agent": AgentSpec(agent, values.pop("agent_config", None) or {}),

@@ -59,12 +59,12 @@ def find_run_folders(root: Path, depth: int = MAX_DEPTH) -> Iterator[Path]:
 
 def describe_missing_run(folder: Path) -> str:
     """Return a sentence about a folder that is no run: the one that was probably meant, and how to list them."""
-    known = [str(path) for path in find_run_folders(RUNS_FOLDER)]
-    names = {Path(path).name: path for path in known} | {path: path for path in known}
+    runs = [str(path) for path in find_run_folders(RUNS_FOLDER)]
+    names = {Path(path).name: path for path in runs} | {path: path for path in runs}
     suggestion = suggest_name(str(folder), names)
     meant = next((path for name, path in names.items() if f"{name!r}?" in suggestion), "")
-    remedy = f"`mdrive-sumo list runs` lists the {len(known)} below {RUNS_FOLDER}/"
-    where = f"; did you mean {meant!r}?" if meant else f"; {remedy if known else '`mdrive-sumo eval` makes one'}"
+    remedy = f"`mdrive-sumo list runs` lists the {len(runs)} below {RUNS_FOLDER}/"
+    where = f"; did you mean {meant!r}?" if meant else f"; {remedy if runs else '`mdrive-sumo eval` makes one'}"
     found = "one without a run" if folder.is_dir() else "no such folder"
     return f"run {str(folder)!r}: expected a folder that `mdrive-sumo eval` has written, found {found}{where}"
 
@@ -91,7 +91,7 @@ def _read_run(folder: Path) -> ListedRun:
     try:
         check_tree(folder)
         fingerprint, journal = read_run_journal(folder)
-        finished = len({(str(one.get("id")), one.get("seed")) for one in journal.results})
+        finished = len({(str(entry.get("id")), entry.get("seed")) for entry in journal.results})
         path = folder / RESULTS_FILE
         results = load_unchecked_results(path) if path.is_file() else None
         planned = journal.about.get("episodes", 0)

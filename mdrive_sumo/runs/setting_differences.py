@@ -12,7 +12,9 @@ from mdrive_sumo.runs.journal import JOURNAL_FILE, read_fingerprint
 from mdrive_sumo.scoring import RunInfo
 
 ABSENT = "-"
+"""A setting that a run does not have."""
 MAX_TEXT = 40
+"""Characters of a value in the table of `compare`: two of them and a name fit into the 100 columns of a terminal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,21 +60,21 @@ _NOT_ALWAYS_KNOWN = ("agent code", "sandbox", LIBRARY_CODE, SENSING_TRACK)
 def list_settings(info: RunInfo, folder: Path | None = None) -> dict[str, Any]:
     """Return the settings of a run by name. folder: its run folder, whose journal names more of them."""
     fingerprint = _read_fingerprint(folder)
-    found: dict[str, Any] = {"agent": info.agent}
-    found |= dict(_list_agent_settings(info, fingerprint))
+    settings: dict[str, Any] = {"agent": info.agent}
+    settings |= dict(_list_agent_settings(info, fingerprint))
     if info.others:
-        found |= {"others": info.others, "penetration": "one CAV" if info.penetration is None else info.penetration}
-    found |= {f"comm {name}": value for name, value in info.comm.items() if name != "preset"}
-    found["agent clock"] = info.agent_clock
+        settings |= {"others": info.others, "penetration": "one CAV" if info.penetration is None else info.penetration}
+    settings |= {f"comm {name}": value for name, value in info.comm.items() if name != "preset"}
+    settings["agent clock"] = info.agent_clock
     if info.sensing_track:
-        found[SENSING_TRACK] = info.sensing_track
-    found |= info.conditions
+        settings[SENSING_TRACK] = info.sensing_track
+    settings |= info.conditions
     if limits := fingerprint.get("agent_limits"):
-        found["agent limits"] = limits
-    found |= {f"plug-in {name}": identity for name, identity in info.plug_ins.items()}
+        settings["agent limits"] = limits
+    settings |= {f"plug-in {name}": identity for name, identity in info.plug_ins.items()}
     if fingerprint:
-        found["sandbox"] = bool(fingerprint.get("sandbox", False))
-    return found
+        settings["sandbox"] = bool(fingerprint.get("sandbox", False))
+    return settings
 
 
 def _list_agent_settings(info: RunInfo, fingerprint: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

@@ -47,9 +47,9 @@ def sample_results(results: Results, size: int | None) -> tuple[ScenarioResult, 
 
     The choice depends only on the seeds and the scenario ids.
     """
-    found = [result for result in results.scenarios if result.status != "void"]
-    drawn = sorted(found, key=lambda result: derive_seed(result.seed, result.id, "verify"))[:size]
-    return tuple(result for result in found if result in drawn)
+    finished = [result for result in results.scenarios if result.status != "void"]
+    drawn = sorted(finished, key=lambda result: derive_seed(result.seed, result.id, "verify"))[:size]
+    return tuple(result for result in finished if result in drawn)
 
 
 def verify(

@@ -50,13 +50,13 @@ def build_expected_results(
     and declared label that the agent has now.
     """
     stored = {run.find_key(result): result for result in found.scenarios}
-    known = [*run.episodes]
-    scenarios = [_expect_scenario(stored[key], scores.get(key, {}), mode) for key in known if key in stored]
+    episodes = [*run.episodes]
+    scenarios = [_expect_scenario(stored[key], scores.get(key, {}), mode) for key in episodes if key in stored]
     info = _expect_info(run, found.run, mode, facts)
     return ExpectedResults(
         summarize_run(info, scenarios or list(found.scenarios)),
-        tuple(run.name_episode(key) for key in known if key not in stored),
-        tuple(run.name_episode(key) for key in stored if key not in known),
+        tuple(run.name_episode(key) for key in episodes if key not in stored),
+        tuple(run.name_episode(key) for key in stored if key not in episodes),
     )
 
 
@@ -108,8 +108,8 @@ def find_fingerprint_differences(run: PreparedRun) -> Iterator[str]:
     """Yield a sentence if the journal's fingerprint names another suite than the results."""
     noted = run.fingerprint.get("suite_checksum")
     if noted != run.info.suite_checksum:
-        found = format_leaf(noted)
-        yield f"fingerprint.suite_checksum: expected {run.info.suite_checksum!r} as in {RESULTS_FILE}, found {found}"
+        stated = format_leaf(noted)
+        yield f"fingerprint.suite_checksum: expected {run.info.suite_checksum!r} as in {RESULTS_FILE}, found {stated}"
 
 
 def _expect_scenario(
