@@ -17,6 +17,7 @@ from mdrive_sumo.core.suggestion import describe_unknown
 
 ABOUT_FILE = "environment.json"
 BUILD_S = 1800.0
+"""Time limit of one command of a build [s]; PyTorch took 103 s from a folder (docs/server-environments.md)."""
 IMAGE_PYTHON = "/opt/agent/bin/python"
 """Interpreter in the agent image of `docker/Dockerfile`."""
 PROGRAMS = ("opt", "usr")
@@ -29,6 +30,7 @@ for name, version in sorted({(found.name.lower(), found.version) for found in me
 """
 """Program that lists an image's Python version and packages."""
 PROBE_S = 60.0
+"""Time limit of the start of an image's interpreter [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +91,16 @@ def load_environment(name: str, folder: Path) -> Environment:
     find_recipe(name)
     about = folder / name / ABOUT_FILE
     try:
-        found = json.loads(read_text(about))
-        site, rootfs = (Path(found[key]) if found.get(key) else None for key in ("site", "rootfs"))
-        return Environment(name, Path(found["python"]), site, tuple(found["packages"]), rootfs, found.get("image", ""))
+        content = json.loads(read_text(about))
+        site, rootfs = (Path(content[key]) if content.get(key) else None for key in ("site", "rootfs"))
+        return Environment(
+            name,
+            Path(content["python"]),
+            site,
+            tuple(content["packages"]),
+            rootfs,
+            content.get("image", ""),
+        )
     except FileNotFoundError:
         raise InputError(
             f"environment {name}: not built in {folder}; run mdrive-sumo admin environment build {name}"
@@ -103,10 +112,10 @@ def load_environment(name: str, folder: Path) -> Environment:
 def compute_digest(name: str, folder: Path) -> str | None:
     """Return a digest of an environment's contents; None if it is not built, which a later use reports."""
     try:
-        found = load_environment(name, folder)
+        built = load_environment(name, folder)
     except InputError:
         return None
-    return hashlib.sha256(json.dumps([found.packages, found.image]).encode()).hexdigest()[:16]
+    return hashlib.sha256(json.dumps([built.packages, built.image]).encode()).hexdigest()[:16]
 
 
 def list_built(folder: Path) -> list[str]:
@@ -180,7 +189,7 @@ def import_image(
 def _checksum_programs(rootfs: Path) -> str:
     """Return a checksum of names and sizes: reading all contents would take minutes."""
     digest = hashlib.sha256()
-    for folder, folders, files in (found for part in PROGRAMS for found in os.walk(rootfs / part)):
+    for folder, folders, files in (step for part in PROGRAMS for step in os.walk(rootfs / part)):
         folders.sort()
         for file in sorted(files):
             path = Path(folder, file)

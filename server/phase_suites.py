@@ -80,10 +80,10 @@ class LoadedPhaseSuites:
         return self._load(phase.suite).scenario_checksums.get(scenario, "")
 
     def _check_hidden(self, phase: PhaseRow, suite: Suite) -> None:
-        if (found := len(suite.scenarios)) < MIN_HIDDEN_SCENARIOS:
+        if (count := len(suite.scenarios)) < MIN_HIDDEN_SCENARIOS:
             why = "so that their mean does not disclose single ones"
             raise InputError(
-                f"phase {phase.id}: expected at least {MIN_HIDDEN_SCENARIOS} hidden scenarios, {why}; found {found}"
+                f"phase {phase.id}: expected at least {MIN_HIDDEN_SCENARIOS} hidden scenarios, {why}; found {count}"
             )
         if any(each.id == phase.id and each.packaged_suite for each in self._settings.phases):
             return
@@ -100,6 +100,6 @@ class LoadedPhaseSuites:
         with self._lock:
             if name not in self._suites:
                 suite = load_suite(name)
-                checksums = {one.id: suite.compute_file_checksum(one.id) for one in suite.scenarios}
+                checksums = {scenario.id: suite.compute_file_checksum(scenario.id) for scenario in suite.scenarios}
                 self._suites[name] = _LoadedSuite(suite, suite.checksum(), checksums)
             return self._suites[name]

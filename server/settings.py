@@ -86,7 +86,6 @@ def _to_us(moment: datetime) -> int:
 PREFIX = "MDRIVE_"
 OTHER_VARIABLES = ("MDRIVE_STRICT_SKIPS", "MDRIVE_SETTINGS", "MDRIVE_TOKEN", "MDRIVE_SERVER")
 """Variables of this project that are not server settings."""
-MIB = 1024 * 1024
 
 _BOX = BoxLimits()
 _LINE = ConnectionLimits()
@@ -96,8 +95,8 @@ _POLICY = RetentionPolicy()
 class ArchiveSettings(SettingsModel):
     """Limits of an archive."""
 
-    archive_bytes: Count = 64 * MIB
-    unpacked_bytes: Count = 256 * MIB
+    archive_bytes: Count = 64 * 2**20
+    unpacked_bytes: Count = 256 * 2**20
     entries: Count = 2000
     ratio: Count = 200
     """Unpacked size over packed size of each entry above 1 MiB."""
@@ -128,7 +127,7 @@ class SandboxSettings(SettingsModel):
     """Layers of `mdrive-sumo doctor --sandbox` that a machine must have to run agents."""
     copies: Path = MEMORY
     """Folder for the files of each box, used if the layer `private-files` is required; best a tmpfs."""
-    episode_memory_bytes: Count = 6 * 1024 * MIB
+    episode_memory_bytes: Count = 6 * 2**30
     """Memory of a worker's process outside the sandboxes: simulation, sensors, frames, copies that it makes."""
     memory_bytes: Count = _BOX.memory_bytes
     processes: Count = _BOX.processes
@@ -331,8 +330,8 @@ def _read_file(file: Path) -> dict[str, Any]:
 
 def _apply_variable(content: dict[str, Any], name: str, text: str) -> None:
     section, _, field = name.removeprefix(PREFIX).lower().rpartition("__")
-    known = _SECTIONS.get(section, {})
-    if field not in known or field in _NOT_SCALAR:
+    fields_of_section = _SECTIONS.get(section, {})
+    if field not in fields_of_section or field in _NOT_SCALAR:
         raise InputError(f"environment: {name} is not a setting of the server; unset it or correct its name")
     table = content.setdefault(section, {}) if section else content
     if not isinstance(table, dict):

@@ -73,24 +73,24 @@ def read_declaration(agent: SubmittedAgent) -> AgentDeclaration:
     cannot be created; InputError and BoxError if the sandbox cannot be opened.
     """
     try:
-        found = declare_agent(agent.agent_spec())
+        declaration = declare_agent(agent.agent_spec())
     except RejectedError as error:
         raise ArchiveRefused(str(error)) from None
-    if found.label == "privileged" or any(sensor.kind == "privileged" for sensor in found.sensors):
+    if declaration.label == "privileged" or any(sensor.kind == "privileged" for sensor in declaration.sensors):
         raise ArchiveRefused(
             "agent: expected sensors that a car can have, found the privileged one, which is not allowed"
         )
-    for sensor in found.sensors:
+    for sensor in declaration.sensors:
         if sensor.kind not in SENSOR_KINDS:
             allowed = ", ".join(name for name, kind in SENSOR_KINDS.items() if not kind.knows_everything)
             unknown = f"sensor {sensor.kind!r:.40}: expected one of {allowed}, found none of that kind"
             raise ArchiveRefused(describe_camera_error(sensor.kind) or unknown)
     try:
-        check_sensor_budget(found.sensors)
-        check_renderer(found.sensors)
+        check_sensor_budget(declaration.sensors)
+        check_renderer(declaration.sensors)
     except InputError as error:
         raise ArchiveRefused(str(error)) from None
-    return found
+    return declaration
 
 
 def find_verdict(result: ScenarioResult) -> tuple[ScenarioVerdict, FailureReason | None]:

@@ -170,10 +170,12 @@ def make_openapi(app: FastAPI) -> Callable[[], dict[str, Any]]:
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema is None:
-            found = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
+            description = get_openapi(
+                title=app.title, version=app.version, description=app.description, routes=app.routes
+            )
             problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
-            found.setdefault("components", {}).setdefault("schemas", {})["Problem"] = problem
-            app.openapi_schema = _use_published_names(_describe_tokens(found))
+            description.setdefault("components", {}).setdefault("schemas", {})["Problem"] = problem
+            app.openapi_schema = _use_published_names(_describe_tokens(description))
         return app.openapi_schema
 
     return openapi

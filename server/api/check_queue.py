@@ -54,10 +54,10 @@ class CheckQueue:
 
     def _grant(self) -> None:
         while self._running.total() < self._slots:
-            able = [one for one in self._waiting if self._running[one.team] < self._slots - 1]
+            able = [check for check in self._waiting if self._running[check.team] < self._slots - 1]
             if not able:
                 return
-            chosen = min(able, key=lambda one: self._recent_s(one.team))  # the first of equals: it came first
+            chosen = min(able, key=lambda check: self._recent_s(check.team))  # the first of equals: it came first
             self._waiting.remove(chosen)
             self._running[chosen.team] += 1
             chosen.turn.set_result(None)

@@ -96,7 +96,7 @@ def _make_agent(
 ) -> CrossPlayAgentOut:
     mine = [job for job in jobs if job.submission == entry.submission]
     cells = [_make_cell(entry, other, mine) for other in agents]
-    known = [cell for cell in cells if cell.ds is not None and cell.sr is not None]
+    driven = [cell for cell in cells if cell.ds is not None and cell.sr is not None]
     return CrossPlayAgentOut(
         team=entry.team,
         submission=entry.submission or "",
@@ -104,9 +104,9 @@ def _make_agent(
         track=ChallengeTrack(entry.track),
         sensing_track=SensingTrack(entry.sensing_track or SensingTrack.OBJECT),
         alone_ds=entry.ds,
-        ds=fmean(cell.ds or 0.0 for cell in known) if known else None,
-        sr=fmean(cell.sr or 0.0 for cell in known) if known else None,
-        partners=len(known),
+        ds=fmean(cell.ds or 0.0 for cell in driven) if driven else None,
+        sr=fmean(cell.sr or 0.0 for cell in driven) if driven else None,
+        partners=len(driven),
         failed=sum(cell.failed for cell in cells),
         stopped_others=sum(cell.stopped_others for cell in cells),
         cells=cells,
@@ -115,8 +115,8 @@ def _make_agent(
 
 def _make_cell(entry: LeaderboardEntry, other: LeaderboardEntry, jobs: Sequence[JobRow]) -> CrossPlayCellOut:
     """Return one cell over the episodes that say something about the agent under test."""
-    found = [job.result for job in jobs if job.others == other.submission and job.result is not None]
-    results = [CrossPlayScore(**result) for result in found]
+    scores = [job.result for job in jobs if job.others == other.submission and job.result is not None]
+    results = [CrossPlayScore(**result) for result in scores]
     counted = [result for result in results if result.counts]
     return CrossPlayCellOut(
         others=other.submission or "",

@@ -88,10 +88,10 @@ async def get_optional_caller(
     if header is None:
         return None
     text = header[len(_BEARER) :].strip() if header[: len(_BEARER)].lower() == _BEARER.lower() else ""
-    found = await run_in_threadpool(find_caller, services.store, text) if text else None
-    if found is None:
+    caller = await run_in_threadpool(find_caller, services.store, text) if text else None
+    if caller is None:
         raise _unauthorized("token: expected one that is valid, found none: it may be mistyped or revoked")
-    return found
+    return caller
 
 
 async def require_caller(

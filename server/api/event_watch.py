@@ -54,9 +54,9 @@ class EventWatch:
                 return
             new = select(EventRow.submission, func.max(EventRow.id)).where(EventRow.id > self._event)
             rows = session.execute(new.group_by(EventRow.submission)).all()
-            found: dict[str, int] = {row[0]: row[1] for row in rows}
-            self._last_by_submission |= found
-            self._event = max(found.values(), default=self._event)
+            last_by_submission: dict[str, int] = {row[0]: row[1] for row in rows}
+            self._last_by_submission |= last_by_submission
+            self._event = max(last_by_submission.values(), default=self._event)
             entries = session.execute(
                 select(AuditEntryRow.id, AuditEntryRow.action, AuditEntryRow.data).where(AuditEntryRow.id > self._entry)
             ).all()

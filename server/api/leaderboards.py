@@ -76,15 +76,15 @@ def list_parts(session: Session, phase_id: str) -> PhaseParts:
 
 def list_boards(session: Session) -> list[tuple[int, int, BoardKey]]:
     """Return the times at which its phase opens and closes [us since 1970], and the key, of every leaderboard."""
-    found: list[tuple[int, int, BoardKey]] = []
+    boards: list[tuple[int, int, BoardKey]] = []
     for phase in phases.list_phases(session):
         parts = list_parts(session, phase.id)
         overall = [BoardKey(phase.id, track, None, None) for track in (None, *ChallengeTrack)]
         overall += [BoardKey(phase.id, None, None, None, sensing) for sensing in SensingTrack]
         buckets = [BoardKey(phase.id, None, bucket, None) for bucket in parts.buckets]
         categories = [BoardKey(phase.id, None, None, category) for category in parts.categories]
-        found += [(phase.opens_us, phase.closes_us, key) for key in (*overall, *buckets, *categories)]
-    return found
+        boards += [(phase.opens_us, phase.closes_us, key) for key in (*overall, *buckets, *categories)]
+    return boards
 
 
 def _to_row(entry: queries.LeaderboardEntry, figures: FiguresOut) -> RowOut:
@@ -107,8 +107,8 @@ def list_published(
     """Return the published entries, the best first. The paper has no numbers by category."""
     if category is not None or (bucket is not None and bucket not in BUCKETS):
         return []
-    found = [_to_entry(method, bucket) for method in PUBLISHED_METHODS if track in (None, _find_track(method))]
-    return sorted(found, key=lambda row: -row.ds)
+    entries = [_to_entry(method, bucket) for method in PUBLISHED_METHODS if track in (None, _find_track(method))]
+    return sorted(entries, key=lambda row: -row.ds)
 
 
 def _find_track(method: PublishedMethod) -> ChallengeTrack:

@@ -66,8 +66,8 @@ def _read_rows(session: Session, submissions: Sequence[str]) -> list[MatrixRowOu
             labels[scenario] = bucket, category
     cells = {
         scenario: {
-            submission: MatrixCellOut(ds=fmean(ds for ds, _ in found), failed=sum(failed for _, failed in found))
-            for submission, found in of_scenario.items()
+            submission: MatrixCellOut(ds=fmean(ds for ds, _ in of_seeds), failed=sum(failed for _, failed in of_seeds))
+            for submission, of_seeds in of_scenario.items()
         }
         for scenario, of_scenario in seeds.items()
     }

@@ -202,8 +202,11 @@ async def _handle_validation_error(request: Request, error: RequestValidationErr
 
 async def _handle_http_error(request: Request, error: HTTPException) -> Response:
     """Handle the framework's errors: unknown path or method, a body that is not JSON."""
-    found = f"{request.method} {request.url.path}"
-    sentences = {404: f"there is nothing at {found:.200}", 405: f"{found:.200}: this method is not offered here"}
+    line = f"{request.method} {request.url.path}"
+    sentences = {
+        404: f"there is nothing at {line:.200}",
+        405: f"{line:.200}: this method is not offered here",
+    }
     headers = {**(error.headers or {})}
     if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED and (methods := _find_methods(request)):
         headers["Allow"] = ", ".join(methods)
@@ -218,15 +221,15 @@ def _find_methods(request: Request) -> list[str]:
     An event stream has no HEAD: see `response_headers`.
     """
     described: Mapping[str, Mapping[str, Any]] = request.app.openapi()["paths"]
-    found = {
+    offered = {
         method.upper()
         for path, methods in described.items()
         if _compile(path).match(request.url.path)
         for method in methods
     }
-    if "GET" in found and not request.url.path.endswith("/events"):
-        found.add("HEAD")
-    return sorted(found)
+    if "GET" in offered and not request.url.path.endswith("/events"):
+        offered.add("HEAD")
+    return sorted(offered)
 
 
 @cache
@@ -236,8 +239,8 @@ def _compile(path: str) -> re.Pattern[str]:
 
 async def _handle_disconnect(request: Request, error: ClientDisconnect) -> Response:  # noqa: ARG001 (Starlette's signature)
     """Log in one line that the client left before its request was complete."""
-    found = f"{request.method} {request.url.path}"
-    LOG.warning("%r: the client left before its request was complete", found[:200])
+    line = f"{request.method} {request.url.path}"
+    LOG.warning("%r: the client left before its request was complete", line[:200])
     return problem_response(400, "form", "request: expected all of it, found its client gone")
 
 

@@ -18,6 +18,7 @@ JSON_BYTES = 64 * 1024
 JSON_S = 30.0
 """Time limit of such a body, against clients that send a byte a minute [s]."""
 _DRAIN_S = 10.0
+"""Time limit of reading the rest of a body that no route wants [s]: a slow client then misses the answer."""
 
 
 class RequestBodyMiddleware:

@@ -151,10 +151,10 @@ class SubmissionService:
         )
 
     def _field(self, name: str) -> str:
-        found = self._upload.fields.get(name)
-        if not found:
+        value = self._upload.fields.get(name)
+        if not value:
             raise InputError(f"{name}: expected a value in the form, found none")
-        return found
+        return value
 
     def _track(self) -> ChallengeTrack:
         wanted = self._field("track")

@@ -146,11 +146,11 @@ def visible_figures(phase: tables.PhaseRow, figures: Mapping[str, Any]) -> Figur
     An agent knows the hidden scenario that it drives and can choose its score, so each figure carries what it has read
     to its team. docs/api.md derives how many bits are left.
     """
-    found = FiguresOut.model_validate(figures)
+    whole = FiguresOut.model_validate(figures)
     if phase.public:
-        return found
-    sr = round(found.sr) if found.sr is not None else None
-    return FiguresOut(ds=visible_ds(phase, found.ds), sr=sr, scenarios=found.scenarios)
+        return whole
+    sr = round(whole.sr) if whole.sr is not None else None
+    return FiguresOut(ds=visible_ds(phase, whole.ds), sr=sr, scenarios=whole.scenarios)
 
 
 def visible_ds(phase: tables.PhaseRow, ds: float) -> float:

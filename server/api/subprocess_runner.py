@@ -22,6 +22,7 @@ from server.api.problems import ProblemError
 P = ParamSpec("P")
 R = TypeVar("R")
 _KILL_S = 5.0
+"""Time until a killed child is left to the kernel [s]: it may hang in a system call."""
 START_S = 60.0
 """Time limit of the start of a child [s]; it is no part of the limit of the call that needs the child."""
 

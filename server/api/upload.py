@@ -28,6 +28,7 @@ UPLOAD_S = 900.0
 FORM_BYTES = 64 * 1024
 """Size limit of a form besides its file [bytes]."""
 _FIELD_BYTES = 1024
+"""Size limit of one field of the form [bytes]: the longest, a name of 80 characters, has at most 320 in UTF-8."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +72,8 @@ def is_upload_under_way(state: Mapping[str, Any]) -> bool:
 
 def received_fields(request: Request) -> dict[str, str]:
     """Return the fields received so far, to show the form again after a refusal."""
-    found: dict[str, bytearray] = getattr(request.state, "form", {})
-    return {name: value.decode("utf-8", "replace") for name, value in found.items()}
+    fields: dict[str, bytearray] = getattr(request.state, "form", {})
+    return {name: value.decode("utf-8", "replace") for name, value in fields.items()}
 
 
 async def _read(request: Request, form: "_Form") -> None:

@@ -19,7 +19,9 @@ import httpx
 from mdrive_sumo.core.errors import InputError
 
 PORTS = (443, 8443)
+"""Ports of https that receivers use; others could lead to a service that is not one of the web."""
 MAX_URL = 500
+"""Length limit of an address [characters]."""
 _IPV6_UNICAST = IPv6Network("2000::/3")
 """The only block from which public IPv6 addresses are allocated (IANA IPv6 address space)."""
 _NOT_PUBLIC = tuple(
@@ -80,8 +82,8 @@ async def find_address(url: httpx.URL, allowed_hosts: Collection[str], attempt: 
 
 async def resolve_host(host: str, port: int) -> Sequence[str]:
     """Return the addresses of a host in the system's order of preference. Raises OSError."""
-    found = await asyncio.get_running_loop().getaddrinfo(host, port, type=socket.SOCK_STREAM)
-    return [str(each[4][0]) for each in found]
+    answers = await asyncio.get_running_loop().getaddrinfo(host, port, type=socket.SOCK_STREAM)
+    return [str(each[4][0]) for each in answers]
 
 
 def is_allowed(url: httpx.URL, allowed_hosts: Collection[str]) -> bool:

@@ -34,6 +34,7 @@ from server.store.webhooks import DueDelivery
 
 LOG = logging.getLogger("mdrive.webhooks")
 POLL_S = 2.0
+"""Pause between looks for notifications that are due [s]: the end of a submission is told a few seconds later."""
 BATCH = 8
 """Notifications that are sent at a time, each of another team."""
 _EVENT = "submission.finished"

@@ -20,8 +20,8 @@ def extract_archive(path: Path, manifest: Manifest, folder: Path) -> None:
 
     Raises ArchiveRefused if the file is not the one that was checked, and OSError.
     """
-    if (found := compute_sha256(path)) != manifest.sha256:
-        raise ArchiveRefused(f"archive: expected the one that was checked, {manifest.sha256:.12}, found {found:.12}")
+    if (checksum := compute_sha256(path)) != manifest.sha256:
+        raise ArchiveRefused(f"archive: expected the one that was checked, {manifest.sha256:.12}, found {checksum:.12}")
     folder.mkdir()
     try:
         folder.chmod(FOLDER_MODE)  # `mkdir` applies the umask

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from mdrive_sumo.core.errors import InputError
+from server.environments import MEBIBYTE
 
-MEBIBYTE = 1024 * 1024
 FREE_BYTES = 8 * MEBIBYTE
 """Unpacked size up to which the ratio of a whole archive does not matter [bytes]."""
 
@@ -38,7 +38,8 @@ class ArchiveRefused(InputError):
 
 
 AGENTS = "agents.py"
-MAX_AGENTS_BYTES = 1024 * 1024
+MAX_AGENTS_BYTES = MEBIBYTE
+"""Size limit of `agents.py` [bytes]: it is searched for its definitions as a whole."""
 CONFIG = "config/"
 SUBMISSION_CONFIG = "config/submission_config.yaml"
 """Configuration file of MDrive's own agents."""
@@ -62,13 +63,13 @@ def find_root(names: Sequence[str]) -> str:
     tops = {name.partition("/")[0] for name in names}
     if len(tops) == 1 and (only := f"{tops.pop()}/") + AGENTS in names:
         return only
-    found = next((name for name in names if name.endswith(f"/{AGENTS}")), "none")
-    raise ArchiveRefused(f"archive: expected {AGENTS} at the top or in the only folder there, found {found:.80}")
+    elsewhere = next((name for name in names if name.endswith(f"/{AGENTS}")), "none")
+    raise ArchiveRefused(f"archive: expected {AGENTS} at the top or in the only folder there, found {elsewhere:.80}")
 
 
 def find_style(text: str) -> Style:
     """Return which style of agent a module defines, without running it. Raises ArchiveRefused."""
-    names = {found for pair in _DEFINITION.findall(text) for found in pair}
+    names = {name for pair in _DEFINITION.findall(text) for name in pair}
     for listed in _IMPORT.findall(text):
         names.update(re.findall(r"\w+", " ".join(listed)))
     if "get_entry_point" in names:

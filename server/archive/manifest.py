@@ -103,6 +103,6 @@ def compute_sha256(path: Path) -> str:
 def _read(archive: ZipFile, files: dict[str, ZipInfo], name: str, max_bytes: int) -> bytes:
     info = files.get(name)
     if info is None or info.file_size > max_bytes:
-        found = "none" if info is None else f"{info.file_size} bytes"
-        raise ArchiveRefused(f"archive: expected {name} of at most {max_bytes} bytes, found {found}")
+        size = "none" if info is None else f"{info.file_size} bytes"
+        raise ArchiveRefused(f"archive: expected {name} of at most {max_bytes} bytes, found {size}")
     return b"".join(read_entry(archive, info))

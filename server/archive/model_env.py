@@ -16,6 +16,7 @@ from server.environments import RECIPES, find_recipe
 
 FILE = "model_env.yaml"
 MAX_BYTES = 64 * 1024
+"""Size limit of the file [bytes], which is read as a whole; chosen: room for a long list of conda packages."""
 KEYS = ("environment", "name", "python", "config")
 _CONDA_PYTHON = re.compile(r"[ \t]*-[ \t]+[\"']?python[ \t]*[=<>~!]+[ \t]*(\d+\.\d+)")
 _MINOR = re.compile(r"\d+\.\d+")
@@ -36,11 +37,11 @@ def parse_model_env(text: bytes) -> ModelEnv:
     if not name:
         raise ArchiveRefused(f"{FILE}: expected a line `environment: {' | '.join(RECIPES)}`, found none")
     try:
-        known = find_recipe(name)
+        recipe = find_recipe(name)
     except InputError as error:
         raise ArchiveRefused(f"{FILE}: {error}") from None
-    if (python := values.get("python", known.python)) != known.python:
-        raise ArchiveRefused(f"{FILE}: python: expected {known.python}, which {name} has, found {python!r:.20}")
+    if (python := values.get("python", recipe.python)) != recipe.python:
+        raise ArchiveRefused(f"{FILE}: python: expected {recipe.python}, which {name} has, found {python!r:.20}")
     return ModelEnv(name, values.get("config"))
 
 
@@ -51,10 +52,10 @@ def _parse_lines(text: str) -> dict[str, str]:
         key, colon, value = line.partition(":")
         if colon and key.rstrip() in KEYS:
             values[key.rstrip()] = _unquote(value)
-        elif found := _CONDA_PYTHON.match(line):
-            values["python"] = found[1]
-    if found := _MINOR.match(values.get("python", "")):
-        values["python"] = found[0]
+        elif match := _CONDA_PYTHON.match(line):
+            values["python"] = match[1]
+    if match := _MINOR.match(values.get("python", "")):
+        values["python"] = match[0]
     return values
 
 

@@ -13,7 +13,8 @@ from pathlib import Path
 from unicodedata import normalize
 from zipfile import ZipFile, ZipInfo
 
-from server.archive.layout import FREE_BYTES, MEBIBYTE, ArchiveLimits, ArchiveRefused
+from server.archive.layout import FREE_BYTES, ArchiveLimits, ArchiveRefused
+from server.environments import MEBIBYTE
 
 METHODS = {zipfile.ZIP_STORED: "stored", zipfile.ZIP_DEFLATED: "deflated"}
 ENCRYPTED = 0x1 | 0x40 | 0x2000
@@ -23,6 +24,7 @@ LOCAL_HEADER = struct.Struct("<4s22xHH")
 BYTES_PER_RECORD = 1024
 """Upper bound of an entry's record in the directory: fixed part, name, extra fields, comment."""
 CHUNK = 1 << 16
+"""Bytes that are unpacked at a time, so that no entry is in memory as a whole."""
 BAD_ZIP = (zipfile.BadZipFile, zlib.error, struct.error, ValueError, NotImplementedError, EOFError, RuntimeError)
 """Exceptions of zipfile for damaged or manipulated files."""
 

@@ -199,11 +199,11 @@ def _apply_phases(settings: ServerSettings, file: Path | None) -> ServerSettings
     try:
         store.migrate()
         with store.read() as session:
-            known = ", ".join(phase.id for phase in phases.list_phases(session) if phase.id != WARM_UP.id)
+            listed = ", ".join(phase.id for phase in phases.list_phases(session) if phase.id != WARM_UP.id)
     finally:
         store.close()
-    if known:
-        echo(f"note: no settings file; using the phases of the database: {known}", err=True)
+    if listed:
+        echo(f"note: no settings file; using the phases of the database: {listed}", err=True)
         return settings
     sentence = f"no settings file; using one phase, {WARM_UP.id}, on the public suite {WARM_UP.suite}"
     echo(f"note: {sentence} (docs/server.md)", err=True)

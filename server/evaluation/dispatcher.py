@@ -74,7 +74,7 @@ class StopRequest:
 LOG = logging.getLogger("mdrive.worker")
 SECOND_US = 1_000_000
 IDLE_S = 1.0
-"""Pause between queries of an idle worker [s]."""
+"""Pause between queries of an idle worker [s]; chosen: short beside a scenario, which takes many seconds."""
 MAX_PAUSE_S = 60.0
 """Longest pause after failures on our side in a row, which doubles from 1 s on [s]."""
 DISK_FULL_PAUSE_S = 10.0

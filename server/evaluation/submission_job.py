@@ -48,9 +48,9 @@ def run_submission_job(task: JobTask) -> JobResult:
     task = _choose_backend(task)
     _find_task_layers(task)
     agents: list[SubmittedAgent] = []
-    for one in (task, *_find_other_tasks(task)):
+    for driver in (task, *_find_other_tasks(task)):
         try:
-            agents.append(_load_agent(one))
+            agents.append(_load_agent(driver))
         except ArchiveRefused as error:
             return AgentRejection(str(error))
         try:
@@ -81,8 +81,8 @@ def _choose_backend(task: JobTask) -> JobTask:
 
 def _find_task_layers(task: JobTask) -> tuple[str, ...]:
     """Return the layers of this task's sandboxes; they may lack copies that this machine could make."""
-    found = find_layers(task.sandbox.required, task.sandbox.backend, task.sandbox.copies)
-    return tuple(name for name in found if name != "private-files" or task.sandbox.copies_folder() is not None)
+    layers = find_layers(task.sandbox.required, task.sandbox.backend, task.sandbox.copies)
+    return tuple(name for name in layers if name != "private-files" or task.sandbox.copies_folder() is not None)
 
 
 def _find_other_tasks(task: JobTask) -> list[JobTask]:

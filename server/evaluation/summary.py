@@ -25,8 +25,10 @@ INTERVAL_SCORES = ("ds", "sr")
 def summarise(jobs: Sequence[JobRow]) -> SummaryData:
     """Overall numbers are means over the buckets, as the paper's are."""
     results = [ScenarioResult.model_validate(job.result) for job in jobs]
-    of_bucket = {name: [one for one in results if one.bucket == name] for name in compute_bucket_means(results)}
-    of_category = {name: [one for one in results if one.category == name] for name in compute_category_means(results)}
+    of_bucket = {name: [each for each in results if each.bucket == name] for name in compute_bucket_means(results)}
+    of_category = {
+        name: [each for each in results if each.category == name] for name in compute_category_means(results)
+    }
     return {
         "overall": _compute_figures(compute_overall(results).bucket_mean, list(of_bucket.values())),
         "buckets": {
@@ -36,7 +38,7 @@ def summarise(jobs: Sequence[JobRow]) -> SummaryData:
             name: _compute_figures(means, [of_category[name]])
             for name, means in compute_category_means(results).items()
         },
-        "sensing_track": join_sensing_tracks(one.sensing_track for one in results),
+        "sensing_track": join_sensing_tracks(each.sensing_track for each in results),
         "results_sha256": compute_results_checksum(jobs),
     }
 
@@ -44,21 +46,21 @@ def summarise(jobs: Sequence[JobRow]) -> SummaryData:
 def _compute_figures(means: Means, groups: Sequence[Sequence[ScenarioResult]]) -> FiguresData:
     figures: FiguresData = {name: getattr(means, name) for name in ("ds", "sr", "rc", "ip", "time_ratio")}
     for name in INTERVAL_SCORES:
-        found = bootstrap_stratified_mean([_mean_by_scenario(group, name) for group in groups])
-        low, high = (round(end, 6) for end in found.ends) if found.ends else (None, None)
+        interval = bootstrap_stratified_mean([_mean_by_scenario(group, name) for group in groups])
+        low, high = (round(end, 6) for end in interval.ends) if interval.ends else (None, None)
         figures[f"{name}_low"], figures[f"{name}_high"] = low, high
-    results = [one for group in groups for one in group]
-    is_referenced = all(one.efficient_sr is not None for one in results)
+    results = [result for group in groups for result in group]
+    is_referenced = all(result.efficient_sr is not None for result in results)
     figures["efficient_sr"] = means.efficient_sr if is_referenced else None  # else over other scenarios than SR
-    figures["timed"] = len({one.id for one in results if one.time_ratio is not None})
+    figures["timed"] = len({result.id for result in results if result.time_ratio is not None})
     figures["scalars"] = {"min_ttc": _find_least_ttc(results), **compute_scalar_means(results)}
-    kinds = Counter(found.kind for one in results for ego in one.egos for found in ego.infractions)
-    return figures | {"scenarios": len({one.id for one in results}), "infractions": dict(sorted(kinds.items()))}
+    kinds = Counter(interval.kind for result in results for ego in result.egos for interval in ego.infractions)
+    return figures | {"scenarios": len({result.id for result in results}), "infractions": dict(sorted(kinds.items()))}
 
 
 def _find_least_ttc(results: Sequence[ScenarioResult]) -> float | None:
     """Return the least time to collision [s] of all scenarios; it has no mean, because it is undefined without any."""
-    return min((one.min_ttc for one in results if one.min_ttc is not None), default=None)
+    return min((result.min_ttc for result in results if result.min_ttc is not None), default=None)
 
 
 def _mean_by_scenario(results: Sequence[ScenarioResult], name: str) -> Float:
@@ -91,6 +93,6 @@ def write_summary(store: Store, submission: str, clock: Callable[[], int], on_do
 def write_left_over_summaries(store: Store, clock: Callable[[], int], on_done: OnDone) -> None:
     """Write the summaries that another worker died before writing. Raises StoreUnavailable."""
     with store.read() as session:
-        found = submissions.list_complete(session)
-    for submission in found:
+        complete = submissions.list_complete(session)
+    for submission in complete:
         write_summary(store, submission, clock, on_done)

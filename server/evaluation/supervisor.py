@@ -30,11 +30,15 @@ from server.store.tables import SubmissionRow
 LOG = logging.getLogger("mdrive.supervisor")
 COMMAND = (sys.executable, "-P", "-m", "server.evaluation.worker")
 POLL_S = 0.5
+"""Pause between two looks at the workers [s]."""
 STEADY_S = 60.0
 """Age at which a worker's death is no longer counted as a failed start [s]."""
 MAX_PAUSE_S = 30.0
+"""Longest pause before a worker is started again, which doubles from 1 s on with each death soon after a start [s]."""
 STOPPING_S = 15.0
+"""Time that workers have to return their jobs when the server stops [s]; a box ends within 1 s of its worker."""
 CLEANUP_S = 3600.0
+"""Time between two looks for old files [s]."""
 
 
 @dataclass(slots=True)

@@ -33,22 +33,22 @@ def check(path: Path, sandbox: bool, environments: Path | None) -> None:
 
     Exit codes: 0 it would be accepted, 2 it would be rejected; the message says why.
     """
-    with unpack_agent(path) as found:
-        echo(format_manifest(found.manifest))
-        place = choose_environment(found.manifest, environments) if sandbox or environments else None
-        echo(format_declaration(ask_agent(SubmittedAgent(found.manifest, found.folder, place))))
+    with unpack_agent(path) as unpacked:
+        echo(format_manifest(unpacked.manifest))
+        place = choose_environment(unpacked.manifest, environments) if sandbox or environments else None
+        echo(format_declaration(ask_agent(SubmittedAgent(unpacked.manifest, unpacked.folder, place))))
 
 
 def choose_environment(manifest: Manifest, environments: Path | None) -> Environment:
     """Return the requested environment, or this Python instead, with a note on stderr. Raises InputError."""
     if environments is not None:
         return load_environment(manifest.environment, environments)
-    found = current_environment()
+    environment = current_environment()
     echo(
-        f"note: {found.name} ({found.python}) replaces {manifest.environment}; see --environments",
+        f"note: {environment.name} ({environment.python}) replaces {manifest.environment}; see --environments",
         err=True,
     )
-    return found
+    return environment
 
 
 def ask_agent(agent: SubmittedAgent) -> AgentDeclaration:
@@ -74,9 +74,7 @@ def format_manifest(manifest: Manifest) -> str:
     return "\n".join(lines)
 
 
-def format_declaration(found: AgentDeclaration) -> str:
+def format_declaration(told: AgentDeclaration) -> str:
     """Format an agent's declaration."""
-    sensors = ", ".join(f"{sensor.kind}:{sensor.id}" if sensor.id else sensor.kind for sensor in found.sensors)
-    return (
-        f"label        {found.label}: track {TRACK_BY_LABEL[found.label]}\nsensors      {sensors or 'none'}\naccepted"
-    )
+    sensors = ", ".join(f"{sensor.kind}:{sensor.id}" if sensor.id else sensor.kind for sensor in told.sensors)
+    return f"label        {told.label}: track {TRACK_BY_LABEL[told.label]}\nsensors      {sensors or 'none'}\naccepted"

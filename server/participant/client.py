@@ -23,6 +23,7 @@ WAIT_S = 5
 MAX_WAIT_S = 60
 """Longest wait between attempts [s]."""
 TIMEOUT = httpx.Timeout(30.0, read=60.0)
+"""Time limits of connecting and writing, and of an answer: a check of an archive takes up to 20 s and may wait [s]."""
 OnBytesSent = Callable[[int], None]
 
 
@@ -81,8 +82,8 @@ class ChallengeClient:
         phases = {str(row["id"]): bool(row.get("public", True)) for row in rows if row.get("open")}
         public = [name for name, is_public in phases.items() if is_public]
         if len(public) != 1:
-            known = ", ".join(name if is_public else f"{name} (hidden)" for name, is_public in phases.items())
-            raise InputError(f"{self._server}: expected --phase, one of: {known or 'none is open now'}")
+            names = ", ".join(name if is_public else f"{name} (hidden)" for name, is_public in phases.items())
+            raise InputError(f"{self._server}: expected --phase, one of: {names or 'none is open now'}")
         return public[0]
 
     def submit(self, archive: Path, entry: SubmissionForm, on_sent: OnBytesSent) -> Mapping[str, Any]:
@@ -213,14 +214,14 @@ class _ProgressFile:
 
 def _parse_object(text: str) -> Mapping[str, Any]:
     try:
-        found = json.loads(text)
+        content = json.loads(text)
     except ValueError:
-        found = None
-    if not isinstance(found, dict):
+        content = None
+    if not isinstance(content, dict):
         raise InputError(
             f"server: expected a JSON object in its answer, found {text!r:.60}; is this the right address?"
         )
-    return cast("Mapping[str, Any]", found)
+    return cast("Mapping[str, Any]", content)
 
 
 def _describe(error: Exception) -> str:

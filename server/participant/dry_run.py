@@ -53,10 +53,10 @@ def dry_run(team: UnpackedAgent, environment: Environment, track: ChallengeTrack
     """Run the scenarios and print verdicts; return whether all have a score. Raises InputError."""
     agent = with_server_limits(team, environment)
     echo(format_manifest(team.manifest))
-    found = ask_agent(agent)
-    echo(f"{format_declaration(found)}\ntrack        {track}")
-    if TRACK_BY_LABEL[found.label] is not track:
-        echo(f"note: the label {found.label} corresponds to --track {TRACK_BY_LABEL[found.label]}", err=True)
+    told = ask_agent(agent)
+    echo(f"{format_declaration(told)}\ntrack        {track}")
+    if TRACK_BY_LABEL[told.label] is not track:
+        echo(f"note: the label {told.label} corresponds to --track {TRACK_BY_LABEL[told.label]}", err=True)
     _print_missing_layers()
     results: list[ScenarioResult] = []
     ours = 0
@@ -119,17 +119,17 @@ def run_jobs(
     jobs = [
         EpisodeJob(
             suite.folder.resolve(),
-            one.id,
+            scenario.id,
             agent.agent_spec(),
             course.seed,
             options=EpisodeOptions(comm=COMM_BY_TRACK[track]),
-            recording=recordings / f"{one.id}.npz",
+            recording=recordings / f"{scenario.id}.npz",
             logs=logs,
-            checksum=suite.compute_file_checksum(one.id),
+            checksum=suite.compute_file_checksum(scenario.id),
         )
-        for one in scenarios
+        for scenario in scenarios
     ]
-    most = max(len(one.egos) for one in scenarios)
+    most = max(len(scenario.egos) for scenario in scenarios)
     limit_s = compute_job_limit_s(most, (agent.limits,), agent.limits.pace_s)
     with ProcessPool[EpisodeJob, ScenarioResult | RejectedJob](
         run_dry_job, min(course.workers, len(jobs)), limit_s

@@ -85,12 +85,12 @@ def open_client(server: str | None, token: str | None) -> ChallengeClient:
 
 def parse_id(text: str) -> str:
     """Return the id in an id or a page's address. Raises InputError."""
-    if (found := _ID.fullmatch(text)) is None:
+    if (match := _ID.fullmatch(text)) is None:
         raise InputError(
             f"submission: expected an id of 32 hexadecimal digits or the address of its page, found {text!r:.80}; "
             "`mdrive-sumo results` lists yours"
         )
-    return found[1]
+    return match[1]
 
 
 def _print_result(client: ChallengeClient, submission: str) -> SubmissionState:

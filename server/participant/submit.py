@@ -52,9 +52,9 @@ def submit(
     if dry:
         chosen = {name: options[name] for name in ("suite", "scenario", "seed", "workers", "out")}
         course = DryRunOptions(**chosen)  # pyright: ignore[reportArgumentType] - click has converted them to the fields' types
-        with unpack_agent(path) as found:
-            track = _choose_track(found.manifest, options)
-            code = 0 if dry_run(found, choose_environment(found.manifest, environments), track, course) else 1
+        with unpack_agent(path) as unpacked:
+            track = _choose_track(unpacked.manifest, options)
+            code = 0 if dry_run(unpacked, choose_environment(unpacked.manifest, environments), track, course) else 1
     else:
         server, token = _require_option(options, "server"), _require_option(options, "token")
         with open_as_archive(path, UNLIMITED) as (archive, manifest), ChallengeClient(server, token) as client:

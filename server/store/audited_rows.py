@@ -62,10 +62,10 @@ class AuditedRows:
 
 def load_audited_rows(session: Session) -> AuditedRows:
     """Return the state that the whole log leads to; the log itself is verified by `audit.verify_chain`."""
-    found = AuditedRows()
+    rows = AuditedRows()
     for entry in session.scalars(select(AuditEntryRow).order_by(AuditEntryRow.id).execution_options(yield_per=500)):
-        found.apply(entry)
-    return found
+        rows.apply(entry)
+    return rows
 
 
 def _create_team(rows: AuditedRows, entry: AuditEntryRow) -> None:
@@ -101,8 +101,8 @@ def name_pair(phase: str, tested: str, others: str, scenario: str) -> str:
 
 
 def _add_cross_play(rows: AuditedRows, entry: AuditEntryRow) -> None:
-    found = {name: value for name, value in entry.data.items() if name not in _PAIR}
-    rows.cross_play.setdefault(name_pair(*(entry.data[name] for name in _PAIR)), []).append(found)
+    result = {name: value for name, value in entry.data.items() if name not in _PAIR}
+    rows.cross_play.setdefault(name_pair(*(entry.data[name] for name in _PAIR)), []).append(result)
 
 
 def _set_phase(rows: AuditedRows, entry: AuditEntryRow) -> None:

@@ -20,6 +20,7 @@ from server.store.row_check import find_row_differences
 from server.store.tables import AuditEntryRow, PhaseRow, TableBase, WorkerRow
 
 _CHUNK = 500
+"""Rows that are copied at a time: results of scenarios have up to 512 KiB each."""
 _STARTUP_ROWS: Mapping[str, ColumnElement[bool]] = {
     PhaseRow.__tablename__: true(),
     WorkerRow.__tablename__: true(),
@@ -123,8 +124,8 @@ def _has_user_rows(table: Table) -> Exists:
 
 def _copy(source: Session, target: Session) -> None:
     for table in TableBase.metadata.sorted_tables:
-        found = source.execute(select(table).execution_options(yield_per=_CHUNK)).mappings()
-        for part in found.partitions(_CHUNK):
+        rows = source.execute(select(table).execution_options(yield_per=_CHUNK)).mappings()
+        for part in rows.partitions(_CHUNK):
             _insert(target, table, [dict(row) for row in part])
         _set_sequence(target.connection(), table.name, "id" in table.c and table.c["id"].autoincrement is True)
 

@@ -100,10 +100,17 @@ def choose(waiting: Sequence[WaitingSubmission], recent: worker_time.WorkerTimes
     for (team, _), used_us in recent.items():
         of_team[team] += used_us
 
-    def place(one: WaitingSubmission) -> tuple[int, int, int, bool, int, str]:
-        in_phase = recent.get((one.team, one.phase), 0)
-        team_us = of_team[one.team]
-        return (team_us // STEP_US, running[one.team], in_phase // STEP_US, one.public, one.created_us, one.id)
+    def place(each: WaitingSubmission) -> tuple[int, int, int, bool, int, str]:
+        in_phase = recent.get((each.team, each.phase), 0)
+        team_us = of_team[each.team]
+        return (
+            team_us // STEP_US,
+            running[each.team],
+            in_phase // STEP_US,
+            each.public,
+            each.created_us,
+            each.id,
+        )
 
     return min(waiting, key=place).id
 
@@ -111,9 +118,9 @@ def choose(waiting: Sequence[WaitingSubmission], recent: worker_time.WorkerTimes
 def _list_waiting(session: Session, of_phases: Sequence[ColumnElement[bool]]) -> list[WaitingSubmission]:
     queued = exists().where(JobRow.is_of(SubmissionRow.id), JobRow.state == JobState.QUEUED)
     columns = (SubmissionRow.id, SubmissionRow.team, SubmissionRow.phase, PhaseRow.public, SubmissionRow.created_us)
-    found = select(*columns).join(PhaseRow, PhaseRow.id == SubmissionRow.phase)
-    found = found.where(SubmissionRow.state.in_(UNFINISHED), queued, *of_phases)
-    return [WaitingSubmission(*row) for row in session.execute(found)]
+    waiting = select(*columns).join(PhaseRow, PhaseRow.id == SubmissionRow.phase)
+    waiting = waiting.where(SubmissionRow.state.in_(UNFINISHED), queued, *of_phases)
+    return [WaitingSubmission(*row) for row in session.execute(waiting)]
 
 
 def _count_running(session: Session) -> Counter[str]:

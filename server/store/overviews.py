@@ -24,14 +24,14 @@ EMPTY_OVERVIEW: dict[str, Any] = {**dict.fromkeys(SCORES), "egos": None, "usage"
 def make_overview(result: Mapping[str, Any], usage: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return the overview of a result."""
     shown = {name: value for name, value in usage.items() if name not in FOR_ORGANISERS} if usage is not None else None
-    found = EMPTY_OVERVIEW | {name: result.get(name) for name in SCORES} | {"usage": shown}
+    overview = EMPTY_OVERVIEW | {name: result.get(name) for name in SCORES} | {"usage": shown}
     if "egos" in result:
-        found["egos"] = [_describe_ego(ego, MAX_INFRACTIONS) for ego in result["egos"]]
-    if count_bytes(found) > MAX_BYTES and found["egos"] is not None:
-        found["egos"] = [_describe_ego(ego, 0) for ego in result["egos"]]
-    if count_bytes(found) > MAX_BYTES:
-        found["usage"] = None
-    return found
+        overview["egos"] = [_describe_ego(ego, MAX_INFRACTIONS) for ego in result["egos"]]
+    if count_bytes(overview) > MAX_BYTES and overview["egos"] is not None:
+        overview["egos"] = [_describe_ego(ego, 0) for ego in result["egos"]]
+    if count_bytes(overview) > MAX_BYTES:
+        overview["usage"] = None
+    return overview
 
 
 def count_bytes(data: object) -> int:

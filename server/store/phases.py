@@ -45,8 +45,8 @@ def get(session: Session, phase_id: str) -> PhaseRow:
     """Return a phase. Raises NotFound, which lists the known ones."""
     phase = session.get(PhaseRow, phase_id)
     if phase is None:
-        known = [phase.id for phase in list_phases(session)]
-        raise NotFound(f"phase: {describe_unknown(phase_id, known or ['none'])}")
+        ids = [phase.id for phase in list_phases(session)]
+        raise NotFound(f"phase: {describe_unknown(phase_id, ids or ['none'])}")
     return phase
 
 

@@ -15,6 +15,7 @@ from server.store.tables import JobRow, StandingRow, SubmissionRow, TeamRow
 
 DECENTRALISED = (ChallengeTrack.SINGLE, ChallengeTrack.SHARING, ChallengeTrack.NEGOTIATION)
 _RECENT_JOBS = 100
+"""Jobs whose mean duration estimates the time to a result; chosen: about half of a suite of 225 scenarios."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +76,7 @@ def find_leaderboard(
     evaluator that finished one last are ranked; a team without one follows below, unranked.
     """
     tracks = DECENTRALISED if track is None else (track,)
-    found = session.execute(
+    rows = session.execute(
         select(*_STANDING_COLUMNS)
         .join(TeamRow, TeamRow.id == StandingRow.team)
         .where(
@@ -87,11 +88,11 @@ def find_leaderboard(
         )
         .order_by(StandingRow.ds.desc(), StandingRow.created_us, StandingRow.submission)
     ).all()
-    current = _find_current_evaluator(session, {row.submission: row.evaluator for row in found})
+    current = _find_current_evaluator(session, {row.submission: row.evaluator for row in rows})
     places: dict[tuple[str, str], LeaderboardEntry] = {}
     ranks = {sensing.value: 0 for sensing in SensingTrack}
     for is_current in (True, False):
-        for id_, evaluator, created_us, team, method, in_track, sensing, submission, ds, figures in found:
+        for id_, evaluator, created_us, team, method, in_track, sensing, submission, ds, figures in rows:
             if (id_, sensing) in places or (evaluator == current) is not is_current:
                 continue
             ranks[sensing] += 1
@@ -138,12 +139,12 @@ def find_score_histories(
     mine = select(*columns).where(
         SubmissionRow.team.in_(team_ids), SubmissionRow.phase == phase, SubmissionRow.ds.is_not(None)
     )
-    found: dict[str, list[float]] = {}
+    scores_by_team: dict[str, list[float]] = {}
     for team, ds, state, shown, driven in session.execute(mine.order_by(SubmissionRow.created_us, SubmissionRow.id)):
         # Filtered here: with a condition on the state SQLite would choose the index by state.
         if state == SubmissionState.DONE and shown and ds is not None and driven in tracks:
-            found.setdefault(team, []).append(ds)
-    return found
+            scores_by_team.setdefault(team, []).append(ds)
+    return scores_by_team
 
 
 def count_jobs(session: Session, submission: str) -> dict[JobState, int]:

@@ -12,6 +12,7 @@ from server.store.tables import JobRow, PhaseRow, RefusedUploadRow, SubmissionRo
 
 UNFINISHED = (SubmissionState.QUEUED.value, SubmissionState.RUNNING.value)
 _RETRY_US = 60_000_000
+"""Time after which a team may try again that has too many submissions at a time [us]; when one ends is unknown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -78,9 +78,9 @@ def _compare_ids(table: str, expected: Mapping[str, Any], rows: Mapping[str, Any
 
 def _compare_columns(table: str, row: Any, expected: Columns) -> Iterator[RowDifference]:
     for column, value in expected.items():
-        found = getattr(row, column, value)
-        if found != value:
-            text = f"{column}: expected {format_leaf(value)}, found {format_leaf(found)}"
+        actual = getattr(row, column, value)
+        if actual != value:
+            text = f"{column}: expected {format_leaf(value)}, found {format_leaf(actual)}"
             yield RowDifference(table, row.id, text)
 
 
@@ -92,9 +92,9 @@ def _compare_submission(row: SubmissionRow, expected: Columns) -> Iterator[RowDi
     if row.state != state and not (state is None and row.state in UNFINISHED):
         text = f"state: expected {state or 'queued or running'}, found {format_leaf(row.state)}"
         yield RowDifference("submissions", row.id, text)
-    found = audit.compute_checksum(row.summary) if row.summary is not None else None
-    if found != expected["summary_sha256"]:
-        text = f"summary: expected the checksum {expected['summary_sha256']}, found {found}"
+    checksum = audit.compute_checksum(row.summary) if row.summary is not None else None
+    if checksum != expected["summary_sha256"]:
+        text = f"summary: expected the checksum {expected['summary_sha256']}, found {checksum}"
         yield RowDifference("submissions", row.id, text)
 
 
@@ -103,19 +103,19 @@ def _compare_webhooks(session: Session, expected: Mapping[str, Columns]) -> Iter
     yield from _compare_ids("webhooks", expected, rows)
     for team in expected.keys() & rows.keys():
         row = rows[team]
-        found = {"created_us": row.created_us} | webhooks.compute_webhook_checksums(row.url, row.secret)
+        actual = {"created_us": row.created_us} | webhooks.compute_webhook_checksums(row.url, row.secret)
         for column, value in expected[team].items():
-            if found[column] != value:
-                yield RowDifference("webhooks", team, f"{column}: expected {value}, found {found[column]}")
+            if actual[column] != value:
+                yield RowDifference("webhooks", team, f"{column}: expected {value}, found {actual[column]}")
 
 
 def _compare_jobs(session: Session, row: SubmissionRow, expected: Columns) -> Iterator[RowDifference]:
     """Compare which scenarios and seeds a submission is driven in: without its worst ones its score would be better."""
     own = JobRow.is_of(row.id), JobRow.others == row.id
     jobs = session.execute(select(JobRow.scenario, JobRow.seed).where(*own))
-    found = audit.compute_jobs_checksum((scenario, seed) for scenario, seed in jobs)
-    if found != expected["jobs_sha256"]:
-        text = f"scenarios and seeds: expected the checksum {expected['jobs_sha256']}, found {found}"
+    checksum = audit.compute_jobs_checksum((scenario, seed) for scenario, seed in jobs)
+    if checksum != expected["jobs_sha256"]:
+        text = f"scenarios and seeds: expected the checksum {expected['jobs_sha256']}, found {checksum}"
         yield RowDifference("jobs of submission", row.id, text)
 
 
@@ -125,14 +125,14 @@ def _compare_results(session: Session, row: SubmissionRow) -> Iterator[RowDiffer
         return
     expected = row.summary["results_sha256"]
     jobs = select(JobRow).where(JobRow.is_of(row.id)).order_by(JobRow.scenario, JobRow.seed)
-    found = session.scalars(jobs).all()
-    if not all(job.result is None for job in found):
-        checksum = audit.compute_results_checksum(found)
+    finished = session.scalars(jobs).all()
+    if not all(job.result is None for job in finished):
+        checksum = audit.compute_results_checksum(finished)
         if checksum != expected:
             text = f"results of its scenarios: expected the checksum {expected}, found {checksum}"
             yield RowDifference("jobs of submission", row.id, text)
-    yield from _compare_overviews(session, row.id, found)
-    for job in found:
+    yield from _compare_overviews(session, row.id, finished)
+    for job in finished:
         session.expunge(job)
 
 
@@ -152,13 +152,13 @@ def _compare_cross_play(session: Session, expected: Mapping[str, Sequence[Column
     """Compare the results of finished pairs with the log's, which tells no evaluators apart: in the order of ending."""
     done = select(JobRow, SubmissionRow.phase).join(SubmissionRow, SubmissionRow.id == JobRow.submission)
     done = done.where(JobRow.kind == JobKind.CROSS_PLAY, JobRow.state == JobState.DONE)
-    found: dict[str, list[Columns | None]] = {}
+    results: dict[str, list[Columns | None]] = {}
     for row, phase in session.execute(done.order_by(JobRow.finished_us, JobRow.id)):
-        found.setdefault(name_pair(phase, row.submission, row.others, row.scenario), []).append(row.result)
-    yield from _compare_ids("jobs of cross-play", expected, found)
-    for name in expected.keys() & found.keys():
-        if list(expected[name]) != found[name]:
-            text = f"result: expected {format_leaf(list(expected[name]))}, found {format_leaf(found[name])}"
+        results.setdefault(name_pair(phase, row.submission, row.others, row.scenario), []).append(row.result)
+    yield from _compare_ids("jobs of cross-play", expected, results)
+    for name in expected.keys() & results.keys():
+        if list(expected[name]) != results[name]:
+            text = f"result: expected {format_leaf(list(expected[name]))}, found {format_leaf(results[name])}"
             yield RowDifference("jobs of cross-play", name, text)
 
 
@@ -186,24 +186,24 @@ def _compare_standing(
         yield RowDifference("standings", place, f"ds: expected {best.ds}, found {row.ds}")
     for column in ("figures", "method", "created_us"):
         if getattr(row, column) != getattr(best, column):
-            value, found = (format_leaf(getattr(each, column)) for each in (best, row))
-            yield RowDifference("standings", place, f"{column}: expected {value}, found {found}")
+            value, actual = (format_leaf(getattr(each, column)) for each in (best, row))
+            yield RowDifference("standings", place, f"{column}: expected {value}, found {actual}")
 
 
 def _compute_best(session: Session, public: Mapping[str, bool]) -> dict[tuple[str, ...], list[StandingRow]]:
     """Return the standings of all done and shown submissions with the best score of each line, the earliest first."""
     done = select(SubmissionRow).where(SubmissionRow.state == SubmissionState.DONE, SubmissionRow.shown)
-    found: dict[tuple[str, ...], list[StandingRow]] = {}
+    best_by_key: dict[tuple[str, ...], list[StandingRow]] = {}
     ordered = done.order_by(SubmissionRow.created_us, SubmissionRow.id).execution_options(yield_per=100)
     for candidate in session.scalars(ordered):
         evaluator = standings.evaluator_digest(candidate.evaluator)
         for standing in standings.make_standings(candidate, evaluator, public.get(candidate.phase, False)):
-            best = found.setdefault(_key(standing), [standing])
+            best = best_by_key.setdefault(_key(standing), [standing])
             if standing.ds > best[0].ds:
-                found[_key(standing)] = [standing]
+                best_by_key[_key(standing)] = [standing]
             elif standing.ds == best[0].ds and standing is not best[0]:
                 best.append(standing)
-    return found
+    return best_by_key
 
 
 def _key(row: StandingRow) -> tuple[str, ...]:

@@ -158,8 +158,8 @@ def is_complete(session: Session, submission_id: str) -> bool:
 def list_complete(session: Session) -> Sequence[str]:
     """Return the unfinished submissions that only wait for their summary: a worker may die before it writes one."""
     undone = exists().where(JobRow.is_of(SubmissionRow.id), JobRow.state != JobState.DONE)
-    found = select(SubmissionRow.id).where(SubmissionRow.state == SubmissionState.RUNNING, ~undone)
-    return session.scalars(found.order_by(SubmissionRow.created_us)).all()
+    complete = select(SubmissionRow.id).where(SubmissionRow.state == SubmissionState.RUNNING, ~undone)
+    return session.scalars(complete.order_by(SubmissionRow.created_us)).all()
 
 
 def list_finished_jobs(session: Session, submission_id: str) -> Sequence[JobRow]:
@@ -293,8 +293,8 @@ def _enter(session: Session, submission: SubmissionRow, state: SubmissionState, 
 
 def _audit_data(submission: SubmissionRow, jobs: Sequence[tuple[str, int]] = ()) -> dict[str, Any]:
     names = ("phase", "track", "name", "archive_sha256", "environment", "evaluator", "counts")
-    found = {"submission": submission.id, **{name: getattr(submission, name) for name in names}}
-    return found | ({"jobs_sha256": compute_jobs_checksum(jobs)} if jobs else {})
+    entry = {"submission": submission.id, **{name: getattr(submission, name) for name in names}}
+    return entry | ({"jobs_sha256": compute_jobs_checksum(jobs)} if jobs else {})
 
 
 def add_event(session: Session, submission: str, kind: str, data: dict[str, Any], now_us: int) -> None:

@@ -21,6 +21,7 @@ from server.store.tables import SubmissionRow, WebhookDeliveryRow, WebhookRow
 DELAYS_US = tuple(minutes * 60_000_000 for minutes in (1, 5, 30, 120))
 """Time from an attempt to the next one [us]; after the last attempt a notification has failed."""
 MAX_ATTEMPTS = len(DELAYS_US) + 1
+"""Attempts of a notification, the first one included."""
 KEPT_US = 30 * 86_400_000_000
 """Age at which notifications that are delivered or failed are deleted [us]."""
 SECRET_PREFIX = "whsec_"
@@ -91,15 +92,15 @@ def claim_due(session: Session, limit: int, now_us: int) -> list[DueDelivery]:
     """Claim notifications whose time has come, the oldest first, at most one for each team."""
     due = select(WebhookDeliveryRow, WebhookRow).join(WebhookRow, WebhookRow.team == WebhookDeliveryRow.team)
     due = due.where(WebhookDeliveryRow.state == DeliveryState.WAITING, WebhookDeliveryRow.next_us <= now_us)
-    found: dict[str, DueDelivery] = {}
+    claimed: dict[str, DueDelivery] = {}
     for row, webhook in session.execute(due.order_by(WebhookDeliveryRow.next_us, WebhookDeliveryRow.id)):
         if row.attempts >= MAX_ATTEMPTS:  # its last attempt was never recorded
             row.state, row.problem = DeliveryState.FAILED.value, "the server ended while it sent the last attempt"
-        elif row.team not in found and len(found) < limit:
+        elif row.team not in claimed and len(claimed) < limit:
             row.attempts += 1
             row.next_us = now_us + DELAYS_US[min(row.attempts, len(DELAYS_US)) - 1]
-            found[row.team] = DueDelivery(row.id, row.submission, row.team, webhook.url, webhook.secret, row.attempts)
-    return list(found.values())
+            claimed[row.team] = DueDelivery(row.id, row.submission, row.team, webhook.url, webhook.secret, row.attempts)
+    return list(claimed.values())
 
 
 def record_attempt(session: Session, delivery: str, problem: str, now_us: int) -> None:

@@ -30,7 +30,7 @@ def charge(session: Session, submission: SubmissionRow, used_us: int, now_us: in
 
 def load_recent(session: Session, now_us: int) -> dict[tuple[str, str], int]:
     """Return the recent worker time by team and phase, that of running jobs included."""
-    found = {
+    used_by_team = {
         (row.team, row.phase): decay(row.used_us, now_us - row.at_us) for row in session.scalars(select(WorkerTimeRow))
     }
     running = (
@@ -40,8 +40,8 @@ def load_recent(session: Session, now_us: int) -> dict[tuple[str, str], int]:
         .group_by(SubmissionRow.team, SubmissionRow.phase)
     )
     for team, phase, used_us in session.execute(running):
-        found[team, phase] = found.get((team, phase), 0) + max(0, int(used_us))
-    return found
+        used_by_team[team, phase] = used_by_team.get((team, phase), 0) + max(0, int(used_us))
+    return used_by_team
 
 
 def decay(used_us: int, age_us: int) -> int:

@@ -17,6 +17,7 @@ from server.store.quota import UNFINISHED
 ENTRIES = 30
 """Length of the lists of latest entries."""
 MAX_QUEUE = 200
+"""Submissions of the queue that the page lists: each needs a query of its jobs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,11 +86,11 @@ def list_queue(session: Session) -> list[QueuedSubmission]:
     """Return the unfinished submissions, the oldest first."""
     wanted = select(tables.SubmissionRow).where(tables.SubmissionRow.state.in_(UNFINISHED))
     order = (tables.SubmissionRow.created_us, tables.SubmissionRow.id)
-    found: list[QueuedSubmission] = []
+    queued: list[QueuedSubmission] = []
     for each in session.scalars(wanted.order_by(*order).limit(MAX_QUEUE)):
         counts = queries.count_jobs(session, each.id)
         team = session.get(tables.TeamRow, each.team)
-        found.append(
+        queued.append(
             QueuedSubmission(
                 each.id,
                 each.name,
@@ -102,7 +103,7 @@ def list_queue(session: Session) -> list[QueuedSubmission]:
                 sum(counts.values()),
             )
         )
-    return found
+    return queued
 
 
 def list_workers(session: Session, settings: ServerSettings, now_us: int) -> list[WorkerStatus]:
@@ -115,7 +116,7 @@ def list_workers(session: Session, settings: ServerSettings, now_us: int) -> lis
         )
         running.setdefault(job.owner or "", []).append(driven)
     lease_us = settings.work.lease_s * 1_000_000
-    known = [
+    listed = [
         WorkerStatus(
             each.owner,
             each.host,
@@ -128,7 +129,7 @@ def list_workers(session: Session, settings: ServerSettings, now_us: int) -> lis
         )
         for each in workers.list_workers(session)
     ]
-    return known + [WorkerStatus(owner, "", "", "", None, None, False, tuple(jobs)) for owner, jobs in running.items()]
+    return listed + [WorkerStatus(owner, "", "", "", None, None, False, tuple(jobs)) for owner, jobs in running.items()]
 
 
 def list_entries(session: Session, action: str | None = None) -> Sequence[tables.AuditEntryRow]:

@@ -25,6 +25,7 @@ from server.web.visitor import AdminVisitor, Visitor
 
 router = APIRouter(prefix="/admin")
 LAYERS_S = 30.0
+"""Time limit of the examination of the sandbox layers [s]: it opens some boxes."""
 Text = Annotated[str, Form(max_length=200)]
 
 
@@ -84,9 +85,13 @@ def show_machine(request: Request, _visitor: AdminVisitor, services: ServicesDep
 def show_teams(request: Request, _visitor: AdminVisitor, services: ServicesDep) -> Response:
     """Show all teams, and the tokens without a team."""
     with services.store.read() as session:
-        found = [(team, tokens.list_tokens(session, team)) for team in teams.list_teams(session)]
+        held = [(team, tokens.list_tokens(session, team)) for team in teams.list_teams(session)]
         return render_page(
-            request, "admin_teams.html", teams=found, others=tokens.list_tokens(session, None), scopes=tuple(TokenScope)
+            request,
+            "admin_teams.html",
+            teams=held,
+            others=tokens.list_tokens(session, None),
+            scopes=tuple(TokenScope),
         )
 
 
@@ -131,14 +136,14 @@ def issue_token(
 def confirm_revoke(request: Request, token: Id, _visitor: AdminVisitor, services: ServicesDep) -> Response:
     """Ask before a token is revoked."""
     with services.store.read() as session:
-        found = tokens.get(session, token)
-        team = teams.get(session, found.team) if found.team is not None else None
+        asked = tokens.get(session, token)
+        team = teams.get(session, asked.team) if asked.team is not None else None
         held = tokens.list_tokens(session, team) if team is not None else []
     return render_page(
         request,
         "confirm_revoke.html",
-        token=found,
-        holder=f"team {team.name}" if team is not None else f"the scope {found.scope}",
+        token=asked,
+        holder=f"team {team.name}" if team is not None else f"the scope {asked.scope}",
         is_last=sum(each.revoked_us is None for each in held) == 1,
         action=f"/admin/tokens/{token}/revoke",
         back="/admin/teams",
@@ -161,26 +166,26 @@ async def show_matrix(request: Request, view: ViewDep, visitor: AdminVisitor, se
 @router.get("/matrix.csv")
 async def download_matrix(view: ViewDep, visitor: AdminVisitor, services: ServicesDep) -> Response:
     """Return the teams of a page of the matrix as CSV."""
-    found = await services.run_large_read(lambda: _find_matrix(view, view.phase, visitor, services))
+    matrix = await services.run_large_read(lambda: _find_matrix(view, view.phase, visitor, services))
     rows = (
         (row.scenario, row.bucket, row.category, row.ds, row.failed, *(cell.ds if cell else None for cell in row.cells))
-        for row in found.rows
+        for row in matrix.rows
     )
-    header = ("scenario", "bucket", "category", "mean", "failed", *(column.team for column in found.columns))
-    headers = csv_headers(f"matrix-{found.phase}") | {"Cache-Control": "no-store"}
+    header = ("scenario", "bucket", "category", "mean", "failed", *(column.team for column in matrix.columns))
+    headers = csv_headers(f"matrix-{matrix.phase}") | {"Cache-Control": "no-store"}
     return Response(to_csv(header, rows), media_type="text/csv", headers=headers)
 
 
 def _render_matrix(request: Request, view: MatrixView, visitor: Visitor, services: Services) -> Response:
     with services.store.read() as session:
-        known = phases.list_phases(session)
-    chosen = view.phase or (known[-1].id if known else "")
+        listed = phases.list_phases(session)
+    chosen = view.phase or (listed[-1].id if listed else "")
     matrix = _find_matrix(view, chosen, visitor, services) if chosen else None
     rows = list(matrix.rows) if matrix is not None else []
     if view.sort != "scenario":
         rows.sort(key=lambda row: row.ds if view.sort == "ds" else -row.failed)
-    context: dict[str, Any] = {"matrix": matrix, "rows": rows, "phases": known, "sort": view.sort}
-    public = any(each.public for each in known if each.id == chosen)
+    context: dict[str, Any] = {"matrix": matrix, "rows": rows, "phases": listed, "sort": view.sort}
+    public = any(each.public for each in listed if each.id == chosen)
     return render_page(request, "admin_matrix.html", public=public, tracks=TRACK_LABELS, **context)
 
 

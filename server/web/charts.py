@@ -4,16 +4,21 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from server.clock import DAY_US
 from server.web.templating import format_day
 
 SPARKLINE_POINTS = 30
+"""Results of a sparkline, the latest: more would be less than 3 pixels apart."""
 _SPARK_WIDTH, _SPARK_HEIGHT = 90, 22
+"""Size of a sparkline [pixels]; chosen to fit into a line of the table."""
 _SPARK_MIN_SPAN = 10.0
 """Smallest difference of values that fills the height: smaller ones are drawn flatter."""
 _LEFT, _RIGHT, _TOP, _BOTTOM = 34, 12, 10, 24
+"""Margins of the history in it [pixels], for the labels of both axes."""
 _WIDTH, _HEIGHT = 720, 240
-_DAY_US = 86_400_000_000
+"""Size of the history [pixels]."""
 _BARS_WIDTH, _BARS_HEIGHT, _BARS_FOOT, _BARS_HEAD = 640, 190, 34, 18
+"""Size of the histogram, and of the labels below and above its bars [pixels]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +140,7 @@ def make_history(points: Sequence[ChartPoint], label: str) -> HistoryChart:
 
 
 def _make_days(first_us: int, last_us: int) -> list[tuple[float, str, str]]:
-    if first_us // _DAY_US == last_us // _DAY_US:
+    if first_us // DAY_US == last_us // DAY_US:
         return [(_LEFT + (_WIDTH - _LEFT - _RIGHT) / 2, "middle", format_day(first_us))]
     return [(_LEFT, "start", format_day(first_us)), (_WIDTH - _RIGHT, "end", format_day(last_us))]
 

@@ -20,14 +20,14 @@ router = APIRouter()
 def show(request: Request, services: ServicesDep, at_us: Now, _visitor: OptionalVisitor) -> Response:
     """Show the page."""
     settings = services.settings
-    found = list_phases(services, at_us).items
+    listed = list_phases(services, at_us).items
     return render_page(
         request,
         "how.html",
         address=str(request.base_url).rstrip("/"),
-        phases=found,
+        phases=listed,
         now_us=at_us,
-        example=find_default_phase(found),
+        example=find_default_phase(listed),
         limits=settings.limits,
         sandbox=settings.sandbox,
         registration=settings.registration,

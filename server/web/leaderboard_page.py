@@ -152,11 +152,11 @@ async def _parse_view(
     return BoardView(which, sort, turned, int(number), columns), parts
 
 
-def _parse_choice(query: Mapping[str, str], name: str, known: Sequence[str]) -> str | None:
-    found = query.get(name) or None
-    if found is not None and found not in known:
-        raise NotFound(f"{name}: expected one of {', '.join(known) or 'none so far'}, found {found!r:.80}")
-    return found
+def _parse_choice(query: Mapping[str, str], name: str, choices: Sequence[str]) -> str | None:
+    choice = query.get(name) or None
+    if choice is not None and choice not in choices:
+        raise NotFound(f"{name}: expected one of {', '.join(choices) or 'none so far'}, found {choice!r:.80}")
+    return choice
 
 
 def _default_tab(tabs: Sequence[PhaseTab], at_us: int) -> PhaseTab:

@@ -26,12 +26,12 @@ def show_login(request: Request, services: ServicesDep, _visitor: OptionalVisito
 def login(request: Request, services: ServicesDep, token: Field = "") -> Response:
     """Log in with a token; redirect to the team's page or to the leaderboards."""
     text = token.strip()
-    found = find_visitor(services.store, text) if text else None
-    if found is None:
+    visitor = find_visitor(services.store, text) if text else None
+    if visitor is None:
         return render_page(
             request, "login.html", 401, problem=_INVALID_TOKEN, registration=services.settings.registration
         )
-    response = RedirectResponse(f"/teams/{found.caller.team}" if found.caller.team else "/", 303)
+    response = RedirectResponse(f"/teams/{visitor.caller.team}" if visitor.caller.team else "/", 303)
     set_token_cookie(request, response, text)
     return response
 

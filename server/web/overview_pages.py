@@ -63,17 +63,17 @@ async def search(
     text, caller = q.strip(), visitor.caller if visitor is not None else None
     is_usable = len(text) > 1 and text.isprintable()
     read = partial(search_names, services.store, caller, text)
-    found = await services.run_large_read(read) if is_usable else None
-    return render_page(request, "search.html", text=text, found=found, tracks=TRACK_LABELS, explanations=explanations)
+    names = await services.run_large_read(read) if is_usable else None
+    return render_page(request, "search.html", text=text, found=names, tracks=TRACK_LABELS, explanations=explanations)
 
 
 def _render_comparison(
     request: Request, submission: str, other: str | None, caller: Caller | None, services: Services
 ) -> Response:
     with services.store.read() as session:
-        found = submission_views.find_visible(session, caller, submission)
-        shown = submission_views.to_submission(session, caller, found)
-        choices = _list_choices(session, caller, found)
+        first = submission_views.find_visible(session, caller, submission)
+        shown = submission_views.to_submission(session, caller, first)
+        choices = _list_choices(session, caller, first)
     comparison = compare_submissions(submission, other, caller, services) if other is not None else None
     return render_page(
         request,

@@ -33,10 +33,10 @@ def describe_outcomes(row: ScenarioOut) -> str:
     """Return how the cars ended: "arrived" for one car, "2 arrived, 1 blocked" for several; "" without a result."""
     counts = Counter(ego.outcome for ego in row.egos or ())
     order = [*(end.value for end in End), *sorted(counts)]
-    found = sorted(counts.items(), key=lambda pair: order.index(pair[0]))
+    ordered = sorted(counts.items(), key=lambda pair: order.index(pair[0]))
     if len(row.egos or ()) == 1:
-        return found[0][0]
-    return ", ".join(f"{count} {outcome}" for outcome, count in found)
+        return ordered[0][0]
+    return ", ".join(f"{count} {outcome}" for outcome, count in ordered)
 
 
 def grade_outcome(row: ScenarioOut) -> str:
@@ -53,7 +53,7 @@ def describe_infractions(egos: Sequence[EgoOut] | None) -> str:
     """
     if not egos:
         return ""
-    counts = Counter(str(found["kind"]) for ego in egos for found in ego.infractions if found["kind"] not in OUTCOMES)
+    counts = Counter(str(each["kind"]) for ego in egos for each in ego.infractions if each["kind"] not in OUTCOMES)
     words = [kind if count == 1 else f"{count} x {kind}" for kind, count in sorted(counts.items())]
     if left_out := sum(ego.infractions_left_out for ego in egos):
         words.append(f"{left_out} more")

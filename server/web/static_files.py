@@ -22,13 +22,13 @@ class _Asset:
 
 
 def _read() -> dict[str, _Asset]:
-    found: dict[str, _Asset] = {}
+    assets: dict[str, _Asset] = {}
     for file in files("server.web").joinpath("static").iterdir():
         if file.name.endswith(_KINDS):
             content = file.read_bytes()
             media_type = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
-            found[file.name] = _Asset(content, media_type, hashlib.sha256(content).hexdigest()[:12])
-    return found
+            assets[file.name] = _Asset(content, media_type, hashlib.sha256(content).hexdigest()[:12])
+    return assets
 
 
 _ASSETS = _read()
@@ -42,8 +42,8 @@ def static_url(name: str) -> str:
 @router.get("/static/{version}/{name}")
 async def asset(version: str, name: str) -> Response:
     """Return a static file."""
-    found = _ASSETS.get(name)
-    if found is None or found.version != version:
+    wanted = _ASSETS.get(name)
+    if wanted is None or wanted.version != version:
         raise NotFound(f"there is nothing at /static/{version:.20}/{name:.60}")
     headers = {"Cache-Control": _FOR_EVER, "X-Content-Type-Options": "nosniff"}
-    return Response(found.content, media_type=found.media_type, headers=headers)
+    return Response(wanted.content, media_type=wanted.media_type, headers=headers)

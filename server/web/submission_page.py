@@ -170,13 +170,13 @@ def rerun(submission: Id, visitor: AdminVisitor, services: ServicesDep, at_us: N
 def read_status(services: Services, caller: Caller | None, submission: str) -> SubmissionStatus:
     """Return the status. Raises NotFound."""
     with services.store.read() as session:
-        found = submission_views.find_visible(session, caller, submission)
-        shown = submission_views.to_submission(session, caller, found)
-        phase = submission_views.get_phase(session, found)
+        visible = submission_views.find_visible(session, caller, submission)
+        shown = submission_views.to_submission(session, caller, visible)
+        phase = submission_views.get_phase(session, visible)
         latest = select(tables.EventRow).where(
             tables.EventRow.submission == submission, tables.EventRow.kind != "state"
         )
-        own = submission_views.may_see_all(caller, found)
+        own = submission_views.may_see_all(caller, visible)
         events = session.scalars(latest.order_by(tables.EventRow.id.desc()).limit(MAX_EVENTS)).all() if own else []
         disclosed = [submission_views.visible_event(phase, event.kind, event.data) for event in events]
     counts = shown.progress

@@ -66,12 +66,12 @@ def _is_htmx(request: Request) -> bool:
 
 def _form_context(services: Services, visitor: TeamVisitor, at_us: int) -> dict[str, Any]:
     """Return the choices of the form."""
-    found = list_phases(services, at_us).items
-    is_open = sorted((phase for phase in found if phase.open), key=lambda phase: not phase.public)
+    listed = list_phases(services, at_us).items
+    is_open = sorted((phase for phase in listed if phase.open), key=lambda phase: not phase.public)
     return {
         "open": [(phase, show_quota(phase.id, visitor, services, at_us)) for phase in is_open],
-        "default": find_default_phase(found),
-        "others": [phase for phase in found if not phase.open],
+        "default": find_default_phase(listed),
+        "others": [phase for phase in listed if not phase.open],
         "tracks": TRACK_LABELS,
         "most": services.settings.limits.archive_bytes,
         "key": new_id(),

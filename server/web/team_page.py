@@ -61,28 +61,28 @@ def show(
 ) -> Response:
     """Show the page of a team (name or id). Only members and admins see a hidden team."""
     with services.store.read() as session:
-        found = teams.get(session, team)
-        own = _is_own(visitor, found)
-        if found.hidden and not own:
+        shown = teams.get(session, team)
+        own = _is_own(visitor, shown)
+        if shown.hidden and not own:
             raise NotFound(f"team: there is no {team!r}")
         histories = [
             history
             for phase in phases.list_phases(session)
-            if (history := _make_history(session, found, phase)).results
+            if (history := _make_history(session, shown, phase)).results
         ]
-        left = _list_quota_left(session, found, at_us) if own else []
-        held = tokens.list_tokens(session, found) if own else []
+        left = _list_quota_left(session, shown, at_us) if own else []
+        held = tokens.list_tokens(session, shown) if own else []
     listed = None
     if visitor is not None and own:
-        of_team = found.id if visitor.caller.is_admin else None
+        of_team = shown.id if visitor.caller.is_admin else None
         listed = submissions.list_submissions(visitor.caller, services, None, of_team, before)
-    is_member = visitor is not None and visitor.caller.team == found.id
-    webhook = api.show_webhook((visitor.caller, found.id), services) if visitor is not None and is_member else None
+    is_member = visitor is not None and visitor.caller.team == shown.id
+    webhook = api.show_webhook((visitor.caller, shown.id), services) if visitor is not None and is_member else None
     return render_page(
         request,
         "team.html",
         webhook=webhook,
-        team=found,
+        team=shown,
         histories=histories,
         own=own,
         left=left,
@@ -138,27 +138,27 @@ def _describe_points(points: Sequence[charts.ChartPoint]) -> str:
 
 
 def _list_quota_left(session: Session, team: tables.TeamRow, at_us: int) -> list[QuotaLeft]:
-    found: list[QuotaLeft] = []
+    left: list[QuotaLeft] = []
     for phase in phases.list_phases(session):
         if phase.opens_us <= at_us < phase.closes_us:
             used = quota.count_used(session, team.id, phase.id, at_us)
             limits = (phase.per_day - used.today, phase.in_parallel - used.in_parallel, phase.in_total - used.in_total)
-            found.append(QuotaLeft(phase, *(max(0, number) for number in limits)))
-    return found
+            left.append(QuotaLeft(phase, *(max(0, number) for number in limits)))
+    return left
 
 
 @router.post("/teams/{team}/tokens")
 def issue_token(request: Request, team: Id, visitor: AnyVisitor, services: ServicesDep, at_us: Now) -> Response:
     """Issue another token of the team, which is shown only once."""
     with services.store.write() as session:
-        found = _find_own(session, visitor, team)
-        if sum(each.revoked_us is None for each in tokens.list_tokens(session, found)) >= MAX_TOKENS:
+        own = _find_own(session, visitor, team)
+        if sum(each.revoked_us is None for each in tokens.list_tokens(session, own)) >= MAX_TOKENS:
             raise InputError(f"token: expected fewer than {MAX_TOKENS} valid ones, found as many: revoke one first")
-        text = tokens.issue(session, found, TokenScope.SUBMIT, at_us, visitor.caller.actor)
+        text = tokens.issue(session, own, TokenScope.SUBMIT, at_us, visitor.caller.actor)
     use = "Programs read it from MDRIVE_TOKEN; a browser logs in with it. Anyone who has it can submit for the team."
     back = f"/teams/{team}#tokens"
     return render_page(
-        request, "secret.html", title="A new token", secret=text, holder=f"team {found.name}", use=use, back=back
+        request, "secret.html", title="A new token", secret=text, holder=f"team {own.name}", use=use, back=back
     )
 
 
@@ -166,14 +166,14 @@ def issue_token(request: Request, team: Id, visitor: AnyVisitor, services: Servi
 def confirm_revoke(request: Request, team: Id, token: Id, visitor: AnyVisitor, services: ServicesDep) -> Response:
     """Ask before a token is revoked."""
     with services.store.read() as session:
-        found = _find_own(session, visitor, team)
-        held = tokens.list_tokens(session, found)
-        asked = _find_held(session, found, token)
+        own = _find_own(session, visitor, team)
+        held = tokens.list_tokens(session, own)
+        asked = _find_held(session, own, token)
     return render_page(
         request,
         "confirm_revoke.html",
         token=asked,
-        holder=f"team {found.name}",
+        holder=f"team {own.name}",
         is_last=sum(each.revoked_us is None for each in held) == 1,
         action=f"/teams/{team}/revoke",
         back=f"/teams/{team}#tokens",

@@ -14,6 +14,7 @@ from server.store import NotFound, Store, teams
 
 COOKIE = "mdrive_token"
 _KEPT_S = 30 * 86_400
+"""Time for which a browser keeps the token [s]: 30 days."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,25 +43,25 @@ async def get_visitor(request: Request, services: ServicesDep) -> Visitor | None
     return request.state.visitor
 
 
-async def require_visitor(found: Annotated[Visitor | None, Depends(get_visitor)]) -> Visitor:
+async def require_visitor(visitor: Annotated[Visitor | None, Depends(get_visitor)]) -> Visitor:
     """Return the visitor. Raises ProblemError (401) if not logged in."""
-    if found is None:
+    if visitor is None:
         raise ProblemError(HTTPStatus.UNAUTHORIZED, "token", "this page needs a login: log in first")
-    return found
+    return visitor
 
 
-async def require_team_visitor(found: Annotated[Visitor, Depends(require_visitor)]) -> tuple[Caller, str]:
+async def require_team_visitor(visitor: Annotated[Visitor, Depends(require_visitor)]) -> tuple[Caller, str]:
     """A team's caller and the team's id, as `server.api.dependencies.member`."""
-    if found.caller.team is None:
+    if visitor.caller.team is None:
         raise ProblemError(HTTPStatus.FORBIDDEN, "scope", "token: expected one of a team, found one of none")
-    return found.caller, found.caller.team
+    return visitor.caller, visitor.caller.team
 
 
-async def require_admin_visitor(found: Annotated[Visitor | None, Depends(get_visitor)]) -> Visitor:
+async def require_admin_visitor(visitor: Annotated[Visitor | None, Depends(get_visitor)]) -> Visitor:
     """Return the visitor. Raises NotFound for others than admins."""
-    if found is None or not found.caller.is_admin:
+    if visitor is None or not visitor.caller.is_admin:
         raise NotFound("there is nothing here")
-    return found
+    return visitor
 
 
 async def check_same_site(request: Request) -> None:

@@ -24,11 +24,13 @@ from server.store.quota import UNFINISHED
 
 router = APIRouter(tags=["submissions"])
 POLL_S = 1.0
+"""Pause between two looks of a stream at its submission [s]."""
 QUIET_POLLS = 15
 """Polls without an event after which a comment is sent, so that proxies keep the connection open."""
 MAX_POLLS = 900
 """Polls after which the stream ends and the client reconnects: abandoned streams do not stay open."""
 PAGE = 500
+"""Events that are read at a time; a stream that begins late gets the rest at once."""
 MEDIA_TYPE = "text/event-stream"
 _TEXT = {"type": "string"}
 _EVENT = {
@@ -120,13 +122,13 @@ def _read_events(services: Services, caller: Caller, submission_id: str, after: 
             return EventBatch([], after, has_more=False, is_finished=False, is_revoked=True)
         submission = submission_views.find_own(session, caller, submission_id)
         phase = submission_views.get_phase(session, submission)
-        found = submissions.list_events(session, submission_id, after, PAGE)
+        news = submissions.list_events(session, submission_id, after, PAGE)
         disclosed = [
-            (event.id, event.kind, submission_views.visible_event(phase, event.kind, event.data)) for event in found
+            (event.id, event.kind, submission_views.visible_event(phase, event.kind, event.data)) for event in news
         ]
         return EventBatch(
             events=[(number, kind, data) for number, kind, data in disclosed if data is not None],
-            last=found[-1].id if found else after,
-            has_more=len(found) == PAGE,
-            is_finished=submission.state not in UNFINISHED and len(found) < PAGE,
+            last=news[-1].id if news else after,
+            has_more=len(news) == PAGE,
+            is_finished=submission.state not in UNFINISHED and len(news) < PAGE,
         )

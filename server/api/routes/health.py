@@ -35,6 +35,7 @@ class AuditOut(ResponseModel):
 
 router = APIRouter(tags=["operations"])
 MAX_DIFFERENCES = 100
+"""Rows that `GET /audit` names at most: one changed column may differ in every row of a table."""
 _TEXT = {"content": {"text/plain": {"schema": {"type": "string"}}}}
 
 
@@ -72,7 +73,7 @@ def metrics(_caller: OperatorCaller, services: ServicesDep, at_us: Now) -> Respo
 def walk_audit_log(_caller: AdminCaller, services: ServicesDep) -> AuditOut:
     """Verify the whole hash chain of the audit log, and compare rows with it, without the results of scenarios."""
     with services.store.read() as session:
-        found = audit.verify_chain(session)
-        rows = find_row_differences(session, with_results=False) if found.broken is None else iter(())
+        chain = audit.verify_chain(session)
+        rows = find_row_differences(session, with_results=False) if chain.broken is None else iter(())
         differences = [str(row) for row in islice(rows, MAX_DIFFERENCES)]
-        return AuditOut(entries=found.entries, head=found.head, broken=found.broken, differences=differences)
+        return AuditOut(entries=chain.entries, head=chain.head, broken=chain.broken, differences=differences)

@@ -55,11 +55,11 @@ async def show_leaderboard(
 def show_history(phase: PhaseId, team: TeamName, services: ServicesDep) -> HistoryOut:
     """Return every finished submission of a team (name or id) that it shows."""
     with services.store.read() as session:
-        found = teams.get(session, team)
-        if found.hidden:
+        named = teams.get(session, team)
+        if named.hidden:
             raise NotFound(f"team: there is no {team!r}")
         of_phase = phases.get(session, phase)
-        all_of_team = queries.list_history(session, found.id, of_phase.id)
+        all_of_team = queries.list_history(session, named.id, of_phase.id)
         items = [
             PointOut(
                 submission=each.id,
@@ -71,4 +71,4 @@ def show_history(phase: PhaseId, team: TeamName, services: ServicesDep) -> Histo
             for each in all_of_team
             if each.state == SubmissionState.DONE and each.shown and each.ds is not None
         ]
-        return HistoryOut(team=found.name, phase=phase, items=items)
+        return HistoryOut(team=named.name, phase=phase, items=items)

@@ -77,9 +77,9 @@ def search_names(store: Store, caller: Caller | None, text: str) -> SearchOut:
     submissions = select(SubmissionRow).where(visible, method_names).order_by(*order)
     with store.read() as session:
         found_teams = session.scalars(teams.order_by(TeamRow.name).limit(MAX_FOUND + 1)).all()
-        found = session.scalars(submissions.limit(MAX_FOUND + 1)).all()
+        methods = session.scalars(submissions.limit(MAX_FOUND + 1)).all()
         return SearchOut(
             teams=[FoundTeamOut(id=team.id, name=team.name) for team in found_teams[:MAX_FOUND]],
-            submissions=[submission_views.to_submission(session, caller, each) for each in found[:MAX_FOUND]],
-            more=max(len(found_teams), len(found)) > MAX_FOUND,
+            submissions=[submission_views.to_submission(session, caller, each) for each in methods[:MAX_FOUND]],
+            more=max(len(found_teams), len(methods)) > MAX_FOUND,
         )

@@ -36,9 +36,9 @@ def show_quota(phase: PhaseId, caller: TeamCaller, services: ServicesDep, at_us:
         return QuotaOut(today=used.today, in_parallel=used.in_parallel, in_total=used.in_total)
 
 
-def find_default_phase(found: Iterable[PhaseOut]) -> PhaseOut | None:
+def find_default_phase(listed: Iterable[PhaseOut]) -> PhaseOut | None:
     """Return the phase for a first submission: the first open public one, never a hidden one, whose quota is small."""
-    return next((phase for phase in found if phase.open and phase.public), None)
+    return next((phase for phase in listed if phase.open and phase.public), None)
 
 
 def _to_phase(phase: tables.PhaseRow, at_us: int) -> PhaseOut:

@@ -71,10 +71,10 @@ async def show_scenarios(submission: Id, caller: OptionalCaller, services: Servi
 def _scenarios_response(submission: str, caller: Caller | None, services: Services) -> Response:
     """Return a `ScenariosOut`, joined from the stored texts of the overviews: parsing them takes ten times as long."""
     data = cast(tables.JobOverviewRow.data, Text)
-    found, own = _read_rows(submission, caller, services, data)
-    files = _list_files(services.settings, submission, {row["seed"] for row in found})
+    rows, own = _read_rows(submission, caller, services, data)
+    files = _list_files(services.settings, submission, {row["seed"] for row in rows})
     items: list[str] = []
-    for row in found:
+    for row in rows:
         fixed = json.dumps(_describe_row(row, own, files[row["seed"]]))
         overview: str = row["data"] or _NO_OVERVIEW
         items.append(f"{fixed[:-1]},{overview[1:]}")
@@ -88,16 +88,18 @@ def _scenarios_response(submission: str, caller: Caller | None, services: Servic
 )
 async def download_scenarios(submission: Id, caller: OptionalCaller, services: ServicesDep) -> Response:
     """Return the results by scenario and seed as CSV, one line each."""
-    found = await services.run_large_read(lambda: list_scenarios(submission, caller, services))
-    return Response(_format_csv(found.items), media_type="text/csv", headers=csv_headers(f"submission-{submission}"))
+    scenarios = await services.run_large_read(lambda: list_scenarios(submission, caller, services))
+    return Response(
+        _format_csv(scenarios.items), media_type="text/csv", headers=csv_headers(f"submission-{submission}")
+    )
 
 
 def list_scenarios(submission: str, caller: Caller | None, services: Services) -> ScenariosOut:
     """Return the scenarios of a submission for a page; it reads overviews only, never results."""
-    found, own = _read_rows(submission, caller, services, tables.JobOverviewRow.data)
-    files = _list_files(services.settings, submission, {row["seed"] for row in found})
+    rows, own = _read_rows(submission, caller, services, tables.JobOverviewRow.data)
+    files = _list_files(services.settings, submission, {row["seed"] for row in rows})
     items: list[ScenarioOut] = []
-    for row in found:  # stored by us, so that nothing needs to be validated
+    for row in rows:  # stored by us, so that nothing needs to be validated
         overview: dict[str, Any] = row["data"] or EMPTY_OVERVIEW
         egos = overview["egos"]
         listed = None if egos is None else [EgoOut.model_construct(None, **ego) for ego in egos]
@@ -231,11 +233,11 @@ def _read_rows(
 
 def _list_files(settings: ServerSettings, submission: str, seeds: Collection[int]) -> dict[int, Sequence[str]]:
     """Return the sorted names of the files of a submission by seed: one listing instead of a look for each file."""
-    found: dict[int, Sequence[str]] = dict.fromkeys(seeds, ())
+    files: dict[int, Sequence[str]] = dict.fromkeys(seeds, ())
     for seed in seeds:
         with suppress(FileNotFoundError):
-            found[seed] = sorted(file.name for file in paths.recordings_folder(settings, submission, seed).iterdir())
-    return found
+            files[seed] = sorted(file.name for file in paths.recordings_folder(settings, submission, seed).iterdir())
+    return files
 
 
 def _describe_row(row: RowMapping, own: bool, files: Sequence[str]) -> dict[str, Any]:

@@ -59,18 +59,18 @@ def create_team(new: NewTeamIn, caller: AdminCaller, services: ServicesDep, at_u
 def hide_team(name: TeamName, wish: HideIn, caller: AdminCaller, services: ServicesDep, at_us: Now) -> TeamOut:
     """Hide a team (name or id) from the leaderboards, or show it again."""
     with services.store.write() as session:
-        found = teams.get(session, name)
-        teams.set_hidden(session, found.id, wish.hidden, at_us, caller.actor)
+        team = teams.get(session, name)
+        teams.set_hidden(session, team.id, wish.hidden, at_us, caller.actor)
     services.leaderboards.invalidate()
-    return to_team(found)
+    return to_team(team)
 
 
 @router.get("/teams/{name}/tokens", responses=document_problems(401, 403, 404, 422))
 def list_tokens(name: TeamName, _caller: AdminCaller, services: ServicesDep) -> TokensOut:
     """Return the tokens of a team (name or id), revoked ones included."""
     with services.store.read() as session:
-        found = teams.get(session, name)
-        return TokensOut(items=[_to_token(each) for each in tokens.list_tokens(session, found)])
+        team = teams.get(session, name)
+        return TokensOut(items=[_to_token(each) for each in tokens.list_tokens(session, team)])
 
 
 @router.post("/tokens", status_code=201, responses=document_problems(400, 401, 403, 404, 408, 413, 422))
@@ -88,18 +88,18 @@ def revoke_token(token: Id, caller: AdminCaller, services: ServicesDep, at_us: N
         tokens.revoke(session, token, at_us, caller.actor)
 
 
-def to_team(found: tables.TeamRow) -> TeamOut:
+def to_team(row: tables.TeamRow) -> TeamOut:
     """Return a team as the API shows it."""
-    return TeamOut(id=found.id, name=found.name, created=to_datetime(found.created_us), hidden=found.hidden)
+    return TeamOut(id=row.id, name=row.name, created=to_datetime(row.created_us), hidden=row.hidden)
 
 
-def _to_token(found: tables.TokenRow) -> TokenOut:
-    revoked = to_datetime(found.revoked_us) if found.revoked_us is not None else None
+def _to_token(row: tables.TokenRow) -> TokenOut:
+    revoked = to_datetime(row.revoked_us) if row.revoked_us is not None else None
     return TokenOut(
-        id=found.id,
-        team=found.team,
-        scope=TokenScope(found.scope),
-        created=to_datetime(found.created_us),
+        id=row.id,
+        team=row.team,
+        scope=TokenScope(row.scope),
+        created=to_datetime(row.created_us),
         revoked=revoked,
     )
 

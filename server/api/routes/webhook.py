@@ -21,12 +21,12 @@ LISTED = 10
 def show_webhook(caller: TeamCaller, services: ServicesDep) -> WebhookOut:
     """Return your team's webhook and its latest notifications."""
     with services.store.read() as session:
-        found = webhooks.find_webhook(session, caller[1])
+        webhook = webhooks.find_webhook(session, caller[1])
         sent = webhooks.list_deliveries(session, caller[1], LISTED)
         return WebhookOut(
             enabled=services.settings.webhooks.enabled,
-            url=found.url if found is not None else None,
-            created=to_datetime(found.created_us) if found is not None else None,
+            url=webhook.url if webhook is not None else None,
+            created=to_datetime(webhook.created_us) if webhook is not None else None,
             deliveries=[
                 DeliveryOut(
                     id=each.id,
