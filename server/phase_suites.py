@@ -41,7 +41,7 @@ class _LoadedSuite:
     suite: Suite
     checksum: str
     scenario_checksums: Mapping[str, str]
-    """By scenario id."""
+    """Checksum of the file of each scenario, by the scenario's id."""
 
 
 class LoadedPhaseSuites:

@@ -103,7 +103,7 @@ class ArchiveSettings(SettingsModel):
     total_ratio: Count = 50
     """Unpacked size over packed size of the whole archive above 8 MiB: bounds the work of a check by the upload."""
     check_s: Annotated[float, Field(gt=0)] = 20.0
-    """Time limit of the check of one archive."""
+    """Time limit of the check of one archive [s]."""
     refused_per_day: Count = 20
     """Archives of a team that are examined and refused, per UTC day."""
     start_agents: bool = True
@@ -128,7 +128,7 @@ class SandboxSettings(SettingsModel):
     copies: Path = MEMORY
     """Folder for the files of each box, used if the layer `private-files` is required; best a tmpfs."""
     episode_memory_bytes: Count = 6 * 2**30
-    """Memory of a worker's process outside the sandboxes: simulation, sensors, frames, copies that it makes."""
+    """Memory of a worker's process outside the sandboxes [bytes]: simulation, sensors, frames, copies that it makes."""
     memory_bytes: Count = _BOX.memory_bytes
     processes: Count = _BOX.processes
     cpu_s: Count = _BOX.cpu_s
@@ -137,12 +137,12 @@ class SandboxSettings(SettingsModel):
     open_files: Count = _BOX.open_files
     log_bytes: Count = _BOX.log_bytes
     tick_s: Annotated[float, Field(gt=0)] = 10.0
-    """Wall time of an agent for one reply."""
+    """Wall time that an agent has for one reply [s]."""
     episode_s: Annotated[float, Field(gt=0)] = _LINE.episode_s
-    """Wall time of an agent for all replies of an episode: bounds how long one CAV can occupy a worker."""
+    """Wall time that an agent has for all replies of an episode [s]: bounds how long one CAV can occupy a worker."""
     pace_s: Annotated[float, Field(ge=0, le=MAX_PACE_S)] = 0.0
-    """Time from the requests of a tick to those of the next one, whatever the agents take; 0: none. No result depends
-    on it, so it is no part of the evaluator."""
+    """Time from the requests of a tick to those of the next one, whatever the agents take [s]; 0: none. No result
+    depends on it, so it is no part of the evaluator."""
     reply_bytes: Count = 64 * 1024
 
     def box_limits(self) -> BoxLimits:
@@ -176,12 +176,14 @@ class WorkerSettings(SettingsModel):
     drop_caches: bool = True
     """When hidden and public work change, drop the page cache (root only) and move the kernel's inode numbers."""
     lease_s: Annotated[int, Field(ge=40)] = 60
-    """Must exceed the 30 s that a writer may wait for the database."""
+    """Time for which a worker holds a job without a heartbeat [s]; above the 30 s that a writer may wait for the
+    database."""
     heartbeat_s: Count = 10
+    """Time between two heartbeats of a worker [s]."""
     spot_check: Annotated[float, Field(ge=0, le=1)] = 0.02
     """Share of finished submissions of which one scenario is run again and compared."""
     job_budget_s: Annotated[float, Field(gt=0)] = 120.0
-    """Worker time of a submission: this for each of its jobs, in sum (7.5 hours for 225 scenarios), at least 1 hour."""
+    """Worker time of a submission [s]: this for each of its jobs, in sum (7.5 hours for 225 scenarios), at least 1 hour."""
 
     @property
     def job_budget_us(self) -> int:
@@ -240,7 +242,7 @@ class WebhookSettings(SettingsModel):
     allowed_hosts: tuple[str, ...] = ()
     """HOST or HOST:PORT to which http, private addresses and other ports are allowed."""
     timeout_s: Annotated[float, Field(gt=0, le=60)] = 10.0
-    """Time limit of one attempt, from the look-up of the name to the status of the answer."""
+    """Time limit of one attempt [s], from the look-up of the name to the status of the answer."""
 
 
 class ServerSettings(SettingsModel):

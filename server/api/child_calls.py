@@ -53,7 +53,7 @@ class ReplayRequest:
     """A `mdrive_sumo.scoring.ScenarioResult` as plain values."""
     recording: Path
     page: Path
-    """The file to write."""
+    """The HTML file that is written."""
 
 
 def write_replay_page(request: ReplayRequest) -> None:

@@ -30,7 +30,7 @@ class BoardKey:
     bucket: str | None
     category: str | None
     sensing_track: SensingTrack | None = None
-    """None: both, ranked apart."""
+    """None: both tracks are shown, each with ranks of its own."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,9 +22,9 @@ class ArchiveLimits:
     """Upper limits; the field names are those of `server.settings.ArchiveSettings`."""
 
     archive_bytes: int = 64 * MEBIBYTE
-    """Size of the archive file."""
+    """Size of the archive file [bytes]."""
     unpacked_bytes: int = 256 * MEBIBYTE
-    """Total size of all files."""
+    """Total size of all unpacked files [bytes]."""
     entries: int = 2000
     """Number of files and folders, including folders that occur only as parts of paths."""
     ratio: int = 200

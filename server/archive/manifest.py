@@ -28,9 +28,9 @@ class Manifest:
     """Whether there is a Dockerfile, which is not built."""
     files: int
     bytes: int
-    """Unpacked size."""
+    """Total size of the unpacked files [bytes]."""
     sha256: str
-    """Checksum of the archive."""
+    """SHA-256 of the archive, in hexadecimal."""
     root: str
     """Folder of the archive that contains everything, with its slash; "" for none."""
 

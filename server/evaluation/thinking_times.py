@@ -28,7 +28,7 @@ class ThinkingFlag:
     agents: int
     """Agents of all scenarios and seeds; a joint agent counts once for each."""
     bimodal: int
-    """Those whose times fall into two groups."""
+    """How many of these agents have times that fall into two groups."""
     late: int
     """Answers that took longer than the pace, by which the next requests were late."""
     widest: Mapping[str, float]

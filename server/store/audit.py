@@ -23,7 +23,7 @@ class AuditReport:
 
     entries: int
     head: str
-    """Hash of the last entry."""
+    """Hash of the last entry; note it elsewhere, because a chain cannot show that its end was cut off."""
     broken: int | None
     """Id of the first entry whose hash does not fit the one before; None if all fit."""
 

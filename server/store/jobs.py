@@ -33,7 +33,7 @@ class JobOutcome:
     reason: FailureReason | None = None
     usage: dict[str, Any] | None = None
     failure: str = ""
-    """Description of our failure, for admins."""
+    """What failed on our side, for admins; "" if nothing did."""
 
     def __post_init__(self) -> None:
         if (self.result is None) != (self.verdict is ScenarioVerdict.FAILED_OURS):

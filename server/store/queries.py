@@ -28,7 +28,7 @@ class LeaderboardEntry:
     method: str
     track: str
     sensing_track: str | None
-    """None for published results."""
+    """sensor or object; None for published results."""
     submission: str | None
     ds: float
     figures: FiguresData
@@ -41,7 +41,7 @@ class QueuePosition:
     """Position of a submission in the queue."""
 
     position: int
-    """1: it is the next; 0: it is finished."""
+    """How many unfinished submissions are not younger, itself included; 0 if it is finished."""
     jobs_ahead: int
     """Unfinished jobs of older submissions and of its own."""
     job_us: int | None

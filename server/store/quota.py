@@ -20,8 +20,11 @@ class QuotaUsage:
     """What a team has used of a phase's quota."""
 
     today: int
+    """Submissions of this UTC day, cancelled ones included."""
     in_parallel: int
+    """Unfinished submissions."""
     in_total: int
+    """Submissions that count, of all days."""
 
 
 def count_used(session: Session, team: str, phase: str, now_us: int) -> QuotaUsage:

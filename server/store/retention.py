@@ -28,6 +28,7 @@ class RetentionPolicy:
     refused_days: int = 30
     """Archives of rejected, cancelled and failed submissions."""
     recording_days: int = 90
+    """Recordings and logs of all submissions."""
     result_days: int = 365
     """Results of single scenarios, and events; the summary stays."""
 

@@ -35,7 +35,7 @@ class RowDifference:
     table: str
     row: str
     text: str
-    """Column, expected, found."""
+    """Which column differs, what was expected and what was found."""
 
     def __str__(self) -> str:
         return f"{self.table} {self.row}: {self.text}"

@@ -35,7 +35,7 @@ class NewSubmission:
     archive_bytes: int
     environment: str
     evaluator: dict[str, Any]
-    """See `SubmissionRow.evaluator`."""
+    """Description of the evaluator as in `SubmissionRow.evaluator`."""
     idempotency_key: str | None = None
 
 

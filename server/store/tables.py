@@ -48,9 +48,9 @@ class TokenRow(TableBase):
     __tablename__ = "tokens"
     id: Mapped[str] = mapped_column(Id, primary_key=True)
     team: Mapped[str | None] = mapped_column(ForeignKey("teams.id"))
-    """None for admins and workers."""
+    """Team whose actions the token permits; None for admins and workers."""
     hash: Mapped[str] = mapped_column(String(64), unique=True)
-    """SHA-256 of 256 random bits."""
+    """SHA-256 of the token's text, which has 256 random bits."""
     scope: Mapped[str] = mapped_column(String(16))
     created_us: Mapped[int]
     revoked_us: Mapped[int | None]
@@ -95,7 +95,7 @@ class SubmissionRow(TableBase):
     phase: Mapped[str] = mapped_column(ForeignKey("phases.id"))
     track: Mapped[str] = mapped_column(String(24))
     name: Mapped[str] = mapped_column(String(80))
-    """Name of the method."""
+    """Name of the method, as its team chose it."""
     archive_sha256: Mapped[str] = mapped_column(String(64))
     archive_bytes: Mapped[int]
     environment: Mapped[str] = mapped_column(String(40))
@@ -145,6 +145,7 @@ class JobRow(TableBase):
     """Attempts that failed on our side, see `store.jobs.MAX_FAILURES`. A graceful shutdown does not count."""
     owner: Mapped[str | None] = mapped_column(String(80))
     lease_us: Mapped[int | None]
+    """Time until which `owner` holds the job [us since 1970]; None if nothing holds it."""
     started_us: Mapped[int | None]
     finished_us: Mapped[int | None]
     verdict: Mapped[str | None] = mapped_column(String(16))
@@ -199,7 +200,7 @@ class WorkerRow(TableBase):
 
     __tablename__ = "workers"
     owner: Mapped[str] = mapped_column(String(80), primary_key=True)
-    """As in `JobRow.owner`."""
+    """Name of the process, as in `JobRow.owner`: no other process has or had it."""
     host: Mapped[str] = mapped_column(String(80))
     version: Mapped[str] = mapped_column(String(40))
     scheduler: Mapped[str] = mapped_column(String(120))
@@ -259,10 +260,10 @@ class WebhookDeliveryRow(TableBase):
     attempts: Mapped[int] = mapped_column(default=0)
     """How often it was begun, so that a crash while sending counts."""
     next_us: Mapped[int]
-    """Time of the next attempt."""
+    """Time of the next attempt [us since 1970]."""
     created_us: Mapped[int]
     problem: Mapped[str] = mapped_column(Text, default="")
-    """Why the last attempt failed."""
+    """Why the last attempt failed, in one sentence; "" if none did."""
 
 
 class EventRow(TableBase):

@@ -37,7 +37,7 @@ class DueDelivery:
     url: str
     secret: str
     attempt: int
-    """1 for the first."""
+    """Number of this attempt; 1 is the first."""
 
 
 def set_webhook(session: Session, team: str, url: str, now_us: int, actor: str) -> str:

@@ -56,9 +56,9 @@ class WorkerStatus:
     version: str
     scheduler: str
     started_us: int | None
-    """None for a worker without a heartbeat."""
+    """Time of its first heartbeat [us since 1970]; None if it has none."""
     silent_us: int | None
-    """Time since the last heartbeat."""
+    """Time since the last heartbeat [us]; None if it has none."""
     is_lost: bool
     """Whether it is silent for longer than a lease."""
     jobs: tuple[RunningJob, ...]

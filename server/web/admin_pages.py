@@ -33,9 +33,9 @@ class MatrixView(BaseModel):
     """The part of the matrix that a page shows."""
 
     phase: Annotated[str, Field(max_length=40)] = ""
-    """The one that opened last if it is empty."""
+    """Id of a phase; if it is empty, the one that opened last."""
     track: ChallengeTrack | Literal[""] = ""
-    """All but joint if it is empty."""
+    """A track; if it is empty, all but joint."""
     sort: Literal["scenario", "ds", "failed"] = "scenario"
     page: Annotated[int, Field(ge=1, le=10_000)] = 1
 

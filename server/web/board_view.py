@@ -18,7 +18,7 @@ class ScalarColumn:
     name: str
     """Key in `FiguresOut.scalars`, and of the sort order."""
     title: str
-    """Column header with unit."""
+    """Header of the column, with its unit."""
     decimals: int
     is_falling: bool
     """Whether sorting begins with the largest value."""

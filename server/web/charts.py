@@ -27,7 +27,7 @@ class ChartPoint:
 
     at_us: int
     value: float
-    """0 .. 100."""
+    """Driving score [%], 0 .. 100."""
     low: float | None
     high: float | None
     label: str
@@ -51,14 +51,14 @@ class HistoryChart:
 
     label: str
     scale: Sequence[tuple[float, int]]
-    """y and value of the horizontal lines."""
+    """y [pixels] and value [%] of each horizontal line."""
     intervals: Sequence[tuple[float, float, float]]
-    """x, y of the low and of the high end."""
+    """x, and y of the low and of the high end, of the interval of each result [pixels]."""
     lines: Sequence[Sequence[tuple[float, float]]]
     dots: Sequence[tuple[float, float, str]]
-    """x, y, tooltip."""
+    """x and y of each result [pixels], and its tooltip."""
     days: Sequence[tuple[float, str, str]]
-    """x, text-anchor, text."""
+    """x [pixels], text-anchor and text of each label of the axis of time."""
     width: int = _WIDTH
     height: int = _HEIGHT
     left: int = _LEFT
@@ -74,7 +74,7 @@ class HistogramBar:
     width: float
     height: float
     label: str
-    """The times that it counts."""
+    """The reply times that it counts, as text."""
     short: str
     """Short label below the bar."""
     count: int
@@ -87,7 +87,7 @@ class LatencyHistogram:
     bars: tuple[HistogramBar, ...]
     total: int
     median: str
-    """Class of the median."""
+    """The class of reply times in which the median is, as text."""
     width: int = _BARS_WIDTH
     height: int = _BARS_HEIGHT
     ground: int = _BARS_HEIGHT - _BARS_FOOT

@@ -43,7 +43,7 @@ class ScenarioEvent:
     scenario: str
     seed: int
     verdict: str | None
-    """None: it was started."""
+    """Verdict on the scenario; None if it was only started."""
     reason: str | None
     ds: float | None
 

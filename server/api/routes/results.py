@@ -51,7 +51,7 @@ class LogPlace(ScenarioPlace):
     """The log of an agent in a scenario."""
 
     cav: ScenarioId
-    """`all` for a joint agent."""
+    """The CAV whose agent wrote the log; `all` for a joint agent."""
 
 
 Place = Annotated[ScenarioPlace, Depends()]
