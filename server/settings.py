@@ -183,7 +183,7 @@ class WorkerSettings(SettingsModel):
     spot_check: Annotated[float, Field(ge=0, le=1)] = 0.02
     """Share of finished submissions of which one scenario is run again and compared."""
     job_budget_s: Annotated[float, Field(gt=0)] = 120.0
-    """Worker time of a submission [s]: this for each of its jobs, in sum (7.5 hours for 225 scenarios), at least 1 hour."""
+    """Worker time of a submission [s]: this for each of its jobs (7.5 hours for 225 scenarios), at least 1 hour."""
 
     @property
     def job_budget_us(self) -> int:

@@ -103,6 +103,7 @@ def to_submission(session: Session, caller: Caller | None, submission: tables.Su
     """Return the submission with the fields that the caller may see."""
     phase = get_phase(session, submission)
     finished = submission.finished_us
+    track = submission.summary["sensing_track"] if submission.summary is not None else ""
     more = _private_fields(session, phase, submission) if may_see_all(caller, submission) else {}
     exact = phase.public or (caller is not None and caller.is_admin)
     return SubmissionOut(
@@ -115,7 +116,7 @@ def to_submission(session: Session, caller: Caller | None, submission: tables.Su
         why=visible_reason(phase, SubmissionState(submission.state), submission.why),
         created=to_datetime(submission.created_us),
         finished=to_datetime(finished if exact else finished - finished % HOUR_US) if finished is not None else None,
-        sensing_track=None if submission.summary is None else SensingTrack(submission.summary["sensing_track"]),
+        sensing_track=SensingTrack(track) if track else None,
         counts=submission.counts,
         shown=submission.shown,
         summary=visible_summary(phase, submission.summary, exact),

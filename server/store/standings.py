@@ -9,6 +9,7 @@ from typing import Any, TypedDict
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
+from mdrive_sumo.contract import SensingTrack
 from server.enums import SubmissionState
 from server.store.tables import PhaseRow, StandingRow, SubmissionRow
 
@@ -29,7 +30,7 @@ class SummaryData(TypedDict):
     buckets: dict[str, FiguresData]
     categories: dict[str, FiguresData]
     sensing_track: str
-    """The track in which it is ranked: `sensor` if all its episodes are, else `object`."""
+    """sensor if all its episodes are, object if any is, "" if some do not say it: then it is ranked as object."""
     results_sha256: str
     """Checksum of the results of its scenarios."""
 
@@ -122,7 +123,7 @@ def make_standings(submission: SubmissionRow, evaluator: str, is_public: bool) -
             phase=submission.phase,
             slice=slice_,
             track=submission.track,
-            sensing_track=summary["sensing_track"],
+            sensing_track=summary["sensing_track"] or SensingTrack.OBJECT.value,
             team=submission.team,
             evaluator=evaluator,
             submission=submission.id,

@@ -60,6 +60,8 @@ RESULT = {
 }  # fmt: skip
 ONE_SCENARIO = {"ds": 27.182818, "sr": 0.0, "scenarios": 1}
 SUMMARY: Any = {
+    "sensing_track": "object",
+    "results_sha256": "0" * 64,
     "overall": {
         "ds": 55.512345,
         "sr": 50.678901,
