@@ -8,7 +8,7 @@ import numpy as np
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.export.scored_recording import ScoredRecording
-from mdrive_sumo.roads import Lane, RoadMap
+from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Ego
 from mdrive_sumo.scoring import ScenarioResult
 
@@ -52,16 +52,12 @@ def _shift_ego(ego: Ego, origin: Float) -> Ego:
 def _shift_roads(roads: RoadMap, origin: Float) -> RoadMap:
     return replace(
         roads,
-        lanes={id_: _shift_lane(lane, origin) for id_, lane in roads.lanes.items()},
+        lanes={id_: replace(lane, centre=Polyline(lane.centre.xy + origin)) for id_, lane in roads.lanes.items()},
         junctions=tuple(outline + origin for outline in roads.junctions),
         pavements=tuple(outline + origin for outline in roads.pavements),
         crossings=tuple((line + origin, width) for line, width in roads.crossings),
         log_origin=(0.0, 0.0),
     )
-
-
-def _shift_lane(lane: Lane, origin: Float) -> Lane:
-    return replace(lane, centre=Polyline(lane.centre.xy + origin))
 
 
 def _shift_result(result: ScenarioResult, origin: Float) -> ScenarioResult:

@@ -127,7 +127,8 @@ def build_storyboard_file(recording: ScoredRecording, road_file: str) -> xosc.Sc
     entities, init = xosc.Entities(), xosc.Init()
     for drive in drives:
         entities.add_scenario_object(drive.name, build_entity(recording, drive.column, drive.name))
-    paths = _compute_paths(recording)
+    x, y = recording.shift_ahead(-compute_rear_to_centre(recording))
+    paths = np.stack((x, y, recording.record.yaw), axis=-1)  # (T, N, 3) of the reference points
     last_s = (recording.record.ticks - 1) * DT
     storyboard = xosc.StoryBoard(init, _build_trigger("end", last_s))
     act = xosc.Act("recording", _build_trigger("start", 0.0))
@@ -155,12 +156,6 @@ def _list_drives(recording: ScoredRecording) -> Iterable[EntityDrive]:
     for column, id_ in enumerate(record.ids):
         for n, presence in enumerate(list_presences(record.valid[:, column])):
             yield EntityDrive(f"{id_}#{n + 1}" if n else id_, column, presence)
-
-
-def _compute_paths(recording: ScoredRecording) -> Float:
-    """Return x, y and yaw (T, N, 3) of the reference points."""
-    x, y = recording.shift_ahead(-compute_rear_to_centre(recording))
-    return np.stack((x, y, recording.record.yaw), axis=-1)
 
 
 def _build_maneuvers(drive: EntityDrive, path: Float, ticks: int) -> xosc.ManeuverGroup:

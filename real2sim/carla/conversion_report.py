@@ -81,7 +81,9 @@ class ConversionReport:
 
 def write_conversion_report(report: ConversionReport, folder: Path) -> None:
     """Write `conversion.json` and `conversion.md`."""
-    write_text(folder / REPORT_JSON, json.dumps(_to_json(report), indent=1) + "\n")
+    towns = [_town_to_json(town) for town in report.towns]
+    data = {"format": "mdrive-sumo/conversion/1", **asdict(report), "towns": towns}
+    write_text(folder / REPORT_JSON, json.dumps(data, indent=1) + "\n")
     write_text(folder / REPORT_MARKDOWN, _format_markdown(report))
 
 
@@ -90,11 +92,6 @@ def write_networks_report(networks: Sequence[TownNetwork], folder: Path) -> None
     data = {"format": "mdrive-sumo/networks/1", "networks": [_town_to_json(town) for town in networks]}
     write_text(folder / NETWORKS_JSON, json.dumps(data, indent=1) + "\n")
     write_text(folder / NETWORKS_MARKDOWN, "# Networks from OpenDRIVE\n\n" + _format_town_table(networks) + "\n")
-
-
-def _to_json(report: ConversionReport) -> dict[str, object]:
-    towns = [_town_to_json(town) for town in report.towns]
-    return {"format": "mdrive-sumo/conversion/1", **asdict(report), "towns": towns}
 
 
 def _town_to_json(town: TownNetwork) -> dict[str, object]:

@@ -150,7 +150,19 @@ def run_conversion(
         for path in paths
         for case in pattern.find_cases(path)
     ]
-    batch = _convert(ctx, logs, cli_options)
+    from real2sim.logged_drive import load_confirmed_infractions
+    from real2sim.pipeline.batch import BatchOptions, NoLogConvertedError, convert_logs
+    from real2sim.pipeline.scenario_builder import ConversionOptions
+
+    confirmed = load_confirmed_infractions(cli_options.confirmed) if cli_options.confirmed else ()
+    conversion = ConversionOptions(cli_options.traffic, cli_options.cavs, confirmed=confirmed)
+    order = BatchOptions(conversion, cli_options.report, cli_options.every_s, cli_options.workers, show_progress)
+    about = build_suite_file(cli_options.out, cli_options.name)
+    try:
+        batch = convert_logs(logs, cli_options.out, about, order)
+    except NoLogConvertedError as error:
+        _echo_refused(error.refused or (str(error),))
+        ctx.exit(2)
     echo(format_batch(batch, cli_options))
     _echo_refused(batch.refused)
     ctx.exit(2 if batch.refused else 1 if batch.below_target else 0)
@@ -160,31 +172,6 @@ def _echo_refused(sentences: Sequence[str]) -> None:
     """Print a line for each log that cannot be converted."""
     for sentence in sentences:
         echo(f"Error: {clean_line(sentence)}", err=True)
-
-
-def _convert(ctx: click.Context, logs: Sequence[LogSource], cli_options: LogCliOptions) -> "BatchResult":
-    """Convert the logs. Exits if none can be converted."""
-    from real2sim.logged_drive import load_confirmed_infractions
-    from real2sim.pipeline.batch import BatchOptions, NoLogConvertedError, convert_logs
-    from real2sim.pipeline.scenario_builder import ConversionOptions
-
-    order = BatchOptions(
-        ConversionOptions(
-            cli_options.traffic,
-            cli_options.cavs,
-            confirmed=load_confirmed_infractions(cli_options.confirmed) if cli_options.confirmed else (),
-        ),
-        cli_options.report,
-        cli_options.every_s,
-        cli_options.workers,
-        show_progress,
-    )
-    about = build_suite_file(cli_options.out, cli_options.name)
-    try:
-        return convert_logs(logs, cli_options.out, about, order)
-    except NoLogConvertedError as error:
-        _echo_refused(error.refused or (str(error),))
-        ctx.exit(2)
 
 
 def build_suite_file(out: Path, name: str | None) -> "SuiteFile":
@@ -231,15 +218,13 @@ def find_logs(paths: Sequence[Path], pattern: LogPattern) -> list[Path]:
 
     Raises InputError for a folder without any log.
     """
-    return [
-        log for path in paths for log in _find_logs_in(path, pattern.is_log) or [_refuse_folder(path, pattern.wanted)]
-    ]
-
-
-def _refuse_folder(path: Path, wanted: str) -> Path:
-    if path.is_dir():
-        raise InputError(f"{path}: expected {wanted} in it or below, found none")
-    return path
+    logs: list[Path] = []
+    for path in paths:
+        below = _find_logs_in(path, pattern.is_log)
+        if not below and path.is_dir():
+            raise InputError(f"{path}: expected {pattern.wanted} in it or below, found none")
+        logs += below or [path]
+    return logs
 
 
 def _find_logs_in(path: Path, is_log: Callable[[Path], bool]) -> list[Path]:

@@ -46,7 +46,8 @@ def choose_cavs(
             f"expected a moving vehicle that is on a road from the first frame on to be the CAV,"
             f" found none of {len(tracks)} tracks"
         )
-    return (max(fit.values(), key=lambda track: (int(track.valid.sum()), _compute_driven_m(track), track.id)).id,)
+    driven_m = {id_: float(np.hypot(*np.diff(track.xy[track.valid], axis=0).T).sum()) for id_, track in fit.items()}
+    return (max(fit, key=lambda id_: (int(fit[id_].valid.sum()), driven_m[id_], id_)),)
 
 
 def explain_unused_cavs(
@@ -61,10 +62,6 @@ def _explain_unused(track: RecordedTrack | None, match: LaneMatch | None) -> str
     if track is None:
         return "it is not in the cleaned log"
     return "it never moves" if track.parked else explain_unusable(track, match)
-
-
-def _compute_driven_m(track: RecordedTrack) -> float:
-    return float(np.hypot(*np.diff(track.xy[track.valid], axis=0).T).sum())
 
 
 def explain_unusable(track: RecordedTrack, match: LaneMatch | None) -> str:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,8 +37,14 @@ SAMPLE_M = 0.25
 END_SKEW_M = 5.0
 """[m] Longitudinal offset allowed between the ends of neighbouring lanes."""
 
-RoutePiece = tuple[Float, Float]
-"""Points (M, 2) [m] and lane directions (M,) [rad]."""
+
+class RoutePiece(NamedTuple):
+    """A stretch of a route."""
+
+    xy: Float
+    """Points (M, 2) [m]."""
+    yaw: Float
+    """Directions (M,) [rad] of the lanes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,4 +229,4 @@ def _build_lane_change(path: Polyline, between: tuple[float, float], aside: floa
     yaw = np.array([path.yaw_at(s) for s in stations])
     share = np.clip((stations - start) / max(min(room, end - start), 1e-6), 0.0, 1.0)
     offset = aside * (1 - share**2 * (3 - 2 * share))
-    return xy + offset[:, None] * np.column_stack((-np.sin(yaw), np.cos(yaw))), yaw
+    return RoutePiece(xy + offset[:, None] * np.column_stack((-np.sin(yaw), np.cos(yaw))), yaw)

@@ -5,9 +5,9 @@ The vote by motion follows MDrive for the V2XPnP maps, whose polylines do not de
 """
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -41,10 +41,17 @@ LINK_WEIGHT = 2
 SWEEPS = 10
 """Largest number of sweeps; the relaxation ends as soon as one changes nothing."""
 
-ContinuationsByLane = Mapping[str, Sequence[tuple[str, int]]]
-"""Continuations of each lane, see `LaneContinuation`."""
-LaneContinuation = tuple[str, str, int]
-"""Two lanes that continue each other: +1 as drawn, -1 if one of them must be reversed."""
+
+class Continuation(NamedTuple):
+    """A lane that continues another one."""
+
+    lane: str
+    turn: int
+    """+1 if both are drawn in one direction, -1 if one of them must be reversed."""
+
+
+ContinuationsByLane = Mapping[str, Sequence[Continuation]]
+"""The continuations of each lane."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +70,8 @@ def vote_directions(lanes: Mapping[str, MapLane], motions: Sequence[Float]) -> L
     Each lane weighs its own evidence (`MOTION_WEIGHT`, `LINK_WEIGHT` per link) against that of its continuations;
     directions propagate from the lanes with the strongest evidence and are then relaxed (iterated conditional modes).
     """
-    motion_votes, link_votes, around = (
-        vote_by_motion(lanes, motions),
-        _vote_by_links(lanes),
-        _group_by_lane(_find_continuations(lanes)),
-    )
+    motion_votes, link_votes = vote_by_motion(lanes, motions), _vote_by_links(lanes)
+    around = _find_continuations(lanes)
     fixed = {
         id_: -1 if motion_votes.get(id_) == -1 and link_votes.get(id_, 0) < 0 else 1
         for id_, lane in lanes.items()
@@ -145,10 +149,11 @@ def _compute_outward_end(lane: MapLane, side: int) -> tuple[Float, float]:
     return lane.centre[0], compute_chord_yaw(line, 0.0, HEADING_OVER_M) + np.pi
 
 
-def _find_continuations(lanes: Mapping[str, MapLane]) -> list[LaneContinuation]:
+def _find_continuations(lanes: Mapping[str, MapLane]) -> ContinuationsByLane:
+    """Return the lanes whose ends meet those of each lane in one direction."""
     ends = [(id_, side, *_compute_outward_end(lane, side)) for id_, lane in lanes.items() for side in (0, 1)]
     points: Any = shapely.points(np.array([end[2] for end in ends]))
-    continuations: list[LaneContinuation] = []
+    around: defaultdict[str, list[Continuation]] = defaultdict(list)
     for i, j in zip(*shapely.STRtree(points).query(points, predicate="dwithin", distance=ENDS_MEET_M), strict=True):
         (a, a_side, _, a_yaw), (b, b_side, _, b_yaw) = ends[i], ends[j]
         if (
@@ -157,8 +162,10 @@ def _find_continuations(lanes: Mapping[str, MapLane]) -> list[LaneContinuation]:
             and lanes[a].kind is lanes[b].kind
             and compute_yaw_difference(a_yaw, b_yaw + np.pi) <= ENDS_ALIGNED_RAD
         ):
-            continuations.append((a, b, 1 if a_side != b_side else -1))
-    return continuations
+            turn = 1 if a_side != b_side else -1
+            around[a].append(Continuation(b, turn))
+            around[b].append(Continuation(a, turn))
+    return around
 
 
 def _vote_by_links(lanes: Mapping[str, MapLane]) -> dict[str, int]:
@@ -201,14 +208,6 @@ def _relax(
                 sign[id_], changed = -sign[id_], True
         if not changed:
             return
-
-
-def _group_by_lane(touches: Iterable[LaneContinuation]) -> ContinuationsByLane:
-    around: defaultdict[str, list[tuple[str, int]]] = defaultdict(list)
-    for a, b, turn in touches:
-        around[a].append((b, turn))
-        around[b].append((a, turn))
-    return around
 
 
 def _decide_by_majority(sign: dict[str, int], lanes: Mapping[str, MapLane], around: ContinuationsByLane) -> set[str]:

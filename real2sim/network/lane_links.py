@@ -50,17 +50,12 @@ def rebuild_links(segments: Mapping[str, LaneSegment], source_links: Iterable[La
     ahead, aside = gap * np.cos(chord), gap * np.abs(np.sin(chord))
     near = (aside <= GAP_ACROSS_M) & (ahead >= GAP_ALONG_M[0]) & (ahead <= GAP_ALONG_M[1])
     touching = (exact | (near & (turn <= TOUCH_YAW) & alike)) & ~linked
-    touching &= exact | ~_find_indirect_links(linked | touching)
+    steps = (linked | touching).astype(np.float32)
+    touching &= exact | ~(steps @ steps > 0)  # the others are already linked through one lane between them
     linked |= touching
     loose = _find_open_pairs(linked, gap, turn, chord) & alike
     added = sorted((ids[i], ids[j]) for i, j in np.argwhere(touching | loose))
     return RebuiltLinks(frozenset(kept) | frozenset(added), tuple(sorted(named - kept)), tuple(added))
-
-
-def _find_indirect_links(linked: Bool) -> Bool:
-    """Return pairs that are already linked through one lane between them."""
-    steps = linked.astype(np.float32)
-    return steps @ steps > 0
 
 
 def _measure_end_gaps(segments: list[LaneSegment]) -> tuple[Float, Float, Float]:

@@ -106,7 +106,7 @@ def build_network(
     links = rebuild_links(segments, _collect_source_links(lanes))
     parts, part_links = _select_driving(segments, links)
     plan = plan_network(parts, part_links, directions.votes)
-    lane_ids = {id_: f"{edge}_{k}" for id_, (edge, k) in assign_lane_indices(plan, left_hand).items()}
+    lane_ids = {id_: lane.lane_id for id_, lane in assign_lane_indices(plan, left_hand).items()}
     roads = _compile_network(_add_footways(plan, segments, map), map, left_hand, folder, NetworkName(name, origin))
     unused = _sum_lengths(plan.unused)
     contraflow = _sum_lengths([parts[id_] for id_ in plan.contraflow])
@@ -241,7 +241,7 @@ def _compile_network(plan: NetworkPlan, map: HdMap, left_hand: bool, folder: Pat
     make_folder(folder)
     stops = place_stop_lines(plan, map)
     write_plain(plan, *derive_right_of_way(plan, stops), left_hand, folder)
-    lane_ids = {id_: f"{edge}_{k}" for id_, (edge, k) in assign_lane_indices(plan, left_hand).items()}
+    lane_ids = {id_: lane.lane_id for id_, lane in assign_lane_indices(plan, left_hand).items()}
     xml = restore_shapes(compile_plain(folder, left_hand), plan, lane_ids)
     write_bytes(folder / NET_FILE, gzip.compress(xml, mtime=0))
     about = NetworkFile(

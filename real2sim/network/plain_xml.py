@@ -8,6 +8,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
@@ -41,10 +42,24 @@ def to_sumo_id(id_: str) -> str:
     return re.sub(r"[^A-Za-z0-9_.~-]", "_", id_).lstrip(":") or "_"
 
 
-def assign_lane_indices(plan: NetworkPlan, left_hand: bool) -> dict[str, tuple[str, int]]:
-    """Return segment id -> edge id (named after the rightmost lane) and lane index from the kerb."""
+class LaneIndex(NamedTuple):
+    """Where a segment becomes a lane."""
+
+    edge: str
+    """Id of the edge, named after its rightmost lane."""
+    number: int
+    """Index of the lane from the kerb."""
+
+    @property
+    def lane_id(self) -> str:
+        """SUMO's id of the lane."""
+        return f"{self.edge}_{self.number}"
+
+
+def assign_lane_indices(plan: NetworkPlan, left_hand: bool) -> dict[str, LaneIndex]:
+    """Return the lane of every segment of an edge, by segment id."""
     return {
-        lane.id: (f"e{to_sumo_id(edge.lanes[0].id)}", len(edge.lanes) - 1 - k if left_hand else k)
+        lane.id: LaneIndex(f"e{to_sumo_id(edge.lanes[0].id)}", len(edge.lanes) - 1 - k if left_hand else k)
         for edge in plan.edges
         for k, lane in enumerate(edge.lanes)
     }
@@ -77,24 +92,20 @@ def _build_nodes(plan: NetworkPlan, types: Mapping[int, str]) -> Iterable[Elemen
         yield _build_element("node", id=f"n{node}", x=f"{x:.3f}", y=f"{y:.3f}", type=types.get(node, "priority"))
 
 
-def _build_edge(edge: PlannedEdge, index: Mapping[str, tuple[str, int]], priority: Mapping[str, int]) -> Element:
-    name = index[edge.lanes[0].id][0]
+def _build_edge(edge: PlannedEdge, index: Mapping[str, LaneIndex], priority: Mapping[str, int]) -> Element:
     middle = edge.lanes[len(edge.lanes) // 2].centreline.xy
     element = _build_element(
         "edge",
-        id=name,
+        id=index[edge.lanes[0].id].edge,
         **{"from": f"n{edge.begin}", "to": f"n{edge.end}"},
         numLanes=str(len(edge.lanes)),
         priority=str(priority.get(edge.lanes[0].id, 1)),
         spreadType="center",
         shape=format_shape(middle),
     )
-    element.extend(sorted((_build_lane(lane, index[lane.id][1]) for lane in edge.lanes), key=_get_index))
+    by_index = sorted(edge.lanes, key=lambda lane: index[lane.id].number)
+    element.extend(_build_lane(lane, index[lane.id].number) for lane in by_index)
     return element
-
-
-def _get_index(element: Element) -> int:
-    return int(element.get("index", "0"))
 
 
 def _build_lane(lane: LaneSegment, index: int) -> Element:
@@ -109,15 +120,15 @@ def _build_lane(lane: LaneSegment, index: int) -> Element:
     )
 
 
-def _build_connections(plan: NetworkPlan, index: Mapping[str, tuple[str, int]]) -> Iterable[Element]:
-    silent = {name for name, _ in index.values()}
+def _build_connections(plan: NetworkPlan, index: Mapping[str, LaneIndex]) -> Iterable[Element]:
+    silent = {lane.edge for lane in index.values()}
     for connection in plan.connections:
-        (start, start_lane), (goal, goal_lane) = index[connection.start], index[connection.goal]
-        silent.discard(start)
+        start, goal = index[connection.start], index[connection.goal]
+        silent.discard(start.edge)
         shape = {} if connection.shape is None else {"shape": format_shape(connection.shape.xy)}
         yield _build_element(
             "connection",
-            **{"from": start, "to": goal, "fromLane": str(start_lane), "toLane": str(goal_lane)},
+            **{"from": start.edge, "to": goal.edge, "fromLane": str(start.number), "toLane": str(goal.number)},
             speed=f"{connection.speed:.2f}",
             **shape,
         )

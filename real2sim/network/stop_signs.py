@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -21,19 +22,30 @@ ACROSS_RAD = np.radians(50)
 """A stop line lies across its lane: a lane at a larger angle to it is another one's."""
 PRIORITY: Mapping[str, int] = {"stop": 1, "yield": 2, "": 3}
 """Priority of an edge by the sign at its end; netconvert compares them only."""
-StopsBySegment = Mapping[str, list[tuple[str, float]]]
-"""Segment id -> signs before its end, with the arc length [m] of the line."""
 
 
-def place_stop_lines(plan: NetworkPlan, map: HdMap) -> dict[str, list[tuple[str, float]]]:
+class LineStation(NamedTuple):
+    """A stop line on a lane."""
+
+    sign: str
+    """Its meaning, see `StopLine.sign`."""
+    s: float
+    """Arc length [m] on the lane."""
+
+
+StopsBySegment = Mapping[str, list[LineStation]]
+"""Segment id -> the stop lines on it."""
+
+
+def place_stop_lines(plan: NetworkPlan, map: HdMap) -> StopsBySegment:
     """Assign stop lines to the lanes of edges."""
     segments = [lane for edge in plan.edges for lane in edge.lanes if lane.kind is LaneKind.DRIVING]
     tree = PolylineIndex([segment.centreline for segment in segments]).tree
-    stops: defaultdict[str, list[tuple[str, float]]] = defaultdict(list)
+    stops: defaultdict[str, list[LineStation]] = defaultdict(list)
     for line in map.stop_lines:
         near = tree.query(shapely.LineString(line.line), predicate="dwithin", distance=STOP_LINE_REACH_M)
         for segment, s in _find_crossed_segments(line, [segments[i] for i in sorted(near)]):
-            stops[segment.id].append((line.sign, s))
+            stops[segment.id].append(LineStation(line.sign, s))
     return dict(stops)
 
 
@@ -54,10 +66,10 @@ def _find_crossed_segments(line: StopLine, near: Iterable[LaneSegment]) -> list[
 def build_stop_boxes(stops: StopsBySegment, lane_ids: Mapping[str, str]) -> tuple[StopSignBox, ...]:
     """Build one box on every lane before a line with a stop sign."""
     return tuple(
-        StopSignBox(id=f"stop_{lane_ids[id_]}", lane=lane_ids[id_], line_pos_m=round(s, 3), length_m=STOP_BOX_M)
-        for id_, signs in sorted(stops.items())
-        for sign, s in signs[-1:]
-        if sign == "stop"
+        StopSignBox(id=f"stop_{lane_ids[id_]}", lane=lane_ids[id_], line_pos_m=round(line.s, 3), length_m=STOP_BOX_M)
+        for id_, lines in sorted(stops.items())
+        for line in lines[-1:]
+        if line.sign == "stop"
     )
 
 
@@ -67,7 +79,7 @@ def derive_right_of_way(plan: NetworkPlan, stops: StopsBySegment) -> tuple[dict[
     priority: dict[str, int] = {}
     entries: defaultdict[int, list[str]] = defaultdict(list)
     for edge in plan.edges:
-        signs = {sign for lane in edge.lanes for sign, _ in stops.get(lane.id, ())}
+        signs = {line.sign for lane in edge.lanes for line in stops.get(lane.id, ())}
         sign = "stop" if "stop" in signs else "yield" if "yield" in signs else ""
         priority[edge.lanes[0].id] = PRIORITY[sign]
         entries[edge.end].append(sign)

@@ -131,7 +131,12 @@ def _plan_tasks(
             task.number: (_describe_failure(answer) if isinstance(answer, WorkerFailure) else answer)
             for task, answer in pool.run(whole)
         }
-    cut = [replace(log, window=window) for i, log in enumerate(once) for window in _windows_or_none(answers[i])]
+    cut = [
+        replace(once[number], window=window)
+        for number, windows in sorted(answers.items())
+        if not isinstance(windows, str)
+        for window in windows
+    ]
     refused += [answer for _, answer in sorted(answers.items()) if isinstance(answer, str)]
     return _plan_tasks(cut, parts, replace(options, every_s=None))[0], refused
 
@@ -144,10 +149,6 @@ def _reject_repeated(logs: Sequence[LogSource]) -> tuple[list[LogSource], list[s
         if once.setdefault((log.path.resolve(), log.case, log.window), log) is not log:
             refused.append(prefix_with_log(log, "expected every log once, found it twice"))
     return list(once.values()), refused
-
-
-def _windows_or_none(windows: Windows | str) -> Windows:
-    return () if isinstance(windows, str) else windows
 
 
 def _describe_failure(failure: WorkerFailure) -> str:
@@ -164,14 +165,10 @@ def _report_answers(
     for i, (task, answer) in enumerate(done, 1):
         if isinstance(answer, WorkerFailure):
             answer = prefix_with_log(task.log, _describe_failure(answer))
-        options.progress(i, total, f"{_format_title(task.log)}: {_format_verdict(answer, ids)}")
+        title = ", ".join(filter(None, (task.log.path.name, describe_part(task.log))))
+        options.progress(i, total, f"{title}: {_format_verdict(answer, ids)}")
         ids |= {answer.id} if isinstance(answer, ConvertedScenario) else set()
         yield task.number, answer
-
-
-def _format_title(log: LogSource) -> str:
-    """Return the name of the log's file, its case and its window, for progress lines."""
-    return ", ".join(filter(None, (log.path.name, describe_part(log))))
 
 
 def _format_verdict(answer: ConvertedScenario | str, before: Collection[str]) -> str:

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from real2sim.hd_map import HdMap, MapArea, MapLane
+from real2sim.hd_map import HdMap, MapArea
 from real2sim.recording import ObserverView, Recording
 
 LARGEST_M = 900_000.0
@@ -52,16 +52,15 @@ def _shift_view(view: ObserverView, shift: Float) -> ObserverView:
 def _shift_map(hd_map: HdMap, shift: Float) -> HdMap:
     return replace(
         hd_map,
-        lanes={id_: _shift_lane(lane, shift) for id_, lane in hd_map.lanes.items()},
+        lanes={
+            id_: replace(lane, centre=lane.centre + shift, left=lane.left + shift, right=lane.right + shift)
+            for id_, lane in hd_map.lanes.items()
+        },
         crosswalks=tuple(outline + shift for outline in hd_map.crosswalks),
         stop_lines=tuple(replace(line, line=line.line + shift) for line in hd_map.stop_lines),
         drivable_areas=tuple(_shift_area(area, shift) for area in hd_map.drivable_areas),
         observed_areas=tuple(_shift_area(area, shift) for area in hd_map.observed_areas),
     )
-
-
-def _shift_lane(lane: MapLane, shift: Float) -> MapLane:
-    return replace(lane, centre=lane.centre + shift, left=lane.left + shift, right=lane.right + shift)
 
 
 def _shift_area(area: MapArea, shift: Float) -> MapArea:

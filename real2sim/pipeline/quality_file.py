@@ -142,35 +142,22 @@ def build_quality_file(findings: ConversionFindings) -> QualityFile:
 
 
 def _cleaning_figures(report: CleaningReport) -> CleaningFigures:
-    changes = (
-        CleaningChange(reason=change.reason, track=change.track, frames=change.frames, detail=change.detail)
-        for change in report.changes
-    )
+    changes = (CleaningChange.model_validate(change, from_attributes=True) for change in report.changes)
     return CleaningFigures(counts=report.count_by_reason(), changes=tuple(changes))
 
 
 def _network_figures(report: NetworkReport) -> NetworkFigures:
     fit = report.deviation
+    same_names = NetworkFigures.model_fields.keys() & vars(report).keys()
     return NetworkFigures(
-        name=report.name,
-        checksum=report.checksum,
-        lanes=report.lanes,
-        edges=report.edges,
-        nodes=report.nodes,
-        connections=report.connections,
-        left_hand=report.left_hand,
+        **{name: getattr(report, name) for name in same_names},
         inverted=report.directions.inverted,
         undecided=report.directions.undecided,
-        links_dropped=report.links_dropped,
-        links_added=report.links_added,
         lost=dict(report.drop_reason_by_lane),
         lost_m=dict(report.lost_m_by_lane),
         centre_mean_m=max(fit.mean, fit.back_mean),
         centre_p95_m=max(fit.p95, fit.back_p95),
         centre_max_m=max(fit.max, fit.back_max),
-        default_widths=report.default_widths,
-        default_speeds=report.default_speeds,
-        signalled=report.signalled,
     )
 
 

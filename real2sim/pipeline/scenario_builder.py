@@ -68,7 +68,9 @@ def build_scenario(
 
     Runs SUMO in this process to measure how close the traffic stays to the log.
     """
-    recording = _require_recording(scene)
+    recording = scene.recording
+    if recording is None:
+        raise InputError(f"{scene.id}: expected a log, found an authored scene")
     cleaned = _clean(recording)
     network = network or _build_network(recording, cleaned, suite / NETWORKS / scene.id, scene.id)
     roads = load_road_map(network.folder)
@@ -102,12 +104,6 @@ def build_scenario(
     return BuiltScenario(
         scenario, findings, record_log(scenario, {names[track.id]: track for track in tracks}, dt_s, about)
     )
-
-
-def _require_recording(scene: SourceScene) -> Recording:
-    if scene.recording is None:
-        raise InputError(f"{scene.id}: expected a log, found an authored scene")
-    return scene.recording
 
 
 def _clean(recording: Recording) -> CleanedRecording:

@@ -1,7 +1,8 @@
 """Fidelity of a suite: the figures of all its quality.json files in one table, and the missed targets."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from statistics import median
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
@@ -22,6 +23,13 @@ LEGEND = (
     " drive: infractions of the CAVs' logged drives, unconfirmed + confirmed.\n"
     "The last row: sums of counts; median, p95, jerk and worst of the worst scenario; 5 s of the median scenario."
 )
+
+COMBINE: Mapping[str, Callable[[Sequence[Any]], Any]] = {
+    **dict.fromkeys(("error_median", "error_p95", "jerk_p95", "worst_at_5s"), max),
+    "median_at_5s": median,
+    "passed": all,
+}
+"""How a figure of all scenarios follows from theirs; the others, which are counts, are summed."""
 
 
 class FidelityRow(BaseModel):
@@ -106,42 +114,13 @@ def _build_row(quality: QualityFile) -> FidelityRow:
     )
 
 
-def _aggregate(lines: Sequence[FidelityRow]) -> FidelityRow:
-    def known(name: str, of: Callable[[Sequence[float]], float]) -> float | None:
-        values = [value for line in lines if (value := getattr(line, name)) is not None]
-        return of(values) if values else None
-
-    counts = (
-        "moving_passed",
-        "moving_vehicles",
-        "by_sumo",
-        "collisions",
-        "contacts",
-        "wrong_way_frames",
-        "spawn_overlaps",
-        "duplicates",
-        "teleports",
-        "order_kept",
-        "order_pairs",
-        "logged_infractions",
-        "confirmed_infractions",
-    )
-    return FidelityRow(
-        scenario=f"all {len(lines)}",
-        error_median=known("error_median", max),
-        error_p95=known("error_p95", max),
-        jerk_p95=max(line.jerk_p95 for line in lines),
-        median_at_5s=known("median_at_5s", median),
-        worst_at_5s=known("worst_at_5s", max),
-        stalled=_sum_stalled(lines),
-        passed=all(line.passed for line in lines),
-        **{name: sum(getattr(line, name) for line in lines) for name in counts},
-    )
-
-
-def _sum_stalled(lines: Sequence[FidelityRow]) -> int | None:
-    counts = [line.stalled for line in lines if line.stalled is not None]
-    return sum(counts) if counts else None
+def _aggregate(rows: Sequence[FidelityRow]) -> FidelityRow:
+    """Combine the rows, see `FidelitySummary.all`; what no scenario has measured stays None."""
+    combined: dict[str, Any] = {"scenario": f"all {len(rows)}"}
+    for name in FidelityRow.model_fields.keys() - combined.keys():
+        values = [value for row in rows if (value := getattr(row, name)) is not None]
+        combined[name] = COMBINE.get(name, sum)(values) if values else None
+    return FidelityRow(**combined)
 
 
 def format_summary(summary: FidelitySummary) -> str:
@@ -149,20 +128,14 @@ def format_summary(summary: FidelitySummary) -> str:
     rows = [HEAD, *map(_format_cells, (*summary.scenarios, summary.all))]
     widths = [max(len(row[i]) for row in rows) for i in range(len(HEAD))]
     lines = [
-        "  ".join(_pad(cell, width, i) for i, (cell, width) in enumerate(zip(row, widths, strict=True))).rstrip()
+        "  ".join(
+            cell.ljust(width) if title in ("scenario", "verdict") else cell.rjust(width)
+            for title, cell, width in zip(HEAD, row, widths, strict=True)
+        ).rstrip()
         for row in rows
     ]
-    return "\n".join((*lines, "", LEGEND, "", *_format_misses(summary)))
-
-
-def _pad(cell: str, width: int, column: int) -> str:
-    return cell.ljust(width) if column in (0, len(HEAD) - 1) else cell.rjust(width)
-
-
-def _format_misses(summary: FidelitySummary) -> list[str]:
-    if not summary.misses:
-        return ["Every figure meets its target."]
-    return [f"{scenario}: {sentence}" for missed in summary.misses.values() for scenario, sentence in missed.items()]
+    misses = [f"{scenario}: {text}" for missed in summary.misses.values() for scenario, text in missed.items()]
+    return "\n".join((*lines, "", LEGEND, "", *(misses or ["Every figure meets its target."])))
 
 
 def _format_cells(line: FidelityRow) -> tuple[str, ...]:

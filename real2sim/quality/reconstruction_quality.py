@@ -193,7 +193,11 @@ def assess_reconstruction(converted: ReconstructedLog) -> ReconstructionQuality:
         teleports=sum(actor.jumps_1m for actor in actors),
         wrong_way_frames=sum(actor.wrong_way_frames or 0 for actor in moving),
         lost=dict(converted.lost or {}),
-        off_map={actor.id: _describe_off_map(actor) for actor in moving if actor.outside_frames},
+        off_map={
+            actor.id: f"{actor.outside_frames} of {actor.frames} frames off all lanes of the map in the log itself"
+            for actor in moving
+            if actor.outside_frames
+        },
         **_contacts_by_id(find_contacts(converted.tracks, COLLISION_SLACK_M), [track.id for track in converted.tracks]),
     )
 
@@ -215,10 +219,6 @@ def _contacts_by_id(contacts: TrackContacts, ids: Sequence[str]) -> dict[str, An
         "least_distance": contacts.least_distance_m if np.isfinite(contacts.least_distance_m) else None,
         "close_frames": contacts.close_frames,
     }
-
-
-def _describe_off_map(actor: ActorQuality) -> str:
-    return f"{actor.outside_frames} of {actor.frames} frames off all lanes of the map in the log itself"
 
 
 def _count_passed(actors: Sequence[ActorQuality]) -> int:

@@ -52,6 +52,7 @@ def read_route_file(path: Path, at_least: int = 1) -> RouteFile:
     town = route.get("town")
     if not town:
         raise InputError(f"{path}: route: expected an attribute town, found none")
+    weather = next(route.iterfind("weather"), Element("weather"))
     waypoints = list(route.iter("waypoint"))
     if len(waypoints) < at_least:
         raise InputError(f"{path}: expected at least {at_least} waypoint(s), found {len(waypoints)}")
@@ -62,7 +63,7 @@ def read_route_file(path: Path, at_least: int = 1) -> RouteFile:
         yaw_carla_deg=np.array([read_number(path, p, "yaw") if p.get("yaw") else np.nan for p in waypoints]),
         times_s=_read_times(path, waypoints),
         has_point_speeds=any("speed" in point.attrib for point in waypoints),
-        weather=_read_weather(path, route.find("weather")),
+        weather={name: read_number(path, weather, name) for name in WEATHER_ATTRIBUTES if name in weather.attrib},
         attributes=dict(route.attrib),
     )
 
@@ -78,12 +79,6 @@ def _read_times(path: Path, waypoints: list[Element]) -> Float | None:
     if not all(name in point.attrib for name, point in zip(names, waypoints, strict=True)):
         return None
     return np.array([read_number(path, point, name) for name, point in zip(names, waypoints, strict=True)])
-
-
-def _read_weather(path: Path, weather: Element | None) -> Mapping[str, float]:
-    if weather is None:
-        return {}
-    return {name: read_number(path, weather, name) for name in WEATHER_ATTRIBUTES if name in weather.attrib}
 
 
 @dataclass(frozen=True, slots=True)

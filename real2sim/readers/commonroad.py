@@ -20,7 +20,6 @@ from shapely.errors import ShapelyError
 from mdrive_sumo.core.errors import InputError
 from real2sim.readers.commonroad_map import build_commonroad_map
 from real2sim.readers.input_checks import build_missing_error, check_frame_count
-from real2sim.readers.time_grid import TimeWindow, crop_recording
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 from real2sim.xml_file import Element, read_number, read_xml
 
@@ -57,10 +56,10 @@ MAX_HEADING_SPREAD = math.pi / 2
 """[rad] The middle of a wider interval of orientations does not tell which way an obstacle faces."""
 
 
-def read_commonroad(path: Path, window: TimeWindow | None = None) -> Recording:
+def read_commonroad(path: Path) -> Recording:
     """Read a scenario; raise InputError, also for versions other than 2018b and 2020a.
 
-    `window` is start and end [s] since the first frame. All obstacles are in one view. Planning problems are ignored
+    All obstacles are in one view. Planning problems are ignored
     because they have no recorded motion.
     """
     root = read_xml(path)
@@ -68,7 +67,7 @@ def read_commonroad(path: Path, window: TimeWindow | None = None) -> Recording:
     notes = list(_drop_unsupported(root))
     scenario, remarks = _parse_scenario(path, root)
     tracks, track_notes = _build_tracks(path, scenario)
-    recording = Recording(
+    return Recording(
         id=str(root.get("benchmarkID") or path.stem),
         source="commonroad",
         dt_s=float(scenario.dt),
@@ -78,7 +77,6 @@ def read_commonroad(path: Path, window: TimeWindow | None = None) -> Recording:
         notes=(*notes, *remarks, *track_notes),
         exact=str(root.get("source")).startswith(EXPORT_SOURCE),
     )
-    return crop_recording(str(path), recording, window)
 
 
 def _check_file(path: Path, root: Element) -> None:

@@ -20,7 +20,6 @@ from mdrive_sumo.core.geometry import Float
 from real2sim.readers.input_checks import check_frame_count
 from real2sim.readers.lanelet2 import read_lanelet2
 from real2sim.readers.tables import find_columns, open_table, read_header
-from real2sim.readers.time_grid import TimeWindow, crop_recording
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 DT_S = 0.1
@@ -55,10 +54,10 @@ class _TrackRow:
     """Values of MOTION_COLUMNS, then BOX_COLUMNS; NaN for missing columns and empty cells."""
 
 
-def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None, case: str = "") -> Recording:
+def read_interaction(tracks: Path, osm: Path, case: str = "") -> Recording:
     """Read `vehicle_tracks_*.csv` and the pedestrians next to it, or a folder with one such pair; raise InputError.
 
-    `window` is start and end [s] since the first frame. `case` names one of a table with several cases (version 1.2).
+    `case` names one of a table with several cases (version 1.2).
     All tracks are in one view; none is a connected vehicle.
     """
     vehicles = _find_vehicle_file(tracks)
@@ -76,7 +75,7 @@ def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None, 
         track for path, its_rows in rows.items() for track in _build_tracks(path, its_rows, min(times), frames)
     )
     hd_map, notes = read_lanelet2(osm)
-    recording = Recording(
+    return Recording(
         id=_build_id(osm, vehicles, case),
         source="interaction",
         dt_s=DT_S,
@@ -85,7 +84,6 @@ def read_interaction(tracks: Path, osm: Path, window: TimeWindow | None = None, 
         map=hd_map,
         notes=(*_note_guesses(its_tracks), *notes),
     )
-    return crop_recording(str(vehicles), recording, window)
 
 
 def find_interaction_map(tracks: Path, maps: Sequence[Path] = ()) -> Path:

@@ -43,16 +43,15 @@ def _get_corners(ring: shapely.LinearRing) -> Float:
     return shapely.get_coordinates(ring)[:-1]
 
 
-def compute_centreline(left: Float, right: Float, spacing: float = 2.0) -> Float:
-    """Return the line (N, 2) half-way between two boundaries of one direction, points about `spacing` [m] apart."""
+def compute_centreline(left: Float, right: Float) -> Float:
+    """Return the line (N, 2) half-way between two boundaries of one direction, points about 2 m apart."""
     sides = build_polyline(left), build_polyline(right)
-    count = max(2, len(left), len(right), round(max(side.length for side in sides) / spacing) + 1)
+    count = max(2, len(left), len(right), round(max(side.length for side in sides) / 2.0) + 1)
     share = np.linspace(0.0, 1.0, count)
-    return sum((_sample_line(side, share) for side in sides), np.zeros((count, 2))) / 2
-
-
-def _sample_line(line: Polyline, share: Float) -> Float:
-    return np.column_stack([np.interp(share * line.length, line.s, line.xy[:, axis]) for axis in (0, 1)])
+    points = [
+        np.column_stack([np.interp(share * side.length, side.s, side.xy[:, axis]) for axis in (0, 1)]) for side in sides
+    ]
+    return (points[0] + points[1]) / 2
 
 
 def build_cross_line(line: Polyline, s: float, width: float) -> Float:

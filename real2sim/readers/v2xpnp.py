@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -39,23 +40,29 @@ def read_v2xpnp(folder: Path, maps: Path | Sequence[Path], agents: Sequence[str]
     Raises InputError for missing agent folders, long holes in the frames of one, unreadable files and maps of another
     place.
     """
-    views = read_views(folder, agents)
-    candidates = (maps,) if isinstance(maps, Path) else tuple(maps)
-    view_list = tuple(view for view, _ in views)
-    hd_map, map_notes = _choose_map(folder, view_list, candidates)
+    annotated = read_views(folder, agents)
+    views = tuple(view for view, _ in annotated)
+    hd_map, map_notes = _choose_map(folder, views, (maps,) if isinstance(maps, Path) else tuple(maps))
     return Recording(
         id=folder.resolve().name,
         source="v2xpnp",
         dt_s=DT_S,
-        frame_count=len(view_list[0].pose),
-        views=view_list,
+        frame_count=len(views[0].pose),
+        views=views,
         map=hd_map,
-        cavs=tuple(view.observer for view in view_list if not view.is_infrastructure),
-        notes=tuple(note for _, notes in views for note in notes) + map_notes,
+        cavs=tuple(view.observer for view in views if not view.is_infrastructure),
+        notes=tuple(note for _, notes in annotated for note in notes) + map_notes,
     )
 
 
-def read_views(folder: Path, agents: Sequence[str] | None = None) -> tuple[tuple[ObserverView, tuple[str, ...]], ...]:
+class AnnotatedView(NamedTuple):
+    """What one agent has observed, with notes on reading it."""
+
+    view: ObserverView
+    notes: tuple[str, ...]
+
+
+def read_views(folder: Path, agents: Sequence[str] | None = None) -> tuple[AnnotatedView, ...]:
     """Return every agent's view with its notes; raise InputError."""
     names = _list_agents(folder) if agents is None else list(agents)
     files = {name: _list_frames(folder / name) for name in names}
@@ -66,16 +73,18 @@ def read_views(folder: Path, agents: Sequence[str] | None = None) -> tuple[tuple
     return tuple(_read_view(folder / name, files[name], numbers) for name in names)
 
 
-def _read_view(folder: Path, files: Mapping[int, Path], numbers: range) -> tuple[ObserverView, tuple[str, ...]]:
+def _read_view(folder: Path, files: Mapping[int, Path], numbers: range) -> AnnotatedView:
     """Read the frames of one agent. `numbers`: those of the log, in which the agent's may be fewer."""
-    view, notes = _build_view(folder, [read_frame(path) for path in files.values()])
+    annotated = _build_view(folder, [read_frame(path) for path in files.values()])
     if len(files) == len(numbers):
-        return view, notes
+        return annotated
+    view, notes = annotated
     rows = np.array(list(files)) - numbers.start
     tracks = tuple(_spread_rows(track, rows, len(numbers)) for track in view.tracks)
     pose = np.full((len(numbers), 3), np.nan)
     pose[rows] = view.pose
-    return replace(view, tracks=tracks, pose=pose), (*notes, *_note_missing_frames(folder.name, files, numbers))
+    notes = (*notes, *_note_missing_frames(folder.name, files, numbers))
+    return AnnotatedView(replace(view, tracks=tracks, pose=pose), notes)
 
 
 def _spread_rows(track: RecordedTrack, rows: npt.NDArray[np.intp], frames: int) -> RecordedTrack:
@@ -136,7 +145,7 @@ def _list_frames(folder: Path) -> dict[int, Path]:
     return dict(sorted(files.items()))
 
 
-def _build_view(folder: Path, frames: Sequence[V2xpnpFrame]) -> tuple[ObserverView, tuple[str, ...]]:
+def _build_view(folder: Path, frames: Sequence[V2xpnpFrame]) -> AnnotatedView:
     sensor = np.array([frame.sensor for frame in frames])
     names, rows = _index_objects(frames)
     frame_numbers = np.repeat(np.arange(len(frames)), [len(frame.ids) for frame in frames])
@@ -147,7 +156,8 @@ def _build_view(folder: Path, frames: Sequence[V2xpnpFrame]) -> tuple[ObserverVi
     notes = [f"agent {folder.name}: {note}" for note in _note_labels(labels)]
     tracks = tuple(_build_track(name, box, labels[name], static[name]) for name, box in zip(names, boxes, strict=True))
     pose = np.column_stack((sensor[:, 0], sensor[:, 1], np.radians(sensor[:, 4])))
-    return ObserverView(folder.name, tracks, pose, is_infrastructure=folder.name.startswith("-")), tuple(notes)
+    view = ObserverView(folder.name, tracks, pose, is_infrastructure=folder.name.startswith("-"))
+    return AnnotatedView(view, tuple(notes))
 
 
 def _index_objects(frames: Sequence[V2xpnpFrame]) -> tuple[list[str], list[int]]:

@@ -18,6 +18,8 @@ JUMP_WINDOW = 9
 """Number of steps whose median is the expected displacement per frame."""
 TURN_SPEED = 2.0
 """[m/s] Below this speed the curvature of a path cannot be estimated from 10 Hz positions."""
+TURN_OVER_M = 2.0
+"""[m] Nearer to its ends the direction of a path is that of noise."""
 
 
 def find_runs(valid: np.ndarray) -> list[slice]:
@@ -100,10 +102,10 @@ def curvature_changes(xy: Float, dt_s: float) -> Float:
     return changes[np.isfinite(changes)]
 
 
-def compute_turn(xy: Float, least_m: float = 2.0) -> float:
-    """Return the change of direction [rad] between leaving the first position by `least_m` and coming that near to the
-    last; 0 for a path that stays within `least_m`."""
-    away, left = magnitude(xy - xy[0]) >= least_m, magnitude(xy - xy[-1]) >= least_m
+def compute_turn(xy: Float) -> float:
+    """Return the change of direction [rad] between leaving the first position by `TURN_OVER_M` and coming that near to
+    the last; 0 for a path that stays within it."""
+    away, left = magnitude(xy - xy[0]) >= TURN_OVER_M, magnitude(xy - xy[-1]) >= TURN_OVER_M
     if not away.any() or not left.any():
         return 0.0
     begin, end = xy[int(away.argmax())] - xy[0], xy[-1] - xy[np.flatnonzero(left)[-1]]

@@ -94,7 +94,7 @@ class SimulatedTraffic:
 
 
 def simulate_log(
-    scenario: Scenario, roads: RoadMap, tracks: Mapping[str, RecordedTrack], dt_s: float, seed: int = 0
+    scenario: Scenario, roads: RoadMap, tracks: Mapping[str, RecordedTrack], dt_s: float
 ) -> SimulatedTraffic:
     """Run the scenario until the log ends. `tracks`: by id in the scenario; CAVs follow theirs."""
     frames = len(next(iter(tracks.values())).valid)
@@ -102,7 +102,7 @@ def simulate_log(
     actors = [(actor, build_actor_path(actor)) for actor in sorted(scenario.actors, key=lambda actor: actor.id)]
     sizes = {ego.id: median_size(tracks[ego.id]) for ego in scenario.egos}
     seen: dict[str, list[tuple[float, float, float, float]]] = {}
-    with SumoWorld(scenario, roads, sizes, seed) as world:
+    with SumoWorld(scenario, roads, sizes, 0) as world:
         for tick in range(round((frames - 1) * dt_s / DT) + 1):
             time = tick * DT
             egos, scripted = place_egos(cavs, time), place_actors(actors, time)

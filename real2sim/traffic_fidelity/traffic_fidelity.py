@@ -89,7 +89,6 @@ def measure_traffic_fidelity(
     tracks: Sequence[RecordedTrack],
     names: Mapping[str, str],
     dt_s: float,
-    seed: int = 0,
 ) -> TrafficFidelity:
     """Run the scenario in SUMO and compare it with its log. `names`: track id -> id in the scenario
     (`FittedTraffic.names`).
@@ -97,7 +96,7 @@ def measure_traffic_fidelity(
     Needs the process's only SUMO simulation. Raises WorldError or InputError as `SumoWorld` does.
     """
     by_name = {names[track.id]: track for track in tracks}
-    run = simulate_log(scenario, roads, by_name, dt_s, seed)
+    run = simulate_log(scenario, roads, by_name, dt_s)
     vehicles = [_pair_tracks(by_name[scheduled.id], scheduled, run, dt_s) for scheduled in scenario.background.vehicles]
     moving = {ego.id: by_name[ego.id].xy for ego in scenario.egos} | {vehicle.name: vehicle.log for vehicle in vehicles}
     placed = {ego.id: by_name[ego.id].xy for ego in scenario.egos} | {

@@ -6,6 +6,7 @@ from real2sim.readers.argoverse2 import read_argoverse2
 from real2sim.readers.commonroad import read_commonroad
 from real2sim.readers.interaction import read_interaction
 from real2sim.readers.scenarionet import read_scenarionet
+from real2sim.readers.time_grid import crop_recording
 from real2sim.recording import Recording
 from testing.shared_material import SHARED_DATA
 
@@ -28,4 +29,4 @@ SHORT_LOGS = tuple(name for name in READ if name != "interaction")
 
 def read_window(start_s: float) -> Recording:
     """20 s of the recording of INTERACTION, which is minutes long."""
-    return read_interaction(*INTERACTION, (start_s, start_s + WINDOW_S))
+    return crop_recording("log", read_interaction(*INTERACTION), (start_s, start_s + WINDOW_S))

@@ -24,6 +24,7 @@ from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.core.state import Kind
 from real2sim.hd_map import LaneKind
 from real2sim.readers.commonroad import read_commonroad
+from real2sim.readers.time_grid import crop_recording
 from real2sim.recording import ObjectCategory, RecordedTrack, Recording
 
 SCENARIOS = {"USA_US101-3_3_T-1": "2018b", "USA_Peach-4_8_T-1": "2020a"}
@@ -146,7 +147,8 @@ def test_lanes_within_an_intersection(shared_data: Path) -> None:
 @pytest.mark.slow
 def test_a_window_of_a_recording(shared_data: Path) -> None:
     path = shared_data / "real_logs/commonroad/USA_Peach-4_8_T-1.xml"
-    whole, part = read_commonroad(path), read_commonroad(path, (2.5, 4.0))
+    whole = read_commonroad(path)
+    part = crop_recording(str(path), whole, (2.5, 4.0))
     assert part.frame_count == 16
     there = {id_ for id_, track in _tracks(whole).items() if track.valid[25:41].any()}
     assert set(_tracks(part)) == there < set(_tracks(whole))

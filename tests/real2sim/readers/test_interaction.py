@@ -15,6 +15,7 @@ from mdrive_sumo.core.geometry import Polyline
 from mdrive_sumo.core.state import Kind
 from real2sim.hd_map import HdMap
 from real2sim.readers.interaction import find_interaction_map, list_cases, read_interaction
+from real2sim.readers.time_grid import crop_recording
 from real2sim.recording import ObjectCategory, RecordedTrack, Recording
 
 MAP = "DR_USA_Intersection_EP0.osm"
@@ -124,7 +125,7 @@ def test_real_crosswalks(real: Recording) -> None:
 
 @pytest.mark.slow
 def test_real_window(real: Recording, data: Path) -> None:
-    part = read_interaction(data / "vehicle_tracks_000.csv", data / MAP, (100.0, 110.0))
+    part = crop_recording("log", real, (100.0, 110.0))
     assert part.frame_count == 101
     there = {track.id: track for track in _tracks(real) if track.valid[1000:1101].any()}
     assert {track.id for track in _tracks(part)} == set(there)
@@ -145,7 +146,7 @@ def test_frames_start_with_the_first_of_both_tables(folder: Path) -> None:
 
 
 def test_a_window_keeps_the_frames_at_both_ends(folder: Path) -> None:
-    part = read_interaction(folder, folder / "map.osm", (0.1, 0.2))
+    part = crop_recording("log", read_interaction(folder, folder / "map.osm"), (0.1, 0.2))
     assert part.frame_count == 2
     assert [(track.id, track.valid.tolist()) for track in _tracks(part)] == [("1", [True, True]), ("2", [False, True])]
 
@@ -274,7 +275,7 @@ def test_damaged_tables(folder: Path, name: str) -> None:
 )
 def test_a_window_outside_the_log(folder: Path, window: tuple[float, float], words: str) -> None:
     with pytest.raises(InputError, match=words):
-        read_interaction(folder, folder / "map.osm", window)
+        crop_recording("log", read_interaction(folder, folder / "map.osm"), window)
 
 
 def test_a_missing_table_file(folder: Path) -> None:
