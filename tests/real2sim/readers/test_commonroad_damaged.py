@@ -4,7 +4,6 @@ import logging
 import sys
 import warnings
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -26,6 +25,7 @@ from testing.sampling import examples
 
 from mdrive_sumo.core.errors import InputError
 from real2sim.readers.commonroad import read_commonroad
+from real2sim.readers.time_grid import TimeWindow, crop_recording
 
 
 def test_remarks_of_the_library_become_notes(write: Write, caplog: pytest.LogCaptureFixture) -> None:
@@ -169,9 +169,9 @@ def test_a_missing_file(tmp_path: Path) -> None:
     _refused(tmp_path / "scenario.xml", "cannot be read: No such file")
 
 
-def _refused(path: Path, words: str, **options: Any) -> None:
+def _refused(path: Path, words: str, window: TimeWindow | None = None) -> None:
     with pytest.raises(InputError) as error:
-        read_commonroad(path, **options)
+        crop_recording(str(path), read_commonroad(path), window)
     assert words in str(error.value)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
