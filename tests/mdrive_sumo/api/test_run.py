@@ -126,7 +126,7 @@ def test_a_changed_scenario_must_be_saved_first(tmp_path: Path) -> None:
         md.evaluate(suite, seeds=[], out=tmp_path)
     with pytest.raises(md.InputError, match="seeds: expected each once, found 1, 1"):
         md.evaluate(suite, seeds=[1, 1], out=tmp_path)
-    with pytest.raises(md.InputError, match=r"score mode: expected one of .* did you mean 'interdrive_fixed'"):
+    with pytest.raises(md.InputError, match=r"score_mode: expected one of .* did you mean 'interdrive_fixed'"):
         md.evaluate(suite, score_mode="interdrive_fix", out=tmp_path)
 
 
