@@ -12,8 +12,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode.episode_options import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.open_loop import REFERENCE_AGENT, OpenLoopResults, OpenLoopScenario, find_reference, prepare_open_loop
 from mdrive_sumo.open_loop import evaluate_open as show_recordings
-from mdrive_sumo.runs.agent_limits import parse_agent_limits
-from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
+from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec, parse_agent_limits
 from mdrive_sumo.runs.prepared_run import prepare
 from mdrive_sumo.runs.process_pool import count_available_cores
 from mdrive_sumo.runs.run_config import ConfigValue, RunConfig

@@ -16,12 +16,14 @@ from mdrive_sumo.runs.journal import JOURNAL_FILE
 from mdrive_sumo.runs.prepared_run import PreparedRun, declare_all_labels
 from mdrive_sumo.runs.rescore import rescored_path
 from mdrive_sumo.runs.stored_run import StoredRun
-from mdrive_sumo.runs.verify import VerificationResult, sample_results, verify
-from mdrive_sumo.runs.verify_files import (
+from mdrive_sumo.runs.verify import (
+    VerificationResult,
     build_expected_results,
     find_fingerprint_differences,
     find_journal_differences,
     find_results_differences,
+    sample_results,
+    verify,
 )
 from mdrive_sumo.scoring import EpisodeKey, Results, ScenarioResult, ScoreMode, load_unchecked_results
 

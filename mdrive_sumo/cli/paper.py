@@ -10,8 +10,7 @@ import click
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.cli.options import get_command_line, workers_option
 from mdrive_sumo.cli.setting_options import add_options, seed_options, setting_option
-from mdrive_sumo.cli.study_display import drive_with_display, warn_about_failures
-from mdrive_sumo.cli.study_options import parse_agent_names
+from mdrive_sumo.cli.study_options import drive_with_display, parse_agent_names, warn_about_failures
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_command
 from mdrive_sumo.core.tables import format_text

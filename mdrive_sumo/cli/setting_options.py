@@ -13,7 +13,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.setting import Setting, list_settings
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.episode.episode_options import EpisodeOptions
-from mdrive_sumo.runs.agent_limits import parse_agent_limits
+from mdrive_sumo.runs.agent_spec import parse_agent_limits
 from mdrive_sumo.runs.run_config import MAX_SEEDS, RunConfig
 from mdrive_sumo.v2x.comm_settings import PER, PRESETS, CommSettings
 from mdrive_sumo.v2x.messages import TYPES

@@ -10,8 +10,7 @@ from mdrive_sumo.cli.ablate import command as ablate_command
 from mdrive_sumo.cli.paper import command as paper_command
 from mdrive_sumo.cli.setting_options import add_options, parse_comm_options, seed_options, setting_option
 from mdrive_sumo.cli.study_agents import cross_play_command, gain_command, penetration_command
-from mdrive_sumo.cli.study_display import drive_with_display
-from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names
+from mdrive_sumo.cli.study_options import StudyOptions, drive_with_display, parse_agent_names
 from mdrive_sumo.core.clock import parse_clock
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text
@@ -92,8 +91,9 @@ def comm_command(ctx: click.Context, **options: object) -> None:
         "study.md": study_markdown(about, lines, [path for path in pictures if path.suffix == ".png"]),
     }
     table = format_text(build_study_table(lines, brief=True))
-    results = (result for row in rows if not row.reused for result in row.results)
-    given.end_study(ctx, results, pages, pictures, [table], sum(line.void for line in lines))
+    given.end_study(
+        ctx, [row for row in rows if not row.reused], pages, pictures, [table], sum(line.void for line in lines)
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,7 @@ import click
 
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.cli.setting_options import setting_option
-from mdrive_sumo.cli.study_display import drive_with_display
-from mdrive_sumo.cli.study_options import StudyOptions, parse_agent_names, study_options
+from mdrive_sumo.cli.study_options import StudyOptions, drive_with_display, parse_agent_names, study_options
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_text
 from mdrive_sumo.core.terminal import echo
@@ -53,8 +52,7 @@ def gain_command(ctx: click.Context, **options: Any) -> None:
         "gain.md": gain_markdown(about, rows, summary),
     }
     table = format_text(build_gain_table(summary))
-    results = (result for row in rows for result in row.results)
-    given.end_study(ctx, results, pages, (), [table], summary.void)
+    given.end_study(ctx, rows, pages, (), [table], summary.void)
 
 
 DEFAULT_AGENTS = "idm,single,sharing,colmdriver-rule,sharing+negotiation"
@@ -98,8 +96,7 @@ def cross_play_command(ctx: click.Context, agents: str, **options: Any) -> None:
         format_text(build_strangers_table(summary)),
         format_text(build_matrix(summary)),
     )
-    results = (result for row in rows for result in row.results)
-    given.end_study(ctx, results, pages, pictures, tables, summary.void)
+    given.end_study(ctx, rows, pages, pictures, tables, summary.void)
 
 
 def list_all_agents() -> str:
@@ -164,8 +161,7 @@ def penetration_command(ctx: click.Context, agents: str, others: str, levels: st
     }
     pictures = draw_penetration(summary, about.suite, given.out / "penetration")
     table = format_text(build_penetration_table(summary))
-    results = (result for row in rows for result in row.results)
-    given.end_study(ctx, results, pages, pictures, [table], summary.void)
+    given.end_study(ctx, rows, pages, pictures, [table], summary.void)
 
 
 def _parse_levels(text: str) -> tuple[int, ...]:

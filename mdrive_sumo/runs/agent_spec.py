@@ -3,6 +3,7 @@
 import hashlib
 import inspect
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +25,67 @@ from mdrive_sumo.core.checksum import compute_file_checksum, compute_files_check
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.plug_ins import PlugIn, PlugInKind, list_plug_ins
 from mdrive_sumo.core.setting import setting
-from mdrive_sumo.runs.agent_limits import DEFAULT_TIMES, LOCAL_LIMITS, OPTION, format_agent_limits
+from mdrive_sumo.core.suggestion import suggest_name
+
+LIMITS_OPTION = "--agent-limits"
+LOCAL_LIMITS = AgentLimits(reply_bytes=2**20, episode_bytes=2**30, option=LIMITS_OPTION)
+"""Limits of a user's own agent: as large as the contract allows, since notes alone may have 200 000 characters."""
+LIMITED_TIMES = ("start", "tick", "episode")
+"""Names of the time limits, each of them a field of AgentLimits with `_s` behind it."""
+DEFAULT_TIMES = ",".join(f"{name}={getattr(LOCAL_LIMITS, f'{name}_s'):g}" for name in LIMITED_TIMES)
+SHORTEST_S, LONGEST_S = 0.01, 7 * 86_400.0
+"""A hundredth of a second is about the time of one answer of an agent that does nothing; a week ends every job."""
+
+
+def parse_agent_limits(text: str | Mapping[str, float]) -> AgentLimits:
+    """Return the limits that the option sets; those that it does not name keep their defaults. Raises InputError.
+
+    text: `start=600,tick=30,episode=7200` in any order, or the same as a mapping [s].
+    """
+    pairs = _split_limits(text) if isinstance(text, str) else [(name, str(value)) for name, value in text.items()]
+    times: dict[str, float] = {}
+    for name, value in pairs:
+        if name not in LIMITED_TIMES:
+            names = ", ".join(LIMITED_TIMES)
+            raise InputError(
+                f"{LIMITS_OPTION}: expected one of {names}, found {name!r:.40}{suggest_name(name, LIMITED_TIMES)}"
+            )
+        if f"{name}_s" in times:
+            raise InputError(f"{LIMITS_OPTION}: {name}: expected it once, found it twice")
+        times[f"{name}_s"] = _parse_seconds(name, value)
+    limits = replace(LOCAL_LIMITS, **times)
+    if limits.episode_s < limits.tick_s:
+        raise InputError(
+            f"{LIMITS_OPTION}: episode: expected at least the {limits.tick_s:g} s of a tick, found"
+            f" {limits.episode_s:g} s; add episode=SECONDS, the time for all answers of an episode"
+        )
+    return limits
+
+
+def format_agent_limits(limits: AgentLimits) -> str:
+    """Return the times that are not the defaults, in the form that `parse_agent_limits` reads; "" if all are."""
+    values = {name: (getattr(limits, f"{name}_s"), getattr(LOCAL_LIMITS, f"{name}_s")) for name in LIMITED_TIMES}
+    return ",".join(f"{name}={value!r}".removesuffix(".0") for name, (value, usual) in values.items() if value != usual)
+
+
+def _split_limits(text: str) -> list[tuple[str, str]]:
+    pairs = [part.partition("=") for part in text.split(",")]
+    if any(not sign for _, sign, _ in pairs):
+        raise InputError(f"{LIMITS_OPTION}: expected start=SECONDS,tick=SECONDS,episode=SECONDS, found {text!r:.80}")
+    return [(name.strip(), value.strip()) for name, _, value in pairs]
+
+
+def _parse_seconds(name: str, value: str) -> float:
+    try:
+        seconds = float(value)
+    except ValueError:
+        seconds = math.nan
+    if not SHORTEST_S <= seconds <= LONGEST_S:
+        raise InputError(
+            f"{LIMITS_OPTION}: {name}: expected {SHORTEST_S:g} to {LONGEST_S:.0f} seconds, found {value!r:.40}"
+        )
+    return seconds
+
 
 AgentFactory = Callable[[Mapping[str, Any]], Agent]
 
@@ -101,7 +162,9 @@ class AgentSpec:
     def with_limits(self, limits: AgentLimits) -> "AgentSpec":
         """Return the agent with other limits. Raises InputError for a built-in agent, which has none."""
         if self.is_builtin and format_agent_limits(limits):
-            raise InputError(f"{OPTION}: expected an agent of a file or module, found {self.name}, which is built in")
+            raise InputError(
+                f"{LIMITS_OPTION}: expected an agent of a file or module, found {self.name}, which is built in"
+            )
         return replace(self, limits=limits)
 
     def resolve(self) -> "AgentSpec":

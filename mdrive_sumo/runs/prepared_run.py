@@ -134,6 +134,18 @@ class PreparedRun:
             for seed in self.config.seeds:
                 remove_parts(seed_folder(self.folder / kind, self._folder_seed(seed)))
 
+    def with_config(self, config: RunConfig, labels: tuple[str, ...] | None = None) -> "PreparedRun":
+        """Return the run of the same scenarios with another configuration. labels: None: those of this run."""
+        return replace(
+            self,
+            config=config,
+            folder=config.find_folder(self.suite.name),
+            info=make_run_info(
+                config, self.suite, self.info.labels if labels is None else labels, self.info.declared_label
+            ),
+            fingerprint=compute_fingerprint(config, self.suite, self.scenarios),
+        )
+
     def limit_s(self) -> float:
         """Return the wall clock after which an episode counts as hung [s]."""
         return compute_limit_s(self.config.agents, self.scenarios, self.config.pace_ms / 1000)

@@ -18,8 +18,7 @@ from mdrive_sumo.core.setting import Scalar, list_settings, setting
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.episode.episode_options import CONDITIONS, EpisodeArguments, EpisodeOptions
 from mdrive_sumo.loop.request_pace import MAX_PACE_S
-from mdrive_sumo.runs.agent_limits import format_agent_limits, parse_agent_limits
-from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
+from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec, format_agent_limits, parse_agent_limits
 from mdrive_sumo.runs.fingerprint_paths import restore_paths
 from mdrive_sumo.runs.other_agents import OtherAgents, parse_other_agents
 from mdrive_sumo.scoring import ScoreMode

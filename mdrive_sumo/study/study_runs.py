@@ -12,8 +12,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.evaluate import Progress, evaluate
-from mdrive_sumo.runs.fingerprint import compute_fingerprint
-from mdrive_sumo.runs.prepared_run import PreparedRun, make_run_info, prepare
+from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.scoring import Results, ScenarioResult
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation, compute_captured_cooperation
@@ -122,14 +121,7 @@ def _prepare_cell(prepared: PreparedRun, condition: ChannelCondition, seed: int,
 
 def make_variant(prepared: PreparedRun, options: EpisodeOptions, seeds: tuple[int, ...], folder: Path) -> PreparedRun:
     """Return a prepared run with other options, other seeds and another folder."""
-    config = replace(prepared.config, options=options, seeds=seeds, out=folder)
-    return replace(
-        prepared,
-        config=config,
-        folder=folder,
-        info=make_run_info(config, prepared.suite, prepared.info.labels, prepared.info.declared_label),
-        fingerprint=compute_fingerprint(config, prepared.suite, prepared.scenarios),
-    )
+    return prepared.with_config(replace(prepared.config, options=options, seeds=seeds, out=folder))
 
 
 def name_agent_folder(agent: AgentSpec) -> str:

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from mdrive_sumo.core.geometry import Float
-from mdrive_sumo.runs.fingerprint import compute_fingerprint
 from mdrive_sumo.runs.other_agents import OtherAgents
-from mdrive_sumo.runs.prepared_run import PreparedRun, make_run_info
+from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.scoring import EgoResult, Results, ScenarioResult
 from mdrive_sumo.scoring.score_mode import SUCCESS_DS, compute_mean
 from mdrive_sumo.study.study_summary import group_by_scenario
@@ -43,13 +42,7 @@ def make_two_agent_run(
     """Return the run in which the CAVs that `tested` leaves are driven by the agent of `other`. Raises InputError."""
     config = replace(tested.config, others=OtherAgents(other.config.agent, penetration), seeds=(seed,), out=folder)
     labels = tuple(dict.fromkeys((*tested.info.labels, *other.info.labels)))
-    return replace(
-        tested,
-        config=config,
-        folder=folder,
-        info=make_run_info(config, tested.suite, labels, tested.info.declared_label),
-        fingerprint=compute_fingerprint(config, tested.suite, tested.scenarios),
-    )
+    return tested.with_config(config, labels)
 
 
 def list_common_scenarios(rows: Sequence[TwoAgentRow], role: str = ALL) -> list[str]:

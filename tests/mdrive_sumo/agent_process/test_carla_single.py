@@ -14,7 +14,7 @@ from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor, open_agents
 from mdrive_sumo.runs.run_config import RunConfig
-from mdrive_sumo.runs.verify_files import _shorten_locator
+from mdrive_sumo.runs.verify import _shorten_locator
 
 ENTRY = "def get_entry_point():\n    return 'Mine'\n"
 

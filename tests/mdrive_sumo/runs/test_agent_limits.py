@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.report.progress import ProgressDisplay
-from mdrive_sumo.runs.agent_limits import LOCAL_LIMITS, SHORTEST_S, format_agent_limits, parse_agent_limits
-from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.agent_spec import LOCAL_LIMITS, SHORTEST_S, AgentSpec, format_agent_limits, parse_agent_limits
 from mdrive_sumo.runs.executor import run_jobs
 from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.runs.run_config import RunConfig

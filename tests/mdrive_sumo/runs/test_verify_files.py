@@ -21,7 +21,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tree_difference import find_tree_differences
 from mdrive_sumo.report.run_report import build_run_report, find_report_differences
 from mdrive_sumo.runs.stored_run import load_stored_run, load_unchecked_run
-from mdrive_sumo.runs.verify_files import ExpectedResults, find_results_differences
+from mdrive_sumo.runs.verify import ExpectedResults, find_results_differences
 from mdrive_sumo.scoring import Results, ScoreMode, load_results, save_results, score_episode, summarize_run
 
 RESULTS = summarize_run(RUN, [score_episode(pair_episode(), PAIR, ROADS, ScoreMode.MDRIVE, 1)])
