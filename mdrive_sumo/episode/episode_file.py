@@ -20,7 +20,7 @@ from mdrive_sumo.episode.episode import Ending, EpisodeRecord, NoteRecord, PlanR
 from mdrive_sumo.episode.episode_schema import FORMAT, EpisodeHeader
 from mdrive_sumo.episode.recording_checks import check_recording, parse_header
 from mdrive_sumo.scenario.scenario import shorten_value
-from mdrive_sumo.v2x.channel import DeliveryStatus, SentMessage
+from mdrive_sumo.v2x.channel import Delivery, DeliveryStatus, SentMessage
 
 _CORRUPT = (
     OSError, ValueError, KeyError, TypeError, EOFError, IndexError, RuntimeError, NotImplementedError,
@@ -135,9 +135,9 @@ def _fates(messages: Sequence[SentMessage]) -> npt.NDArray[np.int32]:
 
 
 def _build_messages(header: EpisodeHeader, data: Arrays) -> tuple[SentMessage, ...]:
-    fates: list[dict[str, tuple[DeliveryStatus, int]]] = [{} for _ in header.messages]
+    fates: list[dict[str, Delivery]] = [{} for _ in header.messages]
     for i, receiver, fate, tick in np.cumsum(data["fates"], axis=0).tolist():
-        fates[i][header.receivers[receiver]] = (_FATES[fate], tick)
+        fates[i][header.receivers[receiver]] = Delivery(_FATES[fate], tick)
     payloads, begin, messages = data["payloads"].tobytes(), 0, list[SentMessage]()
     for (sender, tick, name, size), what in zip(header.messages, fates, strict=True):
         messages.append(SentMessage(Message(name, payloads[begin : begin + size], sender, tick), what))

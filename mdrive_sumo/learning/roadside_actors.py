@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -91,12 +92,12 @@ def build_crossing_users(
         ego = rng.choice(egos)
         early_s = rng.uniform(*(HIDDEN_EARLY_S if is_hidden else EARLY_S))
         speed = round(rng.uniform(*(WALK_MPS if kind == "pedestrian" else CYCLE_MPS)), 2)
-        name = (kind, f"{kind}_{number}")
+        crosser = _Crosser(kind, f"{kind}_{number}", speed, early_s)
         zebras = [] if is_hidden else list(_find_zebras(roads, ego))
         if zebras and rng.random() < ZEBRA_SHARE:
             (one, other), met = rng.choice(zebras)
             ends = (one, other) if rng.random() < 0.5 else (other, one)
-            yield _build_crosser(ego, ends, met, name, (speed, early_s))
+            yield _build_crosser(crosser, ego, ends, met)
             continue
         station = _draw_station(roads, ego, rng)
         if station is None:
@@ -109,7 +110,7 @@ def build_crossing_users(
             yield _build_hiding_vehicle(ego, station, begin, f"screen_{number}", rng)
         offsets = (side * (begin + KERB_M), -side * (end + KERB_M))
         x0, y0, x1, y1 = (v for offset in offsets for v in compute_route_pose(ego, station, offset)[:2])
-        yield _build_crosser(ego, ((x0, y0), (x1, y1)), ego.route[station][:2], name, (speed, early_s))
+        yield _build_crosser(crosser, ego, ((x0, y0), (x1, y1)), ego.route[station][:2])
 
 
 def _find_zebras(roads: RoadMap, ego: Ego) -> Iterator[tuple[Ends, Spot]]:
@@ -123,16 +124,24 @@ def _find_zebras(roads: RoadMap, ego: Ego) -> Iterator[tuple[Ends, Spot]]:
             yield ((x0, y0), (x1, y1)), (float(point.x), float(point.y))
 
 
-def _build_crosser(ego: Ego, ends: Ends, met: Spot, name: tuple[KindName, str], pace: tuple[float, float]) -> Actor:
-    """Return a road user that goes from one end to the other and meets the CAV's route `at` a point.
+class _Crosser(NamedTuple):
+    """A road user that will cross."""
 
-    name: kind and id; pace: speed [m/s], and how long before the CAV it is there [s].
-    """
-    (kind, id_), (speed, early_s), away = name, pace, portable.distance(ends[0], met)
-    rolling = BLIND_SPEED * (away / speed + early_s)
+    kind: KindName
+    id: str
+    speed: float
+    """[m/s]"""
+    early_s: float
+    """How long before a CAV that drives blindly it is on the CAV's route."""
+
+
+def _build_crosser(crosser: _Crosser, ego: Ego, ends: Ends, met: Spot) -> Actor:
+    """Return a road user that goes from one end to the other and meets the CAV's route at a point."""
+    away = portable.distance(ends[0], met)
+    rolling = BLIND_SPEED * (away / crosser.speed + crosser.early_s)
     distance = portable.hypot(max(rolling, 6.0), away)
     trigger = DistanceTrigger(vehicle=ego.id, distance_m=round(min(distance, 50.0), 2))
-    return build_crossing_actor(id_, kind, ends, speed, trigger)
+    return build_crossing_actor(crosser.id, crosser.kind, ends, crosser.speed, trigger)
 
 
 def _build_hiding_vehicle(ego: Ego, station: int, edge: float, name: str, rng: random.Random) -> Actor:

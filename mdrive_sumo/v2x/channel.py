@@ -5,6 +5,7 @@ from collections import Counter, deque
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum, auto
+from typing import NamedTuple
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core import portable
@@ -39,13 +40,20 @@ class DeliveryStatus(StrEnum):
     """The channel is switched off."""
 
 
+class Delivery(NamedTuple):
+    """What became of a message on its way to one receiver."""
+
+    status: DeliveryStatus
+    tick: int
+    """Tick of its arrival or loss."""
+
+
 @dataclass(frozen=True, slots=True)
 class SentMessage:
-    """A message as it was sent, and its deliveries."""
+    """A message as it was sent, and its deliveries by receiver."""
 
     message: Message
-    deliveries: Mapping[str, tuple[DeliveryStatus, int]]
-    """Receiver -> (status, tick of arrival or loss)."""
+    deliveries: Mapping[str, Delivery]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +64,7 @@ class _Flight:
     n: int
     """Index among the messages of the sender in that tick."""
     receivers: list[str]
-    deliveries: dict[str, tuple[DeliveryStatus, int]]
+    deliveries: dict[str, Delivery]
 
 
 class Channel:
@@ -69,7 +77,7 @@ class Channel:
         """(sender, receiver, n) -> the latest block of ticks and its random numbers; a pure cache."""
         self._budgets: dict[str, _Budget] = {}
         self._flights: dict[int, list[_Flight]] = {}
-        self._log: list[tuple[Message, dict[str, tuple[DeliveryStatus, int]]]] = []
+        self._log: list[tuple[Message, dict[str, Delivery]]] = []
 
     def send(
         self,
@@ -91,11 +99,11 @@ class Channel:
             }
             for n, unsigned in enumerate(outgoing[sender]):
                 message = Message(unsigned.type, unsigned.payload, sender, tick)
-                deliveries: dict[str, tuple[DeliveryStatus, int]] = {}
+                deliveries: dict[str, Delivery] = {}
                 self._log.append((message, deliveries))
                 stopped = self._find_drop_reason(message)
                 if stopped is not None:
-                    deliveries.update(dict.fromkeys(others, (stopped, tick)))
+                    deliveries.update(dict.fromkeys(others, Delivery(stopped, tick)))
                 else:
                     self._transmit(message, n, others, deliveries)
 
@@ -114,14 +122,13 @@ class Channel:
         fits = budget.take(message.tick, len(message.payload) + comm.header_bytes)
         return None if fits else DeliveryStatus.OVER_BUDGET
 
-    def _transmit(
-        self, message: Message, n: int, others: Mapping[str, float], deliveries: dict[str, tuple[DeliveryStatus, int]]
-    ) -> None:
+    def _transmit(self, message: Message, n: int, others: Mapping[str, float], deliveries: dict[str, Delivery]) -> None:
         """Transmit a message, the n-th of its sender in this tick; others: distances [m] by receiver."""
         link = self._comm.find_link(message.type)
         reached = list(others)
         if link.loss or not math.isinf(link.range_m):
-            lost, beyond = (DeliveryStatus.LOST, message.tick), (DeliveryStatus.OUT_OF_RANGE, message.tick)
+            lost = Delivery(DeliveryStatus.LOST, message.tick)
+            beyond = Delivery(DeliveryStatus.OUT_OF_RANGE, message.tick)
             for receiver, distance in others.items():
                 if distance > link.range_m:
                     deliveries[receiver] = beyond
@@ -148,7 +155,7 @@ class Channel:
         message get an empty tuple.
         """
         inboxes: dict[str, list[Message]] = {receiver: [] for receiver in receivers}
-        arrived, gone = (DeliveryStatus.DELIVERED, tick), (DeliveryStatus.GONE, tick)
+        arrived, gone = Delivery(DeliveryStatus.DELIVERED, tick), Delivery(DeliveryStatus.GONE, tick)
         for flight in self._pop_due(tick):
             link = self._comm.find_link(flight.message.type)
             wrong = link.pose_error_m or link.pose_error_deg
