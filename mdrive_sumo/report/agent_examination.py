@@ -106,15 +106,15 @@ def _examine_imports(file: Path, *, is_carla: bool) -> Iterator[AgentFinding]:
 
 def _list_imports(module: ast.Module) -> dict[str, set[str]]:
     """Return the names that a file imports from each module; relative imports and those that it tries are left out."""
-    found: dict[str, set[str]] = {}
+    names_by_module: dict[str, set[str]] = {}
     tried = {part for node in ast.walk(module) if isinstance(node, ast.Try) for part in ast.walk(node)}
     for node in (node for node in ast.walk(module) if node not in tried):
         if isinstance(node, ast.Import):
             for alias in node.names:
-                found.setdefault(alias.name, set())
+                names_by_module.setdefault(alias.name, set())
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            found.setdefault(node.module, set()).update(alias.name for alias in node.names)
-    return found
+            names_by_module.setdefault(node.module, set()).update(alias.name for alias in node.names)
+    return names_by_module
 
 
 def _list_attributes(module: ast.Module, name: str) -> set[str]:
@@ -131,10 +131,10 @@ def _examine_carla_names(module: str, names: Iterable[str]) -> Iterator[AgentFin
     if module not in MODULES:
         yield AgentFinding(f"import {module}", False, NO_SIMULATOR)
         return
-    known = {cls.__name__ for cls in MODULES[module]} | {
+    provided = {cls.__name__ for cls in MODULES[module]} | {
         name.rpartition(".")[2] for name in MODULES if name.rpartition(".")[0] == module
     }
-    for name in sorted(set(names) - known - {"*"}):
+    for name in sorted(set(names) - provided - {"*"}):
         yield AgentFinding(f"{module}.{name}", False, NO_SIMULATOR)
 
 
@@ -190,5 +190,5 @@ def _examine_sensor(sensor: SensorSpec) -> AgentFinding:
 
 def format_agent_table(findings: Iterable[AgentFinding]) -> str:
     """Return the findings as a table for the terminal."""
-    rows = [(one.what, "yes" if one.is_found else "NO", one.detail) for one in findings]
+    rows = [(finding.what, "yes" if finding.is_found else "NO", finding.detail) for finding in findings]
     return format_text(make_text_table(("agent", "here", "detail"), rows))

@@ -14,6 +14,7 @@ from mdrive_sumo.scoring import EgoResult, Results, ScenarioResult
 TAIL_LINES = 8
 """Lines of a log that are shown: the innermost calls of a traceback and its error."""
 TAIL_BYTES = 8192
+"""Bytes from the end of a log that are read: room for `TAIL_LINES` long lines."""
 MAX_LOG_BYTES = 2**40
 """Only the end is read, so any size will do."""
 
@@ -41,7 +42,7 @@ def format_agent_failures(results: Results, run_folder: Path) -> str:
     failures = list_agent_failures(results)
     if not failures:
         return ""
-    episodes = len({(one.result.id, one.result.seed) for one in failures})
+    episodes = len({(failure.result.id, failure.result.seed) for failure in failures})
     heading = f"THE AGENT FAILED in {episodes} of {len(results.scenarios)} episodes ({len(failures)} CAVs)"
     is_seeded = len(results.run.all_seeds) > 1
     return "\n".join((heading, *_format_failure(failures[0], run_folder, is_seeded=is_seeded)))

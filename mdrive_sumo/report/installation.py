@@ -18,6 +18,7 @@ from mdrive_sumo.core.version import __version__
 
 SIMULATOR_CHECK = "import libsumo; libsumo.getVersion()"
 TIME_LIMIT_S = 30.0
+"""[s] For a child process that loads SUMO or OpenGL: chosen: what takes longer hangs."""
 SYSTEM_LIBRARIES = "libatomic1 libexpat1 libgl1 libx11-6 libxext6 libxrender1"
 """Debian packages that libsumo is linked against; desktops have them, servers and containers may not."""
 
@@ -86,8 +87,8 @@ def examine_installation() -> tuple[InstallationCheck, ...]:
 
 def _describe_platform() -> str:
     """Return system and processor, and on a system without POSIX what works there."""
-    found = f"{platform.system()} {platform.machine()}"
-    return found if is_posix() else f"{found}: built-in agents with one worker; all else {REMEDY}"
+    system = f"{platform.system()} {platform.machine()}"
+    return system if is_posix() else f"{system}: built-in agents with one worker; all else {REMEDY}"
 
 
 def count_usable_cores() -> int:
@@ -96,8 +97,8 @@ def count_usable_cores() -> int:
 
 
 def _python() -> InstallationCheck:
-    found = platform.python_version() if sys.version_info >= (3, 11) else ""
-    return InstallationCheck("python", found, "everything", "install Python 3.11 or newer")
+    python = platform.python_version() if sys.version_info >= (3, 11) else ""
+    return InstallationCheck("python", python, "everything", "install Python 3.11 or newer")
 
 
 def _version(name: str) -> str:
@@ -113,28 +114,28 @@ def _package(name: str, needed_for: str, extra: str) -> InstallationCheck:
 
 
 def _simulator() -> InstallationCheck:
-    found, problem = "", "pip install libsumo"
+    simulator, problem = "", "pip install libsumo"
     if _version("libsumo"):
         problem = _failure_of((sys.executable, "-c", SIMULATOR_CHECK))
-        found = "" if problem else _version("libsumo")
+        simulator = "" if problem else _version("libsumo")
         problem += f"; on Debian and Ubuntu: apt-get install {SYSTEM_LIBRARIES}"
-    return InstallationCheck("libsumo", found, "eval, verify", problem)
+    return InstallationCheck("libsumo", simulator, "eval, verify", problem)
 
 
 def _renderer() -> InstallationCheck:
     """Find the OpenGL driver that cameras would use, in a child process: a broken driver may crash."""
-    found, problem = "", ""
+    driver, problem = "", ""
     try:
         done = subprocess.run(
             (sys.executable, "-c", RENDERER_CHECK), capture_output=True, text=True, check=False, timeout=TIME_LIMIT_S
         )
-        found = done.stdout.strip() if done.returncode == 0 else ""
+        driver = done.stdout.strip() if done.returncode == 0 else ""
         problem = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
     except (OSError, subprocess.TimeoutExpired) as error:
         problem = str(error)
     remedy = f"{problem.rpartition('InputError: ')[2]}; {GL_REMEDY}"
     return InstallationCheck(
-        "OpenGL", found, "agents with cameras, render --view chase or driver", remedy, is_required=False
+        "OpenGL", driver, "agents with cameras, render --view chase or driver", remedy, is_required=False
     )
 
 
@@ -151,8 +152,8 @@ def _failure_of(command: Iterable[str]) -> str:
 
 def _program(name: str, needed_for: str, remedy: str) -> InstallationCheck:
     folder = Path(sys.executable).parent
-    found = shutil.which(name, path=f"{folder}{os.pathsep}{os.environ.get('PATH', '')}") or ""
-    return InstallationCheck(name, found, needed_for, remedy, is_required=False)
+    program = shutil.which(name, path=f"{folder}{os.pathsep}{os.environ.get('PATH', '')}") or ""
+    return InstallationCheck(name, program, needed_for, remedy, is_required=False)
 
 
 def format_installation_table(checks: Iterable[InstallationCheck]) -> str:

@@ -43,10 +43,10 @@ def fit_view(xy: Float, margin_m: float = 16.0, min_side_m: float = 60.0, min_as
 
     min_aspect: neither side is shorter than this share of the other.
     """
-    known = xy[np.isfinite(xy).all(1)]
-    known = known if len(known) else np.zeros((1, 2))
-    centre = (known.min(0) + known.max(0)) / 2
-    half = np.maximum((known.max(0) - known.min(0)) / 2 + margin_m, min_side_m / 2)
+    finite = xy[np.isfinite(xy).all(1)]
+    finite = finite if len(finite) else np.zeros((1, 2))
+    centre = (finite.min(0) + finite.max(0)) / 2
+    half = np.maximum((finite.max(0) - finite.min(0)) / 2 + margin_m, min_side_m / 2)
     half = np.maximum(half, half.max() * min_aspect)
     (left, low), (right, high) = centre - half, centre + half
     return MapView(float(left), float(low), float(right), float(high))

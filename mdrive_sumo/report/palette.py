@@ -8,7 +8,9 @@ from mdrive_sumo.scenario.scripted_actor import KindName
 
 _FIXED = ("#2f6bed", "#e0701a", "#12946b", "#b83fa6", "#0f93b5", "#c93a4b", "#7a5be0", "#8a7a12")
 _GOLDEN_ANGLE = 137.5 / 360
+"""Share of a turn between neighbouring hues: no multiple of it comes near a whole number of turns soon."""
 _COUNT = 32
+"""Colours before they repeat; the scenarios of InterDrive have at most 8 CAVs."""
 
 
 def _make_colour(number: int) -> str:

@@ -31,7 +31,9 @@ from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
 from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 
 SIGHT_EVERY_TICKS = 4
+"""Ticks between two looks: 5 a second, as contents of messages are shown (`SHOWN_EVERY_TICKS`)."""
 SIGHT_RANGE_M = 100.0
+"""[m] Beyond, sight is not computed."""
 MIN_VISIBLE_FRACTION = 0.1
 """A road user of which less is visible counts as hidden; the threshold of the ideal detector."""
 

@@ -39,11 +39,14 @@ class _MessageRow:
 
 def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Float) -> tuple[dict[str, Any], Tables]:
     """Return header entries and integer tables (columns, rows); positions in cm from the origin [m]."""
-    sent = sorted(episode.messages, key=lambda one: (one.message.type, one.message.sender, one.message.tick))
+    sent = sorted(
+        episode.messages,
+        key=lambda sent_message: (sent_message.message.type, sent_message.message.sender, sent_message.message.tick),
+    )
     stations = _list_stations(episode, scenario)
     column = {station: i for i, station in enumerate(stations)}
-    types = sorted({one.message.type for one in sent})
-    rows = list(_list_rows(episode, [one.message for one in sent]))
+    types = sorted({sent_message.message.type for sent_message in sent})
+    rows = list(_list_rows(episode, [sent_message.message for sent_message in sent]))
     mcms = [row for row in rows if isinstance(row.content, Mcm)]
     terms, term_of = _number_terms(mcms)
     places = {rsu.id: _to_cm((rsu.x, rsu.y), origin) for rsu in scenario.rsus}
@@ -59,8 +62,8 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
     heads = [(types.index(m.type), column[m.sender], m.tick, len(m.payload)) for m in (row.message for row in rows)]
     fates = [
         (i, column[receiver], FATES.index(fate), tick)
-        for i, one in enumerate(sent)
-        for receiver, (fate, tick) in one.deliveries.items()
+        for i, sent_message in enumerate(sent)
+        for receiver, (fate, tick) in sent_message.deliveries.items()
         if receiver in column
     ]
     objects, tracks = _tabulate_objects(rows, origin)
@@ -80,8 +83,8 @@ def build_message_tables(episode: EpisodeRecord, scenario: Scenario, origin: Flo
 
 def _list_stations(episode: EpisodeRecord, scenario: Scenario) -> list[str]:
     """Return the ids of all senders: CAVs in the order of their columns, then RSUs, then others."""
-    known = [*episode.ego_ids, *(rsu.id for rsu in scenario.rsus)]
-    return [*known, *sorted({one.message.sender for one in episode.messages} - set(known))]
+    stations = [*episode.ego_ids, *(rsu.id for rsu in scenario.rsus)]
+    return [*stations, *sorted({sent.message.sender for sent in episode.messages} - set(stations))]
 
 
 def _list_rows(episode: EpisodeRecord, messages: Sequence[Message]) -> Iterator[_MessageRow]:
@@ -150,23 +153,23 @@ def _tabulate_objects(rows: Sequence[_MessageRow], origin: Float) -> tuple[Int, 
         track = [names.setdefault((row.message.sender, name), len(names)) for name in seen.ids]
         fine = np.stack((seen.x - origin[0], seen.y - origin[1], seen.yaw * 100, seen.speed, seen.length, seen.width))
         x, y, *others = np.rint(fine * 100).astype(np.int64)
-        at = np.full(len(track), row.row)
-        parts.append(np.stack((at, np.array(track, dtype=np.int64), seen.kind, x, y, *others, row.content.age)))
+        at_row = np.full(len(track), row.row)
+        parts.append(np.stack((at_row, np.array(track, dtype=np.int64), seen.kind, x, y, *others, row.content.age)))
     table = np.concatenate(parts, axis=1)
     return table[:, np.lexsort((table[0], table[1]))], [name for _, name in names]
 
 
 def _number_terms(mcms: Sequence[_MessageRow]) -> tuple[list[Any], Mapping[int, int]]:
     """Return the distinct terms (requests, answers, group, time), and the index of the terms of each row."""
-    found: dict[tuple[Any, ...], int] = {}
+    number_by_term: dict[tuple[Any, ...], int] = {}
     term_of: dict[int, int] = {}
     for row in mcms:
         mcm = row.content
         assert isinstance(mcm, Mcm), "expected MCMs only"
         asked = tuple((who, what.name) for who, what in sorted(mcm.requests.items()))
         key = asked, tuple(sorted(mcm.answers.items())), mcm.group, mcm.until_tick
-        term_of[row.row] = found.setdefault(key, len(found))
-    return list(found), term_of
+        term_of[row.row] = number_by_term.setdefault(key, len(number_by_term))
+    return list(number_by_term), term_of
 
 
 def _encode_mcm(row: _MessageRow, term: int) -> tuple[int, ...]:

@@ -178,7 +178,7 @@ def count_notes(results: Results) -> Counter[str]:
 
 def describe_malformed(results: Results) -> str:
     """Return "200 messages, dropped: cam: expected at least 18 bytes (200)"; "" if none is malformed."""
-    counts = _sorted(problem for one in results.scenarios for problem in Counter(one.malformed).elements())
+    counts = _sorted(problem for result in results.scenarios for problem in Counter(result.malformed).elements())
     if not counts:
         return ""
     kinds = "; ".join(f"{problem} ({count})" for problem, count in counts.items())

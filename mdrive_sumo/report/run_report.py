@@ -138,7 +138,7 @@ def _scalar_table(results: Results) -> Table:
     metrics = [metric for metric in list_scalar_metrics() if metric.name in results.overall.scalars]
     means = {name: bucket.scalars for name, bucket in results.buckets.items()} | {MEANS[1]: results.overall.scalars}
     columns = (Column("bucket", "bucket"), *_make_scalar_columns(metrics))
-    rows = [make_row((name, *(scalars.get(one.name) for one in metrics))) for name, scalars in means.items()]
+    rows = [make_row((name, *(scalars.get(metric.name) for metric in metrics))) for name, scalars in means.items()]
     return Table("scalars", "Beside the score", columns, tuple(rows))
 
 
@@ -226,6 +226,7 @@ def _commands() -> str:
 FIGURE_MARKS = ("|", "- ", "#", "No ")
 """What a line with figures or facts begins with; others are prose, which changes from version to version."""
 MAX_CHARACTERS = 160
+"""Of a line in a message; longer ones are cut."""
 
 
 def has_captured_cooperation(text: str) -> bool:
@@ -239,10 +240,10 @@ def find_report_differences(expected: Results, text: str) -> Iterator[str]:
     Columns of captured cooperation are left out: see `has_captured_cooperation`.
     """
     right = _list_figures(build_run_report(expected))
-    for (_, line), (number, found) in zip_longest(right, _list_figures(text), fillvalue=(0, ABSENT)):
-        if line != found:
+    for (_, line), (number, read) in zip_longest(right, _list_figures(text), fillvalue=(0, ABSENT)):
+        if line != read:
             place = f"line {number}" if number else "end"
-            yield f"{place}: expected {truncate(line, MAX_CHARACTERS)}, found {truncate(found, MAX_CHARACTERS)}"
+            yield f"{place}: expected {truncate(line, MAX_CHARACTERS)}, found {truncate(read, MAX_CHARACTERS)}"
 
 
 def _list_figures(text: str) -> Sequence[tuple[int, str]]:

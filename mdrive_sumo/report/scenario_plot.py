@@ -269,16 +269,16 @@ def _write_captions(figure: Figure, scenario: Scenario, roads: RoadMap) -> None:
     height = float(figure.get_figheight())
     cavs = len(scenario.egos)
     network = () if roads.name == scenario.id else (roads.name,)
-    known = " · ".join(
+    facts = " · ".join(
         (scenario.category, *network, f"{cavs} CAV{'s' if cavs > 1 else ''}", f"signals {scenario.signals}")
     )
     figure.text(0.012, 1 - 0.22 / height, scenario.id, weight="bold", fontsize=12, va="center")
     inches = float(figure.get_figwidth())
     room = 0.97 * inches * POINTS_PER_INCH - TITLE_ASPECT * 12 * len(scenario.id)  # beside the title
-    if NAME_ASPECT * 8.5 * len(known) < room:
-        figure.text(0.988, 1 - 0.22 / height, known, fontsize=8.5, va="center", ha="right", color=LIGHT["muted"])
-        known = ""
-    text = " · ".join(filter(None, (scenario.description, known)))
+    if NAME_ASPECT * 8.5 * len(facts) < room:
+        figure.text(0.988, 1 - 0.22 / height, facts, fontsize=8.5, va="center", ha="right", color=LIGHT["muted"])
+        facts = ""
+    text = " · ".join(filter(None, (scenario.description, facts)))
     line = textwrap.shorten(text, int(inches * POINTS_PER_INCH / (8.5 * NAME_ASPECT) * 1.15), placeholder=" …")
     figure.text(0.012, 1 - 0.45 / height, line, fontsize=8.5, va="center", color=LIGHT["muted"])
     for i, (ego, colour) in enumerate(zip(scenario.egos, cycle(CAV_COLOURS))):

@@ -109,7 +109,7 @@ def rank_effects(recorded: ScenarioResult, effects: Sequence[MuteEffect]) -> Abl
     """Return the effects sorted by size."""
 
     def sort_key(effect: MuteEffect) -> tuple[float, float, float, Mute]:
-        was, now = (HORIZON_S if one.min_ttc is None else one.min_ttc for one in (recorded, effect.result))
+        was, now = (HORIZON_S if result.min_ttc is None else result.min_ttc for result in (recorded, effect.result))
         parted = np.inf if effect.parted is None else effect.parted
         return (-abs(effect.result.ds - recorded.ds), -abs(now - was), parted, effect.mute)
 
@@ -132,9 +132,9 @@ def find_divergence_tick(recorded: EpisodeRecord, again: EpisodeRecord) -> int |
     differing = np.zeros(ticks, dtype=np.bool_)
     for name in {*recorded.ids, *again.ids}:
         differing |= _differs(recorded, again, name, ticks)
-    found = np.flatnonzero(differing)
-    if len(found):
-        return int(found[0])
+    ticks_apart = np.flatnonzero(differing)
+    if len(ticks_apart):
+        return int(ticks_apart[0])
     return None if recorded.ticks == again.ticks else ticks
 
 
@@ -144,9 +144,9 @@ def _differs(recorded: EpisodeRecord, again: EpisodeRecord, name: str, ticks: in
         only = recorded if name in recorded.ids else again
         return only.valid[:ticks, only.ids.index(name)]
     i, j = recorded.ids.index(name), again.ids.index(name)
-    here, there = recorded.valid[:ticks, i], again.valid[:ticks, j]
+    present, present_again = recorded.valid[:ticks, i], again.valid[:ticks, j]
     moved = (recorded.quanta[:ticks, i] != again.quanta[:ticks, j]).any(axis=1)
-    return (here != there) | (here & moved)
+    return (present != present_again) | (present & moved)
 
 
 def _mute(job: EpisodeJob, mute: Mute) -> EpisodeJob:
@@ -167,14 +167,14 @@ def choose_mutes(
         muted = CommSettings(mute=(pattern,)).mute_filter
         if not any(muted.matches(s.message.sender, s.message.type, s.message.tick) for s in messages):
             raise InputError(f"ablate: --mute: expected a pattern that fits a message, found {pattern!r}")
-    found = (*dict.fromkeys(given), *(list_message_patterns(messages, each) if each else ()))
-    if each and len(found) == len(set(given)):
+    mutes = (*dict.fromkeys(given), *(list_message_patterns(messages, each) if each else ()))
+    if each and len(mutes) == len(set(given)):
         raise InputError(f"ablate: --each-message: expected a type of message that reached a receiver, found {each!r}")
-    found = found or list_sender_and_type_patterns(messages)
-    if not found:
+    mutes = mutes or list_sender_and_type_patterns(messages)
+    if not mutes:
         raise InputError("ablate: expected an episode in which a message reached a receiver, found none")
-    if len(found) > most:
+    if len(mutes) > most:
         raise InputError(
-            f"ablate: expected at most {most} runs, found {len(found)}; --max-runs {len(found)} allows them"
+            f"ablate: expected at most {most} runs, found {len(mutes)}; --max-runs {len(mutes)} allows them"
         )
-    return found
+    return mutes

@@ -84,11 +84,11 @@ def make_conditions(
     for name, levels in varied.items():
         if len(set(levels)) != len(levels):
             raise InputError(f"study: --{name}: expected different values, found one twice")
-    found = {"base": ChannelCondition("base", base, MappingProxyType({}))}
+    condition_by_name = {"base": ChannelCondition("base", base, MappingProxyType({}))}
     for levels in _combine_levels(varied, grid):
         condition = _make_condition(base, levels)
-        found.setdefault(condition.name, condition)
-    return tuple(found.values())
+        condition_by_name.setdefault(condition.name, condition)
+    return tuple(condition_by_name.values())
 
 
 def make_off_condition() -> ChannelCondition:

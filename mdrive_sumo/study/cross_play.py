@@ -79,8 +79,8 @@ def summarise_cross_play(rows: Sequence[TwoAgentRow]) -> CrossPlaySummary:
         for metric in METRICS
     }
     strangers = {
-        metric: {a: np.mean([found[a, b] for b in agents if b != a], axis=0) for a in agents}
-        for metric, found in tables.items()
+        metric: {a: np.mean([table[a, b] for b in agents if b != a], axis=0) for a in agents}
+        for metric, table in tables.items()
     }
     return CrossPlaySummary(
         agents,

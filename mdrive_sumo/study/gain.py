@@ -140,11 +140,14 @@ def summarise_gain(rows: Sequence[GainRow]) -> GainSummary:
     Raises InputError if every scenario is void somewhere.
     """
     tables = {(row.sensing, row.agent): group_by_scenario(row.scenarios) for row in rows}
-    bucket_by_id = {one.id: one.bucket for row in rows for one in row.scenarios}
+    bucket_by_id = {scenario.id: scenario.bucket for row in rows for scenario in row.scenarios}
     common = [name for name in bucket_by_id if all(name in table for table in tables.values())]
     if not common:
         raise InputError("study gain: expected scenarios that are void in no run, found none")
-    buckets = {bucket: [one for one in common if bucket_by_id[one] == bucket] for bucket in bucket_by_id.values()}
+    buckets = {
+        bucket: [scenario for scenario in common if bucket_by_id[scenario] == bucket]
+        for bucket in bucket_by_id.values()
+    }
     groups = {bucket: names for bucket, names in buckets.items() if names}
     if len(groups) != 1:
         groups[ALL] = common
@@ -165,13 +168,13 @@ def _bootstrap(
     terms: Mapping[Cell, int], tables: Mapping[Cell, ResultTable], names: Sequence[str]
 ) -> dict[str, ConfidenceInterval]:
     """Return the interval of a signed sum of scores, paired by scenario and seed, by metric."""
-    found: dict[str, ConfidenceInterval] = {}
+    interval_by_metric: dict[str, ConfidenceInterval] = {}
     for metric in METRICS:
         scores = [sign * _tabulate(tables[cell], names, metric) for cell, sign in terms.items()]
-        found[metric] = bootstrap_clustered_mean(np.sum(scores, axis=0))
-    return found
+        interval_by_metric[metric] = bootstrap_clustered_mean(np.sum(scores, axis=0))
+    return interval_by_metric
 
 
 def _tabulate(table: ResultTable, names: Sequence[str], metric: str) -> np.ndarray:
     """Return a metric (scenarios, seeds)."""
-    return np.array([[getattr(one, metric) for _, one in sorted(table[name].items())] for name in names])
+    return np.array([[getattr(result, metric) for _, result in sorted(table[name].items())] for name in names])

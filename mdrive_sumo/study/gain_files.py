@@ -29,17 +29,17 @@ def gain_json(about: StudyDescription, rows: Sequence[GainRow], summary: GainSum
     page = describe_study(FORMAT, about, rows[0].results[0].run) | {
         "void": summary.void,
         "scores": [
-            {"group": one.group, "scenarios": one.scenarios, "sensing": one.sensing, "agent": one.agent}
-            | {metric: asdict(one.score[metric]) for metric in METRICS}
-            for one in summary.scores
+            {"group": line.group, "scenarios": line.scenarios, "sensing": line.sensing, "agent": line.agent}
+            | {metric: asdict(line.score[metric]) for metric in METRICS}
+            for line in summary.scores
         ],
         "gains": [
-            {"group": one.group, "scenarios": one.scenarios, "part": one.part.name}
-            | {metric: asdict(one.gain[metric]) | {"shown": judge_interval(one.gain[metric])} for metric in METRICS}
-            for one in summary.gains
+            {"group": line.group, "scenarios": line.scenarios, "part": line.part.name}
+            | {metric: asdict(line.gain[metric]) | {"shown": judge_interval(line.gain[metric])} for metric in METRICS}
+            for line in summary.gains
         ],
         "rows": [
-            {"sensing": row.sensing, "agent": row.agent, "runs": [run_to_dict(one) for one in row.results]}
+            {"sensing": row.sensing, "agent": row.agent, "runs": [run_to_dict(line) for line in row.results]}
             for row in rows
         ],
     }

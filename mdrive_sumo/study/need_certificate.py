@@ -141,7 +141,11 @@ class NeedCertificateFile(_FilePart):
 
     def of(self, suite: Suite) -> Mapping[str, NeedCertificate]:
         """Return the certificates by scenario id; none if they belong to another version of the suite."""
-        return {one.scenario: one for one in self.certificates} if self.suite_checksum == suite.checksum() else {}
+        return (
+            {certificate.scenario: certificate for certificate in self.certificates}
+            if self.suite_checksum == suite.checksum()
+            else {}
+        )
 
 
 def load_need(suite: Suite) -> Mapping[str, NeedCertificate]:
@@ -150,7 +154,9 @@ def load_need(suite: Suite) -> Mapping[str, NeedCertificate]:
     Raises InputError for an unreadable file.
     """
     files = ((part, read_need(part.folder)) for part in suite.parts or (suite,))
-    return {name: one for part, file in files if file is not None for name, one in file.of(part).items()}
+    return {
+        name: certificate for part, file in files if file is not None for name, certificate in file.of(part).items()
+    }
 
 
 def read_need(folder: Path) -> NeedCertificateFile | None:
@@ -182,14 +188,14 @@ def certify_need(
     only_first: end with the first conflict that is blind; for a search that asks only whether the certificate holds.
     """
     common = (BuildingEdges(roads), StandingVehicles(reference, False), StandingVehicles(reference, True))
-    found: list[NeedConflict] = []
+    conflicts: list[NeedConflict] = []
     for column, ego in enumerate(scenario.egos):
         motion = build_route_motion(ego, roads, limits or MotionLimits())
         for zone in ZoneFinder(reference, column, motion).find_zones():
-            found.append(_ConflictAnalysis(scenario, roads, reference, *common, column, motion, zone).certify())
-            if only_first and found[-1].is_blind:
-                return NeedCertificate(scenario=scenario.id, conflicts=tuple(found))
-    return NeedCertificate(scenario=scenario.id, conflicts=tuple(found))
+            conflicts.append(_ConflictAnalysis(scenario, roads, reference, *common, column, motion, zone).certify())
+            if only_first and conflicts[-1].is_blind:
+                return NeedCertificate(scenario=scenario.id, conflicts=tuple(conflicts))
+    return NeedCertificate(scenario=scenario.id, conflicts=tuple(conflicts))
 
 
 @dataclass(frozen=True)

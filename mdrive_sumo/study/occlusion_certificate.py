@@ -30,6 +30,7 @@ from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 
 CERTIFICATE_FILE = "occlusion.json"
 EVERY_TICKS = 4
+"""Ticks between two looks, 5 a second."""
 RANGE_M = 80.0
 """Range of vision of a CAV."""
 MIN_VISIBLE_SHARE = 0.1
@@ -103,7 +104,11 @@ class OcclusionCertificateFile(_FilePart):
 
     def of(self, suite: Suite) -> Mapping[str, OcclusionCertificate]:
         """Return the certificates by scenario id; none if they belong to another version of the suite."""
-        return {one.scenario: one for one in self.certificates} if self.suite_checksum == suite.checksum() else {}
+        return (
+            {certificate.scenario: certificate for certificate in self.certificates}
+            if self.suite_checksum == suite.checksum()
+            else {}
+        )
 
 
 def load_certificates(suite: Suite) -> Mapping[str, OcclusionCertificate]:
@@ -112,7 +117,9 @@ def load_certificates(suite: Suite) -> Mapping[str, OcclusionCertificate]:
     Raises InputError for an unreadable file.
     """
     files = ((part, read_certificates(part.folder)) for part in suite.parts or (suite,))
-    return {name: one for part, file in files if file is not None for name, one in file.of(part).items()}
+    return {
+        name: certificate for part, file in files if file is not None for name, certificate in file.of(part).items()
+    }
 
 
 def read_certificates(folder: Path) -> OcclusionCertificateFile | None:
@@ -135,8 +142,8 @@ def find_occluded_intervals(
 ) -> tuple[OccludedInterval, ...]:
     """Return the intervals of one recorded drive, sorted by CAV and time."""
     analysis = _VisibilityAnalysis(episode, scenario, roads)
-    found = [hidden for ego in range(episode.egos) for hidden in analysis.of(drive, ego)]
-    return tuple(sorted(found, key=lambda hidden: (hidden.ego, hidden.start_s, hidden.actor)))
+    intervals = [hidden for ego in range(episode.egos) for hidden in analysis.of(drive, ego)]
+    return tuple(sorted(intervals, key=lambda hidden: (hidden.ego, hidden.start_s, hidden.actor)))
 
 
 @dataclass(frozen=True)
@@ -224,12 +231,12 @@ class _VisibilityAnalysis:
         near = portable.hypot(*(self.centres[: meeting + 1, ego] - self.centres[: meeting + 1, actor]).T)
         hidden = valid[:, ego] & valid[:, actor] & (near < RANGE_M) & ~self.seen[ids[ego]][: meeting + 1, actor]
         others = [name for name in self._observers if name not in (ids[ego], ids[actor])]
-        known = {name: self.seen[name][: meeting + 1, actor] for name in others}
+        seen_by_other = {name: self.seen[name][: meeting + 1, actor] for name in others}
         if actor < self.episode.egos:
-            known[ids[actor]] = valid[:, actor]
-        known_hidden = hidden & np.any([np.zeros_like(hidden), *known.values()], axis=0)
+            seen_by_other[ids[actor]] = valid[:, actor]
+        known_hidden = hidden & np.any([np.zeros_like(hidden), *seen_by_other.values()], axis=0)
         for first, last in _find_runs(known_hidden):
-            by = tuple(name for name, sees in known.items() if sees[first : last + 1].mean() >= 0.5)
+            by = tuple(name for name, sees in seen_by_other.items() if sees[first : last + 1].mean() >= 0.5)
             times = (round(float(self.ticks[i]) * DT, 2) for i in (first, last, meeting))
             start_s, end_s, conflict_s = times
             yield OccludedInterval(

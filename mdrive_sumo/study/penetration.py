@@ -22,6 +22,7 @@ from mdrive_sumo.study.two_agents import (
 )
 
 LEVELS = (25, 50, 75)
+"""[%] Shares of CAVs under test by default, between the ends of the scale."""
 NONE, EVERY = 0, 100
 """The ends of the scale [%], which are always driven: only the others, only the agent under test."""
 
@@ -95,7 +96,7 @@ def summarise_penetration(rows: Sequence[TwoAgentRow]) -> PenetrationSummary:
         raise InputError("study penetration: expected scenarios that are void in no run, found none")
     base = {row.agent: row for row in rows if row.penetration == NONE}
     lines = tuple(_summarise(_mark_ends(row), base[row.agent], names) for row in rows)
-    return PenetrationSummary(lines, len({one.id for row in rows for one in row.scenarios}) - len(names))
+    return PenetrationSummary(lines, len({scenario.id for row in rows for scenario in row.scenarios}) - len(names))
 
 
 def _mark_ends(row: TwoAgentRow) -> TwoAgentRow:
@@ -103,8 +104,8 @@ def _mark_ends(row: TwoAgentRow) -> TwoAgentRow:
     if row.penetration != NONE:
         return row
     results = tuple(
-        one.model_copy(update={"scenarios": tuple(mark_tested(scenario, ()) for scenario in one.scenarios)})
-        for one in row.results
+        results.model_copy(update={"scenarios": tuple(mark_tested(scenario, ()) for scenario in results.scenarios)})
+        for results in row.results
     )
     return replace(row, results=results)
 
@@ -113,9 +114,9 @@ def _summarise(row: TwoAgentRow, base: TwoAgentRow, names: Sequence[str]) -> Pen
     assert row.penetration is not None, "a row of this study"
     by_role = {role: [name for name in list_common_scenarios([row], role) if name in names] for role in ROLES}
     score = {
-        role: {metric: bootstrap_clustered_mean(tabulate_role(row, found, role, metric)) for metric in METRICS}
-        for role, found in by_role.items()
-        if found
+        role: {metric: bootstrap_clustered_mean(tabulate_role(row, members, role, metric)) for metric in METRICS}
+        for role, members in by_role.items()
+        if members
     }
     difference = {
         metric: bootstrap_clustered_mean(

@@ -29,28 +29,28 @@ class FactorCurve:
 def make_curves(lines: Sequence[StudyLine], factor: ChannelFactor, base: ChannelCondition) -> tuple[FactorCurve, ...]:
     """Return a curve for every agent with two levels or more while the other factors are the base channel's."""
     agents = dict.fromkeys(line.row.agent for line in lines)
-    found = (_make_curve([line for line in lines if line.row.agent == agent], factor, base) for agent in agents)
-    return tuple(curve for curve in found if len(curve.lines) > 1)
+    curves = (_make_curve([line for line in lines if line.row.agent == agent], factor, base) for agent in agents)
+    return tuple(curve for curve in curves if len(curve.lines) > 1)
 
 
 def _make_curve(lines: Sequence[StudyLine], factor: ChannelFactor, base: ChannelCondition) -> FactorCurve:
-    found: dict[Level, StudyLine] = {}
+    line_by_level: dict[Level, StudyLine] = {}
     for line in lines:
         condition = line.row.condition
         level = factor.of(base.comm) if condition.name == base.name else condition.levels.get(factor.name)
         if level is not None and set(condition.levels) <= {factor.name}:
-            found[level] = line
+            line_by_level[level] = line
     off = next((line for line in lines if line.row.condition.name == "off" and not line.row.reused), None)
-    return FactorCurve(lines[0].row.agent, dict(sorted(found.items())), off)
+    return FactorCurve(lines[0].row.agent, dict(sorted(line_by_level.items())), off)
 
 
-def draw_curves(found: Sequence[FactorCurve], factor: ChannelFactor, title: str, stem: Path) -> tuple[Path, Path]:
+def draw_curves(curves: Sequence[FactorCurve], factor: ChannelFactor, title: str, stem: Path) -> tuple[Path, Path]:
     """Write STEM.png and STEM.svg, the same bytes for the same numbers, and return the paths. Raises InputError."""
-    places = _place_levels({level for curve in found for level in curve.lines})
+    places = _place_levels({level for curve in curves for level in curve.lines})
     with open_figure(9.0, 4.2) as figure:
         panels = [figure.add_subplot(1, 2, i + 1) for i in range(2)]
         for axes, (name, label) in zip(panels, SCORES, strict=True):
-            for i, curve in enumerate(found):
+            for i, curve in enumerate(curves):
                 _draw_curve(axes, curve, (name, places), i)
             axes.set(xlabel=factor.axis, ylabel=label, ylim=(-2, 102))
             axes.set_xticks(list(places.values()), [_format_tick(level) for level in places])
@@ -76,8 +76,8 @@ def _format_tick(level: Level) -> str:
 def _draw_curve(axes: Axes, curve: FactorCurve, what: tuple[str, Mapping[Level, float]], i: int) -> None:
     name, places = what
     colour, marker = COLOURS[i % len(COLOURS)], MARKERS[i % len(MARKERS)]
-    known = [(places[level], value) for level, line in curve.lines.items() if (value := _get_interval(line, name))]
-    x, values = [at for at, _ in known], [value for _, value in known]
+    points = [(places[level], value) for level, line in curve.lines.items() if (value := _get_interval(line, name))]
+    x, values = [place for place, _ in points], [value for _, value in points]
     shade_intervals(axes, x, values, colour)
     silent = any(line.row.reused for line in curve.lines.values())
     label = curve.agent + (" (no messages)" if silent else "")
@@ -100,9 +100,9 @@ def _draw_curve(axes: Axes, curve: FactorCurve, what: tuple[str, Mapping[Level, 
 def shade_intervals(axes: Axes, x: Sequence[float], values: Sequence[ConfidenceInterval], colour: str) -> None:
     """Shade the intervals at the places x; nothing where one is over too few scenarios."""
     ends = [value.ends for value in values]
-    known = [pair for pair in ends if pair is not None]
-    if len(known) == len(ends):
-        axes.fill_between(x, [low for low, _ in known], [high for _, high in known], color=colour, alpha=0.15, lw=0)
+    bounds = [pair for pair in ends if pair is not None]
+    if len(bounds) == len(ends):
+        axes.fill_between(x, [low for low, _ in bounds], [high for _, high in bounds], color=colour, alpha=0.15, lw=0)
 
 
 def _get_interval(line: StudyLine, name: str) -> ConfidenceInterval | None:
@@ -154,13 +154,13 @@ def draw_penetration(summary: PenetrationSummary, title: str, stem: Path) -> tup
 
 def _draw_role(axes: Axes, lines: Sequence[PenetrationLine], what: tuple[str, str], i: int) -> None:
     role, metric = what
-    found = [(line.penetration, line.score[role][metric]) for line in lines if role in line.score]
-    x, colour = [level for level, _ in found], COLOURS[i % len(COLOURS)]
+    points = [(line.penetration, line.score[role][metric]) for line in lines if role in line.score]
+    x, colour = [level for level, _ in points], COLOURS[i % len(COLOURS)]
     if role == ALL:
-        shade_intervals(axes, x, [value for _, value in found], colour)
+        shade_intervals(axes, x, [value for _, value in points], colour)
     axes.plot(
         x,
-        [value.mean for _, value in found],
+        [value.mean for _, value in points],
         color=colour,
         linestyle=LINE_STYLES[role],
         marker=MARKERS[i % len(MARKERS)],

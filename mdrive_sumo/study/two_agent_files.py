@@ -50,10 +50,11 @@ def cross_play_json(about: StudyDescription, rows: Sequence[TwoAgentRow], summar
         "scenarios": summary.scenarios,
         "void": summary.void,
         "cells": [
-            {"agent": tested, "others": others} | _to_dict(found) for (tested, others), found in summary.cells.items()
+            {"agent": tested, "others": others} | _to_dict(intervals)
+            for (tested, others), intervals in summary.cells.items()
         ],
-        "with_strangers": {agent: _to_dict(found) for agent, found in summary.with_strangers.items()},
-        "loss": {agent: _to_dict(found) for agent, found in summary.loss.items()},
+        "with_strangers": {agent: _to_dict(intervals) for agent, intervals in summary.with_strangers.items()},
+        "loss": {agent: _to_dict(intervals) for agent, intervals in summary.loss.items()},
     }
     return json.dumps(page, indent=1, allow_nan=False) + "\n"
 
@@ -62,7 +63,7 @@ def penetration_json(about: StudyDescription, rows: Sequence[TwoAgentRow], summa
     """Return all numbers as JSON."""
     lines = [
         {"agent": line.agent, "penetration": line.penetration, "scenarios": line.scenarios}
-        | {"score": {role: _to_dict(found) for role, found in line.score.items()}}
+        | {"score": {role: _to_dict(intervals) for role, intervals in line.score.items()}}
         | {"difference": _to_dict(line.difference)}
         for line in summary.lines
     ]
@@ -73,8 +74,8 @@ def penetration_json(about: StudyDescription, rows: Sequence[TwoAgentRow], summa
 def cross_play_csv(summary: CrossPlaySummary) -> str:
     """Return one line for each pair and metric."""
     rows = (
-        (*pair, metric, *format_csv_interval(found[metric]))
-        for pair, found in summary.cells.items()
+        (*pair, metric, *format_csv_interval(intervals[metric]))
+        for pair, intervals in summary.cells.items()
         for metric in METRICS
     )
     return format_csv(make_text_table(("agent", "others", "metric", "mean", "low", "high"), rows))
@@ -83,9 +84,9 @@ def cross_play_csv(summary: CrossPlaySummary) -> str:
 def penetration_csv(summary: PenetrationSummary) -> str:
     """Return one line for each agent, penetration, role and metric."""
     rows = (
-        (line.agent, str(line.penetration), role, metric, *format_csv_interval(found[metric]))
+        (line.agent, str(line.penetration), role, metric, *format_csv_interval(intervals[metric]))
         for line in summary.lines
-        for role, found in line.score.items()
+        for role, intervals in line.score.items()
         for metric in METRICS
     )
     return format_csv(make_text_table(("agent", "penetration", "role", "metric", "mean", "low", "high"), rows))
@@ -174,14 +175,14 @@ def _describe(name: str, about: StudyDescription, rows: Sequence[TwoAgentRow]) -
     return describe_study(name, about, rows[0].results[0].run) | {
         "rows": [
             {"agent": row.agent, "others": row.others, "penetration": row.penetration}
-            | {"runs": [run_to_dict(one) for one in row.results]}
+            | {"runs": [run_to_dict(results) for results in row.results]}
             for row in rows
         ],
     }
 
 
-def _to_dict(found: Mapping[str, ConfidenceInterval]) -> dict[str, Any]:
-    return {metric: asdict(interval) for metric, interval in found.items()}
+def _to_dict(intervals: Mapping[str, ConfidenceInterval]) -> dict[str, Any]:
+    return {metric: asdict(interval) for metric, interval in intervals.items()}
 
 
 def _join(parts: Sequence[str]) -> str:

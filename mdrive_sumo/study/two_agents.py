@@ -52,7 +52,7 @@ def list_common_scenarios(rows: Sequence[TwoAgentRow], role: str = ALL) -> list[
     return [
         name
         for name in names
-        if all(name in table and all(_select(one, role) for one in table[name].values()) for table in tables)
+        if all(name in table and all(_select(result, role) for result in table[name].values()) for table in tables)
     ]
 
 
@@ -60,7 +60,7 @@ def tabulate_role(row: TwoAgentRow, names: Sequence[str], role: str, metric: str
     """Return DS or SR [%] of the CAVs of a role, (scenarios, seeds): means over these CAVs, each scored alone."""
     table = group_by_scenario(row.scenarios)
     return np.array(
-        [[_average(_select(one, role), metric) for _, one in sorted(table[name].items())] for name in names]
+        [[_average(_select(result, role), metric) for _, result in sorted(table[name].items())] for name in names]
     )
 
 

@@ -41,7 +41,7 @@ class ComparedAgent:
     @cached_property
     def intervals(self) -> Mapping[str, MeanIntervals]:
         """The intervals of DS and SR by bucket, `BUCKET_MEAN` and `SCENARIO_MEAN`."""
-        return {found.group: found for found in compute_mean_intervals(self.results)}
+        return {means.group: means for means in compute_mean_intervals(self.results)}
 
     @property
     def section(self) -> str:
@@ -91,10 +91,10 @@ def make_compared_agents(runs: Iterable[ReportRun]) -> tuple[ComparedAgent, ...]
 
     Raises InputError for runs that cannot stand in one report, and for a seed that occurs twice.
     """
-    found = tuple(runs)
-    check_report_runs(found)
+    checked = tuple(runs)
+    check_report_runs(checked)
     groups: list[list[ReportRun]] = []
-    for run in found:
+    for run in checked:
         same = next((group for group in groups if not compare_settings(group[0].settings, run.settings)), None)
         if same is None:
             groups.append([run])
@@ -118,8 +118,10 @@ def _mark_partial(name: str, results: Results) -> str:
 def make_agents_of_results(results: Iterable[Results], folders: Iterable[Path] = ()) -> tuple[ComparedAgent, ...]:
     """As `make_compared_agents`, of loaded results. folders: their run folders, in the same order, or none."""
     loaded, places = tuple(results), tuple(folders)
-    found = places or (None,) * len(loaded)
-    return make_compared_agents(ReportRun.from_results(one, place) for one, place in zip(loaded, found, strict=True))
+    folder_of = places or (None,) * len(loaded)
+    return make_compared_agents(
+        ReportRun.from_results(run, place) for run, place in zip(loaded, folder_of, strict=True)
+    )
 
 
 def _check_new_seeds(group: Sequence[ReportRun], run: ReportRun) -> None:
@@ -135,12 +137,12 @@ def pool_results(results: Sequence[Results]) -> Results:
     """Return the results of runs that differ in seeds only as one run; its seeds are sorted."""
     if len(results) == 1:
         return results[0]
-    scenarios: list[ScenarioResult] = [scenario for one in results for scenario in one.scenarios]
-    seeds = tuple(sorted(seed for one in results for seed in one.run.all_seeds))
-    labels = tuple(dict.fromkeys(label for one in results for label in one.run.labels))
+    scenarios: list[ScenarioResult] = [scenario for run in results for scenario in run.scenarios]
+    seeds = tuple(sorted(seed for run in results for seed in run.run.all_seeds))
+    labels = tuple(dict.fromkeys(label for run in results for label in run.run.labels))
     info = results[0].run.model_copy(update={"seed": seeds[0], "seeds": seeds, "labels": labels})
-    is_partial = any(one.planned is not None for one in results)
-    planned = sum(one.planned or len(one.scenarios) for one in results) if is_partial else None
+    is_partial = any(run.planned is not None for run in results)
+    planned = sum(run.planned or len(run.scenarios) for run in results) if is_partial else None
     pooled = summarize_run(info, sorted(scenarios, key=lambda scenario: (scenario.seed, scenario.id)))
     return pooled.model_copy(update={"planned": planned})
 
@@ -163,7 +165,9 @@ def _name_agent(
     agent = run.results.run.agent
     parts = conditions[i].format(find_differing_conditions(conditions))
     same_agent = (other.settings for other in runs if other.results.run.agent == agent)
-    differing = {one.name for other in same_agent for one in compare_settings(run.settings, other)} - {*hidden}
+    differing = {difference.name for other in same_agent for difference in compare_settings(run.settings, other)} - {
+        *hidden
+    }
     parts += [
         f"{name.removeprefix('agent config ')} {format_setting(run.settings.get(name))}"
         for name in run.settings

@@ -29,19 +29,19 @@ OWN_SETTINGS = ("agent", "agent code", "agent config", "agent clock", "sandbox",
 
 def compute_captured(agents: Sequence[ComparedAgent]) -> dict[str, CapturedCooperation]:
     """Return the captured cooperation of every agent that has both references among the others, by name."""
-    found: dict[str, CapturedCooperation] = {}
+    captured_by_agent: dict[str, CapturedCooperation] = {}
     for agent in agents:
         off, best = _find_channel_off(agent, agents), _find_omniscient(agent, agents)
         if off is None or best is None:
             continue
         mode = ScoreMode(agent.results.run.score_mode)
         try:
-            found[agent.name] = compute_captured_from_scenarios(
+            captured_by_agent[agent.name] = compute_captured_from_scenarios(
                 agent.results.scenarios, off.results.scenarios, best.results.scenarios, mode
             )
         except InputError:  # no scenario and seed in common: there is no share
             continue
-    return found
+    return captured_by_agent
 
 
 def build_cooperation_table(agents: Sequence[ComparedAgent], name: str = "cooperation") -> Table | None:
@@ -59,10 +59,13 @@ def build_cooperation_table(agents: Sequence[ComparedAgent], name: str = "cooper
     group_by_name = {agent.name: agent.rank_group for agent in agents}
     rows = [
         make_row(
-            (name, *map(_to_percent, (*(one.buckets.get(b) for b in buckets), one.bucket_mean, one.scenario_mean))),
+            (
+                name,
+                *map(_to_percent, (*(share.buckets.get(b) for b in buckets), share.bucket_mean, share.scenario_mean)),
+            ),
             rank_group=group_by_name[name],
         )
-        for name, one in captured.items()
+        for name, share in captured.items()
     ]
     return Table(name, "Captured cooperation [%]", tuple(columns), tuple(rows), COOPERATION_NOTE).mark_columns()
 

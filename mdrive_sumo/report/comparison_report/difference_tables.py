@@ -86,13 +86,13 @@ def find_compared_agent(agents: Sequence[ComparedAgent], name: str) -> ComparedA
 def _compute_difference(agent: ComparedAgent, other: ComparedAgent, resamples: "_Resamples") -> AgentDifference:
     """Return agent minus other."""
     seeds = tuple(seed for seed in agent.seeds if seed in other.seeds)
-    ours, theirs = (_build_result_table(one, seeds) for one in (agent, other))
+    ours, theirs = (_build_result_table(result, seeds) for result in (agent, other))
     common = [scenario for scenario in ours if scenario in theirs]
     ours, theirs = ({scenario: table[scenario] for scenario in common} for table in (ours, theirs))
     pair = _TablePair((agent.name, ours), (other.name, theirs), resamples)
     buckets = order_buckets({scenario.bucket for scenario in agent.results.scenarios})
-    parts = {name: pair.select(lambda one, name=name: one.bucket == name) for name in buckets}
-    timed = pair.select(lambda one: one.time_ratio is not None)
+    parts = {name: pair.select(lambda result, name=name: result.bucket == name) for name in buckets}
+    timed = pair.select(lambda result: result.time_ratio is not None)
     gains = [_mean_ds(ours, scenario) - _mean_ds(theirs, scenario) for scenario in common]
     return AgentDifference(
         agent.name,
@@ -101,7 +101,7 @@ def _compute_difference(agent: ComparedAgent, other: ComparedAgent, resamples: "
         seeds=seeds,
         ds=pair.subtract("ds"),
         sr=pair.subtract("sr"),
-        efficient_sr=pair.select(lambda one: one.efficient_sr is not None).subtract("efficient_sr"),
+        efficient_sr=pair.select(lambda result: result.efficient_sr is not None).subtract("efficient_sr"),
         time_ratio=compute_difference_interval(timed.ours[1], timed.theirs[1], "time_ratio"),  # seldom two pairs alike
         buckets={name: (part.subtract("ds"), part.subtract("sr")) for name, part in parts.items()},
         bucket_mean=(pair.subtract("ds", by_bucket=True), pair.subtract("sr", by_bucket=True)),
@@ -136,14 +136,14 @@ class _TablePair:
         chosen = [
             name
             for name in self.ours[1]
-            if all(is_chosen(one) for table in (self.ours[1], self.theirs[1]) for one in table[name].values())
+            if all(is_chosen(result) for table in (self.ours[1], self.theirs[1]) for result in table[name].values())
         ]
         ours, theirs = ((agent, {name: table[name] for name in chosen}) for agent, table in (self.ours, self.theirs))
         return _TablePair(ours, theirs, self.resamples)
 
     def subtract(self, score: str, *, by_bucket: bool = False) -> ConfidenceInterval | None:
         """Return mean and interval of the differences; None without a scenario."""
-        ours, theirs = (self.resamples.find(*one, score, by_bucket=by_bucket) for one in (self.ours, self.theirs))
+        ours, theirs = (self.resamples.find(*side, score, by_bucket=by_bucket) for side in (self.ours, self.theirs))
         return None if ours is None or theirs is None else ours.subtract(theirs)
 
 
@@ -151,13 +151,13 @@ def _build_result_table(agent: ComparedAgent, seeds: Sequence[int]) -> ResultTab
     """Return the results that are not void by scenario and common seed; their means over all seeds if there is none."""
     if not seeds:
         means = average_seeds(agent.results.scenarios).values()
-        return {one.id: {0: one} for one in means if one.status == "ok"}
-    table = group_by_scenario([one for one in agent.results.scenarios if one.seed in seeds])
+        return {result.id: {0: result} for result in means if result.status == "ok"}
+    table = group_by_scenario([result for result in agent.results.scenarios if result.seed in seeds])
     return {name: by_seed for name, by_seed in table.items() if len(by_seed) == len(seeds)}
 
 
 def _mean_ds(table: ResultTable, scenario: str) -> float:
-    return sum(one.ds for one in table[scenario].values()) / len(table[scenario])
+    return sum(result.ds for result in table[scenario].values()) / len(table[scenario])
 
 
 def build_difference_table(differences: Sequence[AgentDifference], name: str = "differences") -> Table:
@@ -165,16 +165,16 @@ def build_difference_table(differences: Sequence[AgentDifference], name: str = "
     rows = [
         make_row(
             (
-                one.agent,
-                one.other,
-                float(one.scenarios),
-                ", ".join(map(str, one.seeds)) or "means",
-                *map(_make_cell, (one.ds, one.sr, one.efficient_sr, one.time_ratio)),
-                float(one.wins),
-                float(one.losses),
+                difference.agent,
+                difference.other,
+                float(difference.scenarios),
+                ", ".join(map(str, difference.seeds)) or "means",
+                *map(_make_cell, (difference.ds, difference.sr, difference.efficient_sr, difference.time_ratio)),
+                float(difference.wins),
+                float(difference.losses),
             )
         )
-        for one in differences
+        for difference in differences
     ]
     return Table(
         name,
@@ -203,14 +203,14 @@ def build_bucket_difference_table(
     for bucket in (*differences[0].buckets, "Overall"):
         key = bucket.lower()
         columns += [_make_column(f"{key}_ds", "DS", bucket), _make_column(f"{key}_sr", "SR", bucket)]
-    rows = tuple(_make_bucket_row(one) for one in differences)
+    rows = tuple(_make_bucket_row(difference) for difference in differences)
     note = f"{DIFFERENCE_NOTE} Overall: mean of the buckets, each drawn anew on its own."
     return Table(name, "Paired differences by bucket", tuple(columns), rows, note)
 
 
-def _make_bucket_row(one: AgentDifference) -> Row:
-    intervals = [interval for pair in (*one.buckets.values(), one.bucket_mean) for interval in pair]
-    cells: list[CellValue | Cell] = [one.agent, one.other, *map(_make_cell, intervals)]
+def _make_bucket_row(difference: AgentDifference) -> Row:
+    intervals = [interval for pair in (*difference.buckets.values(), difference.bucket_mean) for interval in pair]
+    cells: list[CellValue | Cell] = [difference.agent, difference.other, *map(_make_cell, intervals)]
     return make_row(cells)
 
 

@@ -44,16 +44,20 @@ class DriveConditions:
 
 def list_conditions(groups: Sequence[Sequence[ReportRun]]) -> list[DriveConditions]:
     """Return the conditions of each agent, given by its runs, which differ in seeds only."""
-    found = [_list_own_conditions(runs) for runs in groups]
-    channels = {one[CHANNEL] for one in found if CHANNEL in one} - {OFF}
+    values_by_group = [_list_own_conditions(runs) for runs in groups]
+    channels = {values[CHANNEL] for values in values_by_group if CHANNEL in values} - {OFF}
     shared = channels.pop() if len(channels) == 1 else ""
-    return [DriveConditions(one, shared) for one in found]
+    return [DriveConditions(values, shared) for values in values_by_group]
 
 
 def find_differing_conditions(conditions: Sequence[DriveConditions]) -> tuple[str, ...]:
     """Return the names of the conditions that are not the same for all that have them, in their order."""
-    names = dict.fromkeys(name for one in conditions for name in one.values)
-    return tuple(name for name in names if len({one.values[name] for one in conditions if name in one.values}) > 1)
+    names = dict.fromkeys(name for condition in conditions for name in condition.values)
+    return tuple(
+        name
+        for name in names
+        if len({condition.values[name] for condition in conditions if name in condition.values}) > 1
+    )
 
 
 def _list_own_conditions(runs: Sequence[ReportRun]) -> dict[str, str]:

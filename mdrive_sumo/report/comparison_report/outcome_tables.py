@@ -62,12 +62,12 @@ def _build_share_table(
             (
                 agent.name,
                 float(drives := count_drives(agent.results)),
-                *(PER_DRIVES * found[kind] / drives if drives else None for kind in kinds),
+                *(PER_DRIVES * count[kind] / drives if drives else None for kind in kinds),
                 *((float(agent.results.void),) if with_void else ()),
             ),
             agent.section,
         )
-        for agent, found in zip(agents, counts, strict=True)
+        for agent, count in zip(agents, counts, strict=True)
     ]
     empty = "" if kinds else " There were none."
     return Table(name, title, tuple(columns), tuple(rows), note + empty)
@@ -76,7 +76,7 @@ def _build_share_table(
 def _order_kinds(counts: Sequence[Counter[str]]) -> list[str]:
     """Return all kinds, the most frequent first, severities last in their own order."""
     total: Counter[str] = sum(counts, Counter())
-    severities = list(dict.fromkeys(kind for found in counts for kind in found if _find_group(kind)))
+    severities = list(dict.fromkeys(kind for count in counts for kind in count if _find_group(kind)))
     others = sorted((kind for kind in total if not _find_group(kind)), key=lambda kind: (-total[kind], kind))
     return [*others, *severities]
 
@@ -125,15 +125,15 @@ def _list_groups(agent: ComparedAgent) -> tuple[str, ...]:
 
 
 def _select_episodes(agent: ComparedAgent, group: str) -> Sequence[ScenarioResult]:
-    return [one for one in agent.results.scenarios if one.bucket == group or group == ALL_SCENARIOS]
+    return [result for result in agent.results.scenarios if result.bucket == group or group == ALL_SCENARIOS]
 
 
 def _compute_values(episodes: Sequence[ScenarioResult], metrics: Sequence[ScalarMetric]) -> list[CellValue]:
-    driven = [one for one in episodes if one.status == "ok"]
-    close = [one.min_ttc for one in driven if one.min_ttc is not None]
+    driven = [result for result in episodes if result.status == "ok"]
+    close = [result.min_ttc for result in driven if result.min_ttc is not None]
     means: Mapping[str, float | None] = compute_scalar_means(episodes)
     return [
-        compute_mean_of_known(one.time_ratio for one in episodes),
+        compute_mean_of_known(result.time_ratio for result in episodes),
         100 * len(close) / len(driven) if driven else None,
         compute_mean_of_known(close),
         *(means.get(metric.name) for metric in metrics),

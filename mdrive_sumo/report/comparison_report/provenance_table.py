@@ -119,7 +119,7 @@ def _list_values(agents: Sequence[ComparedAgent], name: str) -> str:
     for agent in agents:
         if name in agent.conditions.values:
             agents_by_value.setdefault(agent.conditions.values[name], {})[agent.results.run.agent] = None
-    return "; ".join(f"{value} for {', '.join(known)}" for value, known in agents_by_value.items())
+    return "; ".join(f"{value} for {', '.join(names)}" for value, names in agents_by_value.items())
 
 
 def _shorten(keys: Sequence[EpisodeKey], limit: int = 5) -> str:

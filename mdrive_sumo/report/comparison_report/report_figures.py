@@ -55,8 +55,11 @@ def inline_svg(svg: bytes, name: str) -> str:
 HATCHES = ("", "///", "...", "xxx")
 """Patterns of bars once all colours are in use."""
 WIDTH_IN = 9.0
+"""[in] Chosen: figures of one width, which fits a page in landscape."""
 MAX_LABELLED_BARS = 24
+"""Bars of one figure that have their values beside them: of more, the numbers would touch at `WIDTH_IN`."""
 MAX_LABELLED_SCENARIOS = 70
+"""Rows of the matrix that have names: the V2XPnP bucket has 67. Of more, a figure would be longer than a page."""
 SHADES = "viridis"
 """Colours of scores from 0 to 100, ordered by lightness: they differ in print and for the colour-blind."""
 
@@ -79,8 +82,8 @@ def break_name(name: str) -> str:
     return "\n".join(fill(part, MAX_LINE) for part in (agent, bracket.strip() + conditions) if part)
 
 
-def _name_difference(one: AgentDifference) -> str:
-    names = break_name(one.agent), break_name(one.other)
+def _name_difference(difference: AgentDifference) -> str:
+    names = break_name(difference.agent), break_name(difference.other)
     return ("\n−  " if any("\n" in name for name in names) else "  −  ").join(names)
 
 
@@ -99,14 +102,19 @@ def make_level_figure(agents: Sequence[ComparedAgent], name: str = "levels") -> 
     if not levels:
         return None
     described = "; ".join(
-        f"{agent}: {', '.join(f'{level} {value:.1f}' for level, value in found.items())}"
-        for agent, found in values.items()
+        f"{agent}: {', '.join(f'{level} {value:.1f}' for level, value in value_by_level.items())}"
+        for agent, value_by_level in values.items()
     )
 
     def draw(figure: Figure) -> None:
         axes = figure.add_subplot()
         _draw_bars(
-            axes, levels, {break_name(agent): [found[level] for level in levels] for agent, found in values.items()}
+            axes,
+            levels,
+            {
+                break_name(agent): [value_by_level[level] for level in levels]
+                for agent, value_by_level in values.items()
+            },
         )
         axes.set(ylabel="H, harmonic mean of DS and SR [%]", ylim=(0, 108))
         figure.legend(loc="outside lower center", ncols=min(len(values), 4), frameon=False)
@@ -130,28 +138,32 @@ def _draw_bars(axes: Axes, groups: Sequence[str], values: dict[str, list[float]]
 
 def make_difference_figure(differences: Sequence[AgentDifference], name: str = "differences") -> ReportFigure | None:
     """Return the paired differences of DS with their intervals; None without any."""
-    known = [one for one in differences if one.ds is not None]
-    if not known:
+    defined = [difference for difference in differences if difference.ds is not None]
+    if not defined:
         return None
-    described = "; ".join(f"{one.agent} minus {one.other}: {one.ds.mean:+.2f}" for one in known if one.ds)
-    lines_in = LINE_IN * max(_name_difference(one).count("\n") for one in known)
-    size = (WIDTH_IN, 1.2 + (0.3 + lines_in) * len(known))
+    described = "; ".join(
+        f"{difference.agent} minus {difference.other}: {difference.ds.mean:+.2f}"
+        for difference in defined
+        if difference.ds
+    )
+    lines_in = LINE_IN * max(_name_difference(difference).count("\n") for difference in defined)
+    size = (WIDTH_IN, 1.2 + (0.3 + lines_in) * len(defined))
     return ReportFigure(
-        name, "Paired differences of the driving score", described, size, partial(_draw_differences, known)
+        name, "Paired differences of the driving score", described, size, partial(_draw_differences, defined)
     )
 
 
 def _draw_differences(differences: Sequence[AgentDifference], figure: Figure) -> None:
     axes = figure.add_subplot()
     axes.axvline(0, color="#000000", linewidth=0.8)
-    for i, one in enumerate(differences):
-        if one.ds is None:
+    for i, difference in enumerate(differences):
+        if difference.ds is None:
             continue
-        if one.ds.ends is not None:
-            axes.plot(one.ds.ends, [i, i], color=COLOURS[0], linewidth=2.2, solid_capstyle="butt")
-        face = COLOURS[0] if one.ds.is_clear else "#ffffff"
-        axes.plot(one.ds.mean, i, "o", color=COLOURS[0], markerfacecolor=face, markersize=6)
-    axes.set_yticks(range(len(differences)), [_name_difference(one) for one in differences])
+        if difference.ds.ends is not None:
+            axes.plot(difference.ds.ends, [i, i], color=COLOURS[0], linewidth=2.2, solid_capstyle="butt")
+        face = COLOURS[0] if difference.ds.is_clear else "#ffffff"
+        axes.plot(difference.ds.mean, i, "o", color=COLOURS[0], markerfacecolor=face, markersize=6)
+    axes.set_yticks(range(len(differences)), [_name_difference(difference) for difference in differences])
     axes.set(xlabel="difference of DS [percentage points], 95 % interval; filled: without 0")
     axes.set_ylim(len(differences) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
@@ -161,8 +173,8 @@ def make_distribution_figure(agents: Sequence[ComparedAgent], name: str = "distr
     """Return the share of episodes in each class of driving score, a bar for each agent."""
     shares = {agent.name: compute_distribution(agent.results.scenarios) for agent in agents}
     described = "; ".join(
-        f"{agent}: {', '.join(f'{label} {share:.0f} %' for label, share in found.items())}"
-        for agent, found in shares.items()
+        f"{agent}: {', '.join(f'{label} {share:.0f} %' for label, share in share_by_label.items())}"
+        for agent, share_by_label in shares.items()
     )
 
     def draw(figure: Figure) -> None:
@@ -170,7 +182,7 @@ def make_distribution_figure(agents: Sequence[ComparedAgent], name: str = "distr
         labels = list(next(iter(shares.values())))
         left = np.zeros(len(shares))
         for i, label in enumerate(labels):
-            widths = np.array([found[label] for found in shares.values()])
+            widths = np.array([share_by_label[label] for share_by_label in shares.values()])
             bars = axes.barh(
                 [break_name(agent) for agent in shares],
                 widths,

@@ -37,9 +37,9 @@ class ReportRun:
 
 def load_report_runs(places: Iterable[Path]) -> tuple[ReportRun, ...]:
     """Load runs by their folders or results files. Raises InputError for what cannot stand in one report."""
-    found = tuple(places)
-    _check_places(found)
-    runs = _keep_shared_scenarios(tuple(_load_run(place) for place in found))
+    listed = tuple(places)
+    _check_places(listed)
+    runs = _keep_shared_scenarios(tuple(_load_run(place) for place in listed))
     check_report_runs(runs)
     return runs
 
@@ -51,7 +51,7 @@ def _keep_shared_scenarios(runs: Sequence[ReportRun]) -> tuple[ReportRun, ...]:
     """
     if all(run.results.planned is None for run in runs):
         return tuple(runs)
-    shared = set[str].intersection(*({one.id for one in run.results.scenarios} for run in runs))
+    shared = set[str].intersection(*({result.id for result in run.results.scenarios} for run in runs))
     if not shared:
         raise InputError("report: expected runs with finished scenarios in common, found none yet")
     return tuple(replace(run, results=_keep_scenarios(run.results, shared)) for run in runs)
@@ -59,7 +59,7 @@ def _keep_shared_scenarios(runs: Sequence[ReportRun]) -> tuple[ReportRun, ...]:
 
 def _keep_scenarios(results: Results, names: Collection[str]) -> Results:
     """Return the results of some of the scenarios, marked as partial unless these are all."""
-    kept = [one for one in results.scenarios if one.id in names]
+    kept = [result for result in results.scenarios if result.id in names]
     planned = results.planned or (len(results.scenarios) if len(kept) < len(results.scenarios) else None)
     return summarize_run(results.run, kept).model_copy(update={"planned": planned})
 
@@ -88,11 +88,11 @@ def _describe_versions(run: ReportRun) -> str:
 
 
 def _check_places(places: Sequence[Path]) -> None:
-    known: dict[Path, Path] = {}
+    place_by_path: dict[Path, Path] = {}
     for place in places:
-        if (path := place.resolve()) in known:
-            raise InputError(f"report: expected every run once, found {str(known[path])!r} twice")
-        known[path] = place
+        if (path := place.resolve()) in place_by_path:
+            raise InputError(f"report: expected every run once, found {str(place_by_path[path])!r} twice")
+        place_by_path[path] = place
 
 
 def _load_run(place: Path) -> ReportRun:
@@ -112,14 +112,14 @@ def _check_shared(runs: Sequence[ReportRun], what: str, values: Sequence[str]) -
 
 def _check_groups(runs: Sequence[ReportRun]) -> None:
     """Raise InputError for a scenario that is in different groups: the file of one run was changed."""
-    known: dict[str, tuple[ReportRun, tuple[str, str]]] = {}
+    first_by_id: dict[str, tuple[ReportRun, tuple[str, str]]] = {}
     for run in runs:
-        for one in run.results.scenarios:
-            first, groups = known.setdefault(one.id, (run, (one.bucket, one.category)))
-            if groups != (one.bucket, one.category):
+        for drive in run.results.scenarios:
+            first, groups = first_by_id.setdefault(drive.id, (run, (drive.bucket, drive.category)))
+            if groups != (drive.bucket, drive.category):
                 raise InputError(
-                    f"report: expected scenario {one.id} in one bucket and category, found {groups[0]}, {groups[1]} in"
-                    f" {first.place} and {one.bucket}, {one.category} in {run.place}"
+                    f"report: expected scenario {drive.id} in one bucket and category, found {groups[0]}, {groups[1]}"
+                    f" in {first.place} and {drive.bucket}, {drive.category} in {run.place}"
                 )
 
 
@@ -127,11 +127,11 @@ def _check_scenarios(runs: Sequence[ReportRun]) -> None:
     """Raise InputError for runs of different scenarios: their means could not be compared."""
     first = {scenario.id for scenario in runs[0].results.scenarios}
     for run in runs[1:]:
-        found = {scenario.id for scenario in run.results.scenarios}
-        if found != first:
-            example = min(first ^ found)
+        names = {scenario.id for scenario in run.results.scenarios}
+        if names != first:
+            example = min(first ^ names)
             only = runs[0].place if example in first else run.place
             raise InputError(
-                f"report: expected runs of the same scenarios, found {len(first)} in {runs[0].place} and {len(found)}"
+                f"report: expected runs of the same scenarios, found {len(first)} in {runs[0].place} and {len(names)}"
                 f" in {run.place}; {example} is only in {only}"
             )

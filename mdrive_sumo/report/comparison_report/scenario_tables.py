@@ -79,10 +79,10 @@ def build_scenario_table(agents: Sequence[ComparedAgent], score: str = "ds", nam
     rows: list[Row] = []
     for bucket in order_buckets({result.bucket for result in first.values()}):
         names = [name for name, result in first.items() if result.bucket == bucket]
-        for scenario in sorted(names, key=lambda name: (sum(found[name].ds for found in means), name)):
+        for scenario in sorted(names, key=lambda name: (sum(result_by_id[name].ds for result_by_id in means), name)):
             cells = [
-                Cell(_find_score(found[scenario], score), replay=pages.get(scenario))
-                for found, pages in zip(means, replays, strict=True)
+                Cell(_find_score(result_by_id[scenario], score), replay=pages.get(scenario))
+                for result_by_id, pages in zip(means, replays, strict=True)
             ]
             rows.append(make_row((scenario, first[scenario].category, *cells), bucket))
     return Table(
@@ -122,8 +122,8 @@ SCORES: Mapping[str, tuple[str, Callable[[BucketResult], float]]] = {
 
 def compute_agent_levels(agent: ComparedAgent) -> GroupMeans:
     """Return the means of an agent by interactivity level, in the paper's order of levels."""
-    found = compute_level_means(agent.results.scenarios)
-    return {level: found[level] for level in InteractivityLevel if level in found}
+    means_by_level = compute_level_means(agent.results.scenarios)
+    return {level: means_by_level[level] for level in InteractivityLevel if level in means_by_level}
 
 
 def compute_agent_groups(agent: ComparedAgent) -> GroupMeans:
@@ -150,19 +150,19 @@ def _build_group_table(
     if not means[0]:
         return None
     columns = [Column("agent", "Agent")]
-    for group, found in means[0].items():
-        heading = f"{group} ({found.scenarios})"
+    for group, group_means in means[0].items():
+        heading = f"{group} ({group_means.scenarios})"
         columns += [
             Column(f"{group}_{key}", label, heading, best=BestValue.HIGHEST) for key, (label, _) in SCORES.items()
         ]
     rows = [
         make_row(
-            (agent.name, *(compute(group) for group in found.values() for _, compute in SCORES.values())),
+            (agent.name, *(compute(group) for group in group_means.values() for _, compute in SCORES.values())),
             agent.section,
             is_ranked=agent.is_ranked,
             rank_group=agent.rank_group,
         )
-        for agent, found in zip(agents, means, strict=True)
+        for agent, group_means in zip(agents, means, strict=True)
     ]
     note = f"{note} In brackets: number of scenarios."
     return Table(name, title, tuple(columns), tuple(rows), note).mark_columns()
@@ -190,10 +190,11 @@ def build_category_table(agents: Sequence[ComparedAgent], score: str = "h", name
     rows: list[Row] = []
     for bucket, categories in list_categories(agents[0]).items():
         means = [
-            compute_category_means([one for one in agent.results.scenarios if one.bucket == bucket]) for agent in agents
+            compute_category_means([result for result in agent.results.scenarios if result.bucket == bucket])
+            for agent in agents
         ]
         for category in categories:
-            values: list[CellValue] = [compute(found[category]) for found in means]
+            values: list[CellValue] = [compute(means_by_category[category]) for means_by_category in means]
             rows.append(make_row((category, float(means[0][category].scenarios), *values), bucket))
     what = "H = 2 DS SR / (DS + SR) of the mean DS and the mean SR" if score == "h" else f"Mean {label}"
     note = f"{what} over the scenarios of a category, in percent."
@@ -202,7 +203,7 @@ def build_category_table(agents: Sequence[ComparedAgent], score: str = "h", name
 
 def list_categories(agent: ComparedAgent) -> dict[str, tuple[str, ...]]:
     """Return the categories of each bucket, sorted by name, the buckets in the paper's order."""
-    found: dict[str, set[str]] = {}
+    categories: dict[str, set[str]] = {}
     for scenario in agent.results.scenarios:
-        found.setdefault(scenario.bucket, set()).add(scenario.category)
-    return {bucket: tuple(sorted(found[bucket])) for bucket in order_buckets(found)}
+        categories.setdefault(scenario.bucket, set()).add(scenario.category)
+    return {bucket: tuple(sorted(categories[bucket])) for bucket in order_buckets(categories)}

@@ -30,6 +30,7 @@ from mdrive_sumo.report.table_latex import format_latex, format_latex_document
 
 TEMPLATE, STYLE = "comparison_report.html", "comparison_report.css"
 SHADES = 6
+"""Classes of shaded cells: those of `scenario_tables.DS_CLASSES`, and full scores."""
 MAX_OPEN_ROWS = 60
 """Longer tables are folded."""
 
@@ -46,7 +47,7 @@ class ReportLinks:
 
 def render_report_page(report: ComparisonReport, images: dict[str, bytes], links: ReportLinks | None = None) -> str:
     """Return the page. images: the figures as SVG by name. links: if the page is written beside other files."""
-    known = links or ReportLinks({}, {})
+    page_links = links or ReportLinks({}, {})
     shades = "".join(
         f".shade-{i} {{ background: {pick_shade(i, SHADES)}; color: {'#111' if i >= SHADES // 2 else '#fff'}; }}\n"
         for i in range(SHADES)
@@ -55,7 +56,7 @@ def render_report_page(report: ComparisonReport, images: dict[str, bytes], links
     return PAGE_TEMPLATES.get_template(TEMPLATE).render(
         report=report,
         style=Markup(style),
-        links=known,
+        links=page_links,
         replays_notes={table.name: describe_replays(table, links.replays) for table in report.tables} if links else {},
         images={figure.name: _inline(figure, images) for figure in report.figures},
         list_classes=_list_classes,

@@ -19,6 +19,7 @@ from mdrive_sumo.report.render.cameras import Rings
 Pixels = npt.NDArray[np.uint8]
 Align = Literal["left", "centre", "right"]
 GAP_PX = 4
+"""[px] Between pictures side by side."""
 POINTS_PER_INCH = 72
 """With as many pixels an inch, a point is a pixel."""
 

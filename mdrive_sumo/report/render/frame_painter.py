@@ -18,6 +18,7 @@ from mdrive_sumo.report.replay_marks import ReplayMark, find_marks
 EVENT_TICKS = 3 * TICKS_PER_SECOND
 """How long an event is shown."""
 MAX_EVENTS = 3
+"""Events that are shown at once: more cards would cover the scene."""
 CARD = fade(LIGHT["card"], 0.88)
 TEXT_SHARE, LEAST_TEXT_PX, MOST_TEXT_PX = 1 / 38, 10.0, 22.0
 """Size of captions relative to the height of the picture, and its limits."""
@@ -88,7 +89,9 @@ FLASH_TICKS = TICKS_PER_SECOND
 LINK_M = 1.5
 """[m] Height at which messages are drawn."""
 LINK_OPACITY = 0.5
+"""Roads and CAVs stay visible below the lines of messages."""
 MARK_PX: Final = 5.0
+"""[px] Radius of the disc where an infraction happened."""
 
 
 class FramePainter(ABC):
@@ -136,13 +139,13 @@ class FramePainter(ABC):
     def _draw_flashes(self, camera: Camera, tick: int) -> None:
         """Draw a ring around every contact of the last second, larger and paler with its age."""
         latest = {
-            (contact.ego, contact.other): at
-            for at, contact in self.episode.record.contacts
-            if 0 <= tick - at < FLASH_TICKS
+            (contact.ego, contact.other): contact_tick
+            for contact_tick, contact in self.episode.record.contacts
+            if 0 <= tick - contact_tick < FLASH_TICKS
         }
-        for (ego, other), at in latest.items():
-            share = (tick - at) / FLASH_TICKS
-            x, y = self._find_contact(ego, other, at)
+        for (ego, other), contact_tick in latest.items():
+            share = (tick - contact_tick) / FLASH_TICKS
+            x, y = self._find_contact(ego, other, contact_tick)
             pixel = camera.find_pixel((x, y, 0.5))
             if pixel is not None:
                 radius = (0.9 + 1.6 * share) * self.text_px

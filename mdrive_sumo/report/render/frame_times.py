@@ -24,8 +24,8 @@ def choose_telling_cav(record: EpisodeRecord, result: ScenarioResult) -> str:
 
 def list_costly_infractions(result: ScenarioResult) -> list[tuple[str, Infraction]]:
     """Return the CAVs and infractions with a factor below 1, the first first."""
-    found = [(ego.id, one) for ego in result.egos for one in ego.infractions if one.factor < 1.0]
-    return sorted(found, key=lambda entry: (entry[1].tick, entry[0]))
+    costly = [(ego.id, infraction) for ego in result.egos for infraction in ego.infractions if infraction.factor < 1.0]
+    return sorted(costly, key=lambda entry: (entry[1].tick, entry[0]))
 
 
 def choose_ticks(first: int, last: int, fps: int, speed: float) -> list[int]:

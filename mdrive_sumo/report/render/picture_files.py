@@ -90,8 +90,8 @@ def write_gif(path: Path, paint: Paint, ticks: list[int], fps: int) -> None:
 def _choose_palette(pictures: list[Pixels]) -> Image.Image:
     """Return an image with the palette for pictures, whose last colour stands for transparent pixels."""
     whole = Image.fromarray(np.concatenate(pictures))
-    found = whole.quantize(GIF_COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).getpalette() or []
-    colours = [*dict.fromkeys(zip(found[::3], found[1::3], found[2::3], strict=True))][:GIF_COLOURS]
+    parts = whole.quantize(GIF_COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).getpalette() or []
+    colours = [*dict.fromkeys(zip(parts[::3], parts[1::3], parts[2::3], strict=True))][:GIF_COLOURS]
     palette = Image.new("P", (1, 1))
     palette.putpalette([part for colour in (*colours, UNUSED_COLOUR) for part in colour])
     return palette

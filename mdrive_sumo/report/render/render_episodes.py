@@ -15,10 +15,13 @@ from mdrive_sumo.report.render.rendered_episode import RenderedEpisode
 from mdrive_sumo.report.render.top_view_painter import TopViewPainter
 
 LEAST_PX, MOST_PX = 160, 4096
+"""[px] Sides of a picture: on less, captions cover the scene; the most is chosen: the width of 4K film."""
 MAX_FPS = 50
 """The shortest time that programs show a frame of a GIF is 20 ms."""
 MAX_GIF_PIXELS = 2_000_000_000
+"""All frames of a GIF are in memory with a byte a pixel: 2 GB."""
 MIN_SPEED, MAX_SPEED = 0.05, 20.0
+"""Slower, a tick would be shown for more than a second; faster, an episode would be over in a second or two."""
 
 
 def render_episodes(episodes: Sequence[RenderedEpisode], path: Path, options: RenderOptions) -> Path:
@@ -94,7 +97,7 @@ def _find_ticks(episodes: Sequence[RenderedEpisode], ending: str, options: Rende
     end = max(episode.record.ticks for episode in episodes) - 1
     if ending == PICTURE:
         _refuse({"from": options.first, "to": options.last, "fps": options.fps}, "a video (.gif, .mp4)")
-        chosen = find_telling_tick((one.record, one.result) for one in episodes)
+        chosen = find_telling_tick((episode.record, episode.result) for episode in episodes)
         return [_check_tick("tick", chosen if options.tick is None else options.tick, 0, end)]
     _refuse({"tick": options.tick}, "a picture (.png)")
     if not MIN_SPEED <= options.speed <= MAX_SPEED:

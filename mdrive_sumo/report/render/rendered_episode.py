@@ -116,15 +116,15 @@ class RenderedEpisode:
     def _deliveries(self) -> Mapping[int, list[tuple[str, str, str]]]:
         """Type, sender and receiver of the drawn messages by the tick of delivery."""
         stations = {*self.record.ego_ids, *(rsu.id for rsu in self.scenario.rsus)}
-        found: defaultdict[int, list[tuple[str, str, str]]] = defaultdict(list)
+        deliveries_by_tick: defaultdict[int, list[tuple[str, str, str]]] = defaultdict(list)
         for sent in self.record.messages:
             message = sent.message
             if message.type.lower() not in LINK_TYPES or message.sender not in stations:
                 continue
             for receiver, (status, tick) in sent.deliveries.items():
                 if status is DeliveryStatus.DELIVERED and receiver in stations:
-                    found[tick].append((message.type.lower(), message.sender, receiver))
-        return found
+                    deliveries_by_tick[tick].append((message.type.lower(), message.sender, receiver))
+        return deliveries_by_tick
 
     def _find_station(self, station: str, tick: int) -> tuple[float, float]:
         if station in self.record.ego_ids:

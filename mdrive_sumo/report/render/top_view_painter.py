@@ -26,6 +26,7 @@ LINE_M, STOP_LINE_M, ROUTE_M = 0.15, 0.4, 0.35
 LINE_PX, STOP_LINE_PX, ROUTE_PX = 1.1, 2.0, 2.0
 """[px] Least widths on a picture from above."""
 ROUTE_OPACITY = 0.45
+"""Markings of the road stay visible below a route."""
 GOAL_M = 1.2
 """[m] Radius of the disc at the end of a route."""
 
@@ -123,15 +124,15 @@ class TopViewPainter(FramePainter):
     def list_taken(self, camera: Camera, tick: int) -> list[LabelBox]:
         """Return the boxes of all CAVs: no label covers another CAV."""
         record = self.episode.record
-        found: list[LabelBox] = []
+        boxes: list[LabelBox] = []
         for column in (one for one in self.episode.list_present(tick) if one < record.egos):
             x, y, yaw = self.episode.find_pose(column, tick)
             corners = box_corners(x, y, yaw, float(record.length[column]), float(record.width[column]))
             outline = camera.project(Rings.concat([lift(corners, 0.0)])).points * (1.0, -1.0)
             low, high = outline.min(0), outline.max(0)
             middle, size = (low + high) / 2, high - low
-            found.append(LabelBox(float(middle[0]), float(middle[1]), float(size[0]), float(size[1])))
-        return found
+            boxes.append(LabelBox(float(middle[0]), float(middle[1]), float(size[0]), float(size[1])))
+        return boxes
 
     def label_clearance(self, camera: Camera) -> float:  # noqa: ARG002
         """Return the distance [px] between a label and the middle of its CAV."""

@@ -65,10 +65,10 @@ def _check_comparable(first: ComparedRun, other: ComparedRun) -> None:
         "score mode": "`mdrive-sumo rescore` brings them together",
         "versions": "`mdrive-sumo compare` compares their scores with a warning",
     }
-    for what, (here, there) in compared.items():
-        if here != there:
+    for what, (first_value, other_value) in compared.items():
+        if first_value != other_value:
             raise InputError(
-                f"view: expected runs with the same {what}, found {here} in {first.folder} and {there} in"
+                f"view: expected runs with the same {what}, found {first_value} in {first.folder} and {other_value} in"
                 f" {other.folder}; {remedies[what]}"
             )
 
@@ -197,8 +197,8 @@ def find_telling_seeds(runs: Sequence[ComparedRun]) -> dict[PairKey, int]:
 
     Of equal differences the first seed counts; seeds with which one of both is void are left out.
     """
-    found: dict[PairKey, int] = {}
-    first, *others = ({one.key: one for one in run.stored.results.scenarios} for run in runs)
+    seed_by_pair: dict[PairKey, int] = {}
+    first, *others = ({result.key: result for result in run.stored.results.scenarios} for run in runs)
     for other, run in zip(others, runs[1:], strict=True):
         largest: dict[str, float] = {}
         for key, result in first.items():
@@ -208,21 +208,21 @@ def find_telling_seeds(runs: Sequence[ComparedRun]) -> dict[PairKey, int]:
             difference = abs(pair.ds - result.ds)
             if difference > largest.get(result.id, -1.0):
                 largest[result.id] = difference
-                found[result.id, run.letter] = result.seed
-    return found
+                seed_by_pair[result.id, run.letter] = result.seed
+    return seed_by_pair
 
 
 def _build_row(
     name: str, runs: Sequence[ComparedRun], rows: Sequence[ScenarioRow | None], in_step: Mapping[PairKey, str]
 ) -> ComparedRow:
-    known = next(row for row in rows if row is not None)
+    described = next(row for row in rows if row is not None)
     cells: list[ComparedCell] = []
     for run, row in zip(runs, rows, strict=True):
         is_first = run is runs[0]
         difference = None if is_first else _compute_difference(rows[0], row)
         outcome = "" if is_first else _name_outcome(difference)
         cells.append(ComparedCell(run.letter, row, difference, outcome, in_step.get((name, run.letter), "")))
-    return ComparedRow(name, known.bucket, known.category, known.description, tuple(cells))
+    return ComparedRow(name, described.bucket, described.category, described.description, tuple(cells))
 
 
 def _compute_difference(first: ScenarioRow | None, other: ScenarioRow | None) -> float | None:

@@ -35,7 +35,7 @@ def select_pairs(runs: Sequence[ComparedRun], selection: ReplaySelection) -> dic
     if selection is ReplaySelection.NONE or not runs[0].stored.run.config.record:
         return {}
     is_all = selection is ReplaySelection.ALL
-    scores = {run.letter: {one.key: one.ds for one in run.stored.results.scenarios} for run in runs}
+    scores = {run.letter: {result.key: result.ds for result in run.stored.results.scenarios} for run in runs}
     recorded = {run.letter for run in runs if run.stored.run.config.record}
     return {
         (scenario, letter): seed
@@ -93,12 +93,12 @@ def _build_side(run: ComparedRun, key: EpisodeKey) -> InStepSide:
 
 
 def _find_result(run: ComparedRun, key: EpisodeKey) -> ScenarioResult:
-    found = next((one for one in run.stored.results.scenarios if one.key == key), None)
-    if found is None:
-        seeds = [one.seed for one in run.stored.results.scenarios if one.id == key[0]]
+    match = next((result for result in run.stored.results.scenarios if result.key == key), None)
+    if match is None:
+        seeds = [result.seed for result in run.stored.results.scenarios if result.id == key[0]]
         other = f"seeds {', '.join(map(str, seeds))} of it" if seeds else "none"
         remedy = "; --seed chooses one" if seeds else f"; `mdrive-sumo eval --scenario {key[0]}` drives it"
         raise InputError(
             f"scenario {key[0]}, seed {key[1]}: expected an episode that {run.folder} has driven, found {other}{remedy}"
         )
-    return found
+    return match

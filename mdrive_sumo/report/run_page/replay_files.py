@@ -45,7 +45,7 @@ def select_replays(
     if selection is ReplaySelection.NONE or not run.config.record:
         return []
     is_all = selection is ReplaySelection.ALL
-    chosen = [one for one in results if one.status != "void" and (is_all or has_losses(one))]
+    chosen = [result for result in results if result.status != "void" and (is_all or has_losses(result))]
     for result in chosen:
         path = run.find_recording(result.key)
         if not path.is_file():

@@ -106,7 +106,7 @@ def render_comparison_page(data: ComparisonData, *, replays_note: str = "") -> s
         seeds=[describe_seeds(run.stored.results.run) for run in data.runs],
         score_table=_build_score_table(data),
         difference_table=_build_difference_table(data),
-        too_few_note=TOO_FEW_NOTE if any(one.ds.ends is None for one in data.comparisons) else "",
+        too_few_note=TOO_FEW_NOTE if any(comparison.ds.ends is None for comparison in data.comparisons) else "",
         outcomes=("worse", "better", "equal", "not compared"),
         replays_note=" ".join(filter(None, (replays_note, _describe_missing_recordings(data)))),
     )

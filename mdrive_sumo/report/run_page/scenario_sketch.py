@@ -14,9 +14,11 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 
 WIDTH_PX, HEIGHT_PX = 108, 72
+"""[px] Size of a sketch."""
 TOLERANCE_M = 0.4
 """How far a drawn line may be from the true one: a pixel is about a metre."""
 ROUTE_PX, START_PX = 2.2, 3.4
+"""[px] Width of a route, and radius of the dot at its start."""
 
 
 def draw_scenario_sketch(scenario: Scenario, roads: RoadMap) -> Markup:

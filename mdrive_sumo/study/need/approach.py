@@ -37,7 +37,7 @@ class ApproachState:
     @property
     def is_reachable(self) -> bool:
         """Whether the CAV can be as fast here as these states are."""
-        first, last = (int(at / (self.motion.stations[1])) for at in (self.back_m, self.front_m))
+        first, last = (int(place_m / (self.motion.stations[1])) for place_m in (self.back_m, self.front_m))
         return self.slow <= float(self.motion.fastest[first : last + 2].max(initial=0.0))
 
     @cached_property
@@ -145,7 +145,9 @@ class UserReaction:
         if seeing >= zone.leave:
             return False
         speed, since_s = self._speed(seeing), (seeing - tick) * DT
-        ahead, through = (max(float(self._way[at] - self._way[seeing]), 0.0) for at in (zone.enter, zone.leave))
+        ahead, through = (
+            max(float(self._way[end_tick] - self._way[seeing]), 0.0) for end_tick in (zone.enter, zone.leave)
+        )
         under_root = speed * speed - 2.0 * DECELERATION * ahead
         if under_root <= 0.0:
             return True

@@ -59,8 +59,8 @@ class ZoneFinder:
         low, high = route.min(0) - 10.0, route.max(0) + 10.0
         near: list[int] = []
         for i in columns:
-            here = ticks[record.valid[ticks, i]]
-            x, y = record.x[here, i], record.y[here, i]
+            present = ticks[record.valid[ticks, i]]
+            x, y = record.x[present, i], record.y[present, i]
             inside = (x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1])
             x, y = x[inside], y[inside]
             gaps = portable.hypot(x[:, None] - route[None, :, 0], y[:, None] - route[None, :, 1])
@@ -69,8 +69,8 @@ class ZoneFinder:
         return near
 
     def _has_moved(self, column: int) -> bool:
-        here = self.record.valid[:, column]
-        x, y = self.record.x[here, column], self.record.y[here, column]
+        present = self.record.valid[:, column]
+        x, y = self.record.x[present, column], self.record.y[present, column]
         return len(x) > 1 and float(x.max() - x.min() + y.max() - y.min()) >= MOVED_M
 
     def _room(self, column: int) -> float:
@@ -99,18 +99,17 @@ class ZoneFinder:
         ticks = np.flatnonzero(e.valid[:, column])
         coarse = np.arange(0.0, line.length, 1.0)
         points = np.array([line.at(s) for s in coarse.tolist()])
-        near = portable.hypot(
-            e.x[ticks, column][None, :] - points[:, :1], e.y[ticks, column][None, :] - points[:, 1:]
-        ) < self._room(column)
+        x, y = e.x[ticks, column][None, :], e.y[ticks, column][None, :]
+        near = np.asarray(portable.hypot(x - points[:, :1], y - points[:, 1:]) < self._room(column))
         rows = np.flatnonzero(near.any(axis=1))
         if not len(rows):
             return np.zeros(0), ticks[:0]
         first = float(coarse[rows[0]])
         last = min(first + MAX_LENGTH_M + 2.0 * self._room(column), line.length)
-        here = near[(coarse >= first) & (coarse <= last)].any(axis=0)
-        begin = int(np.argmax(here))
-        gone = np.flatnonzero(~here[begin:])
-        end = begin + int(gone[0]) if len(gone) else len(here)
+        is_near = np.asarray(near[(coarse >= first) & (coarse <= last)].any(axis=0))
+        begin = int(np.argmax(is_near))
+        gone = np.flatnonzero(~is_near[begin:])
+        end = begin + int(gone[0]) if len(gone) else len(is_near)
         return np.arange(first, last, SPACING_M), ticks[begin:end]
 
     def _compute_overlaps(self, column: int, stations: Float, ticks: Int) -> Bool:
@@ -144,7 +143,7 @@ def find_largest_rectangle(mask: Bool) -> tuple[int, int, int, int]:
     Raises ValueError for a mask without True.
     """
     heights = np.zeros(mask.shape[1] + 1, dtype=np.int64)
-    best, found = 0, None
+    best, rectangle = 0, None
     for row, cells in enumerate(mask):
         heights[:-1] = np.where(cells, heights[:-1] + 1, 0)
         stack: list[int] = []
@@ -153,8 +152,8 @@ def find_largest_rectangle(mask: Bool) -> tuple[int, int, int, int]:
                 tall = int(heights[stack.pop()])
                 left = stack[-1] + 1 if stack else 0
                 if tall * (column - left) > best:
-                    best, found = tall * (column - left), (row - tall + 1, row, left, column - 1)
+                    best, rectangle = tall * (column - left), (row - tall + 1, row, left, column - 1)
             stack.append(column)
-    if found is None:
+    if rectangle is None:
         raise ValueError("expected a mask with a True cell, found none")
-    return found
+    return rectangle

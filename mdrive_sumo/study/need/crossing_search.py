@@ -117,8 +117,8 @@ class CrossingSearch:
         """Add the way to a cell through a side, if the side is not closed."""
         arrival_s = self._open_from(*side)
         if math.isfinite(arrival_s):
-            here = SafeCrossing(arrival_s, float(self.stations[side[0]]), self.speeds[side[1] + side[2]])
-            worst = max(slowest, here, key=lambda one: one.arrival_s)
+            crossing = SafeCrossing(arrival_s, float(self.stations[side[0]]), self.speeds[side[1] + side[2]])
+            worst = max(slowest, crossing, key=lambda candidate: candidate.arrival_s)
             heapq.heappush(heap, (worst.arrival_s, *cell, worst))
 
     def _list_entries(self) -> Iterator[tuple[int, int, bool]]:

@@ -66,11 +66,11 @@ class DoomTest:
         exists = np.ones_like(times, dtype=np.bool_) if self._is_there_at_start else times >= self.tables.first_tick
         seen = np.zeros(len(ticks), dtype=np.bool_)
         sets = self._list_sets(number, lags)
-        for one in np.unique(sets).tolist():
-            at = (sets == one).any(axis=0)
-            views = self.tables.sum_views_from_route(one)
-            there = views[end[at], cells[:, at]] > views[begin[at], cells[:, at]]
-            seen |= (there & exists[:, at]).any(axis=1)
+        for number in np.unique(sets).tolist():
+            chosen = (sets == number).any(axis=0)
+            views = self.tables.sum_views_from_route(number)
+            is_seen = views[end[chosen], cells[:, chosen]] > views[begin[chosen], cells[:, chosen]]
+            seen |= (is_seen & exists[:, chosen]).any(axis=1)
         return seen
 
     def _find_past_stretches(self, state: ApproachState, lags: Int, latest: int) -> tuple[Int, Int]:
@@ -97,12 +97,12 @@ class DoomTest:
         future = self.tables.find_stretches(*state.compute_future(_to_seconds(-after)))
         begin, end = (np.concatenate(pair) for pair in zip(future, past, strict=True))
         rows = np.clip(tick - lags, self.tables.first_tick, self.tables.zone.leave) - self.tables.first_tick
-        found = np.zeros(len(lags), dtype=np.bool_)
+        sees = np.zeros(len(lags), dtype=np.bool_)
         sets = self._list_sets(number, lags)
-        for one in np.unique(sets).tolist():
-            views = self.tables.sum_views_from_drive(one)
-            found |= (sets == one).any(axis=0) & (views[rows, end] > views[rows, begin])
-        return found
+        for number in np.unique(sets).tolist():
+            views = self.tables.sum_views_from_drive(number)
+            sees |= (sets == number).any(axis=0) & (views[rows, end] > views[rows, begin])
+        return sees
 
     def sees_at_once(self, state: ApproachState) -> bool:
         """Return whether the CAV sees the road user at the state, so that it is not doomed; a cheap test, not sharp."""

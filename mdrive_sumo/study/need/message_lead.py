@@ -57,7 +57,7 @@ class Witnesses:
         cell = int(tables.find_cells(np.array(told)))
         ends = (number * BIN_TICKS - MESSAGE_TICKS, (number + 1) * BIN_TICKS - 1 - MESSAGE_TICKS)
         for name in self._stations:
-            if all(at >= 0 and bool(self._look(name, at)[cell]) for at in ends):
+            if all(end >= 0 and bool(self._look(name, end)[cell]) for end in ends):
                 yield name
 
     def list_seeing_at(self, tick: int) -> Iterator[str]:
@@ -86,33 +86,33 @@ class Witnesses:
 
     def _compute_view(self, name: str, tick: int) -> Bool:
         e, tables = self.tables.record, self.tables
-        unit = next((one for one in self.scenario.rsus if one.id == name), None)
-        at = min(tick, e.ticks - 1)
+        unit = next((candidate for candidate in self.scenario.rsus if candidate.id == name), None)
+        last_tick = min(tick, e.ticks - 1)
         none = np.zeros(len(tables.cells), dtype=np.bool_)
         if unit is None and (tick >= e.ticks or not e.valid[tick, e.ids.index(name)]):
             return none
-        here = np.flatnonzero(e.valid[at])
-        here = here[(here != tables.ego) & (here != tables.zone.road_user)]
+        present = np.flatnonzero(e.valid[last_tick])
+        present = present[(present != tables.ego) & (present != tables.zone.road_user)]
         x, y, yaw, length, width = np.array(tables.cells).T
         count = len(none)
         boxes = Objects(
-            ("",) * (count + len(here)),
-            np.concatenate((np.full(count, Kind.PEDESTRIAN, dtype=np.uint8), e.kind[here])),
-            np.concatenate((x, e.x[at, here])),
-            np.concatenate((y, e.y[at, here])),
-            np.concatenate((yaw, e.yaw[at, here])),
-            np.zeros(count + len(here)),
-            np.concatenate((np.minimum(length, e.length[tables.zone.road_user]), e.length[here])),
-            np.concatenate((np.minimum(width, e.width[tables.zone.road_user]), e.width[here])),
+            ("",) * (count + len(present)),
+            np.concatenate((np.full(count, Kind.PEDESTRIAN, dtype=np.uint8), e.kind[present])),
+            np.concatenate((x, e.x[last_tick, present])),
+            np.concatenate((y, e.y[last_tick, present])),
+            np.concatenate((yaw, e.yaw[last_tick, present])),
+            np.zeros(count + len(present)),
+            np.concatenate((np.minimum(length, e.length[tables.zone.road_user]), e.length[present])),
+            np.concatenate((np.minimum(width, e.width[tables.zone.road_user]), e.width[present])),
         )
         weather = WEATHERS[self.scenario.weather].objects_range
         if unit is not None:
             eye, reach = SensorPose(unit.x, unit.y, 0.0, None), unit.range_m * weather
         else:
             i = e.ids.index(name)
-            row = count + int(np.flatnonzero(here == i)[0])
-            eye, reach = SensorPose(float(e.x[at, i]), float(e.y[at, i]), 0.0, row), RANGE_M * weather
-        view = SightView(eye, SensingFrame(at, boxes, {}), self.buildings, reach)
+            row = count + int(np.flatnonzero(present == i)[0])
+            eye, reach = SensorPose(float(e.x[last_tick, i]), float(e.y[last_tick, i]), 0.0, row), RANGE_M * weather
+        view = SightView(eye, SensingFrame(last_tick, boxes, {}), self.buildings, reach)
         return view.visible_rows(MIN_VISIBLE_SHARE)[:count]
 
 
@@ -154,14 +154,14 @@ class ReferenceDrive:
     def find_stopping_tick(self) -> int:
         """Return the last tick at which the CAV could have stopped before the zone."""
         e, motion, zone = self.tables.record, self.tables.motion, self.tables.zone
-        found = 0
+        last_tick = 0
         for tick in np.flatnonzero(e.valid[:, self.tables.ego]).tolist():
             station = motion.line.project(float(e.x[tick, self.tables.ego]), float(e.y[tick, self.tables.ego]))[0]
             speed = float(e.speed[tick, self.tables.ego])
             if station + speed * speed / (2.0 * motion.deceleration) > zone.enter_m + OVERRUN_M:
                 break
-            found = tick
-        return found
+            last_tick = tick
+        return last_tick
 
     def find_own_sight(self) -> int | None:
         """Return the first tick at which the CAV sees anything of the road user, or None."""

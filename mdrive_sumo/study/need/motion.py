@@ -113,8 +113,8 @@ class RouteMotion:
 
     def compute_reach(self, second: Float) -> Float:
         """Return the greatest station [m] that can be reached after so many seconds, any shape."""
-        found = np.interp(second, self.fastest_times, self.stations) + STEP_M
-        return np.where(second >= self.fastest_times[-1], self.line.length, found)
+        reach_m = np.interp(second, self.fastest_times, self.stations) + STEP_M
+        return np.where(second >= self.fastest_times[-1], self.line.length, reach_m)
 
     def _index_below(self, station: float) -> int:
         return min(max(int(station / STEP_M), 0), len(self.caps) - 1)
@@ -157,8 +157,8 @@ def build_route_motion(ego: Ego, roads: RoadMap, limits: MotionLimits) -> RouteM
 def _find_caps(points: Float, lanes: Sequence[str], roads: RoadMap) -> Float:
     caps = np.zeros(len(points))
     spots = shapely.points(points)
-    found = [roads.lanes[lane] for lane in dict.fromkeys(lanes)]
-    for lane in found:
+    lanes_of_route = [roads.lanes[lane] for lane in dict.fromkeys(lanes)]
+    for lane in lanes_of_route:
         near = shapely.dwithin(spots, shapely.LineString(lane.centre.xy), NEAR_LANE_M)
         caps = np.where(near, np.maximum(caps, lane.speed_limit), caps)
-    return np.where(caps > 0.0, caps, max(lane.speed_limit for lane in found))
+    return np.where(caps > 0.0, caps, max(lane.speed_limit for lane in lanes_of_route))

@@ -132,23 +132,23 @@ class StandingOccluders:
             groups = np.arange(bins) // joined
             standing = np.array([between[groups == group].all(axis=0) for group in groups.tolist()])
         rows = [*standing, between.all(axis=0)]
-        return [self._build_boxes(min(at, bins - 1), np.asarray(row)) for at, row in enumerate(rows)]
+        return [self._build_boxes(min(number, bins - 1), np.asarray(row)) for number, row in enumerate(rows)]
 
-    def _build_boxes(self, at: int, chosen: Bool) -> tuple[SightBox, ...]:
+    def _build_boxes(self, number: int, chosen: Bool) -> tuple[SightBox, ...]:
         e, rows = self.vehicles.record, np.flatnonzero(chosen)
         columns = self.vehicles.columns[rows]
-        table = np.stack((*self.vehicles.poses[:, at, rows], e.length[columns], e.width[columns]), axis=-1)
+        table = np.stack((*self.vehicles.poses[:, number, rows], e.length[columns], e.width[columns]), axis=-1)
         return tuple(SightBox(*row) for row in table.tolist())
 
     def _find_between(self) -> Bool:
         """Return (bins, C) whether each stands in the region during the whole bin."""
         e, vehicles = self.vehicles.record, self.vehicles
-        found = vehicles.standing & ~np.isin(vehicles.columns, self.pair)
-        bins, rows = np.nonzero(found)
+        is_between = vehicles.standing & ~np.isin(vehicles.columns, self.pair)
+        bins, rows = np.nonzero(is_between)
         points = shapely.points(vehicles.poses[0, bins, rows], vehicles.poses[1, bins, rows])
         reach = portable.hypot(e.length, e.width)[vehicles.columns] / 2
-        found[bins, rows] = np.asarray(shapely.distance(points, self.region)) <= reach[rows]
-        return found
+        is_between[bins, rows] = np.asarray(shapely.distance(points, self.region)) <= reach[rows]
+        return is_between
 
     @cached_property
     def _eroded(self) -> dict[float, BuildingEdges]:

@@ -27,6 +27,7 @@ long that what is eroded by half of it is less than a car."""
 FINE_TICKS = 5 * TICKS_PER_SECOND
 """Ticks before the road user has left the zone that are cells of their own; before them a cell has `COARSE_TICKS`."""
 COARSE_TICKS = 10
+"""Chosen: half a second, for what is seen long before the zone."""
 
 Occluders = tuple[SightBox, ...]
 
@@ -91,12 +92,12 @@ class SightTables:
         """(S,) box around the CAV in every stretch."""
         e, line = self.record, self.motion.line
         size = float(e.length[self.ego]), float(e.width[self.ego]) + 2.0 * LATERAL_M
-        found: list[SightBox] = []
+        boxes: list[SightBox] = []
         for begin, end in zip(self.edges[:-1].tolist(), self.edges[1:].tolist(), strict=True):
             stations = np.linspace(begin, end, 3)
             x, y = np.array([line.at(s) for s in stations.tolist()]).T
-            found.append(enclose_boxes(x, y, line.yaws_at(stations), *size))
-        return tuple(found)
+            boxes.append(enclose_boxes(x, y, line.yaws_at(stations), *size))
+        return tuple(boxes)
 
     @cached_property
     def occluders(self) -> StandingOccluders:
@@ -123,8 +124,8 @@ class SightTables:
     @cached_property
     def set_of_bin(self) -> Int:
         """(bins + 1,) index into `sets` for every bin of time; the last one for all times after the recording."""
-        number = {one: i for i, one in enumerate(self.sets)}
-        return np.array([number[one] for one in self._set_of_bin])
+        number = {occluders: i for i, occluders in enumerate(self.sets)}
+        return np.array([number[occluders] for occluders in self._set_of_bin])
 
     @cached_property
     def _views(self) -> dict[tuple[int, int], Bool]:
@@ -156,7 +157,7 @@ class SightTables:
         """Return (K,) the cells that can be seen from a stretch even past all that ever stands."""
         key = -1, row
         if key not in self._views:
-            boxes = tuple(dict.fromkeys(box for one in self.sets for box in one))
+            boxes = tuple(dict.fromkeys(box for occluders in self.sets for box in occluders))
             self._views[key] = self._look_from_route(row, boxes)
         return self._views[key]
 

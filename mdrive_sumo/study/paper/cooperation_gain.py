@@ -55,27 +55,27 @@ class RoleGap:
 def split_groups(scenarios: Sequence[ScenarioResult]) -> dict[str, set[str]]:
     """Return ids of scenarios by bucket, then by interactivity level, then all."""
     groups: dict[str, set[str]] = {}
-    for one in scenarios:
-        groups.setdefault(one.bucket, set()).add(one.id)
-    for one in scenarios:
-        if one.category in set(Category):
-            groups.setdefault(LEVELS[Category(one.category)], set()).add(one.id)
-    return {**groups, ALL: {one.id for one in scenarios}}
+    for result in scenarios:
+        groups.setdefault(result.bucket, set()).add(result.id)
+    for result in scenarios:
+        if result.category in set(Category):
+            groups.setdefault(LEVELS[Category(result.category)], set()).add(result.id)
+    return {**groups, ALL: {result.id for result in scenarios}}
 
 
 def compute_pair_gains(runs: Mapping[str, Results]) -> tuple[PairGain, ...]:
     """Return the gains of `PAIRS` whose agents are both there, by bucket, level and over all scenarios."""
-    found: list[PairGain] = []
+    gains: list[PairGain] = []
     for agent, base in PAIRS:
         if agent not in runs or base not in runs:
             continue
         tables = [group_by_scenario(runs[name].scenarios) for name in (agent, base)]
         for group, names in split_groups(runs[agent].scenarios).items():
-            ours, theirs = ({name: one for name, one in table.items() if name in names} for table in tables)
+            ours, theirs = ({name: results for name, results in table.items() if name in names} for table in tables)
             ds, sr = (compute_difference_interval(ours, theirs, score) for score in ("ds", "sr"))
             if ds and sr:
-                found.append(PairGain(agent, base, group, len({*ours} & {*theirs}), ds, sr))
-    return tuple(found)
+                gains.append(PairGain(agent, base, group, len({*ours} & {*theirs}), ds, sr))
+    return tuple(gains)
 
 
 def compute_role_gaps(runs: Mapping[str, Results]) -> tuple[RoleGap, ...]:
@@ -109,7 +109,9 @@ def _compute_harmonic_means(
 ) -> Float:
     """Return H (R,) of an agent where scenario j counts `counts[r, j]` times; 0 where DS and SR are 0."""
     ds, sr = (
-        sum_resamples(counts, np.array([fmean(getattr(one, score) for one in table[name].values()) for name in names]))
+        sum_resamples(
+            counts, np.array([fmean(getattr(result, score) for result in table[name].values()) for name in names])
+        )
         / len(names)
         for score in ("ds", "sr")
     )

@@ -32,26 +32,28 @@ def resample_metric(recordings: Sequence[OpenLoopScenario], metric: str, counts:
     if metric == "ap50":
         chunks = [counts[place : place + CHUNK] for place in range(0, len(counts), CHUNK)]
         return np.concatenate([100.0 * _compute_precision(recordings, chunk) for chunk in chunks])
-    values = [getattr(one, metric) for one in recordings]
-    frames = [1 if metric == "cr" else one.frames for one in recordings]
+    values = [getattr(recording, metric) for recording in recordings]
+    frames = [1 if metric == "cr" else recording.frames for recording in recordings]
     weights = np.array([0 if value is None else count for value, count in zip(values, frames, strict=True)])
-    known = np.array([0.0 if value is None else value for value in values])
-    sums = sum_resamples(counts, np.stack((weights * known, weights), axis=-1))
+    defined = np.array([0.0 if value is None else value for value in values])
+    sums = sum_resamples(counts, np.stack((weights * defined, weights), axis=-1))
     return _divide(sums[:, 0], sums[:, 1])
 
 
 def _compute_precision(recordings: Sequence[OpenLoopScenario], counts: Float) -> Float:
     """Return average precision in [0, 1] (R,): area under the interpolated curve of precision over recall."""
-    tables = [one.count_detections() for one in recordings]
+    tables = [recording.count_detections() for recording in recordings]
     scores = sorted({score for table in tables for score in table.by_score}, reverse=True)
     cells = np.array([[table.by_score.get(score, (0, 0)) for score in scores] for table in tables], dtype=float)
     if not scores:
         return np.full(len(counts), np.nan)
     sums = sum_resamples(counts, cells)
-    found, accepted = (np.cumsum(sums[:, :, part], axis=1) for part in (0, 1))
+    matched, accepted = (np.cumsum(sums[:, :, part], axis=1) for part in (0, 1))
     truths = sum_resamples(counts, np.array([table.truths for table in tables], dtype=float))
-    recall = _divide(np.pad(found, ((0, 0), (1, 0))), np.broadcast_to(truths[:, None], (len(counts), len(scores) + 1)))
-    precision = np.nan_to_num(_divide(found, accepted))
+    recall = _divide(
+        np.pad(matched, ((0, 0), (1, 0))), np.broadcast_to(truths[:, None], (len(counts), len(scores) + 1))
+    )
+    precision = np.nan_to_num(_divide(matched, accepted))
     best_after = np.maximum.accumulate(precision[:, ::-1], axis=1)[:, ::-1]
     return (np.diff(recall, axis=1) * best_after).sum(axis=1)
 
@@ -112,9 +114,9 @@ def compare_open_with_closed(
     opened, closed: by agent, of the same agents; only episodes that all have in both loops count. The reference is in
     no correlation, because it is compared with its own drives.
     """
-    shown = {name: {one.key: one for one in results.scenarios} for name, results in opened.items()}
+    shown = {name: {result.key: result for result in results.scenarios} for name, results in opened.items()}
     driven = {
-        name: {one.key: one for one in closed[name].scenarios if one.status == "ok"} for name in opened
+        name: {result.key: result for result in closed[name].scenarios if result.status == "ok"} for name in opened
     }  # void episodes have no score
     first = next(iter(shown.values()), {})
     keys = [key for key in first if all(key in table[name] for table in (shown, driven) for name in opened)]
@@ -122,7 +124,7 @@ def compare_open_with_closed(
         return OpenClosedComparison(0, (), ())
     lines = tuple(_make_line(name, keys, shown[name], driven[name]) for name in opened)
     resamples = _ScenarioResamples.of(keys)
-    correlations = [one for metric in OPEN_METRICS for one in _correlate(metric, lines, shown, driven, resamples)]
+    correlations = [result for metric in OPEN_METRICS for result in _correlate(metric, lines, shown, driven, resamples)]
     return OpenClosedComparison(len({name for name, _ in keys}), lines, tuple(correlations))
 
 
@@ -160,8 +162,8 @@ def _correlate(
     resamples: _ScenarioResamples,
 ) -> Iterator[RankCorrelation]:
     """Yield the correlation of an open-loop metric with each closed-loop score."""
-    known = [one for one in lines if not one.is_reference and getattr(one.open, metric) is not None]
-    agents = tuple(line.agent for line in known)
+    compared = [line for line in lines if not line.is_reference and getattr(line.open, metric) is not None]
+    agents = tuple(line.agent for line in compared)
     if len(agents) < MIN_AGENTS:
         yield from (RankCorrelation(metric, score, agents, None, None) for score in CLOSED_METRICS)
         return

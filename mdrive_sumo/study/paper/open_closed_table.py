@@ -70,13 +70,13 @@ def build_correlation_table(comparison: OpenClosedComparison) -> Table:
     rows = [
         make_row(
             (
-                METRIC_LABELS[one.metric][:-2],
-                one.score.upper(),
-                float(len(one.agents)),
-                *(_make_cell(found) for found in (one.spearman, one.kendall)),
+                METRIC_LABELS[correlation.metric][:-2],
+                correlation.score.upper(),
+                float(len(correlation.agents)),
+                *(_make_cell(interval) for interval in (correlation.spearman, correlation.kendall)),
             )
         )
-        for one in comparison.correlations
+        for correlation in comparison.correlations
     ]
     note = (
         "+1: the agents have the same order in both loops, best first; 0: open loop does not tell; -1: the reverse."
@@ -112,10 +112,10 @@ def make_open_closed_figure(comparison: OpenClosedComparison) -> ReportFigure:
 def _draw_panel(axes: Axes, lines: Sequence[OpenClosedLine], metric: str, score: str) -> None:
     for place, line in enumerate(lines):
         value = getattr(line.open, metric)
-        known = value is not None
+        is_known = value is not None
         axes.scatter(
-            [value] if known else [],
-            [getattr(line, score)] if known else [],
+            [value] if is_known else [],
+            [getattr(line, score)] if is_known else [],
             color=COLOURS[place % len(COLOURS)],
             marker=MARKERS[place % len(MARKERS)],
             facecolors="none" if line.is_reference else None,

@@ -37,14 +37,14 @@ def prepare_installed_agents(
         )
     if names:
         return {name: prepare_agent(name) for name in names}, {}
-    found: dict[str, PreparedRun] = {}
+    prepared: dict[str, PreparedRun] = {}
     left_out: dict[str, str] = {}
     for name in AGENTS:
         try:
-            found[name] = prepare_agent(name)
+            prepared[name] = prepare_agent(name)
         except InputError as error:
             left_out[name] = str(error)
-    return found, left_out
+    return prepared, left_out
 
 
 def find_role(results: Results) -> AgentRole:

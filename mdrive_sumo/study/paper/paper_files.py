@@ -31,13 +31,13 @@ def build_paper_json(numbers: PaperNumbers, request: PaperRequest, about: Mappin
         "score_mode": run.score_mode,
         "closed": {name: _describe_run(results) for name, results in numbers.closed.items()},
         "open": {name: results.overall.model_dump() for name, results in numbers.open.items()},
-        "gaps": [asdict(one) | {"shown": judge_interval(one.gap)} for one in numbers.gaps],
+        "gaps": [asdict(entry) | {"shown": judge_interval(entry.gap)} for entry in numbers.gaps],
         "gains": [
-            asdict(one) | {f"shown_{score}": judge_interval(getattr(one, score)) for score in ("ds", "sr")}
-            for one in numbers.gains
+            asdict(entry) | {f"shown_{score}": judge_interval(getattr(entry, score)) for score in ("ds", "sr")}
+            for entry in numbers.gains
         ],
         "open_closed": asdict(numbers.comparison)
-        | {"lines": [asdict(one) | {"open": one.open.model_dump()} for one in numbers.comparison.lines]},
+        | {"lines": [asdict(entry) | {"open": entry.open.model_dump()} for entry in numbers.comparison.lines]},
         "channel": [
             {
                 "agent": row.agent,

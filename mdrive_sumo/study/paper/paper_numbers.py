@@ -34,7 +34,7 @@ class PaperNumbers:
     @property
     def runs(self) -> tuple[Results, ...]:
         """The results of all runs in closed loop, those over worse channels included."""
-        return (*self.closed.values(), *(one for row in self.channel for one in row.results))
+        return (*self.closed.values(), *(results for row in self.channel for results in row.results))
 
 
 def compute_paper_numbers(study: PaperStudy, rows: Sequence[PaperRow]) -> PaperNumbers:

@@ -58,11 +58,13 @@ def make_plan(suite: Suite, scale: PaperScale) -> PaperPlan:
     others = [scenario for scenario in suite if scenario.bucket != LOG_BUCKET]
     if scale is PaperScale.QUICK:
         logs = choose_shortest(split_by_cavs(logs)[0] or logs, QUICK_LOG_SCENARIOS)
-        others = [one for stratum in split_strata(others, name_stratum) for one in choose_shortest(stratum, 1)]
+        others = [
+            scenario for stratum in split_strata(others, name_stratum) for scenario in choose_shortest(stratum, 1)
+        ]
     elif scale is PaperScale.STANDARD:
         logs = _choose_standard_logs(logs)
-        others = [one for stratum in split_strata(others, name_stratum) for one in _choose_standard(stratum)]
-    closed, seen = ({one.id for one in chosen} for chosen in ((*logs, *others), logs or others))
+        others = [scenario for stratum in split_strata(others, name_stratum) for scenario in _choose_standard(stratum)]
+    closed, seen = ({scenario.id for scenario in chosen} for chosen in ((*logs, *others), logs or others))
     cooperative, _ = split_by_cavs([scenario for scenario in suite if scenario.id in seen])
     if not cooperative:
         raise InputError(f"suite {suite.name}: expected scenarios with two CAVs or more, found none")
@@ -86,7 +88,9 @@ def _choose_standard(stratum: Sequence[Scenario]) -> list[Scenario]:
     """Return a share of each category of a stratum, and as many more that it has `MIN_STRATUM` scenarios."""
     categories = split_strata(stratum, lambda scenario: scenario.category)
     least = math.ceil(MIN_STRATUM / len(categories))
-    return [one for found in categories for one in choose_evenly(found, max(least, _count_share(found)))]
+    return [
+        scenario for category in categories for scenario in choose_evenly(category, max(least, _count_share(category)))
+    ]
 
 
 def _count_share(scenarios: Sequence[Scenario]) -> int:
@@ -95,18 +99,18 @@ def _count_share(scenarios: Sequence[Scenario]) -> int:
 
 def split_by_cavs(scenarios: Sequence[Scenario]) -> tuple[list[Scenario], list[Scenario]]:
     """Return the scenarios with two CAVs or more, and the others."""
-    found: tuple[list[Scenario], list[Scenario]] = [], []
+    parts: tuple[list[Scenario], list[Scenario]] = [], []
     for scenario in scenarios:
-        found[len(scenario.egos) < 2].append(scenario)
-    return found
+        parts[len(scenario.egos) < 2].append(scenario)
+    return parts
 
 
 def split_strata(scenarios: Sequence[Scenario], name_of: Callable[[Scenario], str]) -> list[list[Scenario]]:
     """Return the scenarios of each stratum."""
-    found: dict[str, list[Scenario]] = {}
+    strata: dict[str, list[Scenario]] = {}
     for scenario in scenarios:
-        found.setdefault(name_of(scenario), []).append(scenario)
-    return [*found.values()]
+        strata.setdefault(name_of(scenario), []).append(scenario)
+    return [*strata.values()]
 
 
 def name_stratum(scenario: Scenario) -> str:

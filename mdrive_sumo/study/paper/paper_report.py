@@ -65,7 +65,7 @@ def list_paper_facts(numbers: PaperNumbers, request: PaperRequest) -> dict[str, 
     """Return what was measured with what, by name."""
     run = numbers.compared[0].results.run
     plan = numbers.plan
-    logs = LOG_BUCKET if any(one.bucket == LOG_BUCKET for one in numbers.scenarios) else "every bucket"
+    logs = LOG_BUCKET if any(scenario.bucket == LOG_BUCKET for scenario in numbers.scenarios) else "every bucket"
     options = ", ".join(f"{name} {value}" for name, value in run.conditions.items())
     return {
         "suite": f"{run.suite}, checksum {run.suite_checksum}",
@@ -84,11 +84,11 @@ def list_paper_facts(numbers: PaperNumbers, request: PaperRequest) -> dict[str, 
 
 def list_paper_warnings(numbers: PaperNumbers, request: PaperRequest) -> tuple[str, ...]:
     """Return what a reader must know before the numbers."""
-    void = sum(one.void for one in numbers.runs)
-    found = [QUICK_WARNING] if numbers.plan.scale is PaperScale.QUICK else []
-    found += [f"Left out: {name}: {why}." for name, why in request.left_out.items()]
-    found += [f"{void} episodes are void: a failure of the benchmark or of SUMO, not of an agent."] if void else []
-    return tuple(found)
+    void = sum(results.void for results in numbers.runs)
+    warnings = [QUICK_WARNING] if numbers.plan.scale is PaperScale.QUICK else []
+    warnings += [f"Left out: {name}: {why}." for name, why in request.left_out.items()]
+    warnings += [f"{void} episodes are void: a failure of the benchmark or of SUMO, not of an agent."] if void else []
+    return tuple(warnings)
 
 
 TITLE = "The paper's tables and figures, measured with mdrive-sumo"
@@ -184,7 +184,7 @@ def _build_missing_table() -> Table:
 def _mark_quick(section: ReportSection) -> ReportSection:
     """Return a section whose tables and figures are marked as those of a quick study."""
     tables, figures = (
-        tuple(replace(one, name=f"{QUICK_PREFIX}{one.name}", title=f"{QUICK}: {one.title}") for one in found)
-        for found in (section.tables, section.figures)
+        tuple(replace(item, name=f"{QUICK_PREFIX}{item.name}", title=f"{QUICK}: {item.title}") for item in items)
+        for items in (section.tables, section.figures)
     )
     return replace(section, tables=tables, figures=figures)

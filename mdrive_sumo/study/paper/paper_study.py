@@ -175,7 +175,7 @@ def _restrict(prepared: PreparedRun, scenarios: tuple[str, ...], folder: Path) -
 
 def select_results(whole: Results, scenarios: tuple[str, ...]) -> Results:
     """Return the results of some scenarios of a run, with their means."""
-    return summarize_run(whole.run, [one for one in whole.scenarios if one.id in {*scenarios}])
+    return summarize_run(whole.run, [result for result in whole.scenarios if result.id in {*scenarios}])
 
 
 def _may_perturb(agent: str) -> bool:

@@ -43,14 +43,19 @@ def build_scenario_table(scenarios: Sequence[Scenario]) -> Table:
     for source in ("driven", "paper"):
         columns += [Column(f"{key}_{source}", *_label(key, source)) for key in COLUMNS]
     rows = [
-        _make_row(bucket, [one for one in scenarios if one.bucket == bucket], _find_paper_bucket(bucket), BUCKETS)
+        _make_row(
+            bucket,
+            [scenario for scenario in scenarios if scenario.bucket == bucket],
+            _find_paper_bucket(bucket),
+            BUCKETS,
+        )
         for bucket in dict.fromkeys(scenario.bucket for scenario in scenarios)
     ]
     for category in Category:
-        if found := [one for one in scenarios if one.category == category]:
+        if members := [scenario for scenario in scenarios if scenario.category == category]:
             figures = FIGURES.get(category)
             paper = (float(figures.count), *figures.means) if figures else (None,) * len(COLUMNS)
-            rows.append(_make_row(category, found, paper, CATEGORIES))
+            rows.append(_make_row(category, members, paper, CATEGORIES))
     note = "Means over scenarios, of routes and heading changes over CAVs. Actors: road users and props besides CAVs."
     return Table("scenarios", "Scenarios driven, and those of the paper", tuple(columns), tuple(rows), note)
 
@@ -61,17 +66,17 @@ def _label(key: str, source: str) -> tuple[str, str, int]:
 
 
 def _find_paper_bucket(bucket: str) -> tuple[float | None, ...]:
-    found = PAPER.get(bucket.lower())
-    if found is None:
+    figures = PAPER.get(bucket.lower())
+    if figures is None:
         return (None,) * len(COLUMNS)
-    means = (found.mean_cavs, found.mean_route_m, found.mean_heading_change_deg, found.mean_actors)
-    return (float(found.scenarios), *means)
+    means = (figures.mean_cavs, figures.mean_route_m, figures.mean_heading_change_deg, figures.mean_actors)
+    return (float(figures.scenarios), *means)
 
 
 def _make_row(name: str, scenarios: Sequence[Scenario], paper: Sequence[float | None], section: str) -> Row:
-    found = compute_suite_statistics(scenarios)
-    means = (found.mean_cavs, found.mean_route_m, found.mean_heading_change_deg, found.mean_actors)
-    return make_row((name, float(found.scenarios), *means, *paper), section)
+    statistics = compute_suite_statistics(scenarios)
+    means = (statistics.mean_cavs, statistics.mean_route_m, statistics.mean_heading_change_deg, statistics.mean_actors)
+    return make_row((name, float(statistics.scenarios), *means, *paper), section)
 
 
 SHOWN_NOTE = (
@@ -92,16 +97,16 @@ def build_pair_table(gains: Sequence[PairGain]) -> Table:
     rows = [
         make_row(
             (
-                one.group,
-                float(one.scenarios),
-                Cell(one.ds.mean, one.ds),
-                Cell(one.sr.mean, one.sr),
-                judge_interval(one.ds),
-                judge_interval(one.sr),
+                gain.group,
+                float(gain.scenarios),
+                Cell(gain.ds.mean, gain.ds),
+                Cell(gain.sr.mean, gain.sr),
+                judge_interval(gain.ds),
+                judge_interval(gain.sr),
             ),
-            f"{PAIRS[one.agent, one.base]}: {one.agent} - {one.base}",
+            f"{PAIRS[gain.agent, gain.base]}: {gain.agent} - {gain.base}",
         )
-        for one in gains
+        for gain in gains
     ]
     return Table("gains", "What sharing and negotiation gain", columns, tuple(rows), SHOWN_NOTE)
 
@@ -120,16 +125,16 @@ def build_gap_table(gaps: Sequence[RoleGap]) -> Table:
     rows = [
         make_row(
             (
-                one.group,
-                float(one.scenarios),
-                one.multi,
-                one.single,
-                Cell(one.gap.mean, one.gap),
-                judge_interval(one.gap),
-                PUBLISHED_GAPS.get(one.group),
+                gap.group,
+                float(gap.scenarios),
+                gap.multi,
+                gap.single,
+                Cell(gap.gap.mean, gap.gap),
+                judge_interval(gap.gap),
+                PUBLISHED_GAPS.get(gap.group),
             )
         )
-        for one in gaps
+        for gap in gaps
     ]
     note = f"H: harmonic mean of DS and SR of an agent; the mean is over the agents of a kind. {SHOWN_NOTE}"
     return Table("gap", "Multi-agent minus single-agent systems", columns, tuple(rows), note)
@@ -189,7 +194,7 @@ def _build_row(agent: str, clean: StudyRow, perturbed: StudyRow) -> Row:
 
 
 def _select_common(table: ResultTable, tables: Sequence[ResultTable]) -> ResultTable:
-    return {name: found for name, found in table.items() if all(name in other for other in tables)}
+    return {name: results for name, results in table.items() if all(name in other for other in tables)}
 
 
 def _build_published_row(published: PublishedDegradation) -> Row:

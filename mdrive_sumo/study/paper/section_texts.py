@@ -18,13 +18,13 @@ class SectionText:
 
     def list_points(self) -> dict[str, str]:
         """Return the words by what they say, without empty ones."""
-        found = {
+        points = {
             "Counterpart of": self.counterpart,
             "The paper": self.claim,
             "Comparable to CARLA": self.comparable,
             "Not comparable": self.not_comparable,
         }
-        return {name: words for name, words in found.items() if words}
+        return {name: words for name, words in points.items() if words}
 
 
 SCENARIOS = SectionText(

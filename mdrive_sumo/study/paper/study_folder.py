@@ -60,8 +60,8 @@ def claim_folder(folder: Path, about: Mapping[str, Any], *, fresh: bool) -> None
                 " --fresh starts anew, --out names another folder"
             )
     elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        found = next((path.name for path in sorted(folder.iterdir())), "") if folder.is_dir() else "a file"
-        raise InputError(f"{folder}: expected an empty folder or one of `study paper`, found {found} in it")
+        entry = next((path.name for path in sorted(folder.iterdir())), "") if folder.is_dir() else "a file"
+        raise InputError(f"{folder}: expected an empty folder or one of `study paper`, found {entry} in it")
     with report_write_errors(path):
         make_folder(folder)
         write_text(path, json.dumps(about, indent=1) + "\n")
@@ -69,9 +69,9 @@ def claim_folder(folder: Path, about: Mapping[str, Any], *, fresh: bool) -> None
 
 def _read_plan(path: Path) -> dict[str, Any]:
     try:
-        found = json.loads(read_bytes(path))
+        plan = json.loads(read_bytes(path))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: expected the plan of a study, found none ({error}); --fresh starts anew") from None
-    if not isinstance(found, dict):
-        raise InputError(f"{path}: expected a JSON object, found a {type(found).__name__}; --fresh starts anew")
-    return found
+    if not isinstance(plan, dict):
+        raise InputError(f"{path}: expected a JSON object, found a {type(plan).__name__}; --fresh starts anew")
+    return plan
