@@ -96,14 +96,19 @@ class NegotiationInterface:
             length -= 2 * parameters.trust_longitudinal_m
             width -= 2 * parameters.trust_lateral_m
             return PredictedMotion(trusted, length, width, Reason(Cause.ANNOUNCED, (name,)))
-        if self._is_leader(poses, planner):
+        ahead_m = self._find_distance_ahead(poses, planner)
+        if ahead_m is not None:
             braking = predict_announced_braking(payload, age_ticks)
-            return PredictedMotion(braking, length, width, Reason(Cause.FOLLOW, (name,)), stands_at_end=True)
+            reason = Reason(Cause.FOLLOW, (name,), distance_m=max(ahead_m - length, 0.0))
+            return PredictedMotion(braking, length, width, reason, stands_at_end=True)
         cause = Cause.AGREEMENT if name in decision.yield_to else Cause.ANNOUNCED
         return PredictedMotion(poses, length, width, Reason(cause, (name,)))
 
-    def _is_leader(self, poses: Float, planner: SpaceTimePlanner) -> bool:
-        """Return whether a CAV drives ahead on the own path: it may have to brake, whatever it announced."""
+    def _find_distance_ahead(self, poses: Float, planner: SpaceTimePlanner) -> float | None:
+        """Return how far [m] ahead on the own path a CAV drives: it may have to brake, whatever it announced.
+
+        None for a CAV that is no leader.
+        """
         x, y, yaw = poses[0].tolist()
         path, ahead_m = planner.path, self._parameters.leader_ahead_m * planner.scale.factor
         s = path.project(x, y, planner.s + ahead_m, ahead_m)
@@ -111,7 +116,8 @@ class NegotiationInterface:
         cos, sin = portable.cos_sin(path.yaw[row])
         lateral = cos * (y - path.xy[row, 1]) - sin * (x - path.xy[row, 0])
         is_aligned = portable.cos(yaw - path.yaw[row]) > self._parameters.same_direction_cos
-        return s > planner.s and abs(lateral) < self._parameters.leader_lateral_m and is_aligned
+        leads = s > planner.s and abs(lateral) < self._parameters.leader_lateral_m and is_aligned
+        return s - planner.s if leads else None
 
     def _is_behind(self, own: OwnState, poses: Float) -> bool:
         """Return whether a CAV is behind and in the same direction: it gives way to the own car."""

@@ -30,7 +30,7 @@ SENTENCES: Mapping[Cause, str] = MappingProxyType(
         Cause.BLOCKED: "is held up by {names}, {which} stands in its way{gap}",
         Cause.YIELD: "yields to {names}, {crosses}",
         Cause.AVOID: "keeps clear of {names}{meets}",
-        Cause.ONCOMING: "waits for {names}, {which} needs the room of its detour{gap}",
+        Cause.ONCOMING: "waits for {names}, {which} is in the way of its detour{gap}",
         Cause.OBSTACLE: "stops where it can still turn out for {names}, {which} stands in its way{gap}",
         Cause.STOP_SIGN: "stops at a stop sign{here}",
         Cause.LIGHT: "stops at traffic light {names}{gap}",

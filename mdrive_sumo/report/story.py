@@ -17,6 +17,8 @@ from mdrive_sumo.v2x.messages import MCM, TEXT, Intention, Mcm, MessageError, de
 
 STANDING_SPEED = 0.1
 """[m/s] A slower car stands: controllers leave some centimetres a second (measured: a car that waits with `single`)."""
+NEARLY_STANDING = 0.5
+"""[m/s] Below this speed a car that goes on has almost stopped."""
 MIN_STAND_TICKS = TICKS_PER_SECOND // 2
 """A shorter stop is the end of braking, not a wait."""
 MIN_BRAKING = 1.5
@@ -163,12 +165,13 @@ class CavStory:
             before, after = (spans[i - 1] if i else None), (spans[i + 1] if i + 1 < len(spans) else None)
             if span.kind == "brakes":
                 low = float(speed[span.last])
-                goal = "to a stop" if after is not None and after.kind == "stands" else f"to {low:.1f} m/s"
+                stops = after is not None and after.kind == "stands"
+                goal = "to a stop" if stops else "almost to a stop" if low < NEARLY_STANDING else f"to {low:.1f} m/s"
                 what = f"brakes from {float(speed[span.first]):.1f} m/s {goal}"
                 yield StoryLine(span.first, what + self._explain(span, NOTED_BEFORE_TICKS))
             elif span.kind == "is pushed":
                 low, high = float(speed[span.last]), float(speed[span.first])
-                yield StoryLine(span.first, f"loses speed by contact: from {high:.1f} m/s to {low:.1f} m/s")
+                yield StoryLine(span.first + 1, f"loses speed by contact: from {high:.1f} m/s to {low:.1f} m/s")
             elif span.kind == "stands" and (after is not None or span.first > 0):
                 until = (span.last + 1) * DT
                 what = f"stands until {until:.1f} s ({(span.last + 1 - span.first) * DT:.1f} s)"
@@ -193,11 +196,7 @@ class CavStory:
         for reason in telling:
             first_of.setdefault(reason.key, reason)
         told = list(first_of.values())
-        soon = span.first + MIN_STAND_TICKS
-        parts = [
-            reason.text if i == 0 or reason.tick <= soon else f"from {reason.tick * DT:.1f} s {reason.text}"
-            for i, reason in enumerate(told[:MAX_REASONS])
-        ]
+        parts = [_tell_since(reason, span.first) for reason in told[:MAX_REASONS]]
         more = len(told) - MAX_REASONS
         return f": {'; '.join(parts)}" + (f"; and {more} more reasons" if more > 0 else "")
 
@@ -290,6 +289,15 @@ class CavStory:
 
 def _join_cavs(names: Sequence[str]) -> str:
     return join_names(tuple(f"CAV {name}" for name in names))
+
+
+def _tell_since(reason: NotedReason, begin_tick: int) -> str:
+    """Return a reason, with its time if that is not about `begin_tick`: its distances are of that moment."""
+    if reason.tick < begin_tick - NOTED_BEFORE_TICKS:
+        return f"since {reason.tick * DT:.1f} s {reason.text}"
+    return (
+        reason.text if reason.tick <= begin_tick + MIN_STAND_TICKS else f"from {reason.tick * DT:.1f} s {reason.text}"
+    )
 
 
 def _select_reasons(reasons: Sequence[NotedReason], first: int, last: int) -> list[NotedReason]:

@@ -105,8 +105,8 @@ def test_the_story_has_departure_braking_standing_and_arrival_with_their_reasons
         "   0.6 s  departs: drives freely, at up to 8.0 m/s",
         "   3.5 s  brakes from 8.0 m/s to a stop: yields to pedestrian anna, who crosses in 2.1 s",
         "   4.5 s  infraction: hit vehicle 1 at 2.5 m/s",
-        "   5.5 s  stands until 9.1 s (3.6 s): yields to pedestrian anna, who crosses in 2.1 s; from 6.5 s is held up"
-        " by vehicle car, which stands in its way, 0.5 m ahead",
+        "   5.5 s  stands until 9.1 s (3.6 s): since 3.0 s yields to pedestrian anna, who crosses in 2.1 s; from 6.5 s"
+        " is held up by vehicle car, which stands in its way, 0.5 m ahead",
         "   9.1 s  drives on: drives freely, at up to 8.0 m/s",
         "  12.0 s  arrives",
     ]
