@@ -20,11 +20,16 @@ from mdrive_sumo.contract import (
     SensorSpec,
 )
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
-from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int
-from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.driving_options import MAX_SPEED
 from mdrive_sumo.planning.fleet_paths import FleetPaths, find_cells_blocked_by_objects, predict_stations
+from mdrive_sumo.planning.free_drive import (
+    falls_behind,
+    find_first_met,
+    find_waiting_pedestrian,
+    predict_free_stations,
+    round_limits,
+)
 from mdrive_sumo.planning.joint_plan import (
     find_common_scale,
     find_road_horizon,
@@ -33,7 +38,7 @@ from mdrive_sumo.planning.joint_plan import (
     plan_on_roads,
 )
 from mdrive_sumo.planning.motion_prediction import TIMES
-from mdrive_sumo.planning.parameters import JOINT_PLANNING, MARGINS, PLANNER, SafetyMargin
+from mdrive_sumo.planning.parameters import MARGINS, PLANNER, SafetyMargin
 from mdrive_sumo.planning.path_overlap import find_cells
 from mdrive_sumo.planning.pedestrian_caution import limit_speeds_near_pedestrians, predict_walking_on
 from mdrive_sumo.planning.planning_order import find_planning_order
@@ -55,19 +60,12 @@ from mdrive_sumo.planning.speed_profile import (
     SpeedProfileProblem,
     build_braking_profile,
     build_free_road_problem,
-    falls_behind,
-    predict_free_stations,
-    round_limits,
 )
 from mdrive_sumo.planning.stop_lines import build_stop_lines
 
 OPTIONS = {"speed": Option(9.0, 2.0, MAX_SPEED)}
 FIRST_PLAN_POINTS = 20
 """Points of the plan of a car that starts at speed, until it has a profile: 5 s."""
-
-MET_M = 5.0, 2.2
-"""[m] A road user whose centre is closer along and across the own path is in the way: a car's length and width, and the
-margins of planning. It names the reason of a plan, which itself keeps clear of boxes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,10 +166,10 @@ class OmniscientAgent:
         lines = [(line, Cause.STOP_SIGN) for line in self._signs]
         line_s, cause = min([*lines, (self._red_s, Cause.LIGHT)])
         before_line = free[free <= line_s]
-        met = _find_first_met(known, self._briefing.ego_id, self._path, before_line)
+        met = find_first_met(known, self._briefing.ego_id, self._path, before_line)
         if met is None and math.isfinite(line_s) and len(before_line) < len(free):
             return Reason(cause, distance_m=max(line_s - self._s, 0.0))
-        return Reason(Cause.AVOID) if met is None else met
+        return met or find_waiting_pedestrian(known.objects, seen.own) or Reason(Cause.AVOID)
 
     def _choose_begin_tick(self, tick: int, known: Privileged) -> int:
         """Return the tick from which to plan, at the first observation; remember scale and first positions."""
@@ -347,47 +345,3 @@ class OmniscientAgent:
         after = np.arange(1, FIRST_PLAN_POINTS + 1, dtype=np.float64) * interval_s
         path = build_path(self._briefing.route_xy, self._briefing.vehicle.rear_to_centre, own.yaw, self._scale.path)
         return Plan(path.get_points(path.project(own.x, own.y, self._s, path.length) + own.speed * after), interval_s)
-
-
-def _find_first_met(known: Privileged, own_id: str, path: ReferencePath, free: Float) -> Reason | None:
-    """Return the road user that the own car meets first if it is at stations `free` (K,) [m] at `TIMES`, as a reason.
-
-    Road users are predicted straight on, CAVs by their plans. None if there is none.
-    """
-    cells, times = find_cells(path, free), TIMES[: len(free)]
-    positions = _predict_positions(known, own_id, times)
-    dx, dy = np.moveaxis(positions - path.xy[cells], -1, 0)
-    cos, sin = portable.cos_sin(path.yaw[cells])
-    met = (np.abs(cos * dx + sin * dy) < MET_M[0]) & (np.abs(cos * dy - sin * dx) < MET_M[1])
-    if not met.any():
-        return None
-    row = int(np.where(met.any(1), met.argmax(1), len(times)).argmin())
-    first = int(met[row].argmax())
-    distance_m, seconds = float(free[first] - free[0]), float(times[first])
-    objects = known.objects
-    if row >= len(objects.ids):
-        cavs = [name for name in known.ego_ids if name != own_id]
-        return Reason(Cause.AVOID, (cavs[row - len(objects.ids)],), None, distance_m, seconds)
-    stands = abs(float(objects.speed[row])) < JOINT_PLANNING.standing_speed
-    at_roadside = stands and objects.kind[row] == Kind.PEDESTRIAN
-    cause = Cause.PEDESTRIAN if at_roadside else Cause.BLOCKED if stands else Cause.AVOID
-    position = float(objects.x[row]), float(objects.y[row])
-    return Reason(cause, (objects.ids[row],), position, distance_m, seconds)
-
-
-def _predict_positions(known: Privileged, own_id: str, times: Float) -> Float:
-    """Return the positions (N, K, 2) [m] of all objects, then of all other CAVs, at `times` (K,) [s]."""
-    objects = known.objects
-    cos, sin = portable.cos_sin(objects.yaw)
-    speed = np.stack((objects.speed * cos, objects.speed * sin), axis=-1)
-    positions = [np.stack((objects.x, objects.y), axis=-1)[:, None] + speed[:, None] * times[:, None]]
-    for name, state, plan in zip(known.ego_ids, known.states, known.plans, strict=True):
-        if name == own_id:
-            continue
-        if plan is None:
-            direction = np.array(portable.cos_sin(state.yaw))
-            positions.append(((state.x, state.y) + state.speed * times[:, None] * direction)[None])
-        else:
-            rows = np.minimum(np.rint(times / plan.interval_s).astype(np.int64), len(plan.points)) - 1
-            positions.append(plan.points[np.maximum(rows, 0)][None])
-    return np.concatenate(positions)

@@ -12,6 +12,7 @@ import numpy as np
 from mdrive_sumo.contract import Briefing, Cause, OwnState, Plan, Reason
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import TICKS_PER_SECOND
+from mdrive_sumo.planning.free_drive import falls_behind, predict_free_stations, round_limits
 from mdrive_sumo.planning.motion_conflicts import MotionConflicts
 from mdrive_sumo.planning.motion_prediction import HORIZON_S, STRIDE, TIMES, PredictedMotion
 from mdrive_sumo.planning.parameters import MARGINS, MOTION, PLANNER, PlannerParameters, SafetyMargin
@@ -31,9 +32,6 @@ from mdrive_sumo.planning.speed_profile import (
     SpeedProfileProblem,
     build_braking_profile,
     build_free_road_problem,
-    falls_behind,
-    predict_free_stations,
-    round_limits,
 )
 from mdrive_sumo.planning.stop_lines import StopPoint
 

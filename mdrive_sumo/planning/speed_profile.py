@@ -1,7 +1,7 @@
 """Speed profiles along a path, and the constraints of a search for one (`profile_search`)."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -9,20 +9,13 @@ import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.planning.parameters import MARGINS, PROFILE, ProfileParameters, SafetyMargin
-from mdrive_sumo.planning.reference_path import SPACING_M, PathState, ReferencePath
+from mdrive_sumo.planning.reference_path import PathState, ReferencePath
 from mdrive_sumo.planning.speed_lattice import (
     FINE,
     SAMPLE_S,
     SpeedLattice,
     find_path_points,
 )
-
-LAG_S = 4.0
-"""[s] What limits a profile later is no reason for what the car does now."""
-LAG_M = 2.0
-"""[m] A profile that falls behind a drive on a free road by less is not limited: the lattice rounds its speeds."""
-FREE_ACCELERATION, FREE_BRAKING = 2.0, 4.0
-"""[m/s2] Of a drive on a free road: the largest of the moves of the finest lattice."""
 
 
 @dataclass(frozen=True)
@@ -167,40 +160,6 @@ def build_free_road_problem(
         must_move=_find_moving_layers(now_s, layers, lattice),
         lattice=lattice,
     )
-
-
-def round_limits(limits: Float, lattice: SpeedLattice) -> list[float]:
-    """Return the highest speeds [m/s] of the lattice that keep to limits (M,) [m/s]."""
-    steps = np.maximum(np.floor(limits / lattice.speed_step + 1e-6), 1.0)
-    return list[float]((steps * lattice.speed_step).tolist())
-
-
-def predict_free_stations(limits: Sequence[float], lattice: SpeedLattice, start: PathState, times: Float) -> Float:
-    """Return the arc lengths (T,) [m] at equidistant `times` (T,) [s] of a drive that no road user limits.
-
-    limits: `round_limits` at the points of the path. It tells what limits a profile, and is no plan: it may brake late.
-    """
-    s, speed = start
-    step_s = float(times[0])
-    if not lattice.has_exact_start:
-        speed = lattice.find_index(speed) * lattice.speed_step
-    stations = np.zeros(len(times))
-    for k in range(len(times)):
-        limit = limits[min(int(s / SPACING_M), len(limits) - 1)]
-        after = min(speed + FREE_ACCELERATION * step_s, max(limit, speed - FREE_BRAKING * step_s))
-        s += (speed + after) / 2 * step_s
-        speed = after
-        stations[k] = s
-    return stations
-
-
-def falls_behind(profile: SpeedProfile, age_s: float, free: Float, times: Float) -> bool:
-    """Return whether a profile of that age [s] falls behind the stations (T,) [m] of a free drive within `LAG_S`.
-
-    times: equidistant, from the first step on.
-    """
-    soon = slice(round(LAG_S / float(times[0])))
-    return float((free[soon] - profile.get_stations(age_s + times[soon])).max()) >= LAG_M
 
 
 def _find_moving_layers(now_s: float, layers: int, lattice: SpeedLattice) -> Bool:

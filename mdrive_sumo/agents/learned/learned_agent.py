@@ -124,7 +124,7 @@ class LearnedAgent:
         notes: tuple[Note, ...] = ()
         if is_due and has_sensor_data(self._spec, seen):
             self._decided = self._decide(seen)
-            notes = self._reasons.record(_find_reason(self._decided, seen.own))
+            notes = self._reasons.record(find_reason(self._decided, seen.own))
         if self._decided is None:
             return Reply(control=STANDSTILL)
         return replace(self._build_reply(seen, self._decided), notes=notes)
@@ -166,7 +166,7 @@ class LearnedAgent:
         return decided.sample((seen.tick - decided.tick) * self._briefing.tick_s)
 
 
-def _find_reason(decided: DecidedPlan, own: OwnState) -> Reason:
+def find_reason(decided: DecidedPlan, own: OwnState) -> Reason:
     """Return what the plan does: why a network wants it cannot be told."""
     lengths_m = portable.hypot(*np.diff(decided.points, axis=0).T)
     speed = float(lengths_m.sum()) / (len(lengths_m) * PLAN_INTERVAL_S)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from testing.planning import LENGTH, WIDTH, briefing, own, seen, straight, things
 
-from mdrive_sumo.contract import Message, Observation, OwnState
+from mdrive_sumo.contract import Cause, Message, Observation, OwnState, Reason
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.negotiation import NegotiationInterface, NegotiationStep, RuleNegotiator
@@ -84,6 +84,7 @@ def test_an_agreed_stop_lies_before_the_crossing_until_it_is_free() -> None:
     assert decision is not None
     assert wait.until_s == pytest.approx((decision.until_tick - 11) * DT)
     assert wait.until_s > 0
+    assert (wait.reason.cause, wait.reason.others, wait.reason.seconds) == (Cause.AGREEMENT, ("a",), wait.until_s)
 
 
 def test_without_stops_an_agreed_stop_gives_no_stop_point() -> None:
@@ -102,6 +103,8 @@ def test_passing_behind_gives_no_stop_point() -> None:
     assert (decision.intention, decision.yield_to) == (Intention.SLOWER, {"a"})
     assert len(b.motions) == 1
     assert b.motions[0].length == LENGTH
+    assert b.motions[0].reason == Reason(Cause.AGREEMENT, ("a",))
+    assert a.motions[0].reason == Reason(Cause.ANNOUNCED, ("b",))
 
 
 def test_a_yielding_car_is_avoided_for_two_seconds_only() -> None:
