@@ -15,7 +15,7 @@ from server.api.concurrency_limit import ConcurrencyLimit
 from server.api.event_watch import EventWatch
 from server.api.leaderboard_cache import LeaderboardCache
 from server.api.problems import ProblemError
-from server.api.submission_views import Caller, find_caller
+from server.api.submission_views import Caller, TeamMember, find_caller
 from server.api.subprocess_runner import CallRunner
 from server.enums import TokenScope
 from server.phase_suites import PhaseSuites
@@ -110,11 +110,11 @@ async def require_admin(caller: Annotated[Caller, Depends(require_caller)]) -> C
     return caller
 
 
-async def require_team(caller: Annotated[Caller, Depends(require_caller)]) -> tuple[Caller, str]:
+async def require_team(caller: Annotated[Caller, Depends(require_caller)]) -> TeamMember:
     """Return the caller and the id of its team. Raises ProblemError (403) for tokens without a team."""
     if caller.team is None:
         raise _forbidden(TokenScope.SUBMIT)
-    return caller, caller.team
+    return TeamMember(caller, caller.team)
 
 
 async def require_operator(caller: Annotated[Caller, Depends(require_caller)]) -> Caller:
@@ -127,7 +127,7 @@ async def require_operator(caller: Annotated[Caller, Depends(require_caller)]) -
 OptionalCaller = Annotated[Caller | None, Depends(get_optional_caller)]
 AnyCaller = Annotated[Caller, Depends(require_caller)]
 AdminCaller = Annotated[Caller, Depends(require_admin)]
-TeamCaller = Annotated[tuple[Caller, str], Depends(require_team)]
+TeamCaller = Annotated[TeamMember, Depends(require_team)]
 OperatorCaller = Annotated[Caller, Depends(require_operator)]
 
 

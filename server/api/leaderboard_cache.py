@@ -137,7 +137,7 @@ class LeaderboardCache:
         """
         with suppress(StoreUnavailable, ProblemError, OSError):
             boards, at_us = await self.get("boards", list_boards, now(), FRESH_US), now()
-            open_now = [key for opens_us, closes_us, key in boards if opens_us <= at_us < closes_us]
+            open_now = [board.key for board in boards if board.opens_us <= at_us < board.closes_us]
             for key in open_now[: _MAX_ENTRIES // (2 * len(self._builders))]:
                 for build in self._builders:
                     with suppress(NotFound):

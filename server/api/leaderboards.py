@@ -5,6 +5,7 @@ in CARLA with those methods' own sensors. Ours are measured in SUMO: the two are
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -74,16 +75,26 @@ def list_parts(session: Session, phase_id: str) -> PhaseParts:
     return PhaseParts(tuple(names["bucket"]), tuple(names["category"]))
 
 
-def list_boards(session: Session) -> list[tuple[int, int, BoardKey]]:
-    """Return the times at which its phase opens and closes [us since 1970], and the key, of every leaderboard."""
-    boards: list[tuple[int, int, BoardKey]] = []
+class PhaseBoard(NamedTuple):
+    """A leaderboard, and when its phase is open."""
+
+    opens_us: int
+    """Time at which the phase opens [us since 1970]."""
+    closes_us: int
+    """Time at which it closes [us since 1970]."""
+    key: BoardKey
+
+
+def list_boards(session: Session) -> list[PhaseBoard]:
+    """Return every leaderboard."""
+    boards: list[PhaseBoard] = []
     for phase in phases.list_phases(session):
         parts = list_parts(session, phase.id)
         overall = [BoardKey(phase.id, track, None, None) for track in (None, *ChallengeTrack)]
         overall += [BoardKey(phase.id, None, None, None, sensing) for sensing in SensingTrack]
         buckets = [BoardKey(phase.id, None, bucket, None) for bucket in parts.buckets]
         categories = [BoardKey(phase.id, None, None, category) for category in parts.categories]
-        boards += [(phase.opens_us, phase.closes_us, key) for key in (*overall, *buckets, *categories)]
+        boards += [PhaseBoard(phase.opens_us, phase.closes_us, key) for key in (*overall, *buckets, *categories)]
     return boards
 
 

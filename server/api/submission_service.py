@@ -14,7 +14,7 @@ from server.api import submission_views
 from server.api.child_calls import check_uploaded_agent
 from server.api.dependencies import Services
 from server.api.schemas.submissions import SubmissionOut
-from server.api.submission_views import Caller
+from server.api.submission_views import TeamMember
 from server.api.subprocess_runner import CallEndedError
 from server.api.upload import Upload, receive_upload
 from server.archive import ArchiveLimits, ArchiveRefused, Manifest, inspect_archive, verify_contents
@@ -34,18 +34,18 @@ FIELDS = frozenset(("phase", "track", "name"))
 
 
 async def receive_submission(
-    request: Request, services: Services, caller: tuple[Caller, str], idempotency_key: str | None, at_us: int
+    request: Request, services: Services, member: TeamMember, idempotency_key: str | None, at_us: int
 ) -> SubmissionOut:
     """Receive the upload of a request and accept it as a submission. Raises InputError and ProblemError.
 
     Cheap checks come first: the team's quotas, the archive's directory, its environment. Only then are its contents
     read, in turns of the teams (`CheckQueue`).
     """
-    settings, team = services.settings, caller[1]
+    settings, team = services.settings, member.team
     with services.upload_limit.acquire(team):
         await run_in_threadpool(_check_refused, services, team, at_us)
         async with receive_upload(request, FIELDS, settings.archives, settings.limits.archive_bytes) as upload:
-            service = SubmissionService(services, caller, upload, idempotency_key, at_us)
+            service = SubmissionService(services, member, upload, idempotency_key, at_us)
             if (known := await run_in_threadpool(service.find_known)) is not None:
                 return known
             async with services.check_queue.turn(team):
@@ -63,10 +63,10 @@ class SubmissionService:
     """Accepts one upload; its methods run in worker threads."""
 
     def __init__(
-        self, services: Services, caller: tuple[Caller, str], upload: Upload, idempotency_key: str | None, at_us: int
+        self, services: Services, member: TeamMember, upload: Upload, idempotency_key: str | None, at_us: int
     ) -> None:
         self._services, self._upload, self._key, self._at_us = services, upload, idempotency_key, at_us
-        self._caller, self._team = caller
+        self._caller, self._team = member
 
     def find_known(self) -> SubmissionOut | None:
         """Return the submission that the same upload made before; refuse what needs no look into the archive.

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from sqlalchemy import ColumnElement, and_, or_, select, true
 from sqlalchemy.orm import Session
@@ -36,6 +36,14 @@ class Caller:
     def actor(self) -> str:
         """Name of the caller in the audit log."""
         return f"{self.scope}:{self.team or self.token}"
+
+
+class TeamMember(NamedTuple):
+    """The holder of a valid token of a team."""
+
+    caller: Caller
+    team: str
+    """Id of the team."""
 
 
 def find_caller(store: Store, text: str) -> Caller | None:

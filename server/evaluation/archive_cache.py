@@ -38,7 +38,7 @@ def delete_stale(data: Path, needed: Collection[str], now_s: float | None = None
     """Delete unpacked archives that no unfinished submission needs (`needed`: checksums), and files of dead workers."""
     now_s = time.time() if now_s is None else now_s
     for name, min_age_s in MIN_AGE_S.items():
-        for folder in _list_folders(data / name):
+        for folder in (data / name).glob("*/"):
             with suppress(FileNotFoundError):
                 if folder.name not in needed and folder.stat().st_mtime < now_s - min_age_s:
                     shutil.rmtree(folder, ignore_errors=True)
@@ -65,7 +65,3 @@ def _unpack(task: JobTask, home: Path) -> None:
 def _load_manifest(data: dict[str, Any]) -> Manifest:
     hint = data.pop("track_hint")
     return Manifest(**data, track_hint=None if hint is None else ChallengeTrack(hint))
-
-
-def _list_folders(folder: Path) -> list[Path]:
-    return [path for path in folder.iterdir() if path.is_dir()] if folder.is_dir() else []

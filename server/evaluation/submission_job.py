@@ -36,6 +36,11 @@ from server.tracks import COMM_BY_TRACK, check_style
 
 MAX_RECORDING_BYTES = 4 * 1024 * 1024
 """Larger recordings are dropped: packaged scenarios need up to 0.5 MB, the rest is messages of agents [bytes]."""
+_USAGE = (
+    *("backend", "repeated", "answers", "exit_code", "signal", "oom_killed"),
+    *("peak_memory_bytes", "cpu_s", "wall_s", "clean"),
+)
+"""What is kept of the record of a box."""
 
 
 def run_submission_job(task: JobTask) -> JobResult:
@@ -48,7 +53,8 @@ def run_submission_job(task: JobTask) -> JobResult:
     task = _choose_backend(task)
     _find_task_layers(task)
     agents: list[SubmittedAgent] = []
-    for driver in (task, *_find_other_tasks(task)):
+    others = [] if task.other is None else [replace(task, **asdict(task.other))]
+    for driver in (task, *others):
         try:
             agents.append(_load_agent(driver))
         except ArchiveRefused as error:
@@ -85,11 +91,6 @@ def _find_task_layers(task: JobTask) -> tuple[str, ...]:
     return tuple(name for name in layers if name != "private-files" or task.sandbox.copies_folder() is not None)
 
 
-def _find_other_tasks(task: JobTask) -> list[JobTask]:
-    """Return the task with the archive of the other agent, if there is one."""
-    return [replace(task, **asdict(task.other))] if task.other is not None else []
-
-
 def _run_agents(task: JobTask, agent: SubmittedAgent, other: SubmittedAgent | None = None) -> JobResult:
     start_s = time.monotonic()
     job = _make_job(task, agent, other)
@@ -101,7 +102,9 @@ def _run_agents(task: JobTask, agent: SubmittedAgent, other: SubmittedAgent | No
         return AgentRejection(
             "agent: expected sensors of the sensor track, which this phase is for, found one that lists objects"
         )
-    _drop_large(task.stage / f"{task.scenario}.npz")
+    recording = task.stage / f"{task.scenario}.npz"
+    if recording.is_file() and recording.stat().st_size > MAX_RECORDING_BYTES:
+        recording.unlink()
     content = result.model_dump(mode="json")
     if (size := count_bytes(content)) > MAX_RESULT_BYTES:
         return AgentRejection(f"{task.scenario}: expected a result of at most {MAX_RESULT_BYTES} bytes, found {size}")
@@ -111,11 +114,6 @@ def _run_agents(task: JobTask, agent: SubmittedAgent, other: SubmittedAgent | No
     layers = _find_task_layers(task)
     used = {"wall_s": wall_s, "layers": list(layers), **collect_usage(task.stage), **blamed}
     return JobOutcome(verdict, content, reason, used)
-
-
-def _drop_large(recording: Path) -> None:
-    if recording.is_file() and recording.stat().st_size > MAX_RECORDING_BYTES:
-        recording.unlink()
 
 
 def _load_agent(task: JobTask) -> SubmittedAgent:
@@ -165,19 +163,8 @@ def collect_usage(folder: Path) -> dict[str, Any]:
         "peak_memory_bytes": max((record.get("peak_memory_bytes") or 0 for record in records.values()), default=None),
         "cpu_s": round(sum(record.get("cpu_s") or 0.0 for record in records.values()), 3),
         "backend": ", ".join(sorted({record["backend"] for record in records.values()})),
-        "boxes": {name: _box_usage(record) for name, record in records.items()},
+        "boxes": {name: {key: record[key] for key in _USAGE if key in record} for name, record in records.items()},
         THINKING: {
             name: {key: record["thought_ms"].get(key) for key in ("modes", "late")} for name, record in records.items()
         },
     }
-
-
-_USAGE = (
-    *("backend", "repeated", "answers", "exit_code", "signal", "oom_killed"),
-    *("peak_memory_bytes", "cpu_s", "wall_s", "clean"),
-)
-"""What is kept of the record of a box."""
-
-
-def _box_usage(record: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: record[name] for name in _USAGE if name in record}

@@ -53,14 +53,10 @@ def _compute_figures(means: Means, groups: Sequence[Sequence[ScenarioResult]]) -
     is_referenced = all(result.efficient_sr is not None for result in results)
     figures["efficient_sr"] = means.efficient_sr if is_referenced else None  # else over other scenarios than SR
     figures["timed"] = len({result.id for result in results if result.time_ratio is not None})
-    figures["scalars"] = {"min_ttc": _find_least_ttc(results), **compute_scalar_means(results)}
+    encounters = (result.min_ttc for result in results if result.min_ttc is not None)  # without any it is undefined
+    figures["scalars"] = {"min_ttc": min(encounters, default=None), **compute_scalar_means(results)}
     kinds = Counter(interval.kind for result in results for ego in result.egos for interval in ego.infractions)
     return figures | {"scenarios": len({result.id for result in results}), "infractions": dict(sorted(kinds.items()))}
-
-
-def _find_least_ttc(results: Sequence[ScenarioResult]) -> float | None:
-    """Return the least time to collision [s] of all scenarios; it has no mean, because it is undefined without any."""
-    return min((result.min_ttc for result in results if result.min_ttc is not None), default=None)
 
 
 def _mean_by_scenario(results: Sequence[ScenarioResult], name: str) -> Float:

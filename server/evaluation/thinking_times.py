@@ -6,6 +6,7 @@ The flag is an entry of the audit log, which only organisers see.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 from sqlalchemy import select
@@ -55,11 +56,7 @@ def find_thinking_flag(usages: Iterable[Mapping[str, Any] | None]) -> ThinkingFl
     late = sum(times["late"] or 0 for times in agents)
     if not bimodal and not late:
         return None
-    return ThinkingFlag(len(agents), len(bimodal), late, max(bimodal, key=_get_d, default={}))
-
-
-def _get_d(modes: Mapping[str, float]) -> float:
-    return modes["d"]
+    return ThinkingFlag(len(agents), len(bimodal), late, max(bimodal, key=itemgetter("d"), default={}))
 
 
 def record_thinking_flag(session: Session, submission: str, now_us: int) -> None:

@@ -1,6 +1,5 @@
 """What the audit log says about rows of other tables: the state that its entries lead to."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -37,8 +36,30 @@ class AuditedRows:
         """Take over what an entry says; actions without a row say nothing."""
         if entry.action.startswith(_PREFIX):
             self._apply_submission(entry, entry.action.removeprefix(_PREFIX))
-        elif (handler := _HANDLERS.get(entry.action)) is not None:
-            handler(self, entry)
+            return
+        data, at_us = entry.data, entry.at_us
+        match entry.action:
+            case "team-created":
+                self.teams[data["team"]] = {"name": data["name"], "created_us": at_us, "hidden": False}
+            case "team-hidden" | "team-shown":
+                self.teams.setdefault(data["team"], {})["hidden"] = entry.action == "team-hidden"
+            case "token-issued":
+                issued = {name: data[name] for name in ("team", "scope", "hash")}
+                self.tokens[data["token"]] = issued | {"created_us": at_us, "revoked_us": None}
+            case "token-revoked":
+                self.tokens.setdefault(data["token"], {})["revoked_us"] = at_us
+            case "phase-set":
+                self.phases[data["id"]] = dict(data)
+            case "webhook-set":
+                checksums = {name: data[name] for name in ("url_sha256", "secret_sha256")}
+                self.webhooks[data["team"]] = {"created_us": at_us} | checksums
+            case "webhook-removed":
+                self.webhooks.pop(data["team"], None)
+            case "cross-play-done":
+                result = {name: value for name, value in data.items() if name not in _PAIR}
+                self.cross_play.setdefault(name_pair(*(data[name] for name in _PAIR)), []).append(result)
+            case _:
+                pass
 
     def _apply_submission(self, entry: AuditEntryRow, action: str) -> None:
         data = entry.data
@@ -68,55 +89,6 @@ def load_audited_rows(session: Session) -> AuditedRows:
     return rows
 
 
-def _create_team(rows: AuditedRows, entry: AuditEntryRow) -> None:
-    rows.teams[entry.data["team"]] = {"name": entry.data["name"], "created_us": entry.at_us, "hidden": False}
-
-
-def _hide_team(rows: AuditedRows, entry: AuditEntryRow) -> None:
-    rows.teams.setdefault(entry.data["team"], {})["hidden"] = entry.action == "team-hidden"
-
-
-def _issue_token(rows: AuditedRows, entry: AuditEntryRow) -> None:
-    data = entry.data
-    issued = {name: data[name] for name in ("team", "scope", "hash")}
-    rows.tokens[data["token"]] = issued | {"created_us": entry.at_us, "revoked_us": None}
-
-
-def _revoke_token(rows: AuditedRows, entry: AuditEntryRow) -> None:
-    rows.tokens.setdefault(entry.data["token"], {})["revoked_us"] = entry.at_us
-
-
-def _set_webhook(rows: AuditedRows, entry: AuditEntryRow) -> None:
-    checksums = {name: entry.data[name] for name in ("url_sha256", "secret_sha256")}
-    rows.webhooks[entry.data["team"]] = {"created_us": entry.at_us} | checksums
-
-
-def _remove_webhook(rows: AuditedRows, entry: AuditEntryRow) -> None:
-    rows.webhooks.pop(entry.data["team"], None)
-
-
 def name_pair(phase: str, tested: str, others: str, scenario: str) -> str:
     """Return the name of a cross-play job in messages."""
     return f"{phase} {tested} among {others} in {scenario}"
-
-
-def _add_cross_play(rows: AuditedRows, entry: AuditEntryRow) -> None:
-    result = {name: value for name, value in entry.data.items() if name not in _PAIR}
-    rows.cross_play.setdefault(name_pair(*(entry.data[name] for name in _PAIR)), []).append(result)
-
-
-def _set_phase(rows: AuditedRows, entry: AuditEntryRow) -> None:
-    rows.phases[entry.data["id"]] = dict(entry.data)
-
-
-_HANDLERS: Mapping[str, Callable[[AuditedRows, AuditEntryRow], None]] = {
-    "team-created": _create_team,
-    "team-hidden": _hide_team,
-    "team-shown": _hide_team,
-    "token-issued": _issue_token,
-    "token-revoked": _revoke_token,
-    "phase-set": _set_phase,
-    "webhook-set": _set_webhook,
-    "webhook-removed": _remove_webhook,
-    "cross-play-done": _add_cross_play,
-}

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Exists, Table, delete, false, insert, select, text, true
+from sqlalchemy import ColumnElement, Connection, Table, delete, false, insert, select, text, true
 from sqlalchemy.exc import DatabaseError, IntegrityError
 from sqlalchemy.orm import Session
 
@@ -111,15 +111,15 @@ def _fill(source: Session, target: Session, file: Path) -> str:
 
 def _empty(target: Session) -> None:
     """Delete the rows of `serve`. Raises InputError if there are others, which a restore would overwrite."""
-    done = [table.name for table in TableBase.metadata.sorted_tables if target.scalar(select(_has_user_rows(table)))]
-    if done:
-        raise InputError(f"restore: expected an empty database, found one with {', '.join(sorted(done))} in it")
+    filled = [
+        table.name
+        for table in TableBase.metadata.sorted_tables
+        if target.scalar(select(select(table).where(~_STARTUP_ROWS.get(table.name, false())).exists()))
+    ]
+    if filled:
+        raise InputError(f"restore: expected an empty database, found one with {', '.join(sorted(filled))} in it")
     for table in reversed(TableBase.metadata.sorted_tables):
         target.execute(delete(table))
-
-
-def _has_user_rows(table: Table) -> Exists:
-    return select(table).where(~_STARTUP_ROWS.get(table.name, false())).exists()
 
 
 def _copy(source: Session, target: Session) -> None:

@@ -174,16 +174,11 @@ def _translate_errors() -> Generator[None]:
     except (OperationalError, PoolTimeout) as error:
         raise StoreUnavailable(f"the database does not answer: {_first_line(error)}") from error
     except DBAPIError as error:
-        if _is_damaged_sqlite(error):
+        if type(error.orig) is sqlite3.DatabaseError:  # a malformed file: other errors are subclasses
             raise StoreUnavailable(f"the database is damaged: {_first_line(error)}") from error
         if not error.connection_invalidated:
             raise
         raise StoreUnavailable(f"the database went away: {_first_line(error)}") from error
-
-
-def _is_damaged_sqlite(error: DBAPIError) -> bool:
-    """Return whether SQLite found its file malformed; other errors are subclasses."""
-    return type(error.orig) is sqlite3.DatabaseError
 
 
 def _first_line(error: Exception) -> str:

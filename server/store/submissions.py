@@ -151,8 +151,9 @@ def get(session: Session, submission_id: str) -> SubmissionRow:
 
 def is_complete(session: Session, submission_id: str) -> bool:
     """Return whether an unfinished submission only waits for its summary."""
-    submission = get(session, submission_id)
-    return submission.state in quota.UNFINISHED and _are_jobs_done(session, submission_id)
+    session.flush()
+    undone = select(JobRow.id).where(JobRow.is_of(submission_id), JobRow.state != JobState.DONE).limit(1)
+    return get(session, submission_id).state in quota.UNFINISHED and session.scalar(undone) is None
 
 
 def list_complete(session: Session) -> Sequence[str]:
@@ -258,12 +259,6 @@ def _queue_jobs(
     session.add_all(JobRow(scenario=scenario, seed=seed, **own, **queued) for scenario, seed in jobs)
     add_event(session, submission.id, "state", {"state": SubmissionState.QUEUED.value}, now_us)
     session.flush()
-
-
-def _are_jobs_done(session: Session, submission_id: str) -> bool:
-    undone = select(JobRow.id).where(JobRow.is_of(submission_id), JobRow.state != JobState.DONE).limit(1)
-    session.flush()
-    return session.scalar(undone) is None
 
 
 def _get_unfinished(session: Session, submission_id: str, change: str) -> SubmissionRow:

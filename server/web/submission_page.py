@@ -186,12 +186,12 @@ def read_status(services: Services, caller: Caller | None, submission: str) -> S
         unfinished=shown.state in UNFINISHED,
         done=counts.get(JobState.DONE, 0) if counts is not None else None,
         total=sum(counts.values()) if counts is not None else None,
-        news=tuple(_to_event(data) for data in disclosed if data is not None),
+        news=tuple(
+            ScenarioEvent(data["scenario"], data["seed"], data.get("verdict"), data.get("reason"), data.get("ds"))
+            for data in disclosed
+            if data is not None
+        ),
     )
-
-
-def _to_event(data: Any) -> ScenarioEvent:
-    return ScenarioEvent(data["scenario"], data["seed"], data.get("verdict"), data.get("reason"), data.get("ds"))
 
 
 def _list_scenarios(services: Services, caller: Caller | None, submission: str) -> list[ScenarioOut] | None:

@@ -16,6 +16,7 @@ from server.api.routes import webhook as api
 from server.api.schemas.parameters import Id, TeamName
 from server.api.schemas.submissions import FiguresOut
 from server.api.schemas.teams import NewWebhookIn, ShowIn
+from server.api.submission_views import TeamMember
 from server.clock import format_utc
 from server.enums import SubmissionState, TokenScope
 from server.store import NotFound, phases, queries, quota, tables, teams, tokens
@@ -77,7 +78,8 @@ def show(
         of_team = shown.id if visitor.caller.is_admin else None
         listed = submissions.list_submissions(visitor.caller, services, None, of_team, before)
     is_member = visitor is not None and visitor.caller.team == shown.id
-    webhook = api.show_webhook((visitor.caller, shown.id), services) if visitor is not None and is_member else None
+    member = TeamMember(visitor.caller, shown.id) if visitor is not None and is_member else None
+    webhook = api.show_webhook(member, services) if member is not None else None
     return render_page(
         request,
         "team.html",
@@ -203,7 +205,7 @@ def set_webhook(
     url: Annotated[str, Form(max_length=1000)] = "",
 ) -> Response:
     """Set the webhook of the visitor's team; its secret is shown only once."""
-    _require_same(visitor[1], team)
+    _require_same(visitor.team, team)
     made = api.set_webhook(NewWebhookIn.model_construct(url=url), visitor, services, at_us)
     use = "Your program verifies the header webhook-signature with it (Standard Webhooks)."
     back = f"/teams/{team}#webhook"
@@ -215,7 +217,7 @@ def set_webhook(
 @router.post("/teams/{team}/webhook/remove")
 def remove_webhook(team: Id, visitor: TeamVisitor, services: ServicesDep, at_us: Now) -> Response:
     """Remove the webhook of the visitor's team."""
-    _require_same(visitor[1], team)
+    _require_same(visitor.team, team)
     api.remove_webhook(visitor, services, at_us)
     return RedirectResponse(f"/teams/{team}#webhook", 303)
 

@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 
 from server.api.dependencies import ServicesDep
 from server.api.problems import ProblemError
-from server.api.submission_views import Caller, find_caller
+from server.api.submission_views import Caller, TeamMember, find_caller
 from server.store import NotFound, Store, teams
 
 COOKIE = "mdrive_token"
@@ -50,11 +50,11 @@ async def require_visitor(visitor: Annotated[Visitor | None, Depends(get_visitor
     return visitor
 
 
-async def require_team_visitor(visitor: Annotated[Visitor, Depends(require_visitor)]) -> tuple[Caller, str]:
-    """A team's caller and the team's id, as `server.api.dependencies.member`."""
+async def require_team_visitor(visitor: Annotated[Visitor, Depends(require_visitor)]) -> TeamMember:
+    """Return the visitor as a member of a team, as `server.api.dependencies.require_team` does. Raises ProblemError."""
     if visitor.caller.team is None:
         raise ProblemError(HTTPStatus.FORBIDDEN, "scope", "token: expected one of a team, found one of none")
-    return visitor.caller, visitor.caller.team
+    return TeamMember(visitor.caller, visitor.caller.team)
 
 
 async def require_admin_visitor(visitor: Annotated[Visitor | None, Depends(get_visitor)]) -> Visitor:
@@ -92,5 +92,5 @@ def delete_token_cookie(response: Response) -> None:
 
 OptionalVisitor = Annotated[Visitor | None, Depends(get_visitor)]
 AnyVisitor = Annotated[Visitor, Depends(require_visitor)]
-TeamVisitor = Annotated[tuple[Caller, str], Depends(require_team_visitor)]
+TeamVisitor = Annotated[TeamMember, Depends(require_team_visitor)]
 AdminVisitor = Annotated[Visitor, Depends(require_admin_visitor)]

@@ -29,10 +29,10 @@ def show_phase(phase: PhaseId, services: ServicesDep, at_us: Now) -> PhaseOut:
 
 
 @router.get("/phases/{phase}/quota", responses=document_problems(401, 403, 404, 422))
-def show_quota(phase: PhaseId, caller: TeamCaller, services: ServicesDep, at_us: Now) -> QuotaOut:
+def show_quota(phase: PhaseId, member: TeamCaller, services: ServicesDep, at_us: Now) -> QuotaOut:
     """Return what the token's team has used of the quota."""
     with services.store.read() as session:
-        used = quota.count_used(session, caller[1], phases.get(session, phase).id, at_us)
+        used = quota.count_used(session, member.team, phases.get(session, phase).id, at_us)
         return QuotaOut(today=used.today, in_parallel=used.in_parallel, in_total=used.in_total)
 
 

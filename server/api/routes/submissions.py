@@ -53,13 +53,13 @@ IdempotencyKey = Annotated[
     openapi_extra={"requestBody": _FORM},
 )
 async def submit(
-    request: Request, caller: TeamCaller, services: ServicesDep, at_us: Now, idempotency_key: IdempotencyKey = None
+    request: Request, member: TeamCaller, services: ServicesDep, at_us: Now, idempotency_key: IdempotencyKey = None
 ) -> SubmissionOut:
     """Submit an archive. The response comes at once, the result later: follow the events.
 
     The same archive in the same phase and track returns the finished result and uses no quota.
     """
-    return await receive_submission(request, services, caller, idempotency_key, at_us)
+    return await receive_submission(request, services, member, idempotency_key, at_us)
 
 
 @router.get("/submissions", responses=document_problems(401, 404, 422))

@@ -4,7 +4,7 @@ from http import HTTPStatus
 
 from fastapi import APIRouter
 
-from server.api.dependencies import Now, Services, ServicesDep, TeamCaller
+from server.api.dependencies import Now, ServicesDep, TeamCaller
 from server.api.problems import ProblemError, document_problems
 from server.api.schemas.parameters import to_datetime
 from server.api.schemas.teams import DeliveryOut, NewWebhookIn, WebhookOut, WebhookSecretOut
@@ -18,11 +18,11 @@ LISTED = 10
 
 
 @router.get("/webhook", responses=document_problems(401, 403))
-def show_webhook(caller: TeamCaller, services: ServicesDep) -> WebhookOut:
+def show_webhook(member: TeamCaller, services: ServicesDep) -> WebhookOut:
     """Return your team's webhook and its latest notifications."""
     with services.store.read() as session:
-        webhook = webhooks.find_webhook(session, caller[1])
-        sent = webhooks.list_deliveries(session, caller[1], LISTED)
+        webhook = webhooks.find_webhook(session, member.team)
+        sent = webhooks.list_deliveries(session, member.team, LISTED)
         return WebhookOut(
             enabled=services.settings.webhooks.enabled,
             url=webhook.url if webhook is not None else None,
@@ -41,26 +41,22 @@ def show_webhook(caller: TeamCaller, services: ServicesDep) -> WebhookOut:
 
 
 @router.put("/webhook", responses=document_problems(400, 401, 403, 408, 413, 422))
-def set_webhook(new: NewWebhookIn, caller: TeamCaller, services: ServicesDep, at_us: Now) -> WebhookSecretOut:
+def set_webhook(new: NewWebhookIn, member: TeamCaller, services: ServicesDep, at_us: Now) -> WebhookSecretOut:
     """Set your team's webhook, or replace it. Its secret is new, and in this response only.
 
     The address begins with https:// and is public, unless the operator allows its host.
     """
-    _require_enabled(services)
+    if not services.settings.webhooks.enabled:
+        sentence = "webhook: this server sends none; its operator enables them with `enabled = true` in `[webhooks]`"
+        raise ProblemError(HTTPStatus.FORBIDDEN, "scope", sentence)
     url = str(check_url(new.url, services.settings.webhooks.allowed_hosts))
     with services.store.write() as session:
-        secret = webhooks.set_webhook(session, caller[1], url, at_us, caller[0].actor)
+        secret = webhooks.set_webhook(session, member.team, url, at_us, member.caller.actor)
     return WebhookSecretOut(url=url, secret=secret)
 
 
 @router.delete("/webhook", status_code=204, responses=document_problems(401, 403))
-def remove_webhook(caller: TeamCaller, services: ServicesDep, at_us: Now) -> None:
+def remove_webhook(member: TeamCaller, services: ServicesDep, at_us: Now) -> None:
     """Remove your team's webhook; notifications that wait are not sent."""
     with services.store.write() as session:
-        webhooks.remove_webhook(session, caller[1], at_us, caller[0].actor)
-
-
-def _require_enabled(services: Services) -> None:
-    if not services.settings.webhooks.enabled:
-        sentence = "webhook: this server sends none; its operator enables them with `enabled = true` in `[webhooks]`"
-        raise ProblemError(HTTPStatus.FORBIDDEN, "scope", sentence)
+        webhooks.remove_webhook(session, member.team, at_us, member.caller.actor)
