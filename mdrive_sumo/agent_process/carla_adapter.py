@@ -81,7 +81,7 @@ class CarlaAgentAdapter:
             raise InputError(f"agent {path}: expected get_entry_point() to name a class of the module, found none")
         self._cavs, self._is_single = tuple(cavs), is_single
         file = str(config.get("config", ""))
-        self._agent = _create_single_agent(cls, file) if is_single else _create_agent(cls, file, len(cavs))
+        self._agent = _create_agent(cls, file, len(self._cavs), is_single=is_single)
         self._sensors: tuple[CarlaSensor, ...] = ()
 
     def sensors(self) -> tuple[SensorSpec, ...]:
@@ -134,27 +134,18 @@ class CarlaAgentAdapter:
         return {cav: _make_reply(control) for cav, control in zip(self._cavs, controls, strict=True) if cav in seen}
 
 
-def _create_agent(cls: Any, config: str, vehicles: int) -> Any:
-    """The base class of the leaderboard calls `setup` when it is made; a class without a constructor does not."""
-    if cls.__init__ is object.__init__:
-        agent = cls()
+def _create_agent(cls: Any, config: str, vehicles: int, *, is_single: bool) -> Any:
+    """Return the agent, set up. The base class of the leaderboard calls `setup` when it is made.
+
+    A class without a constructor does not; that of the second leaderboard is told where CARLA's server is.
+    """
+    names = [*signature(cls).parameters] if is_single and cls.__init__ is not object.__init__ else []
+    has_server = bool(names) and "host" in names[0]
+    if cls.__init__ is object.__init__ or has_server:
+        agent = cls(*NO_SERVER[: len(names)])
         call_setup(agent, config, vehicles)
         return agent
-    return cls(config, vehicles)
-
-
-def _create_single_agent(cls: Any, config: str) -> Any:
-    """The base class of the first leaderboard calls `setup`, that of the second is told where CARLA's server is."""
-    if cls.__init__ is object.__init__:
-        agent = cls()
-        call_setup(agent, config, 1)
-        return agent
-    names = [*signature(cls).parameters]
-    if names and "host" in names[0]:
-        agent = cls(*NO_SERVER[: len(names)])
-        call_setup(agent, config, 1)
-        return agent
-    return cls(config)
+    return cls(config) if is_single else cls(config, vehicles)
 
 
 class SensorReadings(dict[str, tuple[int, Any]]):

@@ -4,7 +4,8 @@ Its CAVs share all knowledge without a channel, so they are ranked separately. A
 vehicle is a program of this kind with a single CAV.
 """
 
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -50,18 +51,14 @@ class JointAgentSession:
         self._answers: dict[str, object] = {}
         self.think_time_s = 0.0
         self.drivers = {ego: JointDriver(self, ego, told, label) for ego, told in self._pseudonyms.items()}
-        with _FailureKeeper(self):
+        with self._keeping_failure():
             line.send("create", CREATE_TICK, {"config": dict(config), "cavs": tuple(self._pseudonyms.values())})
-
-    def fail(self, error: AgentFailure) -> None:
-        """Keep a failure, which every later call raises."""
-        self._failure = error
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Return the sensors of every CAV."""
         self._check()
         if self._declared is None:
-            with _FailureKeeper(self):
+            with self._keeping_failure():
                 self._declared = self._line.receive(reply_decoding.read_declaration)
         self._check()
         assert self._declared is not None
@@ -75,7 +72,7 @@ class JointAgentSession:
         self._briefings[told] = briefing
         if len(self._briefings) == len(self._pseudonyms):
             gps = {told: _to_gnss_points(briefing) for told, briefing in self._briefings.items()}
-            with _FailureKeeper(self):
+            with self._keeping_failure():
                 self._line.send("start", START_TICK, {"briefings": self._briefings, "gps": gps})
                 self._line.receive(reply_decoding.read_none)
             self._check()
@@ -91,7 +88,7 @@ class JointAgentSession:
             self._check()
             asked, self._asked = self._asked, {}
             self._requested = tuple(asked)
-            with _FailureKeeper(self):
+            with self._keeping_failure():
                 self._line.send("act", next(iter(asked.values())).tick, asked)
 
     def answer(self, told: str) -> Reply:
@@ -113,29 +110,21 @@ class JointAgentSession:
     def _receive_replies(self) -> None:
         self._check()
         told, self._requested = self._requested, ()
-        with _FailureKeeper(self):
+        with self._keeping_failure():
             self._answers = dict(self._line.receive(lambda value: reply_decoding.read_replies_by_ego(value, told)))
             self.think_time_s = self._line.think_times_s[-1]
+
+    @contextmanager
+    def _keeping_failure(self) -> Generator[None]:
+        """Keep a failure for all CAVs, whose later calls raise it, instead of raising it for one."""
+        try:
+            yield
+        except AgentFailure as error:
+            self._failure = error
 
     def _check(self) -> None:
         if self._failure is not None:
             raise AgentFailure(self._failure.failure, self._failure.text)
-
-
-class _FailureKeeper:
-    """Context manager that keeps a failure for all CAVs instead of raising it for one."""
-
-    def __init__(self, session: JointAgentSession) -> None:
-        self._session = session
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, _: object, error: BaseException | None, __: object) -> bool:
-        if isinstance(error, AgentFailure):
-            self._session.fail(error)
-            return True
-        return False
 
 
 class JointDriver:

@@ -36,9 +36,20 @@ from mdrive_sumo.contract.reply_check import (
     check_reply,
 )
 from mdrive_sumo.contract.schema import CONTRACT, schema
-from mdrive_sumo.contract.semantic_classes import SemanticClass
-from mdrive_sumo.contract.sensing_track import SensingTrack, TrackName, join_sensing_tracks
-from mdrive_sumo.contract.sensors import CameraImage, Detections, Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
+from mdrive_sumo.contract.sensors import (
+    CameraImage,
+    Detections,
+    Gnss,
+    Imu,
+    Objects,
+    PointCloud,
+    Raster,
+    SemanticClass,
+    SensingTrack,
+    SensorSpec,
+    TrackName,
+    join_sensing_tracks,
+)
 
 __all__ = [
     "Detections",

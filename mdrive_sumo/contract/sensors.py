@@ -1,8 +1,10 @@
-"""Sensor declarations and the output types of the sensors."""
+"""Sensor declarations, the output types of the sensors, and the sensing tracks of runs that follow from them."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -121,3 +123,50 @@ class Imu:
     """[rad/s]"""
     compass: float
     """Direction of the car [rad], clockwise from north (+y), in [0, 2 pi), as CARLA gives it."""
+
+
+class SemanticClass(IntEnum):
+    """What a pixel shows, by the numbers of CARLA 0.9.12, the paper's version, without classes that do not occur."""
+
+    UNLABELLED = 0
+    BUILDING = 1
+    PEDESTRIAN = 4
+    """Also the rider of a bicycle or motorcycle, as in CARLA."""
+    POLE = 5
+    ROAD_LINE = 6
+    ROAD = 7
+    SIDEWALK = 8
+    VEHICLE = 10
+    """Also bicycles and motorcycles without their riders, as in CARLA."""
+    TRAFFIC_SIGN = 12
+    SKY = 13
+    TRAFFIC_LIGHT = 18
+    STATIC = 19
+    TERRAIN = 22
+
+
+class SensingTrack(StrEnum):
+    """What the CAVs of a run perceive with: lists of objects, or only what a car carries.
+
+    It follows from the sensors that agents declare in an episode, which are all that the evaluator computes for them,
+    never from what an agent says (docs/decisions/057-sensor-track-and-object-track.md). `sensing.sensor_kinds` derives
+    it.
+    """
+
+    SENSOR = "sensor"
+    """Only what a car carries: LiDAR, cameras, GNSS, IMU, speedometer, map and V2X messages."""
+    OBJECT = "object"
+    """At least one CAV is given objects: by the sensors `objects`, `bev` or `privileged`, by named LiDAR points, or by
+    labelled images."""
+
+
+TrackName = Literal["", "sensor", "object"]
+"""A `SensingTrack` as text; "": unknown, of void scenarios and of logs."""
+
+
+def join_sensing_tracks(tracks: Iterable[str]) -> TrackName:
+    """Return the track of several episodes: `object` if any is; unknown ("") if any is or there are none; `sensor`."""
+    different = set(tracks)
+    if SensingTrack.OBJECT in different:
+        return "object"
+    return "sensor" if different == {SensingTrack.SENSOR} else ""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from mdrive_sumo.contract.semantic_classes import SemanticClass
+from mdrive_sumo.contract.sensors import SemanticClass
 from mdrive_sumo.episode.recorded_frame import rebuild_frame
 from mdrive_sumo.report.render.cameras import PerspectiveCamera
 from mdrive_sumo.report.render.canvas import parse_rgb

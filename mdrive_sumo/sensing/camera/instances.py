@@ -8,7 +8,7 @@ from hashlib import blake2b
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.contract.semantic_classes import SemanticClass
+from mdrive_sumo.contract.sensors import SemanticClass
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.sensing.camera.meshes import (
     SURFACE_OF_MATERIAL,

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from mdrive_sumo.contract.semantic_classes import SemanticClass
+from mdrive_sumo.contract.sensors import SemanticClass
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float
 

@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from mdrive_sumo.contract.semantic_classes import SemanticClass
+from mdrive_sumo.contract.sensors import SemanticClass
 from mdrive_sumo.core.geometry import Int
 from mdrive_sumo.core.state import Kind, RoadUsers
 from mdrive_sumo.sensing.camera.meshes import (

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 import shapely
 
-from mdrive_sumo.contract.semantic_classes import SemanticClass
+from mdrive_sumo.contract.sensors import SemanticClass
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.roads import RoadMap

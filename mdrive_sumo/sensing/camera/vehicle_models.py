@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mdrive_sumo.contract.semantic_classes import SemanticClass
+from mdrive_sumo.contract.sensors import SemanticClass
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.sensing.camera.meshes import (
     Colour,

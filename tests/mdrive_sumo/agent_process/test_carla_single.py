@@ -7,7 +7,7 @@ from testing import carla_agents
 from testing.worlds import EmptyWorld, straight_ego, straight_road, straight_scenario
 
 from mdrive_sumo.agent_process.agent_file import describe_missing_class, drives_one_vehicle
-from mdrive_sumo.agent_process.carla_adapter import SensorReadings, _create_single_agent
+from mdrive_sumo.agent_process.carla_adapter import SensorReadings, _create_agent
 from mdrive_sumo.agent_process.carla_stubs import AutonomousAgent, Location, RoadOption, Transform, call_setup
 from mdrive_sumo.core.state import End
 from mdrive_sumo.loop import EpisodeConfig, run_episode
@@ -122,7 +122,7 @@ class FirstLeaderboard(AutonomousAgent):
 
 @pytest.mark.parametrize("cls", [Setup, OptionalSetup, Constructed, SecondLeaderboard, FirstLeaderboard])
 def test_the_constructors_of_both_leaderboards_are_called(cls: type[object]) -> None:
-    assert _create_single_agent(cls, "my.yaml").told == "my.yaml"
+    assert _create_agent(cls, "my.yaml", 1, is_single=True).told == "my.yaml"
 
 
 def test_the_base_class_keeps_the_plan_of_one_vehicle() -> None:

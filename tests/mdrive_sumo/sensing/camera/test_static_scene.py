@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from mdrive_sumo.contract.semantic_classes import SemanticClass
+from mdrive_sumo.contract.sensors import SemanticClass
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.sensing.camera import static_scene
 from mdrive_sumo.sensing.camera.meshes import build_mesh
