@@ -23,7 +23,7 @@ class FidelityTarget(BaseModel):
 
     name: str
     value: float | None
-    """None: nothing to measure."""
+    """The figure; None if there was nothing to measure."""
     limit: float
     at_least: bool = False
     """Whether the limit is a minimum; otherwise it is a maximum."""

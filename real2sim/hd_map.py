@@ -26,7 +26,7 @@ class MapLane:
     id: str
     kind: LaneKind
     centre: Float
-    """(N, 2), N >= 2."""
+    """Points (N, 2) [m] of the centre line, N >= 2."""
     left: Float = field(default_factory=lambda: np.zeros((0, 2)))
     """(M, 2) [m] left boundary in the order of the points; empty if unknown."""
     right: Float = field(default_factory=lambda: np.zeros((0, 2)))
@@ -41,7 +41,7 @@ class MapLane:
     width: float = float("nan")
     """[m]; NaN if the source gives none (the boundaries may)."""
     speed_limit: float = float("nan")
-    """[m/s]"""
+    """Speed limit [m/s]; NaN if the source gives none."""
     directed: bool = True
     """Whether the order of the points is the direction of travel; False: the direction must be estimated (V2XPnP)."""
     junction: bool = False
@@ -72,7 +72,7 @@ class HdMap:
 
     lanes: Mapping[str, MapLane] = field(default_factory=dict[str, MapLane])
     crosswalks: tuple[Float, ...] = ()
-    """Polygons (N, 2) [m]."""
+    """Outlines (N, 2) [m] of the crosswalks."""
     stop_lines: tuple[StopLine, ...] = ()
     signals: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
     """Ids of traffic lights with the ids of the lanes they control."""

@@ -121,7 +121,7 @@ class Recording:
 
     id: str
     source: str
-    """Name of the reader."""
+    """Name of the reader that has read it."""
     dt_s: float
     frame_count: int
     views: tuple[ObserverView, ...]

@@ -31,7 +31,7 @@ class CavRoute:
 
     id: str
     waypoints: Float = field(default_factory=lambda: np.zeros((0, 2)))
-    """(N, 2) [m], N >= 2."""
+    """Via points (N, 2) [m], N >= 2."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class SourceScene:
 
     id: str
     source: str
-    """Name of the reader."""
+    """Name of the reader that has read it."""
     bucket: str
     category: str
     map: HdMap | TownMap

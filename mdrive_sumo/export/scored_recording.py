@@ -32,7 +32,7 @@ class ScoredRecording:
     roads: RoadMap
     result: ScenarioResult
     name: str
-    """Of its files: the id of the scenario, with the seed where a run has several."""
+    """Name of its files: the id of the scenario, with the seed where a run has several."""
 
     @property
     def heights(self) -> Float:

@@ -16,7 +16,7 @@ class LaneSignal:
     lane: str
     successor: str
     states: tuple[str, ...]
-    """(T,) letters of SUMO."""
+    """SUMO's letter of the light in every tick, (T,)."""
 
     @property
     def phases(self) -> list[tuple[str, int]]:

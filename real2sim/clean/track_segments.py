@@ -40,12 +40,12 @@ class TrackSegments:
     """K segments over T frames. Arrays (K, T) hold NaN where a segment is not valid."""
 
     observer: Int
-    """(K,)"""
+    """Index (K,) of the view that a segment is from."""
     ids: tuple[str, ...]
-    """Ids in the source."""
+    """Ids (K,) of the tracks in the source."""
     categories: tuple[ObjectCategory, ...]
     parked: Bool
-    """(K,)"""
+    """Whether the source labels the object static, (K,)."""
     is_cut: Bool
     """(K,) Whether a jump bounds the segment on either side."""
     valid: Bool

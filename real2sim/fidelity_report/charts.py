@@ -42,14 +42,14 @@ class LineChart:
     """A chart with its axes; y begins at 0. Values above `top` are clipped."""
 
     label: str
-    """Text for screen readers."""
+    """What the chart shows, as text for screen readers."""
     title: str
-    """Includes the unit of y."""
+    """What y is, with its unit."""
     series: Sequence[ChartSeries]
     x_range: tuple[float, float]
     top: float
     limits: Sequence[float] = ()
-    """Horizontal lines."""
+    """Values of y at which a horizontal line is drawn."""
     x_title: str = "time [s]"
 
 
@@ -135,9 +135,9 @@ class _TimeAxis(NamedTuple):
     """The common axis of the charts of one actor."""
 
     span_s: tuple[float, float]
-    """First and last second."""
+    """First and last time [s] of the axis."""
     dt_s: float
-    """Seconds per frame."""
+    """Time [s] from one frame to the next."""
     subject: str
     """Whose chart it is, for the label."""
 

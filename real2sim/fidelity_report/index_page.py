@@ -49,13 +49,13 @@ class IndexRow:
     error_p95: float | None
     """[m] Distance of the reconstruction to the log."""
     jerk_p95: float
-    """[m/s³]"""
+    """95th percentile of the jerk [m/s³] of the reconstructed tracks."""
     median_at_5s: float | None = None
     """[m] Distance of the traffic to the log 5 s after departure."""
     order_share: float | None = None
     """Share of pairs that pass their conflict point in the log's order."""
     picture: Markup | None = None
-    """Thumbnail map."""
+    """Thumbnail map as SVG; None draws nothing."""
 
     def format_figures(self) -> tuple[str, ...]:
         """Return the cells after the source."""

@@ -110,7 +110,7 @@ class _Tile(NamedTuple):
     value: str
     limit: str
     state: str
-    """CSS class."""
+    """CSS class that colours the tile."""
     verdict: str
 
 

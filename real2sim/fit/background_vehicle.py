@@ -47,7 +47,7 @@ class RoutedTrack:
     """(T,) distance of the box centre along the path [m]; NaN before the first and after the last frame."""
     length: float
     width: float
-    """[m]"""
+    """Median length and width [m] of its boxes."""
 
     @property
     def front_progress(self) -> Float:

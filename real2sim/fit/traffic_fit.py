@@ -69,7 +69,7 @@ class FittedTraffic:
     background: Background
     actors: tuple[Actor, ...]
     roles: Mapping[str, TrackRole]
-    """By track id: disposition and reason; whatever could not be kept is LEFT_OUT with a reason."""
+    """Disposition and reason by track id; whatever could not be kept is LEFT_OUT with a reason."""
     names: Mapping[str, str]
     """Track id -> id in the scenario."""
 

@@ -28,7 +28,7 @@ class ConfirmedInfraction(BaseModel):
 
     scenario: Text
     cav: Text
-    """Id in the scenario."""
+    """Id of the CAV in the scenario."""
     kind: Text
     time_s: float = Field(ge=0, allow_inf_nan=False)
     factor: float = Field(ge=0, le=1)
@@ -36,7 +36,7 @@ class ConfirmedInfraction(BaseModel):
     reason: Text
     """What the person saw on the picture."""
     by: Text
-    """The person."""
+    """Name of the person who has looked at the picture."""
 
     def covers(self, kind: str, time_s: float, factor: float) -> bool:
         """Return whether an infraction of this scenario and CAV is the confirmed one, and no worse."""

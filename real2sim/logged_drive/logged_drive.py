@@ -55,7 +55,7 @@ class LoggedCav(_Part):
     """The logged drive of one CAV."""
 
     id: str
-    """Id in the scenario."""
+    """Id of the CAV in the scenario."""
     end: str
     """How a criterion of the benchmark ended the drive; "log ended" if none did before the log ended."""
     duration_s: float

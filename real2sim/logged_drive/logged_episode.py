@@ -34,7 +34,7 @@ class LoggedEpisode:
     record: EpisodeRecord
     """A CAV whose log ends before a criterion ends it is recorded as arrived in its last frame."""
     progress: Mapping[str, criteria.RouteProgress]
-    """By CAV, at its end."""
+    """How far each CAV came, by its id, at its end."""
     end_by_cav: Mapping[str, str]
     """The value of `End` of the criterion that ended the CAV, or `LOG_ENDED`."""
 

@@ -36,7 +36,7 @@ class LanePath:
     """[m]; parallel lanes count as equally long, so a lane change adds 0."""
     lane_changes: int
     lanes: tuple[str, ...]
-    """From the first to the last lane."""
+    """Ids of the lanes from the first to the last."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,9 +28,9 @@ class LaneSegment:
     """Id of the lane of the source map."""
     centreline: Polyline
     width: float
-    """[m]"""
+    """Width [m] of the lane; NaN until it is known."""
     speed: float
-    """Speed limit [m/s]."""
+    """Speed limit [m/s] of the lane."""
     kind: LaneKind
     junction: bool
     group: str = ""

@@ -41,7 +41,7 @@ class CleaningFigures(_Part):
     """Changes made by cleaning."""
 
     counts: dict[str, int]
-    """Changes by reason."""
+    """Number of changes by their reason."""
     changes: tuple[CleaningChange, ...]
 
 
@@ -79,7 +79,7 @@ class TrackRoleEntry(_Part):
 
     track: str
     name: str
-    """Id in the scenario."""
+    """Id of the track's object in the scenario."""
     became: Disposition
     reason: str
 
@@ -91,7 +91,7 @@ class QualityFile(_Part):
     scenario: str
     source: str
     log: str
-    """Id of the recording."""
+    """Id of the recording that was converted."""
     window_s: tuple[float, float] | None
     mode: str
     dt_s: float

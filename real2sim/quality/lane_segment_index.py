@@ -25,9 +25,9 @@ class LaneSegmentIndex:
     """Spatial index of the segments of all lanes. `lane` is the index of the centre line."""
 
     starts: Float
-    """(S, 2) [m]"""
+    """First points (S, 2) [m] of the segments."""
     vectors: Float
-    """(S, 2) [m]"""
+    """Vectors (S, 2) [m] from the first to the last points."""
     lane: Int
     directed: Bool
     wider: Float

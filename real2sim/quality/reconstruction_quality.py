@@ -108,7 +108,7 @@ class ReconstructionQuality(BaseModel):
     static_things: int
     static_passed: int
     walkers: int
-    """Cyclists included."""
+    """Number of pedestrians and cyclists."""
     walkers_passed: int
     error_median: float | None
     """Raw against reconstructed positions over all frames of all moving vehicles."""
@@ -118,7 +118,7 @@ class ReconstructionQuality(BaseModel):
     teleports: int
     wrong_way_frames: int
     collisions: tuple[tuple[str, str, int], ...]
-    """First, second, frames."""
+    """First and second actor, and the number of frames in which their boxes overlap."""
     spawn_overlaps: tuple[tuple[str, str], ...]
     duplicates: tuple[tuple[str, str], ...]
     least_distance: float | None

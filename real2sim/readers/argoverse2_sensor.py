@@ -84,7 +84,7 @@ class PoseSeries:
 
     t: Float
     xyz: Float
-    """(N, 3) [m]"""
+    """Positions (N, 3) [m] in the frame of the table."""
     quaternion: Float
     """(N, 4) unit quaternions w, x, y, z."""
 

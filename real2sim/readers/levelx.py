@@ -57,10 +57,10 @@ class _Log:
     meta: Mapping[str, str]
     classes: Mapping[str, ObjectCategory]
     headings: Mapping[str, float]
-    """By id [rad], for highD only."""
+    """Heading [rad] of every track by its id, for highD only."""
     first: int
     count: int
-    """Frames of the source."""
+    """Number of frames of the source."""
 
     @property
     def is_image(self) -> bool:

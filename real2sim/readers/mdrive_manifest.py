@@ -55,10 +55,10 @@ class ManifestEntry(_ManifestModel):
     model: str | None = None
     speed: Speed | None = None
     target_speed: Speed | None = None
-    """[m/s]"""
+    """Speeds [m/s]; the first one that is given counts."""
     length: float | None = Field(default=None, gt=0, le=40)
     width: float | None = Field(default=None, gt=0, le=40)
-    """[m]"""
+    """Length and width [m] of the box."""
     avoid_collision: bool | None = None
     control_mode: str | None = None
 

@@ -39,7 +39,7 @@ class LogFrame:
     is_carla: bool = False
     """Whether y points to the right, as in CARLA; never so for poses that are matrices."""
     offset: tuple[float, float] = (0.0, 0.0)
-    """[m] Added after that."""
+    """Offset [m] that is added to the coordinates after they are mirrored."""
 
 
 def read_opv2v(folder: Path, hd_map: HdMap, frame: LogFrame, agents: Sequence[str] | None = None) -> Recording:

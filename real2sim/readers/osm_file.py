@@ -36,7 +36,7 @@ class OsmRelation:
 
     id: str
     members: tuple[tuple[str, str], ...]
-    """Role and id of each."""
+    """Role and id of every member."""
     tags: Mapping[str, str]
 
     def list_members(self, *roles: str) -> tuple[str, ...]:

@@ -34,9 +34,9 @@ class TrajectoryBounds:
     """Bounds of a trajectory of T frames."""
 
     jerk: float
-    """[m/s³]"""
+    """Largest jerk [m/s³] at any frame."""
     acceleration: float
-    """[m/s²]"""
+    """Largest acceleration [m/s²] at any frame."""
     still: Bool
     """(T-1,) steps without motion."""
     heading: Float | None = None

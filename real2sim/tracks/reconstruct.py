@@ -63,10 +63,10 @@ class _Batch:
     xy: Float
     valid: Bool
     vehicle: Bool
-    """(K,)"""
+    """Whether the object is a vehicle, (K,)."""
     yaw: Float
     length: Float
-    """(K,)"""
+    """Length [m] of the object, (K,)."""
 
 
 def reconstruct_tracks(tracks: Sequence[RecordedTrack], dt_s: float) -> tuple[RecordedTrack, ...]:

@@ -47,7 +47,7 @@ class StalledVehicle(BaseModel):
     """[s] The longest time for which it stands in the log."""
     x: float
     y: float
-    """[m] Where it stands."""
+    """Position [m] where it stands."""
     behind: str = ""
     """The road user directly ahead of it: a scripted actor, or one of a circle of vehicles; "": none."""
 

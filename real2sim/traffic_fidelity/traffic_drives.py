@@ -35,9 +35,9 @@ class TrafficDrive:
     """`ALONE` or `OMNISCIENT`."""
     ids: tuple[str, ...]
     length: Float
-    """(N,) [m]"""
+    """Lengths (N,) [m] of the road users."""
     width: Float
-    """(N,) [m]"""
+    """Widths (N,) [m] of the road users."""
     x: Float
     y: Float
     yaw: Float

@@ -43,7 +43,7 @@ class PositionErrors(BaseModel):
     """[m]; None if no vehicle is in the log for that long."""
     lower: float | None
     upper: float | None
-    """Quartiles [m]."""
+    """Lower and upper quartile [m] of the errors."""
     worst: float | None
 
 
@@ -54,7 +54,7 @@ class TrafficFidelity(BaseModel):
 
     mode: str
     vehicles: int
-    """Background vehicles."""
+    """Number of background vehicles."""
     errors: tuple[PositionErrors, ...]
     median_at_5s: float | None
     """[m]; None if no vehicle is in the log for 5 s."""

@@ -46,9 +46,9 @@ class ObservationNoise:
     min_visible_share: float = 0.1
     """Minimum share of a box that must be visible."""
     gaps_per_s: float = 0.05
-    """Assumed."""
+    """Assumed rate [1/s] at which an observer loses an object."""
     max_gap_frames: int = 5
-    """[frames] Assumed."""
+    """Assumed longest gap, in frames."""
     label_error_probability: float = 0.03
     """Probability per object and agent; assumed."""
     attribute_error_probability: float = 0.1
