@@ -11,7 +11,6 @@ common one or -1.
 """
 
 import math
-import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +24,14 @@ from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap
 from real2sim.readers.input_checks import check_frame_count
 from real2sim.readers.map_fit import check_place, measure_view_fit
-from real2sim.readers.v2xpnp_frame import V2xpnpFrame, find_category, find_category_by_length, read_frame
+from real2sim.readers.v2xpnp_frame import (
+    V2xpnpFrame,
+    find_category,
+    find_category_by_length,
+    list_agents,
+    list_frames,
+    read_frame,
+)
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 DT_S = 0.1
@@ -48,7 +54,8 @@ def read_opv2v(folder: Path, hd_map: HdMap, frame: LogFrame, agents: Sequence[st
     `agents` names the folders to read, all by default. Frames that an agent lacks are not observed by it. An agent's
     pose is that of its LiDAR.
     """
-    files = {name: _list_frames(folder / name) for name in agents or _list_agents(folder)}
+    names = agents or [str(number) for number in list_agents(folder, "named by the ids")]
+    files = {name: list_frames(folder / name, "[0-9]{1,9}", "such as 000068.yaml") for name in names}
     step = _find_step(folder, files)
     first = min(min(numbers) for numbers in files.values())
     last = max(max(numbers) for numbers in files.values())
@@ -71,27 +78,6 @@ def read_opv2v(folder: Path, hd_map: HdMap, frame: LogFrame, agents: Sequence[st
             *_note_missing_frames(files, numbers),
         ),
     )
-
-
-def _list_agents(folder: Path) -> list[str]:
-    """Return the agent folders, CAVs first."""
-    if not folder.is_dir():
-        raise InputError(f"{folder}: expected a folder with one folder an agent, found none")
-    numbers = sorted(int(path.name) for path in folder.iterdir() if path.is_dir() and re.fullmatch(r"-?\d+", path.name))
-    cavs, stations = [n for n in numbers if n >= 0], [n for n in numbers if n < 0][::-1]
-    if not cavs:
-        raise InputError(f"{folder}: expected agent folders named by the ids of CAVs, found {numbers or 'none'}")
-    return [str(n) for n in (*cavs, *stations)]
-
-
-def _list_frames(folder: Path) -> dict[int, Path]:
-    """Return frame files by number, in order; raise InputError if there is none."""
-    named = {path.stem: path for path in sorted(folder.glob("*.yaml"))}
-    files = {int(stem): path for stem, path in named.items() if re.fullmatch(r"[0-9]{1,9}", stem)}
-    if not files:
-        raise InputError(f"{folder}: expected frames such as 000068.yaml, found no such file")
-    check_frame_count(str(folder), len(files))
-    return dict(sorted(files.items()))
 
 
 def _find_step(folder: Path, files: Mapping[str, Mapping[int, Path]]) -> int:

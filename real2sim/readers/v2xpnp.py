@@ -4,7 +4,6 @@ Each agent has one view. The same object has the same id in every view, but its 
 is missing in its own view and an ordinary car in the others. Views are not merged here.
 """
 
-import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -20,7 +19,14 @@ from mdrive_sumo.core.geometry import Float
 from real2sim.hd_map import HdMap
 from real2sim.readers.input_checks import check_frame_count, find_gap
 from real2sim.readers.map_fit import OFF_MAP_M, measure_map_fit, thin_points
-from real2sim.readers.v2xpnp_frame import V2xpnpFrame, find_category, find_category_by_length, read_frame
+from real2sim.readers.v2xpnp_frame import (
+    V2xpnpFrame,
+    find_category,
+    find_category_by_length,
+    list_agents,
+    list_frames,
+    read_frame,
+)
 from real2sim.readers.v2xpnp_map import read_vector_map
 from real2sim.recording import COLUMNS, ObserverView, RecordedTrack, Recording
 
@@ -115,34 +121,27 @@ def _note_missing_frames(agent: str, files: Mapping[int, Path], numbers: range) 
 
 def _list_agents(folder: Path) -> list[str]:
     """Return the agent folders, CAVs first. They are numbered consecutively, so a missing one is detected."""
-    if not folder.is_dir():
-        raise InputError(f"{folder}: expected a folder with one folder an agent, found none")
-    numbers = sorted(int(p.name) for p in folder.iterdir() if p.is_dir() and re.fullmatch(r"-?[0-9]+", p.name))
-    cavs, stations = [n for n in numbers if n >= 0], [n for n in numbers if n < 0][::-1]
-    if not cavs:
-        raise InputError(f"{folder}: expected agent folders 1, 2, ... of CAVs, found {numbers or 'none'}")
-    missing = find_gap((0, *cavs, *stations))
+    numbers = list_agents(folder, "1, 2, ...")
+    missing = find_gap((0, *numbers))
     if missing is not None:
-        raise InputError(f"{folder}: expected agent folders without holes, found {numbers} and no folder {missing}")
-    return [str(n) for n in (*cavs, *stations)]
+        raise InputError(
+            f"{folder}: expected agent folders without holes, found {sorted(numbers)} and no folder {missing}"
+        )
+    return [str(n) for n in numbers]
 
 
 def _list_frames(folder: Path) -> dict[int, Path]:
     """Return frame files by number, in order; raise InputError if there is none or the hole between two is long."""
     if not folder.is_dir():
         raise InputError(f"{folder}: expected an agent folder with frames, found none")
-    named = {path.stem: path for path in sorted(folder.glob("*.yaml"))}
-    files = {int(stem): path for stem, path in named.items() if re.fullmatch(r"[0-9]+", stem)}
-    if not files:
-        raise InputError(f"{folder}: expected frames 000000.yaml, 000001.yaml, ..., found no such file")
-    for before, after in pairwise(sorted(files)):
+    files = list_frames(folder, "[0-9]+", "000000.yaml, 000001.yaml, ...")
+    for before, after in pairwise(files):
         if after - before - 1 > MAX_MISSING_FRAMES:
             raise InputError(
                 f"{folder}: expected at most {MAX_MISSING_FRAMES} missing frames in a row, found none between"
                 f" {before:06d}.yaml and {after:06d}.yaml"
             )
-    check_frame_count(str(folder), len(files))
-    return dict(sorted(files.items()))
+    return files
 
 
 def _build_view(folder: Path, frames: Sequence[V2xpnpFrame]) -> AnnotatedView:

@@ -1,4 +1,4 @@
-"""Read frames of V2XPnP: one 10 Hz YAML file of one agent.
+"""Read agent folders and frames of V2XPnP and its relatives: one 10 Hz YAML file of one agent.
 
 Most files have one fixed layout (PyYAML's dump of the dataset's fields), for which libyaml takes seconds per log. They
 are parsed by one regular expression; every other file goes through the YAML parser with the same result.
@@ -18,13 +18,15 @@ import yaml
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.input_files import read_text
-from real2sim.readers.input_checks import describe_value
+from real2sim.readers.input_checks import check_frame_count, describe_value
 from real2sim.readers.numpy_yaml import NumpyLoader
 from real2sim.recording import ObjectCategory
 
 COLUMNS = ("angle", "center", "extent", "location")
 """Fields of an object, three numbers each, in the order of `V2xpnpFrame.boxes`."""
 
+AGENT = re.compile(r"-?[0-9]+")
+"""Name of the folder of an agent."""
 RIGID = 1e-3
 """Largest error of the product of a rotation and its transpose; poses in files of V2V4Real are rounded near 1e-6."""
 
@@ -243,6 +245,32 @@ def _check_finite(path: Path, frame: V2xpnpFrame) -> None:
             f"{path}: object {frame.ids[row]}: {COLUMNS[column // 3]}: expected finite numbers, "
             f"found {frame.boxes[row, column]}"
         )
+
+
+def list_agents(folder: Path, named: str) -> list[int]:
+    """Return the numbers of the agent folders, CAVs first, then stations, whose numbers are negative.
+
+    `named`: how folders of CAVs are named, for the error. Raises InputError without any CAV.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder with one folder an agent, found none")
+    numbers = sorted(int(path.name) for path in folder.iterdir() if path.is_dir() and AGENT.fullmatch(path.name))
+    cavs, stations = [n for n in numbers if n >= 0], [n for n in numbers if n < 0][::-1]
+    if not cavs:
+        raise InputError(f"{folder}: expected agent folders {named} of CAVs, found {numbers or 'none'}")
+    return [*cavs, *stations]
+
+
+def list_frames(folder: Path, digits: str, named: str) -> dict[int, Path]:
+    """Return the frame files of an agent by number, in order.
+
+    `digits`: pattern of the numbers. `named`: how the files are named, for the error. Raises InputError without any.
+    """
+    files = {int(p.stem): p for p in sorted(folder.glob("*.yaml")) if re.fullmatch(digits, p.stem)}
+    if not files:
+        raise InputError(f"{folder}: expected frames {named}, found no such file")
+    check_frame_count(str(folder), len(files))
+    return dict(sorted(files.items()))
 
 
 def find_category(label: str) -> ObjectCategory | None:
