@@ -51,9 +51,6 @@ def render_report(findings: ConversionFindings) -> str:
     map_frame = fit_map_frame(entries)
     numbers = {entry.actor.id: entry.number for entry in entries}
     dt_s = findings.cleaned.dt_s
-    deviation = draw_deviation(compute_deviation(findings), map_frame)
-    errors = findings.closeness.errors if findings.closeness else ()
-    dropped = [change for change in findings.cleaned.report.changes if change.track not in numbers]
     return render_page(
         "report.html",
         f"{findings.id} · conversion",
@@ -71,23 +68,13 @@ def render_report(findings: ConversionFindings) -> str:
         draw_charts=partial(draw_actor_charts, dt_s=dt_s),
         # a scenario uses other ids than the tracks of its log
         scenario_numbers=numbers | {name: numbers[id_] for id_, name in findings.names.items() if id_ in numbers},
-        drift_chart=draw_drift_chart(errors) if findings.closeness else None,
-        error_rows=[
-            (f"{e.after_s:g}", f"{e.vehicles}", *_format_figures(2, e.lower, e.median, e.upper, e.worst))
-            for e in errors
-        ],
+        drift_chart=draw_drift_chart(findings.closeness.errors) if findings.closeness else None,
         MEDIAN_5S_M=MEDIAN_5S_M,
-        drives=[
-            (cav.id, cav.end, f"{cav.rc:.1f}", str(len(cav.infractions)), format_figure(cav.ip, decimals=3))
-            for cav in (findings.logged_drive.cavs if findings.logged_drive else ())
-        ],
         infractions=draw_infractions(findings, entries, map_frame),
-        deviation=deviation,
+        deviation=draw_deviation(compute_deviation(findings), map_frame),
         deviation_rows=_list_deviations(findings.network),
         network_changes=_list_network_changes(findings.network).items(),
         cleaning_rows=_count_cleaning(findings),
-        dropped_changes=[f"{change.track}: {change.reason.value}, {change.detail}" for change in dropped],
-        removed_tracks=[f"{id_}: {reason}" for id_, reason in findings.quality.lost.items()],
         checks=[
             (describe_figure(check.figure)[0], f"{check.limit:g} {describe_figure(check.figure)[1]}", check.source)
             for check in CHECKS
@@ -141,16 +128,16 @@ def _group_entries(entries: Sequence[ReportEntry]) -> list[tuple[str, list[Repor
     return list(members.items())
 
 
-def _format_figures(decimals: int, *values: float | None) -> Cells:
-    return tuple(format_figure(value, decimals=decimals) for value in values)
+def _format_thousandths(*values: float | None) -> Cells:
+    return tuple(format_figure(value, decimals=3) for value in values)
 
 
 def _list_deviations(network: NetworkReport) -> tuple[Cells, ...]:
     """Return the rows of the distances between the centre lines of the source and of the network [m]."""
     fit = network.deviation
     return (
-        ("source to network", *_format_figures(3, fit.mean, fit.p95, fit.max)),
-        ("network to source", *_format_figures(3, fit.back_mean, fit.back_p95, fit.back_max)),
+        ("source to network", *_format_thousandths(fit.mean, fit.p95, fit.max)),
+        ("network to source", *_format_thousandths(fit.back_mean, fit.back_p95, fit.back_max)),
         ("allowed", f"{CENTRE_LINES_MEAN_M:.3f}", f"{CENTRE_LINES_P95_M:.3f}", "–"),
     )
 

@@ -193,11 +193,7 @@ def assess_reconstruction(converted: ReconstructedLog) -> ReconstructionQuality:
         teleports=sum(actor.jumps_1m for actor in actors),
         wrong_way_frames=sum(actor.wrong_way_frames or 0 for actor in moving),
         lost=dict(converted.lost or {}),
-        off_map={
-            actor.id: f"{actor.outside_frames} of {actor.frames} frames off all lanes of the map in the log itself"
-            for actor in moving
-            if actor.outside_frames
-        },
+        off_map={actor.id: _describe_off_map(actor) for actor in moving if actor.outside_frames},
         **_contacts_by_id(find_contacts(converted.tracks, COLLISION_SLACK_M), [track.id for track in converted.tracks]),
     )
 
@@ -209,6 +205,10 @@ def _set_speed_limits(actors: Sequence[ActorQuality], limits: Mapping[str, float
     }
     plausible = find_plausible_speeds(moving, limits)
     return [actor.model_copy(update={"speed_limit": plausible.get(actor.id, TOWN_MPS)}) for actor in actors]
+
+
+def _describe_off_map(actor: ActorQuality) -> str:
+    return f"{actor.outside_frames} of {actor.frames} frames off all lanes of the map in the log itself"
 
 
 def _contacts_by_id(contacts: TrackContacts, ids: Sequence[str]) -> dict[str, Any]:
