@@ -9,6 +9,7 @@ Frames: world frame of the network, metres, seconds, radians counter-clockwise f
 
 from mdrive_sumo.contract.briefing import Briefing, StopSign, TrafficLight, VehicleFacts
 from mdrive_sumo.contract.exchange import (
+    EXCHANGE,
     LABELS,
     STANDSTILL,
     Agent,
@@ -68,6 +69,7 @@ __all__ = [
     "StopSign",
     "TrafficLight",
     "VehicleFacts",
+    "EXCHANGE",
     "LABELS",
     "STANDSTILL",
     "Agent",

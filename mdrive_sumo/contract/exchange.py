@@ -94,9 +94,13 @@ class Note:
     """An entry for the recording, for people and replays; other agents do not receive it."""
 
     kind: str
-    """A short name, e.g. "llm-exchange"; results count the notes of every kind."""
+    """A short name, e.g. "llm-exchange"; results count the notes of every kind but `REASON`."""
     text: str
     """What the replay shows."""
+
+
+EXCHANGE = "llm-exchange"
+"""Kind of the notes that hold a request to a language model and its answer: runs keep them as transcripts."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mdrive_sumo.contract import Note
+from mdrive_sumo.contract import EXCHANGE, Note
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_parents, write_text
 from mdrive_sumo.core.seeding import derive_seed
@@ -20,7 +20,7 @@ from mdrive_sumo.generate.llm_answer import load_demonstrations, parse_proposal
 from mdrive_sumo.generate.llm_prompt import build_prompt
 from mdrive_sumo.generate.pipeline import PipelineStage, ProposalRejected
 from mdrive_sumo.generate.proposal import Proposal
-from mdrive_sumo.negotiation.language_model import EXCHANGE, LanguageModel, LanguageModelSettings, check_settings
+from mdrive_sumo.negotiation.language_model import LanguageModel, LanguageModelSettings, check_settings
 from mdrive_sumo.negotiation.llm_endpoint import ChatCompletion
 from mdrive_sumo.negotiation.transcript import load_outcomes
 from mdrive_sumo.runs.evaluate import report_write_errors

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-from mdrive_sumo.contract import Note
+from mdrive_sumo.contract import EXCHANGE, Note
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.negotiation.llm_endpoint import (
@@ -20,8 +20,8 @@ from mdrive_sumo.negotiation.llm_endpoint import (
 )
 from mdrive_sumo.negotiation.transcript import LanguageModelTranscript, check_transcript, format_exchange
 
-EXCHANGE, FALLBACK = "llm-exchange", "llm-fallback"
-"""Kinds of notes: a request with its answer; a place where the rule decided because the model gave nothing usable."""
+FALLBACK = "llm-fallback"
+"""Kind of the notes of a place where the rule decided because the model gave nothing usable."""
 FINAL_FAILURES = ("timeout", "missing")
 """Kinds of failure after which a request is not repeated."""
 FIRST_PAUSE_S = 0.5

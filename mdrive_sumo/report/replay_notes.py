@@ -3,11 +3,10 @@
 import json
 from typing import Any
 
-from mdrive_sumo.contract import REASON
+from mdrive_sumo.contract import EXCHANGE, REASON
 from mdrive_sumo.episode import EpisodeRecord, NoteRecord
 from mdrive_sumo.report.reasons import read_reason
 
-EXCHANGE = "llm-exchange"
 MAX_CHARS = 4000
 
 

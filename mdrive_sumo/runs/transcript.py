@@ -2,12 +2,11 @@
 
 from pathlib import Path
 
+from mdrive_sumo.contract import EXCHANGE
 from mdrive_sumo.core.input_files import read_text
 from mdrive_sumo.core.output_files import make_folder, write_text
 from mdrive_sumo.episode import EpisodeRecord
 
-EXCHANGE = "llm-exchange"
-"""Kind of the notes that hold an exchange."""
 TRANSCRIPT_FILE = "transcript.jsonl"
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file
+from mdrive_sumo.contract import EXCHANGE
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import DT
@@ -16,7 +17,6 @@ from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.journal import JournalText, find_entry_key
 from mdrive_sumo.runs.prepared_run import PreparedRun, make_run_info
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure
-from mdrive_sumo.runs.transcript import EXCHANGE
 from mdrive_sumo.scenario.reference_times import NO_REFERENCE
 from mdrive_sumo.scoring import (
     EpisodeKey,

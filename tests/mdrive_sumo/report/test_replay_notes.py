@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdrive_sumo.contract import Note
+from mdrive_sumo.contract import EXCHANGE, Note
 from mdrive_sumo.episode import NoteRecord
-from mdrive_sumo.report.replay_notes import EXCHANGE, MAX_CHARS, list_notes
+from mdrive_sumo.report.replay_notes import MAX_CHARS, list_notes
 
 
 def shown(kind: str, text: str) -> tuple[str, str]:
