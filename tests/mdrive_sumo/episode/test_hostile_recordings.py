@@ -119,7 +119,9 @@ DAMAGE: dict[str, tuple[Callable[[Members], Members], str]] = {
     "a number for a name": (with_header(ids=[0, 1]), "header: ids.0: Input should be a valid string"),
     "an unknown ending": (with_header(endings=[{"ego": "0", "tick": 1, "end": "?"}]), "header: endings.0.end: "),
     "an ending of a stranger": (
-        with_header(endings=[{"ego": "x", "tick": 1, "end": "arrived", "failure": None, "text": ""}]),
+        with_header(
+            endings=[{"ego": "x", "tick": 1, "end": "arrived", "failure": None, "text": "", "failed_tick": None}]
+        ),
         "header: no CAV 'x'",
     ),
     "a negative payload": (with_header(messages=[["0", 1, "cam", -3], ["0", 1, "cam", 6]]), "negative number"),
