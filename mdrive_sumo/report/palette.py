@@ -11,16 +11,6 @@ _GOLDEN_ANGLE = 137.5 / 360
 """Share of a turn between neighbouring hues: no multiple of it comes near a whole number of turns soon."""
 _COUNT = 32
 """Colours before they repeat; the scenarios of InterDrive have at most 8 CAVs."""
-
-
-def _make_colour(number: int) -> str:
-    """Return a colour whose hue is the golden angle away from that before: neighbours in a list differ."""
-    parts = colorsys.hls_to_rgb(number * _GOLDEN_ANGLE % 1.0, 0.46, 0.62)
-    return "#" + "".join(f"{round(255 * part):02x}" for part in parts)
-
-
-CAV_COLOURS = (*_FIXED, *(_make_colour(number) for number in range(len(_FIXED), _COUNT)))
-"""Colours of the CAVs in the order of the scenario; they repeat after the last."""
 LIGHT: Mapping[str, str] = MappingProxyType(
     {
         "ground": "#f1f2ee",
@@ -91,6 +81,16 @@ DARK: Mapping[str, str] = MappingProxyType(
         "text": "#f0ad4a",
     }
 )
+
+
+def _make_colour(number: int) -> str:
+    """Return a colour whose hue is the golden angle away from that before: neighbours in a list differ."""
+    parts = colorsys.hls_to_rgb(number * _GOLDEN_ANGLE % 1.0, 0.46, 0.62)
+    return "#" + "".join(f"{round(255 * part):02x}" for part in parts)
+
+
+CAV_COLOURS = (*_FIXED, *(_make_colour(number) for number in range(len(_FIXED), _COUNT)))
+"""Colours of the CAVs in the order of the scenario; they repeat after the last."""
 
 
 def format_custom_properties() -> str:

@@ -36,6 +36,12 @@ SIGHT_RANGE_M = 100.0
 """[m] Beyond, sight is not computed."""
 MIN_VISIBLE_FRACTION = 0.1
 """A road user of which less is visible counts as hidden; the threshold of the ideal detector."""
+SURROUNDINGS_M = 80.0
+"""Roads farther than this from every road user and route are left out of the page."""
+CELL_M = 20.0
+"""Side of the grid cells by which positions are grouped before the surroundings are computed around them."""
+MAX_PAGE_BYTES = 12 * 2**20
+"""Of all images of a page; of more, every second, third ... image is shown."""
 
 
 def compute_visibility(episode: EpisodeRecord, roads: RoadMap) -> Int:
@@ -66,12 +72,6 @@ def _boxes(episode: EpisodeRecord, tick: int, present: Int) -> Objects:
         length=episode.length[present],
         width=episode.width[present],
     )
-
-
-SURROUNDINGS_M = 80.0
-"""Roads farther than this from every road user and route are left out of the page."""
-CELL_M = 20.0
-"""Side of the grid cells by which positions are grouped before the surroundings are computed around them."""
 
 
 def pack_replay_data(
@@ -212,10 +212,6 @@ def _head(head: SignalHead, origin: Float) -> tuple[list[int], float, float, tup
 
 def _sign(mark: StopMark, origin: Float) -> list[int] | None:
     return None if mark.sign is None else _line(mark.sign[None], origin)
-
-
-MAX_PAGE_BYTES = 12 * 2**20
-"""Of all images of a page; of more, every second, third ... image is shown."""
 
 
 def pack_camera_images(episode: EpisodeRecord, tracks: Sequence[CameraTrack]) -> str:

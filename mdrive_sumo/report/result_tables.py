@@ -39,7 +39,7 @@ ROLE_COLUMNS = (
 )
 COLLISION_PREFIX = "collision-"
 SLOW_IMPACT, FAST_IMPACT = 1.0, 5.0
-"""Impact speeds [m/s] that separate the classes of severity (issue G): a touch at walking pace, and what injures."""
+"""Impact speeds [m/s] that separate the classes of severity, chosen: a touch at walking pace, and what injures."""
 UNKNOWN_SPEED = "unknown"
 SEVERITIES = ("below 1 m/s", "1 to 5 m/s", "above 5 m/s", UNKNOWN_SPEED)
 

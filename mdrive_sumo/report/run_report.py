@@ -66,6 +66,10 @@ CAPTURED = """\
 Captured cooperation is (agent - the same agent with the channel off) / (omniscient - the same agent with the
 channel off), on mean DS: 0 is driving alone, 100 perfect cooperation. Blank where perfect cooperation gains
 less than 2 DS; scenarios that are void in one of the three runs are left out of it."""
+FIGURE_MARKS = ("|", "- ", "#", "No ")
+"""What a line with figures or facts begins with; others are prose, which changes from version to version."""
+MAX_CHARACTERS = 160
+"""Of a line in a message; longer ones are cut."""
 
 
 def build_run_report(results: Results, captured: CapturedCooperation | None = None) -> str:
@@ -221,12 +225,6 @@ def _commands() -> str:
             "    mdrive-sumo compare RUN OTHER_RUN      two runs side by side",
         )
     )
-
-
-FIGURE_MARKS = ("|", "- ", "#", "No ")
-"""What a line with figures or facts begins with; others are prose, which changes from version to version."""
-MAX_CHARACTERS = 160
-"""Of a line in a message; longer ones are cut."""
 
 
 def has_captured_cooperation(text: str) -> bool:

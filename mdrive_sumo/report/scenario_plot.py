@@ -30,6 +30,17 @@ from mdrive_sumo.vehicle.dynamics import MKZ_2017
 
 GROUND, PAVEMENT, APRON, ASPHALT, PAINT = (LIGHT[name] for name in ("ground", "footway", "apron", "road", "line"))
 BUILDING, BUILDING_EDGE = LIGHT["building"], LIGHT["building-edge"]
+LATER_ALPHA = 0.35
+"""Opacity of background vehicles that depart later, where others may be until then."""
+SIDE_INCHES = 9.0
+"""Longer side of the picture."""
+TITLE_ASPECT = 0.72
+"""Mean width of a bold letter relative to its size."""
+NAME_POINTS, NAME_ASPECT = 9.0, 0.66
+"""Size of the names of CAVs, and the mean width of a letter relative to it."""
+POINTS_PER_INCH = 72.0
+CAPTION_INCHES = 0.95
+"""Height of the captions above and below the map."""
 
 
 def draw_map(axes: Axes, roads: RoadMap, view: MapView) -> None:
@@ -117,19 +128,6 @@ def _make_shape(actor: Actor, colour: str) -> Patch:
         return Circle((x, y), length / 2, facecolor=colour, edgecolor="white", linewidth=0.6, zorder=8)
     corners = box_corners(x, y, actor.start.yaw, length, width)
     return Polygon(corners, facecolor=colour, edgecolor="white", linewidth=0.6, zorder=8)
-
-
-LATER_ALPHA = 0.35
-"""Opacity of background vehicles that depart later, where others may be until then."""
-SIDE_INCHES = 9.0
-"""Longer side of the picture."""
-TITLE_ASPECT = 0.72
-"""Mean width of a bold letter relative to its size."""
-NAME_POINTS, NAME_ASPECT = 9.0, 0.66
-"""Size of the names of CAVs, and the mean width of a letter relative to it."""
-POINTS_PER_INCH = 72.0
-CAPTION_INCHES = 0.95
-"""Height of the captions above and below the map."""
 
 
 def save_scenario_plot(scenario: Scenario, roads: RoadMap, path: Path, dpi: int = 130) -> None:

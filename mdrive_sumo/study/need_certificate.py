@@ -26,7 +26,7 @@ Bounds err on the side of not certifying, except where time is sampled: boxes ar
 witness's line of sight at both ends of half a second. Other traffic moves as in the reference in all worlds.
 
 For `validate` and `generate --hard`: `certify_need` takes the scenario with its time limits and the reference drive;
-`holds` is what issue K counts; `save_need`, `read_need` and `load_need` handle `need.json` as those of
+`holds` is what the hard tier counts; `save_need`, `read_need` and `load_need` handle `need.json` as those of
 `study.occlusion_certificate` handle `occlusion.json`. Other time limits make other certificates.
 """
 

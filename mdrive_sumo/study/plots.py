@@ -15,6 +15,9 @@ from mdrive_sumo.study.study_summary import StudyLine
 from mdrive_sumo.study.two_agents import ALL, DS, OTHER, TESTED
 
 SCORES = (("ds", "driving score DS [%]"), ("sr", "success rate SR [%]"))
+LINE_STYLES = {ALL: "-", TESTED: "--", OTHER: ":"}
+DARK_BELOW = 60.0
+"""Cells with a lower score [%] have white text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,11 +110,6 @@ def shade_intervals(axes: Axes, x: Sequence[float], values: Sequence[ConfidenceI
 
 def _get_interval(line: StudyLine, name: str) -> ConfidenceInterval | None:
     return line.ds if name == "ds" else line.sr
-
-
-LINE_STYLES = {ALL: "-", TESTED: "--", OTHER: ":"}
-DARK_BELOW = 60.0
-"""Cells with a lower score [%] have white text."""
 
 
 def draw_cross_play(summary: CrossPlaySummary, title: str, stem: Path) -> tuple[Path, Path]:

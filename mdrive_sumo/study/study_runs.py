@@ -22,6 +22,7 @@ from mdrive_sumo.v2x.comm_settings import PRESETS
 RUNS_FOLDER = "runs"
 BEST = "omniscient"
 """The agent with perfect cooperation."""
+Evaluate = Callable[[PreparedRun], Results]
 
 
 class StudyProgress(Progress, Protocol):
@@ -130,9 +131,6 @@ def name_agent_folder(agent: AgentSpec) -> str:
         return agent.name
     checksum = hashlib.sha256(agent.resolve().name.encode()).hexdigest()[:6]
     return re.sub(r"[^A-Za-z0-9_.+-]+", "_", re.sub(r"^.*/|\.py(?=:)", "", agent.name)) + "-" + checksum
-
-
-Evaluate = Callable[[PreparedRun], Results]
 
 
 def make_reference_configs(config: RunConfig) -> tuple[RunConfig, RunConfig]:

@@ -59,14 +59,14 @@ def list_common_scenarios(rows: Sequence[TwoAgentRow], role: str = ALL) -> list[
 def tabulate_role(row: TwoAgentRow, names: Sequence[str], role: str, metric: str) -> Float:
     """Return DS or SR [%] of the CAVs of a role, (scenarios, seeds): means over these CAVs, each scored alone."""
     table = group_by_scenario(row.scenarios)
+    drives = [[_select(result, role) for _, result in sorted(table[name].items())] for name in names]
     return np.array(
-        [[_average(_select(result, role), metric) for _, result in sorted(table[name].items())] for name in names]
+        [
+            [compute_mean(ego.ds if metric == DS else 100.0 * (ego.ds > SUCCESS_DS) for ego in egos) for egos in seeds]
+            for seeds in drives
+        ]
     )
 
 
 def _select(result: ScenarioResult, role: str) -> list[EgoResult]:
     return [ego for ego in result.egos if role == ALL or ego.is_other == (role == OTHER)]
-
-
-def _average(egos: Sequence[EgoResult], metric: str) -> float:
-    return compute_mean(ego.ds if metric == DS else 100.0 * (ego.ds > SUCCESS_DS) for ego in egos)

@@ -6,13 +6,13 @@ from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import (
     BestValue,
-    CellValue,
     Column,
     Table,
     make_row,
 )
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.published_results import order_buckets
+from mdrive_sumo.report.result_tables import list_percent
 from mdrive_sumo.runs.setting_differences import LIBRARY_CODE, compare_settings
 from mdrive_sumo.scoring import ScoreMode
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation, compute_captured_from_scenarios
@@ -61,7 +61,7 @@ def build_cooperation_table(agents: Sequence[ComparedAgent], name: str = "cooper
         make_row(
             (
                 name,
-                *map(_to_percent, (*(share.buckets.get(b) for b in buckets), share.bucket_mean, share.scenario_mean)),
+                *list_percent((*(share.buckets.get(b) for b in buckets), share.bucket_mean, share.scenario_mean)),
             ),
             rank_group=group_by_name[name],
         )
@@ -101,7 +101,3 @@ def _differs_only(agent: ComparedAgent, other: ComparedAgent, names: tuple[str, 
     """Return whether two agents have the same settings but for those whose names begin with one of `names`."""
     differences = compare_settings(agent.runs[0].settings, other.runs[0].settings)
     return all(difference.name.startswith(names) for difference in differences)
-
-
-def _to_percent(share: float | None) -> CellValue:
-    return None if share is None else 100 * share

@@ -32,6 +32,7 @@ DIFFERENCE_NOTE = (
     " scenarios are drawn anew, then the seeds of each. Void scenarios are left out. An interval without 0 is a"
     f" difference beyond chance; intervals are not widened for the number of comparisons. {TOO_FEW_NOTE}"
 )
+_LABELS = {"ds": "DS", "sr": "SR", "efficient_sr": "efficient SR", "time_ratio": "time ratio"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +87,7 @@ def find_compared_agent(agents: Sequence[ComparedAgent], name: str) -> ComparedA
 def _compute_difference(agent: ComparedAgent, other: ComparedAgent, resamples: "_Resamples") -> AgentDifference:
     """Return agent minus other."""
     seeds = tuple(seed for seed in agent.seeds if seed in other.seeds)
-    ours, theirs = (_build_result_table(result, seeds) for result in (agent, other))
+    ours, theirs = (_build_result_table(side, seeds) for side in (agent, other))
     common = [scenario for scenario in ours if scenario in theirs]
     ours, theirs = ({scenario: table[scenario] for scenario in common} for table in (ours, theirs))
     pair = _TablePair((agent.name, ours), (other.name, theirs), resamples)
@@ -212,9 +213,6 @@ def _make_bucket_row(difference: AgentDifference) -> Row:
     intervals = [interval for pair in (*difference.buckets.values(), difference.bucket_mean) for interval in pair]
     cells: list[CellValue | Cell] = [difference.agent, difference.other, *map(_make_cell, intervals)]
     return make_row(cells)
-
-
-_LABELS = {"ds": "DS", "sr": "SR", "efficient_sr": "efficient SR", "time_ratio": "time ratio"}
 
 
 def _make_column(key: str, label: str, group: str = "") -> Column:

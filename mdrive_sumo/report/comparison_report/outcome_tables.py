@@ -18,6 +18,16 @@ INFRACTION_NOTE = (
     f"Infractions that cost score, per {PER_DRIVES} drives of a CAV. Impact speeds: relative speed of a collision in"
     " the tick before the contact."
 )
+SEVERITY_GROUP = "impact"
+ALL_SCENARIOS = "all scenarios"
+SCALAR_NOTE = (
+    "No score depends on these, and they are not ranked. Means over the episodes in which each is defined. Time ratio:"
+    " time needed divided by that of omniscient, where every CAV arrives. Close calls: percent of the episodes whose"
+    " time to contact falls below 1.8 s, and the mean of its minimum in these. Minimum PET: least time from when a CAV"
+    " or another road user leaves a place until the other takes it, at most 5 s. Comfort: share of time within nuPlan's"
+    " bounds. Messages: payload that all stations send in a second."
+)
+MIN_TTC = "min_ttc"
 
 
 def count_drives(results: Results) -> int:
@@ -38,9 +48,6 @@ def build_infraction_table(agents: Sequence[ComparedAgent], name: str = "infract
         return {**count_infractions(results), **{f"{SEVERITY_GROUP}: {kind}": n for kind, n in severities.items()}}
 
     return _build_share_table(agents, count, name, "Infractions", INFRACTION_NOTE, with_void=False)
-
-
-SEVERITY_GROUP = "impact"
 
 
 def _build_share_table(
@@ -89,17 +96,6 @@ def _shorten(kind: str) -> str:
     return kind.removeprefix(f"{SEVERITY_GROUP}: ")
 
 
-ALL_SCENARIOS = "all scenarios"
-SCALAR_NOTE = (
-    "No score depends on these, and they are not ranked. Means over the episodes in which each is defined. Time ratio:"
-    " time needed divided by that of omniscient, where every CAV arrives. Close calls: percent of the episodes whose"
-    " time to contact falls below 1.8 s, and the mean of its minimum in these. Minimum PET: least time from when a CAV"
-    " or another road user leaves a place until the other takes it, at most 5 s. Comfort: share of time within nuPlan's"
-    " bounds. Messages: payload that all stations send in a second."
-)
-MIN_TTC = "min_ttc"
-
-
 def build_scalar_table(agents: Sequence[ComparedAgent], name: str = "efficiency") -> Table:
     """Return time ratio, close calls and the scalar metrics of every agent by bucket and over all scenarios."""
     metrics = [metric for metric in list_scalar_metrics() if metric.name != MIN_TTC]
@@ -112,20 +108,12 @@ def build_scalar_table(agents: Sequence[ComparedAgent], name: str = "efficiency"
         *(Column(metric.name, metric.label, decimals=metric.decimals) for metric in metrics),
     )
     rows: list[Row] = []
-    for group in _list_groups(agents[0]):
+    buckets = order_buckets(agents[0].results.buckets)
+    for group in (*buckets, ALL_SCENARIOS) if len(buckets) > 1 else buckets:
         for agent in agents:
-            scenarios = _select_episodes(agent, group)
-            rows.append(make_row((agent.name, *_compute_values(scenarios, metrics)), group))
+            drives = [drive for drive in agent.results.scenarios if group in (drive.bucket, ALL_SCENARIOS)]
+            rows.append(make_row((agent.name, *_compute_values(drives, metrics)), group))
     return Table(name, "Efficiency and comfort", columns, tuple(rows), SCALAR_NOTE)
-
-
-def _list_groups(agent: ComparedAgent) -> tuple[str, ...]:
-    buckets = order_buckets(agent.results.buckets)
-    return (*buckets, ALL_SCENARIOS) if len(buckets) > 1 else buckets
-
-
-def _select_episodes(agent: ComparedAgent, group: str) -> Sequence[ScenarioResult]:
-    return [result for result in agent.results.scenarios if result.bucket == group or group == ALL_SCENARIOS]
 
 
 def _compute_values(episodes: Sequence[ScenarioResult], metrics: Sequence[ScalarMetric]) -> list[CellValue]:

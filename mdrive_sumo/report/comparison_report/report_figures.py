@@ -20,6 +20,22 @@ from mdrive_sumo.scoring import compute_harmonic_mean
 
 INK, PAPER, GRID = "#000000", "#ffffff", "#dddddd"
 """Colours of lines and text, background and grid in figures, which a page replaces by its own."""
+HATCHES = ("", "///", "...", "xxx")
+"""Patterns of bars once all colours are in use."""
+WIDTH_IN = 9.0
+"""[in] Chosen: figures of one width, which fits a page in landscape."""
+MAX_LABELLED_BARS = 24
+"""Bars of one figure that have their values beside them: of more, the numbers would touch at `WIDTH_IN`."""
+MAX_LABELLED_SCENARIOS = 70
+"""Rows of the matrix that have names: the V2XPnP bucket has 67. Of more, a figure would be longer than a page."""
+SHADES = "viridis"
+"""Colours of scores from 0 to 100, ordered by lightness: they differ in print and for the colour-blind."""
+SHADE_STEPS = 20
+"""Shades of a heat map: few, because an SVG file holds a picture of points instead of more."""
+MAX_LINE = 30
+"""Characters of a name in one line: 2.2 inches. Without breaks, names with conditions leave no room for the axes."""
+LINE_IN = 0.16
+"""[inch] A line of text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,28 +66,6 @@ def inline_svg(svg: bytes, name: str) -> str:
     for colour, variable in ((INK, "ink"), (PAPER, "card"), (GRID, "grid")):
         text = text.replace(f": {colour}", f": var(--{variable})")
     return text.strip()
-
-
-HATCHES = ("", "///", "...", "xxx")
-"""Patterns of bars once all colours are in use."""
-WIDTH_IN = 9.0
-"""[in] Chosen: figures of one width, which fits a page in landscape."""
-MAX_LABELLED_BARS = 24
-"""Bars of one figure that have their values beside them: of more, the numbers would touch at `WIDTH_IN`."""
-MAX_LABELLED_SCENARIOS = 70
-"""Rows of the matrix that have names: the V2XPnP bucket has 67. Of more, a figure would be longer than a page."""
-SHADES = "viridis"
-"""Colours of scores from 0 to 100, ordered by lightness: they differ in print and for the colour-blind."""
-
-
-SHADE_STEPS = 20
-"""Shades of a heat map: few, because an SVG file holds a picture of points instead of more."""
-
-
-MAX_LINE = 30
-"""Characters of a name in one line: 2.2 inches. Without breaks, names with conditions leave no room for the axes."""
-LINE_IN = 0.16
-"""[inch] A line of text."""
 
 
 def break_name(name: str) -> str:

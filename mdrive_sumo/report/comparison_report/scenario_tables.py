@@ -36,6 +36,25 @@ DISTRIBUTION_NOTE = (
 MATRIX_NOTE = (
     "Means over the seeds. The scenarios of a bucket in the order of their mean over all agents, the hardest first."
 )
+HARMONIC_MEAN_NOTE = (
+    "H = 2 DS SR / (DS + SR), the harmonic mean of the mean DS and the mean SR over the scenarios of a group, 0 if both"
+    " are 0: what the paper's category figure shows (mdrive.tex, fig:mdrive_highlevel_subscore: harmonic mean between"
+    " Driving Score and Success Rate). The paper does not say whether means are taken first; here they are."
+)
+LEVEL_NOTE = (
+    "Levels: the paper's three interactivity levels of Interaction (mdrive.tex, fig:mdrive_representative_scenarios)."
+)
+GROUP_NOTE = (
+    "IC, LM, LC: intersection crossing, lane merge, lane change, the groups in which CoLMDriver's code evaluates"
+    " InterDrive."
+)
+GroupMeans = Mapping[str, BucketResult]
+SCORES: Mapping[str, tuple[str, Callable[[BucketResult], float]]] = {
+    "ds": ("DS", lambda means: means.ds),
+    "sr": ("SR", lambda means: means.sr),
+    "h": ("H", compute_harmonic_mean),
+}
+"""Scores of a category by the suffix of the table's name."""
 
 
 def build_distribution_table(agents: Sequence[ComparedAgent], name: str = "distribution") -> Table:
@@ -81,8 +100,8 @@ def build_scenario_table(agents: Sequence[ComparedAgent], score: str = "ds", nam
         names = [name for name, result in first.items() if result.bucket == bucket]
         for scenario in sorted(names, key=lambda name: (sum(result_by_id[name].ds for result_by_id in means), name)):
             cells = [
-                Cell(_find_score(result_by_id[scenario], score), replay=pages.get(scenario))
-                for result_by_id, pages in zip(means, replays, strict=True)
+                Cell(None if mean.status == "void" else getattr(mean, score), replay=pages.get(scenario))
+                for mean, pages in zip((results[scenario] for results in means), replays, strict=True)
             ]
             rows.append(make_row((scenario, first[scenario].category, *cells), bucket))
     return Table(
@@ -93,31 +112,6 @@ def build_scenario_table(agents: Sequence[ComparedAgent], score: str = "ds", nam
         f"{MATRIX_NOTE} -: void.",
         is_shaded=True,
     )
-
-
-def _find_score(result: ScenarioResult, score: str) -> float | None:
-    return None if result.status == "void" else getattr(result, score)
-
-
-HARMONIC_MEAN_NOTE = (
-    "H = 2 DS SR / (DS + SR), the harmonic mean of the mean DS and the mean SR over the scenarios of a group, 0 if both"
-    " are 0: what the paper's category figure shows (mdrive.tex, fig:mdrive_highlevel_subscore: harmonic mean between"
-    " Driving Score and Success Rate). The paper does not say whether means are taken first; here they are."
-)
-LEVEL_NOTE = (
-    "Levels: the paper's three interactivity levels of Interaction (mdrive.tex, fig:mdrive_representative_scenarios)."
-)
-GROUP_NOTE = (
-    "IC, LM, LC: intersection crossing, lane merge, lane change, the groups in which CoLMDriver's code evaluates"
-    " InterDrive."
-)
-GroupMeans = Mapping[str, BucketResult]
-SCORES: Mapping[str, tuple[str, Callable[[BucketResult], float]]] = {
-    "ds": ("DS", lambda means: means.ds),
-    "sr": ("SR", lambda means: means.sr),
-    "h": ("H", compute_harmonic_mean),
-}
-"""Scores of a category by the suffix of the table's name."""
 
 
 def compute_agent_levels(agent: ComparedAgent) -> GroupMeans:

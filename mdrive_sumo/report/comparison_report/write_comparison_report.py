@@ -22,7 +22,7 @@ from mdrive_sumo.core.tables import (
 )
 from mdrive_sumo.report.comparison_report.comparison_report import ComparisonReport, ReportSection
 from mdrive_sumo.report.comparison_report.replay_pages import describe_replays, find_replay_links
-from mdrive_sumo.report.comparison_report.report_figures import ReportFigure, inline_svg, pick_shade
+from mdrive_sumo.report.comparison_report.report_figures import inline_svg, pick_shade
 from mdrive_sumo.report.comparison_report.scenario_tables import find_ds_class
 from mdrive_sumo.report.html_page import PAGE_TEMPLATES, read_static
 from mdrive_sumo.report.palette import format_custom_properties
@@ -33,6 +33,11 @@ SHADES = 6
 """Classes of shaded cells: those of `scenario_tables.DS_CLASSES`, and full scores."""
 MAX_OPEN_ROWS = 60
 """Longer tables are folded."""
+PAGE_FILE, MARKDOWN_FILE = "report.html", "report.md"
+CSV_FOLDER, LATEX_FOLDER, FIGURES_FOLDER = "csv", "latex", "figures"
+LATEX_DOCUMENT = "all_tables"
+MAX_LATEX_ROWS = 60
+"""Longer tables do not fit on a page: they have no LaTeX file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,15 +63,11 @@ def render_report_page(report: ComparisonReport, images: dict[str, bytes], links
         style=Markup(style),
         links=page_links,
         replays_notes={table.name: describe_replays(table, links.replays) for table in report.tables} if links else {},
-        images={figure.name: _inline(figure, images) for figure in report.figures},
+        images={figure.name: Markup(inline_svg(images[figure.name], figure.name)) for figure in report.figures},
         list_classes=_list_classes,
         max_open_rows=MAX_OPEN_ROWS,
         is_any_marked=any(table.has_marks for table in report.tables),
     )
-
-
-def _inline(figure: ReportFigure, images: dict[str, bytes]) -> Markup:
-    return Markup(inline_svg(images[figure.name], figure.name))
 
 
 def _list_classes(cell: Cell, column: Column, table: Table) -> Sequence[str]:
@@ -74,13 +75,6 @@ def _list_classes(cell: Cell, column: Column, table: Table) -> Sequence[str]:
     classes = [f"rank-{cell.rank}"] if cell.rank else []
     is_score = table.is_shaded and cell.number is not None and column.decimals
     return [*classes, *([f"shade-{find_ds_class(cell.number)}"] if is_score and cell.number is not None else [])]
-
-
-PAGE_FILE, MARKDOWN_FILE = "report.html", "report.md"
-CSV_FOLDER, LATEX_FOLDER, FIGURES_FOLDER = "csv", "latex", "figures"
-LATEX_DOCUMENT = "all_tables"
-MAX_LATEX_ROWS = 60
-"""Longer tables do not fit on a page: they have no LaTeX file."""
 
 
 def write_comparison_report(report: ComparisonReport, out: Path) -> tuple[Path, ...]:

@@ -11,6 +11,11 @@ import shapely
 
 from mdrive_sumo.core.geometry import Float, Int
 
+NEAR_M, FAR_M = 0.5, 300.0
+"""[m] Depths between which a pinhole camera shows something."""
+SIDE_MARGIN = 1.05
+"""Areas are cut off a little beside the picture, so that their cut edges do not show."""
+
 
 @dataclass(frozen=True, slots=True)
 class Rings:
@@ -65,12 +70,6 @@ def build_rings(shapes: Iterable[shapely.Polygon], height: float = 0.0) -> Rings
 def lift(xy: Float, height: float) -> Float:
     """Return points (..., 2) as points in space (..., 3)."""
     return np.concatenate((xy, np.full((*xy.shape[:-1], 1), height)), axis=-1)
-
-
-NEAR_M, FAR_M = 0.5, 300.0
-"""[m] Depths between which a pinhole camera shows something."""
-SIDE_MARGIN = 1.05
-"""Areas are cut off a little beside the picture, so that their cut edges do not show."""
 
 
 class Camera(Protocol):

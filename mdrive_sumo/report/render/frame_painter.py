@@ -22,6 +22,14 @@ MAX_EVENTS = 3
 CARD = fade(LIGHT["card"], 0.88)
 TEXT_SHARE, LEAST_TEXT_PX, MOST_TEXT_PX = 1 / 38, 10.0, 22.0
 """Size of captions relative to the height of the picture, and its limits."""
+FLASH_TICKS = TICKS_PER_SECOND
+"""How long a contact glows after it ended, as in the replay."""
+LINK_M = 1.5
+"""[m] Height at which messages are drawn."""
+LINK_OPACITY = 0.5
+"""Roads and CAVs stay visible below the lines of messages."""
+MARK_PX: Final = 5.0
+"""[px] Radius of the disc where an infraction happened."""
 
 
 def choose_text_size(width: int, height: int) -> float:
@@ -82,16 +90,6 @@ class Captions:
             return text
         kept = max(1, int(len(text) * room / canvas.measure(text, self.size_px)) - 1)
         return text[:kept] + "…"
-
-
-FLASH_TICKS = TICKS_PER_SECOND
-"""How long a contact glows after it ended, as in the replay."""
-LINK_M = 1.5
-"""[m] Height at which messages are drawn."""
-LINK_OPACITY = 0.5
-"""Roads and CAVs stay visible below the lines of messages."""
-MARK_PX: Final = 5.0
-"""[px] Radius of the disc where an infraction happened."""
 
 
 class FramePainter(ABC):
@@ -172,7 +170,7 @@ class FramePainter(ABC):
         for column in (one for one in self.episode.list_present(tick) if one < record.egos):
             x, y, _ = self.episode.find_pose(column, tick)
             pixel = camera.find_pixel((x, y, self.label_height(column)))
-            if pixel is not None and self._is_inside(*pixel):
+            if pixel is not None and 0 <= pixel[0] <= self.size[0] and 0 <= pixel[1] <= self.size[1]:
                 shown.append((column, *pixel))
         widths = [self.canvas.measure(record.ids[column], size) + 0.8 * size for column, _, _ in shown]
         requests = [
@@ -194,9 +192,6 @@ class FramePainter(ABC):
         left, top = box.x - box.width / 2, -box.y - box.height / 2
         self.canvas.fill_card((left, top, left + box.width, top + box.height), colour, "#ffffff")
         self.canvas.write(name, (box.x, top + 1.1 * size), size, "#ffffff", "centre")
-
-    def _is_inside(self, x: float, y: float) -> bool:
-        return 0 <= x <= self.size[0] and 0 <= y <= self.size[1]
 
 
 def list_route_points(episode: RenderedEpisode) -> Float:

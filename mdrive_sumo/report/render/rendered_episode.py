@@ -21,6 +21,10 @@ from mdrive_sumo.v2x.channel import DeliveryStatus
 
 COLOUR_OF_LETTER = {"r": "bad", "u": "bad", "y": "warn", "s": "warn", "g": "good", "G": "good"}
 """Names of colours by SUMO's letters; others, such as a light that is off, are muted."""
+LINK_TYPES = ("cpm", "mcm")
+"""Types of messages that are drawn as lines; CAMs are too many."""
+LINK_TICKS = 4
+"""How long a delivered message is drawn."""
 
 
 class SignalStates:
@@ -46,12 +50,6 @@ class SignalStates:
     def _find_state(self, name: str, tick: int) -> str:
         last = bisect_right(self._ticks[name], tick) - 1
         return self._states[name][last] if last >= 0 else ""
-
-
-LINK_TYPES = ("cpm", "mcm")
-"""Types of messages that are drawn as lines; CAMs are too many."""
-LINK_TICKS = 4
-"""How long a delivered message is drawn."""
 
 
 @dataclass(frozen=True, slots=True)

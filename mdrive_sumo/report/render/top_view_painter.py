@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle
-from typing import TypeGuard
 
 import numpy as np
 import shapely
@@ -29,6 +28,12 @@ ROUTE_OPACITY = 0.45
 """Markings of the road stay visible below a route."""
 GOAL_M = 1.2
 """[m] Radius of the disc at the end of a route."""
+FOLLOWED_M = 70.0
+"""[m] Shorter side of the scene around a followed CAV."""
+LABEL_M = 2.6
+"""[m] Distance of a label from the middle of its CAV."""
+LEAST_CAV_PX = 9.0
+"""Every CAV stays visible from afar."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,14 +71,6 @@ def _build_route(xy: Float, width: float) -> list[shapely.Polygon]:
     return [part for part in shapely.get_parts(whole).tolist() if isinstance(part, shapely.Polygon)]
 
 
-FOLLOWED_M = 70.0
-"""[m] Shorter side of the scene around a followed CAV."""
-LABEL_M = 2.6
-"""[m] Distance of a label from the middle of its CAV."""
-LEAST_CAV_PX = 9.0
-"""Every CAV stays visible from afar."""
-
-
 class TopViewPainter(FramePainter):
     """Paints pictures from above with north up; the ground is painted once unless the camera moves."""
 
@@ -90,7 +87,7 @@ class TopViewPainter(FramePainter):
         pixel = 1 / self._scale
         self._layers = build_ground_layers(geometry, pixel) + build_route_layers(episode.scenario.egos, pixel)
         self._buildings = build_rings(geometry.buildings)
-        self._signs = [mark.sign for mark in geometry.stop_signs if _is_placed(mark.sign)]
+        self._signs = [mark.sign for mark in geometry.stop_signs if mark.sign is not None]
         self._heads = list_signal_heads(episode.roads, area)
         self._background: object | None = None
 
@@ -185,17 +182,8 @@ class TopViewPainter(FramePainter):
         self.canvas.fill(camera.project(Rings.concat([lift(outline, 0.0)])), colour, edge)
 
 
-def _is_placed(sign: Float | None) -> TypeGuard[Float]:
-    return sign is not None
-
-
 def _build_arrow(x: float, y: float, yaw: float, length: float, width: float) -> Float:
     """Return an arrow head (3, 2) in the front part of a box."""
-    ahead, left = _find_axes(yaw)
+    ahead, left = np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))
     tip, back = 0.42 * length * ahead, 0.16 * length * ahead
     return np.array((x, y)) + np.array((tip, back + 0.32 * width * left, back - 0.32 * width * left))
-
-
-def _find_axes(yaw: float) -> tuple[Float, Float]:
-    """Return unit vectors (2,) ahead and to the left."""
-    return np.array((np.cos(yaw), np.sin(yaw))), np.array((-np.sin(yaw), np.cos(yaw)))

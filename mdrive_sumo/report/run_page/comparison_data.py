@@ -13,6 +13,8 @@ from mdrive_sumo.runs.compare import TIE, RunComparison, compare, select_shared_
 from mdrive_sumo.runs.stored_run import StoredRun, load_viewed_run
 
 MAX_RUNS = len(ascii_uppercase)
+PairKey = tuple[str, str]
+"""Scenario, letter of the run that is compared with the first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +60,10 @@ def _check_comparable(first: ComparedRun, other: ComparedRun) -> None:
     compared = {
         "suite": (f"{a.suite} {a.suite_checksum[7:19]}", f"{b.suite} {b.suite_checksum[7:19]}"),
         "score mode": (a.score_mode, b.score_mode),
-        "versions": tuple(map(_format_versions, select_shared_versions(a, b))),
+        "versions": tuple(
+            ", ".join(f"{name} {version}" for name, version in sorted(versions.items()))
+            for versions in select_shared_versions(a, b)
+        ),
     }
     remedies = {
         "suite": "runs of one suite can be compared",
@@ -71,14 +76,6 @@ def _check_comparable(first: ComparedRun, other: ComparedRun) -> None:
                 f"view: expected runs with the same {what}, found {first_value} in {first.folder} and {other_value} in"
                 f" {other.folder}; {remedies[what]}"
             )
-
-
-def _format_versions(versions: dict[str, str]) -> str:
-    return ", ".join(f"{name} {version}" for name, version in sorted(versions.items()))
-
-
-PairKey = tuple[str, str]
-"""Scenario, letter of the run that is compared with the first."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,6 +32,8 @@ FILES = (RESULTS_FILE, REPORT_FILE, JOURNAL_FILE)
 """Files of a run that its page links."""
 STEPS = 10
 """Colours of driving scores below success: one for each 10."""
+Replays: TypeAlias = Mapping[EpisodeKey, Sequence[NotedReason]]
+"""The episodes that have a replay page in the folder of a run's page, with the reasons that their agents noted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,10 +120,6 @@ class RunPageData:
     def list_kinds(self) -> list[str]:
         """Return the kinds of all infractions, sorted."""
         return sorted({kind for cell in self.cells for kind in cell.kinds})
-
-
-Replays: TypeAlias = Mapping[EpisodeKey, Sequence[NotedReason]]
-"""The episodes that have a replay page in the folder of a run's page, with the reasons that their agents noted."""
 
 
 def read_replays(stored: StoredRun, results: Iterable[ScenarioResult]) -> Replays:

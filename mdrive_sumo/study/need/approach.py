@@ -15,6 +15,10 @@ from mdrive_sumo.study.need.sight_tables import SightTables
 
 OVERRUN_M = 0.25
 """A CAV that can stop no further than this inside a zone counts as able to stop before it."""
+DECELERATION = 9.0
+"""Greatest deceleration [m/s2]: emergency braking of SUMO's vehicles; a CAV has 8.2 at most."""
+ACCELERATION = 4.5
+"""Greatest acceleration [m/s2], of a CAV."""
 
 
 @dataclass(frozen=True)
@@ -93,12 +97,6 @@ class ApproachState:
         least = self.slow * stopping - brake * stopping * stopping / 2.0
         greatest = self.fast * rising + gain * rising * rising / 2.0 + top * (seconds - rising)
         return self.back_m + least, self.front_m + greatest
-
-
-DECELERATION = 9.0
-"""Greatest deceleration [m/s2]: emergency braking of SUMO's vehicles; a CAV has 8.2 at most."""
-ACCELERATION = 4.5
-"""Greatest acceleration [m/s2], of a CAV."""
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,13 @@ from mdrive_sumo.study.paper.paper_study import REFERENCE
 
 CHUNK = 500
 """Resamples whose precision curves are in memory at once."""
+OPEN_METRICS: Mapping[str, int] = {"ap50": 1, "ade": -1, "fde": -1, "cr": -1, "cr_mdrive": -1, "overlap": -1}
+"""Open-loop metrics, with 1 where more is better; the paper's figure has AP50 and ADE."""
+CLOSED_METRICS = ("ds", "sr")
+MIN_AGENTS = 3
+"""Least number of agents for a correlation: two are always in one order or the other."""
+MIN_DEFINED_SHARE = 0.5
+"""Least share of the resamples in which a correlation exists, i.e. not all agents are tied, for an interval."""
 
 
 def resample_metric(recordings: Sequence[OpenLoopScenario], metric: str, counts: Float) -> Float:
@@ -61,15 +68,6 @@ def _compute_precision(recordings: Sequence[OpenLoopScenario], counts: Float) ->
 def _divide(numerator: Float, denominator: Float) -> Float:
     """Return the quotient; NaN where the denominator is 0."""
     return np.divide(numerator, denominator, out=np.full(numerator.shape, np.nan), where=denominator > 0)
-
-
-OPEN_METRICS: Mapping[str, int] = {"ap50": 1, "ade": -1, "fde": -1, "cr": -1, "cr_mdrive": -1, "overlap": -1}
-"""Open-loop metrics, with 1 where more is better; the paper's figure has AP50 and ADE."""
-CLOSED_METRICS = ("ds", "sr")
-MIN_AGENTS = 3
-"""Least number of agents for a correlation: two are always in one order or the other."""
-MIN_DEFINED_SHARE = 0.5
-"""Least share of the resamples in which a correlation exists, i.e. not all agents are tied, for an interval."""
 
 
 @dataclass(frozen=True, slots=True)

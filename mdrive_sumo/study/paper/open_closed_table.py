@@ -5,10 +5,9 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from mdrive_sumo.core.statistics import TOO_FEW_NOTE, ConfidenceInterval
+from mdrive_sumo.core.statistics import TOO_FEW_NOTE
 from mdrive_sumo.core.tables import (
     BestValue,
-    Cell,
     Column,
     IntervalStyle,
     Table,
@@ -17,6 +16,7 @@ from mdrive_sumo.core.tables import (
 from mdrive_sumo.report.comparison_report.report_figures import ReportFigure
 from mdrive_sumo.report.figure_style import COLOURS, MARKERS
 from mdrive_sumo.study.paper.open_closed import OPEN_METRICS, OpenClosedComparison, OpenClosedLine
+from mdrive_sumo.study.study_files import make_interval_cell
 
 METRIC_LABELS = {
     "ap50": "AP50 [%] ↑",
@@ -73,7 +73,7 @@ def build_correlation_table(comparison: OpenClosedComparison) -> Table:
                 METRIC_LABELS[correlation.metric][:-2],
                 correlation.score.upper(),
                 float(len(correlation.agents)),
-                *(_make_cell(interval) for interval in (correlation.spearman, correlation.kendall)),
+                *(make_interval_cell(interval) for interval in (correlation.spearman, correlation.kendall)),
             )
         )
         for correlation in comparison.correlations
@@ -84,10 +84,6 @@ def build_correlation_table(comparison: OpenClosedComparison) -> Table:
         " -: too few agents, or all tied."
     )
     return Table("rank_correlation", "Rank correlation of open and closed loop", columns, tuple(rows), note)
-
-
-def _make_cell(found: ConfidenceInterval | None) -> Cell:
-    return Cell(None if found is None else found.mean, found)
 
 
 def make_open_closed_figure(comparison: OpenClosedComparison) -> ReportFigure:

@@ -18,6 +18,7 @@ from mdrive_sumo.v2x.comm_settings import describe_comm
 
 FORMAT = "mdrive-sumo/paper/1"
 EPISODE_FIELDS = {"id", "seed", "status", "reason", *Means.model_fields, "min_ttc", "scalars", "digest", "comm"}
+PAGE_FILE, MARKDOWN_FILE, JSON_FILE = "paper.html", "paper.md", "paper.json"
 
 
 def build_paper_json(numbers: PaperNumbers, request: PaperRequest, about: Mapping[str, Any]) -> str:
@@ -64,9 +65,6 @@ def _describe_run(results: Results) -> dict[str, Any]:
 
 def _describe_episodes(scenarios: Sequence[ScenarioResult]) -> list[dict[str, Any]]:
     return [scenario.model_dump(mode="json", include=EPISODE_FIELDS) for scenario in scenarios]
-
-
-PAGE_FILE, MARKDOWN_FILE, JSON_FILE = "paper.html", "paper.md", "paper.json"
 
 
 def write_paper(

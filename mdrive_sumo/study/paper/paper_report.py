@@ -50,6 +50,8 @@ CHOICES: Mapping[PaperScale, str] = MappingProxyType(
         PaperScale.WHOLE: "all of the suite",
     }
 )
+TITLE = "The paper's tables and figures, measured with mdrive-sumo"
+QUICK_PREFIX = "quick_"
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,10 +91,6 @@ def list_paper_warnings(numbers: PaperNumbers, request: PaperRequest) -> tuple[s
     warnings += [f"Left out: {name}: {why}." for name, why in request.left_out.items()]
     warnings += [f"{void} episodes are void: a failure of the benchmark or of SUMO, not of an agent."] if void else []
     return tuple(warnings)
-
-
-TITLE = "The paper's tables and figures, measured with mdrive-sumo"
-QUICK_PREFIX = "quick_"
 
 
 def build_paper_report(numbers: PaperNumbers, request: PaperRequest) -> ComparisonReport:

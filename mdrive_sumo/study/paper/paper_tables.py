@@ -18,7 +18,6 @@ from mdrive_sumo.scenario.categories import FIGURES, Category
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.statistics import PAPER, compute_suite_statistics
 from mdrive_sumo.scoring.paired_intervals import (
-    ResultTable,
     compute_difference_interval,
     compute_score_interval,
     group_by_scenario,
@@ -35,6 +34,14 @@ COLUMNS = {
     "actors": ("actors", 2),
 }
 BUCKETS, CATEGORIES = "bucket", "category of Interaction"
+SHOWN_NOTE = (
+    "Brackets: 95 % bootstrap intervals over scenarios. The last column says what the interval carries: an interval"
+    f" that contains 0 shows no difference, neither a gain nor that there is none. {TOO_FEW_NOTE}"
+)
+SCORES: Mapping[str, tuple[str, int]] = {"ds": ("DS", 2), "rc": ("RC", 2), "ip": ("IS", 3), "sr": ("SR", 2)}
+"""Scores of the paper's tables with their decimals; its IS is the infraction penalty IP."""
+INTERVALS = ("ds", "sr")
+"""Scores whose differences are shown with an interval: the table shall fit a page."""
 
 
 def build_scenario_table(scenarios: Sequence[Scenario]) -> Table:
@@ -77,12 +84,6 @@ def _make_row(name: str, scenarios: Sequence[Scenario], paper: Sequence[float | 
     statistics = compute_suite_statistics(scenarios)
     means = (statistics.mean_cavs, statistics.mean_route_m, statistics.mean_heading_change_deg, statistics.mean_actors)
     return make_row((name, float(statistics.scenarios), *means, *paper), section)
-
-
-SHOWN_NOTE = (
-    "Brackets: 95 % bootstrap intervals over scenarios. The last column says what the interval carries: an interval"
-    f" that contains 0 shows no difference, neither a gain nor that there is none. {TOO_FEW_NOTE}"
-)
 
 
 def build_pair_table(gains: Sequence[PairGain]) -> Table:
@@ -140,12 +141,6 @@ def build_gap_table(gaps: Sequence[RoleGap]) -> Table:
     return Table("gap", "Multi-agent minus single-agent systems", columns, tuple(rows), note)
 
 
-SCORES: Mapping[str, tuple[str, int]] = {"ds": ("DS", 2), "rc": ("RC", 2), "ip": ("IS", 3), "sr": ("SR", 2)}
-"""Scores of the paper's tables with their decimals; its IS is the infraction penalty IP."""
-INTERVALS = ("ds", "sr")
-"""Scores whose differences are shown with an interval: the table shall fit a page."""
-
-
 def build_channel_table(
     name: str,
     title: str,
@@ -182,7 +177,8 @@ def _make_columns() -> tuple[Column, ...]:
 
 def _build_row(agent: str, clean: StudyRow, perturbed: StudyRow) -> Row:
     tables = [group_by_scenario(row.scenarios) for row in (clean, perturbed)]
-    first, second = (_select_common(table, tables) for table in tables)
+    common = tables[0].keys() & tables[1].keys()
+    first, second = ({name: table[name] for name in table if name in common} for table in tables)
     cells: list[CellValue | Cell] = [agent]
     for score in SCORES:
         means = [compute_score_interval(table, score) for table in (first, second)]
@@ -191,10 +187,6 @@ def _build_row(agent: str, clean: StudyRow, perturbed: StudyRow) -> Row:
         has_interval = score in INTERVALS
         cells.append(Cell(None) if difference is None else Cell(difference.mean, difference if has_interval else None))
     return make_row(cells, "mdrive-sumo")
-
-
-def _select_common(table: ResultTable, tables: Sequence[ResultTable]) -> ResultTable:
-    return {name: results for name, results in table.items() if all(name in other for other in tables)}
 
 
 def _build_published_row(published: PublishedDegradation) -> Row:

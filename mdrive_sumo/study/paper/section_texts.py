@@ -4,6 +4,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+NO_COUNTERPART: Mapping[str, str] = MappingProxyType(
+    {
+        "tab:benchmark_comparison": "compares benchmarks by their properties; nothing to measure",
+        "fig:mdrive_hero, fig:mdrive_representative_scenarios, fig:mdrive_toolbox": (
+            "illustrations; mdrive-sumo show and view draw scenarios and drives"
+        ),
+        "fig:codriving_failure": "one failure as an example; mdrive-sumo view RUN shows those of the runs in runs/",
+        "fig:mdrive_human_experiments": "needs people; see the section on RQ4",
+        "fig:various_weather_conditions, fig:real2sim_demo": "renderings of CARLA; nothing to measure",
+        "tab:sensors, tab:controllers": (
+            "descriptions; the cameras are presets of the sensor camera, the controllers follow plans here too"
+        ),
+    }
+)
+"""Tables and figures of the paper without a counterpart in the study, and why."""
+
 
 @dataclass(frozen=True, slots=True)
 class SectionText:
@@ -106,18 +122,3 @@ POSE_ERROR = SectionText(
     "Own localisation has errors besides (sensing profile realistic): with them the sum is 0.63 m. The paper does not"
     " name its 21 scenarios.",
 )
-NO_COUNTERPART: Mapping[str, str] = MappingProxyType(
-    {
-        "tab:benchmark_comparison": "compares benchmarks by their properties; nothing to measure",
-        "fig:mdrive_hero, fig:mdrive_representative_scenarios, fig:mdrive_toolbox": (
-            "illustrations; mdrive-sumo show and view draw scenarios and drives"
-        ),
-        "fig:codriving_failure": "one failure as an example; mdrive-sumo view RUN shows those of the runs in runs/",
-        "fig:mdrive_human_experiments": "needs people; see the section on RQ4",
-        "fig:various_weather_conditions, fig:real2sim_demo": "renderings of CARLA; nothing to measure",
-        "tab:sensors, tab:controllers": (
-            "descriptions; the cameras are presets of the sensor camera, the controllers follow plans here too"
-        ),
-    }
-)
-"""Tables and figures of the paper without a counterpart in the study, and why."""
