@@ -8,6 +8,12 @@ class MdriveError(Exception):
 class InputError(MdriveError):
     """Unusable input. The text is one sentence for the user: what, where, expected, found. Exit code 2."""
 
+    def __init__(self, text: str = "") -> None:
+        """text: may quote a stranger's file; line breaks and characters of control in it are shown as escapes."""
+        from mdrive_sumo.core.clean_text import clean_line  # boxes load this module and never that one
+
+        super().__init__(clean_line(text))
+
 
 class WorldError(MdriveError):
     """The simulator failed, which makes the episode worthless; the episode becomes void."""

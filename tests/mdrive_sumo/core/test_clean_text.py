@@ -1,6 +1,7 @@
 """What others have written does nothing on a terminal, in a spreadsheet, in Markdown, on a page or in a log."""
 
 import logging
+import pickle
 import re
 import unicodedata
 
@@ -19,6 +20,7 @@ from mdrive_sumo.core.clean_text import (
     clean_line,
     format_markdown_code,
 )
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.tables import format_csv_lines, format_markdown, format_text, make_text_table
 from mdrive_sumo.core.terminal import CleanFormatter, echo
 from mdrive_sumo.report.html_page import PAGE_TEMPLATES
@@ -35,6 +37,15 @@ def test_a_terminal_is_told_nothing(text: str) -> None:
         assert isinstance(shown, str)
         assert all(unicodedata.category(character) not in ("Cc", "Cf", "Cs", "Zl") for character in shown)
     assert clean_line("a\x1b[2J\n\u202e") == r"a\x1b[2J\n\u202e"
+
+
+def test_a_refusal_is_one_line_whatever_it_quotes() -> None:
+    class OneOfMany(InputError): ...
+
+    for kind in (InputError, OneOfMany):
+        error = kind("a.pkl: found the class numpy._\nore\x1b[2J, expected Zoë's")
+        assert str(error) == r"a.pkl: found the class numpy._\nore\x1b[2J, expected Zoë's"
+        assert str(pickle.loads(pickle.dumps(error)) if kind is InputError else kind(str(error))) == str(error)
 
 
 @pytest.mark.parametrize("clean", [clean_for_terminal, clean_line, clean_for_csv, clean_for_markdown, clean_for_page])
