@@ -93,6 +93,17 @@ def test_completed_within_10_m_of_the_goal(aside: float, arrives: bool) -> None:
     assert (drive(eastward(), 100.5, aside).arrived_tick is not None) is arrives
 
 
+@pytest.mark.parametrize(("east", "north"), [(1, 0), (0, 1), (-1, 0), (0.6, -0.8)])
+def test_the_goal_is_the_last_point_whichever_way_the_route_leads(east: float, north: float) -> None:
+    """Nine metres beyond it a CAV has arrived, eleven metres beyond it has passed it."""
+    xy = np.outer(np.arange(101.0), (east, north))
+    course = build_reference_along(xy, np.full(101, math.atan2(north, east)))
+    for beyond, arrives in ((9.0, True), (11.0, False)):
+        trial = RouteProgress(passed=98)
+        trial = update_progress(trial, course, 1, (100.0 + beyond) * east, (100.0 + beyond) * north, 10.0)
+        assert (trial.arrived_tick is not None) is arrives
+
+
 def test_arrived_one_tick_later() -> None:
     done = drive(eastward(), 100.5)
     assert find_end(done, 201, NEVER) is None

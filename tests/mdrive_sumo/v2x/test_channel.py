@@ -10,7 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.contract import Message
-from mdrive_sumo.v2x.channel import Channel, DeliveryStatus, Position, SentMessage, count_deliveries
+from mdrive_sumo.v2x.channel import (
+    MAX_COUNTED_TYPES,
+    Channel,
+    DeliveryStatus,
+    Position,
+    SentMessage,
+    count_deliveries,
+    count_exchanged,
+)
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
 from mdrive_sumo.v2x.messages import Cam, Direction, Intention, Mcm, ReferencePose, decode, encode
 
@@ -333,3 +341,25 @@ def test_what_is_counted() -> None:
         "off": 0,
     }
     assert count_deliveries(()) == {}
+
+
+def test_messages_are_exchanged_if_one_cav_gets_those_of_another() -> None:
+    """Those of a road-side unit are not, nor those that no one hears."""
+    places = {**NEAR, "rsu": (0.0, 10.0), "far": (9000.0, 0.0)}
+    channel = Channel(CommSettings(link=LinkSettings(range_m=300.0)), 1)
+    said = {"a": (text("1"), cam(), text("2")), "rsu": (text("3"),), "far": (cam(),)}
+    channel.send(0, said, places, receivers=("a", "b", "c", "far"))
+    assert count_exchanged(channel.sent_messages(), ("a", "b", "c", "far")) == {}
+    channel.deliver(1, ("a", "b", "c", "far"))
+    assert list(count_exchanged(channel.sent_messages(), ("a", "b", "c", "far")).items()) == [("cam", 1), ("text", 2)]
+
+
+@pytest.mark.parametrize("types", [MAX_COUNTED_TYPES, MAX_COUNTED_TYPES + 5])
+def test_of_many_types_the_first_are_counted_one_by_one_and_all_others_together(types: int) -> None:
+    own = tuple(Message(f"own-{number:02}", b"x") for number in range(types))
+    channel = Channel(CommSettings(), 1)
+    channel.send(0, {"a": (*own, *own)}, NEAR)
+    channel.deliver(1, ("b",))
+    counts = count_exchanged(channel.sent_messages(), ("a", "b"))
+    others = 2 * (types - MAX_COUNTED_TYPES)
+    assert counts == {**{one.type: 2 for one in own[:MAX_COUNTED_TYPES]}, **({"(other)": others} if others else {})}

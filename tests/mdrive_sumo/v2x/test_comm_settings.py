@@ -142,6 +142,10 @@ def test_presets_carry_their_own_names() -> None:
     assert set(PRESETS) == {"ideal", "off", "paper-latency", "paper-pose", "realistic"}
 
 
+def test_only_the_preset_off_is_off() -> None:
+    assert [name for name, preset in PRESETS.items() if not preset.on] == ["off"]
+
+
 def test_presets_of_the_paper_have_its_figures() -> None:
     assert PRESETS["paper-latency"].link == LinkSettings(latency_ticks=6)  # 300 ms
     assert PRESETS["paper-pose"].link == LinkSettings(pose_error_m=0.6, pose_error_deg=0.6)

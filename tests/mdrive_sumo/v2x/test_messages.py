@@ -260,3 +260,10 @@ def test_kinds_of_malformed_messages_are_limited() -> None:
     large = tuple(Message(f"own-{number}", bytes(MAX_PAYLOAD_BYTES + 1)) for number in range(20))
     counts = count_malformed(send({0: {"a": large, "b": ()}}))
     assert len(counts) == 9 and counts["(other)"] == 12
+
+
+def test_the_most_frequent_kind_comes_first_and_of_equals_the_first_name() -> None:
+    large = [Message(name, bytes(MAX_PAYLOAD_BYTES + 1)) for name in ("own-b", "own-a", "own-c", "own-c")]
+    counts = count_malformed(send({0: {"a": tuple(large), "b": ()}}))
+    assert [kind.partition(":")[0] for kind in counts] == ["own-c", "own-a", "own-b"]
+    assert list(counts.values()) == [2, 1, 1]

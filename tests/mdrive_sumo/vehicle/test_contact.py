@@ -267,6 +267,63 @@ def test_what_moves_faster_than_any_vehicle_was_relocated_and_hits_nothing_on_it
     assert (settled["e"] != body) is is_swept
 
 
+@pytest.mark.parametrize("length", [0.4, 12.0, 80.0])
+@pytest.mark.parametrize("yaw", [0.0, 0.7, math.pi / 2])
+def test_what_touches_is_found_however_long_it_is(length: float, yaw: float) -> None:
+    """A car before the end of a barrier, at right angles to it."""
+    for gap, touching in ((0.005, True), (0.5, False)):
+        away = length / 2 + gap + 1.0
+        barrier = actors(("v", away * math.cos(yaw), away * math.sin(yaw), yaw), size=(length, 0.3))
+        body = VehicleState(0, 0, yaw + math.pi / 2)
+        _, met = resolve_contacts(
+            {"e": body}, {"e": body}, {"e": MKZ_2017}, build_obstacle_motion(barrier, barrier), NOTHING
+        )
+        assert bool(met) is touching
+
+
+@settings(max_examples=examples(60, 600), deadline=None)
+@given(centred, st.floats(-7, 7), st.floats(-4, 4), angles, st.floats(-4.9, 4.9), st.floats(-4.9, 4.9))
+def test_contacts_are_those_of_the_swept_boxes(
+    ego: VehicleState, x: float, y: float, yaw: float, dx: float, dy: float
+) -> None:
+    """Two boxes, apart at first, one of which moves without turning: they touch if the hull of its ends touches."""
+    ego = replace(ego, vx=0.0, yaw_rate=0.0)
+    start, end = actors(("v", x, y, yaw)), actors(("v", x + dx, y + dy, yaw))
+    boxes = [shapely.Polygon(box_corners(a.x[0], a.y[0], a.yaw[0], 4.5, 1.8)) for a in (start, end)]
+    if not apart(outline(ego), boxes[0]):
+        return
+    gap = shapely.union_all(boxes).convex_hull.distance(outline(ego))
+    _, met = resolve_contacts({"e": ego}, {"e": ego}, {"e": MKZ_2017}, build_obstacle_motion(start, end), NOTHING)
+    if gap > 0.02:
+        assert not met
+    elif depth(shapely.union_all(boxes).convex_hull, outline(ego)) > 0.02:
+        assert met
+
+
+def test_two_that_pass_corner_by_corner_do_not_touch() -> None:
+    """The other one is clear of the length of the first, 4.9 m, before it comes level with its side, 2 m."""
+    before, after = VehicleState(4.89, 2.3, 0.0), VehicleState(5.2, 1.7, 0.0)
+    standing = VehicleState(0, 0, 0)
+    cars = dict.fromkeys("ab", MKZ_2017)
+    passed = resolve_contacts({"a": standing, "b": before}, {"a": standing, "b": after}, cars, NOBODY, NOTHING)
+    assert passed == ({"a": standing, "b": after}, ())
+
+
+@pytest.mark.parametrize("overlap", [0.05, 0.5])
+def test_boxes_that_overlap_already_are_pushed_apart_and_those_that_part_are_not(overlap: float) -> None:
+    """What was put onto a car, or a car that starts in something."""
+    put = actors(("v", 0.0, 1.9 - overlap, 0.0))
+    body = VehicleState(0, 0, 0)
+    settled, met = resolve_contacts({"e": body}, {"e": body}, {"e": MKZ_2017}, build_obstacle_motion(put, put), NOTHING)
+    assert met == (Contact("e", "v", Kind.VEHICLE),)
+    assert settled["e"].y == pytest.approx(-overlap, abs=0.002)
+    parting = replace(body, y=-overlap - 0.1)
+    settled, _ = resolve_contacts(
+        {"e": body}, {"e": parting}, {"e": MKZ_2017}, build_obstacle_motion(put, put), NOTHING
+    )
+    assert settled["e"] == parting
+
+
 def test_order_of_egos_does_not_matter() -> None:
     rows = {f"e{i}": VehicleState(4.8 * i, 0.1 * i, 0, vx=10.0 - 6 * i) for i in range(4)}
     cars = dict.fromkeys(rows, MKZ_2017)
