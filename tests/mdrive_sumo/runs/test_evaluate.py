@@ -219,7 +219,7 @@ def test_another_command_does_not_continue_the_run(fakes: ModuleType, tmp_path: 
     suite = fakes.make_suite(tmp_path / "suite", "answer")
     run(tmp_path)
     with pytest.raises(InputError, match=r"another seed 0 \(now 1\)"):
-        run(tmp_path, seed=1)
+        run(tmp_path, seeds=(1,))
     fakes.make_suite(suite.folder, "nap")
     with pytest.raises(InputError, match="another suite_checksum"):
         run(tmp_path)
