@@ -1,4 +1,4 @@
-"""Pages beside leaderboards and teams: how to take part, logging in, making a team, errors, files."""
+"""Pages beside leaderboards and teams: how to take part, logging in, making a team, errors, files, default phase."""
 
 import re
 from dataclasses import replace
@@ -7,14 +7,15 @@ from typing import Any
 
 import pytest
 from fastapi.routing import iter_route_contexts
-from testing.api_app import Server, problem
-from testing.web_page import Visit, links, sound
+from testing.api_app import HIDDEN, Server, problem
+from testing.store_samples import NOON, PHASE
+from testing.web_page import Page, Visit, links, sound
 
 from server import web
 from server.cli.serve_command import make_app
 from server.clock import DAY_US
 from server.settings import RegistrationSettings, load_settings
-from server.store import StoreUnavailable, audit, teams
+from server.store import StoreUnavailable, audit, phases, teams
 from server.web import static_files
 
 pytestmark = pytest.mark.slow
@@ -244,3 +245,32 @@ def _luminance(colour: str) -> float:
     parts = (int(colour[i : i + 2], 16) / 255 for i in (0, 2, 4))
     red, green, blue = (part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
     return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+@pytest.fixture
+def red(server: Server) -> Visit:
+    return Visit(server, "red")
+
+
+def selected(page: Page) -> list[str]:
+    """Values of the chosen options of a form, its first one if none is."""
+    options = page.all("option")
+    return [each.attributes["value"] for each in options if "selected" in each.attributes] or [
+        options[0].attributes["value"]
+    ]
+
+
+def test_a_hidden_phase_is_never_the_default(server: Server, red: Visit) -> None:
+    """It is the first by its opening time and its id, and its quota is used up by one careless submission."""
+    hidden = replace(HIDDEN, id="a-final", opens_us=0)
+    with server.store.write() as session:
+        phases.set_phases(session, [hidden], NOON)
+    assert selected(red.get("/submit")) == ["dev"]
+    assert selected(red.get("/submit?phase=a-final")) == ["a-final"]
+    commands = red.get("/how").words
+    assert "--phase dev " in commands and "-F phase=dev " in commands
+    with server.store.write() as session:
+        phases.set_phases(session, [replace(PHASE, closes_us=1)], NOON)
+    page = red.get("/submit")
+    assert selected(page) == [""] and page.all("select", id="phase")[0].attributes["required"] == ""
+    assert "--phase PHASE " in red.get("/how").words
