@@ -41,7 +41,13 @@ def supervised(store: Store, settings: ServerSettings) -> Generator[Supervisor]:
 
 def rows(store: Store, submission: str) -> list[JobRow]:
     with store.read() as session:
-        return list(session.query(JobRow).filter(JobRow.submission == submission).order_by(JobRow.scenario))
+        return list(session.query(JobRow).filter(JobRow.is_of(submission)).order_by(JobRow.scenario))
+
+
+def count_spot_checks(store: Store) -> int:
+    """How many the audit log tells of."""
+    with store.read() as session:
+        return session.query(AuditEntryRow).filter_by(action="spot-check").count()
 
 
 def states(store: Store, submission: str) -> list[str]:

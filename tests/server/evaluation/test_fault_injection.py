@@ -9,6 +9,7 @@ from testing import databases, evaluation_fakes
 from testing.evaluation_fakes import LEASE_S, challenge, fake, fast_clock, read, submitted
 from testing.evaluation_real import (
     check_scored_once,
+    count_spot_checks,
     drive_through_kills,
     rows,
     served,
@@ -33,9 +34,15 @@ pytestmark = pytest.mark.usefixtures("steady_code")
 def test_killed_workers_lose_and_double_nothing(tmp_path: Path) -> None:
     store = databases.emptied("sqlite")
     settings = challenge(tmp_path, store, *["nap"] * 120, lease_s=LEASE_S).model_copy(update={"database": url(store)})
+    work = settings.work.model_copy(update={"spot_check": 1.0})
+    settings = settings.model_copy(update={"work": work})
     submission = submitted(store, settings, fast_clock())
     assert drive_through_kills(store, settings, [submission], kills=3, seed=1) == 3
     check_scored_once(store, settings, submission, 120)
+    with supervised(store, settings):  # its spot check is a job, which the end of the workers has not lost
+        wait_for(lambda: count_spot_checks(store) > 0)
+        time.sleep(1.0)
+    assert count_spot_checks(store) == 1
 
 
 @pytest.mark.full
