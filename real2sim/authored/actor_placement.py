@@ -22,6 +22,7 @@ from mdrive_sumo.scenario.scripted_actor import (
     StartMotion,
 )
 from real2sim.match.waypoint_matcher import match_waypoints
+from real2sim.network.lane_segment import compute_yaw_difference
 
 ON_LANE_M = 1.0
 """[m] An actor further from the lanes along its path keeps its path."""
@@ -125,14 +126,10 @@ def _extend_straight(roads: RoadMap, lane: str) -> Iterator[str]:
         end = here.centre.yaw_at(here.centre.length)
         here = min(
             (roads.lanes[s] for s in here.successors),
-            key=lambda s: _compute_turn(end, s.centre.yaw_at(s.centre.length)),
+            key=lambda s: compute_yaw_difference(end, s.centre.yaw_at(s.centre.length)),
         )
         if here.id in seen:
             return
         seen.add(here.id)
         left -= here.centre.length
         yield here.id
-
-
-def _compute_turn(before: float, after: float) -> float:
-    return abs(np.angle(np.exp(1j * (after - before))))

@@ -164,11 +164,13 @@ def separate_starts(roads: RoadMap, routes: Sequence[RouteLegs]) -> tuple[float,
 
     @cache
     def box(cav: int, steps: int) -> Float:
-        return _compute_box(roads, routes[cav], steps)
+        pose = compute_start_pose(roads, advance_start(roads, routes[cav], steps * SHIFT_STEP_M))
+        return box_corners(*pose, CAR_LENGTH_M + GAP_M, CAR_WIDTH_M + GAP_M)
 
     @cache
-    def limit(cav: int) -> int:
-        return _count_possible_steps(roads, routes[cav])
+    def limit(cav: int) -> int:  # at least 2 m of the route are left
+        length = float(np.hypot(*np.diff(build_dense_route(roads, routes[cav]).xy, axis=0).T).sum())
+        return max(int((min(length - 2.0, MAX_SHIFT_M)) / SHIFT_STEP_M), 0)
 
     queue: list[tuple[int, tuple[int, ...]]] = [(0, (0,) * len(routes))]
     seen: set[tuple[int, ...]] = set()
@@ -177,7 +179,9 @@ def separate_starts(roads: RoadMap, routes: Sequence[RouteLegs]) -> tuple[float,
         if steps in seen:
             continue
         seen.add(steps)
-        pair = _find_first_overlap([box(i, n) for i, n in enumerate(steps)])
+        boxes = [box(cav, count) for cav, count in enumerate(steps)]
+        pairs = combinations(range(len(boxes)), 2)
+        pair = next(((i, j) for i, j in pairs if boxes_overlap(boxes[i], boxes[j])), None)
         if pair is None:
             return tuple(round(n * SHIFT_STEP_M, 3) for n in steps)
         for mover, other in (pair, pair[::-1]):
@@ -203,19 +207,3 @@ def advance_start(roads: RoadMap, legs: RouteLegs, distance: float) -> RouteLegs
     entry = roads.lanes[first.lanes[1]]
     begin = 0.0 if entry.id in lane.successors else entry.centre.project(*lane.centre.at(lane.centre.length))[0]
     return advance_start(roads, (RouteLeg(first.lanes[1:], begin, first.goal_s), *rest), distance - room)
-
-
-def _compute_box(roads: RoadMap, legs: RouteLegs, steps: int) -> Float:
-    pose = compute_start_pose(roads, advance_start(roads, legs, steps * SHIFT_STEP_M))
-    return box_corners(*pose, CAR_LENGTH_M + GAP_M, CAR_WIDTH_M + GAP_M)
-
-
-def _count_possible_steps(roads: RoadMap, legs: RouteLegs) -> int:
-    """Return the number of steps that leave at least 2 m of the route."""
-    length = float(np.hypot(*np.diff(build_dense_route(roads, legs).xy, axis=0).T).sum())
-    return max(int((min(length - 2.0, MAX_SHIFT_M)) / SHIFT_STEP_M), 0)
-
-
-def _find_first_overlap(boxes: Sequence[Float]) -> tuple[int, int] | None:
-    pairs = combinations(range(len(boxes)), 2)
-    return next(((i, j) for i, j in pairs if boxes_overlap(boxes[i], boxes[j])), None)

@@ -73,9 +73,10 @@ def simulate_observers(truth: Recording, noise: ObservationNoise | None, seed: i
     names = assign_numbers(truth)
     tracks = tuple(replace(track, id=names[track.id]) for track in truth.views[0].tracks)
     own = {track.id: track for track in tracks}
+    stations = [view for view in truth.views[1:] if view.is_infrastructure]
     observers = {
         **{str(n): _get_cav_pose(own[names[cav]], cav) for n, cav in enumerate(truth.cavs, start=1)},
-        **{str(-n): station.pose for n, station in enumerate(_list_stations(truth), start=1)},
+        **{str(-n): station.pose for n, station in enumerate(stations, start=1)},
     }
     carriers = {str(n): names[cav] for n, cav in enumerate(truth.cavs, start=1)}
     views = tuple(
@@ -91,10 +92,6 @@ def assign_numbers(truth: Recording) -> dict[str, str]:
     if all(name.isdecimal() and name == str(int(name)) for name in ids):
         return {name: name for name in ids}
     return {name: str(n) for n, name in enumerate(ids)}
-
-
-def _list_stations(truth: Recording) -> list[ObserverView]:
-    return [view for view in truth.views[1:] if view.is_infrastructure]
 
 
 def _get_cav_pose(track: RecordedTrack, cav: str) -> Float:
