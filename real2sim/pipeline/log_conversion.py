@@ -6,21 +6,25 @@ its traffic and measures the result; then its files are written. `batch` draws t
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.episode import save_episode
 from mdrive_sumo.scenario.scenario import save_scenario
 from mdrive_sumo.scenario.suite import LOG_FILE
 from real2sim.clean import MIN_FRAMES
+from real2sim.hd_map import HdMap, MapArea
 from real2sim.pipeline.limited_reader import read_log_limited
-from real2sim.pipeline.local_origin import move_to_origin
 from real2sim.pipeline.log_source import LogSource, prefix_with_log
 from real2sim.pipeline.quality_file import build_quality_file, save_quality
 from real2sim.pipeline.scenario_builder import BuiltScenario, ConversionOptions, build_scenario
 from real2sim.readers.time_grid import TimeWindow, crop_recording
-from real2sim.recording import Recording
+from real2sim.recording import ObserverView, Recording
 from real2sim.source_scene import SourceScene
 
 BUCKETS = {"v2xpnp": "V2XPnP"}
@@ -32,6 +36,10 @@ MIN_LOG_S = 2.0
 and two seconds."""
 PROPOSED_WINDOW_S = 20.0
 """[s] Length that the error for a long log proposes: about that of a nuScenes scene."""
+LARGEST_M = 900_000.0
+"""[m] Scenarios hold up to 1 000 000 m; routes go on beyond the log, and the margin is for them."""
+ROUNDED_M = 1000.0
+"""[m] The origin is a multiple of this, so that people can add it in their heads."""
 
 
 def convert_log(log: LogSource, draft: Path, wish: ConversionOptions) -> BuiltScenario:
@@ -94,3 +102,55 @@ def make_scenario_id(log: str, window: TimeWindow | None) -> str:
     part = f"_{window[0]:g}-{window[1]:g}s" if window else ""
     plain = re.sub(r"[^A-Za-z0-9_.+-]", "_", log).lstrip("_.+-") or "log"
     return plain[: 80 - len(part)] + part
+
+
+def move_to_origin(recording: Recording) -> Recording:
+    """Return the recording, shifted if it has coordinates beyond `LARGEST_M`, with its origin and a note.
+
+    Scenarios hold coordinates up to 1000 km, because positions are stored to the millimetre; those of UTM and national
+    grids are larger. Exports of episodes add the origin again (`mdrive_sumo.export.log_frame`).
+    """
+    points = np.concatenate([*_list_points(recording), np.zeros((0, 2))])
+    points = points[np.isfinite(points).all(1)]
+    if not len(points) or np.abs(points).max() <= LARGEST_M:
+        return recording
+    x, y = (np.round(np.median(points, axis=0) / ROUNDED_M) * ROUNDED_M).tolist()
+    shift = -np.array((x, y))
+    note = f"coordinates shifted: the origin of the scenario is at ({x:.0f}, {y:.0f}) m of the log"
+    return replace(
+        recording,
+        views=tuple(_shift_view(view, shift) for view in recording.views),
+        map=_shift_map(recording.map, shift),
+        origin=(x, y),
+        notes=(*recording.notes, note),
+    )
+
+
+def _list_points(recording: Recording) -> Iterator[Float]:
+    for view in recording.views:
+        yield from (track.xy for track in view.tracks)
+        yield view.pose[:, :2]
+    yield from (lane.centre for lane in recording.map.lanes.values())
+
+
+def _shift_view(view: ObserverView, shift: Float) -> ObserverView:
+    tracks = tuple(track.replace_columns(x=track.x + shift[0], y=track.y + shift[1]) for track in view.tracks)
+    return replace(view, tracks=tracks, pose=view.pose + np.array((*shift, 0.0)) if len(view.pose) else view.pose)
+
+
+def _shift_map(hd_map: HdMap, shift: Float) -> HdMap:
+    return replace(
+        hd_map,
+        lanes={
+            id_: replace(lane, centre=lane.centre + shift, left=lane.left + shift, right=lane.right + shift)
+            for id_, lane in hd_map.lanes.items()
+        },
+        crosswalks=tuple(outline + shift for outline in hd_map.crosswalks),
+        stop_lines=tuple(replace(line, line=line.line + shift) for line in hd_map.stop_lines),
+        drivable_areas=tuple(_shift_area(area, shift) for area in hd_map.drivable_areas),
+        observed_areas=tuple(_shift_area(area, shift) for area in hd_map.observed_areas),
+    )
+
+
+def _shift_area(area: MapArea, shift: Float) -> MapArea:
+    return MapArea(area.outline + shift, tuple(hole + shift for hole in area.holes))

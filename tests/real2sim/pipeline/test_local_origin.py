@@ -7,7 +7,7 @@ import pytest
 from testing.map_faults import lane, lanes_map
 
 from real2sim.hd_map import MapArea, StopLine
-from real2sim.pipeline.local_origin import LARGEST_M, move_to_origin
+from real2sim.pipeline.log_conversion import LARGEST_M, move_to_origin
 from real2sim.recording import ObjectCategory, ObserverView, RecordedTrack, Recording
 
 SQUARE = np.array(((0.0, 0.0), (10.0, 0.0), (10.0, 10.0)))

@@ -14,8 +14,14 @@ from real2sim.fidelity_targets import build_stalled_target
 from real2sim.network import build_network
 from real2sim.recording import ObjectCategory
 from real2sim.traffic_fidelity.log_simulation import simulate_log
-from real2sim.traffic_fidelity.stalled_traffic import StalledVehicle, compute_longest_stand, find_stalled
-from real2sim.traffic_fidelity.traffic_drives import SAMPLE_S, TrafficDrive, drive_alone
+from real2sim.traffic_fidelity.stalled_traffic import (
+    SAMPLE_S,
+    StalledVehicle,
+    TrafficDrive,
+    compute_longest_stand,
+    drive_alone,
+    find_stalled,
+)
 
 SAMPLES = 80
 """40 s."""
