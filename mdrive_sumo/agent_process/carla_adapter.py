@@ -160,10 +160,10 @@ def _read_sensor(row: Mapping[str, Any]) -> CarlaSensor:
     if not isinstance(name, str):
         raise InputError(f"sensors(): expected an id for every sensor, found {name!r} for {kind!r}")
     kind = "lidar" if kind == LIDAR else CAMERAS.get(kind, KINDS.get(kind, kind))
-    return CarlaSensor(name, kind, (_read_metres(row, "x"), -_read_metres(row, "y"), _read_metres(row, "z")))
+    return CarlaSensor(name, kind, (_read_number(row, "x"), -_read_number(row, "y"), _read_number(row, "z")))
 
 
-def _read_metres(row: Mapping[str, Any], name: str) -> float:
+def _read_number(row: Mapping[str, Any], name: str) -> float:
     return float(row.get(name, 0.0))
 
 
@@ -178,7 +178,7 @@ def _make_specs(row: Mapping[str, Any], sensor: CarlaSensor, slow: bool) -> list
 def _read_pose(row: Mapping[str, Any], sensor: CarlaSensor) -> dict[str, float]:
     """Mirrored: y, yaw and pitch change their sign."""
     x, y, z = sensor.place
-    roll, pitch, yaw = (_read_metres(row, name) for name in ("roll", "pitch", "yaw"))
+    roll, pitch, yaw = (_read_number(row, name) for name in ("roll", "pitch", "yaw"))
     return {"x": x, "y": y, "z": z, "roll_deg": roll, "pitch_deg": -pitch, "yaw_deg": -yaw}
 
 
@@ -257,11 +257,11 @@ def _make_reply(control: Any) -> Reply | None:
     """A VehicleControl; cut to its range as CARLA does. There is no reverse gear here: its throttle does nothing."""
     if control is None:
         return None
-    throttle = 0.0 if getattr(control, "reverse", False) else _split_route_options(control.throttle, 0.0)
-    brake = 1.0 if getattr(control, "hand_brake", False) else _split_route_options(control.brake, 0.0)
-    return Reply(control=Control(throttle, brake, -_split_route_options(control.steer, -1.0)))
+    throttle = 0.0 if getattr(control, "reverse", False) else _clip_number(control.throttle, 0.0)
+    brake = 1.0 if getattr(control, "hand_brake", False) else _clip_number(control.brake, 0.0)
+    return Reply(control=Control(throttle, brake, -_clip_number(control.steer, -1.0)))
 
 
-def _split_route_options(value: Any, low: float) -> float:
+def _clip_number(value: Any, low: float) -> float:
     number = float(value)
     return number if math.isnan(number) else min(max(number, low), 1.0)

@@ -150,7 +150,7 @@ class BoxedAgentProcess:
         """Raises InputError if there is no such box here, and BoxError."""
         interpreter, shown = _locate_interpreter(box)
         spec = sandbox.BoxSpec(
-            command=(interpreter, *_interpreter_options(box), *program.arguments(AGENT_FD, FRAMES)),
+            command=(interpreter, *_list_interpreter_options(box), *program.arguments(AGENT_FD, FRAMES)),
             readonly={box.folder: AGENT_FOLDER, frames: FRAMES} | shown | _list_library_mounts(box.backend),
             # A fixed hash seed: the order of an agent's sets must not differ between runs.
             env={"PYTHONPATH": f"{KIT}:{SITE}" if box.site else KIT, "PYTHONHASHSEED": "0"},
@@ -208,7 +208,7 @@ class BoxedAgentProcess:
         return {"backend": self._backend, "repeated": self._repeated, **asdict(self._report)}
 
 
-def _interpreter_options(box: AgentBox) -> tuple[str, ...]:
+def _list_interpreter_options(box: AgentBox) -> tuple[str, ...]:
     """Exclude packages outside of the environment: those of a host would change results."""
     return ("-s", "-S") if box.site else ("-s",)
 

@@ -78,11 +78,11 @@ def _list_secret_paths(settings: ServerSettings) -> Iterator[tuple[str, Path]]:
 
 
 def _list_visible_paths(settings: ServerSettings) -> Iterator[Path]:
-    yield from sandbox.shown()
+    yield from sandbox.list_shown_paths()
     for name in environments.list_built(settings.environments):
         with suppress(InputError):  # an unreadable one is reported by the job that uses it
             made = environments.load_environment(name, settings.environments)
             if made.rootfs is not None:
-                yield from sandbox.shown(made.rootfs)
+                yield from sandbox.list_shown_paths(made.rootfs)
             else:
                 yield from (made.python.resolve().parent.parent, *([made.site.resolve()] if made.site else ()))

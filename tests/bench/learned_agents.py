@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 import click
-from sandbox import Probe, recorded, row, started_ms, times_ms
+from sandbox import Probe, measure_start, recorded, row, times_ms
 
 from mdrive_sumo.agent_process.child_process import AgentBox, AgentProgram
 from mdrive_sumo.agent_process.remote_driver import AgentLimits, RemoteDriver, open_agent_connection
@@ -119,7 +119,7 @@ def main() -> None:
             first.close()
             probe: Probe = recorded(scenario, sensors)
             for backend, make in makers.items():
-                click.echo(row(f"{what}: start, {backend}", [started_ms(make) for _ in range(STARTS)]))
+                click.echo(row(f"{what}: start, {backend}", [measure_start(make)[0] for _ in range(STARTS)]))
                 click.echo(row(f"{what}: tick, {backend}", times_ms(make(), probe)))
 
 

@@ -18,7 +18,7 @@ from mdrive_sumo.agent_process.sandbox.layers import (
     check_layers,
     examine_backend,
     examine_layers,
-    shown,
+    list_shown_paths,
 )
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.agent_process.sandbox.open_box import open_box
@@ -43,6 +43,6 @@ __all__ = [
     "examine_backend",
     "examine_layers",
     "open_box",
-    "shown",
+    "list_shown_paths",
     "try_own_kernel",
 ]

@@ -67,7 +67,7 @@ def _describe_devices(seen: dict[str, Path]) -> Iterator[str]:
         yield from ("--dev-bind", str(seen[inner]), inner)
 
 
-def sources(spec: BoxSpec) -> dict[str, Path]:
+def list_sources(spec: BoxSpec) -> dict[str, Path]:
     """Where the box will see which path of the host: programs, then the caller's files."""
     used = {PurePosixPath(inner).parts[1] for inner in spec.readonly.values()}
     root = spec.rootfs or Path("/")
@@ -83,7 +83,7 @@ def find_hidden_paths(spec: BoxSpec) -> tuple[str, ...]:
     folders = [path.resolve() for path in spec.hidden if path.is_dir()]
     if not folders:
         return ()
-    shown = {inner: outer.resolve() for inner, outer in sources(spec).items() if not outer.is_symlink()}
+    shown = {inner: outer.resolve() for inner, outer in list_sources(spec).items() if not outer.is_symlink()}
     places = [
         str(PurePosixPath(inner) / path.relative_to(outer))
         for inner, outer in shown.items()
@@ -93,12 +93,12 @@ def find_hidden_paths(spec: BoxSpec) -> tuple[str, ...]:
     return tuple(sorted(set(places)))
 
 
-def working_folder(spec: BoxSpec) -> str:
+def find_working_folder(spec: BoxSpec) -> str:
     """Where the program begins: beside its own files, if it has some."""
     return "/agent" if "/agent" in spec.readonly.values() else "/tmp"
 
 
-def arguments(spec: BoxSpec, seen: dict[str, Path]) -> tuple[str, ...]:
+def list_arguments(spec: BoxSpec, seen: dict[str, Path]) -> tuple[str, ...]:
     """Everything after `--args`: namespaces, mounts, environment and the command.
 
     They go through a descriptor, because users of the host can read bubblewrap's command line.
@@ -122,6 +122,6 @@ def arguments(spec: BoxSpec, seen: dict[str, Path]) -> tuple[str, ...]:
         *("--size", size, "--tmpfs", "/dev/shm", "--remount-ro", "/dev"),
         *("--size", size, "--tmpfs", "/tmp", "--remount-ro", "/"),
         *(word for name, value in environment.items() for word in ("--setenv", name, value)),
-        *("--chdir", working_folder(spec)),
+        *("--chdir", find_working_folder(spec)),
         *("--seccomp", str(SECCOMP_FD), "--json-status-fd", str(STATUS_FD)),
     )

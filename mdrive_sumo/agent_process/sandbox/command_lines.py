@@ -9,7 +9,7 @@ from pathlib import Path
 from mdrive_sumo.agent_process.sandbox import bubblewrap, gvisor, seccomp
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
 from mdrive_sumo.agent_process.sandbox.launch import STAGE, LaunchPlan, StatWatch, make_program
-from mdrive_sumo.agent_process.sandbox.limits import rlimits
+from mdrive_sumo.agent_process.sandbox.limits import list_rlimits
 from mdrive_sumo.agent_process.sandbox.pipe_ends import PipeEnds
 from mdrive_sumo.agent_process.sandbox.supervisor_process import request_supervisor
 from mdrive_sumo.core.errors import InputError
@@ -32,7 +32,7 @@ class BoxPlacement:
     """Where the box sees which path of the host."""
 
 
-def launch(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
+def plan_launch(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
     """What to start. Raises InputError if the backend cannot be had here."""
     return {"bubblewrap": _plan_bubblewrap, "gvisor": _plan_gvisor, "none": _plan_unboxed}[spec.backend](
         spec, ends, place
@@ -42,12 +42,12 @@ def launch(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
 def _plan_bubblewrap(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPlan:
     program = find_program("bwrap", "bubblewrap")
     seen, staged = _plan_staging(place.seen, bubblewrap.DEVICES)
-    words = "\0".join(bubblewrap.arguments(spec, seen)).encode()
+    words = "\0".join(bubblewrap.list_arguments(spec, seen)).encode()
     first = (ends.nothing, ends.log_writing, ends.log_writing, ends.agent.fileno())
     proc = (ends.in_memory(text) for text in bubblewrap.list_proc_files().values())
-    descriptors = (*first, ends.in_memory(words), ends.in_memory(seccomp.compiled()), ends.status_writing, *proc)
+    descriptors = (*first, ends.in_memory(words), ends.in_memory(seccomp.compile_filter()), ends.status_writing, *proc)
     argv = (program, "--args", str(bubblewrap.ARGS_FD), "--", *spec.command)
-    limits = rlimits(spec.limits, own_uid=place.uid is not None, grouped=bool(place.entries))
+    limits = list_rlimits(spec.limits, own_uid=place.uid is not None, grouped=bool(place.entries))
     watch = _plan_watch(ends, place)
     return LaunchPlan(argv, {}, descriptors, limits, place.entries, place.uid, staged, watch=watch)
 
@@ -66,8 +66,8 @@ def _plan_gvisor(spec: BoxSpec, ends: PipeEnds, place: BoxPlacement) -> LaunchPl
     gvisor.write_bundle(spec, place.seen, seen, folder, place.uid)
     descriptors = (ends.agent.fileno(), ends.log_writing, ends.log_writing)
     env = {"PATH": os.defpath, "TMPDIR": str(folder)}
-    limits = gvisor.outer_rlimits(spec.limits)
-    return LaunchPlan(gvisor.command(program, folder), env, descriptors, limits, place.entries, place.uid, staged)
+    limits = gvisor.list_outer_rlimits(spec.limits)
+    return LaunchPlan(gvisor.make_command(program, folder), env, descriptors, limits, place.entries, place.uid, staged)
 
 
 def _plan_unboxed(spec: BoxSpec, ends: PipeEnds, _place: BoxPlacement) -> LaunchPlan:
@@ -77,7 +77,7 @@ def _plan_unboxed(spec: BoxSpec, ends: PipeEnds, _place: BoxPlacement) -> Launch
     values = bubblewrap.ENVIRONMENT | dict(spec.env)
     env = {name: ":".join(_to_host_path(word, spec) for word in text.split(":")) for name, text in values.items()}
     first = (ends.nothing, ends.log_writing, ends.log_writing, ends.agent.fileno())
-    return LaunchPlan(argv, env, first, (), nice=0, cwd=_to_host_path(bubblewrap.working_folder(spec), spec))
+    return LaunchPlan(argv, env, first, (), nice=0, cwd=_to_host_path(bubblewrap.find_working_folder(spec), spec))
 
 
 def _plan_staging(

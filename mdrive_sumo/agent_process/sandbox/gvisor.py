@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
-from mdrive_sumo.agent_process.sandbox.bubblewrap import ENVIRONMENT, find_hidden_paths, working_folder
+from mdrive_sumo.agent_process.sandbox.bubblewrap import ENVIRONMENT, find_hidden_paths, find_working_folder
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
 from mdrive_sumo.core.posix import import_posix
 
@@ -46,7 +46,7 @@ def add_own_use(limits: BoxLimits) -> BoxLimits:
     return replace(limits, processes=processes, memory_bytes=memory)
 
 
-def outer_rlimits(limits: BoxLimits) -> tuple[tuple[int, int, int], ...]:
+def list_outer_rlimits(limits: BoxLimits) -> tuple[tuple[int, int, int], ...]:
     """Which limit, soft and hard value, for each of gVisor's processes on the host.
 
     Of the limits inside, `runsc` 20221219 does not keep that of CPU time. A program computes in a process of the host,
@@ -68,7 +68,7 @@ def find_platform(program: str) -> str:
     return FAST_PLATFORM if FAST_PLATFORM in told.stdout + told.stderr else PLATFORM
 
 
-def command(program: str, folder: Path) -> tuple[str, ...]:
+def make_command(program: str, folder: Path) -> tuple[str, ...]:
     """Runs the bundle in this folder without root's rights and without a network."""
     state = ("--root", str(folder / "state"))
     return (
@@ -123,7 +123,7 @@ def _make_config(spec: BoxSpec, mounts: list[dict[str, Any]]) -> dict[str, Any]:
             "user": {"uid": 0, "gid": 0},
             "args": [*SHIM, *spec.command],
             "env": [f"{name}={value}" for name, value in (ENVIRONMENT | dict(spec.env)).items()],
-            "cwd": working_folder(spec),
+            "cwd": find_working_folder(spec),
             "noNewPrivileges": True,
             "capabilities": dict.fromkeys(("bounding", "effective", "permitted", "inheritable", "ambient"), nothing),
             "rlimits": [{"type": name, "soft": value, "hard": value} for name, value in rlimits.items()],

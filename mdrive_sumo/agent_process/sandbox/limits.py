@@ -50,13 +50,13 @@ DEAD = 4
 count until the host's first process has collected them."""
 
 
-def rlimits(limits: BoxLimits, own_uid: bool, grouped: bool) -> tuple[tuple[int, int, int], ...]:
+def list_rlimits(limits: BoxLimits, own_uid: bool, grouped: bool) -> tuple[tuple[int, int, int], ...]:
     """Which limit, soft and hard value.
 
     `own_uid`: the box has a user of its own; otherwise the processes that its user already runs are counted in.
     `grouped`: a control group keeps the memory. RLIMIT_AS would only break programs that reserve more than they use.
     """
-    others = 0 if own_uid else threads_of(os.getuid())
+    others = 0 if own_uid else count_threads(os.getuid())
     processes, cpu = limits.processes * (DEAD if grouped else 1) + others, limits.cpu_s
     rows = [
         (resource.RLIMIT_NPROC, processes, processes),
@@ -76,7 +76,7 @@ def _cap(which: int, value: int) -> int:
     return value if hard == resource.RLIM_INFINITY or os.geteuid() == 0 else min(value, hard)
 
 
-def threads_of(uid: int) -> int:
+def count_threads(uid: int) -> int:
     """Processes and threads that a user runs now, as RLIMIT_NPROC counts them."""
     count = 0
     for status in Path("/proc").glob("[0-9]*/status"):

@@ -11,11 +11,11 @@ from pathlib import Path
 from mdrive_sumo.agent_process.sandbox import bubblewrap, cgroups, gvisor
 from mdrive_sumo.agent_process.sandbox.box import Box, BoxParts
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
-from mdrive_sumo.agent_process.sandbox.command_lines import BoxPlacement, launch
+from mdrive_sumo.agent_process.sandbox.command_lines import BoxPlacement, plan_launch
 from mdrive_sumo.agent_process.sandbox.launch import BoxError, start
 from mdrive_sumo.agent_process.sandbox.pipe_ends import LogRing, PipeEnds
 from mdrive_sumo.agent_process.sandbox.private_files import provide_private_files
-from mdrive_sumo.agent_process.sandbox.user_slots import UserSlot, take
+from mdrive_sumo.agent_process.sandbox.user_slots import UserSlot, take_slot
 from mdrive_sumo.core.posix import check_posix
 
 GVISOR_START_S = 30.0
@@ -30,17 +30,17 @@ def open_box(spec: BoxSpec) -> Box:
     """
     if threading.current_thread() is not threading.main_thread():
         raise RuntimeError("a box ends with the thread that opens it: open it in the main thread of its process")
-    return opened(spec)
+    return open_briefly(spec)
 
 
-def opened(spec: BoxSpec, start_s: float = GVISOR_START_S) -> Box:
+def open_briefly(spec: BoxSpec, start_s: float = GVISOR_START_S) -> Box:
     """As `open_box`, for callers that close the box before their thread can end.
 
     start_s: time limit for gVisor's kernel to begin the program.
     """
     check_posix("a box")
     with ExitStack() as undo:
-        slot = take(spec.slot)
+        slot = take_slot(spec.slot)
         undo.callback(slot.release, clean=True)
         group = _make_group(spec, slot)
         if group is not None:
@@ -95,8 +95,8 @@ def _start(spec: BoxSpec, slot: UserSlot, group: cgroups.Cgroup | None, folder: 
         entries = () if group is None else group.entries()
         for fd in entries:
             ends.theirs.callback(os.close, fd)
-        seen = provide_private_files(spec, slot.number) if spec.copies is not None else bubblewrap.sources(spec)
-        plan = launch(spec, ends, BoxPlacement(slot.uid, entries, folder, seen))
+        seen = provide_private_files(spec, slot.number) if spec.copies is not None else bubblewrap.list_sources(spec)
+        plan = plan_launch(spec, ends, BoxPlacement(slot.uid, entries, folder, seen))
         pid = start(plan)
         parts = BoxParts(
             pid=pid,

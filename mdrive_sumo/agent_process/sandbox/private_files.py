@@ -21,7 +21,7 @@ from pathlib import Path
 from mdrive_sumo.agent_process.sandbox import bubblewrap
 from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
 from mdrive_sumo.agent_process.sandbox.runtime_files import is_interpreter_prefix, is_unused, list_runtime_paths
-from mdrive_sumo.agent_process.sandbox.user_slots import take
+from mdrive_sumo.agent_process.sandbox.user_slots import take_slot
 from mdrive_sumo.core.errors import InputError
 
 MODE = 0o777
@@ -135,14 +135,14 @@ _PROVIDED: set[tuple[Path, int]] = set()
 
 
 def provide_private_files(spec: BoxSpec, slot: int) -> dict[str, Path]:
-    """Return where the box sees which path of the host, like `bubblewrap.sources`, with copies of the slot's own.
+    """Return where the box sees which path of the host, like `bubblewrap.list_sources`, with copies of the slot's own.
 
     The slot must be taken by this process. Raises InputError if there is no room for the copies.
     """
     assert spec.copies is not None
     place = _make_place(spec.copies, slot)
     _PROVIDED.add((spec.copies, slot))
-    seen = bubblewrap.sources(spec)
+    seen = bubblewrap.list_sources(spec)
     shared = {inner: outer for inner, outer in seen.items() if outer.is_symlink() or inner in spec.live}
     system = {inner for inner in seen if spec.rootfs is None and inner not in spec.readonly.values()} - set(shared)
     hidden = frozenset(path.resolve() for path in spec.hidden)
@@ -162,7 +162,7 @@ def remove_idle_files(folder: Path, slots: Iterable[int] | None = None) -> None:
         slots = [int(name) for name in names if name.isdigit()]
     for number in slots:
         with suppress(InputError):  # taken by a box
-            slot = take(number)
+            slot = take_slot(number)
             try:
                 _remove_place(_name_place(folder, number))
             finally:

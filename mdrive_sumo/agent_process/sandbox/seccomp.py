@@ -39,7 +39,7 @@ UNKNOWN = -1
 
 
 @cache
-def compiled() -> bytes:
+def compile_filter() -> bytes:
     """The filter as the kernel wants it. Compiled once in a process.
 
     Raises InputError if pyseccomp or the library under it is missing, or cannot refuse a call of the table.
@@ -75,7 +75,7 @@ class StatFilter:
 
 @cache
 def compile_stat_filter() -> StatFilter:
-    """Raises InputError as `compiled` does."""
+    """Raises InputError as `compile_filter` does."""
     seccomp = _load_library()
     fstat, newfstatat = (find_number(seccomp, call) for call in ("fstat", "newfstatat"))
     program = watch_stat(seccomp.system_arch(), fstat, newfstatat)

@@ -33,7 +33,7 @@ class UserSlot:
             self.lock.detach()
 
 
-def take(number: int | None) -> UserSlot:
+def take_slot(number: int | None) -> UserSlot:
     """This slot, or the first that is free. Raises InputError if it is taken by a living box."""
     for candidate in range(SLOTS) if number is None else (number,):
         lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)

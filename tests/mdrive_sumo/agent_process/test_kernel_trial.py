@@ -57,7 +57,7 @@ def stub(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Stub:
     ],
 )
 def test_systrap_is_taken_where_runsc_offers_it(stub: Stub, tmp_path: Path, script: str, platform: str) -> None:
-    words = gvisor.command(stub(script), tmp_path / "box")
+    words = gvisor.make_command(stub(script), tmp_path / "box")
     assert f"--platform={platform}" in words and "--rootless" in words and "--network=none" in words
 
 

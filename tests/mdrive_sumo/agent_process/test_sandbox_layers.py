@@ -85,10 +85,10 @@ def test_without_the_filter_nested_user_namespaces_are_still_refused(monkeypatch
             """Refuses nothing."""
 
     monkeypatch.setattr(pyseccomp, "SyscallFilter", Nothing)
-    allow_all = seccomp.compiled.__wrapped__()
+    allow_all = seccomp.compile_filter.__wrapped__()
     monkeypatch.undo()
-    assert len(allow_all) < len(seccomp.compiled())
-    monkeypatch.setattr(seccomp, "compiled", lambda: allow_all)
+    assert len(allow_all) < len(seccomp.compile_filter())
+    monkeypatch.setattr(seccomp, "compile_filter", lambda: allow_all)
     with open_box(shell(text)) as box:
         box.ready(30.0)
         box.close()
@@ -211,7 +211,7 @@ def test_version_2_without_memory_is_not_taken_for_a_limit(tmp_path: Path) -> No
 
 
 def test_a_plain_user_gets_a_box_and_is_told_what_it_lacks() -> None:
-    seccomp.compiled()
+    seccomp.compile_filter()
     found = in_a_child(PLAIN_USER, lambda: {layer.name: (layer.active, layer.detail) for layer in examine_layers()})
     assert isinstance(found, dict)
     assert [

@@ -60,7 +60,7 @@ def test_a_link_in_an_image_shows_nothing_of_the_host(tmp_path: Path) -> None:
     """It is made anew in the box, and leads into the image there."""
     (tmp_path / "image" / "usr").mkdir(parents=True)
     (tmp_path / "image" / "srv").symlink_to(tmp_path)
-    assert sandbox.shown(tmp_path / "image") == {tmp_path / "image" / "usr"}
+    assert sandbox.list_shown_paths(tmp_path / "image") == {tmp_path / "image" / "usr"}
 
 
 def test_what_is_public_may_lie_anywhere_and_an_image_is_seen_too(tmp_path: Path) -> None:
