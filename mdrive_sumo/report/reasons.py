@@ -69,6 +69,11 @@ class NotedReason:
         return self.cause not in (Cause.FREE, Cause.BEND, Cause.SPEED_LIMIT, Cause.NETWORK_DRIVES)
 
     @property
+    def drives_on(self) -> bool:
+        """Whether the agent has no reason to be slow: what slows its CAV is something else, such as a contact."""
+        return self.cause in (Cause.FREE, Cause.NETWORK_DRIVES)
+
+    @property
     def key(self) -> tuple[Cause | None, tuple[str, ...], str]:
         """What two reasons of one story have in common: their texts differ in numbers at least."""
         return self.cause, self.others, "" if self.cause else self.text

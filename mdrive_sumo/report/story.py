@@ -120,7 +120,8 @@ class CavStory:
         noted = [reason for reason in self.reasons if reason.tick <= tick]
         if noted:
             last = noted[-1]
-            lines.append(f"Why, noted at {last.tick * DT:.1f} s (tick {last.tick}): it {last.text}.")
+            word = "Its agent sees no reason" if last.drives_on and span.kind != "drives" else "Why"
+            lines.append(f"{word}, noted at {last.tick * DT:.1f} s (tick {last.tick}): it {last.text}.")
         else:
             lines.append("Its agent has noted no reason.")
         if ahead := self._describe_ahead(tick):
@@ -192,6 +193,8 @@ class CavStory:
             return f", with {ahead}" if ahead else ""
         held = _select_reasons(self.reasons, span.first - before_ticks, span.last)
         telling = [reason for reason in held if reason.limits] or held
+        if telling and all(reason.drives_on for reason in telling):
+            return f", although its agent notes that it {telling[-1].text}"
         first_of: dict[object, NotedReason] = {}
         for reason in telling:
             first_of.setdefault(reason.key, reason)

@@ -131,7 +131,8 @@ def test_a_loss_of_speed_by_contact_is_no_braking() -> None:
     lines = tell(record(SPEEDS + (2.0,) * 20, (60, Reason(Cause.FREE))))
     assert lines[2] == "   3.5 s  loses speed by contact: from 8.0 m/s to 2.0 m/s"
     after_braking = tell(record(SPEEDS + BRAKING[:20] + (1.0,) * 20, (60, Reason(Cause.FREE, speed=8.0))))
-    assert after_braking[2].endswith("brakes from 8.0 m/s to 4.4 m/s: drives freely, at up to 8.0 m/s")
+    free = "although its agent notes that it drives freely, at up to 8.0 m/s"
+    assert after_braking[2].endswith(f"brakes from 8.0 m/s to 4.4 m/s, {free}")
     assert after_braking[3].endswith("loses speed by contact: from 4.2 m/s to 1.0 m/s")
 
 
@@ -166,6 +167,12 @@ def test_a_moment_says_what_holds_and_since_when() -> None:
         "Ahead of it: vehicle car 13.6 m ahead, standing.",
     ]
     assert story.tell_moment(20)[1] == "Its agent has noted no reason."
+    free = make_story(record(SPEEDS + BRAKING, (0, Reason(Cause.FREE, speed=8.0))))
+    assert (
+        free.tell_moment(90)[1]
+        == "Its agent sees no reason, noted at 0.0 s (tick 0): it drives freely, at up to 8.0 m/s."
+    )
+    assert free.tell_moment(60)[1] == "Why, noted at 0.0 s (tick 0): it drives freely, at up to 8.0 m/s."
 
 
 def test_a_moment_after_the_end_says_how_it_ended() -> None:
