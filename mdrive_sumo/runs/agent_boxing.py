@@ -2,11 +2,10 @@
 
 import sys
 import sysconfig
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file, split_locator
 from mdrive_sumo.agent_process.child_process import AGENT_FOLDER, PACKAGE, AgentBox
@@ -50,7 +49,7 @@ def box_agent(spec: AgentSpec, hidden: Sequence[Path], run_folder: Path) -> Agen
     return replace(
         spec,
         agent=f"{prefix}{AGENT_FOLDER}/{file.name}{ending}",
-        config=_move_paths(spec.config, folder),
+        config={key: _move_path(value, folder) for key, value in spec.config.items()},
         box=box,
         known_as=spec.name,
     )
@@ -78,12 +77,8 @@ def find_boxed_file(spec: AgentSpec) -> tuple[Path, str, str]:
     )
 
 
-def _move_paths(config: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Return the options with the paths of files in the agent's folder as the box shows them."""
-    return {key: _move_path(value, folder) for key, value in config.items()}
-
-
 def _move_path(value: object, folder: Path) -> object:
+    """Return an option's value; of a file in the agent's folder, its path as the box shows it."""
     if not isinstance(value, str) or not value or "\0" in value or len(value) > 1000:
         return value
     path = Path(value).resolve()

@@ -103,7 +103,7 @@ def compare(a: Results, b: Results, places: tuple[Path | None, Path | None] = (N
             " `mdrive-sumo rescore` brings them together"
         )
     first, second = (average_seeds(results.scenarios) for results in (a, b))
-    common = [name for name in first if name in second and _has_scores(first[name], second[name])]
+    common = [name for name in first if name in second and "void" not in (first[name].status, second[name].status)]
     if not common:
         raise InputError("compare: expected runs with scenarios in common that are not void, found none")
     pairs = [_make_pair(first[name], second[name]) for name in common]
@@ -125,10 +125,6 @@ def compare(a: Results, b: Results, places: tuple[Path | None, Path | None] = (N
         settings=find_setting_differences(a.run, b.run, places),
         agents=(a.run.agent, b.run.agent),
     )
-
-
-def _has_scores(a: ScenarioResult, b: ScenarioResult) -> bool:
-    return "void" not in (a.status, b.status)
 
 
 def _make_pair(a: ScenarioResult, b: ScenarioResult) -> ScenarioPair:
@@ -222,7 +218,7 @@ def comparison_table(comparison: RunComparison) -> str:
             f"B is better in {wins}, as good in {ties}, worse in {losses}",
             "",
             format_text(make_text_table(header, rows)),
-            *_format_left_out(comparison.left_out),
+            *(("", "left out:", *(f"  {line}" for line in comparison.left_out)) if comparison.left_out else ()),
         )
     )
 
@@ -250,7 +246,3 @@ def _format_score(value: float | None) -> str:
 
 def _format_interval(name: str, interval: ConfidenceInterval | None) -> Sequence[str]:
     return (name, *format_interval_cells(interval, "+.2f"))
-
-
-def _format_left_out(left_out: Sequence[str]) -> tuple[str, ...]:
-    return ("", "left out:", *(f"  {line}" for line in left_out)) if left_out else ()
