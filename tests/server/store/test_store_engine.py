@@ -52,7 +52,7 @@ def test_several_processes_may_migrate_at_once(backend: str, tmp_path: Path) -> 
     assert stores[0].version() is None
     with ThreadPoolExecutor(3) as pool:
         list(pool.map(Store.migrate, stores))
-    assert [store.version() for store in stores] == ["0001"] * 3
+    assert [store.version() for store in stores] == ["1"] * 3
     for store in stores:
         store.close()
 
@@ -217,8 +217,8 @@ SECOND_MIGRATION = """
 import sqlalchemy as sa
 from alembic import op
 
-revision = "0002"
-down_revision = "0001"
+revision = "2"
+down_revision = "1"
 
 
 def upgrade() -> None:
@@ -235,13 +235,13 @@ def test_a_later_migration_is_applied_to_the_rows_that_there_are(
         teams.create(session, "red", 1)
     later = tmp_path / "migrations"
     shutil.copytree(engine._MIGRATIONS, later, ignore=shutil.ignore_patterns("__pycache__"))
-    (later / "versions" / "v0002_cities.py").write_text(SECOND_MIGRATION)
+    (later / "versions" / "v2_cities.py").write_text(SECOND_MIGRATION)
     monkeypatch.setattr(engine, "_MIGRATIONS", later)
     store.migrate()
     with store.read() as session:
         assert session.execute(text("SELECT name, city FROM teams")).all() == [("red", "unknown")]
         assert [team.name for team in teams.list_teams(session)] == ["red"]
-    assert store.version() == "0002"
+    assert store.version() == "2"
     monkeypatch.undo()
     with pytest.raises(InputError, match="of this version or older"):  # the version before does not know it
         store.migrate()
