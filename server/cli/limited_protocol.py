@@ -34,7 +34,7 @@ PROXIES = frozenset({"127.0.0.1", "::1"})
 """Addresses without a limit: behind a proxy of this machine, as docs/server.md describes it, all clients have these."""
 HEADER_BYTES = 32 * 1024
 """Size limit of a request's headers [bytes]."""
-_PEEK = int(socket.MSG_PEEK) | int(socket.MSG_DONTWAIT)
+_PEEK = int(socket.MSG_PEEK) | int(getattr(socket, "MSG_DONTWAIT", 0))  # Windows, which has no server, lacks it
 OTHER_FILES = 256
 """Files that the server opens besides connections and what they are sent: database, uploads, pipes of children."""
 

@@ -32,7 +32,8 @@ class Block:
         return None
 for name in BLOCKED:
     sys.modules.pop(name, None)
-import os, signal
+import os, signal, socket
+delattr(socket, "MSG_DONTWAIT")
 for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_CLOEXEC", "O_DIRECTORY"):
     delattr(os, name)
 for name in ("SIGKILL", "SIGHUP", "SIGXCPU", "SIGXFSZ", "SIGPIPE"):
