@@ -106,11 +106,11 @@ class GainLine:
     """A part of the gain, in points of DS or SR, over a group of scenarios."""
 
     group: str
-    """A bucket, or `ALL`."""
+    """Name of a bucket, or `ALL`."""
     scenarios: int
     part: GainPart
     gain: Mapping[str, ConfidenceInterval]
-    """By metric."""
+    """The gain [points] by metric."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,7 +35,7 @@ class PenetrationStudy:
     others: PreparedRun
     """The agent of the CAVs that are not connected."""
     levels: tuple[int, ...]
-    """Percentages between 0 and 100, ascending."""
+    """Percentages of CAVs under test between 0 and 100, ascending."""
     seeds: tuple[int, ...]
     folder: Path
 

@@ -45,9 +45,9 @@ class Study:
     best: PreparedRun | None
     """The omniscient agent, for captured cooperation; None without it."""
     conditions: tuple[ChannelCondition, ...]
-    """The base condition first."""
+    """The channels that are driven, the base condition first."""
     off: ChannelCondition | None
-    """The reference for captured cooperation."""
+    """The channel that is off, the reference for captured cooperation; None without it."""
     seeds: tuple[int, ...]
     folder: Path
 

@@ -27,11 +27,11 @@ class StudyLine:
     """To the same agent in the base condition, paired by scenario and seed; None for the base condition itself."""
     sr_difference: ConfidenceInterval | None
     efficient_sr: ConfidenceInterval | None
-    """None without reference times."""
+    """Efficient SR [%]; None without reference times."""
     time_ratio: ConfidenceInterval | None
     """Over the scenarios in which every CAV arrives with every seed."""
     timed: int
-    """Number of these scenarios."""
+    """Number of scenarios in which every CAV arrives with every seed."""
     captured: CapturedCooperation | None
     void: int
 

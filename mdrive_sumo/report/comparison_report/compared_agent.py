@@ -33,10 +33,10 @@ class ComparedAgent:
     name: str
     """The name of the agent, with the settings in which others of the same name differ."""
     results: Results
-    """Of all its runs and seeds."""
+    """The results of all its runs and seeds as one run."""
     runs: tuple[ReportRun, ...]
     conditions: DriveConditions
-    """Those under which it was driven."""
+    """The conditions under which it was driven."""
 
     @cached_property
     def intervals(self) -> Mapping[str, MeanIntervals]:

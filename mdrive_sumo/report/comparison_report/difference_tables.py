@@ -42,7 +42,7 @@ class AgentDifference:
     agent: str
     other: str
     scenarios: int
-    """Scenarios in which neither is void."""
+    """Number of scenarios in which neither agent is void."""
     seeds: tuple[int, ...]
     """Seeds that both have, by which they are paired; empty: means over the seeds of each are."""
     ds: ConfidenceInterval | None
@@ -52,11 +52,11 @@ class AgentDifference:
     time_ratio: ConfidenceInterval | None
     """Over the scenarios in which every CAV arrives with both, with every seed."""
     buckets: dict[str, tuple[ConfidenceInterval | None, ConfidenceInterval | None]]
-    """DS and SR by bucket."""
+    """Differences of DS and SR [percentage points] by bucket."""
     bucket_mean: tuple[ConfidenceInterval | None, ConfidenceInterval | None]
-    """DS and SR, mean of the buckets."""
+    """Differences of DS and SR, means of the buckets [percentage points]."""
     wins: int
-    """Scenarios with a higher DS, mean over seeds."""
+    """Number of scenarios in which the agent has a higher DS, as a mean over seeds."""
     losses: int
 
 

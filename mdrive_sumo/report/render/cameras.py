@@ -93,12 +93,12 @@ class TopCamera:
     """A camera that looks straight down, with north up; heights do not matter."""
 
     x: float
-    """World frame, middle of the picture [m]."""
+    """Middle of the picture in the world frame [m]."""
     y: float
     scale: float
-    """[px/m]"""
+    """Pixels of a metre [px/m]."""
     width: int
-    """[px]"""
+    """Width of the picture [px], as its height."""
     height: int
 
     def project(self, rings: Rings) -> Rings:
@@ -124,17 +124,17 @@ class PerspectiveCamera:
     """A pinhole camera in space without roll."""
 
     x: float
-    """World frame [m]."""
+    """Place in the world frame [m], as y; z is the height above the ground."""
     y: float
     z: float
     yaw: float
     """Direction of view [rad]."""
     pitch: float
-    """Downwards [rad]."""
+    """Angle by which it looks down [rad]."""
     focal_px: float
     """Focal length [px]."""
     width: int
-    """[px]"""
+    """Width of the picture [px], as its height."""
     height: int
 
     @cached_property

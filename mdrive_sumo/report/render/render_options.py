@@ -17,14 +17,14 @@ class RenderOptions:
     follow: str | None = None
     """Id of a CAV. None: the whole scene; in the chase and driver views the CAV of the first infraction."""
     tick: int | None = None
-    """Of a picture."""
+    """Tick that a picture shows."""
     first: int | None = None
-    """Ticks of a video, both included."""
+    """First and last tick of a video, both included."""
     last: int | None = None
     size: tuple[int, int] | None = None
-    """Width and height [px]."""
+    """Width and height of the picture or video [px]."""
     fps: int | None = None
-    """Frames a second."""
+    """Frames of a video in a second."""
     speed: float = 1.0
     messages: bool = True
     """Whether CPMs and MCMs are drawn as lines."""

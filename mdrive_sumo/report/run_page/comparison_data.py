@@ -84,7 +84,7 @@ class ComparedCell:
 
     letter: str
     row: ScenarioRow | None
-    """None if the run has not driven it."""
+    """The scenario's row on the page of the run; None if the run has not driven it."""
     difference: float | None
     """DS minus that of the first run; None for the first run itself, and where a run is void or has none."""
     outcome: str
@@ -148,9 +148,9 @@ class ComparisonData:
 
     runs: tuple[ComparedRun, ...]
     rows: tuple[ComparedRow, ...]
-    """The worst difference first."""
+    """One row for each scenario, the worst difference first."""
     comparisons: tuple[RunComparison, ...]
-    """Of every other run with the first."""
+    """The comparison of every other run with the first."""
     seeds: Mapping[PairKey, int]
     """The seed of the replays in step: that with the largest difference."""
 

@@ -20,10 +20,10 @@ class InStepSide:
     letter: str
     agent: str
     name: str
-    """The run's folder."""
+    """Name of the run's folder."""
     ds: float
     html: str
-    """Its replay page."""
+    """The replay page as HTML."""
 
 
 def render_in_step(

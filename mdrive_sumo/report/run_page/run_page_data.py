@@ -44,7 +44,7 @@ class AgentLog:
     href: str
     """Link from the page; "" if the page is somewhere else than its run."""
     tail: tuple[str, ...]
-    """Its last lines: the end of the traceback."""
+    """The last lines of the log: the end of the traceback."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,9 +54,9 @@ class EpisodeCell:
     seed: int
     ds: float
     outcome: str
-    """success, failed or void."""
+    """One of success, failed and void."""
     reason: str
-    """Why it is void; else ""."""
+    """Why the episode is void; "" if it is not."""
     replay: str
     """Link to its replay; "" if there is none."""
     cavs: tuple[CavLosses, ...]
@@ -64,7 +64,7 @@ class EpisodeCell:
     kinds: tuple[str, ...]
     """Kinds of all infractions."""
     logs: Mapping[str, AgentLog]
-    """By CAV, of agents that failed."""
+    """The logs of agents that failed, by CAV."""
 
     @property
     def has_failed_agent(self) -> bool:
@@ -88,7 +88,7 @@ class ScenarioRow:
     ds: float
     """Mean over the seeds; a void episode counts 0."""
     cells: tuple[EpisodeCell, ...]
-    """In the order of the run's seeds."""
+    """One cell for each seed, in the order of the run's seeds."""
     sketch: Markup
     """Roads and routes as a small SVG image."""
 
@@ -99,7 +99,7 @@ class RunPageData:
 
     stored: StoredRun
     rows: tuple[ScenarioRow, ...]
-    """The worst first."""
+    """One row for each scenario, the worst first."""
     provenance: tuple[Fact, ...]
     failed_episodes: int
     failed_cavs: int

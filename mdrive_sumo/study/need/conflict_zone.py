@@ -27,7 +27,7 @@ class ConflictZone:
     """A CAV at any station in [enter_m, leave_m] overlaps the road user at any tick of its drive in [enter, leave]."""
 
     road_user: int
-    """Column of the recording."""
+    """Column of the road user in the recording."""
     enter_m: float
     leave_m: float
     enter: int

@@ -30,9 +30,9 @@ class SafeCrossing:
     arrival_s: float
     """Lower bound of its arrival time at the goal."""
     station: float
-    """Where it is slowest for its sake [m]."""
+    """Station at which the driver is slowest because of the conflict [m]."""
     speed: float
-    """At most, there [m/s]."""
+    """Greatest speed at that station [m/s]."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ class MotionLimits:
     power_per_mass: float = MKZ_2017.max_power / MKZ_2017.mass
     """[W/kg]; bounds the acceleration at higher speeds."""
     deceleration: float = MKZ_2017.max_deceleration + MKZ_2017.rolling_resistance * GRAVITY
-    """Brakes on a dry road and rolling resistance."""
+    """Greatest deceleration [m/s2]: brakes on a dry road and rolling resistance."""
     drag: float = 0.5 * AIR_DENSITY * MKZ_2017.drag_area / MKZ_2017.mass
     """Deceleration by air resistance per squared speed [1/m]."""
 

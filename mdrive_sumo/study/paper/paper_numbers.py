@@ -20,13 +20,13 @@ class PaperNumbers:
 
     plan: PaperPlan
     scenarios: tuple[Scenario, ...]
-    """Those of the main table."""
+    """The scenarios of the main table."""
     closed: Mapping[str, Results]
     """By agent; detectors have the scenarios of the open loop only."""
     open: Mapping[str, OpenLoopResults]
     channel: tuple[StudyRow, ...]
     compared: tuple[ComparedAgent, ...]
-    """The rows of the main table."""
+    """The agents of the main table, in its order."""
     gaps: tuple[RoleGap, ...]
     gains: tuple[PairGain, ...]
     comparison: OpenClosedComparison
