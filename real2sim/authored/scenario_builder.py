@@ -36,6 +36,7 @@ CAR_WIDTH_M = 2.00
 GAP_M = 0.02
 """[m] Kept between boxes, so that rounding poses to 1 mm cannot bring them into contact."""
 SHIFT_STEP_M = 0.1
+"""[m] Starts move in steps of this length."""
 MAX_SHIFT_M = 20.0
 """[m] No start is moved further; chosen: four lengths of a car."""
 

@@ -20,6 +20,7 @@ STEADY_M = 1.5
 MIN_SHARED_M = 8.0
 """[m] Minimum length of a stretch side by side."""
 SAMPLE_SPACING_M = 2.0
+"""[m] Distance between the points at which lanes are compared."""
 CROSSING_RAD = np.radians(12)
 """Lines that meet at a smaller angle merge or part."""
 CROSSING_INSIDE_M = 1.5

@@ -29,6 +29,7 @@ VOTE_RANGE_M = 3.0
 """[m] A position votes for lanes within this distance."""
 ENDS_MEET_M = 1.5
 ENDS_ALIGNED_RAD = np.radians(30)
+"""Ends this close [m] and this well aligned continue each other."""
 ADJACENT_M = 6.0
 """[m] Centre lines further apart do not lie side by side."""
 

@@ -72,11 +72,11 @@ def _from_plain(expected: Any, plain: Any) -> Any:
         item, *rest = get_args(expected)
         items = _check(plain, list)
         if rest == [...]:
-            return tuple(_from_plain(item, one) for one in items)
-        return tuple(_from_plain(hint, one) for hint, one in zip((item, *rest), items, strict=True))
+            return tuple(_from_plain(item, part) for part in items)
+        return tuple(_from_plain(hint, part) for hint, part in zip((item, *rest), items, strict=True))
     if origin is not None and issubclass(origin, Mapping):
         item = get_args(expected)[1]
-        return {_check(key, str): _from_plain(item, one) for key, one in _check(plain, dict).items()}
+        return {_check(key, str): _from_plain(item, value) for key, value in _check(plain, dict).items()}
     return _to_object(expected, plain)
 
 
@@ -103,15 +103,15 @@ def _get_hints(cls: Any) -> Mapping[str, Any]:
 
 
 def _to_array(dtype: Any, plain: dict[str, Any]) -> "np.ndarray[Any, Any]":
-    found, shape = np.dtype(_check(plain["dtype"], str)), _check(plain["shape"], list)
-    if found.kind not in KINDS_BY_DTYPE[dtype] or not all(type(n) is int and n >= 0 for n in shape):
+    stored, shape = np.dtype(_check(plain["dtype"], str)), _check(plain["shape"], list)
+    if stored.kind not in KINDS_BY_DTYPE[dtype] or not all(type(n) is int and n >= 0 for n in shape):
         raise TransferError(f"expected an array of {dtype.__name__}, found {plain['dtype']} of the shape {shape}")
-    return np.frombuffer(_check(plain["data"], bytes), found).reshape(shape).copy()
+    return np.frombuffer(_check(plain["data"], bytes), stored).reshape(shape).copy()
 
 
 def _get_only(candidates: list[Any]) -> Any:
-    (one,) = candidates
-    return one
+    (hint,) = candidates
+    return hint
 
 
 def _check(plain: Any, expected: type[T]) -> T:

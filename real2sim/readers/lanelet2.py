@@ -293,8 +293,8 @@ def _is_pair(line: shapely.LineString, other: shapely.LineString) -> bool:
     )
 
 
-def _build_polygon(one: shapely.LineString, other: shapely.LineString) -> Float:
-    left, right = (np.asarray(line.coords, dtype=np.float64)[:, :2] for line in (one, other))
+def _build_polygon(edge: shapely.LineString, other: shapely.LineString) -> Float:
+    left, right = (np.asarray(line.coords, dtype=np.float64)[:, :2] for line in (edge, other))
     return build_outline(
         left, right if measure_end_gap(left, right) <= measure_end_gap(left, right[::-1]) else right[::-1]
     )

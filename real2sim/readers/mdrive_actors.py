@@ -46,6 +46,7 @@ _VAN = BlueprintShape(5.9, 2.0, "vehicle")
 _TRUCK = BlueprintShape(8.5, 2.5, "vehicle")
 _BUS = BlueprintShape(10.5, 2.5, "vehicle")
 _SMALL = BlueprintShape(2.5, 1.5, "vehicle")
+"""Length and width [m], typical of each class: files mostly name a blueprint and no size."""
 
 _VEHICLES: tuple[tuple[tuple[str, ...], BlueprintShape], ...] = (
     (("crossbike", "century", "omafiets", "bicycle", "cyclist", "bike."), BICYCLE),

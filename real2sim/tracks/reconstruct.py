@@ -35,6 +35,7 @@ ERROR_MEDIAN, ERROR_P95 = 0.3, 1.0
 STAND_SPEED = 0.25
 """[m/s] Slower than this over `STAND_S` is a standstill."""
 STAND_S = 1.0
+"""[s] Time over which `STAND_SPEED` is measured."""
 CREEP_M = 0.6
 """[m] An object that moves further than this meanwhile does not stand, but drives slowly."""
 BRAKING_S = 0.6
