@@ -10,6 +10,7 @@ from testing.mutation_job import (
     LEAST_SHARE,
     ROOMS,
     ROOT,
+    SEED,
     RoomVerdict,
     copy_tree,
     find_problems,
@@ -54,6 +55,7 @@ UNCHANGED = (
     "X = int | None",
     "x: list[int] | None = None",
     "x = 1e-9",
+    "if TYPE_CHECKING:\n    pass",
     "x = f'{a:.2f} {a + 1}'",
     "x = zip(a, b, strict=True)",
     "@dataclass(frozen=True)\nclass A(B[1]):\n    '''At least 1.'''",
@@ -127,9 +129,10 @@ def test_every_listed_survivor_is_a_change_of_the_source() -> None:
 def test_the_tests_of_the_channel_notice_a_sample_of_mutants(tmp_path: Path) -> None:
     room, tree = ROOMS["channel"], copy_tree(ROOT, tmp_path / "tree")
     tests, reasons = measure_room(room, tree), read_survivors()
-    mutants = sample_mutants(list_mutants(ROOT, find_sources(room, ROOT)), 8, seed=3)
+    mutants = sample_mutants(list_mutants(ROOT, find_sources(room, ROOT)), 8, SEED)
     source = (tree.folder / mutants[0].path).read_bytes()
     noticed = [is_noticed(one, tests, tree) for one in mutants]
-    assert all(seen or one.name in reasons for seen, one in zip(noticed, mutants, strict=True))
+    survivors = [one.name for seen, one in zip(noticed, mutants, strict=True) if not seen]
+    assert set(survivors) <= set(reasons)
     assert any(noticed)
     assert (tree.folder / mutants[0].path).read_bytes() == source

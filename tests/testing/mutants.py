@@ -148,6 +148,8 @@ class _Mutator:
 
     def _negate(self, condition: ast.expr) -> Iterator[Mutant]:
         """Yield the negation of a condition that no other mutant negates: neither one comparison nor `not x`."""
+        if isinstance(condition, ast.Name) and condition.id == "TYPE_CHECKING":
+            return
         is_single = isinstance(condition, ast.Compare) and len(condition.ops) == 1
         if not is_single and not (isinstance(condition, ast.UnaryOp) and isinstance(condition.op, ast.Not)):
             yield self._replace(condition, f"(not ({self._text(condition)}))")
