@@ -159,7 +159,12 @@ class Holder:
 @contextmanager
 def holding(address: str, source: str, words: str) -> Iterator[None]:
     """Run a `Holder`."""
-    with subprocess.Popen([sys.executable, str(Path(__file__).resolve()), HOLD, address, source, words]) as process:
+    command = [sys.executable, str(Path(__file__).resolve()), HOLD, address, source, words]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdin is not None and process.stdout is not None
+        process.stdout.readline()  # its imports take longer than the attack
+        process.stdin.write(b"\n")
+        process.stdin.flush()
         try:
             yield
         finally:
@@ -241,6 +246,8 @@ def main() -> None:
     if sys.argv[1:2] in ([ATTACK], [HOLD]):
         raise_open_files(4000)
         if sys.argv[1] == HOLD:
+            click.echo("ready")
+            sys.stdin.readline()
             Holder(*sys.argv[2:]).run()
         asyncio.run(Attack(sys.argv[2]).run(json.loads(sys.stdin.readline())))
         return
