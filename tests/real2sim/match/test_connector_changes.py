@@ -18,6 +18,7 @@ from real2sim.fit.background_vehicle import route_track
 from real2sim.fit.cavs import build_ego
 from real2sim.hd_map import MapLane
 from real2sim.match import LaneMatch, match_track
+from real2sim.match.lane_candidates import load_candidate_index
 from real2sim.network import build_network
 from real2sim.readers.scenarionet import read_scenarionet
 from real2sim.recording import ObjectCategory, RecordedTrack, vehicle_trajectories
@@ -64,6 +65,20 @@ def exit_(tmp_path_factory: pytest.TempPathFactory) -> Junction:
 
 LATE = np.array([(-5.0, 0.0), (24.0, -0.2), (36.0, 3.8), (40.0, 4.0), (50.0, 6.5)])
 """Ahead until the pocket is 2.5 m aside, then into it and to its stop line."""
+
+
+def test_connectors_part_at_their_beginnings_and_join_at_their_ends(entry: Junction, exit_: Junction) -> None:
+    """So a change between them adds nothing where they part, and the difference of their lengths where they join."""
+    for junction, joins in ((entry, False), (exit_, True)):
+        index = load_candidate_index(junction.roads, changes_connectors=True)
+        pairs = index.connectors_to_same_lane if joins else index.connectors_from_same_lane
+        changes = [(here, there) for here, others in pairs.items() for there in others]
+        assert len(changes) == 2
+        for here, there in changes:
+            lengths = [junction.roads.lanes[id_].centre.length for id_ in (here, there)]
+            path = index.find_paths(here, 60.0, 5.0)[there]
+            assert path.lane_changes == 1
+            assert path.length == pytest.approx(lengths[0] - lengths[1] if joins else 0.0)
 
 
 def test_a_late_change_into_the_pocket_leads_to_the_pocket(entry: Junction) -> None:

@@ -105,3 +105,21 @@ def test_a_change_takes_five_metres_a_lane_and_has_no_corners(to: float, room_m:
     assert (np.diff(route[:, 1]) >= -1e-6).all()
     half = route[np.argmin(np.abs(route[:, 1] - to / 2)), 0]
     assert half == pytest.approx(10.0 + room_m / 2, abs=0.6)
+
+
+def test_every_change_of_a_route_has_its_own_five_metres(tmp_path: Path) -> None:
+    """One at the start, the other where the third lane begins."""
+    roads = built(
+        tmp_path,
+        lanes_map(
+            lane("r1", [(0, 0), (100, 0)], ("r2",)),
+            lane("m1", [(0, 3.5), (100, 3.5)], ("m2",)),
+            lane("r2", [(100, 0), (200, 0)]),
+            lane("m2", [(100, 3.5), (200, 3.5)]),
+            lane("l2", [(100, 7), (200, 7)]),
+        ),
+    )[1]
+    route = dense(roads, (10.0, 0.0), (190.0, 7.0))
+    for low, high in ((0.0, 3.5), (3.5, 7.0)):
+        change = route[(route[:, 1] > low + 0.05) & (route[:, 1] < high - 0.05), 0]
+        assert 2.0 <= change.max() - change.min() <= 5.0
