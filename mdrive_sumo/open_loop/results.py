@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from mdrive_sumo.contract import TrackName, join_sensing_tracks
+from mdrive_sumo.core.setting import Scalar
 from mdrive_sumo.open_loop.detection_precision import DetectionCounts, compute_average_precision
 from mdrive_sumo.open_loop.drive_open_loop import OpenLoopSamples
 from mdrive_sumo.scoring.results import EpisodeKey
@@ -87,7 +88,7 @@ class OpenLoopRunInfo(_Part):
     reference: str
     """What drove: an agent, or "log"."""
     versions: dict[str, str]
-    options: dict[str, str]
+    options: dict[str, Scalar]
     """Channel, sensing and so on, as in the journal of a run."""
 
 

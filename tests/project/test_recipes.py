@@ -202,14 +202,13 @@ def drive_on_ice(folder: Path) -> dict[str, Any]:
 
     run_in_process(pytest.MonkeyPatch())  # for this process, which ends with the module
     out, usual = folder / "ice", folder / "run"
-    run = md.evaluate(  # pyright: ignore[reportCallIssue]
-        agent="full-throttle", scenario="i02*", grip=0.5, out=out, workers=1, record=False, progress=False
-    )
+    grip: dict[str, Any] = {"grip": 0.5}  # type checkers do not know it, nor shall they
+    run = md.evaluate(agent="full-throttle", scenario="i02*", out=out, workers=1, record=False, progress=False, **grip)
     fingerprint, stored = read_fingerprint(out), RunConfig.from_journal(read_fingerprint(out), out)
     with pytest.raises(md.InputError, match=r"another .*grip 1\.0 \(now 0\.5\)"):
-        md.evaluate(agent="full-throttle", scenario="i02*", grip=0.5, out=usual, record=False)  # pyright: ignore
+        md.evaluate(agent="full-throttle", scenario="i02*", out=usual, record=False, **grip)
     with pytest.raises(md.InputError, match=r"grip: expected a number from 0.1 to 1 \[share\], found 2"):
-        md.evaluate(grip=2)  # pyright: ignore
+        md.evaluate(**{**grip, "grip": 2})
     return {
         "options": [" ".join(run_command(command, "--help").split()) for command in ("eval", "eval-open")],
         "argument": signature(md.evaluate).parameters["grip"].default,
