@@ -125,6 +125,7 @@ def load_camera_tracks(path: Path) -> list[CameraTrack]:
         ValueError,
         LookupError,
         TypeError,
+        EOFError,
         zipfile.BadZipFile,
         NotImplementedError,
         RuntimeError,

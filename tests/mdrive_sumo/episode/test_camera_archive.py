@@ -2,6 +2,7 @@
 
 import errno
 import io
+import struct
 import zipfile
 from pathlib import Path
 
@@ -108,3 +109,16 @@ def test_what_is_no_archive_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "x.zip").write_bytes(b"PK\x03\x04 nothing")
     with pytest.raises(InputError, match="found a corrupt file"):
         load_camera_tracks(tmp_path / "x.zip")
+
+
+def test_an_image_that_ends_behind_the_file_is_a_corrupt_file(tmp_path: Path) -> None:
+    """Found by the fuzz job: it was a traceback (EOFError)."""
+    path = tmp_path / "images.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr(INDEX, b"{}")
+    data = bytearray(path.read_bytes())
+    entry = data.index(b"PK\x01\x02")
+    data[entry + 20 : entry + 28] = struct.pack("<II", 5000, 5000)  # sizes in the list of members
+    path.write_bytes(data)
+    with pytest.raises(InputError, match=r"images\.zip: expected camera images .*, found a corrupt file"):
+        load_camera_tracks(path)
