@@ -15,6 +15,7 @@ from mdrive_sumo.episode import EpisodeRecord, ThinkTimeEntry
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import LocalDriver
+from mdrive_sumo.loop.agent_scheduler import AgentScheduler
 from mdrive_sumo.scenario.scenario import RoadsideUnit, Scenario
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
 from mdrive_sumo.v2x.channel import DeliveryStatus
@@ -149,3 +150,9 @@ def test_an_unknown_clock_gets_one_sentence(text: str) -> None:
 @pytest.mark.parametrize("text", ["ideal", "measured", "fixed:0", "fixed:300"])
 def test_a_clock_is_written_as_it_is_read(text: str) -> None:
     assert parse_clock(text).text == text
+
+
+def test_a_think_time_that_a_recording_does_not_have_was_less_than_a_tick() -> None:
+    scheduler = AgentScheduler({}, parse_clock("measured"), [ThinkTimeEntry("0", 7, 4)], lambda *_: None)
+    assert [scheduler._compute_delay("0", tick) for tick in (6, 7, 8)] == [0, 4, 0]
+    assert scheduler.think_times == [ThinkTimeEntry("0", 7, 4)]
