@@ -220,7 +220,7 @@ def _find_gaps(place: _Place, taken: _Occupancy) -> tuple[float, float]:
 
 
 def _build_entering(roads: RoadMap, count: int, top: float, rng: random.Random) -> list[BackgroundVehicle]:
-    """Return vehicles that enter at the ends of the network, two seconds apart on a lane."""
+    """Return vehicles that enter at the ends of the network, three seconds apart on a lane."""
     entries = sorted({way.lanes[0] for way in find_lane_routes(roads)})
     free_s = dict.fromkeys(entries, ENTER_S[0])
     made: list[BackgroundVehicle] = []
