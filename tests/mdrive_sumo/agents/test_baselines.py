@@ -16,6 +16,7 @@ from testing.short_suite import make_short_suite
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import Cause, Message, Objects, Observation, Reason
 from mdrive_sumo.contract.detector_profiles import IDEAL, STANDARD
+from mdrive_sumo.contract.reason import REASON
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import End, FailureReason
@@ -74,7 +75,7 @@ def driven(scenario: str, agent: str) -> EpisodeRecord:
 def test_baselines_arrive_unharmed(agent: str, scenario: str) -> None:
     episode = driven(scenario, agent)
     assert {ending.end for ending in episode.endings} == {End.ARRIVED}
-    assert episode.notes == ()
+    assert {record.note.kind for record in episode.notes} <= {REASON}  # no warning, no failure
     result = score_episode(episode, *load_job_scenario(job(scenario, agent)), ScoreMode.MDRIVE, 0)
     assert (result.sr, result.ds) == (100.0, 100.0)
 
@@ -84,7 +85,7 @@ def test_perception_swaps_arrive(name: str) -> None:
     """Not unharmed: their hazard rule looks straight ahead only and knows no stop signs."""
     episode = driven(TOWN, f"perception-swap:{name}")
     assert {ending.end for ending in episode.endings} == {End.ARRIVED}
-    assert episode.notes == ()
+    assert {record.note.kind for record in episode.notes} <= {REASON}  # no warning, no failure
 
 
 @pytest.mark.parametrize(
