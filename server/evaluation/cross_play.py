@@ -7,6 +7,7 @@ from pathlib import Path
 
 from sqlalchemy.orm import Session
 
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder
 from mdrive_sumo.core.state import End
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
@@ -25,17 +26,31 @@ REPEATS_FOLDER = "again"
 """Of the files of repeated episodes, so that those of the scored one are alone in theirs."""
 
 
-def plan_pairs(store: Store, suites: PhaseSuites) -> None:
-    """Add the jobs of new pairs in every phase with a board of cross-play. Raises StoreUnavailable."""
+def plan_pairs(store: Store, suites: PhaseSuites, unplanned: set[str]) -> None:
+    """Add the jobs of new pairs in every phase with a board of cross-play. Raises StoreUnavailable.
+
+    unplanned: the phases for which that failed before, since their suites or environments cannot be read; updated.
+    """
     with store.read() as session:
         wanted = [phase.id for phase in phases.list_phases(session) if phase.cross_play_scenarios]
     for name in wanted:
-        with store.read() as session:
-            is_due = _act_on_agents(session, name, suites, cross_play.list_missing)
-        if is_due:
-            with store.write() as session:
-                count = _act_on_agents(session, name, suites, cross_play.plan)
-            LOG.info("phase %s: %s jobs of cross-play added", name, count)
+        try:
+            _plan_phase(store, name, suites)
+        except InputError as error:
+            if name not in unplanned:  # it is tried again with every heartbeat
+                LOG.warning("phase %s: no jobs of cross-play are added: %s", name, error)
+            unplanned.add(name)
+        else:
+            unplanned.discard(name)
+
+
+def _plan_phase(store: Store, name: str, suites: PhaseSuites) -> None:
+    with store.read() as session:
+        is_due = _act_on_agents(session, name, suites, cross_play.list_missing)
+    if is_due:
+        with store.write() as session:
+            count = _act_on_agents(session, name, suites, cross_play.plan)
+        LOG.info("phase %s: %s jobs of cross-play added", name, count)
 
 
 def _act_on_agents(session: Session, name: str, suites: PhaseSuites, act: Callable[..., object]) -> object:

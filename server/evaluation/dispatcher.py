@@ -110,6 +110,7 @@ class Dispatcher:
         self._separation = PhaseSeparation(settings.work.phase_kinds, settings.data, settings.work.drop_caches)
         self._failed_in_a_row, self._resume_us = 0, 0
         self._seen_us: int | None = None
+        self._unplanned: set[str] = set()
 
     def run(self, stop: StopRequest) -> None:
         """Work until stopped; jobs under way then return to the queue without counting as failures.
@@ -168,7 +169,7 @@ class Dispatcher:
             with self._store.write() as session:
                 workers.record_heartbeat(session, self._owner, self._settings.work.scheduler, now)
             write_left_over_summaries(self._store, self._clock, self._plan_check)
-            plan_pairs(self._store, self._suites)
+            plan_pairs(self._store, self._suites, self._unplanned)
             self._seen_us = now
 
     def _claim(self) -> None:
@@ -203,33 +204,52 @@ class Dispatcher:
                 )
                 if job is None:
                     return False
-                task = load_task(session, job, self._settings, self._suites)
-                if task is None:
-                    self._decline(session, job, now)
+                found = self._load(session, job, now)
         except Exception:
             self._separation.end(CLAIMED)
             raise
-        if task is None:
+        if not isinstance(found, JobTask):
             self._separation.end(CLAIMED)
-            if job.kind == JobKind.SUBMISSION:
-                raise EvaluatorMismatchError(
-                    f"submission {job.submission}: expected this worker's code, suite, sandbox and environment, found"
-                    " another evaluator's; restart the server, which queues it anew"
-                )
+            if found is not None:
+                raise found
             return True
-        key = f"{task.job}.{task.attempt}"
+        key = f"{found.job}.{found.attempt}"
         self._separation.rename(CLAIMED, key)
-        self._held[key] = _HeldJob(task, now)
-        self._executor.submit(key, task)
+        self._held[key] = _HeldJob(found, now)
+        self._executor.submit(key, found)
         return True
 
-    def _decline(self, session: Session, job: JobRow, now: int) -> None:
-        """Give up a job of another evaluator: pairs are planned anew under the present one, checks compare nothing."""
-        if job.kind == JobKind.SUBMISSION:
-            jobs.release(session, job.id, self._owner, job.attempt)
+    def _load(self, session: Session, job: JobRow, now: int) -> JobTask | EvaluatorMismatchError | None:
+        """Return the task of a claimed job; None if the job is given up; an error to raise once the job is put back."""
+        try:
+            task = load_task(session, job, self._settings, self._suites)
+        except InputError as error:  # it must not stop all other jobs: this one would be the next of every worker
+            self._decline_unreadable(session, job, str(error), now)
+            return None
+        if task is not None:
+            return task
+        if job.kind != JobKind.SUBMISSION:
+            self._decline(session, job, spot_checks.NOT_COMPARED if job.kind == JobKind.SPOT_CHECK else "", now)
+            return None
+        jobs.release(session, job.id, self._owner, job.attempt)
+        return EvaluatorMismatchError(
+            f"submission {job.submission}: expected this worker's code, suite, sandbox and environment, found"
+            " another evaluator's; restart the server, which queues it anew"
+        )
+
+    def _decline_unreadable(self, session: Session, job: JobRow, why: str, now: int) -> None:
+        """Give up a job whose suite or environment cannot be read; for a submission it is a failure on our side."""
+        if job.kind != JobKind.SUBMISSION:
+            self._decline(session, job, f"its {job.kind} job is cancelled: {why}", now)
             return
-        if job.kind == JobKind.SPOT_CHECK:
-            LOG.warning("submission %s: %s", job.submission, spot_checks.NOT_COMPARED)
+        LOG.error("%s job %d, attempt %d: %s", job.kind, job.id, job.attempt, why)
+        jobs.record_failure(session, job.id, self._owner, job.attempt, why, now)
+        self._pause()
+
+    def _decline(self, session: Session, job: JobRow, why: str, now: int) -> None:
+        """Cancel a job that is no submission's: pairs are planned anew once they can be driven, checks are left out."""
+        if why:
+            LOG.warning("submission %s: %s", job.submission, why)
         jobs.cancel(session, job.id, now)
 
     def _prolong_leases(self) -> None:
@@ -256,7 +276,7 @@ class Dispatcher:
         if key not in self._held:
             return
         task = self._held[key].task
-        if failure := describe_failure(outcome):
+        if (failure := describe_failure(outcome)) is not None:
             self._record_failure(task, failure)
         else:
             assert not isinstance(outcome, WorkerFailure), "a failure on our side"

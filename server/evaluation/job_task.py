@@ -78,6 +78,8 @@ class JobTask:
         return self.data / "recordings" / self.submission / str(self.seed)
 
 
+UNKNOWN_FAILURE = "unknown"
+"""In place of a failure on our side of which nothing is said."""
 BY_MESSAGES = "others_failed_by_messages"
 """In the usage of a job of cross-play: messages of the agent under test made an agent of the others fail."""
 
@@ -96,17 +98,20 @@ class EvaluatorMismatchError(InputError):
 JobResult = JobOutcome | AgentRejection
 
 
-def describe_failure(outcome: JobResult | WorkerFailure) -> str:
-    """Return why an outcome is a failure on our side; "" if it is none."""
+def describe_failure(outcome: JobResult | WorkerFailure) -> str | None:
+    """Return why an outcome is a failure on our side; None if it is none."""
     if isinstance(outcome, WorkerFailure):
         return f"{outcome.kind}: {outcome.reason}"
     if isinstance(outcome, AgentRejection) or outcome.verdict is not ScenarioVerdict.FAILED_OURS:
-        return ""
-    return outcome.failure
+        return None
+    return outcome.failure or UNKNOWN_FAILURE
 
 
 def load_task(session: Session, job: JobRow, settings: ServerSettings, suites: PhaseSuites) -> JobTask | None:
-    """Return the task of a claimed job; None if one of its submissions needs another evaluator. Raises NotFound."""
+    """Return the task of a claimed job; None if one of its submissions needs another evaluator.
+
+    Raises NotFound, and InputError for a suite or an environment that cannot be read.
+    """
     kind = JobKind(job.kind)
     tested, others = (submissions.get(session, name) for name in (job.submission, job.others))
     phase = phases.get(session, tested.phase)

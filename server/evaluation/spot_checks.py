@@ -13,6 +13,7 @@ from typing import Any
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.process_pool import ProcessPool
 from mdrive_sumo.runs.worker_process import WorkerFailure
 from server.enums import JobKind, JobState, ScenarioVerdict, SubmissionState
@@ -110,7 +111,7 @@ def run_spot_checks(
         tasks = [task for submission in chosen for task in _make_tasks(session, submission, settings, suites)]
     with ProcessPool[JobTask, JobResult](function, max(1, min(settings.work.processes, len(tasks))), LIMIT_S) as pool:
         for task, outcome in pool.run(tasks):
-            if failure := describe_failure(outcome):
+            if (failure := describe_failure(outcome)) is not None:
                 LOG.warning("spot check of job %d: %s", task.job, failure)
             else:
                 assert not isinstance(outcome, WorkerFailure), "a failure on our side"
@@ -130,11 +131,18 @@ def list_finished(session: Session, most: int) -> Sequence[str]:
 
 
 def _make_tasks(session: Session, submission: str, settings: ServerSettings, suites: PhaseSuites) -> Sequence[JobTask]:
-    """Return the tasks of a submission's spot checks; none if it was run by another evaluator. Raises NotFound."""
+    """Return the tasks of a submission's spot checks; none if it cannot be run or was run by another evaluator.
+
+    Raises NotFound.
+    """
     submissions.get(session, submission)
     tasks: list[JobTask] = []
     for job in sample_jobs(session, submission, audit.find_head(session)):
-        task = load_task(session, job, settings, suites)
+        try:
+            task = load_task(session, job, settings, suites)
+        except InputError as error:
+            LOG.warning("submission %s: not checked: %s", submission, error)
+            return ()
         if task is None:
             LOG.warning("submission %s: %s", submission, NOT_COMPARED)
         else:  # a stage folder of its own

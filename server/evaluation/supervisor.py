@@ -14,18 +14,20 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from mdrive_sumo.agent_process.sandbox.cgroups import remove_dead_episode_groups
 from mdrive_sumo.agent_process.sandbox.private_files import remove_idle_files
 from mdrive_sumo.core.errors import InputError
 from server.clock import now_us
+from server.enums import JobKind, JobState
 from server.evaluation.archive_cache import delete_stale
 from server.evaluation.machine_check import check_hidden_phases, check_machine
 from server.evaluation.phase_separation import describe_mixed_phases
 from server.phase_suites import LoadedPhaseSuites, PhaseSuites
 from server.settings import ServerSettings
-from server.store import Store, StoreUnavailable, phases, quota, retention, submissions
-from server.store.tables import SubmissionRow
+from server.store import Store, StoreUnavailable, jobs, phases, quota, retention, submissions
+from server.store.tables import JobRow, SubmissionRow
 
 LOG = logging.getLogger("mdrive.supervisor")
 COMMAND = (sys.executable, "-P", "-m", "server.evaluation.worker")
@@ -173,7 +175,7 @@ def requeue_outdated(store: Store, settings: ServerSettings, now_us: int, suites
     """Restart unfinished submissions of another evaluator with the present jobs of their suites; return how many.
 
     A worker that still runs an old job loses it with its next heartbeat. Submissions that can no longer be run fail on
-    our side. Only `serve` calls this, at its start.
+    our side; their spot checks and cross-play are cancelled. Only `serve` calls this, at its start.
     """
     suites = suites or LoadedPhaseSuites(settings)
     count = 0
@@ -181,12 +183,30 @@ def requeue_outdated(store: Store, settings: ServerSettings, now_us: int, suites
         for submission in session.scalars(select(SubmissionRow).where(SubmissionRow.state.in_(quota.UNFINISHED))).all():
             phase = phases.get(session, submission.phase)
             try:
-                evaluator, jobs = suites.evaluator(phase, submission.environment), suites.jobs(phase)
+                evaluator, planned = suites.evaluator(phase, submission.environment), suites.jobs(phase)
             except InputError as error:  # the suite of a closed phase: for open phases the server has refused to start
                 LOG.error("submission %s can no longer be run: %s", submission.id, error)
                 submissions.fail(session, submission.id, "the suite of its phase can no longer be run", now_us)
                 continue
             if submission.evaluator != evaluator:
-                submissions.renew(session, submission, evaluator, jobs, now_us)
+                submissions.renew(session, submission, evaluator, planned, now_us)
                 count += 1
+        _cancel_unreadable(session, suites, now_us)
     return count
+
+
+def _cancel_unreadable(session: Session, suites: PhaseSuites, now_us: int) -> None:
+    """Cancel queued spot checks and cross-play whose suite or environment cannot be read any more."""
+    of_kind = (JobRow.kind != JobKind.SUBMISSION, JobRow.state == JobState.QUEUED)
+    waiting = session.scalars(select(JobRow).where(*of_kind)).all()
+    unreadable: set[str] = set()
+    for name in sorted({name for job in waiting for name in (job.submission, job.others)}):
+        submission = submissions.get(session, name)
+        try:
+            suites.evaluator(phases.get(session, submission.phase), submission.environment)
+        except InputError as error:
+            LOG.warning("submission %s: its spot checks and cross-play are cancelled: %s", name, error)
+            unreadable.add(name)
+    for job in waiting:
+        if {job.submission, job.others} & unreadable:
+            jobs.cancel(session, job.id, now_us)

@@ -28,6 +28,7 @@ from server.evaluation.submission_job import run_submission_job
 from server.phase_suites import LoadedPhaseSuites
 from server.settings import ServerSettings
 from server.store import Store, StoreUnavailable, phases
+from server.store.tables import PhaseRow
 
 LOG = logging.getLogger("mdrive.worker")
 NICE = 5
@@ -66,7 +67,7 @@ def run_worker(
         with store.read() as session:
             check_hidden_phases(settings, session, clock())
         suites = LoadedPhaseSuites(settings)
-        limit_s = _compute_limit_s(store, settings, suites)
+        limit_s = _compute_limit_s(store, settings, suites, clock())
         with make_executor(function, 1, limit_s, work.scheduler) as executor:
             Dispatcher(store, settings, suites, executor, make_owner(), clock).run(stop)
     finally:
@@ -78,17 +79,29 @@ def make_owner() -> str:
     return f"{socket.gethostname()[:24]}.{os.getpid()}.{new_id()[:12]}"
 
 
-def _compute_limit_s(store: Store, settings: ServerSettings, suites: LoadedPhaseSuites) -> float:
+def _compute_limit_s(store: Store, settings: ServerSettings, suites: LoadedPhaseSuites, at_us: int) -> float:
     """Return the wall time after which a job counts as hanging [s]: more than its agents may take together.
 
-    It reads all suites, which must not happen in the transaction of the first claim.
+    It reads all suites, which must not happen in the transaction of the first claim. Raises InputError for the
+    unreadable suite of a phase that is not over.
     """
     with store.read() as session:
         every = phases.list_phases(session)
-    egos = [len(scenario.egos) for phase in every for scenario in suites.suite(phase).scenarios]
+    egos = [count for phase in every for count in _count_egos(phase, suites, at_us)]
     limits = settings.sandbox.line_limits()
     episodes = JUDGED_EPISODES if any(phase.cross_play_scenarios for phase in every) else 1
     return compute_job_limit_s(max(egos, default=1), (limits,), limits.pace_s, episodes)
+
+
+def _count_egos(phase: PhaseRow, suites: LoadedPhaseSuites, at_us: int) -> list[int]:
+    """Return the number of CAVs of each scenario; [] for a phase that is over and whose suite is gone."""
+    try:
+        return [len(scenario.egos) for scenario in suites.suite(phase).scenarios]
+    except InputError as error:
+        if at_us < phase.closes_us:
+            raise
+        LOG.warning("phase %s, which is over: its jobs can no longer be run: %s", phase.id, error)
+        return []
 
 
 def _read_line(fd: int) -> bytes:

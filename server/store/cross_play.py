@@ -54,15 +54,20 @@ def list_missing(
     pairs = [(str(a.submission), str(b.submission)) for a in agents for b in agents if a.team != b.team]
     if not pairs:
         return []
-    planned = select(JobRow.submission, JobRow.others, JobRow.scenario).where(*_among(agents, evaluator))
+    of_board = (*_among(agents, evaluator), JobRow.state != JobState.CANCELLED)
+    planned = select(JobRow.submission, JobRow.others, JobRow.scenario).where(*of_board)
     present = {tuple(row) for row in session.execute(planned)}
     scenarios = _choose_scenarios(session, phase, pairs[0][0])
     return [(*pair, scenario) for scenario in scenarios for pair in pairs if (*pair, scenario) not in present]
 
 
 def plan(session: Session, phase: PhaseRow, agents: Sequence[LeaderboardEntry], evaluator: str) -> int:
-    """Add the jobs of `list_missing`; return how many."""
+    """Add the jobs of `list_missing`, or queue them again if they were cancelled; return how many."""
     missing = list_missing(session, phase, agents, evaluator)
+    cancelled = select(JobRow).where(*_among(agents, evaluator), JobRow.state == JobState.CANCELLED)
+    again = {(job.submission, job.others, job.scenario): job for job in session.scalars(cancelled)}
+    for job in (again[key] for key in missing if key in again):
+        job.state, job.finished_us = JobState.QUEUED.value, None
     session.add_all(
         JobRow(
             kind=JobKind.CROSS_PLAY.value,
@@ -74,6 +79,7 @@ def plan(session: Session, phase: PhaseRow, agents: Sequence[LeaderboardEntry], 
             state=JobState.QUEUED.value,
         )
         for tested, others, scenario in missing
+        if (tested, others, scenario) not in again
     )
     session.flush()
     return len(missing)

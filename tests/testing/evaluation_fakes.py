@@ -64,11 +64,11 @@ def challenge(
     return settings(folder, lease_s=lease_s)
 
 
-def submitted(store: Store, options: ServerSettings, at_us: int, **changed: Any) -> str:
-    """A new submission of the only team; returns its id."""
+def submitted(store: Store, options: ServerSettings, at_us: int, phase: str = "p", **changed: Any) -> str:
+    """A new submission of the team `t`; returns its id."""
     loaded = LoadedPhaseSuites(options)
     with store.write() as session:
-        phase = phases.get(session, "p")
+        row = phases.get(session, phase)
         new = submissions.NewSubmission(
             **{
                 "team": teams.get(session, "t").id,
@@ -77,11 +77,11 @@ def submitted(store: Store, options: ServerSettings, at_us: int, **changed: Any)
                 "archive_sha256": f"{at_us:064x}",
                 "archive_bytes": 1000,
                 "environment": "python3.11-numpy",
-                "evaluator": loaded.evaluator(phase, "python3.11-numpy"),
+                "evaluator": loaded.evaluator(row, "python3.11-numpy"),
             }
             | changed
         )
-        return submissions.accept(session, new, phase, loaded.jobs(phase), at_us).id
+        return submissions.accept(session, new, row, loaded.jobs(row), at_us).id
 
 
 def read(store: Store, submission: str) -> SubmissionRow:

@@ -229,6 +229,30 @@ def test_a_job_has_time_to_find_whose_fault_a_failure_was(tmp_path: Path) -> Non
     """Else an agent that takes its time could have every judgement of it ended as hung."""
     shared = Shared(tmp_path)
     store, settings = shared.bench.store, shared.bench.settings
-    alone_s = _compute_limit_s(store, settings, LoadedPhaseSuites(settings))
+    alone_s = _compute_limit_s(store, settings, LoadedPhaseSuites(settings), 0)
     shared.switch_on()
-    assert _compute_limit_s(store, settings, LoadedPhaseSuites(settings)) == JUDGED_EPISODES * alone_s
+    assert _compute_limit_s(store, settings, LoadedPhaseSuites(settings), 0) == JUDGED_EPISODES * alone_s
+
+
+def test_pairs_whose_suite_is_gone_are_cancelled_and_queued_again_once_it_is_back(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    shared = Shared(tmp_path)
+    bench = shared.bench
+    shared.run(4)
+    shared.switch_on(1)
+    bench.executor.slots = 0
+    shared.run(1)
+    assert [job.state for job in shared.jobs()] == [JobState.QUEUED] * 6
+    bench.executor.slots = 3
+    description, aside = tmp_path / "suite" / "suite.json", tmp_path / "aside"
+    description.rename(aside)
+    bench.dispatcher = bench.another("two")  # with nothing read yet
+    shared.run(3)
+    assert [job.state for job in shared.jobs()] == [JobState.CANCELLED] * 6
+    said = [record.message for record in caplog.records if "no jobs of cross-play are added" in record.message]
+    assert len(said) == 1 and "phase p" in said[0] and "suite.json" in said[0]
+    aside.rename(description)
+    shared.run(4)
+    assert [job.state for job in shared.jobs()] == [JobState.DONE] * 6
+    assert len(shared.driven) == 6 and (shared.board().jobs, shared.board().unfinished) == (6, 0)

@@ -16,18 +16,21 @@ from testing.local_executor import LocalExecutor
 from testing.paths import TESTS
 from testing.suite_fakes import make_suite
 
-from mdrive_sumo.core.errors import WorldError
+from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.scenario.suite import SCENARIO_FILE
 from server import environments
+from server.clock import DAY_US
 from server.enums import JobKind, JobState, ScenarioVerdict, SubmissionState
 from server.evaluation import spot_checks, submission_job
 from server.evaluation.dispatcher import EvaluatorMismatchError
-from server.evaluation.job_task import JobResult, JobTask
+from server.evaluation.job_task import AgentRejection, JobResult, JobTask, describe_failure
 from server.evaluation.supervisor import requeue_outdated
-from server.store import audit, submissions
-from server.store.jobs import JobOutcome
+from server.evaluation.worker import _compute_limit_s
+from server.phase_suites import LoadedPhaseSuites
+from server.store import audit, phases, submissions
+from server.store.jobs import MAX_FAILURES, JobOutcome
 from server.store.tables import AuditEntryRow, JobRow
 
 pytestmark = pytest.mark.slow
@@ -38,6 +41,19 @@ def bench(tmp_path: Path) -> Generator[Bench]:
     found = Bench(tmp_path, databases.emptied("sqlite"))
     yield found
     found.stop.close()
+
+
+def add_submission_elsewhere(bench: Bench) -> str:
+    """A submission of another phase, whose suite stays."""
+    suite = make_suite(bench.folder / "other", "nap")
+    with bench.store.write() as session:
+        phases.set_phases(session, [phases.NewPhase("q", "Q", str(suite.folder), True, 0, 10**6 * DAY_US, 5, 5, 5)], 1)
+    return submitted(bench.store, bench.settings, bench.now_us + 1, phase="q")
+
+
+def spot_check_rows(bench: Bench) -> list[JobRow]:
+    with bench.store.read() as session:
+        return list(session.query(JobRow).filter_by(kind=JobKind.SPOT_CHECK))
 
 
 def test_another_evaluator_s_job_is_refused_until_the_server_renews_it(bench: Bench) -> None:
@@ -63,6 +79,75 @@ def test_a_submission_that_cannot_be_driven_any_more_is_our_failure_and_raises_n
     assert requeue_outdated(bench.store, bench.settings, bench.now_us) == 0
     found = read(bench.store, submission)
     assert (found.state, found.counts) == (SubmissionState.FAILED_OURS, False)
+
+
+def test_a_spot_check_whose_suite_is_gone_stops_nothing(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    """Spot checks come first: each worker would claim it again."""
+    submission = bench.begin("nap")
+    bench.with_spot_checks()
+    bench.steps(1)
+    other = add_submission_elsewhere(bench)
+    (bench.folder / "suite" / "suite.json").unlink()
+    bench.dispatcher = bench.another("two")  # with nothing read yet
+    bench.steps(2)
+    states = {job.submission: job.state for job in spot_check_rows(bench)}
+    assert states == {submission: JobState.CANCELLED, other: JobState.DONE}
+    assert [check["submission"] for check in bench.spot_checks()] == [other]
+    assert read(bench.store, other).state == SubmissionState.DONE
+    [said] = [record.message for record in caplog.records if "cancelled" in record.message]
+    assert said.startswith(f"submission {submission}: ") and "suite.json" in said
+    with bench.store.read() as session:
+        assert audit.verify_chain(session).broken is None
+
+
+def test_the_server_s_start_cancels_spot_checks_whose_suite_is_gone(bench: Bench) -> None:
+    bench.begin("nap")
+    bench.with_spot_checks()
+    bench.steps(1)
+    assert requeue_outdated(bench.store, bench.settings, bench.now_us) == 0
+    assert [job.state for job in spot_check_rows(bench)] == [JobState.QUEUED]
+    (bench.folder / "suite" / "suite.json").unlink()
+    assert requeue_outdated(bench.store, bench.settings, bench.now_us) == 0
+    assert [job.state for job in spot_check_rows(bench)] == [JobState.CANCELLED]
+
+
+def test_a_submission_whose_suite_is_gone_fails_on_our_side_and_stops_nothing(bench: Bench) -> None:
+    submission = bench.begin("nap")
+    other = add_submission_elsewhere(bench)
+    (bench.folder / "suite" / "suite.json").unlink()
+    bench.dispatcher = bench.another("two")
+    bench.steps(20, pause_us=S)
+    failed = read(bench.store, submission)
+    assert (failed.state, failed.counts) == (SubmissionState.FAILED_OURS, False)
+    assert str(bench.folder) not in failed.why
+    job = next(job for job in bench.rows() if job.submission == submission)
+    assert job.failures == MAX_FAILURES and "suite.json" in job.failure
+    assert read(bench.store, other).state == SubmissionState.DONE
+
+
+def test_a_worker_starts_without_the_suite_of_a_phase_that_is_over(bench: Bench) -> None:
+    bench.begin("nap")
+    with bench.store.read() as session:
+        closes_us = phases.get(session, "p").closes_us
+    (bench.folder / "suite" / "suite.json").unlink()
+    suites = LoadedPhaseSuites(bench.settings)
+    with pytest.raises(InputError, match=r"suite\.json"):
+        _compute_limit_s(bench.store, bench.settings, suites, closes_us - 1)
+    assert _compute_limit_s(bench.store, bench.settings, suites, closes_us) > 0
+
+
+def test_verify_skips_a_submission_whose_suite_is_gone(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    submission = bench.begin("nap")
+    bench.steps(1)
+    (bench.folder / "suite" / "suite.json").unlink()
+    assert list(spot_checks.run_spot_checks(bench.store, bench.settings, [submission], lambda: 5, fake)) == []
+    assert f"submission {submission}: not checked" in caplog.text
+
+
+def test_a_failure_on_our_side_without_a_text_is_still_one() -> None:
+    assert describe_failure(JobOutcome(ScenarioVerdict.FAILED_OURS, None)) == "unknown"
+    assert describe_failure(JobOutcome(ScenarioVerdict.OK, scored("s0").model_dump(mode="json"))) is None
+    assert describe_failure(AgentRejection("why")) is None
 
 
 @pytest.mark.parametrize("deeds", [["nap"], ["nap", "nap", "nap"]], ids=["one-fewer", "one-more"])
