@@ -224,7 +224,8 @@ class ConnectionSettings(SettingsModel):
     """What clients may hold open at a time, see `server.api.concurrency_limit` and `server.cli.limited_protocol`."""
 
     total: Annotated[int, Field(ge=16)] = 1000
-    """Connections of this server; for a new one beyond, the one that has waited longest for its client is closed."""
+    """Connections of this server; one beyond is accepted for a moment if the headers of its request have arrived: then
+    those are closed that have waited longest for their clients. Others are refused."""
     per_address: Annotated[int, Field(ge=16)] = 256
     """Connections of one address, that of a proxy on this machine excepted; one beyond is closed at once."""
     streams: Count = 256

@@ -23,7 +23,7 @@ READ_S = 60.0
 TRIM_S = 0.1
 """Time from a connection too many until some are closed [s]: requests that have arrived are read by then."""
 SPARE = 4
-"""A quarter more connections than stay are accepted until some are closed, if they bring a request."""
+"""A quarter more connections than stay are accepted until some are closed, if their headers have arrived."""
 FIRST_WORD_S = 3
 """Time for which the kernel keeps a connection whose client says nothing [s]: two of its repetitions (1 s and 2 s)."""
 ACCEPTED_AT_ONCE = 16

@@ -121,6 +121,7 @@ def _run(app: FastAPI, settings: ServerSettings, listener: socket.socket) -> Non
         app,
         host=settings.host,
         port=settings.port,
+        loop="asyncio",  # uvloop, which uvicorn takes where it is installed, does not call `LimitedListener.accept`
         http=protocol,
         backlog=ACCEPTED_AT_ONCE,
         timeout_graceful_shutdown=GRACE_S,

@@ -13,7 +13,9 @@ from typing import NoReturn
 
 import httpx
 import pytest
+import uvicorn
 from click.testing import CliRunner, Result
+from fastapi import FastAPI
 from sqlalchemy import update
 from testing import archive_samples
 from testing.api_app import with_environment
@@ -23,6 +25,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.scenario.suite import load_suite
 from server import COMMANDS, environments
 from server.cli import admin, serve, serve_command
+from server.cli.limited_protocol import LimitedListener
 from server.enums import TokenScope
 from server.environments import Environment
 from server.settings import ServerSettings
@@ -263,3 +266,25 @@ def test_every_command_has_a_line_of_its_own() -> None:
     for name, line in COMMANDS.items():
         assert f"  {name} " in text and line[:30] in text
     assert {name for name, plug_in in _plug_ins().items() if plug_in.module.startswith("server.")} == set(COMMANDS)
+
+
+def test_the_loop_is_asyncio_s_for_uvloop_would_not_refuse_connections(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loops: list[object] = []
+
+    class Stub:
+        started = True
+
+        def __init__(self, config: uvicorn.Config) -> None:
+            loops.append(config.loop)
+
+        def run(self, sockets: list[socket.socket]) -> None:
+            assert [type(one) for one in sockets] == [LimitedListener]
+
+    monkeypatch.setattr(serve_command, "_Server", Stub)
+    monkeypatch.setattr(sys, "setswitchinterval", lambda _: None)
+    monkeypatch.setattr(serve_command, "raise_open_files", lambda connections: connections)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        serve_command._run(FastAPI(), ServerSettings(data=tmp_path), listener)
+    assert loops == ["asyncio"]
