@@ -8,7 +8,7 @@ from functools import lru_cache
 
 from mdrive_sumo.agent_process.sandbox.box_spec import BACKENDS, BoxSpec
 from mdrive_sumo.agent_process.sandbox.gvisor import find_platform
-from mdrive_sumo.agent_process.sandbox.open_box import open_briefly
+from mdrive_sumo.agent_process.sandbox.open_box import open_in_any_thread
 from mdrive_sumo.core.errors import InputError, WorldError
 
 AUTO = "auto"
@@ -52,7 +52,7 @@ def _try(program: str) -> KernelTrial:
     named = f"{program}, platform {platform}"
     begun_s = time.monotonic()
     try:
-        box = open_briefly(BoxSpec(("/bin/sh", "-c", ECHO), {}, backend=OWN_KERNEL), START_S)
+        box = open_in_any_thread(BoxSpec(("/bin/sh", "-c", ECHO), {}, backend=OWN_KERNEL), START_S)
         start_ms = 1000 * (time.monotonic() - begun_s)
         times_s: list[float] = []
         with box:

@@ -12,7 +12,7 @@ from mdrive_sumo.agent_process.sandbox.box_spec import BoxSpec
 from mdrive_sumo.agent_process.sandbox.command_lines import may_mount
 from mdrive_sumo.agent_process.sandbox.kernel_trial import AUTO, OWN_KERNEL, choose_backend, try_own_kernel
 from mdrive_sumo.agent_process.sandbox.limits import BoxLimits
-from mdrive_sumo.agent_process.sandbox.open_box import open_briefly
+from mdrive_sumo.agent_process.sandbox.open_box import open_in_any_thread
 from mdrive_sumo.agent_process.sandbox.private_files import FOLDER, MEMORY, find_file_system
 from mdrive_sumo.agent_process.sandbox.refused_calls import REFUSALS
 from mdrive_sumo.agent_process.sandbox.user_slots import FIRST_UID
@@ -139,9 +139,9 @@ def examine_backend(wanted: str = AUTO, copies: Path = MEMORY) -> tuple[str, tup
 def _open_with_copies(spec: BoxSpec) -> tuple[Box, str]:
     """Return a box, and why it has no files of its own ("" if it has)."""
     try:
-        return open_briefly(spec), ""
+        return open_in_any_thread(spec), ""
     except InputError as error:
-        return open_briefly(replace(spec, copies=None)), str(error)
+        return open_in_any_thread(replace(spec, copies=None)), str(error)
 
 
 def _examine_files(seen: Mapping[str, str], backend: str, copies: Path, problem: str) -> SandboxLayer:

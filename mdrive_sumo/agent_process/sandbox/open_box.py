@@ -30,11 +30,11 @@ def open_box(spec: BoxSpec) -> Box:
     """
     if threading.current_thread() is not threading.main_thread():
         raise RuntimeError("a box ends with the thread that opens it: open it in the main thread of its process")
-    return open_briefly(spec)
+    return open_in_any_thread(spec)
 
 
-def open_briefly(spec: BoxSpec, start_s: float = GVISOR_START_S) -> Box:
-    """As `open_box`, for callers that close the box before their thread can end.
+def open_in_any_thread(spec: BoxSpec, start_s: float = GVISOR_START_S) -> Box:
+    """As `open_box`, from any thread; the box must be closed before the thread ends.
 
     start_s: time limit for gVisor's kernel to begin the program.
     """
