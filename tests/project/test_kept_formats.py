@@ -3,12 +3,16 @@
 A new version of a format adds a file beside that of the version before. They were written by mdrive-sumo itself: `run`
 by `eval --agent sharing --comm realistic` on 8 m of i11_ins_sl_town (testing.short_suite), `open_loop.json` by
 `eval-open` on that run, `dataset.json` by `learn data` on that suite, `suite` by `convert v2xpnp` from
-testing.small_log; the others are entries of packaged suites and weights.
+testing.small_log; `databases` is the SQL text of a server's SQLite file after each migration, with a team and its
+finished submission (testing.store_samples), `archive.zip` the good one of testing.archive_samples; the others are
+entries of packaged suites and weights.
 """
 
 import json
 import re
+import sqlite3
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +37,11 @@ from mdrive_sumo.scoring import load_results
 from mdrive_sumo.study.need_certificate import read_need
 from mdrive_sumo.study.occlusion_certificate import read_certificates
 from real2sim.pipeline.quality_file import load_quality
+from server.archive import ArchiveLimits, check_archive
+from server.enums import SubmissionState
+from server.store import Store, audit
+from server.store.row_check import find_row_differences
+from server.store.tables import SubmissionRow, TeamRow
 
 KEPT = TESTS / "kept_formats"
 RECORDING = "i11_ins_sl_town.npz"
@@ -84,6 +93,34 @@ def test_weights_are_read() -> None:
 def test_a_recorded_log_is_read() -> None:
     assert load_episode(KEPT / "suite/small/log.npz").scenario == "small"
     assert load_road_map(KEPT / "suite/networks/small").driving
+
+
+def list_migrations() -> set[str]:
+    return {path.stem for path in (ROOT / "server/store/migrations/versions").glob("*.py")}
+
+
+def test_every_migration_has_a_database() -> None:
+    assert {path.stem for path in (KEPT / "databases").iterdir()} == list_migrations()
+
+
+@pytest.mark.parametrize("name", sorted(list_migrations()))
+def test_a_kept_database_is_migrated(name: str, tmp_path: Path) -> None:
+    file = tmp_path / "kept.sqlite"
+    with closing(sqlite3.connect(file)) as connection:
+        connection.executescript((KEPT / "databases" / f"{name}.sql").read_text())
+    store, newest = Store(f"sqlite:///{file}"), Store(f"sqlite:///{tmp_path / 'new.sqlite'}")
+    with closing(store), closing(newest):
+        store.migrate()
+        newest.migrate()
+        store.check(whole=True)
+        assert store.version() == newest.version()
+        with store.read() as session:
+            assert [team.name for team in session.query(TeamRow)] == ["Kept"]
+            [submission] = session.query(SubmissionRow)
+            assert (submission.state, submission.ds) == (SubmissionState.DONE, 80.0)
+            assert audit.verify_chain(session).broken is None
+            assert list(find_row_differences(session)) == []
+            assert check_archive(KEPT / "archive.zip", ArchiveLimits()).sha256 == submission.archive_sha256
 
 
 def test_every_format_has_an_example_or_a_reason() -> None:
