@@ -57,7 +57,7 @@ class ReplayPage:
         return path
 
     def __repr__(self) -> str:
-        return f"ReplayPage({len(self.html)} characters; .save(path) writes it)"
+        return f"ReplayPage({len(self.html) / 1e6:.1f} MB of HTML; .save(path) writes it)"
 
     def _repr_html_(self) -> str:
         """Return the page in a frame of its own, so that neither its style nor its script reach the notebook."""
