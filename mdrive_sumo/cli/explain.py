@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.cli.stored_run_options import load_one_recording, moved_suite_option
-from mdrive_sumo.core.clean_text import clean_for_terminal
+from mdrive_sumo.core.clean_text import clean_line
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.core.terminal import echo
@@ -37,4 +37,4 @@ def command(run_folder: Path, pattern: str, cav: str, tick: int | None, seed: in
     route = next(ego for ego in recording.scenario.egos if ego.id == cav)
     story = CavStory(record, cav, recording.result, Polyline(route.xy).length)
     for line in story.tell() if tick is None else story.tell_moment(tick):
-        echo(clean_for_terminal(line))
+        echo(clean_line(line))

@@ -25,7 +25,7 @@ from mdrive_sumo.contract.exchange import (
     read_label,
     read_sensors,
 )
-from mdrive_sumo.contract.reason import MAX_OTHERS, REASON, Cause, Reason, ReasonLog
+from mdrive_sumo.contract.reason import MAX_OTHER_NAME, MAX_OTHERS, REASON, Cause, Reason, ReasonLog
 from mdrive_sumo.contract.reply_check import (
     CONTROL_STEP,
     MAX_DETECTIONS,
@@ -80,6 +80,7 @@ __all__ = [
     "OwnState",
     "Plan",
     "Privileged",
+    "MAX_OTHER_NAME",
     "MAX_OTHERS",
     "REASON",
     "Cause",

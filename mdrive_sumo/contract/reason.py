@@ -4,7 +4,7 @@ import json
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any, Self
+from typing import Any, Self, cast
 
 from mdrive_sumo.contract.exchange import Note
 
@@ -12,6 +12,10 @@ REASON = "reason"
 """Kind of the notes that hold a `Reason`. An agent of your own may also write a plain sentence under this kind."""
 MAX_OTHERS = 8
 """Road users named in one reason: the largest number of CAVs in a packaged scenario."""
+MAX_OTHER_NAME = 100
+"""Characters of a name that are read; names in packaged scenarios are shorter."""
+MAX_NUMBER = 1e6
+"""[m, s, m/s] Largest number in a reason, either sign: the bound of coordinates in scenarios and plans."""
 
 
 class Cause(StrEnum):
@@ -99,29 +103,53 @@ class Reason:
 
     @classmethod
     def from_note(cls, note: Note) -> Self | None:
-        """Return the reason of a note; None if its text is a sentence of an agent's own, or anything else."""
+        """Return the reason of a note; None if its text is a sentence of an agent's own, or anything else.
+
+        It has at most `MAX_OTHERS` road users, with names of at most `MAX_OTHER_NAME` characters, and numbers of at
+        most `MAX_NUMBER`.
+        """
         try:
             content = json.loads(note.text)
             if note.kind != REASON or not isinstance(content, dict):
                 return None
             numbers = {name: _read_number(content.get(name)) for name in ("distance_m", "seconds", "speed")}
-            position = content.get("position")
-            xy = None if position is None else tuple(_read_number(value) for value in position)
-            if xy is not None and (len(xy) != 2 or None in xy):
+            if (numbers["seconds"] or 0.0) < 0.0:
                 return None
-            others = tuple(str(name) for name in content.get("others", ()))
-            return cls(Cause(content["cause"]), others, xy, **numbers)  # pyright: ignore[reportArgumentType]
+            others, position = _read_others(content.get("others", [])), _read_position(content.get("position"))
+            return cls(Cause(content["cause"]), others, position, **numbers)
         except (KeyError, ValueError, TypeError, RecursionError):  # a program that is not trusted wrote it
             return None
 
 
 def _read_number(value: object) -> float | None:
-    """Return a finite number, None for nothing. Raises ValueError or TypeError for anything else."""
+    """Return a number of at most `MAX_NUMBER`, None for nothing. Raises ValueError for anything else."""
     if value is None:
         return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"expected a finite number, found {value!r:.40}")
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MAX_NUMBER:
+        raise ValueError(f"expected a number of at most {MAX_NUMBER:.0f}")
     return float(value)
+
+
+def _read_position(value: object) -> tuple[float, float] | None:
+    """Return x and y, None for nothing. Raises ValueError for anything else."""
+    if value is None:
+        return None
+    if isinstance(value, list) and len(cast("list[object]", value)) == 2:
+        x, y = map(_read_number, cast("list[object]", value))
+        if x is not None and y is not None:
+            return x, y
+    raise ValueError("expected a position of two numbers")
+
+
+def _read_others(value: object) -> tuple[str, ...]:
+    """Return the first names of a list, cut to `MAX_OTHER_NAME` characters. Raises ValueError for anything else."""
+    if not isinstance(value, list):
+        raise ValueError("expected a list of names")
+    names = cast("list[object]", value)[:MAX_OTHERS]
+    texts = tuple(name[:MAX_OTHER_NAME] for name in names if isinstance(name, str))
+    if len(texts) < len(names):
+        raise ValueError("expected names that are text")
+    return texts
 
 
 class ReasonLog:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.contract import CONTROL_STEP, Control, Note, Plan
+from mdrive_sumo.contract import CONTROL_STEP, REASON, Control, Note, Plan
 from mdrive_sumo.core.state import Contact, EgoState, Frame, Kind
 from mdrive_sumo.episode.episode import (
     Ending,
@@ -28,6 +28,9 @@ MAX_NOTES = 20_000
 """Notes in an episode: two in every tick of eight CAVs for a minute."""
 MAX_CHARACTERS = 8 * 2**20
 """Characters in all notes of an episode; an exchange with a language model has a few thousand."""
+REASONS_SHARE = 2
+"""Notes of kind `REASON` may fill one half of both limits: an agent writes many, and others shall find room after them.
+Chosen: one of eight CAVs has room for three new reasons a second during seven minutes."""
 
 
 class NoteLog:
@@ -37,6 +40,7 @@ class NoteLog:
         self._records: list[NoteRecord] = []
         self._kinds: set[str] = set()
         self._characters = 0
+        self._reasons, self._reason_characters = 0, 0
         self.dropped = 0
         """Notes that were not kept."""
 
@@ -51,11 +55,19 @@ class NoteLog:
             if self._has_room(note):
                 self._kinds.add(note.kind)
                 self._characters += len(note.text)
+                if note.kind == REASON:
+                    self._reasons += 1
+                    self._reason_characters += len(note.text)
                 self._records.append(NoteRecord(tick, ego, note))
             else:
                 self.dropped += 1
 
     def _has_room(self, note: Note) -> bool:
+        if note.kind == REASON and (
+            self._reasons >= MAX_NOTES // REASONS_SHARE
+            or self._reason_characters + len(note.text) > MAX_CHARACTERS // REASONS_SHARE
+        ):
+            return False
         return (
             len(self._records) < MAX_NOTES
             and self._characters + len(note.text) <= MAX_CHARACTERS

@@ -6,9 +6,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from mdrive_sumo.contract import REASON, Cause, Reason
+from mdrive_sumo.contract import MAX_OTHER_NAME, REASON, Cause, Reason
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.clean_text import truncate
+from mdrive_sumo.core.clean_text import clean_line, truncate
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.episode import EpisodeRecord, NoteRecord
 
@@ -48,6 +48,10 @@ SENTENCES: Mapping[Cause, str] = MappingProxyType(
     }
 )
 """What a CAV does for each cause, without its subject."""
+AVOID_UNNAMED = "drives slower than it would alone"
+"""The sentence of `Cause.AVOID` if the agent does not name the other: all that it knows."""
+MIN_DISTANCE_M = 0.05
+"""[m] A shorter distance would be told as 0.0 m: a sentence leaves it out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,20 +84,22 @@ class NotedReason:
 
 
 def list_reasons(episode: EpisodeRecord) -> list[NotedReason]:
-    """Return the reasons that the agents of an episode noted, in order."""
-    return [read_reason(episode, record) for record in episode.notes if record.note.kind == REASON]
+    """Return the reasons that the agents of an episode noted, in order; not those without any text."""
+    read = [read_reason(episode, record) for record in episode.notes if record.note.kind == REASON]
+    return [reason for reason in read if reason.text]
 
 
 def read_reason(episode: EpisodeRecord, record: NoteRecord) -> NotedReason:
     """Return one note of kind `REASON` in words."""
     reason = Reason.from_note(record.note)
     if reason is None:
-        sentence = truncate(" ".join(episode.restore_names(record.note.text).split()), MAX_SENTENCE)
+        sentence = _clean_text(episode.restore_names(record.note.text), MAX_SENTENCE)
         return NotedReason(record.tick, record.ego, None, (), sentence)
-    others = tuple(
+    named = (
         _name_other(episode, record, other, reason.position if i == 0 else None)
         for i, other in enumerate(reason.others)
     )
+    others = tuple(name for name in named if name)
     return NotedReason(record.tick, record.ego, reason.cause, others, describe_reason(reason, others))
 
 
@@ -105,12 +111,15 @@ def name_road_user(episode: EpisodeRecord, name: str) -> str:
 
 
 def _name_other(episode: EpisodeRecord, record: NoteRecord, other: str, position: tuple[float, float] | None) -> str:
-    """Return the name of a road user that an agent knows by its pseudonym, or by a track name and a position."""
+    """Return the name of a road user that an agent knows by its pseudonym, or by a track name and a position.
+
+    "" if the agent gives neither a name nor a position.
+    """
     known_as = episode.restore_name(other)
     if known_as in episode.ids:
         return name_road_user(episode, known_as)
     if position is None:
-        return known_as  # a traffic light, or a road user that the agent only names
+        return _clean_text(known_as, MAX_OTHER_NAME)  # a traffic light, or a road user that the agent only names
     tick = min(record.tick, episode.ticks - 1)
     gap_m = portable.hypot(episode.x[tick] - position[0], episode.y[tick] - position[1])
     present = episode.valid[tick] & (np.array(episode.ids) != record.ego)
@@ -118,17 +127,23 @@ def _name_other(episode: EpisodeRecord, record: NoteRecord, other: str, position
     nearest = int(near.argmin())
     if near[nearest] <= MATCH_M:
         return name_road_user(episode, episode.ids[nearest])
-    return f"{other} (a false detection: nothing is there)"
+    return f"{_clean_text(other, MAX_OTHER_NAME) or 'something'} (a false detection: nothing is there)"
+
+
+def _clean_text(text: str, max_length: int) -> str:
+    """Return what an agent wrote as part of a line: it can neither end the line nor show other text than there is."""
+    return truncate(clean_line(" ".join(text.split())), max_length)
 
 
 def describe_reason(reason: Reason, others: tuple[str, ...]) -> str:
     """Return what the CAV does and why, without its subject; others: names of `Reason.others`."""
+    if reason.cause is Cause.AVOID and not others:
+        return AVOID_UNNAMED
     names = join_names(others) or "another road user"
     which = "who" if names.startswith((KIND_WORDS[Kind.PEDESTRIAN], KIND_WORDS[Kind.CYCLIST])) else "which"
     seconds = None if reason.seconds is None else f"in {reason.seconds:.1f} s"
-    distance = (
-        "" if reason.distance_m is None else f"{reason.distance_m:.{1 if reason.distance_m < 10 else 0}f} m ahead"
-    )
+    metres = reason.distance_m or 0.0
+    distance = "" if metres < MIN_DISTANCE_M else f"{metres:.{1 if metres < 10 else 0}f} m ahead"
     return SENTENCES[reason.cause].format(
         names=names,
         which=which,

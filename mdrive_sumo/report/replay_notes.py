@@ -13,13 +13,15 @@ MAX_CHARS = 4000
 def list_notes(episode: EpisodeRecord) -> list[tuple[int, str, str, str, str]]:
     """Return (tick, CAV, kind, text, details) of every note in order; the page shows details on demand.
 
-    Texts have the scenario's ids of stations; reasons are sentences.
+    Texts have the scenario's ids of stations; reasons are sentences, and those without any text are left out.
     """
     rename = episode.restore_names
     rows: list[tuple[int, str, str, str, str]] = []
     for record in episode.notes:
         if record.note.kind == REASON:
-            text, details = read_reason(episode, record).text, ""
+            text, details = _shorten(read_reason(episode, record).text), ""
+            if not text:
+                continue
         else:
             text, details = map(rename, _format_note(record))
         rows.append((record.tick, record.ego, record.note.kind, text, details))

@@ -1,7 +1,7 @@
 """The story of one CAV in sentences: what it did, as the recording shows it, and why, as its agent noted it."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.report.reasons import NotedReason, join_names, list_reasons, name_road_user
+from mdrive_sumo.report.reasons import MIN_DISTANCE_M, NotedReason, join_names, list_reasons, name_road_user
 from mdrive_sumo.report.run_page.losses import list_losses
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
 from mdrive_sumo.v2x.messages import MCM, TEXT, Intention, Mcm, MessageError, decode
@@ -33,8 +33,8 @@ MIN_HOLD_TICKS = TICKS_PER_SECOND
 """A reason that limits a driving car for a shorter time leaves no trace in its speed."""
 MAX_REASONS = 3
 """Reasons in one sentence; it counts the rest."""
-AHEAD_M, BESIDE_M = 25.0, 2.0
-"""[m] Where no reasons were noted, the nearest road user in this rectangle before the car is named: about the distance
+AHEAD_OF_CAV_M, BESIDE_CAV_M = 25.0, 2.0
+"""[m] Where no reasons were noted, the nearest road user in this rectangle before the CAV is named: about the distance
 in which a car at 8 m/s stops gently, and a lane's half width."""
 MAX_TEXT = 200
 """Characters of a text message in a sentence."""
@@ -105,7 +105,7 @@ class CavStory:
 
     def tell(self) -> list[str]:
         """Return the whole story, line by line."""
-        return [self._describe_run(), *(line.format() for line in self._list_lines())]
+        return [*self._describe_run(), *(line.format() for line in self._list_lines())]
 
     def tell_moment(self, tick: int) -> list[str]:
         """Return what holds in a tick, and since when."""
@@ -117,24 +117,31 @@ class CavStory:
         speed = abs(float(self.episode.speed[tick, self._column]))
         pace = "" if span.kind == "stands" else f" at {speed:.1f} m/s"
         lines = [f"{now} {span.kind}{pace}, since {span.first * DT:.1f} s (tick {span.first})."]
-        noted = [reason for reason in self.reasons if reason.tick <= tick]
-        if noted:
-            last = noted[-1]
-            word = "Its agent sees no reason" if last.drives_on and span.kind != "drives" else "Why"
-            lines.append(f"{word}, noted at {last.tick * DT:.1f} s (tick {last.tick}): it {last.text}.")
-        else:
-            lines.append("Its agent has noted no reason.")
+        lines += self._explain_moment(span, tick) or ["Its agent has noted no reason."]
         if ahead := self._describe_ahead(tick):
             lines.append(f"Ahead of it: {ahead}.")
         return lines
 
-    def _describe_run(self) -> str:
+    def _explain_moment(self, span: Span, tick: int) -> list[str]:
+        """Return the reason of a span as far as it is noted at a tick, and the last one if that is another."""
+        noted = [reason for reason in self.reasons if reason.tick <= tick]
+        if not noted:
+            return []
+        last = noted[-1]
+        why = self._select_telling(replace(span, last=tick))[-1] if span.kind in ("brakes", "stands") else last
+        word = "Its agent sees no reason" if why.drives_on and span.kind != "drives" else "Why"
+        lines = [f"{word}, noted at {why.tick * DT:.1f} s (tick {why.tick}): it {why.text}."]
+        if why != last:
+            lines.append(f"Noted later, at {last.tick * DT:.1f} s (tick {last.tick}): it {last.text}.")
+        return lines
+
+    def _describe_run(self) -> list[str]:
         score, about = self._score, self.episode.about
         head = f"CAV {self.ego} of {self.episode.scenario} (agent {about.get('agent', '?')}, seed {self.result.seed})"
         told = f"{head}: {score.outcome}, DS {score.ds:.1f}, RC {score.rc:.1f} %."
         if self.reasons:
-            return told
-        return f"{told}\nIts agent noted no reasons, so this is only what the recording shows."
+            return [told]
+        return [told, "Its agent noted no reasons, so this is only what the recording shows."]
 
     def _list_lines(self) -> list[StoryLine]:
         lines = [*self._tell_losses(), *self._tell_motion(), *self._tell_negotiation(), self._tell_ending()]
@@ -169,7 +176,7 @@ class CavStory:
                 stops = after is not None and after.kind == "stands"
                 goal = "to a stop" if stops else "almost to a stop" if low < NEARLY_STANDING else f"to {low:.1f} m/s"
                 what = f"brakes from {float(speed[span.first]):.1f} m/s {goal}"
-                yield StoryLine(span.first, what + self._explain(span, NOTED_BEFORE_TICKS))
+                yield StoryLine(span.first, what + self._explain(span))
             elif span.kind == "is pushed":
                 low, high = float(speed[span.last]), float(speed[span.first])
                 yield StoryLine(span.first + 1, f"loses speed by contact: from {high:.1f} m/s to {low:.1f} m/s")
@@ -177,31 +184,39 @@ class CavStory:
                 until = (span.last + 1) * DT
                 what = f"stands until {until:.1f} s ({(span.last + 1 - span.first) * DT:.1f} s)"
                 if before is not None or span.last - span.first > 2 * TICKS_PER_SECOND:
-                    yield StoryLine(span.first, what + self._explain(span, 0))
+                    yield StoryLine(span.first, what + self._explain(span))
             elif span.kind == "stands":
-                yield StoryLine(span.first, "stands all the time" + self._explain(span, 0))
+                yield StoryLine(span.first, "stands all the time" + self._explain(span))
             elif before is None or before.kind == "stands":
                 what = "departs" if i < 2 else "drives on"
                 yield StoryLine(span.first, what + self._explain_departure(span))
             if span.kind == "drives":
                 yield from self._tell_holding_back(span)
 
-    def _explain(self, span: Span, before_ticks: int) -> str:
+    def _explain(self, span: Span) -> str:
         """Return the reasons that hold in a span, or without any what is ahead of the car."""
         if not self.reasons:
             ahead = self._describe_ahead(span.first) or self._describe_ahead(span.last)
             return f", with {ahead}" if ahead else ""
-        held = _select_reasons(self.reasons, span.first - before_ticks, span.last)
-        telling = [reason for reason in held if reason.limits] or held
+        telling = self._select_telling(span)
         if telling and all(reason.drives_on for reason in telling):
-            return f", although its agent notes that it {telling[-1].text}"
+            when = _tell_since(telling[-1], span.first)
+            return f", although its agent notes {when}that it {telling[-1].text}"
         first_of: dict[object, NotedReason] = {}
         for reason in telling:
             first_of.setdefault(reason.key, reason)
         told = list(first_of.values())
-        parts = [_tell_since(reason, span.first) for reason in told[:MAX_REASONS]]
+        parts = [_tell_since(reason, span.first) + reason.text for reason in told[:MAX_REASONS]]
         more = len(told) - MAX_REASONS
+        if not parts:
+            return ""
         return f": {'; '.join(parts)}" + (f"; and {more} more reasons" if more > 0 else "")
+
+    def _select_telling(self, span: Span) -> list[NotedReason]:
+        """Return the reasons of braking or standing: those that limit the car if there are any, else all that hold."""
+        before_ticks = NOTED_BEFORE_TICKS if span.kind == "brakes" else 0
+        held = _select_reasons(self.reasons, span.first - before_ticks, span.last)
+        return [reason for reason in held if reason.limits] or held
 
     def _tell_holding_back(self, span: Span) -> Iterator[StoryLine]:
         """Yield what keeps a car slow that neither brakes nor stands."""
@@ -214,7 +229,9 @@ class CavStory:
 
     def _explain_departure(self, span: Span) -> str:
         held = [reason for reason in self.reasons if reason.tick <= span.first + MIN_STAND_TICKS]
-        return f": {held[-1].text}" if held and not held[-1].limits else ""
+        if not held or held[-1].limits:
+            return ""
+        return f": {_tell_since(held[-1], span.first)}{held[-1].text}"
 
     def _describe_ahead(self, tick: int) -> str:
         """Return the nearest road user in the lane ahead in words; "" if there is none."""
@@ -223,17 +240,18 @@ class CavStory:
         dx, dy = episode.x[tick] - episode.x[tick, own], episode.y[tick] - episode.y[tick, own]
         along, beside = cos * dx + sin * dy, np.abs(cos * dy - sin * dx)
         gap_m = np.where(
-            episode.valid[tick] & (along > 0) & (beside < BESIDE_M),
+            episode.valid[tick] & (along > 0) & (beside < BESIDE_CAV_M),
             along - (episode.length + episode.length[own]) / 2,
             np.inf,
         )
         gap_m[own] = np.inf
         nearest = int(gap_m.argmin())
-        if gap_m[nearest] > AHEAD_M:
+        if gap_m[nearest] > AHEAD_OF_CAV_M:
             return ""
         speed = abs(float(episode.speed[tick, nearest]))
-        name, gap = name_road_user(episode, episode.ids[nearest]), max(float(gap_m[nearest]), 0.0)
-        return f"{name} {gap:.1f} m ahead, {'standing' if speed < STANDING_SPEED else f'at {speed:.1f} m/s'}"
+        name, gap = name_road_user(episode, episode.ids[nearest]), float(gap_m[nearest])
+        where = "close ahead" if gap < MIN_DISTANCE_M else f"{gap:.1f} m ahead"
+        return f"{name} {where}, {'standing' if speed < STANDING_SPEED else f'at {speed:.1f} m/s'}"
 
     def _tell_losses(self) -> Iterator[StoryLine]:
         """Yield infractions, and collisions that others ran into."""
@@ -295,12 +313,10 @@ def _join_cavs(names: Sequence[str]) -> str:
 
 
 def _tell_since(reason: NotedReason, begin_tick: int) -> str:
-    """Return a reason, with its time if that is not about `begin_tick`: its distances are of that moment."""
+    """Return when a reason was noted, "" if about at `begin_tick`: its distances and times are of that moment."""
     if reason.tick < begin_tick - NOTED_BEFORE_TICKS:
-        return f"since {reason.tick * DT:.1f} s {reason.text}"
-    return (
-        reason.text if reason.tick <= begin_tick + MIN_STAND_TICKS else f"from {reason.tick * DT:.1f} s {reason.text}"
-    )
+        return f"since {reason.tick * DT:.1f} s "
+    return "" if reason.tick <= begin_tick + MIN_STAND_TICKS else f"from {reason.tick * DT:.1f} s "
 
 
 def _select_reasons(reasons: Sequence[NotedReason], first: int, last: int) -> list[NotedReason]:

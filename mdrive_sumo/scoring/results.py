@@ -113,8 +113,9 @@ class ScenarioResult(Means):
     sensing_track: TrackName = Field(default="", exclude_if=lambda track: not track)
     """Whether any CAV was given objects; absent in void scenarios."""
     notes: dict[str, int] = Field(default_factory=lambda: {})
-    """How many notes of each kind the agents left, e.g. fallbacks of a language model; (dropped): notes beyond the
-    limits of an episode (32 kinds, 20 000 notes, 8 Mi characters)."""
+    """How many notes of each kind but reasons the agents left, e.g. fallbacks of a language model: every drive has
+    reasons. (dropped): notes of any kind beyond the limits of an episode (32 kinds, 20 000 notes, 8 Mi characters;
+    reasons have half of that)."""
 
     @property
     def key(self) -> EpisodeKey:

@@ -15,12 +15,13 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import feather, parquet
 
-from mdrive_sumo.contract import Control
+from mdrive_sumo.contract import REASON, Cause, Control, Note, Reason
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import Actors, EgoState, End, Frame
 from mdrive_sumo.episode import Ending, Recorder, load_episode, quantize_frame, save_episode
 from mdrive_sumo.episode.camera_archive import encode_image, load_camera_tracks
 from mdrive_sumo.negotiation.transcript import check_transcript
+from mdrive_sumo.report.reasons import describe_reason
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.roads.network_file import NET_FILE, NETWORK_FILE, compute_net_checksum, read_network_file
 from mdrive_sumo.runs.journal import JOURNAL_FILE, open_journal, read_run_journal
@@ -238,6 +239,11 @@ def _read_sweeps(path: Path) -> object:
     return read_argoverse2(path.parent)
 
 
+def _read_reason(path: Path) -> object:
+    reason = Reason.from_note(Note(REASON, path.read_bytes().decode(errors="replace")))
+    return reason and describe_reason(reason, reason.others)
+
+
 TARGETS: Mapping[str, FuzzTarget] = {
     "scenarionet": FuzzTarget(_file("log.pkl", pickle.dumps(description())), read_scenarionet),
     "v2xpnp map": FuzzTarget(_write_map, read_vector_map),
@@ -291,6 +297,9 @@ TARGETS: Mapping[str, FuzzTarget] = {
     "journal": FuzzTarget(_write_journal, lambda path: read_run_journal(path.parent)),
     "camera images": FuzzTarget(_write_images, load_camera_tracks),
     "agent config": FuzzTarget(_file("config.json", '{"speed": 3.5, "polite": true, "name": "x"}'), load_agent_config),
+    "noted reason": FuzzTarget(
+        _file("note.json", Reason(Cause.YIELD, ("k3",), (1.5, -2.0), 9.0, 2.1, 6.6).to_note().text), _read_reason
+    ),
     "transcript": FuzzTarget(
         _file("0.jsonl", '{"seed": 0, "ordinal": 0, "digest": "ab", "request": {}, "answer": "yes", "tokens": 3}\n'),
         check_transcript,

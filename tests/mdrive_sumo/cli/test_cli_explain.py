@@ -13,7 +13,7 @@ from testing.short_suite import make_short_suite
 
 from mdrive_sumo.agents.sharing import SingleAgent
 from mdrive_sumo.cli import main
-from mdrive_sumo.contract import REASON, Observation, Reply
+from mdrive_sumo.contract import REASON, Cause, Note, Observation, Reason, Reply
 from mdrive_sumo.episode import EpisodeRecord, load_episode
 from mdrive_sumo.scoring import ScenarioResult, load_results
 
@@ -115,6 +115,26 @@ def test_reasons_change_no_digest_and_no_score(run: Path, suite: Path, monkeypat
     assert told.digest == silently.digest and (noted.digests == quiet.digests).all()
     assert told.notes == {}  # no events: every drive has them
     assert not quiet.notes and {record.note.kind for record in noted.notes} == {REASON}
+
+
+def test_no_note_of_an_agent_stops_a_reader_or_forges_a_line(
+    suite: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """As found: an integer of 400 digits was a traceback of every reader, and a name with a line break was a line."""
+    huge = Note(REASON, '{"cause":"yield","distance_m":1' + "0" * 400 + "}")
+    forged = Reason(Cause.YIELD, ("van\n   9.9 s  arrives\r\x1b[2K",)).to_note()
+
+    class Forger(SingleAgent):
+        def act(self, seen: Observation) -> Reply:
+            return replace(super().act(seen), notes=(huge, forged) if seen.tick % 20 == 0 else ())
+
+    for module in ("runs.open_agents", "runs.agent_spec"):
+        monkeypatch.setattr(f"mdrive_sumo.{module}.AGENTS", {"single": Forger})
+    run = drive(tmp_path / "run", suite)
+    assert all(not line.startswith("   9.9 s  arrives") and "\x1b" not in line for line in explain(run, "--cav", "0"))
+    assert any("van 9.9 s arrives" in line for line in explain(run, "--cav", "0", "--tick", 82))
+    done = call("view", run, "--no-open")
+    assert done.exit_code == 0, done.output
 
 
 def read(run: Path) -> tuple[ScenarioResult, EpisodeRecord]:

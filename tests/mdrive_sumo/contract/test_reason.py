@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mdrive_sumo.contract import MAX_OTHERS, REASON, Cause, Note, Reason, ReasonLog, check_reply
+from mdrive_sumo.contract import MAX_OTHER_NAME, MAX_OTHERS, REASON, Cause, Note, Reason, ReasonLog, check_reply
 from mdrive_sumo.contract.exchange import STANDSTILL, Reply
 
 tenths = st.integers(-10_000, 10_000).map(lambda number: number / 10)
@@ -16,7 +16,7 @@ reasons = st.builds(
     st.lists(st.text(max_size=9), max_size=MAX_OTHERS).map(tuple),
     st.none() | st.tuples(tenths, tenths),
     st.none() | tenths,
-    st.none() | tenths,
+    st.none() | tenths.map(abs),
     st.none() | tenths,
 )
 
@@ -46,10 +46,23 @@ def test_only_another_cause_or_road_user_is_noted(reason: Reason) -> None:
         '{"cause": "free", "speed": "fast"}', '{"cause": "free", "speed": NaN}', '{"cause": "free", "seconds": true}',
         '{"cause": "free", "position": [1]}', '{"cause": "free", "position": [1, null]}',
         '{"cause": "free", "position": 3}', '{"cause": "free", "others": 3}', "[" * 100_000, "9" * 10_000,
+        '{"cause": "free", "speed": 1' + "0" * 400 + "}", '{"cause": "free", "speed": -1' + "0" * 400 + "}",
+        '{"cause": "free", "distance_m": 1e308}', '{"cause": "free", "seconds": 1e999}',
+        '{"cause": "free", "seconds": -2}', '{"cause": "free", "position": [1, 1' + "0" * 400 + "]}",
+        '{"cause": "free", "position": [1e308, 0]}', '{"cause": "free", "position": "12"}',
+        '{"cause": "free", "position": {"1": 2, "3": 4}}', '{"cause": "free", "others": "van"}',
+        '{"cause": "free", "others": {"van": 1}}', '{"cause": "free", "others": ["van", 3]}',
+        '{"cause": "free", "others": null}',
     ],
 )  # fmt: skip
 def test_a_note_that_holds_no_reason_is_none(text: str) -> None:
     assert Reason.from_note(Note(REASON, text)) is None
+
+
+def test_a_reason_that_is_read_is_small() -> None:
+    others = ["x" * 100_000, *map(str, range(100_000))]
+    reason = Reason.from_note(Note(REASON, json.dumps({"cause": "yield", "others": others})))
+    assert reason is not None and reason.others == ("x" * MAX_OTHER_NAME, *map(str, range(MAX_OTHERS - 1)))
 
 
 def test_a_note_of_another_kind_is_no_reason() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from testing.viewer_crossing import record
 
-from mdrive_sumo.contract import Message, Note
+from mdrive_sumo.contract import EXCHANGE, REASON, Message, Note
 from mdrive_sumo.episode import load_episode, recorder, save_episode
 from mdrive_sumo.episode.recorder import MAX_CHARACTERS, MAX_KINDS, MAX_NOTES, NoteLog
 from mdrive_sumo.scoring import scenario_score
@@ -44,6 +44,15 @@ def test_an_episode_of_an_attacker_is_small() -> None:
     log = NoteLog()
     log.add(0, "a", [Note("a", "x" * (MAX_CHARACTERS - 1)), Note("a", "xx"), Note("a", "x")])
     assert ([len(record.note.text) for record in log.records], log.dropped) == ([MAX_CHARACTERS - 1, 1], 1)
+
+
+def test_reasons_leave_room_for_other_notes() -> None:
+    log = NoteLog()
+    log.add(0, "a", [Note(REASON, "")] * MAX_NOTES + [Note(EXCHANGE, "")] * 5)
+    assert [record.note.kind for record in log.records] == [REASON] * (MAX_NOTES // 2) + [EXCHANGE] * 5
+    log, half = NoteLog(), MAX_CHARACTERS // 2
+    log.add(0, "a", [Note(REASON, "x" * half), Note(REASON, "x"), Note(EXCHANGE, "x" * half)])
+    assert ([record.note.kind for record in log.records], log.dropped) == ([REASON, EXCHANGE], 1)
 
 
 def test_dropped_notes_are_recorded_and_counted(tmp_path: Path) -> None:

@@ -8,13 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mdrive_sumo.contract import EXCHANGE, Note
+from mdrive_sumo.contract import EXCHANGE, REASON, Cause, Note, Reason
 from mdrive_sumo.episode import NoteRecord
 from mdrive_sumo.report.replay_notes import MAX_CHARS, list_notes
 
 
 def shown(kind: str, text: str) -> tuple[str, str]:
-    episode: Any = SimpleNamespace(notes=[NoteRecord(1, "0", Note(kind, text))], restore_names=str)
+    episode: Any = SimpleNamespace(
+        notes=[NoteRecord(1, "0", Note(kind, text))], restore_names=str, restore_name=str, ids=()
+    )
     ((tick, ego, _, text, details),) = list_notes(episode)
     assert (tick, ego) == (1, "0")
     assert max(len(text), len(details)) <= MAX_CHARS
@@ -54,3 +56,12 @@ def test_any_json_is_shown(content: object) -> None:
 
 def test_an_error_that_is_no_list_is_shown() -> None:
     assert shown(EXCHANGE, '{"error": 5}') == ("no answer: 5", "")
+
+
+def test_reasons_keep_to_the_limit_and_empty_ones_are_left_out() -> None:
+    others = tuple(f"{i}" + "\U000e0001" * 100_000 for i in range(1000))
+    shown(REASON, Reason(Cause.YIELD, others).to_note().text)
+    shown(REASON, "\U000e0001" * 100_000)
+    assert shown(REASON, '{"cause":"yield","distance_m":1' + "0" * 400 + "}")[0].startswith('{"cause"')
+    episode: Any = SimpleNamespace(notes=[NoteRecord(1, "0", Note(REASON, " \n"))], restore_names=str)
+    assert list_notes(episode) == []

@@ -93,6 +93,44 @@ def test_a_sentence_of_an_agents_own_stays_as_it_is() -> None:
     assert (noted.cause, noted.text) == (None, "waits for 0 and yawns")
 
 
+@pytest.mark.parametrize(
+    ("other", "position", "text"),
+    [
+        ("van\n   9.9 s  arrives", None, "yields to van 9.9 s arrives, which stands where their ways cross"),
+        ("a\r\u2028b\x1b[2K\u202e", None, r"yields to a b\x1b[2K\u202e, which stands where their ways cross"),
+        (" \t", None, "yields to another road user, which stands where their ways cross"),
+        ("", CAR, "yields to vehicle car, which stands where their ways cross"),
+        (
+            "\n", (60.0, 0.0),
+            "yields to something (a false detection: nothing is there), which stands where their ways cross",
+        ),
+    ],
+)  # fmt: skip
+def test_a_name_that_an_agent_gives_stays_within_its_line(
+    other: str, position: tuple[float, float] | None, text: str
+) -> None:
+    (noted,) = list_reasons(record(SPEEDS, (3, Reason(Cause.YIELD, (other,), position))))
+    assert noted.text == text
+
+
+def test_a_reason_without_text_is_none() -> None:
+    lines = tell(record(WAITING, (0, " \n"), (5, "")))
+    assert lines[1].startswith("Its agent noted no reasons") and lines[2] == "   0.0 s  stands all the time"
+    noted_later = tell(record(WAITING + SPEEDS, (0, ""), (40, "yawns"), (50, " ")))
+    assert "   0.0 s  stands until 3.6 s (3.6 s): from 2.0 s yawns" in noted_later
+    noted_after = tell(record(WAITING + SPEEDS, (100, "yawns")))
+    assert "   0.0 s  stands until 3.6 s (3.6 s)" in noted_after
+
+
+def test_a_distance_of_nothing_and_an_unknown_road_user_are_left_out() -> None:
+    for distance_m in (-0.3, 0.0, 0.04):
+        assert describe_reason(Reason(Cause.FOLLOW, ("a",), None, distance_m), ("CAV 1",)) == "follows CAV 1"
+    assert describe_reason(Reason(Cause.FOLLOW, ("a",), None, 0.06), ("CAV 1",)) == "follows CAV 1, 0.1 m ahead"
+    assert describe_reason(Reason(Cause.AVOID, seconds=2.0), ()) == "drives slower than it would alone"
+    touching = make_story(record((8.0,) * 90 + (0.0,) * 20))  # 36 m: nose and tail overlap
+    assert touching.tell_moment(105)[-1] == "Ahead of it: vehicle car close ahead, standing."
+
+
 def test_the_story_has_departure_braking_standing_and_arrival_with_their_reasons() -> None:
     speeds = SPEEDS + BRAKING + WAITING + SPEEDS
     blocked = Reason(Cause.BLOCKED, ("k3",), CAR, 0.5)
@@ -113,8 +151,8 @@ def test_the_story_has_departure_braking_standing_and_arrival_with_their_reasons
 
 
 def test_without_reasons_the_recording_speaks() -> None:
-    head, *lines = tell(record(SPEEDS + BRAKING + WAITING))
-    assert head.endswith("Its agent noted no reasons, so this is only what the recording shows.")
+    _, without, *lines = tell(record(SPEEDS + BRAKING + WAITING))
+    assert without == "Its agent noted no reasons, so this is only what the recording shows."
     (braking,) = [line for line in lines if "brakes" in line]
     assert braking == "   3.5 s  brakes from 8.0 m/s to a stop, with vehicle car 19.7 m ahead, standing"
 
@@ -134,6 +172,29 @@ def test_a_loss_of_speed_by_contact_is_no_braking() -> None:
     free = "although its agent notes that it drives freely, at up to 8.0 m/s"
     assert after_braking[2].endswith(f"brakes from 8.0 m/s to 4.4 m/s, {free}")
     assert after_braking[3].endswith("loses speed by contact: from 4.2 m/s to 1.0 m/s")
+
+
+def test_a_reason_of_another_time_is_told_with_its_time() -> None:
+    speeds = (8.0,) * 60 + BRAKING + WAITING + SPEEDS[10:]
+    lines = tell(
+        record(speeds, (0, Reason(Cause.FREE, speed=8.0)), (140, Reason(Cause.BEND, (), None, 29.0, None, 6.6)))
+    )
+    free = "although its agent notes since 0.0 s that it drives freely, at up to 8.0 m/s"
+    assert f"   3.0 s  brakes from 8.0 m/s to a stop, {free}" in lines
+    (departure,) = [line for line in lines if "drives on" in line]
+    assert departure.endswith("drives on: since 7.0 s drives towards a bend 29 m ahead that allows 6.6 m/s")
+
+
+def test_a_moment_has_the_reason_of_the_story() -> None:
+    notes = (60, Reason(Cause.BLOCKED, ("k3",), CAR, 20.0)), (80, Reason(Cause.FREE, speed=8.0))
+    story = make_story(record(SPEEDS + BRAKING + WAITING, *notes))
+    told = "is held up by vehicle car, which stands in its way, 20 m ahead"
+    assert f"   3.5 s  brakes from 8.0 m/s to a stop: {told}" in story.tell()
+    assert story.tell_moment(90)[1:3] == [
+        f"Why, noted at 3.0 s (tick 60): it {told}.",
+        "Noted later, at 4.0 s (tick 80): it drives freely, at up to 8.0 m/s.",
+    ]
+    assert story.tell_moment(75)[1:2] == [f"Why, noted at 3.0 s (tick 60): it {told}."]
 
 
 def test_negotiation_is_told_when_it_changes() -> None:
