@@ -1,13 +1,13 @@
 """Drive a suite with an agent: what `mdrive-sumo eval` does, as a function."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from inspect import Parameter, Signature, signature
 from typing import Any, Unpack, cast, get_type_hints
 
 from mdrive_sumo.api.run import Run
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.setting import list_settings
+from mdrive_sumo.core.setting import Setting, check_arguments, list_settings
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.run_report import save_run_report
 from mdrive_sumo.runs.agent_spec import AgentFactory
@@ -50,10 +50,19 @@ def evaluate(
 
     Raises InputError, also if the folder holds another run.
     """
-    name, settings["scenario"] = _locate(suite, settings.get("scenario", "*"))
-    settings["workers"] = settings.get("workers") or count_available_cores()
+    check_arguments(evaluate, settings, RunConfig)
+    name, settings["scenario"] = _locate(suite, _SETTINGS["scenario"].parse(settings.get("scenario", "*")))
+    settings["workers"] = choose_worker_count(settings.get("workers"))
     run = prepare(RunConfig.parse(name, agent, **settings))
     return Run((run.folder,), (evaluate_with_progress(run, progress),))
+
+
+_SETTINGS: Mapping[str, Setting] = {one.key: one for one in list_settings(RunConfig)}
+
+
+def choose_worker_count(workers: int | None) -> int:
+    """Return the number of worker processes; None: one per core. Raises InputError."""
+    return count_available_cores() if workers is None else _SETTINGS["workers"].parse(workers)
 
 
 def _list_arguments(function: Callable[..., Any]) -> Signature:
@@ -67,7 +76,7 @@ def _list_arguments(function: Callable[..., Any]) -> Signature:
             default=None if one.key == "workers" else one.typed_default,
             annotation=types.get(one.key, one.kind),
         )
-        for one in list_settings(RunConfig)
+        for one in _SETTINGS.values()
         if one.key not in named
     ]
     return Signature([*own, *more], return_annotation=Run)

@@ -6,15 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Unpack
 
-from mdrive_sumo.api.evaluation import evaluate_with_progress
+from mdrive_sumo.api.evaluation import choose_worker_count, evaluate_with_progress
 from mdrive_sumo.api.run import Run
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.setting import check_arguments
 from mdrive_sumo.episode.episode_options import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.open_loop import REFERENCE_AGENT, OpenLoopResults, OpenLoopScenario, find_reference, prepare_open_loop
 from mdrive_sumo.open_loop import evaluate_open as show_recordings
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec, parse_agent_limits
 from mdrive_sumo.runs.prepared_run import prepare
-from mdrive_sumo.runs.process_pool import count_available_cores
 from mdrive_sumo.runs.run_config import ConfigValue, RunConfig
 
 
@@ -44,7 +44,8 @@ def evaluate_open(
 
     Raises InputError, and WorldError if a worker dies twice over one recording.
     """
-    count = workers or count_available_cores()
+    check_arguments(evaluate_open, options, EpisodeOptions)
+    count = choose_worker_count(workers)
 
     def drive(config: RunConfig) -> Path:
         run = prepare(replace(config, workers=count))

@@ -11,6 +11,7 @@ from mdrive_sumo.api.scenario_source import find_scenario
 from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec, check_sensors
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_locator
+from mdrive_sumo.core.setting import check_arguments
 from mdrive_sumo.core.state import FailureReason, Frame
 from mdrive_sumo.episode.episode_options import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, SimulatedFrames, run_episode
@@ -49,6 +50,7 @@ def simulate(
 
     Raises InputError, WorldError and AgentFailure.
     """
+    check_arguments(simulate, options, EpisodeOptions)
     seed = read_seed(seed)
     found, roads, folder = find_scenario(scenario, suite, seed)
     spec = AgentSpec(agent, agent_config or {})
@@ -144,6 +146,7 @@ class Simulation:
 
         There is no agent clock here: the caller may think as long as it likes. Raises InputError.
         """
+        check_arguments(Simulation, options, EpisodeOptions)
         self.seed = read_seed(seed)
         self.scenario, self.roads, self._suite_folder = find_scenario(scenario, suite, self.seed)
         egos = [ego.id for ego in self.scenario.egos]

@@ -8,13 +8,13 @@ from typing import Any, TypeVar
 import click
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
-from mdrive_sumo.cli.options import make_scenario_option, workers_option
+from mdrive_sumo.cli.options import FiniteRange, make_scenario_option, workers_option
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.setting import Setting, list_settings
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.runs.agent_spec import parse_agent_limits
-from mdrive_sumo.runs.run_config import MAX_SEEDS, RunConfig
+from mdrive_sumo.runs.run_config import MAX_SEED, MAX_SEEDS, RunConfig
 from mdrive_sumo.v2x.comm_settings import PER, PRESETS, CommSettings
 from mdrive_sumo.v2x.messages import TYPES
 
@@ -23,24 +23,22 @@ Option = Callable[[Any], Any]
 """A decorator that adds an option to a command."""
 _SETTINGS: Mapping[str, Setting] = {one.key: one for one in list_settings(RunConfig)}
 _EACH = "for all types of message, or for some: "
-_CHANNEL_OPTIONS: tuple[Option, ...] = (
-    click.option("--comm-latency", metavar="TICKS", help=f"Delay, {_EACH}6,text=20 or cpm=2."),
-    click.option("--comm-loss", metavar="P", help=f"Probability of loss, {_EACH}0.1,cam=0."),
-    click.option("--comm-range", metavar="M", help=f"Reach in metres or inf, {_EACH}200,cpm=70."),
-    click.option("--comm-budget", metavar="BYTES_PER_S", help="Bytes that a station may send per second, or inf."),
-    click.option(
-        "--pose-error",
-        metavar="POS_M,ROT_DEG[,episode]",
-        help=f"Standard deviations of senders' poses, drawn per message or episode, {_EACH}0.6,0.6,cam=0,0.",
-    ),
-    click.option(
-        "--comm-mute",
-        multiple=True,
-        metavar="SENDER/TYPE[@TICK]",
-        help="Drop these messages; * is any. SENDER: an id of the scenarios.",
-    ),
-)
-"""Changes of the channel that `--comm` names."""
+_CHANNEL_OPTIONS: Mapping[str, Mapping[str, Any]] = {
+    "comm_latency": {"metavar": "TICKS", "help": f"Delay, {_EACH}6,text=20 or cpm=2."},
+    "comm_loss": {"metavar": "P", "help": f"Probability of loss, {_EACH}0.1,cam=0."},
+    "comm_range": {"metavar": "M", "help": f"Reach in metres or inf, {_EACH}200,cpm=70."},
+    "comm_budget": {"metavar": "BYTES_PER_S", "help": "Bytes that a station may send per second, or inf."},
+    "pose_error": {
+        "metavar": "POS_M,ROT_DEG[,episode]",
+        "help": f"Standard deviations of senders' poses, drawn per message or episode, {_EACH}0.6,0.6,cam=0,0.",
+    },
+    "comm_mute": {
+        "multiple": True,
+        "metavar": "SENDER/TYPE[@TICK]",
+        "help": "Drop these messages; * is any. SENDER: an id of the scenarios.",
+    },
+}
+"""Changes of the channel that `--comm` names: arguments of `click.option` by the name of the option."""
 
 
 def add_options(options: Sequence[Option]) -> Callable[[Command], Command]:
@@ -76,7 +74,7 @@ def _describe_value(one: Setting) -> dict[str, Any]:
         described["type"] = click.Choice([value.value for value in one.kind])
     elif one.kind in (int, float):
         limits: tuple[Any, Any] = one.bounds or (None, None)
-        described["type"] = (click.IntRange if one.kind is int else click.FloatRange)(*limits)
+        described["type"] = (click.IntRange if one.kind is int else FiniteRange)(*limits)
     elif one.kind is Path or one.key == "agent_config":
         described["type"] = click.Path(path_type=Path)
     elif one.kind is AgentLimits:
@@ -93,7 +91,7 @@ def _read_agent_limits(_: click.Context, __: click.Parameter, value: str | None)
 def seed_options(*, seed: int = 0, seeds: int = 1, first: str, count: str) -> tuple[Option, Option]:
     """Return `--seed`, the first seed, and `--seeds`, how many; with these defaults and help texts."""
     return (
-        click.option("--seed", type=click.IntRange(0, 2**31 - 1), default=seed, show_default=True, help=first),
+        click.option("--seed", type=click.IntRange(0, MAX_SEED), default=seed, show_default=True, help=first),
         click.option("--seeds", type=click.IntRange(1, MAX_SEEDS), default=seeds, show_default=True, help=count),
     )
 
@@ -110,7 +108,11 @@ def run_options(before: Mapping[str, Option]) -> Callable[[Command], Command]:
 def _make_options(one: Setting) -> tuple[Option, ...]:
     if one.key == "seeds":
         return seed_options(first=_FIRST_SEED, count=one.help)
-    return (setting_option(one.key), *(_CHANNEL_OPTIONS if one.key == "comm" else ()))
+    changes = _CHANNEL_OPTIONS if one.key == "comm" else {}
+    return (
+        setting_option(one.key),
+        *(click.option(f"--{name.replace('_', '-')}", name, **described) for name, described in changes.items()),
+    )
 
 
 _FIRST_SEED = "Seed of all randomness. 0: the scenarios as written. Others also draw starts, triggers and drivers."
@@ -132,8 +134,7 @@ def read_episode_options(options: dict[str, Any]) -> EpisodeOptions:
 
 def read_channel(options: dict[str, Any]) -> CommSettings:
     """Return the channel and take its options out of the dict. Raises InputError naming the option."""
-    names = ("comm", "comm_latency", "comm_loss", "comm_range", "comm_budget", "pose_error", "comm_mute")
-    return parse_comm_options(**{name: options.pop(name) for name in names})
+    return parse_comm_options(**{name: options.pop(name) for name in ("comm", *_CHANNEL_OPTIONS)})
 
 
 def parse_comm_options(comm: str = "ideal", comm_mute: tuple[str, ...] = (), **given: str | None) -> CommSettings:

@@ -4,14 +4,18 @@
 says what derives from a field.
 """
 
-import math
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from enum import StrEnum
 from functools import cache
+from inspect import Parameter, signature
+from numbers import Integral, Real
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, SupportsFloat, SupportsIndex, TypedDict, Unpack, get_args, get_origin, get_type_hints
+from typing import Any, TypedDict, Unpack, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.suggestion import describe_unknown
@@ -20,6 +24,8 @@ Scalar = str | int | float | bool
 """What journals and results hold of a setting."""
 _METADATA = "setting"
 _SCALARS = (str, bool, int, float)
+_LARGEST = sys.float_info.max
+"""Largest number of a setting without bounds: files hold no infinite ones."""
 _WORDS: Mapping[type, str] = {
     **{str: "a text", bool: "True or False", int: "a whole number", float: "a number"},
     Path: "a path",
@@ -34,8 +40,9 @@ class SettingFacts(TypedDict, total=False):
     option: str
     metavar: str
     unit: str
-    bounds: tuple[float, float]
+    bounds: tuple[float, float | None]
     typed: str | int
+    absent: Scalar
     is_identity: bool
 
 
@@ -53,10 +60,12 @@ class Setting:
     """Placeholder of the value in help texts; by default the unit."""
     unit: str = ""
     """Unit of a number."""
-    bounds: tuple[float, float] | None = None
-    """Least and largest number; None: any."""
+    bounds: tuple[float, float | None] | None = None
+    """Least and largest number; None as the second: no largest; None: any."""
     typed: str | int | None = None
     """The default as a user types it, of a setting whose value is no scalar."""
+    absent: Scalar | None = None
+    """What results from before the setting are read as; "": unknown; None: the default."""
     is_identity: bool = True
     """Whether runs that differ in it are different runs. Settings of how a run is executed are not part of it."""
     owner: type = NoneType
@@ -109,23 +118,26 @@ class Setting:
         if value is None and self.default is None:
             return None
         if self.is_choice:
-            if value not in list(self.kind):
+            if not isinstance(value, str) or value not in list(self.kind):
                 raise InputError(f"{self.key}: {describe_unknown(str(value), [str(choice) for choice in self.kind])}")
             return self.kind(value)
         if self.kind is Path and isinstance(value, str | Path):
             return Path(value)
         if self.kind in (int, float):
             return self._parse_number(value)
+        if self.kind is bool and isinstance(value, np.bool_):
+            return bool(value)
         if not isinstance(value, self.kind):
             raise InputError(f"{self.key}: expected {_WORDS[self.kind]}, found {value!r:.40}")
         return value
 
     def _parse_number(self, value: Any) -> float:
         """Return a number of Python or NumPy. Raises InputError."""
-        low, high = self.bounds or (-math.inf, math.inf)
-        protocol: type = SupportsIndex if self.kind is int else SupportsFloat
-        if not isinstance(value, protocol) or not low <= self.kind(value) <= high:
-            limits = f" from {low:g} to {high:g}" if self.bounds else ""
+        low, high = self.bounds or (-_LARGEST, None)
+        numbers: type = Integral if self.kind is int else Real
+        is_number = isinstance(value, numbers) and not isinstance(value, bool)
+        if not is_number or not low <= value <= (_LARGEST if high is None else high):
+            limits = "" if not self.bounds else f" from {low:g}" + ("" if high is None else f" to {high:g}")
             unit = f" [{self.unit}]" if self.unit else ""
             raise InputError(f"{self.key}: expected {_WORDS[self.kind]}{limits}{unit}, found {value!r:.40}")
         return self.kind(value)
@@ -167,6 +179,20 @@ def list_settings(settings_class: type) -> tuple[Setting, ...]:
         elif is_dataclass(kind) and any(_METADATA in inner.metadata for inner in fields(kind)):
             found += list_settings(kind)
     return tuple(found)
+
+
+def check_names(names: Iterable[str], known: Iterable[str]) -> None:
+    """Raise InputError for the first name of an argument that is not one of the known ones."""
+    expected = tuple(known)
+    for name in names:
+        if name not in expected:
+            raise InputError(f"{name}: unknown option, {describe_unknown(name, expected)}")
+
+
+def check_arguments(function: Callable[..., Any], given: Iterable[str], settings_class: type) -> None:
+    """Raise InputError for a name that is neither a parameter of a function nor a setting of a class."""
+    own = [one.name for one in signature(function).parameters.values() if one.kind is not Parameter.VAR_KEYWORD]
+    check_names(given, dict.fromkeys([*own, *(one.key for one in list_settings(settings_class))]))
 
 
 def _drop_none(kind: Any) -> Any:

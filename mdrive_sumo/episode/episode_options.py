@@ -9,7 +9,7 @@ from typing import Any, TypedDict, Unpack, cast
 from mdrive_sumo.actors import ActorMode
 from mdrive_sumo.core.clock import IDEAL, Clock, parse_clock
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.setting import Scalar, Setting, list_settings, setting
+from mdrive_sumo.core.setting import Scalar, Setting, check_names, list_settings, setting
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.scenario.weather import FrictionMode
 from mdrive_sumo.sensing.sensing_profile import SensingProfile
@@ -61,11 +61,13 @@ class EpisodeOptions:
     station_ids: StationIds = setting(
         StationIds.RANDOM,
         key="ids",
+        absent="",
         help="Ids of CAVs and RSUs in agents and messages: random per episode, or the scenario's.",
     )
     """Ids that agents learn. Results and recordings always have the scenario's."""
     sensing: SensingProfile = setting(
         SensingProfile.REALISTIC,
+        absent="",
         help="Own states and detections of CAVs and road-side units: with realistic errors; or exact.",
     )
     """Quality of own states and of the standard detector, the same for all stations."""
@@ -74,6 +76,7 @@ class EpisodeOptions:
     def parse(cls, **arguments: Unpack[EpisodeArguments]) -> "EpisodeOptions":
         """Return the options that texts or typed values stand for. Raises InputError, also for an unknown argument."""
         values: dict[str, Any] = {**arguments}
+        check_names(values, (one.key for one in list_settings(cls)))
         comm, clock = values.pop("comm", "ideal"), values.pop("agent_clock", IDEAL)
         if isinstance(comm, str):
             if comm not in PRESETS:
@@ -81,14 +84,11 @@ class EpisodeOptions:
             comm = PRESETS[comm]
         if not isinstance(cast(object, comm), CommSettings):
             raise InputError(f"comm: expected one of {', '.join(PRESETS)} or CommSettings, found {comm!r:.40}")
-        conditions = {condition.key: condition for condition in CONDITIONS}
-        chosen: dict[str, Any] = {}
-        for key, value in values.items():
-            if key not in conditions:
-                known = [known.key for known in list_settings(cls)]
-                raise InputError(f"{key}: unknown option, {describe_unknown(key, known)}")
-            chosen[conditions[key].field] = conditions[key].parse(value)
-        return cls(comm, parse_clock(clock) if isinstance(clock, str) else clock, **chosen)
+        clock = parse_clock(clock) if isinstance(clock, str) else clock
+        if not isinstance(cast(object, clock), Clock):
+            raise InputError(f"agent_clock: expected ideal, fixed:MS, measured or a Clock, found {clock!r:.40}")
+        scalars: dict[str, Any] = {one.field: one.parse(values[one.key]) for one in CONDITIONS if one.key in values}
+        return cls(comm, clock, **scalars)
 
     def to_dict(self) -> dict[str, Scalar]:
         """Return the options as journal and recordings hold them; the inverse of `from_dict`."""

@@ -42,7 +42,9 @@ def parse_agent_limits(text: str | Mapping[str, float]) -> AgentLimits:
 
     text: `start=600,tick=30,episode=7200` in any order, or the same as a mapping [s].
     """
-    pairs = _split_limits(text) if isinstance(text, str) else [(name, str(value)) for name, value in text.items()]
+    if not isinstance(cast(object, text), str | Mapping):
+        raise InputError(f"{LIMITS_OPTION}: expected a text or a mapping of seconds, found {text!r:.40}")
+    pairs = _split_limits(text) if isinstance(text, str) else [(str(name), str(one)) for name, one in text.items()]
     times: dict[str, float] = {}
     for name, value in pairs:
         if name not in LIMITED_TIMES:

@@ -4,9 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
-from mdrive_sumo.core.setting import Scalar, setting
+from mdrive_sumo.core.setting import Scalar, list_settings, setting
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.scenario.scenario import Scenario
 
@@ -55,6 +54,9 @@ class OtherAgents:
         return frozenset(egos[:count])
 
 
+_PENETRATION = next(one for one in list_settings(OtherAgents) if one.key == "penetration")
+
+
 def count_tested(cavs: int, penetration: int) -> int:
     """Return how many of the CAVs a penetration [%] leaves to the agent under test: rounded half up, at least one."""
     return max(1, (2 * cavs * penetration + 100) // 200)
@@ -62,8 +64,7 @@ def count_tested(cavs: int, penetration: int) -> int:
 
 def parse_other_agents(others: str | None, penetration: int | None) -> OtherAgents | None:
     """Return the second agent of `--others` and `--penetration`; None without either. Raises InputError."""
-    if penetration is not None and not 1 <= penetration <= 99:
-        raise InputError(f"penetration: expected 1 to 99 percent of the CAVs, found {penetration}")
-    if others is None and penetration is None:
+    share: int | None = _PENETRATION.parse(penetration)
+    if others is None and share is None:
         return None
-    return OtherAgents(AgentSpec(others or SINGLE), penetration)
+    return OtherAgents(AgentSpec(SINGLE if others is None else others), share)

@@ -4,18 +4,18 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from operator import index
 from pathlib import Path
-from typing import Any, SupportsIndex, Unpack
+from typing import Any, SupportsIndex, Unpack, cast
 
 from mdrive_sumo.agent_process.agent_connection import AgentLimits
 from mdrive_sumo.core.clock import IDEAL
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
-from mdrive_sumo.core.setting import Scalar, list_settings, setting
-from mdrive_sumo.core.suggestion import describe_unknown
+from mdrive_sumo.core.setting import Scalar, check_names, list_settings, setting
 from mdrive_sumo.episode.episode_options import CONDITIONS, EpisodeArguments, EpisodeOptions
 from mdrive_sumo.loop.request_pace import MAX_PACE_S
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec, format_agent_limits, parse_agent_limits
@@ -29,6 +29,8 @@ RUNS_FOLDER = Path("runs")
 ConfigValue = float | str | bool
 MAX_SEEDS = 1000
 """Most seeds of a command; chosen: the 225 scenarios of `mdrive` then have 225 000 episodes."""
+MAX_SEED = 2**31 - 1
+"""Largest seed: that of SUMO, a signed number of 32 bits."""
 
 
 class RunArguments(EpisodeArguments, total=False):
@@ -89,7 +91,7 @@ class RunConfig:
         is_identity=False,
     )
     """Time from the requests of a tick to those of the next one [ms]; 0: none. See `RequestPace`."""
-    workers: int = setting(1, is_identity=False)
+    workers: int = setting(1, bounds=(1, None), is_identity=False)
     """Number of worker processes. Its option, `cli.options.workers_option`, is that of many commands."""
     scheduler: str = setting("", help="Address of the Dask scheduler.", metavar="tcp://HOST:PORT", is_identity=False)
     """Address of a Dask scheduler, whose workers then drive; "": own worker processes."""
@@ -157,19 +159,17 @@ class RunConfig:
     ) -> "RunConfig":
         """Return the run that a user asks for, with texts or typed values. Raises InputError."""
         values: dict[str, Any] = {**arguments, "suite": suite}
-        keys = [one.key for one in list_settings(cls)]
-        for key in values:
-            if key not in keys:
-                raise InputError(f"{key}: unknown option, {describe_unknown(key, keys)}")
-        limits = values.pop("agent_limits", None)
+        check_names(values, (one.key for one in list_settings(cls)))
+        limits, agent_config = values.pop("agent_limits", None), values.pop("agent_config", None)
         parts: dict[str, Any] = {
-            "agent": AgentSpec(agent, values.pop("agent_config", None) or {}),
+            "agent": AgentSpec(agent, {} if agent_config is None else agent_config),
             "others": parse_other_agents(values.pop("others", None), values.pop("penetration", None)),
             "seeds": parse_seeds(values.pop("seeds", 1)),
             **{one.field: one.parse(values.pop(one.key)) for one in _OWN_SETTINGS if one.key in values},
         }
         config = cls(options=EpisodeOptions.parse(**values), **parts)
-        if not limits:
+        check_agent_config(config.agent.config, "agent_config")
+        if limits is None or (isinstance(limits, str) and not limits):
             return config
         return config.with_agent_limits(limits if isinstance(limits, AgentLimits) else parse_agent_limits(limits))
 
@@ -202,14 +202,14 @@ class RunConfig:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "RunConfig":
-        """Return the run of a fingerprint; a missing scalar has its default.
+        """Return the run of a fingerprint; a missing condition and a missing `sandbox` have their defaults.
 
         Raises KeyError, TypeError, ValueError and InputError for a corrupt one.
         """
         for key in ("agent", "agent_config", "agent_limits", "others", "seeds"):
             if not isinstance(values.get(key, ""), str):
                 raise TypeError(f"{key}: expected a text, found {values[key]!r:.60}")
-        own = {one.field: one.read(values[one.key]) for one in _IDENTITY if one.key in values}
+        own = {one.field: one.read(values[one.key]) for one in _IDENTITY if one.key in values or one.key not in _LATER}
         config = cls(
             agent=AgentSpec(values["agent"], json.loads(values["agent_config"])),
             others=OtherAgents.from_dict(values),
@@ -248,6 +248,8 @@ class RunConfig:
 _OWN_SETTINGS = tuple(one for one in list_settings(RunConfig) if one.owner is RunConfig and one.key != "seeds")
 """Settings that are fields of `RunConfig`, of which one argument gives the value."""
 _IDENTITY = tuple(one for one in _OWN_SETTINGS if one.is_identity)
+_LATER = ("sandbox",)
+"""Settings that journals from before them lack."""
 _NAMED = ("suite", "scenario", "score_mode")
 """Settings that the name of a folder has in a form and a place of their own."""
 
@@ -258,23 +260,38 @@ def _shorten_name(agent: AgentSpec) -> str:
 
 def read_seed(seed: SupportsIndex) -> int:
     """Return a seed as a Python integer; those of NumPy are taken, too. Raises InputError."""
+    number = _read_integer("seed", seed)
+    if not 0 <= number <= MAX_SEED:
+        raise InputError(f"seed: expected an integer from 0 to {MAX_SEED}, found {number}")
+    return number
+
+
+def _read_integer(name: str, value: SupportsIndex) -> int:
     try:
-        return index(seed)
+        if not isinstance(value, bool):
+            return index(value)
     except TypeError:
-        raise InputError(f"seed: expected an integer, found {seed!r:.40}") from None
+        pass
+    raise InputError(f"{name}: expected an integer, found {value!r:.40}")
 
 
 def parse_seeds(seeds: int | Iterable[int]) -> tuple[int, ...]:
     """Return the seeds of a number of them (3 means 0, 1 and 2), or of the seeds themselves. Raises InputError."""
-    chosen = tuple(map(read_seed, seeds)) if isinstance(seeds, Iterable) else tuple(range(read_seed(seeds)))
+    try:
+        given: Iterator[int] = iter(cast(Iterable[int], seeds))
+    except TypeError:  # a number, also one that NumPy holds in an array without dimensions
+        given = iter(range(_read_integer("seeds", cast(int, seeds))))
+    chosen = tuple(map(read_seed, islice(given, MAX_SEEDS + 1)))
     check_seeds(chosen)
     return chosen
 
 
 def check_seeds(seeds: Sequence[int]) -> None:
-    """Raise InputError unless there is at least one seed and none twice."""
+    """Raise InputError unless there are 1 to `MAX_SEEDS` seeds and none twice."""
     if not seeds:
         raise InputError("seeds: expected at least one, found none")
+    if len(seeds) > MAX_SEEDS:
+        raise InputError(f"seeds: expected at most {MAX_SEEDS}, found more")
     if len(set(seeds)) < len(seeds):
         raise InputError(f"seeds: expected each once, found {', '.join(map(str, seeds))}")
 
@@ -308,10 +325,17 @@ def load_agent_config(path: Path) -> dict[str, ConfigValue]:
         raise InputError(f"{path}: expected JSON, found none ({error})") from None
     if not isinstance(config, dict):
         raise InputError(f"{path}: expected a JSON object, found a {type(config).__name__}")
-    for key, value in config.items():
-        if not isinstance(value, int | ConfigValue) or (isinstance(value, float) and not math.isfinite(value)):
-            raise InputError(f"{path}: {key}: expected a finite number, a string or a boolean, found {value!r}")
+    check_agent_config(config, str(path))
     return config
+
+
+def check_agent_config(config: Mapping[Any, Any], place: str) -> None:
+    """Raise InputError unless all options of an agent are finite numbers, strings and booleans with names."""
+    for key, value in config.items():
+        if not isinstance(key, str):
+            raise InputError(f"{place}: expected names of options, found {key!r:.40}")
+        if not isinstance(value, int | ConfigValue) or (isinstance(value, float) and not math.isfinite(value)):
+            raise InputError(f"{place}: {key}: expected a finite number, a string or a boolean, found {value!r:.40}")
 
 
 def _name_channel(comm: CommSettings) -> str:

@@ -210,8 +210,12 @@ class _RunFacts(_Part):
 
     @property
     def conditions(self) -> dict[str, Scalar]:
-        """The conditions of the episodes besides channel and clock, by name: those of `EpisodeOptions`."""
-        return {condition.label: getattr(self, condition.key) for condition in CONDITIONS}
+        """The conditions of the episodes besides channel and clock, by name: those of `EpisodeOptions`.
+
+        What a file from before a condition does not say is "unknown".
+        """
+        values = {condition.label: getattr(self, condition.key) for condition in CONDITIONS}
+        return {label: "unknown" if value == "" else value for label, value in values.items()}
 
     @property
     def all_seeds(self) -> tuple[int, ...]:
@@ -231,9 +235,13 @@ else:
         __base__=_RunFacts,
         __doc__="What was run, with what.",
         __module__=__name__,
-        **{condition.key: (condition.stored_kind, condition.write(condition.default)) for condition in CONDITIONS},
+        **{
+            one.key: (one.stored_kind, one.write(one.default) if one.absent is None else one.absent)
+            for one in CONDITIONS
+        },
     )
-    # One field for each condition: a new one needs no line here, and results from before it have its default.
+    # One field for each condition: a new one needs no line here. Results from before it have its default, unless
+    # that is not how episodes then were: `Setting.absent`.
 
 
 class Results(_Part):

@@ -89,6 +89,7 @@ def make_agent_run(
         "score_mode": "mdrive",
         "versions": {"mdrive-sumo": "0.1.0", "libsumo": "1.28.0", "python": "3.11.7"},
         "comm": describe_comm(PRESETS[channel]),
+        "ids": "random",
         "sensing": "realistic",
     }
     kinds = tuple(exchanged)

@@ -120,7 +120,7 @@ def test_a_scenario_of_a_suite_can_be_given_itself() -> None:
         ({"scenario": SCENARIO, "friction": "ice"}, "friction: expected one of dry, weather, found 'ice'"),
         (
             {"scenario": SCENARIO, "frictions": "dry"},
-            "frictions: unknown option, expected one of comm, agent_clock, actors",
+            "frictions: unknown option, expected one of scenario, agent, .*, comm, .* did you mean 'friction'?",
         ),
         ({"scenario": SCENARIO, "agent": "nobody"}, "agent 'nobody': expected stationary"),
     ],

@@ -52,8 +52,16 @@ def test_what_is_no_agent_is_refused(agent: Any) -> None:
         (lambda: md.simulate(SCENARIO, agent_config=3), "agent_config: expected a mapping"),  # pyright: ignore
         (lambda: md.simulate(SCENARIO, seed="a"), "seed: expected an integer, found 'a'"),  # pyright: ignore
         (lambda: md.Simulation(SCENARIO, seed=1.5), "seed: expected an integer, found 1.5"),  # pyright: ignore
-        (lambda: md.evaluate(seeds=1.5), "seed: expected an integer, found 1.5"),  # pyright: ignore
+        (lambda: md.evaluate(seeds=1.5), "seeds: expected an integer, found 1.5"),  # pyright: ignore
         (lambda: md.evaluate(seeds=["a"]), "seed: expected an integer, found 'a'"),  # pyright: ignore
+        (lambda: md.simulate(SCENARIO, seed=-1), "seed: expected an integer from 0 to 2147483647, found -1"),
+        (lambda: md.evaluate(md.load_suite("v2xpnp"), scenario=4), "scenario: expected a text, found 4"),  # pyright: ignore
+        (lambda: md.evaluate(workers=0), "workers: expected a whole number from 1, found 0"),
+        (lambda: md.evaluate_open(workers=0), "workers: expected a whole number from 1, found 0"),
+        (lambda: md.evaluate(progres=True), "found 'progres'; did you mean 'progress'?"),  # pyright: ignore
+        (lambda: md.simulate(SCENARIO, sede=1), "found 'sede'; did you mean 'seed'?"),  # pyright: ignore
+        (lambda: md.Simulation(SCENARIO, sensor=()), "did you mean 'sensors'?"),  # pyright: ignore
+        (lambda: md.evaluate_open(scenarios="i01*"), "did you mean 'scenario'?"),  # pyright: ignore
         (lambda: md.simulate(SCENARIO, suite=4), "suite: expected the name or the folder"),  # pyright: ignore
         (lambda: md.simulate(SCENARIO, comm=4), "comm: expected one of ideal"),  # pyright: ignore
         (lambda: md.load_suite(4), "suite: expected the name or the folder of a suite, found 4"),  # pyright: ignore

@@ -124,3 +124,9 @@ def test_an_agent_class_gets_a_remedy(empty: Path, name: str, sentence: str) -> 
     (empty / "mine.py").write_text(AGENT_FILE)
     found = run("eval", "--scenario", "i11_ins_sl_town", "--agent", f"mine.py:{name}")
     assert found.exit_code == 2 and sentence in found.stderr, found.output
+
+
+def test_a_number_that_is_none_names_its_option(empty: Path) -> None:
+    ended = run("eval", "--pace", "nan")
+    assert (ended.exit_code, "Invalid value for '--pace': expected a number" in ended.stderr) == (2, True)
+    assert not [*empty.iterdir()]

@@ -28,7 +28,8 @@ class Picture:
     frame: Frame = field(default_factory=Frame)
     back: Frame | None = None
     shade: Shade = setting(Shade.LIGHT, help="How dark it is.")
-    copies: int = setting(1)
+    copies: int = setting(1, bounds=(1, None))
+    price: float = setting(1.0)
     signed: bool = setting(True)
     printed: bool = setting(False)
     out: Path | None = setting(None)
@@ -40,7 +41,7 @@ SETTINGS = {one.key: one for one in list_settings(Picture)}
 
 def test_settings_are_listed_with_those_of_the_parts_in_the_order_of_the_fields() -> None:
     assert [one.key for one in list_settings(Picture)] == [
-        *("title", "width", "width", "shade", "copies", "signed", "printed", "out"),
+        *("title", "width", "width", "shade", "copies", "price", "signed", "printed", "out"),
     ]
     assert (SETTINGS["width"].owner, SETTINGS["width"].field, SETTINGS["width"].default) == (Frame, "width_mm", 20.0)
 
@@ -60,6 +61,7 @@ def test_paths_are_no_scalars_and_choices_are_stored_as_texts() -> None:
         ("width", np.float32(3), 3.0),
         ("copies", np.int64(3), 3),
         ("signed", False, False),
+        ("signed", np.bool_(False), False),
         ("out", "a/b", Path("a/b")),
         ("out", None, None),
     ],
@@ -77,7 +79,14 @@ def test_texts_and_typed_values_are_read(key: str, given: Any, value: Any) -> No
         ("width", 51, "width: expected a number from 1 to 50 [mm], found 51"),
         ("width", float("nan"), "width: expected a number from 1 to 50 [mm], found nan"),
         ("width", "3", "width: expected a number from 1 to 50 [mm], found '3'"),
-        ("copies", 1.5, "copies: expected a whole number, found 1.5"),
+        ("width", True, "width: expected a number from 1 to 50 [mm], found True"),
+        ("width", 10**400, f"width: expected a number from 1 to 50 [mm], found {10**39}"),
+        ("width", np.array([3.0, 4.0]), "width: expected a number from 1 to 50 [mm], found array([3., 4.])"),
+        ("price", 10**400, f"price: expected a number, found {10**39}"),
+        ("price", float("inf"), "price: expected a number, found inf"),
+        ("copies", 1.5, "copies: expected a whole number from 1, found 1.5"),
+        ("copies", 0, "copies: expected a whole number from 1, found 0"),
+        ("copies", True, "copies: expected a whole number from 1, found True"),
         ("signed", "no", "signed: expected True or False, found 'no'"),
         ("title", 3, "title: expected a text, found 3"),
         ("out", 3, "out: expected a path, found 3"),

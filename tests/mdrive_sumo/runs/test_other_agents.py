@@ -44,7 +44,7 @@ def test_penetration_alone_means_that_the_others_drive_by_themselves() -> None:
     assert parse_other_agents(None, None) is None
     assert parse_other_agents(None, 50) == OtherAgents(AgentSpec("single"), 50)
     assert parse_other_agents("idm", None) == OtherAgents(AgentSpec("idm"), None)
-    with pytest.raises(InputError, match="penetration: expected 1 to 99 percent of the CAVs, found 100"):
+    with pytest.raises(InputError, match=r"penetration: expected a whole number from 1 to 99 \[percent\], found 100"):
         parse_other_agents("idm", 100)
 
 

@@ -5,9 +5,11 @@ import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from inspect import signature
+from itertools import count
 from pathlib import Path
 from typing import Any, get_type_hints
 
+import numpy as np
 import pytest
 
 import mdrive_sumo as md
@@ -68,6 +70,18 @@ def test_a_journal_from_before_an_option_has_its_default() -> None:
     assert RunConfig.from_dict({key: WRITTEN[key] for key in WRITTEN if key != "friction"}).options.friction == "dry"
 
 
+def test_a_journal_from_before_sandboxes_is_of_a_run_without_one() -> None:
+    assert not RunConfig.from_dict({key: WRITTEN[key] for key in WRITTEN if key != "sandbox"}).sandbox
+
+
+@pytest.mark.parametrize(
+    "key", ["suite", "scenario", "agent", "agent_config", "seed", "score_mode", "record", "comm", "agent_clock"]
+)
+def test_a_fingerprint_without_what_every_run_has_is_refused(key: str) -> None:
+    with pytest.raises(KeyError, match=key):
+        RunConfig.from_dict({name: WRITTEN[name] for name in WRITTEN if name != key})
+
+
 @pytest.mark.parametrize("key", ["agent_clock", "actors", "friction", "sensing", "score_mode", "comm"])
 def test_a_corrupt_value_is_refused(key: str) -> None:
     with pytest.raises((ValueError, InputError)):
@@ -78,6 +92,15 @@ def test_results_describe_every_option() -> None:
     assert set(OPTIONS.to_dict()) <= set(RunInfo.model_fields)
     assert set(RunInfo.model_validate(FACTS).conditions) == {"actors", "friction", "ids", "sensing"}
     assert RunInfo.model_validate(FACTS | {"sensing": "perfect"}).conditions["sensing"] == "perfect"
+
+
+def test_results_from_before_a_condition_state_only_what_was_so() -> None:
+    """Roads were dry and road users those of today; ids were the scenario's, and sensing was another one."""
+    conditions = {"actors": "default", "friction": "dry", "ids": "unknown", "sensing": "unknown"}
+    info = RunInfo.model_validate(FACTS)
+    assert (info.conditions, info.model_dump()["ids"], info.model_dump()["sensing"]) == (conditions, "", "")
+    written = RunInfo.model_validate(FACTS | EpisodeOptions().to_dict() | {"comm": {}}).model_dump()
+    assert (written["ids"], written["sensing"]) == ("random", "realistic")
 
 
 def test_every_setting_has_its_line_for_type_checkers() -> None:
@@ -127,9 +150,30 @@ def test_the_defaults_of_the_arguments_are_those_of_the_model() -> None:
         ({"sede": 3}, "sede: unknown option, expected one of suite, .*did you mean 'seeds'?"),
         ({"score_mode": "mdriv"}, "score_mode: .*did you mean 'mdrive'?"),
         ({"pace_ms": 2000}, r"pace_ms: expected a number from 0 to 1000 \[ms\], found 2000"),
-        ({"workers": "2"}, "workers: expected a whole number, found '2'"),
+        ({"workers": "2"}, "workers: expected a whole number from 1, found '2'"),
         ({"record": "no"}, "record: expected True or False, found 'no'"),
-        ({"penetration": 0}, "penetration: expected 1 to 99 percent of the CAVs, found 0"),
+        ({"workers": -1}, "workers: expected a whole number from 1, found -1"),
+        ({"workers": True}, "workers: expected a whole number from 1, found True"),
+        ({"pace_ms": True}, r"pace_ms: expected a number from 0 to 1000 \[ms\], found True"),
+        ({"pace_ms": np.array([1.0, 2.0])}, r"pace_ms: expected a number from 0 to 1000 \[ms\], found array"),
+        ({"penetration": 0}, r"penetration: expected a whole number from 1 to 99 \[percent\], found 0"),
+        ({"penetration": "50"}, r"penetration: expected a whole number from 1 to 99 \[percent\], found '50'"),
+        ({"penetration": 50.5}, r"penetration: expected a whole number from 1 to 99 \[percent\], found 50.5"),
+        ({"agent_limits": 4}, "--agent-limits: expected a text or a mapping of seconds, found 4"),
+        ({"agent_limits": 0}, "--agent-limits: expected a text or a mapping of seconds, found 0"),
+        ({"agent_limits": {3: 4}}, "--agent-limits: expected one of start, tick, episode, found '3'"),
+        ({"agent_clock": 5}, "agent_clock: expected ideal, fixed:MS, measured or a Clock, found 5"),
+        ({"agent_clock": None}, "agent_clock: expected ideal, fixed:MS, measured or a Clock, found None"),
+        ({"agent_config": 0}, "agent_config: expected a mapping of options, found 0"),
+        ({"agent_config": {"a": [1]}}, r"agent_config: a: expected a finite number, .* found \[1\]"),
+        ({"agent_config": {1: 2, "a": 3}}, "agent_config: expected names of options, found 1"),
+        ({"sensing": np.array(["perfect", "perfect"])}, "sensing: expected one of realistic, perfect, found"),
+        ({"seeds": 2000}, "seeds: expected at most 1000, found more"),
+        ({"seeds": count()}, "seeds: expected at most 1000, found more"),
+        ({"seeds": [-1]}, "seed: expected an integer from 0 to 2147483647, found -1"),
+        ({"seeds": [2**31]}, "seed: expected an integer from 0 to 2147483647, found 2147483648"),
+        ({"seeds": True}, "seeds: expected an integer, found True"),
+        ({"seeds": np.array([[1]])}, "seed: expected an integer, found"),
         ({"sensing": "good"}, "sensing: expected one of realistic, perfect, found 'good'"),
         ({"scenario": ["i02"]}, "scenario: expected a text, found"),
     ],
@@ -137,6 +181,13 @@ def test_the_defaults_of_the_arguments_are_those_of_the_model() -> None:
 def test_wrong_arguments_get_a_sentence(arguments: dict[str, Any], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         RunConfig.parse(**arguments)
+
+
+def test_values_of_numpy_are_read_as_those_of_python() -> None:
+    given = {"record": np.bool_(False), "penetration": np.int64(50), "pace_ms": np.float32(2), "workers": np.int8(2)}
+    config = RunConfig.parse(**given, seeds=np.array(3))  # pyright: ignore
+    assert config.record is False and config.seeds == (0, 1, 2) and config.workers == 2 and config.pace_ms == 2.0
+    assert json.loads(json.dumps(config.to_dict()))["penetration"] == 50
 
 
 def test_a_job_survives_pickling() -> None:
