@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.setting import Scalar, list_settings, setting
 from mdrive_sumo.runs.agent_spec import AgentSpec
@@ -67,4 +68,8 @@ def parse_other_agents(others: str | None, penetration: int | None) -> OtherAgen
     share: int | None = _PENETRATION.parse(penetration)
     if others is None and share is None:
         return None
-    return OtherAgents(AgentSpec(SINGLE if others is None else others), share)
+    try:
+        agent = AgentSpec(SINGLE if others is None else others)
+    except InputError as error:
+        raise InputError(f"others: {error}") from None
+    return OtherAgents(agent, share)

@@ -159,6 +159,7 @@ def test_the_defaults_of_the_arguments_are_those_of_the_model() -> None:
         ({"penetration": 0}, r"penetration: expected a whole number from 1 to 99 \[percent\], found 0"),
         ({"penetration": "50"}, r"penetration: expected a whole number from 1 to 99 \[percent\], found '50'"),
         ({"penetration": 50.5}, r"penetration: expected a whole number from 1 to 99 \[percent\], found 50.5"),
+        ({"others": 4}, "others: agent: expected a name .* found 4"),
         ({"agent_limits": 4}, "--agent-limits: expected a text or a mapping of seconds, found 4"),
         ({"agent_limits": 0}, "--agent-limits: expected a text or a mapping of seconds, found 0"),
         ({"agent_limits": {3: 4}}, "--agent-limits: expected one of start, tick, episode, found '3'"),
