@@ -89,14 +89,13 @@ def examine_layers(backend: str = "bubblewrap", copies: Path = MEMORY) -> tuple[
         box, problem = _open_with_copies(spec)
     except (InputError, WorldError) as error:
         return _make_missing_layers(str(error))
-    with box:
-        box.ready(WAIT_S)
-        outside = _look_from_outside(find_program(box.pid))
-        told = box.log().decode(errors="replace")
-        try:
-            box.close()
-        except WorldError as error:
-            return _make_missing_layers(str(error))
+    try:
+        with box:  # closed, it says why it ended, if it failed while it was looked at
+            box.ready(WAIT_S)
+            outside = _look_from_outside(find_program(box.pid))
+            told = box.log().decode(errors="replace")
+    except WorldError as error:
+        return _make_missing_layers(str(error))
     seen = (outside if backend == "bubblewrap" else {}) | _parse_rows(told)
     return (
         *_examine_all(seen, backend),
@@ -122,12 +121,19 @@ def find_program(pid: int) -> int:
 
 
 def _look_from_outside(pid: int) -> dict[str, str]:
-    """Return what the host's `/proc` tells of a process in a box, which may have no `/proc` itself."""
+    """Return what the host's `/proc` tells of a process in a box, which may have no `/proc` itself.
+
+    Raises WorldError if the process has ended.
+    """
     folder = Path(f"/proc/{pid}")
-    namespaces = {f"ns-{name}": str((folder / "ns" / name).readlink()) for name in NAMESPACES}
-    mounts = (line.split()[3:5] for line in (folder / "mountinfo").read_text().splitlines())
+    try:
+        namespaces = {f"ns-{name}": str((folder / "ns" / name).readlink()) for name in NAMESPACES}
+        mounts = (line.split()[3:5] for line in (folder / "mountinfo").read_text().splitlines())
+        status = (folder / "status").read_text().replace("\t", " ")
+    except OSError as error:
+        raise WorldError(f"sandbox: a box ended while it was looked at: {error.strerror}") from None
     programs = next((root for root, place in mounts if place == "/usr"), "")
-    return _parse_rows((folder / "status").read_text().replace("\t", " ")) | namespaces | {"usr": programs}
+    return _parse_rows(status) | namespaces | {"usr": programs}
 
 
 def examine_backend(wanted: str = AUTO, copies: Path = MEMORY) -> tuple[str, tuple[SandboxLayer, ...]]:

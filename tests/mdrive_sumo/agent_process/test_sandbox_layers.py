@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -234,6 +235,24 @@ def test_a_plain_users_box_limits_the_memory_of_each_process() -> None:
         return box.log().decode()
 
     assert in_a_child(PLAIN_USER, look) == f"{SMALL.memory_bytes // 1024}\n{SMALL.open_files}\n"
+
+
+MASKED = """
+mount -t proc proc /proc; mount --bind /proc/sys /proc/sys; mount -o remount,ro,bind /proc/sys
+exec "$@"
+"""
+"""As a container's engine shows `/proc/sys`."""
+
+
+@pytest.mark.slow
+def test_a_box_that_ends_while_it_is_looked_at_is_no_box_and_a_sentence() -> None:
+    """bubblewrap starts, and ends because it cannot forbid user namespaces."""
+    needs_root()
+    namespaces = ("unshare", "--mount", "--pid", "--fork", "--propagation", "private", "sh", "-ec", MASKED, "sh")
+    doctor = (sys.executable, "-m", "mdrive_sumo", "doctor", "--sandbox")
+    found = subprocess.run((*namespaces, *doctor), capture_output=True, text=True, check=False, timeout=60)
+    assert (found.returncode, found.stderr) == (1, "")
+    assert "cannot open /proc/sys/user/max_user_namespaces: Read-only file system" in found.stdout
 
 
 def test_layers_are_looked_at_from_inside(monkeypatch: pytest.MonkeyPatch) -> None:
