@@ -204,8 +204,8 @@ class BoxedAgentProcess:
 
     def usage_record(self) -> Mapping[str, Any]:
         """See AgentProcess."""
-        assert self._report is not None
-        return {"backend": self._backend, "repeated": self._repeated, **asdict(self._report)}
+        report = self._box.close()  # closed already; it has a report even if it failed as it was closed
+        return {"backend": self._backend, "repeated": self._repeated, **asdict(report)}
 
 
 def _list_interpreter_options(box: AgentBox) -> tuple[str, ...]:

@@ -86,11 +86,15 @@ def gvisors_kernel(box: Box) -> int:
 
 def end_of(box: Box) -> BoxReport:
     """What a box reports once its program is gone by itself."""
+    end_by_itself(box)
+    return box.close()
+
+
+def end_by_itself(box: Box) -> None:
     end = time.monotonic() + PATIENCE_S
     while box.alive() and time.monotonic() < end:
         time.sleep(0.01)
     assert not box.alive()
-    return box.close()
 
 
 def killed(spec_of: Callable[..., Box], find: Callable[[Box], int], number: int) -> BoxReport:
@@ -262,6 +266,24 @@ def test_an_agent_that_kills_itself_fails_after_one_repetition(
 def test_a_kill_of_bubblewrap_voids_the_episode(suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     count_boxes(monkeypatch, lambda _, process: os.kill(process._box.pid, signal.SIGKILL))
     with pytest.raises(WorldError, match="bubblewrap failed: ended by signal 9 from outside"):
+        run_job(job_of(suite, tmp_path))
+
+
+def test_a_killed_box_has_a_record_although_closing_it_fails(
+    suite: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A connection is closed once: by the failure of another one of its episode, or by its own end."""
+
+    def kill_and_close(_: int, process: BoxedAgentProcess) -> None:
+        os.kill(process._box.pid, signal.SIGKILL)
+        end_by_itself(process._box)
+        with pytest.raises(BoxError, match="ended by signal 9 from outside"):
+            process.close()
+        assert process.usage_record()["signal"] == signal.SIGKILL
+        raise WorldError("looked at")
+
+    count_boxes(monkeypatch, kill_and_close)
+    with pytest.raises(WorldError, match="looked at"):
         run_job(job_of(suite, tmp_path))
 
 
