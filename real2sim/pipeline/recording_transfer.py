@@ -14,6 +14,8 @@ from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hin
 import msgpack
 import numpy as np
 
+from mdrive_sumo.core.clean_text import clean_line
+
 T = TypeVar("T")
 KINDS_BY_DTYPE: Mapping[type, str] = {np.bool_: "b", np.float64: "fiu"}
 """Kinds of numbers that a source may have where an array is annotated so."""
@@ -21,6 +23,10 @@ KINDS_BY_DTYPE: Mapping[type, str] = {np.bool_: "b", np.float64: "fiu"}
 
 class TransferError(ValueError):
     """Bytes that are not a value of the expected class."""
+
+    def __init__(self, text: str) -> None:
+        """text: may quote the answer; line breaks and characters of control in it are shown as escapes."""
+        super().__init__(clean_line(text))
 
 
 def encode_value(value: object) -> bytes:

@@ -237,7 +237,8 @@ def _build_ego_track(boxes: AnnotatedBoxes, ego: PoseSeries) -> tuple[RecordedTr
 def _build_tracks(path: Path, boxes: AnnotatedBoxes, grid: Float) -> tuple[tuple[RecordedTrack, ...], tuple[str, ...]]:
     words = {str(id_): str(word) for id_, word in zip(boxes.id, boxes.type_name, strict=True) if word != EGO_TYPE}
     skipped = Counter(word for word in words.values() if word not in CATEGORY_BY_TYPE)
-    tracks = {id_: _build_track(path, boxes, id_, grid) for id_, word in words.items() if word in CATEGORY_BY_TYPE}
+    categories = {id_: CATEGORY_BY_TYPE[word] for id_, word in words.items() if word in CATEGORY_BY_TYPE}
+    tracks = {id_: _build_track(path, boxes, id_, category, grid) for id_, category in categories.items()}
     there = {id_: track for id_, track in tracks.items() if track.valid.any()}
     ridden = _find_ridden(there, words)
     kept = [_mark_parked(track, words[id_], ridden) for id_, track in there.items() if id_ not in ridden]
@@ -248,7 +249,7 @@ def _build_tracks(path: Path, boxes: AnnotatedBoxes, grid: Float) -> tuple[tuple
     return tuple(kept), tuple(notes)
 
 
-def _build_track(path: Path, boxes: AnnotatedBoxes, id_: str, grid: Float) -> RecordedTrack:
+def _build_track(path: Path, boxes: AnnotatedBoxes, id_: str, category: ObjectCategory, grid: Float) -> RecordedTrack:
     rows = np.flatnonzero(boxes.id == id_)
     rows = rows[np.argsort(boxes.t[rows], kind="stable")]
     t = boxes.t[rows]
@@ -260,7 +261,6 @@ def _build_track(path: Path, boxes: AnnotatedBoxes, id_: str, grid: Float) -> Re
     valid = np.minimum(np.abs(t[after] - grid), np.abs(t[np.maximum(after - 1, 0)] - grid)) <= HOLD_S
     columns = (boxes.x[rows], boxes.y[rows], np.unwrap(boxes.yaw[rows]), boxes.length[rows], boxes.width[rows])
     x, y, yaw, length, width = (np.where(valid, np.interp(grid, t, column), np.nan) for column in columns)
-    category = CATEGORY_BY_TYPE[str(boxes.type_name[rows[0]])]
     return RecordedTrack(
         id=id_,
         category=category,

@@ -116,6 +116,13 @@ def test_unknown_categories_are_noted(tmp_path: Path) -> None:
     assert any("1 tracks of the unknown category DOG" in note for note in recording.notes)
 
 
+def test_a_track_is_of_the_category_of_its_last_row(tmp_path: Path) -> None:
+    """Damaged words of other rows do not matter."""
+    recording = read_argoverse2(log(tmp_path, change_value(CAR, "category", "REGULAR_\x12@", row=0)))
+    tracks = index_tracks(recording)
+    assert set(tracks) == {"AV", "car"} and tracks["car"].category is ObjectCategory.CAR
+
+
 LOGS: list[tuple[Rows, Rows, str]] = [
     (drop_column(CAR, "qz"), pose_rows(), r"annotations\.feather: expected the column qz"),
     (CAR, drop_column(pose_rows(), "tx_m"), r"egovehicle\.feather: expected the column tx_m"),
