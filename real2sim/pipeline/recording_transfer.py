@@ -4,6 +4,7 @@ Bytes are read against the annotations of the class that is expected, so a proce
 answer with anything else.
 """
 
+import re
 import types
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
@@ -109,9 +110,11 @@ def _get_hints(cls: Any) -> Mapping[str, Any]:
 
 
 def _to_array(dtype: Any, plain: dict[str, Any]) -> "np.ndarray[Any, Any]":
-    stored, shape = np.dtype(_check(plain["dtype"], str)), _check(plain["shape"], list)
-    if stored.kind not in KINDS_BY_DTYPE[dtype] or not all(type(n) is int and n >= 0 for n in shape):
-        raise TransferError(f"expected an array of {dtype.__name__}, found {plain['dtype']} of the shape {shape}")
+    word, shape = _check(plain["dtype"], str), _check(plain["shape"], list)
+    # NumPy evaluates other words, such as lists with commas.
+    stored = np.dtype(word) if re.fullmatch(r"[<|][bfiu][1248]", word) else None
+    if stored is None or stored.kind not in KINDS_BY_DTYPE[dtype] or not all(type(n) is int and n >= 0 for n in shape):
+        raise TransferError(f"expected an array of {dtype.__name__}, found {word!r} of the shape {shape}")
     return np.frombuffer(_check(plain["data"], bytes), stored).reshape(shape).copy()
 
 

@@ -4,6 +4,7 @@ import math
 import pickle
 from pathlib import Path
 
+import msgpack
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -104,6 +105,14 @@ def test_a_recording_comes_back_unchanged() -> None:
 
 
 BYTES = encode_value(recording())
+
+
+@pytest.mark.parametrize("word", ["01,", "f8,f8", "O", "<M8", ">f8", ""])
+def test_an_array_of_another_kind_is_refused(word: str) -> None:
+    plain = msgpack.unpackb(BYTES)
+    plain["views"][0]["tracks"][0]["x"]["dtype"] = word
+    with pytest.raises(TransferError, match=f"expected an array of float64, found '{word}'"):
+        decode_value(msgpack.packb(plain), Recording)
 
 
 @given(
