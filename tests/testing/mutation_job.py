@@ -28,7 +28,7 @@ from testing.mutants import Mutant, list_mutants, sample_mutants
 ROOT = Path(__file__).resolve().parents[2]
 SURVIVORS = ROOT / "tests" / "mutation" / "survivors.toml"
 LEAST_SHARE = 0.9
-"""Of the sampled mutants of a room that have to be noticed (issue N)."""
+"""Of the sampled mutants of a room that have to be noticed: some changes are equivalent, which no test can tell."""
 SEED = 1
 SAMPLE = 40
 """Mutants of a room."""

@@ -128,6 +128,7 @@ NUMBER, ARCHITECTURE = 0, 4
 """Offsets in `struct seccomp_data`."""
 ALLOW, NOTIFY = 0x7FFF0000, 0x7FC00000
 AT_EMPTY_PATH = 0x1000
+"""From linux/fcntl.h: the descriptor itself, not a path below it."""
 NEW_NUMBERS = 424
 """From here on a call has the same number on all architectures (source: `scripts/syscall.tbl` of Linux)."""
 
