@@ -50,8 +50,9 @@ MOVED_BY_OTHERS = {
     *("inode of a file in memory", "inode of a file in memory by path"),
 }
 """What other work on the machine moves as much, between the lives of two boxes."""
-NOISY = {"memory of the host", "residency by time", "residency by readahead", "residency by RWF_NOWAIT"} | {
-    "inode of a pipe by a race"
+NOISY = {
+    *("memory of the host", "aio-nr", "inode of a pipe by a race"),
+    *("residency by time", "residency by readahead", "residency by RWF_NOWAIT"),
 }
 """Other work on the machine disturbs them, so that it is not required that they work without boxes."""
 NEEDS_GVISOR = pytest.mark.skipif(shutil.which("runsc") is None, reason="needs gVisor's runsc")
