@@ -22,6 +22,10 @@ unexport PYTHONDONTWRITEBYTECODE
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
+# The compiled layer of this clone: built by the installation, and anew when a C file has changed.
+LAYER := mdrive_sumo/core/compiled/layer.abi3.so
+C_FILES := $(shell find mdrive_sumo -name '*.c' -o -name '*.h')
+
 $(STAMP): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "mdrive-sumo needs Python 3.11 or newer, found " + sys.version.split()[0])'
 	$(PYTHON) -m venv $(VENV)
@@ -30,7 +34,11 @@ $(STAMP): requirements.lock pyproject.toml
 	@$(BIN)/python -c 'import libsumo' 2>/dev/null || $(MAKE) --no-print-directory libraries
 	touch $@
 
-install: $(STAMP) ## the environment
+$(LAYER): $(STAMP) hatch_build.py $(C_FILES)
+	$(BIN)/python hatch_build.py
+	@touch $@
+
+install: $(STAMP) $(LAYER) ## the environment
 
 libraries: ## system libraries of SUMO, on Debian and Ubuntu
 	@test "$$(id -u)" = 0 || { echo 'libsumo does not load here; it needs: sudo apt-get install $(LIBRARIES)'; exit 1; }

@@ -4,10 +4,11 @@
 vector code, which choose an implementation by processor and version: the last digit differs. The functions here use
 only operations whose result IEEE 754 prescribes (+, -, *, /, square root, rounding, comparison) and tables made with
 integers. A number and an element of an array go through the same formula, so their results are equal too.
+portable.c computes the same (`core.compiled`); portable.h has it for other C files.
 
 Accuracy: cosine and sine within 2e-16 (1 + |angle|), and exact at multiples of a right angle; arc tangent, exponential
 and logarithm within 2 units in the last place, `expm1` and sines of small angles within 4. Arguments are finite, and
--0.0 counts as 0.0. An array of few elements is computed one by one, which is faster.
+-0.0 counts as 0.0.
 """
 
 import math
@@ -18,17 +19,15 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.core import portable_tables as tables
+from mdrive_sumo.core.compiled import twin
 
 Float = npt.NDArray[np.float64]
 Reals = npt.NDArray[np.floating[Any]]
 """Arrays that the functions take; they compute in 64 bits."""
 Operand = TypeVar("Operand", float, Float)
 
-FEW = 10
-"""Elements up to which numbers one by one are faster than array operations (measured with NumPy 2.4: 8 to 15)."""
-
-_STEPS, _RADIANS, _COS_TABLE, _SIN_TABLE, _ATAN_TABLE = tables.load_tables()
-_COS, _SIN, _ATAN = _COS_TABLE.tolist(), _SIN_TABLE.tolist(), _ATAN_TABLE.tolist()
+_STEPS, _RADIANS, *_TABLES = tables.load_tables()
+_COS, _SIN, _ATAN = (table.tolist() for table in _TABLES)
 _MASK = tables.TURN_STEPS - 1
 _SIN_1, _SIN_3 = _RADIANS, _RADIANS * _RADIANS * _RADIANS / 6
 """sin(r) = r (_SIN_1 - r² _SIN_3) for an angle of r steps, |r| <= 1/2: the next term is below 1e-16 of it."""
@@ -49,125 +48,84 @@ _ODD = tuple(1 / n for n in range(21, 2, -2))
 
 
 @overload
-def cos_sin(angle: float) -> tuple[float, float]: ...
+def cos_sin(angle: float, /) -> tuple[float, float]: ...
 @overload
-def cos_sin(angle: Reals) -> tuple[Float, Float]: ...
-def cos_sin(angle: float | Reals) -> tuple[float | Float, float | Float]:
+def cos_sin(angle: Reals, /) -> tuple[Float, Float]: ...
+@twin
+def cos_sin(angle: float | Reals, /) -> tuple[float | Float, float | Float]:
     """Return cosine and sine of the angle [rad]; together they cost little more than one."""
-    if not isinstance(angle, _ARRAY):
-        steps = float(angle) * _STEPS
-        whole = round(steps)
-        steps -= whole
-        row = whole & _MASK
-        cos, sin = _COS[row], _SIN[row]
-        square = steps * steps
-        along, aside = 1.0 - square * _COS_2, steps * (_SIN_1 - square * _SIN_3)
-        return cos * along - sin * aside, sin * along + cos * aside
-    if angle.size <= FEW:
-        pairs = [cos_sin(value) for value in angle.ravel().tolist()]
-        first, second = zip(*pairs, strict=True) if pairs else ((), ())
-        return np.array(first).reshape(angle.shape), np.array(second).reshape(angle.shape)
-    return _cos_sin_of_many(angle)
-
-
-def _cos_sin_of_many(angle: Reals) -> tuple[Float, Float]:
-    steps = np.multiply(angle, _STEPS, dtype=np.float64)
-    whole = np.rint(steps)
+    if isinstance(angle, _ARRAY):
+        pairs = np.array([cos_sin(value) for value in angle.ravel().tolist()], dtype=np.float64).reshape(-1, 2)
+        return pairs[:, 0].reshape(angle.shape), pairs[:, 1].reshape(angle.shape)
+    steps = float(angle) * _STEPS
+    whole = round(steps)
     steps -= whole
-    row = whole.astype(np.int64) & _MASK
-    cos, sin = _COS_TABLE.take(row), _SIN_TABLE.take(row)
+    row = whole & _MASK
+    cos, sin = _COS[row], _SIN[row]
     square = steps * steps
     along, aside = 1.0 - square * _COS_2, steps * (_SIN_1 - square * _SIN_3)
     return cos * along - sin * aside, sin * along + cos * aside
 
 
 @overload
-def cos(angle: float) -> float: ...
+def cos(angle: float, /) -> float: ...
 @overload
-def cos(angle: Reals) -> Float: ...
-def cos(angle: float | Reals) -> float | Float:
+def cos(angle: Reals, /) -> Float: ...
+@twin
+def cos(angle: float | Reals, /) -> float | Float:
     """Return the cosine of the angle [rad]."""
     return cos_sin(angle)[0]
 
 
 @overload
-def sin(angle: float) -> float: ...
+def sin(angle: float, /) -> float: ...
 @overload
-def sin(angle: Reals) -> Float: ...
-def sin(angle: float | Reals) -> float | Float:
+def sin(angle: Reals, /) -> Float: ...
+@twin
+def sin(angle: float | Reals, /) -> float | Float:
     """Return the sine of the angle [rad]."""
-    return cos_sin(angle)[1] if isinstance(angle, _ARRAY) else _sin_number(float(angle))
-
-
-def _sin_number(angle: float) -> float:
-    """Return the second value of `cos_sin`, without the first: paths integrate it point by point."""
-    steps = angle * _STEPS
-    whole = round(steps)
-    steps -= whole
-    row = whole & _MASK
-    square = steps * steps
-    return _SIN[row] * (1.0 - square * _COS_2) + _COS[row] * (steps * (_SIN_1 - square * _SIN_3))
+    return cos_sin(angle)[1]
 
 
 @overload
-def tan(angle: float) -> float: ...
+def tan(angle: float, /) -> float: ...
 @overload
-def tan(angle: Reals) -> Float: ...
-def tan(angle: float | Reals) -> float | Float:
+def tan(angle: Reals, /) -> Float: ...
+@twin
+def tan(angle: float | Reals, /) -> float | Float:
     """Return the tangent of the angle [rad]; a quarter turn divides by zero."""
     x, y = cos_sin(angle)
     return y / x
 
 
 @overload
-def sinc(x: float) -> float: ...
+def sinc(x: float, /) -> float: ...
 @overload
-def sinc(x: Reals) -> Float: ...
-def sinc(x: float | Reals) -> float | Float:
+def sinc(x: Reals, /) -> Float: ...
+@twin
+def sinc(x: float | Reals, /) -> float | Float:
     """Return sin(pi x) / (pi x), 1 where x is 0: as `numpy.sinc`."""
-    if not isinstance(x, _ARRAY):
-        return sin(_PI * x) / (_PI * x) if x else 1.0
-    angle = np.where(x == 0.0, 1.0, _PI * x)
-    return np.where(x == 0.0, 1.0, sin(angle) / angle)
+    if isinstance(x, _ARRAY):
+        return _each(sinc, x)
+    return cos_sin(_PI * x)[1] / (_PI * x) if x else 1.0
 
 
 @overload
-def atan2(y: float, x: float) -> float: ...
+def atan2(y: float, x: float, /) -> float: ...
 @overload
-def atan2(y: Reals, x: Reals | float) -> Float: ...
+def atan2(y: Reals, x: Reals | float, /) -> Float: ...
 @overload
-def atan2(y: float, x: Reals) -> Float: ...
-def atan2(y: float | Reals, x: float | Reals) -> float | Float:
+def atan2(y: float, x: Reals, /) -> Float: ...
+@twin
+def atan2(y: float | Reals, x: float | Reals, /) -> float | Float:
     """Return the direction [rad] of (x, y) in (-pi, pi]; 0 for (0, 0). As `math.atan2`, but -0.0 is 0.0."""
-    if not (isinstance(y, _ARRAY) or isinstance(x, _ARRAY)):
-        return _atan2_number(float(y), float(x))
-    y, x = np.asarray(y, dtype=np.float64), np.asarray(x, dtype=np.float64)
-    if x.size <= FEW and y.size <= FEW:
-        return _each(_atan2_number, y, x)
-    high, low = np.abs(y), np.abs(x)
-    is_steep = high > low
-    high, low = np.maximum(high, low), np.minimum(high, low)
-    slope = low / np.maximum(high, _TINY)
-    row = np.rint(slope * tables.ATAN_STEPS)
-    near = row * _SLOPE_STEP
-    rest = (slope - near) / (1.0 + slope * near)
-    square = rest * rest
-    angle = _ATAN_TABLE.take(row.astype(np.int64)) + (rest + rest * square * (square * 0.2 - _THIRD))
-    angle = np.where(is_steep, _HALF_PI - angle, angle)
-    return np.copysign(np.where(x < 0.0, _PI - angle, angle), y + 0.0)
-
-
-def _atan2_number(y: float, x: float) -> float:
-    high, low = abs(y), abs(x)
+    if isinstance(y, _ARRAY) or isinstance(x, _ARRAY):
+        return _each(atan2, y, x)
+    high, low = abs(float(y)), abs(float(x))
     is_steep = high > low
     if not is_steep:
         high, low = low, high
-    slope = low / max(high, _TINY)
-    row = round(slope * tables.ATAN_STEPS)
-    near = row * _SLOPE_STEP
-    rest = (slope - near) / (1.0 + slope * near)
-    square = rest * rest
-    angle = _ATAN[row] + (rest + rest * square * (square * 0.2 - _THIRD))
+    angle = _atan_of_slope(low / max(high, _TINY))
     if is_steep:
         angle = _HALF_PI - angle
     if x < 0.0:
@@ -175,28 +133,36 @@ def _atan2_number(y: float, x: float) -> float:
     return -angle if y < 0.0 else angle
 
 
-def atan(slope: float) -> float:
+@twin
+def atan(slope: float, /) -> float:
     """Return the arc tangent [rad]: atan2(slope, 1), without its cases."""
     steep = abs(slope)
-    low = 1.0 / steep if steep > 1.0 else steep
-    row = round(low * tables.ATAN_STEPS)
-    near = row * _SLOPE_STEP
-    rest = (low - near) / (1.0 + low * near)
-    square = rest * rest
-    angle = _ATAN[row] + (rest + rest * square * (square * 0.2 - _THIRD))
+    angle = _atan_of_slope(1.0 / steep if steep > 1.0 else steep)
     if steep > 1.0:
         angle = _HALF_PI - angle
     return -angle if slope < 0.0 else angle
 
 
+def _atan_of_slope(slope: float) -> float:
+    """Return the angle [rad] whose tangent is a slope in [0, 1]."""
+    row = round(slope * tables.ATAN_STEPS)
+    near = row * _SLOPE_STEP
+    rest = (slope - near) / (1.0 + slope * near)
+    square = rest * rest
+    return _ATAN[row] + (rest + rest * square * (square * 0.2 - _THIRD))
+
+
 @overload
-def hypot(x: float, y: float) -> float: ...
+def hypot(x: float, y: float, /) -> float: ...
 @overload
-def hypot(x: Reals, y: Reals | float) -> Float: ...
-def hypot(x: float | Reals, y: float | Reals) -> float | Float:
+def hypot(x: Reals, y: Reals | float, /) -> Float: ...
+@twin
+def hypot(x: float | Reals, y: float | Reals, /) -> float | Float:
     """Return the length of (x, y), both well within 1e-150 and 1e150 or zero."""
-    square = x * x + y * y
-    return np.sqrt(square) if isinstance(square, _ARRAY) else math.sqrt(square)
+    if isinstance(x, _ARRAY) or isinstance(y, _ARRAY):
+        return _each(hypot, x, y)
+    x, y = float(x), float(y)
+    return math.sqrt(x * x + y * y)
 
 
 def square(x: Operand) -> Operand:
@@ -221,53 +187,35 @@ def distance(first: Sequence[float] | Reals, second: Sequence[float] | Reals) ->
 
 
 @overload
-def exp(x: float) -> float: ...
+def exp(x: float, /) -> float: ...
 @overload
-def exp(x: Reals) -> Float: ...
-def exp(x: float | Reals) -> float | Float:
+def exp(x: Reals, /) -> Float: ...
+@twin
+def exp(x: float | Reals, /) -> float | Float:
     """Return e to the power of x, |x| <= 700."""
-    if not isinstance(x, _ARRAY):
-        return _exp_number(float(x))
-    x = np.asarray(x, dtype=np.float64)
-    if x.size <= FEW:
-        return _each(_exp_number, x)
-    power = np.rint(x * _PER_LN2)
-    rest = x - power * _LN2_HIGH - power * _LN2_LOW
-    return np.ldexp(1.0 + (rest + rest * rest * _evaluate(_FACTORIALS, rest)), power.astype(np.int32))
-
-
-def _exp_number(x: float) -> float:
+    if isinstance(x, _ARRAY):
+        return _each(exp, x)
+    x = float(x)
     power = round(x * _PER_LN2)
     rest = x - power * _LN2_HIGH - power * _LN2_LOW
     return math.ldexp(1.0 + (rest + rest * rest * _evaluate(_FACTORIALS, rest)), power)
 
 
-def expm1(x: float) -> float:
+@twin
+def expm1(x: float, /) -> float:
     """Return e to the power of x, less 1, accurately where x is small."""
     return x + x * x * _evaluate(_FACTORIALS, x) if abs(x) < 0.34 else exp(x) - 1.0
 
 
 @overload
-def log(x: float) -> float: ...
+def log(x: float, /) -> float: ...
 @overload
-def log(x: Reals) -> Float: ...
-def log(x: float | Reals) -> float | Float:
+def log(x: Reals, /) -> Float: ...
+@twin
+def log(x: float | Reals, /) -> float | Float:
     """Return the natural logarithm of x > 0."""
-    if not isinstance(x, _ARRAY):
-        return _log_number(float(x))
-    x = np.asarray(x, dtype=np.float64)
-    if x.size <= FEW:
-        return _each(_log_number, x)
-    mantissa, power = np.frexp(x)
-    is_low = mantissa < _ROOT_HALF
-    mantissa, power = np.where(is_low, 2.0 * mantissa, mantissa), (power - is_low).astype(np.float64)
-    share = (mantissa - 1.0) / (mantissa + 1.0)
-    square = share * share
-    tail = 2.0 * (share * square) * _evaluate(_ODD, square)
-    return power * _LN2_HIGH + (2.0 * share + (tail + power * _LN2_LOW))
-
-
-def _log_number(x: float) -> float:
+    if isinstance(x, _ARRAY):
+        return _each(log, x)
     mantissa, power = math.frexp(x)
     if mantissa < _ROOT_HALF:
         mantissa, power = 2.0 * mantissa, power - 1
@@ -277,7 +225,7 @@ def _log_number(x: float) -> float:
     return power * _LN2_HIGH + (2.0 * share + (tail + power * _LN2_LOW))
 
 
-def _evaluate(coefficients: Sequence[float], x: Operand) -> Operand:
+def _evaluate(coefficients: Sequence[float], x: float) -> float:
     """Return the polynomial with these coefficients, highest degree first (Horner's scheme)."""
     value = coefficients[0] * x + coefficients[1]
     for coefficient in coefficients[2:]:
@@ -285,11 +233,8 @@ def _evaluate(coefficients: Sequence[float], x: Operand) -> Operand:
     return value
 
 
-def _each(function: Callable[..., float], *arguments: Float) -> Float:
-    """Return the function of every element of arrays that broadcast."""
-    shape = arguments[0].shape
-    if any(one.shape != shape for one in arguments):
-        arguments = np.broadcast_arrays(*arguments)
-        shape = arguments[0].shape
-    rows = zip(*(one.ravel().tolist() for one in arguments), strict=True)
-    return np.array([function(*row) for row in rows], dtype=np.float64).reshape(shape)
+def _each(function: Callable[..., float], *arguments: float | Reals) -> Float:
+    """Return the function of every element of arrays and numbers that broadcast."""
+    columns = np.broadcast_arrays(*(np.asarray(argument, dtype=np.float64) for argument in arguments))
+    rows = zip(*(column.ravel().tolist() for column in columns), strict=True)
+    return np.array([function(*row) for row in rows], dtype=np.float64).reshape(columns[0].shape)

@@ -92,7 +92,7 @@ def test_directions_of_axes_and_diagonals_are_exact(eighths: int) -> None:
 def test_the_sign_of_zero_does_not_turn_a_direction() -> None:
     assert portable.atan2(-0.0, -1.0) == portable.atan2(0.0, -1.0) == math.pi
     assert np.array_equal(portable.atan2(np.array((-0.0, 0.0)), np.array((-1.0, -1.0))), (math.pi, math.pi))
-    many = np.zeros(2 * portable.FEW)
+    many = np.zeros(20)
     assert np.array_equal(portable.atan2(-many, many - 1.0), many + math.pi)
 
 
@@ -124,7 +124,7 @@ ONE_ARGUMENT: dict[str, tuple[Callable[[Float], Float], Callable[[float], float]
 
 
 @pytest.mark.parametrize("name", ONE_ARGUMENT)
-@pytest.mark.parametrize("size", [0, 1, portable.FEW, portable.FEW + 1, 500])
+@pytest.mark.parametrize("size", [0, 1, 10, 500])
 def test_numbers_and_arrays_have_the_same_bits(name: str, size: int) -> None:
     of_arrays, of_numbers, (low, high) = ONE_ARGUMENT[name]
     values = np.random.default_rng(size).uniform(low, high, size)
@@ -133,7 +133,7 @@ def test_numbers_and_arrays_have_the_same_bits(name: str, size: int) -> None:
     assert of_arrays(values.reshape(-1, 1)).shape == (size, 1)
 
 
-@pytest.mark.parametrize("size", [0, 1, portable.FEW, portable.FEW + 1, 500])
+@pytest.mark.parametrize("size", [0, 1, 10, 500])
 def test_numbers_and_arrays_have_the_same_directions_and_lengths(size: int) -> None:
     y, x = np.random.default_rng(size).normal(size=(2, size))
     rows = list(zip(y.tolist(), x.tolist(), strict=True))

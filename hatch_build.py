@@ -1,0 +1,94 @@
+"""Build the compiled layer: C files beside the Python files whose twins they are, one extension module for all.
+
+hatchling calls `CompiledLayer` for every installation. `python hatch_build.py` builds the layer of a clone anew, after
+a change of a C file. The compiler is the package `ziglang`, so nothing but Python has to be installed. Where it cannot
+build, the installation has no layer: the same results, several times slower (docs/decisions/075).
+"""
+
+import hashlib
+import platform
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parent
+LAYER = Path("mdrive_sumo/core/compiled/layer.abi3.so")
+"""Relative to the root of the project, and of a wheel."""
+FLAGS = (
+    *("-std=c23", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra", "-Werror"),
+    *("-Wno-unused-parameter", "-Wno-bitwise-op-parentheses"),
+    # Bits decide: no fused multiply-add, and nothing that reorders sums. (-ffast-math is off unless it is asked for.)
+    *("-ffp-contract=off", "-fno-sanitize=all", "-g0"),
+)
+TARGETS = {"x86_64": "x86_64-linux-gnu.2.17", "aarch64": "aarch64-linux-gnu.2.17"}
+"""Machine -> what the compiler builds for: the least of its processors, and glibc 2.17 as of manylinux2014."""
+
+
+def list_sources(root: Path) -> list[Path]:
+    """Return C files and headers, and what they embed."""
+    found = [path for kind in ("*.c", "*.h", "*.f64") for path in (root / "mdrive_sumo").rglob(kind)]
+    return sorted(found, key=lambda path: path.relative_to(root).as_posix())
+
+
+def digest_sources(root: Path) -> str:
+    """Return what the layer says it was built from (`layer.SOURCES`)."""
+    digest = hashlib.blake2b(digest_size=16)
+    for path in list_sources(root):
+        digest.update(f"{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes() + b"\0")
+    return digest.hexdigest()
+
+
+def compile_layer(root: Path, version: str, out: Path) -> None:
+    """Compile the layer. Raises OSError or subprocess.CalledProcessError, with the compiler's words as `stderr`."""
+    machine = platform.machine()
+    if sys.platform != "linux" or machine not in TARGETS:
+        raise OSError(f"expected Linux on one of {', '.join(TARGETS)}, found {sys.platform} on {machine}")
+    names = (f'-DMDRIVE_VERSION="{version}"', f'-DMDRIVE_SOURCES="{digest_sources(root)}"')
+    sources = [str(path) for path in list_sources(root) if path.suffix == ".c"]
+    target = ("-target", TARGETS[machine], "-mcpu=baseline")
+    command = (sys.executable, "-m", "ziglang", "cc", *target, *FLAGS, *names, "-o", str(out), *sources, "-lm")
+    subprocess.run(command, check=True, capture_output=True, text=True)
+
+
+def read_version(root: Path) -> str:
+    """Return the version of the project, which has one line of its own."""
+    return (root / "mdrive_sumo/core/version.py").read_text().rpartition('= "')[2].strip().rstrip('"')
+
+
+def main() -> None:
+    """Build the layer of this clone."""
+    try:
+        compile_layer(ROOT, read_version(ROOT), ROOT / LAYER)
+    except subprocess.CalledProcessError as error:
+        sys.exit(error.stderr)
+
+
+try:
+    from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+except ImportError:  # `python hatch_build.py` needs no hatchling
+    BuildHookInterface = object
+
+
+class CompiledLayer(BuildHookInterface):  # type: ignore[misc]
+    """Adds the layer to a wheel; an editable installation has it in the clone."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        """Compile, or say in one line why that was impossible. version: "editable" or "standard"."""
+        root = Path(self.root)
+        out = root / LAYER if version == "editable" else Path(tempfile.mkdtemp()) / LAYER.name
+        try:
+            compile_layer(root, read_version(root), out)
+        except (OSError, subprocess.CalledProcessError) as error:
+            words = (getattr(error, "stderr", None) or str(error)).strip().splitlines() or ["no reason given"]
+            self.app.display_warning(f"mdrive-sumo: no compiled layer, same results but slower: {words[-1]}")
+            return
+        build_data["pure_python"] = False
+        build_data["tag"] = f"cp311-abi3-manylinux_2_17_{platform.machine()}"
+        if version != "editable":
+            build_data["force_include"][str(out)] = LAYER.as_posix()
+
+
+if __name__ == "__main__":
+    main()

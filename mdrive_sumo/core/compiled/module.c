@@ -1,0 +1,35 @@
+/* The extension module: all functions of all twins. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "values.h"
+
+/* A line for each C file beside a Python file, in the order of rooms. */
+#define FILES(USE) USE(core_portable)
+
+#define DECLARE(file) extern Functions file;
+#define LIST(file) file,
+FILES(DECLARE)
+static PyMethodDef *const TABLES[] = {FILES(LIST)};
+enum { COUNT = sizeof TABLES / sizeof *TABLES };
+
+static PyModuleDef DEFINITION = {{1, 0}, 0, 0, 0, "mdrive_sumo.core.compiled.layer", 0, -1, 0, 0, 0, 0, 0};
+
+__attribute__((visibility("default"))) PyObject *PyInit_layer(void) {
+    size_t functions = 1;
+    for (int i = 0; i < COUNT; i++)
+        for (PyMethodDef *row = TABLES[i]; row->ml_name; row++) functions++;
+    PyMethodDef *all = calloc(functions, sizeof *all); /* kept as long as the module */
+    if (!all) return PyErr_NoMemory();
+    PyMethodDef *next = all;
+    for (int i = 0; i < COUNT; i++)
+        for (PyMethodDef *row = TABLES[i]; row->ml_name; row++) *next++ = *row;
+    DEFINITION.m_methods = all;
+    PyObject *module = PyModule_Create2(&DEFINITION, PYTHON_API_VERSION);
+    if (module && (PyModule_AddStringConstant(module, "VERSION", MDRIVE_VERSION) ||
+                   PyModule_AddStringConstant(module, "SOURCES", MDRIVE_SOURCES))) {
+        Py_DecRef(module);
+        return NULL;
+    }
+    return module;
+}

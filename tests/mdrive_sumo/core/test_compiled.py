@@ -1,0 +1,101 @@
+"""The compiled layer: the same bits as the Python text, and what happens without it."""
+
+import os
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from testing.twins import compare_twins
+
+import hatch_build
+from mdrive_sumo.core import compiled
+from mdrive_sumo.core.version import __version__
+
+ROOT = Path(__file__).parents[3]
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+ORDINARY = st.one_of(st.floats(-700.0, 700.0), st.floats(-1e-3, 1e-3), st.sampled_from((0.0, -0.0, 1.0, -1.0)))
+
+
+def test_the_layer_is_built_from_the_present_sources() -> None:
+    assert compiled.layer is not None, compiled.problem
+    assert hatch_build.digest_sources(ROOT) == compiled.layer.SOURCES, "python hatch_build.py builds it anew"
+
+
+def test_every_compiled_function_has_its_python_text_beside_it() -> None:
+    for path in hatch_build.list_sources(ROOT):
+        if path.suffix == ".c" and path.parent.name != "compiled":
+            import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
+    functions = {name for name in dir(compiled.layer) if callable(getattr(compiled.layer, name))}
+    assert functions - {"__loader__"} == set(compiled.REFERENCES)
+
+
+@pytest.mark.parametrize("name", ["cos_sin", "cos", "sin", "sinc", "atan"])
+@given(x=st.one_of(ORDINARY, ANY))
+def test_functions_of_a_number(name: str, x: float) -> None:
+    compare_twins(f"core_portable_{name}", x)
+
+
+@pytest.mark.parametrize("name", ["exp", "expm1"])
+@given(x=st.one_of(ORDINARY, st.floats(-1e9, 1e9), st.just(float("nan"))))
+def test_exponentials(name: str, x: float) -> None:
+    compare_twins(f"core_portable_{name}", x)
+
+
+@given(x=st.floats(min_value=0.0, exclude_min=True, allow_infinity=False))
+def test_logarithms(x: float) -> None:
+    compare_twins("core_portable_log", x)
+
+
+@pytest.mark.parametrize("name", ["atan2", "hypot"])
+@given(y=st.one_of(ORDINARY, ANY), x=st.one_of(ORDINARY, ANY))
+def test_functions_of_two_numbers(name: str, y: float, x: float) -> None:
+    compare_twins(f"core_portable_{name}", y, x)
+
+
+@pytest.mark.parametrize("shape", [(), (0,), (1,), (7,), (3, 0, 2), (3, 4)])
+def test_functions_of_arrays(shape: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(0)
+    x, y = rng.uniform(0.1, 9.0, (2, *shape))
+    for name in ("cos_sin", "cos", "sin", "tan", "sinc", "exp", "log"):
+        compare_twins(f"core_portable_{name}", x)
+    for name in ("atan2", "hypot"):
+        for pair in ((y, x), (y, 2.0), (y[..., None], np.array((1.0, -2.0))), (y.astype(np.float32), x.T.copy().T)):
+            compare_twins(f"core_portable_{name}", *pair)
+
+
+def run(code: str, **environment: str) -> str:
+    done = subprocess.run(
+        (sys.executable, "-c", code), capture_output=True, text=True, check=True, env={**os.environ, **environment}
+    )
+    return done.stdout.strip()
+
+
+def test_the_switch_uses_the_python_text_without_a_word() -> None:
+    code = "from mdrive_sumo.core import compiled, portable; print(type(portable.cos_sin), compiled.format_notice())"
+    assert run(code, MDRIVE_COMPILED="off") == "<class 'function'>"
+    assert run(code) == "<class 'builtin_function_or_method'>"
+
+
+@pytest.mark.parametrize(
+    ("layer", "reason"),
+    [
+        ("raise ImportError('layer.abi3.so: wrong ELF class')", "layer.abi3.so: wrong ELF class"),
+        ("VERSION = '0.0.9'", f"expected version {__version__}, found 0.0.9 in"),
+    ],
+)
+def test_a_layer_that_cannot_be_used_is_named(tmp_path: Path, layer: str, reason: str) -> None:
+    (tmp_path / "broken.py").write_text(layer)
+    code = f"""
+import sys; sys.path.insert(0, {str(tmp_path)!r})
+from mdrive_sumo.core import version
+import importlib.util, mdrive_sumo.core
+source = open(mdrive_sumo.core.__path__[0] + "/compiled/__init__.py").read()
+exec(compile(source.replace('"mdrive_sumo.core.compiled.layer"', '"broken"'), "compiled", "exec"))
+print(format_notice())
+"""
+    assert reason in run(code)
