@@ -45,7 +45,7 @@ typedef struct {
 } Py_buffer;
 enum { PyBUF_WRITABLE = 0x0001, PyBUF_FORMAT = 0x0004, PyBUF_C_CONTIGUOUS = 0x0038 };
 
-extern PyTypeObject PyFloat_Type, PyLong_Type, PyList_Type, PyTuple_Type;
+extern PyTypeObject PyFloat_Type, PyLong_Type, PyList_Type, PyTuple_Type, PyUnicode_Type;
 extern PyObject _Py_NoneStruct, _Py_TrueStruct, _Py_FalseStruct;
 extern PyObject *PyExc_ValueError, *PyExc_TypeError, *PyExc_OverflowError, *PyExc_ZeroDivisionError, *PyExc_MemoryError;
 
@@ -97,6 +97,7 @@ PyObject *PyObject_GetAttrString(PyObject *, const char *name);
 int PyObject_GenericSetAttr(PyObject *, PyObject *name, PyObject *value);
 int PyObject_IsTrue(PyObject *);
 Py_ssize_t PyObject_Size(PyObject *);
+PyObject *PyObject_Str(PyObject *);
 PyObject *PyObject_GetItem(PyObject *, PyObject *key);
 PyObject *PySequence_GetItem(PyObject *, Py_ssize_t);
 PyObject *PyObject_CallFunctionObjArgs(PyObject *callable, ...); /* ends with NULL */
