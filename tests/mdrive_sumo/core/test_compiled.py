@@ -94,7 +94,7 @@ def test_a_layer_that_cannot_be_used_is_named(tmp_path: Path, layer: str, reason
 import sys; sys.path.insert(0, {str(tmp_path)!r})
 from mdrive_sumo.core import version
 import importlib.util, mdrive_sumo.core
-source = open(mdrive_sumo.core.__path__[0] + "/compiled/__init__.py").read()
+source = open(mdrive_sumo.core.__path__[0] + "/compiled/loader.py").read()
 exec(compile(source.replace('"mdrive_sumo.core.compiled.layer"', '"broken"'), "compiled", "exec"))
 print(format_notice())
 """
