@@ -5,8 +5,8 @@ a change of a C file. The compiler is the package `ziglang`, so nothing but Pyth
 build, the installation has no layer: the same results, several times slower (docs/decisions/075).
 """
 
-import hashlib
 import platform
+import runpy
 import subprocess
 import sys
 import tempfile
@@ -26,18 +26,13 @@ TARGETS = {"x86_64": "x86_64-linux-gnu.2.17", "aarch64": "aarch64-linux-gnu.2.17
 """Machine -> what the compiler builds for: the least of its processors, and glibc 2.17 as of manylinux2014."""
 
 
-def list_sources(root: Path) -> list[Path]:
-    """Return C files and headers, and what they embed."""
-    found = [path for kind in ("*.c", "*.h", "*.f64") for path in (root / "mdrive_sumo").rglob(kind)]
-    return sorted(found, key=lambda path: path.relative_to(root).as_posix())
-
-
-def digest_sources(root: Path) -> str:
-    """Return what the layer says it was built from (`layer.SOURCES`)."""
-    digest = hashlib.blake2b(digest_size=16)
-    for path in list_sources(root):
-        digest.update(f"{path.relative_to(root).as_posix()}\0".encode() + path.read_bytes() + b"\0")
-    return digest.hexdigest()
+def describe_sources(root: Path) -> tuple[list[str], str]:
+    """Return the files that the layer is built from, relative to the package, and their digest."""
+    package = root / "mdrive_sumo"
+    # Run, not imported: what the package needs is not installed where a wheel is built.
+    sources = runpy.run_path(str(ROOT / "mdrive_sumo/core/compiled/sources.py"))
+    files: list[str] = sources["list_sources"](package)
+    return files, sources["digest_sources"](package, files)
 
 
 def compile_layer(root: Path, version: str, out: Path) -> None:
@@ -45,11 +40,15 @@ def compile_layer(root: Path, version: str, out: Path) -> None:
     machine = platform.machine()
     if sys.platform != "linux" or machine not in TARGETS:
         raise OSError(f"expected Linux on one of {', '.join(TARGETS)}, found {sys.platform} on {machine}")
-    names = (f'-DMDRIVE_VERSION="{version}"', f'-DMDRIVE_SOURCES="{digest_sources(root)}"')
-    sources = [str(path) for path in list_sources(root) if path.suffix == ".c"]
+    files, digest = describe_sources(root)
+    constants = {"VERSION": version, "SOURCES": digest, "FILES": " ".join(files)}
+    names = [f'-DMDRIVE_{name}="{text}"' for name, text in constants.items()]
+    sources = [str(root / "mdrive_sumo" / file) for file in files if file.endswith(".c")]
     target = ("-target", TARGETS[machine], "-mcpu=baseline")
-    command = (sys.executable, "-m", "ziglang", "cc", *target, *FLAGS, *names, "-o", str(out), *sources, "-lm")
+    fresh = out.with_suffix(".new")  # replaced at once: processes may be running with the old one
+    command = (sys.executable, "-m", "ziglang", "cc", *target, *FLAGS, *names, "-o", str(fresh), *sources, "-lm")
     subprocess.run(command, check=True, capture_output=True, text=True)
+    fresh.replace(out)
 
 
 def read_version(root: Path) -> str:

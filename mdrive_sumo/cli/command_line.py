@@ -113,3 +113,9 @@ def main() -> None:
     Start with `mdrive-sumo eval`. Exit codes: 0 done, 1 something is void or differs or an agent failed, 2 unusable
     input, 130 interrupted.
     """
+    # Here, so that --help need not import them.
+    from mdrive_sumo.core.compiled import format_notice
+    from mdrive_sumo.core.terminal import echo
+
+    if notice := format_notice():
+        echo(notice, err=True)

@@ -11,6 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from mdrive_sumo.agent_process.sandbox import GAPS, OWN_KERNEL, SHARED_KERNEL, KernelTrial, SandboxLayer
+from mdrive_sumo.core import compiled
 from mdrive_sumo.core.installation_command import format_installation
 from mdrive_sumo.core.posix import REMEDY, is_posix
 from mdrive_sumo.core.tables import format_text, make_text_table
@@ -76,6 +77,7 @@ def examine_installation() -> tuple[InstallationCheck, ...]:
         _python(),
         InstallationCheck("platform", _describe_platform(), "everything"),
         InstallationCheck("cores", str(count_usable_cores()), "eval --workers auto"),
+        _compiled_layer(),
         *(_package(*row) for row in PACKAGES),
         _simulator(),
         _renderer(),
@@ -99,6 +101,13 @@ def count_usable_cores() -> int:
 def _python() -> InstallationCheck:
     python = platform.python_version() if sys.version_info >= (3, 11) else ""
     return InstallationCheck("python", python, "everything", "install Python 3.11 or newer")
+
+
+def _compiled_layer() -> InstallationCheck:
+    found = "" if compiled.USED_LAYER is None else f"of version {compiled.USED_LAYER.VERSION}"
+    problem = compiled.PROBLEM or f"switched off by {compiled.SWITCH}=off"
+    remedy = f"{problem}; results are the same; install mdrive-sumo anew"
+    return InstallationCheck("compiled layer", found, "speed", remedy, is_required=False)
 
 
 def _version(name: str) -> str:

@@ -26,6 +26,7 @@ SOURCES = (
     "server",
     "LICENSE",
     "README.md",
+    "hatch_build.py",
     "pyproject.toml",
     "requirements.lock",
 )

@@ -23,6 +23,8 @@ import click
 import coverage
 import pytest
 
+from hatch_build import LAYER
+from mdrive_sumo.core.compiled import SWITCH
 from testing.mutants import Mutant, list_mutants, sample_mutants
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -91,7 +93,8 @@ class TreeCopy:
         process = subprocess.Popen(
             [*command, *arguments],
             cwd=self.folder,
-            env={**kept, "PYTHONPATH": paths, "TESTS_PROFILE": "mutants", **environment},
+            # Mutants are of the Python text; tests of twins compare it with the compiled layer all the same.
+            env={**kept, "PYTHONPATH": paths, "TESTS_PROFILE": "mutants", SWITCH: "off", **environment},
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -118,7 +121,7 @@ def _limit_processor_time() -> None:
 
 
 def copy_tree(source: Path, folder: Path) -> TreeCopy:
-    """Copy all files that git tracks or would track."""
+    """Copy all files that git tracks or would track, and the compiled layer."""
     names = subprocess.run(
         ["git", "ls-files", "-coz", "--exclude-standard"], cwd=source, check=True, capture_output=True
     ).stdout
@@ -128,6 +131,8 @@ def copy_tree(source: Path, folder: Path) -> TreeCopy:
         ["tar", "c", "--null", "-T", "-"], cwd=source, input=there, check=True, capture_output=True
     ).stdout
     subprocess.run(["tar", "x"], cwd=folder, input=packed, check=True)
+    if (source / LAYER).is_file():
+        (folder / LAYER).write_bytes((source / LAYER).read_bytes())
     return TreeCopy(folder)
 
 

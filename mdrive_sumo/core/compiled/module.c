@@ -27,6 +27,7 @@ __attribute__((visibility("default"))) PyObject *PyInit_layer(void) {
     DEFINITION.m_methods = all;
     PyObject *module = PyModule_Create2(&DEFINITION, PYTHON_API_VERSION);
     if (module && (PyModule_AddStringConstant(module, "VERSION", MDRIVE_VERSION) ||
+                   PyModule_AddStringConstant(module, "FILES", MDRIVE_FILES) ||
                    PyModule_AddStringConstant(module, "SOURCES", MDRIVE_SOURCES))) {
         Py_DecRef(module);
         return NULL;

@@ -12,25 +12,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 from testing.twins import compare_twins
 
-import hatch_build
+import mdrive_sumo
 from mdrive_sumo.core import compiled
+from mdrive_sumo.core.compiled.sources import list_sources
 from mdrive_sumo.core.version import __version__
 
-ROOT = Path(__file__).parents[3]
+PACKAGE = Path(mdrive_sumo.__file__).parent
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 ORDINARY = st.one_of(st.floats(-700.0, 700.0), st.floats(-1e-3, 1e-3), st.sampled_from((0.0, -0.0, 1.0, -1.0)))
 
 
-def test_the_layer_is_built_from_the_present_sources() -> None:
-    assert compiled.layer is not None, compiled.problem
-    assert hatch_build.digest_sources(ROOT) == compiled.layer.SOURCES, "python hatch_build.py builds it anew"
+def test_the_layer_is_there_and_built_from_all_files() -> None:
+    assert compiled.USED_LAYER is not None, compiled.PROBLEM
+    assert compiled.USED_LAYER.FILES.split() == list_sources(PACKAGE)
 
 
 def test_every_compiled_function_has_its_python_text_beside_it() -> None:
-    for path in hatch_build.list_sources(ROOT):
-        if path.suffix == ".c" and path.parent.name != "compiled":
-            import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
-    functions = {name for name in dir(compiled.layer) if callable(getattr(compiled.layer, name))}
+    for file in map(Path, list_sources(PACKAGE)):
+        if file.suffix == ".c" and file.parent.name != "compiled":
+            import_module(".".join(("mdrive_sumo", *file.with_suffix("").parts)))
+    functions = {name for name in dir(compiled.USED_LAYER) if callable(getattr(compiled.USED_LAYER, name))}
     assert functions - {"__loader__"} == set(compiled.REFERENCES)
 
 
@@ -86,6 +87,8 @@ def test_the_switch_uses_the_python_text_without_a_word() -> None:
     [
         ("raise ImportError('layer.abi3.so: wrong ELF class')", "layer.abi3.so: wrong ELF class"),
         ("VERSION = '0.0.9'", f"expected version {__version__}, found 0.0.9 in"),
+        (f"VERSION, FILES, SOURCES = {__version__!r}, 'core/portable.c', '1'", "found an older one"),
+        (f"VERSION, FILES, SOURCES = {__version__!r}, 'core/removed.c', '1'", "found an older one"),
     ],
 )
 def test_a_layer_that_cannot_be_used_is_named(tmp_path: Path, layer: str, reason: str) -> None:
@@ -94,7 +97,8 @@ def test_a_layer_that_cannot_be_used_is_named(tmp_path: Path, layer: str, reason
 import sys; sys.path.insert(0, {str(tmp_path)!r})
 from mdrive_sumo.core import version
 import importlib.util, mdrive_sumo.core
-source = open(mdrive_sumo.core.__path__[0] + "/compiled/loader.py").read()
+source = open(mdrive_sumo.core.__path__[0] + "/compiled/twins.py").read()
+__file__ = mdrive_sumo.core.__path__[0] + "/compiled/twins.py"
 exec(compile(source.replace('"mdrive_sumo.core.compiled.layer"', '"broken"'), "compiled", "exec"))
 print(format_notice())
 """

@@ -1,11 +1,18 @@
-"""Loads the extension module, and puts its functions in the place of their Python text."""
+"""Which functions are compiled: `twin` takes those of the layer, or the Python text where there is no layer.
+
+A Python file with twins has a C file beside it, with the same names in the same order. The Python text is the
+reference: it says what is computed, tests compare both, and it is used where the layer is missing.
+docs/compiled-layer.md says how to write a twin; `hatch_build.py` compiles all of them into one extension module.
+"""
 
 import os
 from collections.abc import Callable
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
+from mdrive_sumo.core.compiled.sources import digest_sources
 from mdrive_sumo.core.version import __version__
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -27,10 +34,23 @@ def _load_layer() -> tuple[ModuleType | None, str]:
         return None, str(error)
     if __version__ != layer.VERSION:
         return None, f"expected version {__version__}, found {layer.VERSION} in {layer.__file__}"
+    if _is_outdated(layer):
+        return None, "expected one built from the C files of this clone, found an older one; python hatch_build.py"
     return layer, ""
 
 
-layer, problem = _load_layer()
+def _is_outdated(layer: ModuleType) -> bool:
+    """Whether C files were changed after the layer was built: in a clone, where they can be."""
+    package = Path(__file__).parents[2]
+    if not (package.parent / "hatch_build.py").is_file():
+        return False
+    try:
+        return digest_sources(package, layer.FILES.split()) != layer.SOURCES
+    except OSError:
+        return True
+
+
+USED_LAYER, PROBLEM = _load_layer()
 """The extension module if it is used, and what is wrong if it should be and is not."""
 
 
@@ -42,11 +62,11 @@ def twin(reference: Function) -> Function:
     module = reference.__module__.removeprefix("mdrive_sumo.")
     name = f"{module}.{reference.__qualname__}".replace(".", "_")
     REFERENCES[name] = reference
-    return reference if layer is None else getattr(layer, name)
+    return reference if USED_LAYER is None else getattr(USED_LAYER, name)
 
 
 def format_notice() -> str:
     """Return the line for a user whose installation lacks the layer, "" if it has it."""
-    if not problem:
+    if not PROBLEM:
         return ""
-    return f"mdrive-sumo runs without its compiled layer: same results, several times slower ({problem})"
+    return f"mdrive-sumo runs without its compiled layer: same results, several times slower ({PROBLEM})"
