@@ -4,7 +4,6 @@ Frames: metres, x to the right, y up, radians counter-clockwise from +x. A pose 
 """
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,6 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
+from mdrive_sumo.core.portable import Operand
 
 Float = npt.NDArray[np.float64]
 Bool = npt.NDArray[np.bool_]
@@ -21,69 +22,53 @@ Int = npt.NDArray[np.int64]
 TAU = 2 * math.pi
 
 
-def wrap_angle(angle: float) -> float:
+@twin
+def wrap_angle(angle: float, /) -> float:
     """Return the angle [rad] wrapped to (-pi, pi]."""
     wrapped = math.remainder(angle, TAU)
     return math.pi if wrapped == -math.pi else wrapped
 
 
-def wrap_angles(angles: Float) -> Float:
+@twin
+def wrap_angles(angles: Float, /) -> Float:
     """Return the angles [rad], any shape, wrapped to [-pi, pi)."""
-    return (angles + math.pi) % TAU - math.pi
+    return np.asarray((angles + math.pi) % TAU - math.pi)
 
 
-def box_corners(x: float, y: float, yaw: float, length: float, width: float) -> Float:
+@twin
+def box_corners(x: float, y: float, yaw: float, length: float, width: float, /) -> Float:
     """Return the corners (4, 2) of an oriented box, counter-clockwise from front left."""
     cos, sin = portable.cos_sin(yaw)
-    ahead_x, ahead_y = cos * length / 2, sin * length / 2
-    left_x, left_y = -sin * width / 2, cos * width / 2
-    return np.array(
-        (
-            (x + ahead_x + left_x, y + ahead_y + left_y),
-            (x - ahead_x + left_x, y - ahead_y + left_y),
-            (x - ahead_x - left_x, y - ahead_y - left_y),
-            (x + ahead_x - left_x, y + ahead_y - left_y),
-        )
-    )
+    return _list_corners(x, y, cos, sin, length, width)
 
 
-def boxes_corners(x: Float, y: Float, yaw: Float, length: Float, width: Float) -> Float:
+@twin
+def boxes_corners(x: Float, y: Float, yaw: Float, length: Float, width: Float, /) -> Float:
     """Return the corners (..., 4, 2) of oriented boxes with parameters that broadcast to (...), as `box_corners`."""
     cos, sin = portable.cos_sin(yaw)
+    return _list_corners(*np.broadcast_arrays(x, y, cos, sin, length, width))
+
+
+def _list_corners(x: Operand, y: Operand, cos: Operand, sin: Operand, length: Operand, width: Operand) -> Float:
     ahead_x, ahead_y = cos * length / 2, sin * length / 2
     left_x, left_y = -sin * width / 2, cos * width / 2
-    front_x, front_y, back_x, back_y = x + ahead_x, y + ahead_y, x - ahead_x, y - ahead_y
-    corners = np.empty((*np.broadcast_shapes(np.shape(front_x), np.shape(left_x)), 4, 2))
-    np.add(front_x, left_x, out=corners[..., 0, 0])
-    np.add(front_y, left_y, out=corners[..., 0, 1])
-    np.add(back_x, left_x, out=corners[..., 1, 0])
-    np.add(back_y, left_y, out=corners[..., 1, 1])
-    np.subtract(back_x, left_x, out=corners[..., 2, 0])
-    np.subtract(back_y, left_y, out=corners[..., 2, 1])
-    np.subtract(front_x, left_x, out=corners[..., 3, 0])
-    np.subtract(front_y, left_y, out=corners[..., 3, 1])
-    return corners
+    along_x = x + ahead_x + left_x, x - ahead_x + left_x, x - ahead_x - left_x, x + ahead_x - left_x
+    along_y = y + ahead_y + left_y, y - ahead_y + left_y, y - ahead_y - left_y, y + ahead_y - left_y
+    return np.stack((np.stack(along_x, axis=-1), np.stack(along_y, axis=-1)), axis=-1)
 
 
-def boxes_overlap(first: Float, second: Float) -> Bool:
+@twin
+def boxes_overlap(first: Float, second: Float, /) -> Bool:
     """Return whether boxes, corners (..., 4, 2) each, overlap (separating-axis test); touching does not count."""
     one, other = (_overlap_along_sides(corners, first, second) for corners in (first, second))
-    return one & other
+    return np.asarray(one & other)
 
 
 def _overlap_along_sides(corners: Float, first: Float, second: Float) -> Bool:
     """Return whether the boxes overlap when projected on two neighbouring sides of `corners`."""
     axes = (corners[..., 1:3, :] - corners[..., 0:2, :])[..., None, :]
-    a_low, a_high = _find_extremes(portable.dot(first[..., None, :, :], axes))
-    b_low, b_high = _find_extremes(portable.dot(second[..., None, :, :], axes))
-    overlap = (a_high > b_low) & (b_high > a_low)
-    return overlap[..., 0] & overlap[..., 1]
-
-
-def _find_extremes(values: Float) -> tuple[Float, Float]:
-    """Return the least and the greatest (...,) of four values (..., 4); NumPy's reductions take far longer for four."""
-    a, b, c, d = values[..., 0], values[..., 1], values[..., 2], values[..., 3]
-    return np.minimum(np.minimum(a, b), np.minimum(c, d)), np.maximum(np.maximum(a, b), np.maximum(c, d))
+    a, b = (portable.dot(box[..., None, :, :], axes) for box in (first, second))
+    return ((a.max(axis=-1) > b.min(axis=-1)) & (b.max(axis=-1) > a.min(axis=-1))).all(axis=-1)
 
 
 @dataclass(frozen=True)
@@ -100,16 +85,16 @@ class Polyline:
 
     @cached_property
     def _segments(self) -> Float:
-        return np.diff(self.xy, axis=0)
-
-    @cached_property
-    def _lengths(self) -> Float:
-        return portable.hypot(self._segments[:, 0], self._segments[:, 1])
+        """Rows (N-1, 6) [m]: arc length, x and y where a segment begins, its extents along x and y, its length."""
+        extents = np.diff(self.xy, axis=0)
+        lengths = portable.hypot(extents[:, 0], extents[:, 1])
+        begins = np.concatenate(((0.0,), np.cumsum(lengths[:-1])))
+        return np.column_stack((begins, self.xy[:-1], extents, lengths))
 
     @cached_property
     def s(self) -> Float:
         """Arc length (N,) [m] at every point."""
-        return np.concatenate(((0.0,), np.cumsum(self._lengths)))
+        return np.concatenate(((0.0,), np.cumsum(self._segments[:, 5])))
 
     @property
     def length(self) -> float:
@@ -119,27 +104,15 @@ class Polyline:
     @cached_property
     def yaws(self) -> Float:
         """Direction (N-1,) [rad] of every segment."""
-        return portable.atan2(self._segments[:, 1], self._segments[:, 0])
-
-    @cached_property
-    def _plain(self) -> tuple[list[float], list[tuple[float, float]], list[float]]:
-        """Arc lengths, unit vectors and directions of the segments as Python floats, for fast single queries."""
-        units = self._segments / np.maximum(self._lengths, 1e-12)[:, None]
-        return self.s.tolist(), [(x, y) for x, y in units.tolist()], self.yaws.tolist()
-
-    def _segment_at(self, s: float) -> int:
-        return min(max(bisect_right(self._plain[0], s) - 1, 0), len(self._lengths) - 1)
+        return portable.atan2(self._segments[:, 4], self._segments[:, 3])
 
     def at(self, s: float) -> tuple[float, float]:
         """Return the point [m] at arc length s; outside [0, length] the end segments are extended."""
-        i = self._segment_at(s)
-        stations, units, _ = self._plain
-        ahead = s - stations[i]
-        return float(self.xy[i, 0]) + ahead * units[i][0], float(self.xy[i, 1]) + ahead * units[i][1]
+        return _compute_point(self._segments, s)
 
     def yaw_at(self, s: float) -> float:
         """Return the direction [rad] of the segment at arc length s."""
-        return self._plain[2][self._segment_at(s)]
+        return float(self.yaws[_find_segment(self._segments, s)])
 
     def yaws_at(self, s: Float) -> Float:
         """Return the directions (M,) [rad] of the segments at arc lengths s (M,)."""
@@ -150,18 +123,8 @@ class Polyline:
 
         `between` limits the search to that range of arc length, for a path that crosses itself.
         """
-        low, high = (0, len(self._lengths))
-        if between is not None:
-            low, high = self._segment_at(between[0]), self._segment_at(between[1]) + 1
-        start, segments, lengths = self.xy[low:high], self._segments[low:high], self._lengths[low:high]
-        relative = np.array((x, y)) - start
-        square = np.maximum(lengths * lengths, 1e-18)
-        share = np.clip((relative * segments).sum(1) / square, 0.0, 1.0)
-        gap = relative - share[:, None] * segments
-        i = int(np.argmin((gap * gap).sum(1)))
-        side = segments[i, 0] * relative[i, 1] - segments[i, 1] * relative[i, 0]
-        distance = portable.hypot(gap[i, 0], gap[i, 1])
-        return float(self.s[low + i] + share[i] * lengths[i]), math.copysign(distance, side)
+        low, high = (-math.inf, math.inf) if between is None else between
+        return _project_on_segments(self._segments, x, y, low, high)
 
     def stations(self, spacing: float) -> Float:
         """Return arc lengths (M,) every `spacing` metres from the start to the end.
@@ -184,3 +147,35 @@ def build_polyline(points: Sequence[Sequence[float]] | Float) -> Polyline:
     xy = np.asarray(points, dtype=np.float64)
     steps = portable.hypot(*np.diff(xy, axis=0).T) if len(xy) > 1 else np.zeros(0)
     return Polyline(xy[np.concatenate(((True,), steps > 1e-6))])
+
+
+@twin
+def _find_segment(segments: Float, s: float, /) -> int:
+    """Return the row of `Polyline._segments` at arc length s, the first or last one outside."""
+    return max(int(np.searchsorted(segments[:, 0], s, side="right")) - 1, 0)
+
+
+@twin
+def _compute_point(segments: Float, s: float, /) -> tuple[float, float]:
+    """See `Polyline.at`."""
+    begin, x, y, dx, dy, length = segments[_find_segment(segments, s)].tolist()
+    length = max(length, 1e-12)
+    return x + (s - begin) * (dx / length), y + (s - begin) * (dy / length)
+
+
+@twin
+def _project_on_segments(segments: Float, x: float, y: float, low: float, high: float, /) -> tuple[float, float]:
+    """See `Polyline.project`, between the arc lengths `low` and `high`."""
+    least, nearest = math.inf, (math.nan, math.nan)
+    for begin, x0, y0, dx, dy, length in segments[
+        _find_segment(segments, low) : _find_segment(segments, high) + 1
+    ].tolist():
+        ahead, left = x - x0, y - y0
+        share = (ahead * dx + left * dy) / max(length * length, 1e-18)
+        share = min(max(share, 0.0), 1.0)
+        gap_x, gap_y = ahead - share * dx, left - share * dy
+        square = gap_x * gap_x + gap_y * gap_y
+        if square < least:
+            distance = math.copysign(math.sqrt(square), dx * left - dy * ahead)
+            least, nearest = square, (begin + share * length, distance)
+    return nearest

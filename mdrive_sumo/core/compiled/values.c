@@ -4,7 +4,7 @@
 #include <string.h>
 
 static Import NDARRAY = {"numpy", "ndarray", 0}, EMPTY = {"numpy", "empty", 0},
-              CONTIGUOUS = {"numpy", "ascontiguousarray", 0};
+              AS_ARRAY = {"numpy", "asarray", 0};
 
 PyObject *find_import(Import *import) {
     if (!import->object) {
@@ -150,9 +150,11 @@ static bool view(PyObject *object, char kind, Array *array) {
 bool open_array(PyObject *object, char kind, Array *array) {
     array->array = NULL;
     if (!view(object, kind, array)) {
-        PyObject *convert = find_import(&CONTIGUOUS), *type = PyUnicode_FromString(name_type(kind));
-        if (convert && type) array->array = PyObject_CallFunctionObjArgs(convert, object, type, NULL);
+        PyObject *convert = find_import(&AS_ARRAY), *type = PyUnicode_FromString(name_type(kind));
+        PyObject *order = PyUnicode_FromString("C");
+        if (convert && type && order) array->array = PyObject_CallFunctionObjArgs(convert, object, type, order, NULL);
         if (type) Py_DecRef(type);
+        if (order) Py_DecRef(order);
         if (!array->array) return false;
         if (!view(array->array, kind, array)) {
             Py_DecRef(array->array);
