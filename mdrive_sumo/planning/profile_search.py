@@ -5,11 +5,11 @@ and the last one that the car can have reached.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.lib.stride_tricks import sliding_window_view
 
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.planning.speed_lattice import FINE, Transitions, build_transitions
 from mdrive_sumo.planning.speed_profile import SpeedProfile, SpeedProfileProblem
@@ -57,9 +57,9 @@ class _Layer:
 class _Search:
     """The constant parts of one search."""
 
-    def __init__(self, problem: SpeedProfileProblem) -> None:
+    def __init__(self, problem: SpeedProfileProblem, transitions: Transitions) -> None:
         lattice, cells = problem.lattice, len(problem.cells)
-        self._problem, self.transitions = problem, build_transitions(lattice)
+        self._problem, self.transitions = problem, transitions
         reach = self.transitions.reach
         self._blocked = np.concatenate((np.repeat(problem.blocked[:, :1], reach, axis=1), problem.blocked), axis=1)
         """(T, reach + J): the cells behind cell 0 are blocked as that one is."""
@@ -80,7 +80,7 @@ class _Search:
         count = min(layer.end + transitions.reach, len(self._problem.cells)) - first
         padded = np.full((len(layer.cost), transitions.reach + count), np.inf)
         padded[:, transitions.reach : transitions.reach + layer.end - first] = layer.cost
-        views = _view_windows(padded, count)
+        views = sliding_window_view(padded, count, axis=1)
         options = views[transitions.before, transitions.reach - transitions.advance]
         options += self._penalty
         self._block(options, first, number)
@@ -94,7 +94,7 @@ class _Search:
         transitions, samples, count = self.transitions, self._problem.lattice.samples, options.shape[2]
         passed = self._blocked[number * samples : (number + 1) * samples, first : first + transitions.reach + count]
         for sample in np.flatnonzero(passed.any(axis=1)).tolist():
-            windows = _view_windows(passed[sample], count)
+            windows = sliding_window_view(passed[sample], count)
             np.copyto(options, np.inf, where=windows[transitions.reach - transitions.back[:, sample]])
 
     def _forbid(self, cost: Float, first: int, number: int) -> None:
@@ -105,21 +105,18 @@ class _Search:
             cost[0] = np.inf
 
 
-def _view_windows(array: NDArray[Any], count: int) -> NDArray[Any]:
-    """Return all windows (..., windows, count) of a C-contiguous array along its last axis.
-
-    As `numpy.lib.stride_tricks.sliding_window_view`, whose checks take longer than the search of a layer.
-    """
-    shape = (*array.shape[:-1], array.shape[-1] - count + 1, count)
-    return np.ndarray(shape, array.dtype, array, strides=(*array.strides, array.strides[-1]))
-
-
 def find_fastest_profile(problem: SpeedProfileProblem) -> SpeedProfile | None:
     """Return the profile that reaches the goal first, with the least squared acceleration among equals.
 
     If none reaches the goal in time: the one that gets furthest. None if all collide.
     """
-    search = _Search(problem)
+    return search_profile(problem, build_transitions(problem.lattice))
+
+
+@twin
+def search_profile(problem: SpeedProfileProblem, transitions: Transitions, /) -> SpeedProfile | None:
+    """Return `find_fastest_profile`, with the transitions of the problem's lattice."""
+    search = _Search(problem, transitions)
     start = np.full((problem.lattice.top + 1, 1), np.inf)
     start[problem.lattice.find_index(problem.speed)] = 0.0
     layer, choices = _Layer(0, start), list[tuple[int, Int]]()

@@ -5,10 +5,7 @@
 #include "values.h"
 
 /* A line for each C file beside a Python file, in the order of rooms. */
-#define FILES(USE) \
-    USE(core_portable) \
-    USE(core_seeding) \
-    USE(core_geometry)
+#define FILES(USE) USE(core_portable) USE(core_seeding) USE(core_geometry) USE(planning_profile_search)
 
 #define DECLARE(file) extern Functions file;
 #define LIST(file) file,
