@@ -25,7 +25,7 @@ from mdrive_sumo.sensing.objects_sensor import load_building_edges
 from mdrive_sumo.sensing.observation_builder import build_sensing_frame
 from mdrive_sumo.sensing.polygon_fill import box_edges, fill_polygons
 from mdrive_sumo.sensing.sensing_frame import SensorPose
-from mdrive_sumo.sensing.visibility import SightView, announce_eye
+from mdrive_sumo.sensing.visibility import SightView
 
 LABELLED_RANGE_M = 60.0
 """Boxes farther away from the box centre are left out."""
@@ -57,12 +57,12 @@ class SceneLabels:
         classes, edges = choose_models(scene.boxes), load_building_edges(self._roads)
         rows = {column: row for row, column in enumerate(columns.tolist())}
         eyes = {cav: _build_eye(self._poses[tick, cav], rows[cav]) for cav in cavs}
-        numbers = {cav: announce_eye(scene, eye, LABELLED_RANGE_M) for cav, eye in eyes.items()}
         labels_by_cav: dict[int, Labels] = {}
         for cav, eye in eyes.items():
-            view = SightView(eye, scene, edges, LABELLED_RANGE_M, numbers[cav])
-            near = np.flatnonzero(view.distances <= LABELLED_RANGE_M)
-            near = near[np.argsort(view.distances[near], kind="stable")]
+            view = SightView(eye, scene, edges, LABELLED_RANGE_M)
+            distances = view.distances()
+            near = np.flatnonzero(distances <= LABELLED_RANGE_M)
+            near = near[np.argsort(distances[near], kind="stable")]
             visible = view.visible_rows(0.0)[near]
             labels_by_cav[cav] = self._build_one(tick, cav, columns[near], visible, classes[near])
         return labels_by_cav

@@ -17,7 +17,7 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.sensing.detection_noise import add_errors, draw_detected, draw_false_positives
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose, SensorSetup, derive_track_name
 from mdrive_sumo.sensing.sensor_options import check_option_names, read_choice, read_number
-from mdrive_sumo.sensing.visibility import BuildingEdges, SightView, announce_eye
+from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 
 OPTIONS = ("profile", "fov_deg", "yaw_deg", "free_space", "min_visible", "road_range_m")
 SECTORS = 72
@@ -60,8 +60,7 @@ class ObjectsSensor:
 
     def defer(self, scene: SensingFrame, eye: SensorPose) -> Callable[[], Objects]:
         """Return what computes the result of `sense` in this tick; it may be called later, or never."""
-        number = announce_eye(scene, eye, self._range_m)
-        self._history.append(SightView(eye, scene, load_building_edges(self._roads), self._range_m, number))
+        self._history.append(SightView(eye, scene, load_building_edges(self._roads), self._range_m))
         due_tick = scene.tick - self._profile.latency_ticks
         ready = [view for view in self._history if view.scene.tick <= due_tick]
         return partial(self._detect, ready[-1]) if ready else self._detect_nothing

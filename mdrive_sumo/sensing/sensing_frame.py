@@ -7,13 +7,11 @@ from hashlib import blake2b
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-import numpy as np
-
 from mdrive_sumo.contract import Briefing, Objects
 from mdrive_sumo.contract.detector_profiles import IDEAL
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Bool, Float, boxes_corners
-from mdrive_sumo.core.state import EgoState, Kind
+from mdrive_sumo.core.geometry import Float, boxes_corners
+from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.weather import Weather
 from mdrive_sumo.v2x.messages import format_track_name
@@ -32,8 +30,6 @@ class SensingFrame:
     egos: Mapping[str, EgoState]
     signals: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     """States of traffic lights (SUMO letters) by id; only cameras see them here."""
-    announced_eyes: list[tuple["SensorPose", float]] = field(default_factory=list, compare=False, repr=False)
-    """Poses and ranges [m] of the sensors that may look at the scene, see `visibility.announce_eye`."""
     signal_lamps: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     """`SignalLamp`s of vehicles that shine, by true id; only cameras see them."""
     derived: dict[type[Any], list[Any]] = field(default_factory=dict[type[Any], list[Any]], compare=False, repr=False)
@@ -53,20 +49,6 @@ class SensingFrame:
         """(N, 4, 2) corners of all boxes [m]."""
         boxes = self.boxes
         return boxes_corners(boxes.x, boxes.y, boxes.yaw, boxes.length, boxes.width)
-
-    @cached_property
-    def opaque(self) -> Bool:
-        """(N,) mask of the boxes that hide what lies behind them: vehicles, and static objects that are not low."""
-        boxes = self.boxes
-        is_high = np.maximum(boxes.length, boxes.width) > LOW_M
-        return (boxes.kind == int(Kind.VEHICLE)) | ((boxes.kind == int(Kind.STATIC)) & is_high)
-
-    @cached_property
-    def edges(self) -> Float:
-        """(4, N, 4) edges of all boxes, counter-clockwise: x of their starts and ends, y of their starts and ends."""
-        corners = self.corners
-        ends = corners[:, (1, 2, 3, 0)]
-        return np.stack((corners[..., 0], ends[..., 0], corners[..., 1], ends[..., 1]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from testing.sampling import examples
+from testing.twins import compare_twins
 from testing.worlds import straight_road
 
 from mdrive_sumo.contract import Objects
@@ -17,12 +18,7 @@ from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import Building
 from mdrive_sumo.sensing.sensing_frame import SensingFrame, SensorPose
-from mdrive_sumo.sensing.sight_batch import SightBatch
-from mdrive_sumo.sensing.visibility import (
-    BuildingEdges,
-    SightView,
-    announce_eye,
-)
+from mdrive_sumo.sensing.visibility import BuildingEdges, SightView
 
 Box = tuple[Kind, float, float, float, float, float]
 """Kind, x, y, yaw, length, width."""
@@ -266,20 +262,60 @@ class TestProperties:
         mirrored = [(kind, x, -y, -yaw, length, width) for kind, x, y, yaw, length, width in boxes]
         assert shares(*mirrored) == pytest.approx(shares(*boxes), abs=1e-6)
 
-    @settings(max_examples=examples(12, 40), deadline=None)
-    @given(boxes=boxes_around(8), houses=HOUSES, reach=st.sampled_from([20.0, 60.0]))
-    def test_eyes_see_together_what_each_sees_alone(
-        self, boxes: list[Box], houses: list[list[tuple[float, float]]], reach: float
+
+ANY = st.one_of(st.floats(allow_nan=True), st.sampled_from((0.0, -0.0, 1.0, math.pi, 1e200, math.inf)))
+GRID = st.integers(-12, 12).map(float)
+"""Places whose boxes touch, and whose corners lie in one line with the eye."""
+
+
+class TestTwins:
+    """The compiled functions against the Python text."""
+
+    @staticmethod
+    def compare(boxes: Objects, eye: SensorPose, walls: BuildingEdges, reach: float) -> None:
+        compare_twins("sensing_visibility_measure_distances", boxes, eye)
+        compare_twins("sensing_visibility_compute_visible_fractions", boxes, eye, reach, walls)
+        for sectors in (1, 7, 72):
+            compare_twins("sensing_visibility_measure_free_sight", boxes, eye, reach, walls, sectors)
+
+    @settings(max_examples=examples(30, 300), deadline=None)
+    @given(
+        boxes=boxes_around(12),
+        houses=HOUSES,
+        eye=st.builds(SensorPose, GRID, GRID, st.floats(-9.0, 9.0), st.sampled_from((None, 0, 3))),
+        reach=st.sampled_from((0.5, 20.0, 60.0, math.nan)),
+    )
+    def test_any_scene(
+        self, boxes: list[Box], houses: list[list[tuple[float, float]]], eye: SensorPose, reach: float
     ) -> None:
-        """To the last bit, one of them far from everything; and they are computed once."""
-        view, walls = scene(*boxes), BuildingEdges(town(*houses))
-        poses = [SensorPose(x, y, 0.3, row) for row, (_, x, y, *_) in enumerate(boxes)]
-        eyes = [(HERE, 30.0), (SensorPose(900.0, 0.0, 0.0, None), 30.0), *((pose, reach) for pose in poses)]
-        together = [SightView(eye, view, walls, far, announce_eye(view, eye, far)) for eye, far in eyes]
-        for one in reversed(together):
-            alone = SightView(one.eye, view, walls, one.range_m)
-            assert one.visible_fractions().tobytes() == alone.visible_fractions().tobytes()
-            assert one.free_sight(24).tobytes() == alone.free_sight(24).tobytes()
-        late = SightView(HERE, view, walls, reach, announce_eye(view, HERE, reach))
-        assert late.visible_fractions().tolist() == SightView(HERE, view, walls, reach).visible_fractions().tolist()
-        assert len(view.list_derived(SightBatch)) == 2
+        self.compare(scene(*boxes).boxes, eye, BuildingEdges(town(*houses)), reach)
+
+    @settings(max_examples=examples(30, 300), deadline=None)
+    @given(
+        boxes=st.lists(
+            st.tuples(st.sampled_from(list(Kind)), GRID, GRID, st.sampled_from((0.0, math.pi / 2, 1.0)), GRID, GRID),
+            max_size=8,
+        ),
+        houses=st.lists(st.tuples(GRID, GRID).map(lambda at: house(*at)), max_size=2),
+    )
+    def test_ties(self, boxes: list[Box], houses: list[list[tuple[float, float]]]) -> None:
+        self.compare(scene(*boxes, *boxes[:2]).boxes, HERE, BuildingEdges(town(*houses)), 9.0)
+
+    @settings(max_examples=examples(30, 300), deadline=None)
+    @given(
+        boxes=st.lists(st.tuples(st.just(Kind.VEHICLE), ANY, ANY, ANY, ANY, ANY), max_size=4),
+        eye=st.builds(SensorPose, ANY, ANY, ANY, st.none()),
+        reach=ANY,
+    )
+    def test_numbers_that_mean_nothing(self, boxes: list[Box], eye: SensorPose, reach: float) -> None:
+        self.compare(scene(*boxes, (Kind.VEHICLE, 20.0, 0.0, 0.0, 4.0, 2.0)).boxes, eye, BuildingEdges(town()), reach)
+
+    def test_columns_of_different_lengths_are_refused(self) -> None:
+        boxes = scene((Kind.VEHICLE, 20.0, 0.0, 0.0, 4.0, 2.0)).boxes
+        self.compare(replace(boxes, width=np.ones(2)), HERE, BuildingEdges(town()), 50.0)
+
+    def test_walls_beyond_their_array_are_refused(self) -> None:
+        walls = BuildingEdges(town(house(10.0, 0.0)))
+        walls.ends = np.array([900])
+        with pytest.raises(ValueError, match="expected walls"):
+            SightView(HERE, scene(), walls, 50.0).free_sight(4)
