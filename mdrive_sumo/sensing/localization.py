@@ -5,10 +5,12 @@ those of satellite positioning are strongly correlated in time; errors of speed 
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from mdrive_sumo.contract import OwnState
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.seeding import draw_normals
 from mdrive_sumo.core.state import DT, EgoState
 
@@ -34,6 +36,10 @@ class LocalizationParameters:
 REALISTIC_LOCALIZATION = LocalizationParameters()
 
 
+Errors = tuple[float, float, float, float, float]
+"""Of x, y and yaw in standard deviations, and the tick's draws for speed and yaw rate."""
+
+
 class OwnStateEstimator:
     """Estimates the state of one CAV. Errors depend on (seed, tick) only, whichever ticks are asked for, and in which
     order."""
@@ -42,53 +48,61 @@ class OwnStateEstimator:
         """seed: the CAV's own."""
         self._seed, self._parameters = seed, parameters
         self._kept = portable.exp(-DT / parameters.correlation_s)
-        self._errors: list[tuple[float, float, float, float, float]] = []
-        """By tick: x, y and yaw in standard deviations, and the tick's draws for speed and yaw rate. A pure cache."""
+        self._errors: list[Errors] = []
+        """By tick; a pure cache."""
 
     def estimate(self, tick: int, truth: EgoState) -> EgoState:
         """Return the estimate of a state in that tick; acceleration and steering angle are exact."""
-        x, y, yaw, speed, yaw_rate = self._find_errors(tick)
-        parameters = self._parameters
-        return EgoState(
-            truth.x + parameters.position_sigma * x,
-            truth.y + parameters.position_sigma * y,
-            truth.yaw + parameters.yaw_sigma * yaw,
-            truth.speed * (1 + parameters.speed_share * speed),
-            truth.acceleration,
-            truth.yaw_rate + parameters.yaw_rate_sigma * yaw_rate,
-            truth.steer_angle,
-        )
-
-    def _find_errors(self, tick: int) -> tuple[float, float, float, float, float]:
-        """Return the errors of a tick. The process starts in its stationary distribution."""
-        fresh = math.sqrt(1 - self._kept * self._kept)
-        while len(self._errors) <= tick:
-            x, y, yaw, speed, yaw_rate, *_ = draw_normals(self._seed, "own-state", len(self._errors))
-            if self._errors:
-                last_x, last_y, last_yaw, *_ = self._errors[-1]
-                x, y, yaw = (
-                    self._kept * last + fresh * drawn for last, drawn in ((last_x, x), (last_y, y), (last_yaw, yaw))
-                )
-            self._errors.append((x, y, yaw, speed, yaw_rate))
-        return self._errors[tick]
+        return estimate_state(self._parameters, self._seed, self._kept, self._errors, tick, truth)
 
     def describe(self, estimate: EgoState) -> OwnState:
         """Return an estimate with its standard deviations, as the agent gets it."""
-        parameters = self._parameters
-        return OwnState(
-            estimate.x,
-            estimate.y,
-            estimate.yaw,
-            estimate.speed,
-            estimate.acceleration,
-            estimate.yaw_rate,
-            estimate.steer_angle,
-            position_sigma=parameters.position_sigma,
-            yaw_sigma=parameters.yaw_sigma,
-            speed_sigma=parameters.speed_share * abs(estimate.speed),
-        )
+        return describe_estimate(self._parameters, estimate)
 
 
-def to_own_state(ego: EgoState) -> OwnState:
+@twin
+def estimate_state(
+    parameters: LocalizationParameters, seed: int, kept: float, errors: list[Errors], tick: int, truth: EgoState, /
+) -> EgoState:
+    """Return the estimate of a state in that tick; `errors` (by tick) grow until they have it.
+
+    kept: share of an error that is left after a tick.
+    """
+    while len(errors) <= tick:
+        errors.append(_draw_errors(seed, kept, errors))
+    x, y, yaw, speed, yaw_rate = errors[tick]
+    return EgoState(
+        truth.x + parameters.position_sigma * x,
+        truth.y + parameters.position_sigma * y,
+        truth.yaw + parameters.yaw_sigma * yaw,
+        truth.speed * (1 + parameters.speed_share * speed),
+        truth.acceleration,
+        truth.yaw_rate + parameters.yaw_rate_sigma * yaw_rate,
+        truth.steer_angle,
+    )
+
+
+def _draw_errors(seed: int, kept: float, errors: Sequence[Errors]) -> Errors:
+    """Return the errors of the next tick. The process starts in its stationary distribution."""
+    x, y, yaw, speed, yaw_rate, *_ = draw_normals(seed, "own-state", len(errors))
+    if errors:
+        fresh = math.sqrt(1 - kept * kept)
+        x, y, yaw = (kept * last + fresh * drawn for last, drawn in zip(errors[-1][:3], (x, y, yaw), strict=True))
+    return x, y, yaw, speed, yaw_rate
+
+
+@twin
+def describe_estimate(parameters: LocalizationParameters, estimate: EgoState, /) -> OwnState:
+    """Return an estimate with its standard deviations."""
+    return replace(
+        to_own_state(estimate),
+        position_sigma=parameters.position_sigma,
+        yaw_sigma=parameters.yaw_sigma,
+        speed_sigma=parameters.speed_share * abs(estimate.speed),
+    )
+
+
+@twin
+def to_own_state(ego: EgoState, /) -> OwnState:
     """Return the state of an ego as exact measurements."""
     return OwnState(ego.x, ego.y, ego.yaw, ego.speed, ego.acceleration, ego.yaw_rate, ego.steer_angle)

@@ -188,11 +188,12 @@ void close_arrays(int count, Array *const *arrays) {
 }
 
 PyObject *new_array(char kind, int dimensions, const Py_ssize_t *shape, void **data) {
-    PyObject *empty = find_import(&EMPTY), *size = PyTuple_New(dimensions), *type = PyUnicode_FromString(name_type(kind));
+    static Import types[] = {{"numpy", "bool_", 0}, {"numpy", "uint8", 0}, {"numpy", "int64", 0}};
+    PyObject *empty = find_import(&EMPTY), *size = PyTuple_New(dimensions), *type = NULL; /* float64 by default */
+    if (kind != 'd' && !(type = find_import(&types[kind == '?' ? 0 : kind == 'B' ? 1 : 2]))) empty = NULL;
     for (int i = 0; size && i < dimensions; i++) PyTuple_SetItem(size, i, PyLong_FromSsize_t(shape[i]));
-    PyObject *array = empty && size && type ? PyObject_CallFunctionObjArgs(empty, size, type, NULL) : NULL;
+    PyObject *array = empty && size ? PyObject_CallFunctionObjArgs(empty, size, type, NULL) : NULL;
     if (size) Py_DecRef(size);
-    if (type) Py_DecRef(type);
     Py_buffer buffer;
     if (!array || PyObject_GetBuffer(array, &buffer, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE)) {
         if (array) Py_DecRef(array);

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from testing.twins import compare_twins
 
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.state import DT, EgoState
-from mdrive_sumo.sensing.localization import REALISTIC_LOCALIZATION, OwnStateEstimator
+from mdrive_sumo.sensing.localization import REALISTIC_LOCALIZATION, Errors, OwnStateEstimator
 from mdrive_sumo.sensing.sensing_frame import SensorPose
 
 TRUTH = EgoState(10.0, -20.0, 0.7, 8.0, 1.0, 0.2, 0.05)
@@ -76,3 +77,20 @@ def test_a_displaced_object_is_where_it_was_as_seen_from_the_car(x: float, y: fl
     assert again == pytest.approx(seen, abs=1e-9)
     assert placed.yaw[0] - estimate.yaw == pytest.approx(yaw - TRUTH.yaw)
     assert (placed.speed[0], placed.length[0]) == (3.0, 4.0)
+
+
+NUMBERS = st.floats(allow_nan=True, allow_infinity=True)
+
+
+@given(st.integers(0, 2**31 - 1), st.integers(0, 20), st.builds(EgoState, *[NUMBERS] * 7))
+def test_both_texts_estimate_the_same(seed: int, tick: int, truth: EgoState) -> None:
+    found = compare_twins("sensing_localization_estimate_state", PARAMETERS, seed, 0.998, [], tick, truth)
+    compare_twins("sensing_localization_describe_estimate", PARAMETERS, found)
+    compare_twins("sensing_localization_to_own_state", truth)
+
+
+def test_errors_grow_alike_in_both_texts() -> None:
+    errors: list[Errors] = []
+    for tick in (3, 1, 9):
+        compare_twins("sensing_localization_estimate_state", PARAMETERS, 5, 0.9, errors, tick, TRUTH)
+        assert len(errors) == max(tick + 1, 4)
