@@ -24,6 +24,7 @@ import mdrive_sumo
 from mdrive_sumo.agents.registry import AGENTS
 from mdrive_sumo.contract import Observation, Reply
 from mdrive_sumo.contract.agent_options import Config
+from mdrive_sumo.core.compiled import SWITCH
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.terminal import echo
 from tools.tool_command import HELP
@@ -60,8 +61,9 @@ VARIANTS = {
     "OpenBLAS for Zen": {"OPENBLAS_CORETYPE": "Zen"},
     "OpenBLAS for Nehalem": {"OPENBLAS_CORETYPE": "Nehalem"},
     "C library without FMA": {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2,-AVX,-AVX512F"},
+    "Python text instead of the compiled layer": {SWITCH: "off"},
 }
-"""Environments in which the same processor computes as another one would."""
+"""Environments in which the same processor computes as another one would, or without the compiled layer."""
 Digests = dict[str, str]
 
 
@@ -70,14 +72,14 @@ def drive(pairs: list[tuple[str, str]], seed: int = 0) -> Digests:
     found: Digests = {}
     for scenario, agent in pairs:
         bits = hashlib.blake2b(digest_size=8)
-        episode = mdrive_sumo.simulate(scenario, _note_bits(agent, bits), seed=seed)
+        episode = mdrive_sumo.simulate(scenario, note_bits(agent, bits.update), seed=seed)
         found[f"{scenario} {agent}"] = f"{episode.digest} {bits.hexdigest()}"
         echo(f"{len(found)} of {len(pairs)}: {scenario} {agent} {found[f'{scenario} {agent}']}", err=True)
     return found
 
 
-def _note_bits(agent: str, bits: "hashlib.blake2b") -> Callable[[Config], Any]:
-    """Return a built-in agent that adds every detection and every plan, unrounded, to `bits`.
+def note_bits(agent: str, note: Callable[[bytes], None]) -> Callable[[Config], Any]:
+    """Return a built-in agent that notes its own state, every detection and every plan, unrounded, in each tick.
 
     Recordings round to millimetres: their digests can agree for a long time although the numbers behind them do not.
     """
@@ -88,10 +90,10 @@ def _note_bits(agent: str, bits: "hashlib.blake2b") -> Callable[[Config], Any]:
 
         def act_and_note(seen: Observation) -> Reply:
             reply: Reply = act(seen)
-            bits.update(np.array((seen.own.x, seen.own.y, seen.own.yaw, seen.own.speed)).tobytes())
+            note(np.array((seen.own.x, seen.own.y, seen.own.yaw, seen.own.speed)).tobytes())
             if seen.objects is not None:
-                bits.update(np.array((seen.objects.x, seen.objects.y, seen.objects.yaw, seen.objects.speed)).tobytes())
-            bits.update(reply.plan.points.tobytes() if reply.plan else repr(reply.control).encode())
+                note(np.array((seen.objects.x, seen.objects.y, seen.objects.yaw, seen.objects.speed)).tobytes())
+            note(reply.plan.points.tobytes() if reply.plan else repr(reply.control).encode())
             return reply
 
         driver.act = act_and_note
