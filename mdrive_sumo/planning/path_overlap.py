@@ -1,11 +1,15 @@
-"""Overlap of paths: the footprints of two cars compared at every pair of stations."""
+"""Overlaps of many boxes, and of paths: the footprints of two cars compared at every pair of stations."""
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
-from mdrive_sumo.planning.box_set import BoxSet
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
+from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 from mdrive_sumo.planning.parameters import SafetyMargin
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
+
+SLACK = 1.0 + 1e-9
+"""Factor on squared distances: circles that touch up to rounding count as near."""
 
 
 def compute_footprints(
@@ -16,12 +20,35 @@ def compute_footprints(
     return boxes_corners(xy[:, 0], xy[:, 1], path.body_yaw[cells], np.asarray(length), np.asarray(width))
 
 
-def compute_overlaps(boxes: Float, others: Float) -> Bool:
+@twin
+def find_overlapping_pairs(boxes: Float, others: Float, /) -> tuple[Int, Int]:
+    """Return the rows (P,) of boxes (A, 4, 2) and (P,) of others (B, 4, 2) that overlap; touching does not count.
+
+    Pairs are sorted by their row in `others`. Those that are far apart are excluded by circles before.
+    """
+    centre, radius = _measure(boxes)
+    other_centre, other_radius = _measure(others)
+    gap = other_centre[:, None] - centre
+    reach = other_radius[:, None] + radius
+    dx, dy = gap[..., 0], gap[..., 1]
+    theirs, mine = np.nonzero(dx * dx + dy * dy <= reach * reach * SLACK)
+    met = boxes_overlap(boxes[mine], others[theirs])
+    return mine[met], theirs[met]
+
+
+@twin
+def compute_overlaps(boxes: Float, others: Float, /) -> Bool:
     """Return a mask (A, B): which of the boxes (A, 4, 2) overlap which of the others (B, 4, 2)."""
     met = np.zeros((len(boxes), len(others)), dtype=np.bool_)
-    if met.size:
-        met[BoxSet.build(boxes).find_pairs(BoxSet.build(others))] = True
+    met[find_overlapping_pairs(boxes, others)] = True
     return met
+
+
+def _measure(boxes: Float) -> tuple[Float, Float]:
+    """Return centres (K, 2) and half diagonals (K,) [m] of boxes (K, 4, 2)."""
+    centre = (boxes[:, 0] + boxes[:, 2]) / 2
+    gap = boxes[:, 0] - centre
+    return centre, portable.hypot(gap[:, 0], gap[:, 1])
 
 
 def compute_path_overlaps(

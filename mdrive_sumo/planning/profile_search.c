@@ -2,8 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "../core/compiled/values.h"
-#include "../core/portable.h"
+#include "path_overlap.h"
 
 enum { SETTLING_LAYERS = 2, PLANNED_BRAKING = 2, MOST_CELLS = 1 << 24 };
 
@@ -50,7 +49,6 @@ typedef struct {
     Py_ssize_t speed, cell;
 } State;
 
-static const int64_t *integers(const Array *array) { return array->data; }
 static const unsigned char *bytes(const Array *array) { return array->data; }
 
 static bool open_next(Search *search, PyObject *object, Fields *fields, int field, char kind, int dimensions) {
@@ -64,13 +62,6 @@ static bool open_next(Search *search, PyObject *object, Fields *fields, int fiel
     if (array->dimensions == dimensions) return true;
     PyErr_SetString(PyExc_ValueError, "a speed profile problem has an array of the wrong shape");
     return false;
-}
-
-static bool read_number_field(PyObject *object, Fields *fields, int field, double *number) {
-    PyObject *value = get_field(object, fields, field);
-    bool is_number = value && read_number(value, number);
-    if (value) Py_DecRef(value);
-    return is_number;
 }
 
 /* As slice.indices, for goals without a step: None or an integer. */

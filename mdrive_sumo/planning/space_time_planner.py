@@ -175,9 +175,7 @@ class SpaceTimePlanner:
     ) -> Bool:
         """Return `SpeedProfileProblem.blocked` with the motions and the stop points."""
         stride = STRIDE if self.scale.is_protocol else 1
-        cells = problem.cells[::stride]
-        met = conflicts.find_blocked(cells, margin)
-        blocked = np.repeat(np.repeat(met, STRIDE, axis=0), stride, axis=1)[:, : len(problem.cells)]
+        blocked = conflicts.find_blocked(problem.cells, margin, stride)
         for stop in stop_points:
             blocked[problem.times <= stop.until_s, _find_stop_cell(problem, stop) :] = True
         return blocked

@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mdrive_sumo.contract import Objects, OwnState
-from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.moving_traffic import TRAFFIC, MovingTraffic
 from mdrive_sumo.planning.parameters import JOINT_PLANNING, MARGINS, SafetyMargin
-from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps
+from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps, find_overlapping_pairs
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 from mdrive_sumo.planning.road_direction import SHARP_TURN_RAD, RoadDirection
 
@@ -167,30 +166,3 @@ def _corners(objects: Objects, rows: Bool) -> Float:
     """Return the corners (K, 4, 2) [m] of the chosen objects."""
     taken = objects.take(rows)
     return boxes_corners(taken.x, taken.y, taken.yaw, taken.length, taken.width)
-
-
-def find_overlapping_pairs(mine: Float, boxes: Float) -> tuple[Int, Int]:
-    """Return the indices (K,), (K,) of the overlapping pairs of boxes (J, 4, 2) and (B, 4, 2).
-
-    Most of them are far apart: distances are compared with the reach of each box, not of the largest one.
-    """
-    nothing = np.zeros(0, dtype=np.int64)
-    if not len(mine) or not len(boxes):
-        return nothing, nothing
-    centre, reach = _measure(mine)
-    other, other_reach = _measure(boxes)
-    low, high = centre.min(0) - reach.max(), centre.max(0) + reach.max()
-    around = np.flatnonzero(((other + other_reach[:, None] > low) & (other - other_reach[:, None] < high)).all(1))
-    other, other_reach = other[around], other_reach[around]
-    dx, dy = centre[:, None, 0] - other[:, 0], centre[:, None, 1] - other[:, 1]
-    cell, box = np.nonzero(portable.square(dx) + portable.square(dy) < portable.square(reach[:, None] + other_reach))
-    box = around[box]
-    overlap = boxes_overlap(mine[cell], boxes[box])
-    return cell[overlap], box[overlap]
-
-
-def _measure(boxes: Float) -> tuple[Float, Float]:
-    """Return centres (K, 2) and half diagonals (K,) [m] of boxes (K, 4, 2)."""
-    centre = (boxes[:, 0] + boxes[:, 2]) / 2
-    gap = boxes[:, 0] - centre
-    return centre, portable.hypot(gap[:, 0], gap[:, 1])

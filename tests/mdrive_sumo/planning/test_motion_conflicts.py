@@ -7,11 +7,10 @@ from hypothesis import strategies as st
 from mdrive_sumo.contract import Cause, Reason, VehicleFacts
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
-from mdrive_sumo.planning.box_set import BoxSet
 from mdrive_sumo.planning.motion_conflicts import MotionConflicts
-from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
+from mdrive_sumo.planning.motion_prediction import STRIDE, TIMES, PredictedMotion
 from mdrive_sumo.planning.parameters import MARGINS, SafetyMargin
-from mdrive_sumo.planning.path_overlap import compute_footprints
+from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps
 from mdrive_sumo.planning.reference_path import build_path
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
@@ -61,7 +60,7 @@ def test_cells_are_blocked_as_by_single_tests(found: list[PredictedMotion]) -> N
         blocked = find_blocked(motion, MARGINS.plan)
         expected |= blocked
         after |= blocked[-1] & motion.stands_at_end
-    assert np.array_equal(conflicts.find_blocked(CELLS, MARGINS.plan), expected)
+    assert np.array_equal(conflicts.find_blocked(CELLS, MARGINS.plan), np.repeat(expected, STRIDE, axis=0))
     assert np.array_equal(conflicts.find_blocked_after(CELLS, MARGINS.plan), after)
 
 
@@ -80,9 +79,7 @@ def test_a_schedule_meets_what_single_tests_meet(found: list[PredictedMotion]) -
 def test_pairs_of_sets_of_any_size_are_those_of_single_tests(first: int, second: int, seed: int) -> None:
     random = np.random.default_rng(seed)
     one, other = (_draw_corners(random, count) for count in (first, second))
-    met = np.zeros((first, second), dtype=np.bool_)
-    met[BoxSet.build(one).find_pairs(BoxSet.build(other))] = True
-    assert np.array_equal(met, boxes_overlap(one[:, None], other[None]))
+    assert np.array_equal(compute_overlaps(one, other), boxes_overlap(one[:, None], other[None]))
 
 
 def _draw_corners(random: np.random.Generator, count: int) -> Float:

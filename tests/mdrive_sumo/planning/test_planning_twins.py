@@ -6,11 +6,64 @@ from hypothesis import given
 from hypothesis import strategies as st
 from testing.twins import compare_twins
 
-from mdrive_sumo.planning.profile_search import find_fastest_profile  # noqa: F401
+from mdrive_sumo.contract import Cause, Reason, VehicleFacts
+from mdrive_sumo.core import portable
+from mdrive_sumo.core.geometry import Float, boxes_corners
+from mdrive_sumo.planning import motion_conflicts, profile_search  # noqa: F401
+from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
+from mdrive_sumo.planning.parameters import SafetyMargin
+from mdrive_sumo.planning.reference_path import ReferencePath, build_path
 from mdrive_sumo.planning.speed_lattice import build_transitions, choose_lattice
 from mdrive_sumo.planning.speed_profile import SpeedProfileProblem
+from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
 SEEDS = st.integers(0, 2**32 - 1)
+VEHICLE: VehicleFacts = to_vehicle_facts(MKZ_2017)
+_S = np.arange(121.0)
+PATH: ReferencePath = build_path(np.column_stack((_S, 20 * portable.sin(_S / 30))), VEHICLE.rear_to_centre)
+BAD = (float("nan"), float("inf"), -float("inf"), 1e200)
+
+
+def random_boxes(rng: np.random.Generator, count: int) -> Float:
+    """Boxes of which some are degenerate, and some of which are no numbers."""
+    x, y = rng.uniform(-30.0, 30.0, (2, count))
+    length, width = rng.choice((0.0, 2.0, rng.uniform(1.0, 12.0)), count), rng.uniform(0.0, 3.0, count)
+    boxes = boxes_corners(np.round(x), np.round(y), rng.uniform(-3.2, 3.2, count) * rng.choice((0, 1)), length, width)
+    if count and rng.random() < 0.3:
+        boxes[rng.integers(count), rng.integers(4), rng.integers(2)] = rng.choice(BAD)
+    return boxes
+
+
+@given(seed=SEEDS)
+def test_overlaps_of_boxes(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes, others = (random_boxes(rng, int(rng.choice((0, 1, 5, 60)))) for _ in range(2))
+    compare_twins("planning_path_overlap_compute_overlaps", boxes, others)
+    compare_twins("planning_path_overlap_find_overlapping_pairs", boxes, others)
+
+
+def random_motion(rng: np.random.Generator) -> PredictedMotion:
+    rows, yaw = int(rng.integers(0, len(TIMES) + 1)), rng.uniform(-3.2, 3.2)
+    travelled = np.minimum(rng.uniform(0.0, 15.0) * TIMES[:rows], rng.choice((0.0, 30.0)))
+    x, y = rng.uniform(-5.0, 120.0), rng.uniform(-20.0, 20.0)
+    poses = np.column_stack((x + travelled * portable.cos(yaw), y + travelled * portable.sin(yaw), np.full(rows, yaw)))
+    length = 5.0 + np.floor(travelled / 9) if rng.random() < 0.5 else 5.0
+    gap_m = float(rng.choice((0.0, 0.5, 3.0)))
+    return PredictedMotion(poses, length, 2.0, Reason(Cause.AVOID), bool(rng.random() < 0.5), gap_m)
+
+
+@given(seed=SEEDS)
+def test_conflicts_with_motions(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    motions = [random_motion(rng) for _ in range(int(rng.integers(0, 5)))]
+    boxes = compare_twins("planning_motion_conflicts_list_predicted_boxes", motions)
+    margin = SafetyMargin(*rng.uniform(0.0, 2.0, 2).tolist())
+    cells = np.sort(rng.integers(0, len(PATH.xy), int(rng.choice((0, 1, 20, 90)))))
+    arguments = PATH, VEHICLE, boxes, cells, margin
+    compare_twins("planning_motion_conflicts_find_blocked", *arguments, int(rng.integers(1, 4)))
+    compare_twins("planning_motion_conflicts_find_blocked_after", *arguments)
+    compare_twins("planning_motion_conflicts_find_met", *arguments)
+    compare_twins("planning_motion_conflicts_find_first_met", *arguments)
 
 
 def random_problem(rng: np.random.Generator) -> SpeedProfileProblem:
