@@ -1,4 +1,4 @@
-"""The compiled layer does nothing that C leaves undefined: its twins' tests, with a layer that stops at once if it does."""
+"""The compiled layer does nothing that C leaves undefined: its tests, with a layer that stops at once if it does."""
 
 import os
 import subprocess
