@@ -24,7 +24,14 @@ from mdrive_sumo.contract.detector_profiles import PROFILES, PUBLISHED, Detectio
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.core.terminal import echo
-from mdrive_sumo.sensing.detection_noise import CAR_M, EPOCH_TICKS, add_errors, draw_detected, draw_false_positives
+from mdrive_sumo.sensing.detection_noise import (
+    CAR_M,
+    EPOCH_TICKS,
+    add_errors,
+    build_false_positives,
+    draw_detected,
+    draw_false_positives,
+)
 from tools.tool_command import HELP, ToolCommand
 
 FRAMES = 800
@@ -37,7 +44,7 @@ APART_M = 6.0
 """[m] Least distance between two cars, so that a detection belongs to one of them."""
 HIDDEN_FROM_ONE = 0.25
 """Share of cars that a single vehicle does not see at all, an assumption."""
-HERE: Float = np.zeros(2)
+HERE = (0.0, 0.0)
 
 
 def measure_average_precision(profile: DetectionProfile, iou: float, seed: int, hidden: float = 0.0) -> float:
@@ -63,7 +70,7 @@ def _simulate_frames(profile: DetectionProfile, seed: int, hidden: float) -> Ite
         visible[rng.random(CARS) < hidden] = 0.0
         recall = profile.recall_at(np.hypot(truth.x, truth.y), visible)
         seen = truth.take(draw_detected(seed, tick, truth.ids, recall))
-        ghosts = draw_false_positives(profile, seed, tick, HERE, HALF_AREA_M[0])
+        ghosts = build_false_positives(draw_false_positives(profile, seed, tick, HERE, HALF_AREA_M[0]))
         ghosts = ghosts.take(np.abs(ghosts.y) <= HALF_AREA_M[1])
         detected = add_errors(profile, seed, tick, seen, HERE).concat(ghosts)
         yield truth, detected.take(np.argsort(np.hypot(detected.x, detected.y), kind="stable"))

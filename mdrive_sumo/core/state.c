@@ -32,3 +32,20 @@ void close_road_users(RoadUsers *users) {
     for (int i = 0; i < USER_COLUMNS; i++) close_array(users->columns + i);
     Py_DecRef(users->ids);
 }
+
+bool new_road_users(Py_ssize_t count, NewRoadUsers *users) {
+    *users = (NewRoadUsers){.ids = PyTuple_New(count)};
+    users->kind = new_array('B', 1, &count, (void **)&users->kinds);
+    bool is_complete = users->ids && users->kind;
+    for (int i = 0; is_complete && i < USER_COLUMNS; i++)
+        is_complete = (users->columns[i] = new_doubles(1, &count, users->values + i)) != NULL;
+    if (!is_complete) drop_road_users(users);
+    return is_complete;
+}
+
+void drop_road_users(NewRoadUsers *users) {
+    if (users->ids) Py_DecRef(users->ids);
+    if (users->kind) Py_DecRef(users->kind);
+    for (int i = 0; i < USER_COLUMNS; i++)
+        if (users->columns[i]) Py_DecRef(users->columns[i]);
+}

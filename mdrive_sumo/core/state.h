@@ -26,4 +26,13 @@ static inline const double *speeds_of(const RoadUsers *users) { return doubles(u
 static inline const double *lengths_of(const RoadUsers *users) { return doubles(users->columns + 4); }
 static inline const double *widths_of(const RoadUsers *users) { return doubles(users->columns + 5); }
 
+/* Columns of new road users, to be filled; the ids with PyTuple_SetItem. */
+typedef struct {
+    PyObject *ids, *kind, *columns[USER_COLUMNS];
+    unsigned char *kinds;
+    double *values[USER_COLUMNS];
+} NewRoadUsers;
+bool new_road_users(Py_ssize_t count, NewRoadUsers *users);
+void drop_road_users(NewRoadUsers *users);
+
 #endif

@@ -6,6 +6,7 @@ sensor serves all ticks of the epoch.
 """
 
 import math
+from collections.abc import Iterable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -24,30 +25,20 @@ WEIGHTS = tuple(portable.cos_sin(math.pi / 2 * step / EPOCH_TICKS) for step in r
 """Weights of the earlier and the later draw, by the ticks since the earlier one."""
 
 
-@lru_cache(maxsize=4096)
 def draw_phase(seed: int, name: str) -> int:
     """Return the offset of this object's epochs, so that objects do not appear and vanish all in the same tick."""
-    return int(draw_uniforms(seed, "phase", name)[0] * EPOCH_TICKS)
-
-
-@lru_cache(maxsize=4096)
-def _draw_miss(seed: int, name: str, epoch: int) -> float:
-    return draw_uniforms(seed, "miss", name, epoch)[0]
-
-
-@lru_cache(maxsize=4096)
-def _draw_errors(seed: int, name: str, epoch: int) -> Float:
-    return np.array(draw_normals(seed, "error", name, epoch))
+    return int(draw_first_uniform(seed, "phase", name) * EPOCH_TICKS)
 
 
 def draw_detected(seed: int, tick: int, ids: tuple[str, ...], recall: Float) -> Bool:
     """Return an (N,) mask of the objects that are detected in this tick, for detection probabilities recall (N,)."""
-    lucks = [_draw_miss(seed, name, (tick + draw_phase(seed, name)) // EPOCH_TICKS) for name in ids]
+    epochs = [(tick + draw_phase(seed, name)) // EPOCH_TICKS for name in ids]
+    lucks = [draw_first_uniform(seed, "miss", name, epoch) for name, epoch in zip(ids, epochs, strict=True)]
     return np.array(lucks, dtype=np.float64) < recall
 
 
-def add_errors(profile: DetectionProfile, seed: int, tick: int, truth: Objects, eye_xy: Float) -> Objects:
-    """Return the objects, by true ids, with noise; `at` (2,) [m] is the sensor position."""
+def add_errors(profile: DetectionProfile, seed: int, tick: int, truth: Objects, eye_xy: tuple[float, float]) -> Objects:
+    """Return the objects, by true ids, with noise; eye_xy: the sensor position [m]."""
     noise = _interpolate_errors(seed, tick, truth.ids)
     x, y = truth.x - eye_xy[0], truth.y - eye_xy[1]
     distance = portable.hypot(x, y)
@@ -68,13 +59,12 @@ def add_errors(profile: DetectionProfile, seed: int, tick: int, truth: Objects, 
 
 def _interpolate_errors(seed: int, tick: int, ids: tuple[str, ...]) -> Float:
     """Return (N, 8) standard normal errors that vary smoothly: weights of two consecutive draws keep the variance."""
-    if not ids:
-        return np.empty((0, UNIFORMS))
-    times = [divmod(tick + draw_phase(seed, name), EPOCH_TICKS) for name in ids]
-    weights = np.array([WEIGHTS[step] for _, step in times])
-    earlier = np.array([_draw_errors(seed, name, epoch) for name, (epoch, _) in zip(ids, times, strict=True)])
-    later = np.array([_draw_errors(seed, name, epoch + 1) for name, (epoch, _) in zip(ids, times, strict=True)])
-    return weights[:, :1] * earlier + weights[:, 1:] * later
+    errors = np.empty((len(ids), UNIFORMS))
+    for row, name in zip(errors, ids, strict=True):
+        epoch, step = divmod(tick + draw_phase(seed, name), EPOCH_TICKS)
+        earlier, later = (np.array(draw_normals(seed, "error", name, one)) for one in (epoch, epoch + 1))
+        row[:] = WEIGHTS[step][0] * earlier + WEIGHTS[step][1] * later
+    return errors
 
 
 CELL_M = 50.0
@@ -92,8 +82,8 @@ class _CellRange(NamedTuple):
     last_j: int
 
 
-class _FalsePositive(NamedTuple):
-    """One of a cell (i, j). The epochs of the cell begin `phase` ticks before those of phase 0."""
+class FalsePositive(NamedTuple):
+    """A car that is not there, of a cell (i, j). The epochs of the cell begin `phase` ticks before those of phase 0."""
 
     i: int
     j: int
@@ -104,17 +94,24 @@ class _FalsePositive(NamedTuple):
     yaw: float
 
 
-def draw_false_positives(profile: DetectionProfile, seed: int, tick: int, eye_xy: Float, range_m: float) -> Objects:
-    """Return false positives of car size within range_m of `at` (2,) [m]; each stands still for an epoch."""
-    density = profile.false_positives / (math.pi * (FAR_M * FAR_M))
-    low, high = ((eye_xy - range_m) // CELL_M).astype(int), ((eye_xy + range_m) // CELL_M).astype(int)
-    ghosts: list[_FalsePositive] = []
-    if density > 0.0:
-        cells, (epoch, step) = _CellRange(*low.tolist(), *high.tolist()), divmod(tick, EPOCH_TICKS)
-        ghosts += (one for one in _draw_in_cells(seed, density, cells, epoch) if step + one.phase < EPOCH_TICKS)
-        ghosts += (one for one in _draw_in_cells(seed, density, cells, epoch + 1) if step + one.phase >= EPOCH_TICKS)
-        ghosts = sorted(one for one in ghosts if portable.hypot(one.x - eye_xy[0], one.y - eye_xy[1]) <= range_m)
-    x, y, yaw = np.array([(one.x, one.y, one.yaw) for one in ghosts]).reshape(-1, 3).T
+def draw_false_positives(
+    profile: DetectionProfile, seed: int, tick: int, eye_xy: tuple[float, float], range_m: float
+) -> list[FalsePositive]:
+    """Return false positives within range_m of the sensor position [m], by cells; each stands still for an epoch."""
+    if not profile.false_positives:
+        return []
+    density, (x, y) = profile.false_positives / (math.pi * (FAR_M * FAR_M)), eye_xy
+    low, high = ([int((centre + reach) // CELL_M) for centre in (x, y)] for reach in (-range_m, range_m))
+    cells, (epoch, step) = _CellRange(*low, *high), divmod(tick, EPOCH_TICKS)
+    ghosts = [one for one in _draw_in_cells(seed, density, cells, epoch) if step + one.phase < EPOCH_TICKS]
+    ghosts += (one for one in _draw_in_cells(seed, density, cells, epoch + 1) if step + one.phase >= EPOCH_TICKS)
+    return sorted(one for one in ghosts if portable.hypot(one.x - x, one.y - y) <= range_m)
+
+
+def build_false_positives(ghosts: Iterable[FalsePositive]) -> Objects:
+    """Return false positives as objects of car size that stand still."""
+    ghosts = tuple(ghosts)
+    x, y, yaw = np.array([(one.x, one.y, one.yaw) for one in ghosts], dtype=np.float64).reshape(-1, 3).T
     nothing = np.zeros(len(ghosts))
     return Objects(
         ids=tuple(one.id for one in ghosts),
@@ -129,14 +126,14 @@ def draw_false_positives(profile: DetectionProfile, seed: int, tick: int, eye_xy
 
 
 @lru_cache(maxsize=256)
-def _draw_in_cells(seed: int, density: float, cells: _CellRange, epoch: int) -> tuple[_FalsePositive, ...]:
+def _draw_in_cells(seed: int, density: float, cells: _CellRange, epoch: int) -> tuple[FalsePositive, ...]:
     """Return the false positives of all these cells in an epoch, at most one a cell."""
-    ghosts: list[_FalsePositive] = []
+    ghosts: list[FalsePositive] = []
     for i in range(cells.first_i, cells.last_i + 1):
         for j in range(cells.first_j, cells.last_j + 1):
             cell = f"{i} {j}"
             if draw_first_uniform(seed, "ghost", cell, epoch) < density * (CELL_M * CELL_M):
                 _, x, y, yaw, *_ = draw_uniforms(seed, "ghost", cell, epoch)
                 place = (i + x) * CELL_M, (j + y) * CELL_M, (yaw - 0.5) * TAU
-                ghosts.append(_FalsePositive(i, j, draw_phase(seed, cell), f"ghost {cell} {epoch}", *place))
+                ghosts.append(FalsePositive(i, j, draw_phase(seed, cell), f"ghost {cell} {epoch}", *place))
     return tuple(ghosts)

@@ -109,3 +109,14 @@ def derive_track_name(carrier: str, true_id: str, salt: int = 0) -> str:
     """
     digest = blake2b(f"{salt}\x00{carrier}\x00{true_id}".encode(), digest_size=4).digest()
     return format_track_name(int.from_bytes(digest, "big"))
+
+
+class TrackNames(dict[str, str]):
+    """Track names of a carrier by true id, each derived when it is first asked for."""
+
+    def __init__(self, carrier: str, salt: int) -> None:
+        self._carrier, self._salt = carrier, salt
+
+    def __missing__(self, true_id: str) -> str:
+        name = self[true_id] = derive_track_name(self._carrier, true_id, self._salt)
+        return name

@@ -5,8 +5,9 @@
 #include "values.h"
 
 /* A line for each C file beside a Python file, in the order of rooms. */
-#define FILES(USE) USE(core_geometry) USE(core_portable) USE(core_seeding) USE(planning_profile_search) \
-    USE(sensing_visibility) USE(sensing_localization) USE(planning_motion_conflicts) USE(planning_path_overlap)
+#define FILES(USE) USE(core_geometry) USE(core_portable) USE(core_seeding) USE(planning_motion_conflicts) \
+    USE(planning_path_overlap) USE(planning_profile_search) USE(sensing_localization) USE(sensing_objects_sensor) \
+    USE(sensing_visibility)
 
 #define DECLARE(file) extern Functions file;
 #define LIST(file) file,

@@ -59,7 +59,7 @@ def run(
 
 def noisy(truth: Callable[[int], Objects], seed: int) -> Callable[[int], Objects]:
     """Detections of the surrogate detector, as late as it is."""
-    return lambda tick: add_errors(PROFILES[LIDAR_SINGLE], seed, tick, truth(tick - LATENCY), np.zeros(2))
+    return lambda tick: add_errors(PROFILES[LIDAR_SINGLE], seed, tick, truth(tick - LATENCY), (0.0, 0.0))
 
 
 def place(x: float, y: float, speed: float, yaw: float = 0.0) -> Callable[[int], Objects]:

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -26,12 +25,12 @@ def draw_in_cell(seed: int, tick: int, i: int, j: int) -> list[Row]:
 
 @given(st.integers(0, 1000), st.integers(0, 400), st.integers(-300, 300), st.integers(-300, 300))
 def test_each_cell_is_drawn_by_itself(seed: int, tick: int, x: int, y: int) -> None:
-    at, range_m = np.array((float(x), float(y))), 200.0
-    low, high = (int((at.min() - range_m) // CELL_M), int((at.max() + range_m) // CELL_M))
+    range_m = 200.0
+    low, high = (int((min(x, y) - range_m) // CELL_M), int((max(x, y) + range_m) // CELL_M))
     rows = [row for i in range(low, high + 1) for j in range(low, high + 1) for row in draw_in_cell(seed, tick, i, j)]
     near = [row for row in rows if math.sqrt((row[1] - x) * (row[1] - x) + (row[2] - y) * (row[2] - y)) <= range_m]
-    found = draw_false_positives(PROFILE, seed, tick, at, range_m)
-    assert list(zip(found.ids, found.x.tolist(), found.y.tolist(), found.yaw.tolist(), strict=True)) == near
+    found = draw_false_positives(PROFILE, seed, tick, (float(x), float(y)), range_m)
+    assert [(one.id, one.x, one.y, one.yaw) for one in found] == near
 
 
 def test_the_first_number_is_that_of_all() -> None:
