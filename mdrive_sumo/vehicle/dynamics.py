@@ -9,10 +9,10 @@ It integrates by leapfrog (Störmer-Verlet; Hairer, Lubich and Wanner 2003) with
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache
 
 from mdrive_sumo.contract import Control, VehicleFacts
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import wrap_angle
 from mdrive_sumo.core.state import DT, EgoState
 
@@ -112,7 +112,8 @@ def initial_state(x: float, y: float, yaw: float, speed: float = 0.0) -> Vehicle
     return VehicleState(x, y, wrap_angle(yaw), vx=speed)
 
 
-def to_ego_state(body: VehicleState) -> EgoState:
+@twin
+def to_ego_state(body: VehicleState, /) -> EgoState:
     """Return the externally visible state; speed is signed, along yaw."""
     return EgoState(body.x, body.y, body.yaw, body.vx, body.acceleration, body.yaw_rate, body.steer_angle)
 
@@ -132,19 +133,23 @@ def to_vehicle_facts(vehicle: VehicleParameters) -> VehicleFacts:
     )
 
 
+@twin
 def step(
-    body: VehicleState, control: Control, vehicle: VehicleParameters, dt: float = DT, sub_steps: int = SUB_STEPS
+    body: VehicleState, control: Control, vehicle: VehicleParameters, sub_steps: int = SUB_STEPS, /
 ) -> VehicleState:
-    """Return the state `dt` seconds later under a constant control.
+    """Return the state of the next tick under a constant control.
 
     There is no reverse gear: only an external impulse makes vx negative, and a standing car without throttle stays
     exactly where it is.
     """
-    h = dt / sub_steps
+    h = DT / sub_steps
     x, y, yaw, steer_angle, drive, brake = body.x, body.y, body.yaw, body.steer_angle, body.drive, body.brake
     target, most_turn = control.steer * vehicle.max_steer_angle, vehicle.max_steer_rate * h
-    pedal = control.brake if control.brake < vehicle.grip else vehicle.grip  # anti-lock brakes
-    turned, pressed, clamped = _compute_shares(vehicle.steer_lag, vehicle.drive_lag, vehicle.brake_lag, h)
+    pedal = min(control.brake, vehicle.grip)  # anti-lock brakes
+    # The shares of their ways that steering, drive and brake go in a sub-step.
+    turned, pressed, clamped = (
+        -portable.expm1(-h / lag) for lag in (vehicle.steer_lag, vehicle.drive_lag, vehicle.brake_lag)
+    )
     cos, sin = portable.cos_sin(yaw)
     # Velocity in the world frame, so that a turning car needs no Coriolis terms.
     u, v, yaw_rate = cos * body.vx - sin * body.vy, sin * body.vx + cos * body.vy, body.yaw_rate
@@ -165,18 +170,12 @@ def step(
     vx, vy = cos * u + sin * v, cos * v - sin * u
     if abs(vx) + abs(vy) + abs(yaw_rate) < 1e-3:  # static friction of standing tyres
         vx = vy = yaw_rate = 0.0
-    return VehicleState(x, y, wrap_angle(yaw), vx, vy, yaw_rate, steer_angle, drive, brake, (vx - body.vx) / dt)
-
-
-@lru_cache(maxsize=16)
-def _compute_shares(steer_lag: float, drive_lag: float, brake_lag: float, h: float) -> Triple:
-    """Return the shares of their ways that steering, drive and brake go in a sub-step of h [s]."""
-    return -portable.expm1(-h / steer_lag), -portable.expm1(-h / drive_lag), -portable.expm1(-h / brake_lag)
+    return VehicleState(x, y, wrap_angle(yaw), vx, vy, yaw_rate, steer_angle, drive, brake, (vx - body.vx) / DT)
 
 
 def _clamp(limit: float, value: float) -> float:
-    """Return the value clamped to +-limit. Not max(min()): those calls would cost more than the forces."""
-    return value if -limit <= value <= limit else math.copysign(limit, value)
+    """Return the value clamped to +-limit."""
+    return max(min(value, limit), -limit)
 
 
 def _apply_forces(
@@ -223,7 +222,7 @@ def _axle_force(rolling: float, sliding: float, stiffness: float, response: floa
     `response` [m/s/N] is how much slower each newton makes it slide by the end of the sub-step: the force is the one
     in the middle (linearly implicit midpoint rule), which is of second order and stable for any sub-step.
     """
-    rolling = abs(rolling) if abs(rolling) > SLIP_SPEED else SLIP_SPEED
+    rolling = max(abs(rolling), SLIP_SPEED)
     force = -stiffness * portable.atan(sliding / rolling) / (1 + stiffness * response / (2 * rolling))
     return _clamp(limit, force)
 
@@ -236,7 +235,7 @@ def _apply_longitudinal_forces(vx: float, drive: float, brake: float, vehicle: V
     if spare < 1.0:  # governor
         most *= max(0.0, spare)
     pull, limit = drive * most, vehicle.grip * vehicle.max_acceleration
-    pull = pull if pull < limit else limit  # traction control
+    pull = min(pull, limit)  # traction control
     vx += h * (pull - 0.5 * AIR_DENSITY * vehicle.drag_area * vx * abs(vx) / vehicle.mass)
     # Resistance can stop a car but never reverse it.
     resisted = h * (brake * vehicle.max_deceleration + vehicle.rolling_resistance * GRAVITY)

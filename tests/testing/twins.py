@@ -15,11 +15,15 @@ REFUSALS = (ValueError, ArithmeticError)
 
 def compare_twins(name: str, *arguments: Any) -> Any:
     """Return what both functions of that name (as in `compiled.REFERENCES`) return; the bits must be equal."""
-    layer = import_module(compiled.LAYER)  # also where the switch uses the Python text
     expected = call(compiled.REFERENCES[name], *arguments)
-    found = call(getattr(layer, name), *arguments)
+    found = call(get_compiled(name), *arguments)
     assert describe(found) == describe(expected), name
     return found
+
+
+def get_compiled(name: str) -> Callable[..., Any]:
+    """Return a function of the layer, also where the switch uses the Python text."""
+    return getattr(import_module(compiled.LAYER), name)
 
 
 def call(function: Callable[..., Any], *arguments: Any) -> Any:

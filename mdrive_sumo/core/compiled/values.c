@@ -38,6 +38,11 @@ bool read_integer(PyObject *object, Py_ssize_t *value) {
     return *value != -1 || !PyErr_Occurred();
 }
 
+PyObject *refuse_numbers(const char *function) {
+    PyErr_Format(PyExc_ValueError, "%s: found NaN, infinity or a division by zero", function);
+    return NULL;
+}
+
 static bool intern(Fields *fields) {
     for (int i = 0; i < fields->count; i++)
         if (!fields->names[i] && !(fields->names[i] = PyUnicode_InternFromString(fields->texts[i]))) return false;

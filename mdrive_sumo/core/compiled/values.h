@@ -41,6 +41,13 @@ bool read_fields(PyObject *object, Fields *fields, double *values);
 /* Field i as an object; a new reference. */
 PyObject *get_field(PyObject *object, Fields *fields, int i);
 
+/* As Python divides: by zero is refused. */
+static inline double divide(double dividend, double divisor, bool *is_refused) {
+    if (divisor == 0.0) *is_refused = true;
+    return dividend / divisor;
+}
+PyObject *refuse_numbers(const char *function); /* ValueError: it cannot compute with its arguments */
+
 /* An instance of a frozen dataclass with slots, whose fields are these; `values` are taken, also in an error. */
 PyObject *build_instance(Import *type, Fields *fields, PyObject **values);
 PyObject *build_instance_of_numbers(Import *type, Fields *fields, const double *values);

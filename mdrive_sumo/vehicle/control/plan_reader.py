@@ -6,6 +6,7 @@ import numpy as np
 
 from mdrive_sumo.contract import CONTROL_STEP, Control, OwnState, Plan
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, EgoState
 
@@ -27,7 +28,8 @@ class Controller(Protocol):
         ...
 
 
-def round_control(throttle: float, brake: float, steer: float) -> Control:
+@twin
+def round_control(throttle: float, brake: float, steer: float, /) -> Control:
     """Return a control within its limits, rounded to `CONTROL_STEP` as the contract stores it."""
     return Control(_round_to_step(throttle, 0.0), _round_to_step(brake, 0.0), _round_to_step(steer, -1.0))
 
@@ -61,7 +63,8 @@ def point_to_ego_frame(x: float, y: float, own: OwnMotion) -> tuple[float, float
     return cos * dx + sin * dy, cos * dy - sin * dx
 
 
-def sample_waypoints(plan: Plan, own: OwnMotion, age_ticks: int, spacing_s: float, count: int) -> Float:
+@twin
+def sample_waypoints(plan: Plan, own: OwnMotion, age_ticks: int, spacing_s: float, count: int, /) -> Float:
     """Points (count, 2) [m, ego frame] where the plan wants the car after 1, 2, ... times `spacing_s` from now.
 
     A plan that ends earlier goes on with its last velocity; an overdue one stands at its last point.
@@ -75,7 +78,8 @@ def sample_waypoints(plan: Plan, own: OwnMotion, age_ticks: int, spacing_s: floa
     return np.column_stack([np.interp(wanted, times, points[:, k]) + over * velocity[k] for k in (0, 1)])
 
 
-def find_aim_point(plan: Plan, own: OwnMotion, age_ticks: int, distance: float) -> tuple[float, float]:
+@twin
+def find_aim_point(plan: Plan, own: OwnMotion, age_ticks: int, distance: float, /) -> tuple[float, float]:
     """The point [m, ego frame] that lies `distance` ahead along what is left of the plan, prolonged straight.
 
     Straight ahead if the rest of the plan is shorter than `NEAR`.

@@ -2,9 +2,11 @@
 
 import math
 from bisect import bisect
+from operator import itemgetter
 
 from mdrive_sumo.contract import Control, Plan, VehicleFacts
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.state import DT, EgoState
 from mdrive_sumo.vehicle.control.plan_reader import OwnMotion, point_to_ego_frame, round_control
 
@@ -45,35 +47,18 @@ class Tracker:
 
     def follow(self, plan: Plan, own: OwnMotion, age_ticks: int) -> Control:
         """See `Controller.follow`."""
-        soon = _predict_motion(own)
-        stations, hops = _build_line(plan, own, age_ticks * DT)
-        here = _project_on_line(hops, soon.x, soon.y)
-        goal = _station(stations, plan.interval_s, age_ticks * DT)
-        throttle, brake = self._pedals(soon.speed, goal - here)
-        return round_control(throttle, brake, self._steer(hops, here, soon))
+        return follow_plan(plan, own, age_ticks, self._vehicle)
 
-    def _pedals(self, speed: float, distance: float) -> tuple[float, float]:
-        """Throttle and brake that cover the distance [m] within `PREVIEW_S`."""
-        if distance < 0.1 and speed < 0.1:
-            return 0.0, HOLD
-        acceleration = 2 * (distance - speed * PREVIEW_S) / (PREVIEW_S * PREVIEW_S)
-        if 2 * distance < speed * PREVIEW_S:  # it would roll back at the end: stop at the distance instead
-            acceleration = -speed * speed / (2 * max(distance, 0.01))
-        if acceleration > -COASTING:
-            return max(0.0, acceleration + COASTING) / self._vehicle.max_acceleration, 0.0
-        return 0.0, -(acceleration + COASTING) / self._vehicle.max_deceleration
 
-    def _steer(self, hops: list[Hop], here: float, own: EgoState) -> float:
-        """Share of the full lock that leads the centre through a point ahead on the line."""
-        vehicle = self._vehicle
-        speed = abs(own.speed)
-        target = here + LOOK_AHEAD_M + LOOK_AHEAD_S * speed + LOOK_AHEAD_S2 * speed * speed
-        start, px, py, ux, uy, _ = hops[max(bisect(hops, (target, math.inf)) - 1, 0)]
-        x, y = point_to_ego_frame(px + (target - start) * ux, py + (target - start) * uy, own)
-        # Circle through centre and aim whose middle lies abeam of the rear axle.
-        x += vehicle.rear_to_centre
-        curvature = 2 * y / max(x * x + y * y - vehicle.rear_to_centre * vehicle.rear_to_centre, 1e-3)
-        return portable.atan(vehicle.wheelbase * curvature) / vehicle.max_steer_angle
+@twin
+def follow_plan(plan: Plan, own: OwnMotion, age_ticks: int, vehicle: VehicleFacts, /) -> Control:
+    """See `Tracker`, which has no state."""
+    soon = _predict_motion(own)
+    stations, hops = _build_line(plan, own, age_ticks * DT)
+    here = _project_on_line(hops, soon.x, soon.y)
+    goal = _find_station(stations, plan.interval_s, age_ticks * DT)
+    throttle, brake = _choose_pedals(soon.speed, goal - here, vehicle)
+    return round_control(throttle, brake, _choose_steer(hops, here, soon, vehicle))
 
 
 def _predict_motion(own: OwnMotion) -> EgoState:
@@ -95,7 +80,7 @@ def _build_line(plan: Plan, own: OwnMotion, now_s: float) -> tuple[list[float], 
     stations, hops = [s], []
     enough = (now_s + HORIZON_S) / plan.interval_s
     for u, v in points[1:]:
-        length = math.sqrt((u - x) * (u - x) + (v - y) * (v - y))  # as portable.hypot, for many points
+        length = portable.hypot(u - x, v - y)
         if length > DISTINCT:
             hops.append((s, x, y, (u - x) / length, (v - y) / length, length))
             s, x, y = s + length, u, v
@@ -135,7 +120,7 @@ def _project_on_line(hops: list[Hop], x: float, y: float) -> float:
     return here
 
 
-def _station(stations: list[float], interval_s: float, now_s: float) -> float:
+def _find_station(stations: list[float], interval_s: float, now_s: float) -> float:
     """Arc length [m] where the plan wants the car `LAG_S` + `PREVIEW_S` from now, when `now_s` seconds have passed.
 
     Before its first and after its last point a plan has the speed of its first and last hop.
@@ -148,3 +133,27 @@ def _station(stations: list[float], interval_s: float, now_s: float) -> float:
     index = (now_s + later) / interval_s - 1
     hop = min(max(int(index), 0), count - 2)
     return stations[hop] + (index - hop) * (stations[hop + 1] - stations[hop])
+
+
+def _choose_pedals(speed: float, distance: float, vehicle: VehicleFacts) -> tuple[float, float]:
+    """Throttle and brake that cover the distance [m] within `PREVIEW_S`."""
+    if distance < 0.1 and speed < 0.1:
+        return 0.0, HOLD
+    acceleration = 2 * (distance - speed * PREVIEW_S) / (PREVIEW_S * PREVIEW_S)
+    if 2 * distance < speed * PREVIEW_S:  # it would roll back at the end: stop at the distance instead
+        acceleration = -speed * speed / (2 * max(distance, 0.01))
+    if acceleration > -COASTING:
+        return max(0.0, acceleration + COASTING) / vehicle.max_acceleration, 0.0
+    return 0.0, -(acceleration + COASTING) / vehicle.max_deceleration
+
+
+def _choose_steer(hops: list[Hop], here: float, own: EgoState, vehicle: VehicleFacts) -> float:
+    """Share of the full lock that leads the centre through a point ahead on the line."""
+    speed = abs(own.speed)
+    target = here + LOOK_AHEAD_M + LOOK_AHEAD_S * speed + LOOK_AHEAD_S2 * speed * speed
+    start, px, py, ux, uy, _ = hops[max(bisect(hops, target, key=itemgetter(0)) - 1, 0)]
+    x, y = point_to_ego_frame(px + (target - start) * ux, py + (target - start) * uy, own)
+    # Circle through centre and aim whose middle lies abeam of the rear axle.
+    x += vehicle.rear_to_centre
+    curvature = 2 * y / max(x * x + y * y - vehicle.rear_to_centre * vehicle.rear_to_centre, 1e-3)
+    return portable.atan(vehicle.wheelbase * curvature) / vehicle.max_steer_angle

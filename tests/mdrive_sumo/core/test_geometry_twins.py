@@ -1,17 +1,13 @@
 """Compiled geometry has the bits of the Python text."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.twins import compare_twins
+from testing.twins import compare_twins, get_compiled
 
-from mdrive_sumo.core import compiled
 from mdrive_sumo.core.geometry import Polyline, boxes_corners, build_polyline
 
-LAYER: Any = compiled.layer
 ANY = st.floats(allow_nan=True, allow_infinity=True)
 SOME = st.one_of(st.floats(-50.0, 50.0), st.integers(-9, 9).map(float), st.sampled_from((0.0, -0.0)))
 
@@ -55,7 +51,7 @@ def test_overlap(values: list[tuple[float, ...]], odd: list[float], on_a_grid: b
 @pytest.mark.parametrize("shape", [(2, 4, 2), (3, 4, 3), (8,), (1, 1, 1, 1, 1, 4, 2)])
 def test_what_are_no_boxes_is_refused(shape: tuple[int, ...]) -> None:
     with pytest.raises((ValueError, TypeError), match="expected"):
-        LAYER.core_geometry_boxes_overlap(np.zeros(shape), np.zeros((3, 4, 2)))
+        get_compiled("core_geometry_boxes_overlap")(np.zeros(shape), np.zeros((3, 4, 2)))
 
 
 LINES = st.lists(st.tuples(SOME, SOME), min_size=2, max_size=6)
@@ -75,4 +71,4 @@ def test_a_polyline_without_segments_is_refused() -> None:
     segments = build_polyline([(0, 0), (1, 0)])._segments
     for bad in (segments[:0], segments[:, :5], segments[0]):
         with pytest.raises(ValueError, match="expected"):
-            LAYER.core_geometry__find_segment(bad, 0.0)
+            get_compiled("core_geometry__find_segment")(bad, 0.0)

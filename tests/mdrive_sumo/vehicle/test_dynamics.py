@@ -191,7 +191,7 @@ def test_sub_steps_are_fine_enough() -> None:
     few = many = initial_state(0, 0, 0)
     for tick in range(160):
         control = Control(0.6, 0.0, 0.3 * math.sin(2 * tick * DT))
-        few, many = step(few, control, MKZ_2017), step(many, control, MKZ_2017, sub_steps=200)
+        few, many = step(few, control, MKZ_2017), step(many, control, MKZ_2017, 200)
     assert math.hypot(few.x - many.x, few.y - many.y) < 0.06
     assert abs(few.yaw - many.yaw) < 0.002
 

@@ -1,0 +1,109 @@
+"""Compiled dynamics, controllers and contacts have the bits of the Python text."""
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from testing.twins import compare_twins, get_compiled
+
+from mdrive_sumo.contract import Control, Plan
+from mdrive_sumo.core.state import EgoState
+from mdrive_sumo.vehicle.control.tracker import Tracker
+from mdrive_sumo.vehicle.dynamics import MKZ_2017, VehicleParameters, VehicleState, to_vehicle_facts
+
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+SHARES = st.one_of(st.floats(-1.0, 1.0), st.sampled_from((0.0, -0.0, 1.0)))
+PLACES = st.one_of(st.floats(-60.0, 60.0), st.integers(-3, 3).map(float))
+SPEEDS = st.one_of(st.floats(-5.0, 60.0), st.sampled_from((0.0, -0.0, 3.0, 57.5)))
+STATES = st.builds(
+    VehicleState,
+    x=st.floats(-1e3, 1e3),
+    y=st.floats(-1e3, 1e3),
+    yaw=st.floats(-4.0, 4.0),
+    vx=SPEEDS,
+    vy=st.floats(-3.0, 3.0),
+    yaw_rate=SHARES,
+    steer_angle=SHARES,
+    drive=SHARES,
+    brake=SHARES,
+)
+NAMES = [field.name for field in fields(VehicleState)]
+CONTROLS = st.builds(Control, throttle=SHARES, brake=SHARES, steer=SHARES)
+WET = replace(MKZ_2017, grip=0.4)
+
+
+@given(STATES, CONTROLS, st.sampled_from((MKZ_2017, WET)), st.sampled_from((1, 5, 7, 0, -1)))
+def test_steps(state: VehicleState, control: Control, vehicle: VehicleParameters, sub_steps: int) -> None:
+    compare_twins("vehicle_dynamics_step", state, control, vehicle, sub_steps)
+    compare_twins("vehicle_dynamics_to_ego_state", state)
+
+
+@given(STATES, CONTROLS, st.dictionaries(st.sampled_from(NAMES), ANY, min_size=1, max_size=3))
+def test_steps_of_odd_states(state: VehicleState, control: Control, odd: dict[str, float]) -> None:
+    compare_twins("vehicle_dynamics_step", replace(state, **odd), control, MKZ_2017)
+
+
+@pytest.mark.parametrize("field", [field.name for field in fields(VehicleParameters)])
+def test_steps_of_odd_vehicles(field: str) -> None:
+    control = Control(0.5, 0.5, 0.5)
+    for value in (0.0, -1.0, math.nan, math.inf):
+        for vx in (0.0, 9.0):
+            state = VehicleState(0.0, 0.0, 1.0, vx, 0.1, 0.1)
+            compare_twins("vehicle_dynamics_step", state, control, replace(MKZ_2017, **{field: value}))
+
+
+POINTS = st.one_of(
+    st.lists(st.tuples(PLACES, PLACES), min_size=1, max_size=9),
+    st.builds(
+        lambda count, hop, turn: [(hop * i, turn * i * i) for i in range(1, count + 1)],
+        st.integers(1, 60),
+        st.floats(0.0, 2.0),
+        st.floats(-0.05, 0.05),
+    ),
+)
+PLANS = st.builds(Plan, POINTS.map(np.array), st.sampled_from((0.05, 0.1, 0.2, 0.5, 3.0)))
+OWN = st.builds(
+    EgoState, x=PLACES, y=PLACES, yaw=st.floats(-4.0, 4.0), speed=SPEEDS, acceleration=SHARES, yaw_rate=SHARES
+)
+FACTS = to_vehicle_facts(MKZ_2017)
+
+
+@given(PLANS, OWN, st.integers(0, 90))
+def test_tracked_plans(plan: Plan, own: EgoState, age_ticks: int) -> None:
+    control = compare_twins("vehicle_control_tracker_follow_plan", plan, own, age_ticks, FACTS)
+    assert control == Tracker(FACTS).follow(plan, own, age_ticks)
+
+
+@given(PLANS, OWN, st.lists(ANY, max_size=4), st.dictionaries(st.sampled_from(("x", "yaw", "speed")), ANY), ANY)
+def test_tracked_odd_plans(
+    plan: Plan, own: EgoState, values: list[float], odd: dict[str, float], interval_s: float
+) -> None:
+    plan.points.ravel()[: len(values)] = values[: plan.points.size]
+    for one in (plan, replace(plan, interval_s=interval_s), replace(plan, interval_s=0.0)):
+        compare_twins("vehicle_control_tracker_follow_plan", one, replace(own, **odd), 3, FACTS)
+
+
+@given(st.one_of(SHARES, ANY), st.one_of(SHARES, st.integers(-20000, 20000).map(lambda n: (n + 0.5) / 1e4)))
+def test_rounded_controls(throttle: float, steer: float) -> None:
+    compare_twins("vehicle_control_plan_reader_round_control", throttle, 1.0 - throttle, steer)
+
+
+@given(PLANS, OWN, st.integers(0, 90), st.one_of(st.floats(0.0, 20.0), st.sampled_from((0.2, 0.5, 1.0, 7.0))))
+def test_read_plans(plan: Plan, own: EgoState, age_ticks: int, ahead: float) -> None:
+    compare_twins("vehicle_control_plan_reader_sample_waypoints", plan, own, age_ticks, ahead, 4)
+    compare_twins("vehicle_control_plan_reader_find_aim_point", plan, own, age_ticks, ahead)
+
+
+@pytest.mark.parametrize("name", ["sample_waypoints", "find_aim_point"])
+def test_a_plan_without_points_or_of_a_car_nowhere_is_refused(name: str) -> None:
+    own, arguments = EgoState(0.0, 0.0, 0.0, 0.0), (0, 1.0, *((4,) if name == "sample_waypoints" else ()))
+    for points, where in (
+        (np.zeros((0, 2)), own),
+        (np.ones((3, 3)), own),
+        (np.ones((2, 2)), replace(own, yaw=math.nan)),
+    ):
+        with pytest.raises(ValueError, match=r"expected|found"):
+            get_compiled(f"vehicle_control_plan_reader_{name}")(Plan(points, 0.1), where, *arguments)
