@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.contract import CONTROL_STEP, REASON, Control, Note, Plan
-from mdrive_sumo.core.state import Contact, EgoState, Frame, Kind
+from mdrive_sumo.contract import REASON, Control, Note, Plan
+from mdrive_sumo.core.state import Contact, Frame, Kind
 from mdrive_sumo.episode.episode import (
     Ending,
     EpisodeRecord,
@@ -19,7 +19,7 @@ from mdrive_sumo.episode.episode import (
     SignalEntry,
     ThinkTimeEntry,
 )
-from mdrive_sumo.episode.quantization import Quanta, to_quanta
+from mdrive_sumo.episode.quantization import pack_controls, pack_states
 from mdrive_sumo.v2x.channel import SentMessage
 
 MAX_KINDS = 32
@@ -101,10 +101,10 @@ class Recorder:
         self._egos = tuple(dimensions)
         self._columns = {ego: i for i, ego in enumerate(self._egos)}
         self._constants: list[tuple[int, float, float]] = [(int(Kind.VEHICLE), *size) for size in dimensions.values()]
-        self._present: tuple[str, ...] | None = None
+        self._present: tuple[tuple[str, ...], tuple[str, ...]] | None = None
         self._present_columns: npt.NDArray[np.intp] = np.zeros(0, dtype=np.intp)
-        self._rows: list[tuple[npt.NDArray[np.intp], Quanta]] = []
-        self._controls: list[npt.NDArray[np.int16]] = []
+        self._rows: list[tuple[npt.NDArray[np.intp], bytes]] = []
+        self._controls: list[bytes] = []
         self._plans: list[PlanRecord] = []
         self._contacts: list[tuple[int, Contact]] = []
         self._signals: list[SignalEntry] = []
@@ -113,6 +113,7 @@ class Recorder:
         self._digests: list[bytes] = []
         self._chain = blake2b(digest_size=DIGEST_BYTES)
         self._names_digest_input = b""
+        self._signals_digest_input = "[]"
 
     def note(self, tick: int, ego: str, notes: Sequence[Note]) -> None:
         """Record notes of an agent, within the limits of `NoteLog`.
@@ -125,15 +126,8 @@ class Recorder:
         self, frame: Frame, controls: Mapping[str, Control], plans: Mapping[str, Plan], received: ReceivedMessages
     ) -> None:
         """Add one tick: a frame at recording resolution, received messages, and the controls applied after it."""
-        quanta = to_quanta(self._build_table(frame))
-        applied = np.zeros((len(self._egos), 3), dtype=np.int16)
-        for ego, control in controls.items():
-            applied[self._columns[ego]] = (
-                round(control.throttle / CONTROL_STEP),
-                round(control.brake / CONTROL_STEP),
-                round(control.steer / CONTROL_STEP),
-            )
-        self._rows.append((self._find_columns(frame), quanta))
+        states, applied = pack_states(frame), pack_controls(self._egos, controls)
+        self._rows.append((self._find_columns(frame), states))
         self._controls.append(applied)
         if frame.tick % PLAN_EVERY_TICKS == 0:
             self._plans += [
@@ -141,20 +135,10 @@ class Recorder:
             ]
         self._contacts += [(frame.tick, contact) for contact in frame.contacts]
         self._add_signals(frame)
-        self._add_digest(frame, quanta, applied, received)
-
-    @staticmethod
-    def _build_table(frame: Frame) -> npt.NDArray[np.float64]:
-        actors = frame.actors
-        table = np.empty((len(frame.egos) + len(actors), 4))
-        for i, ego in enumerate(frame.egos.values()):
-            table[i] = _build_row(ego)
-        rest = table[len(frame.egos) :]
-        rest[:, 0], rest[:, 1], rest[:, 2], rest[:, 3] = actors.x, actors.y, actors.yaw, actors.speed
-        return table
+        self._add_digest(frame, states, applied, received)
 
     def _find_columns(self, frame: Frame) -> npt.NDArray[np.intp]:
-        present = (*frame.egos, *frame.actors.ids)
+        present = tuple(frame.egos), frame.actors.ids  # the same object in most ticks
         if present == self._present:
             return self._present_columns
         actors = frame.actors
@@ -163,32 +147,24 @@ class Recorder:
                 self._columns[actor] = len(self._columns)
                 self._constants.append((int(actors.kind[i]), float(actors.length[i]), float(actors.width[i])))
         self._present = present
-        self._present_columns = np.array([self._columns[i] for i in present], dtype=np.intp)
-        self._names_digest_input = "\n".join(present).encode()
+        names = [*frame.egos, *actors.ids]
+        self._present_columns = np.array([self._columns[name] for name in names], dtype=np.intp)
+        self._names_digest_input = "\n".join(names).encode()
         return self._present_columns
 
     def _add_signals(self, frame: Frame) -> None:
+        if frame.signals == self._last_signals:
+            return
         for light, state in frame.signals.items():
             if self._last_signals.get(light) != state:
-                self._last_signals[light] = state
                 self._signals.append(SignalEntry(frame.tick, light, state))
+        self._last_signals = {**self._last_signals, **frame.signals}
+        self._signals_digest_input = repr(sorted(frame.signals.items()))
 
-    def _add_digest(
-        self, frame: Frame, quanta: Quanta, applied: npt.NDArray[np.int16], received: ReceivedMessages
-    ) -> None:
-        facts = repr((frame.tick, sorted(frame.signals.items()), frame.contacts)).encode()
-        states, controls = quanta.astype("<i4", copy=False), applied.astype("<i2", copy=False)
-        self._chain.update(
-            b"".join(
-                (
-                    self._names_digest_input,
-                    states.tobytes(),
-                    controls.tobytes(),
-                    facts,
-                    *_iterate_message_bytes(received),
-                )
-            )
-        )
+    def _add_digest(self, frame: Frame, states: bytes, controls: bytes, received: ReceivedMessages) -> None:
+        facts = f"({frame.tick}, {self._signals_digest_input}, {frame.contacts!r})".encode()
+        messages = _iterate_message_bytes(received)
+        self._chain.update(b"".join((self._names_digest_input, states, controls, facts, *messages)))
         self._digests.append(self._chain.digest())
 
     def finish(
@@ -200,7 +176,7 @@ class Recorder:
         quanta = np.zeros((*shape, 4), dtype=np.int32)
         for tick, (columns, row) in enumerate(self._rows):
             valid[tick, columns] = True
-            quanta[tick, columns] = row
+            quanta[tick, columns] = np.frombuffer(row, dtype="<i4").reshape(-1, 4)
         kind, length, width = zip(*self._constants, strict=True)
         return EpisodeRecord(
             scenario=self._scenario,
@@ -212,7 +188,7 @@ class Recorder:
             width=np.array(width),
             valid=valid,
             quanta=quanta,
-            controls=np.array(self._controls).reshape(shape[0], len(self._egos), 3),
+            controls=np.frombuffer(b"".join(self._controls), dtype="<i2").reshape(shape[0], len(self._egos), 3),
             plans=tuple(self._plans),
             contacts=tuple(self._contacts),
             signals=tuple(self._signals),
@@ -232,7 +208,3 @@ def _iterate_message_bytes(received: ReceivedMessages) -> Iterator[bytes]:
         for m in messages:
             yield repr((receiver, m.sender, m.tick, m.type, len(m.payload))).encode()
             yield m.payload
-
-
-def _build_row(ego: EgoState) -> tuple[float, float, float, float]:
-    return ego.x, ego.y, ego.yaw, ego.speed

@@ -43,6 +43,12 @@ PyObject *refuse_numbers(const char *function) {
     return NULL;
 }
 
+bool is_dict(PyObject *object) {
+    if (object->ob_type == &PyDict_Type || PyType_IsSubtype(object->ob_type, &PyDict_Type)) return true;
+    PyErr_SetString(PyExc_TypeError, "expected a dict");
+    return false;
+}
+
 static bool intern(Fields *fields) {
     for (int i = 0; i < fields->count; i++)
         if (!fields->names[i] && !(fields->names[i] = PyUnicode_InternFromString(fields->texts[i]))) return false;

@@ -36,6 +36,8 @@ bool expect_arguments(const char *function, Py_ssize_t found, Py_ssize_t least, 
 bool read_number(PyObject *object, double *value);
 bool read_numbers(PyObject *const *objects, int count, double *values);
 bool read_integer(PyObject *object, Py_ssize_t *value);
+/* Whether an object is a dict, for PyDict_Next; an error if not. */
+bool is_dict(PyObject *object);
 /* All fields as numbers, values[fields->count]. */
 bool read_fields(PyObject *object, Fields *fields, double *values);
 /* Field i as an object; a new reference. */
