@@ -12,6 +12,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Objects, VehicleFacts
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, wrap_angle
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.parameters import RIGHT_OF_WAY, RightOfWayParameters
@@ -85,8 +86,9 @@ class CrossingConflict:
     """Present position of the other road user."""
 
 
+@twin
 def preview_path(
-    path: ReferencePath, s: float, vehicle: VehicleFacts, parameters: RightOfWayParameters = RIGHT_OF_WAY
+    path: ReferencePath, s: float, vehicle: VehicleFacts, parameters: RightOfWayParameters = RIGHT_OF_WAY, /
 ) -> PathPreview:
     """Return the path ahead of a car at arc length s [m]."""
     distance = np.arange(0.0, parameters.look_ahead_m, parameters.stride_m)
@@ -95,22 +97,25 @@ def preview_path(
     return PathPreview(distance, path.yaw[cells], boxes)
 
 
+@twin
 def find_lead_objects(
-    ego: EgoMotion, preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY
+    ego: EgoMotion, preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY, /
 ) -> list[LeadObject]:
     """Return the objects that are on the path now, without the cars of `find_followers_beside`."""
     met = _find_overlaps_now(preview, objects)
     rows = np.flatnonzero(met.any(0) & ~find_followers_beside(ego, preview, objects, parameters))
     first: Int = met[:, rows].argmax(0) + 1
-    along = np.maximum(objects.speed[rows] * portable.cos(objects.yaw[rows] - preview.yaw[first]), 0.0)
+    along = objects.speed[rows] * portable.cos(objects.yaw[rows] - preview.yaw[first])
+    along = np.where(along > 0.0, along, 0.0)
     return [
         LeadObject(gap_m, speed, objects.ids[row], (float(objects.x[row]), float(objects.y[row])))
         for gap_m, speed, row in zip(preview.distance[first].tolist(), along.tolist(), rows.tolist(), strict=True)
     ]
 
 
+@twin
 def find_rows_on_path(
-    ego: EgoMotion, preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY
+    ego: EgoMotion, preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY, /
 ) -> Int:
     """Return the rows of the objects of `find_lead_objects`."""
     on_path = _find_overlaps_now(preview, objects).any(0)
@@ -122,8 +127,9 @@ def _find_overlaps_now(preview: PathPreview, objects: Objects) -> Bool:
     return compute_overlaps(preview.boxes[1:], _predict_boxes(objects, np.arange(len(objects.ids)), 0.0))
 
 
+@twin
 def find_followers_beside(
-    ego: EgoMotion, preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY
+    ego: EgoMotion, preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY, /
 ) -> Bool:
     """Return a mask (N,): objects in the own direction that are behind the own centre, or level and further east.
 
@@ -137,15 +143,17 @@ def find_followers_beside(
     return find_same_direction(preview, objects, parameters) & behind
 
 
+@twin
 def find_same_direction(
-    preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY
+    preview: PathPreview, objects: Objects, parameters: RightOfWayParameters = RIGHT_OF_WAY, /
 ) -> Bool:
     """Return a mask (N,): which objects head in about the own direction."""
     return portable.cos(objects.yaw - preview.yaw[0]) > portable.cos(parameters.same_direction_rad)
 
 
+@twin
 def find_crossing_conflicts(
-    preview: PathPreview, objects: Objects, curvature: Float, parameters: RightOfWayParameters = RIGHT_OF_WAY
+    preview: PathPreview, objects: Objects, curvature: Float, parameters: RightOfWayParameters = RIGHT_OF_WAY, /
 ) -> list[CrossingConflict]:
     """Return the conflicts with nearby road users that are predicted on arcs of `curvature` (N,) [1/m]."""
     centre = preview.boxes[0].mean(0)[:, None]

@@ -1,18 +1,21 @@
 """Compiled functions of planning against their Python text, on random inputs."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from testing.twins import compare_twins
 
-from mdrive_sumo.contract import Cause, Reason, VehicleFacts
+from mdrive_sumo.contract import Cause, Objects, Reason, VehicleFacts
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, boxes_corners
 from mdrive_sumo.planning import motion_conflicts, profile_search  # noqa: F401
 from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
-from mdrive_sumo.planning.parameters import SafetyMargin
+from mdrive_sumo.planning.parameters import RIGHT_OF_WAY, SafetyMargin
 from mdrive_sumo.planning.reference_path import ReferencePath, build_path
+from mdrive_sumo.planning.right_of_way import EgoMotion
 from mdrive_sumo.planning.speed_lattice import build_transitions, choose_lattice
 from mdrive_sumo.planning.speed_profile import SpeedProfileProblem
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
@@ -64,6 +67,36 @@ def test_conflicts_with_motions(seed: int) -> None:
     compare_twins("planning_motion_conflicts_find_blocked_after", *arguments)
     compare_twins("planning_motion_conflicts_find_met", *arguments)
     compare_twins("planning_motion_conflicts_find_first_met", *arguments)
+
+
+def random_objects(rng: np.random.Generator) -> Objects:
+    """Road users near the first 60 m of `PATH`; some are level with a car at its beginning."""
+    count = int(rng.choice((0, 1, 3, 12)))
+    ids = tuple(f"track {i}" for i in range(count))
+    x, y = np.round(rng.uniform(-10.0, 60.0, count)), np.round(rng.uniform(-15.0, 15.0, count))
+    yaw = rng.choice((0.0, 0.3, np.pi / 2, -2.0, rng.uniform(-3.2, 3.2)), count)
+    speed = rng.choice((0.0, 0.3, -0.4, rng.uniform(0.0, 14.0)), count)
+    size = rng.uniform(0.0, 12.0, count), rng.uniform(0.5, 3.0, count)
+    columns = [x, y, yaw, speed, *size]
+    if count and rng.random() < 0.1:
+        columns[rng.integers(6)][rng.integers(count)] = rng.choice(BAD)
+    return Objects(ids, rng.integers(0, 4, count).astype(np.uint8), *columns)
+
+
+@given(seed=SEEDS)
+def test_right_of_way(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    objects, name = random_objects(rng), "planning_right_of_way_{}".format
+    parameters = replace(RIGHT_OF_WAY, look_ahead_m=60.0, stride_m=1.5) if rng.random() < 0.5 else RIGHT_OF_WAY
+    preview = compare_twins(name("preview_path"), PATH, float(rng.uniform(-5.0, 130.0)), VEHICLE, parameters)
+    ego = EgoMotion((0.0, float(rng.integers(-3, 3))), 5.0, 8.0, 2.0)
+    for function in ("find_lead_objects", "find_rows_on_path", "find_followers_beside"):
+        compare_twins(name(function), ego, preview, objects, parameters)
+        compare_twins(name(function), ego, preview, objects)
+    compare_twins(name("find_same_direction"), preview, objects, parameters)
+    curvature = rng.choice((0.0, 0.1, -0.3), len(objects.ids))
+    compare_twins(name("find_crossing_conflicts"), preview, objects, curvature, parameters)
+    compare_twins(name("find_crossing_conflicts"), preview, objects, curvature)
 
 
 def random_problem(rng: np.random.Generator) -> SpeedProfileProblem:
