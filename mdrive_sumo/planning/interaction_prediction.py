@@ -7,6 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, Cause, Objects, OwnState, Reason
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float, wrap_angle
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning import right_of_way
@@ -96,10 +97,11 @@ class InteractionPredictor:
         if self._road is not None:
             objects, curvature = align_with_road(self._road, planner.path, objects, curvature)
         on_path = right_of_way.find_rows_on_path(ego, preview, objects).tolist()
-        motions = [
-            self._predict_lead_object(objects, row, planner.path, planner.s, sigmas.get(objects.ids[row], 0.0))
-            for row in on_path
+        look_m, own_length = self._scale.right_of_way.look_ahead_m, self._briefing.vehicle.length
+        places = [
+            (row, planner.path, planner.s, look_m, own_length, sigmas.get(objects.ids[row], 0.0)) for row in on_path
         ]
+        motions = [predict_lead_object(objects, *place, self._parameters) for place in places]
         yields_to_ego = right_of_way.find_followers_beside(ego, preview, objects)
         same_direction = right_of_way.find_same_direction(preview, objects)
         row_by_id = {name: row for row, name in enumerate(objects.ids) if row not in on_path and not yields_to_ego[row]}
@@ -110,32 +112,13 @@ class InteractionPredictor:
         for conflict in conflicts:
             row = row_by_id[conflict.id]
             if same_direction[row]:
-                motions.append(_predict_merging(objects, row, float(curvature[row])))
+                motions.append(predict_merging(objects, row, float(curvature[row])))
             else:
                 top_speed = get_top_speed(objects, row, self._scale.others_top_speed)
-                motions.append(_predict_crossing(objects, row, float(curvature[row]), conflict.id in first, top_speed))
+                motions.append(predict_crossing(objects, row, float(curvature[row]), conflict.id in first, top_speed))
         yielded_to = [conflict for conflict in conflicts if conflict.id in first]
         stops = [stop for conflict in yielded_to for stop in self._build_stop_points(conflict, ego, planner.s)]
         return motions, stops
-
-    def _predict_lead_object(
-        self, objects: Objects, row: int, path: ReferencePath, s: float, sigma: float
-    ) -> PredictedMotion:
-        """Return the motion of an object on the own path: it brakes from now on; sigma [m]: of its position."""
-        speed, look_m = float(objects.speed[row]), self._scale.right_of_way.look_ahead_m
-        station = path.project(float(objects.x[row]), float(objects.y[row]), s + look_m / 2, look_m)
-        yaw = float(np.interp(station, np.arange(len(path.xy)) * SPACING_M, path.yaw))
-        travelled = predict_yielding(speed)
-        aligned = abs(wrap_angle(float(objects.yaw[row]) - yaw)) < self._parameters.same_direction_rad
-        poses = place_on_arc(objects, row, travelled, 0.0)
-        if abs(speed) > MOTION.standing_speed and aligned:
-            poses = place_on_path(path, station, travelled)
-        gap_m = station - s - (self._briefing.vehicle.length + float(objects.length[row])) / 2
-        moves = aligned and abs(speed) > MOTION.standing_speed
-        reason = _build_reason(objects, row, Cause.FOLLOW if moves else Cause.BLOCKED, distance_m=max(gap_m, 0.0))
-        motion = _build_motion(objects, row, poses, reason)
-        leads = aligned and objects.kind[row] != Kind.STATIC
-        return replace(motion, min_gap_m=compute_queue_gap(sigma)) if leads else motion
 
     def _build_stop_points(
         self, conflict: right_of_way.CrossingConflict, ego: right_of_way.EgoMotion, s: float
@@ -152,20 +135,47 @@ class InteractionPredictor:
         return [StopPoint(s + gap, reason, conflict.leaves_s)]
 
 
-def _build_reason(objects: Objects, row: int, cause: Cause, distance_m: float | None = None) -> Reason:
-    """Return the reason to mind an object."""
-    return Reason(cause, (objects.ids[row],), (float(objects.x[row]), float(objects.y[row])), distance_m)
+@twin
+def predict_lead_object(
+    objects: Objects,
+    row: int,
+    path: ReferencePath,
+    s: float,
+    look_m: float,
+    own_length: float,
+    sigma: float,
+    parameters: InteractionParameters,
+    /,
+) -> PredictedMotion:
+    """Return the motion of an object on the own path: it brakes from now on.
+
+    s: own station [m]; look_m: how far ahead the object may be [m]; sigma: standard deviation of its position [m].
+    """
+    speed = float(objects.speed[row])
+    station = path.project(float(objects.x[row]), float(objects.y[row]), s + look_m / 2, look_m)
+    yaw = float(np.interp(station, np.arange(len(path.xy)) * SPACING_M, path.yaw))
+    travelled = predict_yielding(speed)
+    aligned = abs(wrap_angle(float(objects.yaw[row]) - yaw)) < parameters.same_direction_rad
+    moves = aligned and abs(speed) > MOTION.standing_speed
+    poses = place_on_path(path, station, travelled) if moves else place_on_arc(objects, row, travelled, 0.0)
+    gap_m = station - s - (own_length + float(objects.length[row])) / 2
+    reason = _build_reason(objects, row, Cause.FOLLOW if moves else Cause.BLOCKED, distance_m=max(gap_m, 0.0))
+    motion = _build_motion(objects, row, poses, reason)
+    leads = aligned and objects.kind[row] != Kind.STATIC
+    return replace(motion, min_gap_m=compute_queue_gap(sigma)) if leads else motion
 
 
-def _predict_merging(objects: Objects, row: int, curvature: float) -> PredictedMotion:
+@twin
+def predict_merging(objects: Objects, row: int, curvature: float, /) -> PredictedMotion:
     """Return the motion of a vehicle ahead whose path joins the own path."""
     speed = float(objects.speed[row])
     bounds = predict_hesitation(speed), predict_constant_speed(speed)
     return _predict_between(objects, row, bounds, curvature, _build_reason(objects, row, Cause.AVOID))
 
 
-def _predict_crossing(
-    objects: Objects, row: int, curvature: float, goes_first: bool, top_speed: float
+@twin
+def predict_crossing(
+    objects: Objects, row: int, curvature: float, goes_first: bool, top_speed: float, /
 ) -> PredictedMotion:
     """Return the motion of a road user whose path crosses the own path and that accelerates to `top_speed` [m/s]."""
     speed = float(objects.speed[row])
@@ -176,6 +186,11 @@ def _predict_crossing(
         return _build_motion(objects, row, place_on_arc(objects, row, predict_constant_speed(0.0), 0.0), reason)
     fastest = predict_acceleration(speed, top_speed)
     return _predict_between(objects, row, (predict_hesitation(speed), fastest), curvature, reason)
+
+
+def _build_reason(objects: Objects, row: int, cause: Cause, distance_m: float | None = None) -> Reason:
+    """Return the reason to mind an object."""
+    return Reason(cause, (objects.ids[row],), (float(objects.x[row]), float(objects.y[row])), distance_m)
 
 
 def _predict_between(

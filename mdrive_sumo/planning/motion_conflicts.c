@@ -2,10 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "path_overlap.h"
-
-/* Of motion_prediction: rows of TIMES, and samples of a profile for each of them. */
-enum { TIMES = 40, STRIDE = 2 };
+#include "motion_prediction.h"
 
 FIELDS(MOTION, "poses", "length", "width", "min_gap_m", "stands_at_end");
 FIELDS(PREDICTED, "corners", "begin", "end", "min_gap_m", "motion");

@@ -8,6 +8,7 @@
 FIELDS(PARAMETERS, "look_ahead_m", "stride_m", "side_gap_m", "moving_speed", "same_direction_rad", "level_m");
 enum { LOOK_AHEAD_M, STRIDE_M, SIDE_GAP_M, MOVING_SPEED, SAME_DIRECTION_RAD, LEVEL_M, NUMBERS };
 FIELDS(ANGLES, "side_angles_rad", "max_turn_rad");
+FIELDS(BENDS, "moving_speed", "max_curvature");
 FIELDS(CAR, "length", "width");
 FIELDS(EGO, "position");
 FIELDS(PREVIEW, "distance", "yaw", "boxes");
@@ -360,6 +361,43 @@ static PyObject *planning_right_of_way_find_crossing_conflicts(PyObject *module,
     return result;
 }
 
+/* The curvature of one object's path; its heading goes into `headings`. */
+static bool estimate_curvature(const RoadUsers *users, Py_ssize_t row, PyObject *before, const double *numbers,
+                               PyObject *headings, double *curvature) {
+    double yaw = yaws_of(users)[row], earlier = yaw, speed = fabs(speeds_of(users)[row]), elapsed_s = numbers[2];
+    PyObject *id = PyTuple_GetItem(users->ids, row), *known = PyDict_GetItemWithError(before, id);
+    PyObject *heading = PyFloat_FromDouble(yaw);
+    bool is_kept = heading && !PyDict_SetItem(headings, id, heading) && !PyErr_Occurred();
+    if (heading) Py_DecRef(heading);
+    if (!is_kept || (known && !read_number(known, &earlier))) return false;
+    if (isinf(yaw - earlier) || isinf(yaw)) {
+        PyErr_SetString(PyExc_ValueError, "expected finite headings, found infinity");
+        return false;
+    }
+    double least_speed = 2 * numbers[0], travelled = (speed < least_speed ? least_speed : speed) * elapsed_s;
+    double bend = wrap_angle(yaw - earlier) / travelled;
+    *curvature = bend < -numbers[1] ? -numbers[1] : bend > numbers[1] ? numbers[1] : bend;
+    return true;
+}
+
+static PyObject *planning_right_of_way_estimate_curvatures(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
+    double numbers[3]; /* moving speed, maximum curvature, elapsed time */
+    RoadUsers users;
+    if (!expect_arguments("estimate_curvatures", count, 4, 4) || !read_fields(arguments[3], &BENDS, numbers) ||
+        !read_number(arguments[2], numbers + 2) || !open_road_users(arguments[0], &users))
+        return NULL;
+    double *curvature;
+    PyObject *result = new_doubles(1, &users.count, &curvature), *headings = PyDict_New();
+    bool are_estimated = result && headings;
+    for (Py_ssize_t row = 0; are_estimated && row < users.count; row++)
+        are_estimated = estimate_curvature(&users, row, arguments[1], numbers, headings, curvature + row);
+    close_road_users(&users);
+    if (are_estimated) return pack(2, result, headings);
+    if (result) Py_DecRef(result);
+    if (headings) Py_DecRef(headings);
+    return NULL;
+}
+
 Functions planning_right_of_way = {
     FUNCTION(planning_right_of_way_preview_path),
     FUNCTION(planning_right_of_way_find_lead_objects),
@@ -367,5 +405,6 @@ Functions planning_right_of_way = {
     FUNCTION(planning_right_of_way_find_followers_beside),
     FUNCTION(planning_right_of_way_find_same_direction),
     FUNCTION(planning_right_of_way_find_crossing_conflicts),
+    FUNCTION(planning_right_of_way_estimate_curvatures),
     END_OF_FUNCTIONS,
 };

@@ -4,7 +4,7 @@ Only the observed state of others is known: they are predicted to keep their spe
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -241,11 +241,20 @@ class CurvatureEstimator:
 
     def update(self, objects: Objects, elapsed_s: float) -> Float:
         """Return the curvature (N,) [1/m] of the objects' paths since the last call; 0 for new and standing ones."""
-        yaw_by_id = dict(zip(objects.ids, objects.yaw.tolist(), strict=True))
-        turned = np.array([wrap_angle(yaw - self._yaw_by_id.get(name, yaw)) for name, yaw in yaw_by_id.items()])
-        self._yaw_by_id = yaw_by_id
-        travelled = np.maximum(np.abs(objects.speed), 2 * self._parameters.moving_speed) * elapsed_s
-        return np.clip(turned / travelled, -self._parameters.max_curvature, self._parameters.max_curvature)
+        curvature, self._yaw_by_id = estimate_curvatures(objects, self._yaw_by_id, elapsed_s, self._parameters)
+        return curvature
+
+
+@twin
+def estimate_curvatures(
+    objects: Objects, yaw_by_id: Mapping[str, float], elapsed_s: float, parameters: RightOfWayParameters, /
+) -> tuple[Float, dict[str, float]]:
+    """Return `CurvatureEstimator.update`, and the headings of all objects; yaw_by_id: headings `elapsed_s` ago."""
+    yaws = objects.yaw.tolist()
+    turns = [wrap_angle(yaw - yaw_by_id.get(name, yaw)) for name, yaw in zip(objects.ids, yaws, strict=True)]
+    travelled = np.maximum(np.abs(objects.speed), 2 * parameters.moving_speed) * elapsed_s
+    curvature = np.clip(np.array(turns) / travelled, -parameters.max_curvature, parameters.max_curvature)
+    return curvature, dict(zip(objects.ids, yaws, strict=True))
 
 
 class YieldingPolicy:

@@ -8,7 +8,7 @@
 #define FILES(USE) USE(core_geometry) USE(core_portable) USE(core_seeding) USE(planning_motion_conflicts) \
     USE(planning_path_overlap) USE(planning_profile_search) USE(sensing_localization) USE(sensing_objects_sensor) \
     USE(sensing_visibility) USE(episode_quantization) USE(vehicle_dynamics) USE(vehicle_control_plan_reader) \
-    USE(vehicle_control_tracker) USE(planning_right_of_way)
+    USE(vehicle_control_tracker) USE(planning_right_of_way) USE(planning_interaction_prediction)
 
 #define DECLARE(file) extern Functions file;
 #define LIST(file) file,

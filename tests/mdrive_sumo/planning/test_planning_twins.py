@@ -11,9 +11,9 @@ from testing.twins import compare_twins
 from mdrive_sumo.contract import Cause, Objects, Reason, VehicleFacts
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, boxes_corners
-from mdrive_sumo.planning import motion_conflicts, profile_search  # noqa: F401
+from mdrive_sumo.planning import interaction_prediction, motion_conflicts, profile_search  # noqa: F401
 from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
-from mdrive_sumo.planning.parameters import RIGHT_OF_WAY, SafetyMargin
+from mdrive_sumo.planning.parameters import INTERACTION, RIGHT_OF_WAY, SafetyMargin
 from mdrive_sumo.planning.reference_path import ReferencePath, build_path
 from mdrive_sumo.planning.right_of_way import EgoMotion
 from mdrive_sumo.planning.speed_lattice import build_transitions, choose_lattice
@@ -94,9 +94,23 @@ def test_right_of_way(seed: int) -> None:
         compare_twins(name(function), ego, preview, objects, parameters)
         compare_twins(name(function), ego, preview, objects)
     compare_twins(name("find_same_direction"), preview, objects, parameters)
+    before = {f"track {i}": float(rng.uniform(-3.2, 3.2)) for i in range(4)}
+    compare_twins(name("estimate_curvatures"), objects, before, 0.2, parameters)
     curvature = rng.choice((0.0, 0.1, -0.3), len(objects.ids))
     compare_twins(name("find_crossing_conflicts"), preview, objects, curvature, parameters)
     compare_twins(name("find_crossing_conflicts"), preview, objects, curvature)
+
+
+@given(seed=SEEDS)
+def test_motions_of_road_users(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    objects, name = random_objects(rng), "planning_interaction_prediction_{}".format
+    for row in range(len(objects.ids)):
+        curvature, top_speed = float(rng.choice((0.0, 0.1, -0.3))), float(rng.choice((3.0, 8.0, 20.0)))
+        compare_twins(name("predict_merging"), objects, row, curvature)
+        compare_twins(name("predict_crossing"), objects, row, curvature, bool(rng.random() < 0.5), top_speed)
+        place = float(rng.uniform(0.0, 40.0)), 40.0, VEHICLE.length, float(rng.choice((0.0, 0.1, 1.0)))
+        compare_twins(name("predict_lead_object"), objects, row, PATH, *place, INTERACTION)
 
 
 def random_problem(rng: np.random.Generator) -> SpeedProfileProblem:
