@@ -370,7 +370,7 @@ static bool estimate_curvature(const RoadUsers *users, Py_ssize_t row, PyObject 
     bool is_kept = heading && !PyDict_SetItem(headings, id, heading) && !PyErr_Occurred();
     if (heading) Py_DecRef(heading);
     if (!is_kept || (known && !read_number(known, &earlier))) return false;
-    if (isinf(yaw - earlier) || isinf(yaw)) {
+    if (isinf(yaw - earlier)) {
         PyErr_SetString(PyExc_ValueError, "expected finite headings, found infinity");
         return false;
     }
