@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.contract import Plan
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 
@@ -63,17 +64,22 @@ class PathFollower:
 
         limits: (M,) highest speed [m/s] at the points of the path.
         """
-        stations: list[float] = []
-        s, speed = self.s, self.speed
-        for _ in range(self._parameters.plan_points):
-            s, speed = _integrate(s, speed, acceleration, limits, self._parameters.plan_interval_s)
-            stations.append(s)
-        self.s, self.speed = _integrate(self.s, self.speed, acceleration, limits, tick_s)
-        return Plan(self.path.get_points(np.array(stations)), self._parameters.plan_interval_s)
+        interval_s, points = self._parameters.plan_interval_s, self._parameters.plan_points
+        stations, _ = integrate(limits, self.s, self.speed, acceleration, interval_s, points)
+        after, self.speed = integrate(limits, self.s, self.speed, acceleration, tick_s, 1)
+        self.s = float(after[0])
+        return Plan(self.path.get_points(stations), interval_s)
 
 
-def _integrate(s: float, speed: float, acceleration: float, limits: Float, dt: float) -> tuple[float, float]:
-    """Return arc length [m] and speed [m/s] after dt [s]."""
-    limit = float(limits[min(int(s / SPACING_M), len(limits) - 1)])
-    after = min(max(speed + acceleration * dt, 0.0), limit)
-    return s + (speed + after) / 2 * dt, after
+@twin
+def integrate(
+    limits: Float, s: float, speed: float, acceleration: float, dt: float, steps: int, /
+) -> tuple[Float, float]:
+    """Return arc lengths (steps,) [m] after each step of dt [s], and the speed [m/s] after the last one."""
+    stations: list[float] = []
+    for _ in range(steps):
+        limit = float(limits[min(max(int(s / SPACING_M), 0), len(limits) - 1)])
+        after = min(max(speed + acceleration * dt, 0.0), limit)
+        s, speed = s + (speed + after) / 2 * dt, after
+        stations.append(s)
+    return np.array(stations, dtype=np.float64), speed

@@ -14,6 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from mdrive_sumo.contract import Briefing, Cause, Reason
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline, wrap_angle
 
 SPACING_M = 0.25
@@ -75,11 +76,6 @@ class ReferencePath:
         """
         return _compute_body_yaw(self.yaw, self.rear_to_centre, self.start_yaw)
 
-    @cached_property
-    def _columns(self) -> tuple[Float, Float, Float]:
-        """Numbers, x and y (M,) of the points, contiguous: interpolation would copy them in every call."""
-        return np.arange(len(self.xy), dtype=np.float64), self.xy[:, 0].copy(), self.xy[:, 1].copy()
-
     @property
     def length(self) -> float:
         """Arc length of the last point [m]."""
@@ -87,22 +83,30 @@ class ReferencePath:
 
     def get_points(self, s: Float) -> Float:
         """Return the points (K, 2) at arc lengths s (K,); beyond the end the last point."""
-        index, (grid, x, y) = s / SPACING_M, self._columns
-        points = np.empty((len(index), 2))
-        points[:, 0], points[:, 1] = np.interp(index, grid, x), np.interp(index, grid, y)
-        return points
+        return interpolate_points(self.xy, s)
 
     def project(self, x: float, y: float, near_s: float, within_m: float = 10.0) -> float:
         """Return the arc length [m] of the point nearest to (x, y), within `within_m` of `near_s` along the path."""
-        low = max(int((near_s - within_m) / SPACING_M), 0)
-        high = min(int((near_s + within_m) / SPACING_M) + 2, len(self.xy))
-        low = min(low, high - 1)
-        _, path_x, path_y = self._columns
-        dx, dy = x - path_x[low:high], y - path_y[low:high]
-        i = low + int((dx * dx + dy * dy).argmin())
-        cos, sin = portable.cos_sin(self.yaw[i])
-        along = cos * (x - self.xy[i, 0]) + sin * (y - self.xy[i, 1])
-        return min(max(i * SPACING_M + along, 0.0), self.length)
+        return project_on_points(self.xy, self.yaw, x, y, near_s, within_m)
+
+
+@twin
+def interpolate_points(xy: Float, s: Float, /) -> Float:
+    """As `ReferencePath.get_points`, of the points xy (M, 2)."""
+    index, grid = s / SPACING_M, np.arange(len(xy))
+    return np.column_stack([np.interp(index, grid, xy[:, axis]) for axis in (0, 1)])
+
+
+@twin
+def project_on_points(xy: Float, yaw: Float, x: float, y: float, near_s: float, within_m: float, /) -> float:
+    """As `ReferencePath.project`, on the points xy (M, 2) with directions yaw (M,)."""
+    high = min(max(int((near_s + within_m) / SPACING_M) + 2, 1), len(xy))
+    low = min(max(int((near_s - within_m) / SPACING_M), 0), high - 1)
+    dx, dy = x - xy[low:high, 0], y - xy[low:high, 1]
+    i = low + int((dx * dx + dy * dy).argmin())
+    cos, sin = portable.cos_sin(float(yaw[i]))
+    along = cos * (x - float(xy[i, 0])) + sin * (y - float(xy[i, 1]))
+    return min(max(i * SPACING_M + along, 0.0), (len(xy) - 1) * SPACING_M)
 
 
 def build_path(
@@ -151,9 +155,16 @@ def _compute_curvature(yaw: Float) -> Float:
 
 
 def _compute_body_yaw(yaw: Float, rear_to_centre: float, start_yaw: float | None) -> Float:
-    """Integrate the kinematic single-track model: d body / ds = sin(yaw - body) / rear_to_centre."""
     first = float(yaw[0])
-    body = [first if start_yaw is None else first + wrap_angle(start_yaw - first)]
+    return integrate_body_yaw(
+        yaw, rear_to_centre, first if start_yaw is None else first + wrap_angle(start_yaw - first)
+    )
+
+
+@twin
+def integrate_body_yaw(yaw: Float, rear_to_centre: float, first: float, /) -> Float:
+    """Integrate the kinematic single-track model from a body yaw on: d body / ds = sin(yaw - body) / rear_to_centre."""
+    body = [first]
     for direction in yaw[:-1].tolist():
         body.append(body[-1] + SPACING_M * portable.sin(direction - body[-1]) / rear_to_centre)
     return np.array(body)
@@ -168,7 +179,13 @@ def compute_curve_speeds(
     it let a car brake in time, as before a bend.
     """
     bend = np.minimum(cruise_speed, np.sqrt(lateral / np.maximum(np.abs(path.curvature), 1e-6)))
-    speeds = (bend if legal is None else np.minimum(bend, legal)).tolist()
+    return limit_to_braking(bend if legal is None else np.minimum(bend, legal), braking)
+
+
+@twin
+def limit_to_braking(limits: Float, braking: float, /) -> Float:
+    """Return the speeds (M,) [m/s] from which a car keeps to all later limits (M,) with `braking` [m/s2]."""
+    speeds = limits.tolist()
     for i in range(len(speeds) - 2, -1, -1):
         speeds[i] = min(speeds[i], math.sqrt(portable.square(speeds[i + 1]) + 2 * braking * SPACING_M))
     return np.array(speeds)
