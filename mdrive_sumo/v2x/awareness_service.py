@@ -46,7 +46,8 @@ def build_cpm(
 
 def _select_objects(objects: Objects, x: float, y: float) -> Objects:
     """Return the nearest objects, as many as a message can carry."""
-    reach = np.maximum(np.abs(objects.x - x), np.abs(objects.y - y)) < MESSAGE_REACH_M / 2
-    rows = np.flatnonzero(reach)[:MAX_OBJECTS]
     assert len(objects.free_m) <= MAX_SECTORS, "the sensor's option free_space is bounded"
-    return objects.take(rows)
+    reach = np.maximum(np.abs(objects.x - x), np.abs(objects.y - y)) < MESSAGE_REACH_M / 2
+    if len(reach) <= MAX_OBJECTS and reach.all():
+        return objects
+    return objects.take(np.flatnonzero(reach)[:MAX_OBJECTS])

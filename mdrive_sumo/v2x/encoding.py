@@ -1,8 +1,7 @@
 """Bytes of the header, CAM and CPM; `mcm_encoding` has those of MCM. docs/v2x.md has the tables; little-endian.
 
-Decoding has two steps: `parse_*` splits a body and raises MessageError unless every byte is valid, in plain Python
-without arrays, so that the channel can check every message cheaply; `build_*` converts the parts to contents and cannot
-fail.
+Decoding has two steps: `parse_*` splits a body and raises MessageError unless every byte is valid, without arrays, so
+that the channel can check every message cheaply; `build_*` converts the parts to contents and cannot fail.
 """
 
 import math
@@ -14,6 +13,7 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import TAU, Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.v2x.content import (
@@ -43,10 +43,17 @@ _CENTI = 100.0
 _SIGMA_STEPS = np.array((100.0, math.degrees(10.0), 100.0))
 """Steps in 1 m, 1 rad and 1 m/s of the standard deviations of an object."""
 HEADER_BYTES = _HEADER.size
+LAST_TICK = 2**32 - 1
 
 
-def encode_header(kind: int, pose: ReferencePose) -> bytes:
-    """Return the header of every message but text. Positions are clamped to 214 km from the origin."""
+@twin
+def encode_header(kind: int, pose: ReferencePose, /) -> bytes:
+    """Return the header of every message but text. Positions are clamped to 214 km from the origin.
+
+    Raises MessageError for numbers that are not finite, and ticks that do not fit.
+    """
+    if not 0 <= pose.tick <= LAST_TICK:
+        raise MessageError(f"expected a tick from 0 to {LAST_TICK}, found {pose.tick}")
     yaw = round(math.degrees(pose.yaw % TAU) * _CENTI) % 36000
     return _HEADER.pack(
         kind,
@@ -59,7 +66,8 @@ def encode_header(kind: int, pose: ReferencePose) -> bytes:
     )
 
 
-def decode_pose(payload: bytes) -> ReferencePose:
+@twin
+def decode_pose(payload: bytes, /) -> ReferencePose:
     """Return the reference pose in a payload of at least `HEADER_BYTES`."""
     _, x, y, yaw, tick, position_sigma, yaw_sigma = _HEADER.unpack_from(payload)
     sigmas = position_sigma / _CENTI, math.radians(yaw_sigma / 10)
@@ -76,25 +84,27 @@ def round_and_clamp(value: float, bits: int) -> int:
 
 def _rotate(xy: Float, yaw: float) -> Float:
     cos, sin = portable.cos_sin(yaw)
-    x, y, turned = xy[:, 0], xy[:, 1], np.empty((len(xy), 2))
-    turned[:, 0], turned[:, 1] = x * cos - y * sin, x * sin + y * cos
-    return turned
+    return np.column_stack((xy[:, 0] * cos - xy[:, 1] * sin, xy[:, 0] * sin + xy[:, 1] * cos))
 
 
-def to_local(pose: ReferencePose, xy: Float) -> npt.NDArray[np.int16]:
+@twin
+def encode_points(pose: ReferencePose, xy: Float, /) -> bytes:
     """Return places (N, 2) ahead and to the left of the pose [cm]. Raises MessageError if one is too far away."""
     local = _rotate(np.asarray(xy, dtype=np.float64).reshape(-1, 2) - (pose.x, pose.y), -pose.yaw)
     if not (np.abs(local) <= MESSAGE_REACH_M).all():  # NaN fails too
         raise MessageError(f"expected positions within {MESSAGE_REACH_M} m of the sender, along and across")
-    return np.rint(local * _CENTI).astype("<i2")
+    return np.rint(local * _CENTI).astype("<i2").tobytes()
 
 
-def to_world(pose: ReferencePose, local: npt.NDArray[np.int16]) -> Float:
-    """Return the places (N, 2) [m] in the world frame: the inverse of `to_local`."""
-    return _rotate(local.reshape(-1, 2) / _CENTI, pose.yaw) + np.array((pose.x, pose.y))
+@twin
+def decode_points(pose: ReferencePose, data: bytes, /) -> Float:
+    """Return the places (N, 2) [m] in the world frame: the inverse of `encode_points`."""
+    local = np.frombuffer(data, dtype="<i2").reshape(-1, 2)
+    return _rotate(local / _CENTI, pose.yaw) + np.array((pose.x, pose.y))
 
 
-def encode_cam(cam: Cam, _: ReferencePose) -> bytes:
+@twin
+def encode_cam(cam: Cam, _: ReferencePose, /) -> bytes:
     """Return the body of a CAM, without header."""
     signed = (cam.speed * _CENTI, cam.acceleration * _CENTI, cam.yaw_rate * 1000)
     size = (cam.length * _CENTI, cam.width * _CENTI)
@@ -129,7 +139,8 @@ class CpmParts(NamedTuple):
     free: bytes
 
 
-def encode_cpm(cpm: Cpm, pose: ReferencePose) -> bytes:
+@twin
+def encode_cpm(cpm: Cpm, pose: ReferencePose, /) -> bytes:
     """Return the body of a CPM, without header; `pose` is the rounded pose that the receiver reads."""
     objects, count, sectors = cpm.objects, len(cpm.objects.ids), len(cpm.objects.free_m)
     if count > MAX_OBJECTS or sectors > MAX_SECTORS:
@@ -148,10 +159,13 @@ def _encode_objects(cpm: Cpm, pose: ReferencePose) -> npt.NDArray[np.void]:
         raise MessageError("expected finite numbers")
     if (np.asarray(objects.kind) > _LAST_KIND).any():
         raise MessageError(f"expected kinds from 0 to {_LAST_KIND}")
+    if len(cpm.age) != len(objects.ids):
+        raise MessageError(f"expected an age for each of {len(objects.ids)} objects, found {len(cpm.age)}")
     rows = np.zeros(len(objects.ids), dtype=_OBJECT)
     rows["track"] = [parse_track_name(name) for name in objects.ids]
     rows["kind"], rows["age"] = objects.kind, np.clip(cpm.age, 0, 255)
-    rows["xy"] = to_local(pose, np.column_stack((objects.x, objects.y)))
+    places = encode_points(pose, np.column_stack((objects.x, objects.y)))
+    rows["xy"] = np.frombuffer(places, dtype="<i2").reshape(-1, 2)
     rows["yaw"] = np.rint(np.degrees((objects.yaw - pose.yaw) % TAU) * _CENTI) % 36000
     rows["speed"] = np.clip(np.rint(objects.speed * _CENTI), -32767, 32767)
     rows["size"] = np.clip(np.rint(numbers[:, 2:] * _CENTI), 0, 65535)
@@ -163,7 +177,7 @@ def _encode_objects(cpm: Cpm, pose: ReferencePose) -> npt.NDArray[np.void]:
 def _encode_sigmas(sigmas: Float, count: int) -> npt.NDArray[np.uint8]:
     """Return standard deviations (N, 3) in steps of 1 cm, 0.1 degrees and 1 cm/s; 255 stands for larger ones too."""
     if sigmas.shape != (count, 3) or not np.isfinite(sigmas).all():
-        raise MessageError(f"expected finite standard deviations of shape ({count}, 3), found shape {sigmas.shape}")
+        raise MessageError(f"expected finite standard deviations of shape ({count}, 3), found {sigmas.size} numbers")
     return np.clip(np.rint(sigmas * _SIGMA_STEPS), 0, 255).astype(np.uint8)
 
 
@@ -175,7 +189,8 @@ def _encode_free_sight(free_m: Float, range_dm: int) -> bytes:
     return np.floor(steps + 1e-6).astype(np.uint8).tobytes()  # the slack makes encoding of decoded values exact
 
 
-def parse_cpm(body: bytes) -> CpmParts:
+@twin
+def parse_cpm(body: bytes, /) -> CpmParts:
     """Return the fields of a CPM body. Raises MessageError."""
     if len(body) < _CPM.size:
         raise MessageError(f"expected at least {_CPM.size} bytes after the header, found {len(body)}")
@@ -188,15 +203,16 @@ def parse_cpm(body: bytes) -> CpmParts:
     return CpmParts(range_dm, bool(roadside), body[_CPM.size : end], body[end:])
 
 
-def build_cpm(pose: ReferencePose, parts: CpmParts) -> Cpm:
+@twin
+def build_cpm(pose: ReferencePose, parts: CpmParts, /) -> Cpm:
     """Return the CPM of these fields."""
     rows = np.frombuffer(parts.rows, dtype=_OBJECT)
-    xy = to_world(pose, rows["xy"])
+    xy = decode_points(pose, rows["xy"].tobytes())
     objects = Objects(
         ids=tuple(format_track_name(number) for number in rows["track"].tolist()),
         kind=rows["kind"].copy(),
-        x=xy[:, 0],
-        y=xy[:, 1],
+        x=xy[:, 0].copy(),
+        y=xy[:, 1].copy(),
         yaw=np.radians(rows["yaw"] / _CENTI) + pose.yaw,
         speed=rows["speed"] / _CENTI,
         length=rows["size"][:, 0] / _CENTI,

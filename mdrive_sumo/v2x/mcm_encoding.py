@@ -5,8 +5,6 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-import numpy as np
-
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.v2x.content import (
     MAX_NAME_BYTES,
@@ -18,7 +16,7 @@ from mdrive_sumo.v2x.content import (
     MessageError,
     ReferencePose,
 )
-from mdrive_sumo.v2x.encoding import round_and_clamp, to_local, to_world
+from mdrive_sumo.v2x.encoding import decode_points, encode_points, round_and_clamp
 
 _MCM = struct.Struct("<hBBBI")  # speed [cm/s], intention, direction, interval [0.01 s], until [tick]
 _LAST_INTENTION, _LAST_DIRECTION = max(Intention), max(Direction)
@@ -57,7 +55,7 @@ def encode_mcm(mcm: Mcm, pose: ReferencePose) -> bytes:
 def _encode_points(pose: ReferencePose, xy: Float) -> bytes:
     if len(xy) > MAX_POINTS:
         raise MessageError(f"expected at most {MAX_POINTS} points, found {len(xy)}")
-    return bytes((len(xy),)) + to_local(pose, xy).tobytes()
+    return bytes((len(xy),)) + encode_points(pose, xy)
 
 
 def _encode_names(values: Mapping[str, int]) -> bytes:
@@ -122,8 +120,8 @@ def build_mcm(pose: ReferencePose, parts: McmParts) -> Mcm:
         intention=Intention(intention),
         direction=Direction(direction),
         interval_s=interval / _CENTI,
-        planned=to_world(pose, np.frombuffer(parts.planned, dtype="<i2")),
-        desired=to_world(pose, np.frombuffer(parts.desired, dtype="<i2")),
+        planned=decode_points(pose, parts.planned),
+        desired=decode_points(pose, parts.desired),
         requests=MappingProxyType({name: Intention(value) for name, value in parts.requests.items()}),
         answers=MappingProxyType({name: bool(value) for name, value in parts.answers.items()}),
         group=tuple(parts.group),
