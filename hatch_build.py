@@ -5,8 +5,10 @@ a change of a C file. The compiler is the package `ziglang`, so nothing but Pyth
 build, the installation has no layer: the same results, several times slower (docs/decisions/075).
 """
 
+import os
 import platform
 import runpy
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -16,6 +18,8 @@ from typing import Any
 ROOT = Path(__file__).parent
 LAYER = Path("mdrive_sumo/core/compiled/layer.abi3.so")
 """Relative to the root of the project, and of a wheel."""
+CACHE = Path("build/ziglang")
+"""Of the compiler, in a clone."""
 FLAGS = (
     *("-std=c23", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra", "-Werror"),
     *("-Wno-unused-parameter", "-Wno-bitwise-op-parentheses"),
@@ -35,8 +39,11 @@ def describe_sources(root: Path) -> tuple[list[str], str]:
     return files, sources["digest_sources"](package, files)
 
 
-def compile_layer(root: Path, version: str, out: Path) -> None:
-    """Compile the layer. Raises OSError or subprocess.CalledProcessError, with the compiler's words as `stderr`."""
+def compile_layer(root: Path, version: str, out: Path, cache: Path) -> None:
+    """Compile the layer; the compiler keeps its work in `cache`.
+
+    Raises OSError, or subprocess.CalledProcessError with the compiler's words as `stderr`.
+    """
     machine = platform.machine()
     if sys.platform != "linux" or machine not in TARGETS:
         raise OSError(f"expected Linux on one of {', '.join(TARGETS)}, found {sys.platform} on {machine}")
@@ -47,7 +54,11 @@ def compile_layer(root: Path, version: str, out: Path) -> None:
     target = ("-target", TARGETS[machine], "-mcpu=baseline")
     fresh = out.with_suffix(".new")  # replaced at once: processes may be running with the old one
     command = (sys.executable, "-m", "ziglang", "cc", *target, *FLAGS, *names, "-o", str(fresh), *sources, "-lm")
-    subprocess.run(command, check=True, capture_output=True, text=True)
+    environment = {
+        **os.environ,
+        "ZIG_GLOBAL_CACHE_DIR": str(cache),
+    }  # its own place would be in a home that may be none
+    subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
     fresh.replace(out)
 
 
@@ -59,7 +70,7 @@ def read_version(root: Path) -> str:
 def main() -> None:
     """Build the layer of this clone."""
     try:
-        compile_layer(ROOT, read_version(ROOT), ROOT / LAYER)
+        compile_layer(ROOT, read_version(ROOT), ROOT / LAYER, ROOT / CACHE)
     except subprocess.CalledProcessError as error:
         sys.exit(error.stderr)
 
@@ -75,10 +86,12 @@ class CompiledLayer(BuildHookInterface):  # type: ignore[misc]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile, or say in one line why that was impossible. version: "editable" or "standard"."""
-        root = Path(self.root)
-        out = root / LAYER if version == "editable" else Path(tempfile.mkdtemp()) / LAYER.name
+        root, self._scratch = Path(self.root), Path(tempfile.mkdtemp())
+        out, cache = self._scratch / LAYER.name, self._scratch / "cache"
+        if version == "editable":
+            out, cache = root / LAYER, root / CACHE
         try:
-            compile_layer(root, read_version(root), out)
+            compile_layer(root, read_version(root), out, cache)
         except (OSError, subprocess.CalledProcessError) as error:
             words = (getattr(error, "stderr", None) or str(error)).strip().splitlines() or ["no reason given"]
             self.app.display_warning(f"mdrive-sumo: no compiled layer, same results but slower: {words[-1]}")
@@ -87,6 +100,10 @@ class CompiledLayer(BuildHookInterface):  # type: ignore[misc]
         build_data["tag"] = f"cp311-abi3-manylinux_2_17_{platform.machine()}"
         if version != "editable":
             build_data["force_include"][str(out)] = LAYER.as_posix()
+
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+        """Remove what the wheel has a copy of."""
+        shutil.rmtree(self._scratch)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
 """Installing with and without a compiler that can build."""
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,8 +17,9 @@ SOURCE = '__attribute__((visibility("default"))) const char *version(void) { ret
 
 
 @pytest.fixture
-def project(tmp_path: Path) -> Path:
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A project with one C file."""
+    monkeypatch.setenv("ZIG_GLOBAL_CACHE_DIR", str(ROOT / hatch_build.CACHE))
     package = tmp_path / "mdrive_sumo/core"
     (package / "compiled").mkdir(parents=True)
     (package / "version.py").write_text((ROOT / "mdrive_sumo/core/version.py").read_text())
@@ -24,28 +27,31 @@ def project(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def install(project: Path, version: str) -> tuple[dict[str, Any], list[str]]:
+@contextmanager
+def install(project: Path, version: str) -> Iterator[tuple[dict[str, Any], list[str]]]:
     """What the hook adds to the data of a build, and what it says."""
     words: list[str] = []
     app = SimpleNamespace(display_warning=words.append)
     hook = hatch_build.CompiledLayer(str(project), {}, None, None, "", "wheel", app)
     data: dict[str, Any] = {"force_include": {}}
     hook.initialize(version, data)
-    return data, words
+    yield data, words
+    hook.finalize(version, data, "")
 
 
 def test_a_wheel_has_the_layer_and_says_for_which_machines(project: Path) -> None:
-    data, words = install(project, "standard")
-    ((built, inside),) = data["force_include"].items()
-    assert words == []
-    assert inside == "mdrive_sumo/core/compiled/layer.abi3.so"
-    assert f"{__version__}{hatch_build.describe_sources(project)[1]}".encode() in Path(built).read_bytes()
-    assert (data["pure_python"], data["tag"].startswith("cp311-abi3-manylinux_2_17_")) == (False, True)
+    with install(project, "standard") as (data, words):
+        ((built, inside),) = data["force_include"].items()
+        assert words == []
+        assert inside == "mdrive_sumo/core/compiled/layer.abi3.so"
+        assert f"{__version__}{hatch_build.describe_sources(project)[1]}".encode() in Path(built).read_bytes()
+        assert (data["pure_python"], data["tag"].startswith("cp311-abi3-manylinux_2_17_")) == (False, True)
+    assert not Path(built).parent.exists()
 
 
 def test_an_editable_installation_has_it_in_the_clone(project: Path) -> None:
-    data, words = install(project, "editable")
-    assert (data["force_include"], words) == ({}, [])
+    with install(project, "editable") as (data, words):
+        assert (data["force_include"], words) == ({}, [])
     assert (project / hatch_build.LAYER).is_file()
 
 
@@ -65,7 +71,7 @@ def test_without_a_compiler_that_can_build_one_line_says_so(
         monkeypatch.setattr(sys, "platform", "win32")
     if trouble == "compiler":
         monkeypatch.setattr(sys, "executable", str(project / "no-python"))
-    data, words = install(project, "standard")
-    assert data == {"force_include": {}}
+    with install(project, "standard") as (data, words):
+        assert data == {"force_include": {}}
     assert len(words) == 1 and words[0].startswith("mdrive-sumo: no compiled layer, same results but slower: ")
     assert "\n" not in words[0]

@@ -21,7 +21,7 @@ def test_twins_do_nothing_undefined(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     tree = copy_tree(ROOT, tmp_path / "tree").folder
     flags = [flag for flag in hatch_build.FLAGS if flag != "-fno-sanitize=all"]
     monkeypatch.setattr(hatch_build, "FLAGS", (*flags, *TRAPS))
-    hatch_build.compile_layer(tree, hatch_build.read_version(tree), tree / hatch_build.LAYER)
+    hatch_build.compile_layer(tree, hatch_build.read_version(tree), tree / hatch_build.LAYER, tmp_path / "cache")
     tests = sorted(
         str(path) for path in (tree / "tests/mdrive_sumo").rglob("test_*.py") if "compare_twins" in path.read_text()
     )
