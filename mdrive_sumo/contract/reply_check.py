@@ -9,6 +9,8 @@ import numpy as np
 
 from mdrive_sumo.contract.exchange import Control, Message, Note, Plan, Reply
 from mdrive_sumo.contract.sensors import Detections
+from mdrive_sumo.core.compiled import twin
+from mdrive_sumo.core.geometry import Float
 
 MAX_PLAN_POINTS, MAX_DETECTIONS, MAX_MESSAGES = 200, 1000, 64
 """In one reply. Chosen: 200 points are 10 s in steps of a tick; all bound the work of the evaluator for a tick."""
@@ -16,6 +18,8 @@ MAX_NOTES = 200_000
 """Characters in the notes of one reply."""
 NAME = re.compile(r"[a-z0-9_-]{1,16}")
 """Types of messages and kinds of notes."""
+FARTHEST_M = 1e6
+"""Largest coordinate [m], either sign."""
 CONTROL_STEP = 1e-4
 """Controls are rounded to this step on arrival, so that the recorded action log re-executes exactly."""
 
@@ -37,29 +41,30 @@ def check_reply(reply: object, controllers: frozenset[str]) -> Reply:
     return Reply(None, _check_plan(reply.plan, controllers), *attachments)
 
 
-def _check_messages(messages: object) -> tuple[Message, ...]:
+def _check_messages(messages: Any) -> tuple[Message, ...]:
     if not isinstance(messages, tuple) or len(messages) > MAX_MESSAGES:
         raise ReplyError(f"messages: expected a tuple of at most {MAX_MESSAGES}, found {_describe_count(messages)}")
-    for message in cast("tuple[object, ...]", messages):
+    for message in messages:
         if not isinstance(message, Message) or not isinstance(cast(object, message.payload), bytes):
             raise ReplyError(f"messages: expected Message with a bytes payload, found {type(message).__name__}")
         if not isinstance(cast(object, message.type), str) or not NAME.fullmatch(message.type):
             raise ReplyError(f"messages: type: expected 1 to 16 of a-z, 0-9, _ and -, found {message.type!r:.40}")
-    return cast("tuple[Message, ...]", messages)
+    return messages
 
 
-def _check_notes(notes: object) -> tuple[Note, ...]:
+def _check_notes(notes: Any) -> tuple[Note, ...]:
     if not isinstance(notes, tuple):
         raise ReplyError(f"notes: expected a tuple, found {_describe_count(notes)}")
-    for note in cast("tuple[object, ...]", notes):
+    size = 0
+    for note in notes:
         if not isinstance(note, Note) or not isinstance(cast(object, note.text), str):
             raise ReplyError(f"notes: expected Note with a text, found {type(note).__name__}")
         if not isinstance(cast(object, note.kind), str) or not NAME.fullmatch(note.kind):
             raise ReplyError(f"notes: kind: expected 1 to 16 of a-z, 0-9, _ and -, found {note.kind!r:.40}")
-    checked = cast("tuple[Note, ...]", notes)
-    if (size := sum(len(note.text) for note in checked)) > MAX_NOTES:
+        size += len(note.text)
+    if size > MAX_NOTES:
         raise ReplyError(f"notes: expected at most {MAX_NOTES} characters a tick, found {size}")
-    return checked
+    return notes
 
 
 def _check_detections(detections: object) -> Detections | None:
@@ -77,7 +82,7 @@ def _check_detections(detections: object) -> Detections | None:
             f"detections: expected boxes (0..{MAX_DETECTIONS}, 5) and as many scores, found {boxes.shape} and "
             f"{scores.shape}"
         )
-    if not np.isfinite(boxes).all() or (boxes[:, 3:] <= 0.0).any() or (np.abs(boxes) > 1e6).any():
+    if not are_within(boxes, FARTHEST_M) or (boxes[:, 3:] <= 0.0).any():
         raise ReplyError("detections: expected finite boxes of positive size within 1000 km of the origin")
     if not ((scores >= 0.0) & (scores <= 1.0)).all():  # NaN fails too
         raise ReplyError("detections: expected scores in [0, 1]")
@@ -118,10 +123,16 @@ def _check_plan(plan: object, controllers: frozenset[str]) -> Plan:
         raise ReplyError("plan: expected numbers for points and interval_s") from None
     if points.ndim != 2 or points.shape[1] != 2 or not 1 <= len(points) <= MAX_PLAN_POINTS:
         raise ReplyError(f"plan: expected points of shape (1..{MAX_PLAN_POINTS}, 2), found {points.shape}")
-    if not np.isfinite(points).all() or np.abs(points).max() > 1e6:
+    if not are_within(points, FARTHEST_M):
         raise ReplyError("plan: expected finite points within 1000 km of the origin")
     if not (math.isfinite(interval_s) and 0.01 <= interval_s <= 10.0):
         raise ReplyError(f"plan: expected interval_s in [0.01, 10] s, found {interval_s}")
     if plan.controller not in controllers:
         raise ReplyError(f"plan: unknown controller {plan.controller!r}, expected one of {sorted(controllers)}")
     return Plan(points, interval_s, plan.controller)
+
+
+@twin
+def are_within(values: Float, limit: float, /) -> bool:
+    """Return whether all values are numbers of at most that size, either sign."""
+    return bool((np.abs(values) <= limit).all())  # NaN fails too

@@ -1,16 +1,16 @@
 """End criteria of a CAV on its route, for the running episode and for metrics (protocol 5 to 7).
 
-Scalar Python, because they are evaluated once per CAV and tick. All functions are pure and read recorded values.
+All functions are pure and read recorded values.
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import TICKS_PER_SECOND, End
 from mdrive_sumo.scenario.scenario import Ego, Scenario
@@ -51,8 +51,9 @@ class RouteReference:
         return self.s[-1]
 
 
-class RouteProgress(NamedTuple):
-    """Progress of one CAV on its route. A named tuple, because every tick creates one and it is the cheapest type."""
+@dataclass(frozen=True, slots=True)
+class RouteProgress:
+    """Progress of one CAV on its route."""
 
     passed: int = 0
     """Index of the last route point that counts as passed (protocol 6)."""
@@ -93,7 +94,8 @@ def compute_time_limit_ticks(scenario: Scenario) -> Mapping[str, int]:
     }
 
 
-def advance_index(reference: RouteReference, index: int, window: int, x: float, y: float) -> int:
+@twin
+def advance_index(reference: RouteReference, index: int, window: int, x: float, y: float, /) -> int:
     """Return the index of the last of the next `window` route points that (x, y) [m] has passed; `index` if none.
 
     A point is passed when its lane direction and the vector from it to (x, y) form less than 90 degrees. The lateral
@@ -105,14 +107,16 @@ def advance_index(reference: RouteReference, index: int, window: int, x: float, 
     return index
 
 
+@twin
 def update_progress(
-    progress: RouteProgress, reference: RouteReference, tick: int, x: float, y: float, speed: float
+    progress: RouteProgress, reference: RouteReference, tick: int, x: float, y: float, speed: float, /
 ) -> RouteProgress:
     """Return the progress after the frame of `tick`: box centre at (x, y) [m], signed speed along yaw [m/s].
 
     Call it for every tick from 0 on. The original uses the unsigned speed, the length of the velocity.
     """
-    passed, arrived_tick, nearest, off_route_m, deviated, moving_tick = progress
+    passed, arrived_tick, moving_tick = progress.passed, progress.arrived_tick, progress.moving_tick
+    nearest, off_route_m, deviated = progress.nearest, progress.off_route_m, progress.has_deviated
     if arrived_tick is None:
         passed = advance_index(reference, passed, COMPLETION_WINDOW, x, y)
         if _is_complete(reference, passed, x, y):

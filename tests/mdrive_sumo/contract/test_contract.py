@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+from testing.twins import compare_twins
 
 from mdrive_sumo.agent_process import wire_protocol
 from mdrive_sumo.contract import (
@@ -141,3 +143,11 @@ def test_an_array_of_objects_does_not_cross() -> None:
         wire_protocol.decode(wire_protocol.encode(np.array(["text"])))
     with pytest.raises(TypeError, match="found object"):
         wire_protocol.encode(object())
+
+
+@given(
+    arrays(np.float64, array_shapes(min_dims=0, min_side=0), elements=st.floats(allow_nan=True)),
+    st.one_of(st.just(1e6), st.floats(allow_nan=True)),
+)
+def test_both_texts_say_alike_whether_numbers_are_within_a_limit(values: np.ndarray, limit: float) -> None:
+    compare_twins("contract_reply_check_are_within", values, limit)
