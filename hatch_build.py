@@ -101,7 +101,7 @@ class CompiledLayer(BuildHookInterface):  # type: ignore[misc]
         if version != "editable":
             build_data["force_include"][str(out)] = LAYER.as_posix()
 
-    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:  # noqa: ARG002
         """Remove what the wheel has a copy of."""
         shutil.rmtree(self._scratch)
 
