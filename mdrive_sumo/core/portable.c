@@ -66,7 +66,6 @@ static double portable_tan(double angle) {
     return direction.sin / direction.cos;
 }
 
-static double portable_sinc(double x) { return x ? cos_sin(PI * x).sin / (PI * x) : 1.0; }
 static double only_cos(double angle) { return cos_sin(angle).cos; }
 static double only_sin(double angle) { return cos_sin(angle).sin; }
 

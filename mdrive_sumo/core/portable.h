@@ -65,6 +65,8 @@ static inline double portable_atan(double slope) {
     return slope < 0.0 ? -angle : angle;
 }
 
+static inline double portable_sinc(double x) { return x ? cos_sin(PI * x).sin / (PI * x) : 1.0; }
+
 static inline double portable_hypot(double x, double y) { return sqrt(x * x + y * y); }
 
 double portable_exp(double x);

@@ -5,35 +5,31 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mdrive_sumo.core.compiled.twins import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int
 
 _IMPOSSIBLE = 1e6
 """Cost of a pair that the gate excludes: more than any set of possible pairs."""
 
 
-def assign(cost: Float, possible: Bool, starts: Int) -> tuple[Int, Int]:
-    """Return rows (K,) and columns (K,) of assigned pairs of a cost matrix (N, M), only `possible` ones.
+@twin
+def assign(cost: Float, possible: Bool, blocks: Int, /) -> tuple[Int, Int]:
+    """Return rows (K,) and columns (K,) of assigned pairs of a cost matrix (N, M), only `possible` ones, by row.
 
-    starts: first column of each block of columns, ascending from 0; a row is assigned at most once in each block, a
-    column at most once. In every block as many pairs as there can be, of these the cheapest. Pairs without competitors
-    are taken at once; the rest is solved by the Hungarian method.
+    blocks: (M,) block of each column, ascending; a row is assigned at most once in each block, a column at most once.
+    In every block as many pairs as there can be, of these the cheapest. Pairs without competitors are taken at once;
+    the rest is solved by the Hungarian method.
     """
-    if not possible.any():
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    block = np.searchsorted(starts, np.arange(possible.shape[1]), side="right") - 1
-    if len(starts) == 1:
-        in_row = possible.sum(axis=1)[:, None]
-    else:
-        in_row = np.add.reduceat(possible.astype(np.int64), starts, axis=1)[:, block]
-    clear = possible & (in_row == 1) & (possible.sum(axis=0) == 1)
-    contested = possible & ~clear
-    chosen, in_contest = clear, contested.any(axis=0)
-    for one in sorted(set(block[in_contest].tolist())):
-        above = np.flatnonzero((block == one) & in_contest)
-        left = np.flatnonzero(contested[:, above].any(axis=1))
-        part = np.ix_(left, above)
+    is_one_block = blocks[:, None] == blocks
+    in_row = possible.astype(np.int64) @ is_one_block
+    chosen = possible & (in_row == 1) & (possible.sum(axis=0) == 1)
+    contested = possible & ~chosen
+    for block in np.unique(blocks[contested.any(axis=0)]).tolist():
+        columns = np.flatnonzero((blocks == block) & contested.any(axis=0))
+        rows = np.flatnonzero(contested[:, columns].any(axis=1))
+        part = np.ix_(rows, columns)
         for i, k in solve_assignment(np.where(contested[part], cost[part], _IMPOSSIBLE).tolist()):
-            chosen[left[i], above[k]] |= contested[left[i], above[k]]
+            chosen[rows[i], columns[k]] |= contested[rows[i], columns[k]]
     rows, columns = np.nonzero(chosen)
     return rows, columns
 
@@ -78,6 +74,8 @@ def _augment(cost: Sequence[Sequence[float]], by_row: list[float], by_column: li
                 by_column[other] -= best
             else:
                 least[other] -= best
+        if not following:
+            raise ValueError("expected finite costs of assignments, found NaN or infinity")
         column = following
         if not row_of[column]:
             break

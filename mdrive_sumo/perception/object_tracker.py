@@ -92,7 +92,7 @@ class ObjectTracker:
         own_detections = measure_detections(seen.objects, seen.own, self._profile, elapsed_ticks, self._parameters)
         self._tracks.add(tick, own_detections)
         for reported in self._measure_messages(tick, seen.own):
-            self._tracks.add(tick, reported.exclude_near(seen.own, self._parameters.own_radius_m))
+            self._tracks.add(tick, reported)
         self._tracks.end_update(tick)
         return self._tracks.build_objects(tick, seen.own)
 
@@ -105,13 +105,13 @@ class ObjectTracker:
         """Yield what new messages report; every message is used once."""
         oldest = tick - self._parameters.memory_ticks
         if cams := self._read_cams(oldest):
-            yield measure_stations(tick, cams, own, self._parameters)
+            yield measure_stations(tick, sorted(cams.items()), own, self._parameters)
         if cpms := self._read_cpms(oldest):
-            ticks = {sender: cpm.pose.tick for sender, cpm in cpms.items()}
-            first = -self._parameters.correlation_ticks
-            elapsed = {
-                sender: sent_tick - self._cpm_tick.get(sender, sent_tick + first) for sender, sent_tick in ticks.items()
-            }
-            self._cpm_tick |= ticks
-            yield measure_reported(tick, cpms, own, elapsed, self._parameters)
+            unknown = -self._parameters.correlation_ticks
+            reports: list[tuple[str, Cpm, int]] = []
+            for sender, cpm in sorted(cpms.items()):
+                sent_tick = cpm.pose.tick
+                reports.append((sender, cpm, sent_tick - self._cpm_tick.get(sender, sent_tick + unknown)))
+                self._cpm_tick[sender] = sent_tick
+            yield measure_reported(tick, reports, own, self._parameters)
         self._waiting.clear()

@@ -1,62 +1,19 @@
 """The tracks of an `ObjectTracker`: association, births, confirmation, standstill and deletion."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.contract import Objects, OwnState
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled.twins import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.perception.assignment import assign
-from mdrive_sumo.perception.measurements import OWN_SENSOR, STATIONS, Measurements
-from mdrive_sumo.perception.track_states import Correction, TrackColumns, TrackStates
+from mdrive_sumo.perception.measurements import OWN_SENSOR, STATIONS, Measurements, Rows
+from mdrive_sumo.perception.track_states import TRACK, compute_speeds, correct, predict, start_tracks
 from mdrive_sumo.perception.tracking_parameters import TrackingParameters
-
-
-@dataclass(slots=True)
-class TrackHistory(TrackColumns):
-    """What is known of N tracks besides their states; all arrays are (N,)."""
-
-    number: Int
-    kind: npt.NDArray[np.uint8]
-    born_tick: Int
-    seen_tick: Int
-    confirmed: Bool
-    seen_by_sensor: Bool
-    """Whether the own sensor detected it in this update."""
-    mean_x: Float
-    """Mean position [m] since the track has been at one place,"""
-    mean_y: Float
-    mean_vx: Float
-    """mean velocity [m/s] since then,"""
-    mean_vy: Float
-    mean_count: Int
-    """the number of positions in it,"""
-    mean_tick: Int
-    """and since when."""
-
-    @classmethod
-    def start(cls, tick: int, first_number: int, new: Measurements, confirmed: Bool) -> "TrackHistory":
-        """Return a track for every measurement."""
-        count = len(new.objects.ids)
-        ticks = np.full(count, tick, dtype=np.int64)
-        return cls(
-            number=first_number + np.arange(count, dtype=np.int64),
-            kind=new.objects.kind.copy(),
-            born_tick=ticks,
-            seen_tick=ticks.copy(),
-            confirmed=confirmed,
-            seen_by_sensor=np.array([source == OWN_SENSOR for source in new.sources], dtype=np.bool_),
-            mean_x=new.objects.x.copy(),
-            mean_y=new.objects.y.copy(),
-            mean_vx=new.objects.speed * portable.cos(new.objects.yaw),
-            mean_vy=new.objects.speed * portable.sin(new.objects.yaw),
-            mean_count=np.ones(count, dtype=np.int64),
-            mean_tick=ticks.copy(),
-        )
 
 
 class TrackList:
@@ -65,66 +22,42 @@ class TrackList:
     def __init__(self, is_confirmed_at_once: bool, parameters: TrackingParameters) -> None:
         """is_confirmed_at_once: whether the detectors in use have no false positives."""
         self._is_confirmed_at_once, self._parameters = is_confirmed_at_once, parameters
-        nothing = Measurements.empty()
-        self._states = TrackStates.start(nothing, parameters)
-        self._history = TrackHistory.start(0, 0, nothing, np.zeros(0, dtype=np.bool_))
+        self._tracks = np.zeros(0, TRACK)
         self._number_by_name: dict[tuple[str, str], int] = {}
         """(source, name there) -> number of the track that this name had last."""
         self._station_by_number: dict[int, str] = {}
         self._source_by_number: dict[int, str] = {}
         """Where each track was born."""
-        self._next_number = self._first_new_number = 0
+        self._next_number = 0
 
     def __len__(self) -> int:
-        return len(self._history.number)
+        return len(self._tracks)
 
     def predict(self, seconds: float) -> None:
         """Advance all tracks; begins an update."""
-        self._states.predict(seconds, self._parameters)
-        self._history.seen_by_sensor[:] = False
+        self._tracks = predict(self._tracks, seconds, self._parameters)
 
     def add(self, tick: int, new: Measurements) -> None:
         """Correct tracks by measurements, and begin tracks for those that fit to none."""
-        if not new.sources:
+        if not new.names:
             return
-        rows, columns = assign(*self._compare(new), _find_starts(new.sources))
+        cost, possible = compare(self._tracks, new, self._number_by_name, self._parameters)
+        rows, columns = assign(cost, possible, new.rows["source"])
         if len(rows):
-            self._states.correct(*Correction.build(rows, new, columns), self._parameters)
+            self._tracks = correct(self._tracks, rows, new.rows, columns, self._parameters)
             self._record_hits(tick, rows, columns, new)
-        others = np.ones(len(new.sources), dtype=np.bool_)
-        others[columns] = False
-        if others.any():
-            self._begin_tracks(tick, new.take(others))
-
-    def _compare(self, new: Measurements) -> tuple[Float, Bool]:
-        """Return costs and possible pairs (N, M) of tracks and measurements."""
-        states, parameters = self._states, self._parameters
-        square = portable.square(states.x[:, None] - new.objects.x) + portable.square(states.y[:, None] - new.objects.y)
-        distance = square / (states.position[:, None] + (new.position + new.bias))
-        names = zip(new.sources, new.objects.ids, strict=True)
-        named = self._history.number[:, None] == np.array([self._number_by_name.get(name, -1) for name in names])
-        possible = distance <= np.where(named, parameters.known_name_gate, parameters.gate)
-        possible |= square <= portable.square(parameters.min_gate_widths * new.objects.width)
-        possible &= is_on_foot(self._history.kind)[:, None] == is_on_foot(new.objects.kind)
-        cost = distance - parameters.known_name_bonus * named
-        if new.sources[0] != OWN_SENSOR:
-            cost -= parameters.known_name_bonus * self._history.seen_by_sensor[:, None]
-        return cost, possible
+        if len(columns) < len(new.names):
+            self._begin_tracks(tick, _exclude(new, columns))
 
     def _record_hits(self, tick: int, rows: Int, columns: Int, new: Measurements) -> None:
         """Record which tracks were measured, under which names, and confirm those that can be no false positives."""
-        history, parameters = self._history, self._parameters
-        history.seen_tick[rows] = tick
-        history.seen_by_sensor[rows] |= new.sources[0] == OWN_SENSOR
-        speed = portable.hypot(self._states.vx[rows], self._states.vy[rows])
-        believed = tick - history.born_tick[rows] >= parameters.confirmation_ticks
-        believed |= speed > parameters.moving_speed
-        history.confirmed[rows] |= believed
-        for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
-            source, number = new.sources[column], int(history.number[row])
-            if self._source_by_number[number] != source:
-                history.confirmed[row] = True
-            self._name_track(number, source, new.objects.ids[column])
+        by_sensor = new.sources[0] == OWN_SENSOR
+        self._tracks = mark_seen(self._tracks, rows, tick, by_sensor, self._parameters)
+        numbers, sources = self._tracks["number"][rows].tolist(), new.rows["source"][columns].tolist()
+        for row, column, number, source in zip(rows.tolist(), columns.tolist(), numbers, sources, strict=True):
+            if self._source_by_number[number] != new.sources[source]:
+                self._tracks["confirmed"][row] = 1
+            self._name_track(number, new.sources[source], new.names[column])
 
     def _name_track(self, number: int, source: str, name: str) -> None:
         """Remember one name. A station names its track; a track that had this name before was the same vehicle."""
@@ -134,122 +67,163 @@ class TrackList:
             self._station_by_number[number] = name
             if before is not None and before != number:
                 self._station_by_number.pop(before, None)
-                self._history.seen_tick[self._history.number == before] = -self._parameters.never_ticks
+                self._tracks["seen_tick"][self._tracks["number"] == before] = -self._parameters.never_ticks
 
     def _begin_tracks(self, tick: int, new: Measurements) -> None:
         """Begin tracks, one source after the other: what two of them measured is one object."""
-        starts = _find_starts(new.sources).tolist()
-        for low, high in zip(starts, [*starts[1:], len(new.sources)], strict=True):
-            part = new.take(_mask_range(len(new.sources), low, high))
-            if low:
-                cost, possible = self._compare(part)
-                possible &= (self._history.number >= self._first_new_number)[:, None]
-                rows, columns = assign(cost, possible, np.zeros(1, dtype=np.int64))
+        first_new_number = self._next_number
+        for source in np.unique(new.rows["source"]).tolist():
+            part = new.take(new.rows["source"] == source)
+            if self._next_number > first_new_number:
+                cost, possible = compare(self._tracks, part, self._number_by_name, self._parameters)
+                possible &= (self._tracks["number"] >= first_new_number)[:, None]
+                rows, columns = assign(cost, possible, part.rows["source"])
                 self._record_hits(tick, rows, columns, part)
-                others = np.ones(high - low, dtype=np.bool_)
-                others[columns] = False
-                part = part.take(others)
-            else:
-                self._first_new_number = self._next_number
+                part = _exclude(part, columns)
             self._append(tick, part)
 
     def _append(self, tick: int, new: Measurements) -> None:
         """Begin a track for every measurement."""
+        tracks = start_tracks(tick, self._next_number, new, self._parameters)
         at_once = self._is_confirmed_at_once or tick < self._parameters.warm_ticks
-        confirmed = np.array([at_once or source == STATIONS for source in new.sources], dtype=np.bool_)
-        self._states = self._states.concat(TrackStates.start(new, self._parameters))
-        self._history = self._history.concat(TrackHistory.start(tick, self._next_number, new, confirmed))
-        for source, name in zip(new.sources, new.objects.ids, strict=True):
-            self._source_by_number[self._next_number] = source
-            self._name_track(self._next_number, source, name)
+        tracks["confirmed"] = at_once or new.sources[0] == STATIONS
+        self._tracks = np.concatenate((self._tracks, tracks))
+        for source, name in zip(new.rows["source"].tolist(), new.names, strict=True):
+            self._source_by_number[self._next_number] = new.sources[source]
+            self._name_track(self._next_number, new.sources[source], name)
             self._next_number += 1
 
     def end_update(self, tick: int) -> None:
         """Update means of standing tracks and drop tracks that were not seen for long."""
-        history, parameters = self._history, self._parameters
-        self._update_means(tick)
-        standing = self._find_standing(tick)
-        believed = np.where(standing, parameters.standing_coasting_ticks, parameters.coasting_ticks)
-        limit = np.where(history.confirmed, believed, parameters.tentative_ticks)
-        kept = tick - history.seen_tick <= limit
-        if kept.all():
+        count = len(self._tracks)
+        self._tracks = end_update(self._tracks, tick, self._parameters)
+        if len(self._tracks) == count:
             return
-        self._states, self._history = self._states.take(kept), history.take(kept)
-        alive = set(self._history.number.tolist())
+        alive = set(self._tracks["number"].tolist())
         self._number_by_name = {name: number for name, number in self._number_by_name.items() if number in alive}
         for names in (self._station_by_number, self._source_by_number):
             for number in [number for number in names if number not in alive]:
                 del names[number]
 
-    def _update_means(self, tick: int) -> None:
-        history, states, parameters = self._history, self._states, self._parameters
-        radius = parameters.standstill_sigmas * np.sqrt(states.position) + parameters.standstill_m
-        left = portable.hypot(states.x - history.mean_x, states.y - history.mean_y) > radius
-        seen = history.seen_tick == tick
-        count = np.where(left, 1, np.minimum(history.mean_count + seen, parameters.standstill_count))
-        share = np.where(left, 1.0, seen / count)
-        history.mean_x += share * (states.x - history.mean_x)
-        history.mean_y += share * (states.y - history.mean_y)
-        history.mean_vx += share * (states.vx - history.mean_vx)
-        history.mean_vy += share * (states.vy - history.mean_vy)
-        history.mean_count, history.mean_tick = count, np.where(left, tick, history.mean_tick)
-
-    def _find_standing(self, tick: int) -> Bool:
-        """Return a mask (N,): tracks that have stayed at one place for a while.
-
-        Their speed is about 0 now, and in the mean over that time: the single speed of a vehicle at walking pace is
-        hardly different from 0, its mean is.
-        """
-        states, history, parameters = self._states, self._history, self._parameters
-        age = tick - history.mean_tick
-        count = np.clip(age / parameters.correlation_ticks, 1.0, parameters.standstill_speeds)
-        sigma = parameters.standstill_speed_sigmas * np.sqrt(states.velocity)
-        slow = portable.hypot(states.vx, states.vy) <= sigma + parameters.speed_floor
-        slow &= portable.hypot(history.mean_vx, history.mean_vy) <= sigma / np.sqrt(count) + parameters.speed_floor
-        return slow & (age >= parameters.standstill_ticks)
-
     def get_position_sigmas(self) -> Mapping[str, float]:
         """Return the standard deviation [m] of each coordinate of the position by the id of the track."""
-        names = self._get_names(np.arange(len(self)))
-        return dict(zip(names, np.sqrt(self._states.position).tolist(), strict=True))
+        names = self._get_names(self._tracks)
+        return dict(zip(names, np.sqrt(self._tracks["position"]).tolist(), strict=True))
 
-    def _get_names(self, rows: Int) -> tuple[str, ...]:
+    def _get_names(self, tracks: Rows) -> tuple[str, ...]:
         """Return the ids of tracks: of their stations, or of their own."""
-        numbers = self._history.number[rows].tolist()
-        return tuple(self._station_by_number.get(number, f"k{number}") for number in numbers)
-
-    def _find_lead(self, own: OwnState) -> Bool:
-        """Return a mask (N,): vehicles shortly ahead in the own direction."""
-        states, parameters = self._states, self._parameters
-        cos, sin = portable.cos_sin(own.yaw)
-        dx, dy = states.x - own.x, states.y - own.y
-        ahead, aside = dx * cos + dy * sin, dy * cos - dx * sin
-        lead = (self._history.kind == Kind.VEHICLE) & (np.abs(wrap_angles(states.yaw - own.yaw)) < parameters.lead_yaw)
-        return lead & (ahead > 0) & (ahead < parameters.lead_m) & (np.abs(aside) < parameters.lead_lateral_m)
+        return tuple(self._station_by_number.get(number, f"k{number}") for number in tracks["number"].tolist())
 
     def build_objects(self, tick: int, own: OwnState) -> Objects:
         """Return the tracks that are confirmed or directly ahead as boxes, nearest first."""
-        rows = np.flatnonzero(self._history.confirmed | self._find_lead(own))
-        states, history, standing = self._states.take(rows), self._history.take(rows), self._find_standing(tick)[rows]
-        x, y = np.where(standing, history.mean_x, states.x), np.where(standing, history.mean_y, states.y)
-        order = np.argsort(portable.hypot(x - own.x, y - own.y), kind="stable")
-        return Objects(
-            self._get_names(rows),
-            history.kind, x, y, states.yaw, np.where(standing, 0.0, states.speed), states.length, states.width,
-        ).take(order)  # fmt: skip
+        rows, *columns = list_objects(self._tracks, tick, own, self._parameters)
+        return Objects(self._get_names(self._tracks[rows]), *columns)
 
 
-def _find_starts(sources: Sequence[str]) -> Int:
-    """Return the first index of each source; sources are sorted."""
-    return np.array([i for i, source in enumerate(sources) if not i or source != sources[i - 1]], dtype=np.int64)
+@twin
+def compare(
+    tracks: Rows, new: Measurements, number_by_name: Mapping[tuple[str, str], int], parameters: TrackingParameters, /
+) -> tuple[Float, Bool]:
+    """Return costs and possible pairs (N, M) of tracks and measurements."""
+    track, rows = tracks[:, None], new.rows
+    square = portable.square(track["x"] - rows["x"]) + portable.square(track["y"] - rows["y"])
+    distance = square / (track["position"] + (rows["position"] + rows["bias"]))
+    names = zip([new.sources[source] for source in rows["source"].tolist()], new.names, strict=True)
+    is_known = track["number"] == np.array([number_by_name.get(name, -1) for name in names], dtype=np.int64)
+    possible = distance <= np.where(is_known, parameters.known_name_gate, parameters.gate)
+    possible |= square <= portable.square(parameters.min_gate_widths * rows["width"])
+    possible &= _is_on_foot(track) == _is_on_foot(rows)
+    cost = distance - parameters.known_name_bonus * is_known
+    if new.sources[0] != OWN_SENSOR:
+        cost -= parameters.known_name_bonus * track["seen_by_sensor"]
+    return cost, possible
 
 
-def _mask_range(count: int, low: int, high: int) -> Bool:
-    mask = np.zeros(count, dtype=np.bool_)
-    mask[low:high] = True
-    return mask
-
-
-def is_on_foot(kind: npt.NDArray[np.uint8]) -> Bool:
+def _is_on_foot(rows: Rows) -> Bool:
     """Return a mask (N,): pedestrians and cyclists, which are never taken for other kinds."""
-    return (kind == Kind.PEDESTRIAN) | (kind == Kind.CYCLIST)
+    return (rows["kind"] == Kind.PEDESTRIAN) | (rows["kind"] == Kind.CYCLIST)
+
+
+@twin
+def mark_seen(tracks: Rows, rows: Int, tick: int, by_sensor: bool, parameters: TrackingParameters, /) -> Rows:
+    """Return the tracks; those of `rows` (K,) are seen now, and confirmed if that is too long for a false positive."""
+    seen = tracks.copy()
+    seen["seen_tick"][rows] = tick
+    seen["seen_by_sensor"][rows] |= by_sensor
+    speed = portable.hypot(tracks["vx"][rows], tracks["vy"][rows])
+    is_old = tick - tracks["born_tick"][rows] >= parameters.confirmation_ticks
+    seen["confirmed"][rows] |= is_old | (speed > parameters.moving_speed)
+    return seen
+
+
+@twin
+def end_update(tracks: Rows, tick: int, parameters: TrackingParameters, /) -> Rows:
+    """Return the tracks with their means updated, without those that were not seen for long."""
+    tracks = tracks.copy()
+    _update_means(tracks, tick, parameters)
+    is_standing = _find_standing(tracks, tick, parameters)
+    believed = np.where(is_standing, parameters.standing_coasting_ticks, parameters.coasting_ticks)
+    limit = np.where(tracks["confirmed"], believed, parameters.tentative_ticks)
+    return tracks[tick - tracks["seen_tick"] <= limit]
+
+
+def _update_means(tracks: Rows, tick: int, parameters: TrackingParameters) -> None:
+    radius = parameters.standstill_sigmas * np.sqrt(tracks["position"]) + parameters.standstill_m
+    has_left = portable.hypot(tracks["x"] - tracks["mean_x"], tracks["y"] - tracks["mean_y"]) > radius
+    is_seen = tracks["seen_tick"] == tick
+    count = np.where(has_left, 1, np.minimum(tracks["mean_count"] + is_seen, parameters.standstill_count))
+    share = np.where(has_left, 1.0, is_seen / count)
+    for name in ("x", "y", "vx", "vy"):
+        tracks[f"mean_{name}"] += share * (tracks[name] - tracks[f"mean_{name}"])
+    tracks["mean_count"] = count
+    tracks["mean_tick"] = np.where(has_left, tick, tracks["mean_tick"])
+
+
+def _find_standing(tracks: Rows, tick: int, parameters: TrackingParameters) -> Bool:
+    """Return a mask (N,): tracks that have stayed at one place for a while.
+
+    Their speed is about 0 now, and in the mean over that time: the single speed of a vehicle at walking pace is
+    hardly different from 0, its mean is.
+    """
+    age = tick - tracks["mean_tick"]
+    count = np.clip(age / parameters.correlation_ticks, 1.0, parameters.standstill_speeds)
+    sigma = parameters.standstill_speed_sigmas * np.sqrt(tracks["velocity"])
+    is_slow = portable.hypot(tracks["vx"], tracks["vy"]) <= sigma + parameters.speed_floor
+    mean_speed = portable.hypot(tracks["mean_vx"], tracks["mean_vy"])
+    is_slow &= mean_speed <= sigma / np.sqrt(count) + parameters.speed_floor
+    return is_slow & (age >= parameters.standstill_ticks)
+
+
+@twin
+def list_objects(
+    tracks: Rows, tick: int, own: OwnState, parameters: TrackingParameters, /
+) -> tuple[Int, npt.NDArray[np.uint8], Float, Float, Float, Float, Float, Float]:
+    """Return the rows (K,) of tracks that are confirmed or directly ahead, nearest first, and columns of `Objects`.
+
+    The columns are kind, x, y, yaw, speed, length and width.
+    """
+    rows = np.flatnonzero((tracks["confirmed"] != 0) | _find_lead(tracks, own, parameters))
+    shown, is_standing = tracks[rows], _find_standing(tracks[rows], tick, parameters)
+    x, y = np.where(is_standing, shown["mean_x"], shown["x"]), np.where(is_standing, shown["mean_y"], shown["y"])
+    speed = np.where(is_standing, 0.0, compute_speeds(shown))
+    order = np.argsort(portable.hypot(x - own.x, y - own.y), kind="stable")
+    kind, yaw, length, width = shown["kind"].astype(np.uint8), shown["yaw"], shown["length"], shown["width"]
+    columns = [column[order] for column in (kind, x, y, yaw, speed, length, width)]
+    return rows[order], *columns
+
+
+def _find_lead(tracks: Rows, own: OwnState, parameters: TrackingParameters) -> Bool:
+    """Return a mask (N,): vehicles shortly ahead in the own direction."""
+    cos, sin = portable.cos_sin(own.yaw)
+    dx, dy = tracks["x"] - own.x, tracks["y"] - own.y
+    ahead, aside = dx * cos + dy * sin, dy * cos - dx * sin
+    is_along = np.abs(wrap_angles(tracks["yaw"] - own.yaw)) < parameters.lead_yaw
+    is_near = (ahead > 0) & (ahead < parameters.lead_m) & (np.abs(aside) < parameters.lead_lateral_m)
+    return (tracks["kind"] == Kind.VEHICLE) & is_along & is_near
+
+
+def _exclude(new: Measurements, columns: Int) -> Measurements:
+    """Return the measurements without those of `columns`."""
+    others = np.ones(len(new.names), dtype=np.bool_)
+    others[columns] = False
+    return new.take(others)

@@ -1,203 +1,187 @@
-"""Kalman filters of many tracks at once, as a struct of arrays.
+"""Kalman filters of many tracks at once.
 
 Each track has two filters with two states each, and so closed forms without matrices: position and velocity, the same
 variances for x and y (constant velocity, turned by the yaw rate; white acceleration), and yaw and yaw rate.
 """
 
-from dataclasses import dataclass, fields
-from typing import Self
-
 import numpy as np
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
-from mdrive_sumo.perception.measurements import Measurements
+from mdrive_sumo.core.compiled.twins import twin
+from mdrive_sumo.core.geometry import Float, Int, wrap_angles
+from mdrive_sumo.perception.measurements import OWN_SENSOR, Measurements, Rows
 from mdrive_sumo.perception.tracking_parameters import TrackingParameters
 
 MAX_YAW_STEP = 0.5
 """[rad] A larger innovation of the yaw is no turn: the filter starts anew (a pedestrian turns round)."""
+TRACK = np.dtype(
+    [
+        ("x", "f8"),  # [m]
+        ("y", "f8"),
+        ("vx", "f8"),  # [m/s]
+        ("vy", "f8"),
+        ("position", "f8"),  # [m2] variance of x and of y,
+        ("coupling", "f8"),  # [m2/s] their covariance with the velocity of the same axis,
+        ("velocity", "f8"),  # [m2/s2] and the variance of that
+        ("yaw", "f8"),  # [rad]
+        ("turn_rate", "f8"),  # [rad/s]
+        ("yaw_variance", "f8"),
+        ("yaw_coupling", "f8"),
+        ("turn_variance", "f8"),
+        ("length", "f8"),  # [m]
+        ("width", "f8"),
+        ("number", "i8"),  # names the track
+        ("kind", "i8"),  # value of `Kind`
+        ("born_tick", "i8"),
+        ("seen_tick", "i8"),
+        ("confirmed", "i8"),  # 1: it is no false positive
+        ("seen_by_sensor", "i8"),  # 1: the own sensor detected it in this update
+        ("mean_x", "f8"),  # [m] mean position since the track has been at one place,
+        ("mean_y", "f8"),
+        ("mean_vx", "f8"),  # [m/s] mean velocity since then,
+        ("mean_vy", "f8"),
+        ("mean_count", "i8"),  # the number of positions in it,
+        ("mean_tick", "i8"),  # and since when
+    ]
+)
 
 
-@dataclass(slots=True)
-class TrackColumns:
-    """A struct of arrays; every field is an array with a row per track."""
-
-    def take(self, rows: Int | Bool) -> Self:
-        """Return the given rows only."""
-        return type(self)(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-    def concat(self, other: Self) -> Self:
-        """Return the own rows followed by those of the other."""
-        names = [field.name for field in fields(self)]
-        return type(self)(*(np.concatenate((getattr(self, name), getattr(other, name))) for name in names))
-
-
-@dataclass(slots=True)
-class TrackStates(TrackColumns):
-    """States of N tracks; all arrays are (N,)."""
-
-    x: Float
-    y: Float
-    vx: Float
-    vy: Float
-    position: Float
-    """[m2] Variance of x and of y,"""
-    coupling: Float
-    """[m2/s] their covariance with the velocity of the same axis,"""
-    velocity: Float
-    """[m2/s2] and the variance of that."""
-    yaw: Float
-    turn_rate: Float
-    yaw_variance: Float
-    yaw_coupling: Float
-    turn_variance: Float
-    length: Float
-    width: Float
-
-    @classmethod
-    def start(cls, new: Measurements, parameters: TrackingParameters) -> Self:
-        """Return a track for every measurement."""
-        boxes, zero = new.objects, np.zeros(len(new.objects.ids))
-        cos, sin = portable.cos_sin(boxes.yaw)
-        vx, vy = boxes.speed * cos, boxes.speed * sin
-        turn = zero + portable.square(parameters.max_turn_rate / 2)
-        position = new.position + new.bias
-        return cls(
-            boxes.x.copy(), boxes.y.copy(), vx, vy, position, zero, new.speed.copy(), boxes.yaw.copy(), zero.copy(),
-            new.yaw.copy(), zero.copy(), turn, boxes.length.copy(), boxes.width.copy(),
-        )  # fmt: skip
-
-    def predict(self, seconds: float, parameters: TrackingParameters) -> None:
-        """Advance all tracks."""
-        moves = portable.hypot(self.vx, self.vy) > parameters.moving_speed
-        turn = np.where(moves, self.turn_rate, 0.0) * seconds
-        cos, sin = portable.cos_sin(turn / 2)
-        vx, vy = cos * self.vx - sin * self.vy, sin * self.vx + cos * self.vy  # the direction of the arc's chord
-        self.x, self.y = self.x + vx * seconds, self.y + vy * seconds
-        self.vx, self.vy = cos * vx - sin * vy, sin * vx + cos * vy
-        self.yaw = wrap_angles(self.yaw + turn)
-        self.position, self.coupling, self.velocity = _grow(
-            self.position, self.coupling, self.velocity, seconds, parameters.acceleration_sigma
-        )
-        self.yaw_variance, self.yaw_coupling, self.turn_variance = _grow(
-            self.yaw_variance, self.yaw_coupling, self.turn_variance, seconds, parameters.turn_acceleration_sigma
-        )
-
-    def correct(self, rows: Int, new: "Correction", parameters: TrackingParameters) -> None:
-        """Correct the tracks `rows` (K,), each once, by measurements (K,)."""
-        self._correct_position(rows, new)
-        self._correct_velocity(rows, new)
-        self._correct_yaw(rows, new, parameters)
-        self.length[rows] += (new.length - self.length[rows]) / parameters.size_weight
-        self.width[rows] += (new.width - self.width[rows]) / parameters.size_weight
-
-    def _correct_position(self, rows: Int, new: "Correction") -> None:
-        """Correct by positions whose bias cannot be averaged away: only variance beyond it is reducible.
-
-        A track that is known better than the bias (from own detections) is not moved by it.
-        """
-        variance, velocity = self.position[rows], self.velocity[rows]
-        excess = np.maximum(variance - new.bias, 0.0)
-        coupling = self.coupling[rows] * np.sqrt(excess / variance)
-        total = excess + new.position
-        gain, velocity_gain = excess / total, coupling / total
-        dx, dy = new.x - self.x[rows], new.y - self.y[rows]
-        self.x[rows] += gain * dx
-        self.y[rows] += gain * dy
-        self.vx[rows] += velocity_gain * dx
-        self.vy[rows] += velocity_gain * dy
-        self.position[rows] = variance - gain * excess
-        self.coupling[rows] = self.coupling[rows] * (1.0 - gain)
-        self.velocity[rows] = velocity - velocity_gain * coupling
-
-    def _correct_velocity(self, rows: Int, new: "Correction") -> None:
-        coupling, velocity = self.coupling[rows], self.velocity[rows]
-        total = velocity + new.speed
-        gain, position_gain = velocity / total, coupling / total
-        dvx, dvy = new.vx - self.vx[rows], new.vy - self.vy[rows]
-        self.x[rows] += position_gain * dvx
-        self.y[rows] += position_gain * dvy
-        self.vx[rows] += gain * dvx
-        self.vy[rows] += gain * dvy
-        self.position[rows] -= position_gain * coupling
-        self.coupling[rows] = coupling * (1.0 - gain)
-        self.velocity[rows] = velocity * (1.0 - gain)
-
-    def _correct_yaw(self, rows: Int, new: "Correction", parameters: TrackingParameters) -> None:
-        step = wrap_angles(new.yaw - self.yaw[rows])
-        anew = np.abs(step) > MAX_YAW_STEP
-        variance, coupling = self.yaw_variance[rows], self.yaw_coupling[rows]
-        total = variance + new.yaw_variance
-        gain, turn_gain = np.where(anew, 1.0, variance / total), np.where(anew, 0.0, coupling / total)
-        self.yaw[rows] = wrap_angles(self.yaw[rows] + gain * step)
-        turn = np.where(anew, 0.0, self.turn_rate[rows] + turn_gain * step)
-        self.turn_rate[rows] = np.clip(turn, -parameters.max_turn_rate, parameters.max_turn_rate)
-        self.yaw_variance[rows] = np.where(anew, new.yaw_variance, variance * (1.0 - gain))
-        self.yaw_coupling[rows] = np.where(anew, 0.0, coupling * (1.0 - gain))
-        self.turn_variance[rows] -= turn_gain * coupling
-
-    @property
-    def speed(self) -> Float:
-        """Return the speeds (N,) [m/s] along the yaw."""
-        cos, sin = portable.cos_sin(self.yaw)
-        return self.vx * cos + self.vy * sin
+def start_tracks(tick: int, first_number: int, new: Measurements, parameters: TrackingParameters) -> Rows:
+    """Return a track for every measurement; none is confirmed."""
+    rows = new.rows
+    tracks = np.zeros(len(rows), TRACK)
+    for name in ("x", "y", "vx", "vy", "yaw", "length", "width", "kind", "yaw_variance"):
+        tracks[name] = rows[name]
+    for name in ("x", "y", "vx", "vy"):
+        tracks[f"mean_{name}"] = rows[name]
+    for name in ("born_tick", "seen_tick", "mean_tick"):
+        tracks[name] = tick
+    tracks["position"] = rows["position"] + rows["bias"]
+    tracks["velocity"] = rows["speed_variance"]
+    tracks["turn_variance"] = portable.square(parameters.max_turn_rate / 2)
+    tracks["number"] = first_number + np.arange(len(rows))
+    tracks["seen_by_sensor"] = new.sources[0] == OWN_SENSOR
+    tracks["mean_count"] = 1
+    return tracks
 
 
-def _grow(first: Float, both: Float, second: Float, seconds: float, sigma: float) -> tuple[Float, Float, Float]:
-    """Return variance, covariance and variance of a value and its rate after a time of white acceleration."""
+@twin
+def predict(tracks: Rows, seconds: float, parameters: TrackingParameters, /) -> Rows:
+    """Return the tracks `seconds` later, where the own sensor has not detected them yet."""
+    new = tracks.copy()
+    moves = portable.hypot(tracks["vx"], tracks["vy"]) > parameters.moving_speed
+    turn = np.where(moves, tracks["turn_rate"], 0.0) * seconds
+    cos, sin = portable.cos_sin(turn / 2)
+    vx, vy = cos * tracks["vx"] - sin * tracks["vy"], sin * tracks["vx"] + cos * tracks["vy"]  # along the arc's chord
+    new["x"] = tracks["x"] + vx * seconds
+    new["y"] = tracks["y"] + vy * seconds
+    new["vx"] = cos * vx - sin * vy
+    new["vy"] = sin * vx + cos * vy
+    new["yaw"] = wrap_angles(tracks["yaw"] + turn)
+    _grow(new, ("position", "coupling", "velocity"), seconds, parameters.acceleration_sigma)
+    _grow(new, ("yaw_variance", "yaw_coupling", "turn_variance"), seconds, parameters.turn_acceleration_sigma)
+    new["seen_by_sensor"] = 0
+    return new
+
+
+def _grow(tracks: Rows, names: tuple[str, str, str], seconds: float, sigma: float) -> None:
+    """Let variance, covariance and variance of a value and its rate grow by a time of white acceleration."""
+    first, both, second = (tracks[name].copy() for name in names)
     noise, square = sigma * sigma, seconds * seconds
-    return (
-        first + seconds * (2 * both + seconds * second) + noise * square * square / 4,
-        both + seconds * second + noise * square * seconds / 2,
-        second + noise * square,
-    )
+    tracks[names[0]] = first + seconds * (2 * both + seconds * second) + noise * square * square / 4
+    tracks[names[1]] = both + seconds * second + noise * square * seconds / 2
+    tracks[names[2]] = second + noise * square
 
 
-@dataclass(frozen=True, slots=True)
-class Correction:
-    """What corrects K tracks, one row each; all arrays are (K,), `position` to `speed` variances."""
+@twin
+def correct(tracks: Rows, rows: Int, new: Rows, columns: Int, parameters: TrackingParameters, /) -> Rows:
+    """Return the tracks; those of `rows` (K,), ascending, are corrected by the measurements `columns` (K,) of `new`.
 
-    x: Float
-    y: Float
-    vx: Float
-    vy: Float
-    yaw: Float
-    position: Float
-    bias: Float
-    yaw_variance: Float
-    speed: Float
-    length: Float
-    width: Float
+    A track that is in several rows is corrected by the mean of its measurements.
+    """
+    rows, means = _average(rows, new[columns])
+    corrected, part = tracks.copy(), tracks[rows]
+    _correct_position(part, means)
+    _correct_velocity(part, means)
+    _correct_yaw(part, means, parameters)
+    for name in ("length", "width"):
+        part[name] += (means[name] - part[name]) / parameters.size_weight
+    corrected[rows] = part
+    return corrected
 
-    @classmethod
-    def build(cls, rows: Int, new: Measurements, columns: Int) -> "tuple[Int, Correction]":
-        """Return tracks, each once, and the means of the measurements `columns` assigned to `rows` (K,), ascending."""
-        boxes = new.objects
-        yaw, speed = boxes.yaw[columns], boxes.speed[columns]
-        cos, sin = portable.cos_sin(yaw)
-        states = cls(
-            boxes.x[columns], boxes.y[columns], speed * cos, speed * sin, yaw, new.position[columns],
-            new.bias[columns], new.yaw[columns], new.speed[columns], boxes.length[columns], boxes.width[columns],
-        )  # fmt: skip
-        if (rows[1:] != rows[:-1]).all():
-            return rows, states
-        tracks, first, index = np.unique(rows, return_index=True, return_inverse=True)
-        return tracks, states._average(first, index)
 
-    def _average(self, first: Int, index: Int) -> "Correction":
-        """Return the means weighted by accuracy; index (K,): row of the result, first: one row of each in this.
+def _average(rows: Int, new: Rows) -> tuple[Int, Rows]:
+    """Return the rows, each once, and the means of the measurements of each, weighted by accuracy.
 
-        Random errors average out. The mean of the biases is a bound: they have the own car's estimate in common.
-        """
+    Random errors average out. The mean of the biases is a bound: they have the own car's estimate in common.
+    """
+    if (rows[1:] != rows[:-1]).all():
+        return rows, new
+    tracks, first, index = np.unique(rows, return_index=True, return_inverse=True)
 
-        def mean(values: Float, weights: Float) -> Float:
-            return np.bincount(index, values * weights) / np.bincount(index, weights)
+    def average(values: Float, weights: Float) -> Float:
+        return np.bincount(index, values * weights) / np.bincount(index, weights)
 
-        places, speeds, yaws = 1 / (self.position + self.bias), 1 / self.speed, 1 / self.yaw_variance
-        yaw = self.yaw[first]
-        return Correction(
-            mean(self.x, places), mean(self.y, places), mean(self.vx, speeds), mean(self.vy, speeds),
-            yaw + mean(wrap_angles(self.yaw - yaw[index]), yaws), 1 / np.bincount(index, 1 / self.position),
-            mean(self.bias, places), 1 / np.bincount(index, yaws), 1 / np.bincount(index, speeds),
-            mean(self.length, places), mean(self.width, places),
-        )  # fmt: skip
+    means = new[first]
+    places, speeds, yaws = 1 / (new["position"] + new["bias"]), 1 / new["speed_variance"], 1 / new["yaw_variance"]
+    for name in ("x", "y", "bias", "length", "width"):
+        means[name] = average(new[name], places)
+    for name in ("vx", "vy"):
+        means[name] = average(new[name], speeds)
+    means["yaw"] += average(wrap_angles(new["yaw"] - means["yaw"][index]), yaws)
+    means["position"] = 1 / np.bincount(index, 1 / new["position"])
+    means["yaw_variance"] = 1 / np.bincount(index, yaws)
+    means["speed_variance"] = 1 / np.bincount(index, speeds)
+    return tracks, means
+
+
+def _correct_position(track: Rows, new: Rows) -> None:
+    """Correct by positions whose bias cannot be averaged away: only variance beyond it is reducible.
+
+    A track that is known better than the bias (from own detections) is not moved by it.
+    """
+    excess = np.maximum(track["position"] - new["bias"], 0.0)
+    coupling = track["coupling"] * np.sqrt(excess / track["position"])
+    total = excess + new["position"]
+    gain, velocity_gain = excess / total, coupling / total
+    dx, dy = new["x"] - track["x"], new["y"] - track["y"]
+    track["x"] += gain * dx
+    track["y"] += gain * dy
+    track["vx"] += velocity_gain * dx
+    track["vy"] += velocity_gain * dy
+    track["position"] -= gain * excess
+    track["coupling"] *= 1.0 - gain
+    track["velocity"] -= velocity_gain * coupling
+
+
+def _correct_velocity(track: Rows, new: Rows) -> None:
+    total = track["velocity"] + new["speed_variance"]
+    gain, position_gain = track["velocity"] / total, track["coupling"] / total
+    dvx, dvy = new["vx"] - track["vx"], new["vy"] - track["vy"]
+    track["x"] += position_gain * dvx
+    track["y"] += position_gain * dvy
+    track["vx"] += gain * dvx
+    track["vy"] += gain * dvy
+    track["position"] -= position_gain * track["coupling"]
+    track["coupling"] *= 1.0 - gain
+    track["velocity"] *= 1.0 - gain
+
+
+def _correct_yaw(track: Rows, new: Rows, parameters: TrackingParameters) -> None:
+    step = wrap_angles(new["yaw"] - track["yaw"])
+    anew = np.abs(step) > MAX_YAW_STEP
+    coupling, total = track["yaw_coupling"], track["yaw_variance"] + new["yaw_variance"]
+    gain = np.where(anew, 1.0, track["yaw_variance"] / total)
+    turn_gain = np.where(anew, 0.0, coupling / total)
+    track["yaw"] = wrap_angles(track["yaw"] + gain * step)
+    turn = np.where(anew, 0.0, track["turn_rate"] + turn_gain * step)
+    track["turn_rate"] = np.clip(turn, -parameters.max_turn_rate, parameters.max_turn_rate)
+    track["turn_variance"] -= turn_gain * coupling
+    track["yaw_variance"] = np.where(anew, new["yaw_variance"], track["yaw_variance"] * (1.0 - gain))
+    track["yaw_coupling"] = np.where(anew, 0.0, coupling * (1.0 - gain))
+
+
+def compute_speeds(tracks: Rows) -> Float:
+    """Return the speeds (N,) [m/s] along the yaw."""
+    cos, sin = portable.cos_sin(tracks["yaw"])
+    return tracks["vx"] * cos + tracks["vy"] * sin

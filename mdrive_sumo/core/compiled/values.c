@@ -218,3 +218,32 @@ PyObject *new_array(char kind, int dimensions, const Py_ssize_t *shape, void **d
 PyObject *new_doubles(int dimensions, const Py_ssize_t *shape, double **data) {
     return new_array('d', dimensions, shape, (void **)data);
 }
+
+bool open_rows(PyObject *object, size_t size, Array *array) {
+    array->array = NULL;
+    if (PyObject_GetBuffer(object, &array->buffer, PyBUF_C_CONTIGUOUS)) return false;
+    if (array->buffer.ndim != 1 || array->buffer.itemsize != (Py_ssize_t)size) {
+        PyErr_Format(PyExc_TypeError, "expected rows of %zd bytes, found an array of %d dimensions with elements of %zd",
+                     (Py_ssize_t)size, array->buffer.ndim, array->buffer.itemsize);
+        PyBuffer_Release(&array->buffer);
+        return false;
+    }
+    array->data = array->buffer.buf;
+    array->dimensions = 1;
+    array->count = array->shape[0] = array->buffer.shape[0];
+    return true;
+}
+
+PyObject *new_rows(Import *type, Py_ssize_t count, size_t size, void **data) {
+    PyObject *empty = find_import(&EMPTY), *rows = find_import(type), *length = PyLong_FromSsize_t(count);
+    PyObject *array = empty && rows && length ? PyObject_CallFunctionObjArgs(empty, length, rows, NULL) : NULL;
+    if (length) Py_DecRef(length);
+    Array view;
+    if (!array || !open_rows(array, size, &view)) {
+        if (array) Py_DecRef(array);
+        return NULL;
+    }
+    *data = view.buffer.buf; /* lives as long as the array */
+    close_array(&view);
+    return array;
+}

@@ -80,4 +80,8 @@ static inline const double *doubles(const Array *array) { return array->data; }
 PyObject *new_array(char kind, int dimensions, const Py_ssize_t *shape, void **data);
 PyObject *new_doubles(int dimensions, const Py_ssize_t *shape, double **data);
 
+/* An array (N,) of a structured type, whose elements are structs of this size; `type` of new ones is a numpy.dtype. */
+bool open_rows(PyObject *object, size_t size, Array *array);
+PyObject *new_rows(Import *type, Py_ssize_t count, size_t size, void **data);
+
 #endif

@@ -1,0 +1,240 @@
+/* Twins of track_list.py. */
+#include <stdlib.h>
+
+#include "../core/geometry.h"
+#include "../core/state.h"
+#include "measurements.h"
+#include "track_states.h"
+#include "tracking_parameters.h"
+
+static double square(double x) { return x * x; }
+static bool is_on_foot(int64_t kind) { return kind == PEDESTRIAN || kind == CYCLIST; }
+
+/* The number of the track that this name had last, -1 for none. */
+static bool find_number(PyObject *number_by_name, const OpenMeasurements *new, Py_ssize_t i, Py_ssize_t *number) {
+    PyObject *source = PyTuple_GetItem(new->sources, (Py_ssize_t)new->row[i].source);
+    if (!source) return false;
+    PyObject *name = pack(2, new_reference(source), new_reference(PyTuple_GetItem(new->names, i)));
+    PyObject *found = name ? PyDict_GetItemWithError(number_by_name, name) : NULL;
+    if (name) Py_DecRef(name);
+    *number = -1;
+    return found ? read_integer(found, number) : name && !PyErr_Occurred();
+}
+
+static void compare_track(const Track *track, const OpenMeasurements *new, const Py_ssize_t *known,
+                          const TrackingParameters *parameters, double *cost, unsigned char *possible) {
+    for (Py_ssize_t i = 0; i < new->count; i++) {
+        const Measurement *row = new->row + i;
+        double distance_2 = square(track->x - row->x) + square(track->y - row->y);
+        double distance = distance_2 / (track->position + (row->position + row->bias));
+        bool is_known = known[i] == track->number;
+        possible[i] = (distance <= (is_known ? parameters->known_name_gate : parameters->gate) ||
+                       distance_2 <= square(parameters->min_gate_widths * row->width)) &&
+                      is_on_foot(track->kind) == is_on_foot(row->kind);
+        cost[i] = distance - parameters->known_name_bonus * is_known;
+        if (!new->is_own) cost[i] -= parameters->known_name_bonus * (double)track->seen_by_sensor;
+    }
+}
+
+static PyObject *compare(const Array *tracks, const OpenMeasurements *new, PyObject *number_by_name,
+                         const TrackingParameters *parameters) {
+    Py_ssize_t *known = malloc((size_t)(new->count + 1) * sizeof *known), shape[] = {tracks->count, new->count};
+    if (!known) return PyErr_NoMemory();
+    bool is_read = true;
+    for (Py_ssize_t i = 0; is_read && i < new->count; i++) is_read = find_number(number_by_name, new, i, known + i);
+    double *cost = NULL;
+    void *possible = NULL;
+    PyObject *first = is_read ? new_doubles(2, shape, &cost) : NULL;
+    PyObject *second = first ? new_array('?', 2, shape, &possible) : NULL;
+    for (Py_ssize_t i = 0; second && i < tracks->count; i++)
+        compare_track((const Track *)tracks->data + i, new, known, parameters, cost + i * new->count,
+                      (unsigned char *)possible + i * new->count);
+    free(known);
+    return pack(2, first, second);
+}
+
+static PyObject *perception_track_list_compare(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
+    TrackingParameters parameters;
+    Array tracks;
+    OpenMeasurements new;
+    if (!expect_arguments("compare", count, 4, 4) || !read_tracking_parameters(arguments[3], &parameters) ||
+        !open_tracks(arguments[0], &tracks))
+        return NULL;
+    PyObject *result = NULL;
+    if (open_measurements(arguments[1], &new)) {
+        result = compare(&tracks, &new, arguments[2], &parameters);
+        close_measurements(&new);
+    }
+    close_array(&tracks);
+    return result;
+}
+
+static PyObject *perception_track_list_mark_seen(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
+    TrackingParameters parameters;
+    Array tracks, rows;
+    Py_ssize_t tick;
+    if (!expect_arguments("mark_seen", count, 5, 5) || !read_integer(arguments[2], &tick) ||
+        !read_tracking_parameters(arguments[4], &parameters) || !open_tracks(arguments[0], &tracks))
+        return NULL;
+    PyObject *result = NULL;
+    Track *track;
+    if (open_indices(arguments[1], tracks.count, &rows)) {
+        result = copy_tracks(tracks.data, tracks.count, &track);
+        bool by_sensor = PyObject_IsTrue(arguments[3]) == 1;
+        for (Py_ssize_t i = 0; result && i < rows.count; i++) {
+            Track *seen = track + integers(&rows)[i];
+            seen->seen_tick = tick;
+            seen->seen_by_sensor |= by_sensor;
+            seen->confirmed |= (double)(tick - seen->born_tick) >= parameters.confirmation_ticks ||
+                               portable_hypot(seen->vx, seen->vy) > parameters.moving_speed;
+        }
+        close_array(&rows);
+    }
+    close_array(&tracks);
+    return result;
+}
+
+static void update_mean(Track *track, Py_ssize_t tick, const TrackingParameters *parameters) {
+    double radius = parameters->standstill_sigmas * sqrt(track->position) + parameters->standstill_m;
+    bool has_left = portable_hypot(track->x - track->mean_x, track->y - track->mean_y) > radius;
+    bool is_seen = track->seen_tick == tick;
+    int64_t more = track->mean_count + is_seen, most = (int64_t)parameters->standstill_count;
+    int64_t count = has_left ? 1 : more < most ? more : most;
+    double share = has_left ? 1.0 : (double)is_seen / (double)count;
+    track->mean_x += share * (track->x - track->mean_x);
+    track->mean_y += share * (track->y - track->mean_y);
+    track->mean_vx += share * (track->vx - track->mean_vx);
+    track->mean_vy += share * (track->vy - track->mean_vy);
+    track->mean_count = count;
+    if (has_left) track->mean_tick = tick;
+}
+
+static bool is_standing(const Track *track, Py_ssize_t tick, const TrackingParameters *parameters) {
+    double age = (double)(tick - track->mean_tick), count = age / parameters->correlation_ticks;
+    count = count < 1.0 ? 1.0 : count > parameters->standstill_speeds ? parameters->standstill_speeds : count;
+    double sigma = parameters->standstill_speed_sigmas * sqrt(track->velocity);
+    return portable_hypot(track->vx, track->vy) <= sigma + parameters->speed_floor &&
+           portable_hypot(track->mean_vx, track->mean_vy) <= sigma / sqrt(count) + parameters->speed_floor &&
+           age >= parameters->standstill_ticks;
+}
+
+static bool is_kept(const Track *track, Py_ssize_t tick, const TrackingParameters *parameters) {
+    double limit = parameters->tentative_ticks;
+    if (track->confirmed)
+        limit = is_standing(track, tick, parameters) ? parameters->standing_coasting_ticks : parameters->coasting_ticks;
+    return (double)(tick - track->seen_tick) <= limit;
+}
+
+static PyObject *perception_track_list_end_update(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
+    TrackingParameters parameters;
+    Array tracks;
+    Py_ssize_t tick, kept = 0;
+    if (!expect_arguments("end_update", count, 3, 3) || !read_integer(arguments[1], &tick) ||
+        !read_tracking_parameters(arguments[2], &parameters) || !open_tracks(arguments[0], &tracks))
+        return NULL;
+    Track *track;
+    PyObject *all = copy_tracks(tracks.data, tracks.count, &track), *result = all;
+    for (Py_ssize_t i = 0; all && i < tracks.count; i++) {
+        update_mean(track + i, tick, &parameters);
+        if (is_kept(track + i, tick, &parameters)) track[kept++] = track[i];
+    }
+    if (all && kept < tracks.count) {
+        result = copy_tracks(track, kept, &track);
+        Py_DecRef(all);
+    }
+    close_array(&tracks);
+    return result;
+}
+
+FIELDS(OWN_POSE, "x", "y", "yaw");
+typedef struct {
+    double x, y, yaw;
+} OwnPose;
+
+static bool is_lead(const Track *track, const OwnPose *own, CosSin heading, const TrackingParameters *parameters) {
+    double dx = track->x - own->x, dy = track->y - own->y;
+    double ahead = dx * heading.cos + dy * heading.sin, aside = dy * heading.cos - dx * heading.sin;
+    return track->kind == VEHICLE && fabs(wrap_half_open(track->yaw - own->yaw)) < parameters->lead_yaw && ahead > 0 &&
+           ahead < parameters->lead_m && fabs(aside) < parameters->lead_lateral_m;
+}
+
+/* A track as it is reported. */
+typedef struct {
+    Py_ssize_t row;
+    double gap, x, y, speed;
+} Shown;
+
+/* By distance, NaN last, of equal ones by row: as a stable argsort. */
+static int order_by_gap(const void *first, const void *second) {
+    const Shown *one = first, *other = second;
+    bool is_before = one->gap < other->gap || (isnan(other->gap) && !isnan(one->gap));
+    bool is_after = other->gap < one->gap || (isnan(one->gap) && !isnan(other->gap));
+    return is_before ? -1 : is_after ? 1 : one->row < other->row ? -1 : 1;
+}
+
+static PyObject *build_columns(const Track *tracks, const Shown *shown, Py_ssize_t count) {
+    enum { X, Y, YAW, SPEED, LENGTH, WIDTH, COLUMNS };
+    void *rows = NULL, *kinds = NULL;
+    double *data[COLUMNS];
+    PyObject *columns[COLUMNS], *row = new_array('l', 1, &count, &rows);
+    PyObject *kind = row ? new_array('B', 1, &count, &kinds) : NULL, *last = kind;
+    for (int i = 0; i < COLUMNS; i++) last = columns[i] = last ? new_doubles(1, &count, data + i) : NULL;
+    for (Py_ssize_t i = 0; last && i < count; i++) {
+        const Track *track = tracks + shown[i].row;
+        ((int64_t *)rows)[i] = shown[i].row;
+        ((unsigned char *)kinds)[i] = (unsigned char)track->kind;
+        data[X][i] = shown[i].x, data[Y][i] = shown[i].y, data[YAW][i] = track->yaw, data[SPEED][i] = shown[i].speed;
+        data[LENGTH][i] = track->length, data[WIDTH][i] = track->width;
+    }
+    return pack(2 + COLUMNS, row, kind, columns[X], columns[Y], columns[YAW], columns[SPEED], columns[LENGTH],
+                columns[WIDTH]);
+}
+
+static PyObject *list_objects(const Track *tracks, Py_ssize_t all, Py_ssize_t tick, const OwnPose *own,
+                              const TrackingParameters *parameters) {
+    CosSin heading = cos_sin(own->yaw);
+    bool is_finite = isfinite(heading.cos);
+    Shown *shown = malloc((size_t)(all + 1) * sizeof *shown);
+    if (!shown) return PyErr_NoMemory();
+    Py_ssize_t count = 0;
+    for (Py_ssize_t i = 0; i < all; i++) {
+        const Track *track = tracks + i;
+        if (!track->confirmed && !is_lead(track, own, heading, parameters)) continue;
+        bool stands = is_standing(track, tick, parameters);
+        double x = stands ? track->mean_x : track->x, y = stands ? track->mean_y : track->y;
+        CosSin along = cos_sin(track->yaw);
+        is_finite &= isfinite(along.cos);
+        shown[count++] = (Shown){.row = i,
+                                 .gap = portable_hypot(x - own->x, y - own->y),
+                                 .x = x,
+                                 .y = y,
+                                 .speed = stands ? 0.0 : track->vx * along.cos + track->vy * along.sin};
+    }
+    qsort(shown, (size_t)count, sizeof *shown, order_by_gap);
+    PyObject *result = is_finite ? build_columns(tracks, shown, count) : NULL;
+    if (!is_finite) PyErr_SetString(PyExc_ValueError, "expected finite angles, found NaN or infinity");
+    free(shown);
+    return result;
+}
+
+static PyObject *perception_track_list_list_objects(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
+    TrackingParameters parameters;
+    Array tracks;
+    OwnPose own;
+    Py_ssize_t tick;
+    if (!expect_arguments("list_objects", count, 4, 4) || !read_integer(arguments[1], &tick) ||
+        !read_fields(arguments[2], &OWN_POSE, &own.x) || !read_tracking_parameters(arguments[3], &parameters) ||
+        !open_tracks(arguments[0], &tracks))
+        return NULL;
+    PyObject *result = list_objects(tracks.data, tracks.count, tick, &own, &parameters);
+    close_array(&tracks);
+    return result;
+}
+
+Functions perception_track_list = {
+    FUNCTION(perception_track_list_compare),
+    FUNCTION(perception_track_list_mark_seen),
+    FUNCTION(perception_track_list_end_update),
+    FUNCTION(perception_track_list_list_objects),
+    END_OF_FUNCTIONS,
+};
