@@ -57,28 +57,23 @@ def _augment(cost: Sequence[Sequence[float]], by_row: list[float], by_column: li
     width = len(by_column) - 1
     least, before, done = [math.inf] * (width + 1), [0] * (width + 1), [False] * (width + 1)
     column = 0
-    while True:
+    while not done[0] or row_of[column]:
         done[column] = True
-        row, best, following = row_of[column], math.inf, 0
+        row = row_of[column]
         for other in range(1, width + 1):
-            if done[other]:
-                continue
             reduced = cost[row - 1][other - 1] - by_row[row] - by_column[other]
-            if reduced < least[other]:
+            if not done[other] and reduced < least[other]:
                 least[other], before[other] = reduced, column
-            if least[other] < best:
-                best, following = least[other], other
+        best, following = min((least[other], other) for other in range(width + 1) if not done[other])
+        if best == math.inf:
+            raise ValueError("expected finite costs of assignments, found NaN or infinity")
         for other in range(width + 1):
             if done[other]:
                 by_row[row_of[other]] += best
                 by_column[other] -= best
             else:
                 least[other] -= best
-        if not following:
-            raise ValueError("expected finite costs of assignments, found NaN or infinity")
         column = following
-        if not row_of[column]:
-            break
     while column:
         row_of[column] = row_of[before[column]]
         column = before[column]

@@ -83,9 +83,7 @@ def measure_stations(
     cams = [cam for _, cam in stations]
     boxes = [(cam.pose.x, cam.pose.y, cam.pose.yaw, cam.speed, cam.length, cam.width) for cam in cams]
     columns = np.array(boxes, dtype=np.float64).reshape(-1, 6).T
-    objects = Objects(
-        tuple(name for name, _ in stations), np.full(len(cams), Kind.VEHICLE, dtype=np.uint8), *columns
-    )
+    objects = Objects(tuple(name for name, _ in stations), np.full(len(cams), Kind.VEHICLE, dtype=np.uint8), *columns)
     age_s = np.array([(tick - cam.pose.tick) * DT for cam in cams])
     turn = np.array([cam.yaw_rate for cam in cams]) * age_s
     sigmas = np.array([(0.0, cam.pose.yaw_sigma, cam.speed_sigma) for cam in cams]).reshape(-1, 3)

@@ -1,6 +1,7 @@
 /* Twins of track_list.py. */
 #include <stdlib.h>
 
+#include "../contract/sensors.h"
 #include "../core/geometry.h"
 #include "../core/state.h"
 #include "measurements.h"
@@ -69,24 +70,112 @@ static PyObject *perception_track_list_compare(PyObject *module, PyObject *const
     return result;
 }
 
-static PyObject *perception_track_list_mark_seen(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
+FIELDS(TRACK_NAMES, "number_by_name", "station_by_number", "source_by_number");
+static Import STATIONS = {"mdrive_sumo.perception.measurements", "STATIONS", 0};
+enum { NUMBER_BY_NAME, STATION_BY_NUMBER, SOURCE_BY_NUMBER, DICTIONARIES };
+
+typedef struct {
+    PyObject *stations, *dictionary[DICTIONARIES]; /* borrowed from the instance of TrackNames */
+} Names;
+
+/* The station `name` is the track `number`, and not the track `before`, if it had one. */
+static bool name_station(const Names *names, Array *tracks, PyObject *number, PyObject *name, PyObject *before,
+                         const TrackingParameters *parameters) {
+    PyObject *stations = names->dictionary[STATION_BY_NUMBER];
+    Py_ssize_t old, new;
+    if (PyDict_SetItem(stations, number, name)) return false;
+    if (!before) return true;
+    if (!read_integer(before, &old) || !read_integer(number, &new)) return false;
+    if (old == new) return true;
+    if (PyDict_GetItemWithError(stations, before) ? PyDict_DelItem(stations, before) : !!PyErr_Occurred()) return false;
+    Track *track = tracks->buffer.buf;
+    for (Py_ssize_t i = 0; i < tracks->count; i++)
+        if (track[i].number == old) track[i].seen_tick = -(int64_t)parameters->never_ticks;
+    return true;
+}
+
+static bool name_track(const Names *names, Array *tracks, PyObject *number, PyObject *source, PyObject *name,
+                       const TrackingParameters *parameters) {
+    PyObject *numbers = names->dictionary[NUMBER_BY_NAME];
+    PyObject *key = pack(2, new_reference(source), new_reference(name));
+    PyObject *before = key ? PyDict_GetItemWithError(numbers, key) : NULL;
+    if (before) Py_IncRef(before); /* the dictionary lets go of it */
+    bool is_named = key && !PyErr_Occurred() && !PyDict_SetItem(numbers, key, number);
+    if (is_named && !PyUnicode_Compare(source, names->stations))
+        is_named = name_station(names, tracks, number, name, before, parameters);
+    if (before) Py_DecRef(before);
+    if (key) Py_DecRef(key);
+    return is_named;
+}
+
+static bool record_hit(const Names *names, Array *tracks, Py_ssize_t row, const OpenMeasurements *new,
+                       Py_ssize_t column, const TrackingParameters *parameters) {
+    Track *seen = (Track *)tracks->buffer.buf + row;
+    PyObject *source = PyTuple_GetItem(new->sources, (Py_ssize_t)new->row[column].source);
+    PyObject *number = source ? PyLong_FromLongLong(seen->number) : NULL;
+    PyObject *birth = number ? PyDict_GetItemWithError(names->dictionary[SOURCE_BY_NUMBER], number) : NULL;
+    if (birth) seen->confirmed |= PyUnicode_Compare(birth, source) != 0;
+    else if (!PyErr_Occurred()) PyErr_SetString(PyExc_ValueError, "expected a source for each track");
+    PyObject *name = PyTuple_GetItem(new->names, column);
+    bool is_recorded = birth && name_track(names, tracks, number, source, name, parameters);
+    if (number) Py_DecRef(number);
+    return is_recorded && !PyErr_Occurred();
+}
+
+/* Dictionaries of the names that are borrowed: the instance keeps them. */
+static bool read_names(PyObject *object, Names *names) {
+    names->stations = find_import(&STATIONS);
+    for (int i = 0; names->stations && i < DICTIONARIES; i++) {
+        names->dictionary[i] = get_field(object, &TRACK_NAMES, i);
+        if (!names->dictionary[i]) return false;
+        Py_DecRef(names->dictionary[i]);
+    }
+    return names->stations;
+}
+
+static bool record_hits(PyObject *result, const Array *rows, const OpenMeasurements *new, const Array *columns,
+                        Py_ssize_t tick, const Names *names, const TrackingParameters *parameters) {
+    Array tracks;
+    if (!open_tracks(result, &tracks)) return false;
+    for (Py_ssize_t i = 0; i < rows->count; i++) {
+        Track *seen = (Track *)tracks.buffer.buf + integers(rows)[i];
+        seen->seen_tick = tick;
+        seen->seen_by_sensor |= new->is_own;
+        seen->confirmed |= (double)(tick - seen->born_tick) >= parameters->confirmation_ticks ||
+                           portable_hypot(seen->vx, seen->vy) > parameters->moving_speed;
+    }
+    bool is_recorded = true;
+    for (Py_ssize_t i = 0; is_recorded && i < rows->count; i++)
+        is_recorded = record_hit(names, &tracks, (Py_ssize_t)integers(rows)[i], new, (Py_ssize_t)integers(columns)[i],
+                                 parameters);
+    close_array(&tracks);
+    return is_recorded;
+}
+
+static PyObject *perception_track_list_record_hits(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
     TrackingParameters parameters;
-    Array tracks, rows;
+    Names names;
+    Array tracks, rows, columns;
+    OpenMeasurements new;
     Py_ssize_t tick;
-    if (!expect_arguments("mark_seen", count, 5, 5) || !read_integer(arguments[2], &tick) ||
-        !read_tracking_parameters(arguments[4], &parameters) || !open_tracks(arguments[0], &tracks))
+    if (!expect_arguments("record_hits", count, 7, 7) || !read_integer(arguments[4], &tick) ||
+        !read_names(arguments[5], &names) || !read_tracking_parameters(arguments[6], &parameters) ||
+        !open_tracks(arguments[0], &tracks))
         return NULL;
     PyObject *result = NULL;
-    Track *track;
     if (open_indices(arguments[1], tracks.count, &rows)) {
-        result = copy_tracks(tracks.data, tracks.count, &track);
-        bool by_sensor = PyObject_IsTrue(arguments[3]) == 1;
-        for (Py_ssize_t i = 0; result && i < rows.count; i++) {
-            Track *seen = track + integers(&rows)[i];
-            seen->seen_tick = tick;
-            seen->seen_by_sensor |= by_sensor;
-            seen->confirmed |= (double)(tick - seen->born_tick) >= parameters.confirmation_ticks ||
-                               portable_hypot(seen->vx, seen->vy) > parameters.moving_speed;
+        if (open_measurements(arguments[2], &new)) {
+            if (open_indices(arguments[3], new.count, &columns)) {
+                Track *copy;
+                if (columns.count == rows.count) result = copy_tracks(tracks.data, tracks.count, &copy);
+                else PyErr_SetString(PyExc_ValueError, "expected a column for each row");
+                if (result && !record_hits(result, &rows, &new, &columns, tick, &names, &parameters)) {
+                    Py_DecRef(result);
+                    result = NULL;
+                }
+                close_array(&columns);
+            }
+            close_measurements(&new);
         }
         close_array(&rows);
     }
@@ -172,26 +261,37 @@ static int order_by_gap(const void *first, const void *second) {
     return is_before ? -1 : is_after ? 1 : one->row < other->row ? -1 : 1;
 }
 
-static PyObject *build_columns(const Track *tracks, const Shown *shown, Py_ssize_t count) {
-    enum { X, Y, YAW, SPEED, LENGTH, WIDTH, COLUMNS };
-    void *rows = NULL, *kinds = NULL;
-    double *data[COLUMNS];
-    PyObject *columns[COLUMNS], *row = new_array('l', 1, &count, &rows);
-    PyObject *kind = row ? new_array('B', 1, &count, &kinds) : NULL, *last = kind;
-    for (int i = 0; i < COLUMNS; i++) last = columns[i] = last ? new_doubles(1, &count, data + i) : NULL;
-    for (Py_ssize_t i = 0; last && i < count; i++) {
-        const Track *track = tracks + shown[i].row;
-        ((int64_t *)rows)[i] = shown[i].row;
-        ((unsigned char *)kinds)[i] = (unsigned char)track->kind;
-        data[X][i] = shown[i].x, data[Y][i] = shown[i].y, data[YAW][i] = track->yaw, data[SPEED][i] = shown[i].speed;
-        data[LENGTH][i] = track->length, data[WIDTH][i] = track->width;
-    }
-    return pack(2 + COLUMNS, row, kind, columns[X], columns[Y], columns[YAW], columns[SPEED], columns[LENGTH],
-                columns[WIDTH]);
+/* The id of a track: of its station, or of its own. */
+static PyObject *build_name(PyObject *station_by_number, int64_t number) {
+    PyObject *key = PyLong_FromLongLong(number);
+    PyObject *station = key ? PyDict_GetItemWithError(station_by_number, key) : NULL;
+    if (key) Py_DecRef(key);
+    if (station) return new_reference(station);
+    return PyErr_Occurred() ? NULL : PyUnicode_FromFormat("k%lld", (long long)number);
 }
 
-static PyObject *list_objects(const Track *tracks, Py_ssize_t all, Py_ssize_t tick, const OwnPose *own,
-                              const TrackingParameters *parameters) {
+static PyObject *build_shown(const Track *tracks, const Shown *shown, Py_ssize_t count, PyObject *station_by_number) {
+    NewRoadUsers users;
+    if (!new_road_users(count, &users)) return NULL;
+    for (Py_ssize_t i = 0; i < count; i++) {
+        const Track *track = tracks + shown[i].row;
+        PyObject *name = build_name(station_by_number, track->number);
+        if (!name) {
+            drop_road_users(&users);
+            return NULL;
+        }
+        PyTuple_SetItem(users.ids, i, name);
+        users.kinds[i] = (unsigned char)track->kind;
+        double columns[USER_COLUMNS] = {shown[i].x,     shown[i].y,    track->yaw,
+                                        shown[i].speed, track->length, track->width};
+        for (int k = 0; k < USER_COLUMNS; k++) users.values[k][i] = columns[k];
+    }
+    double *nothing;
+    return build_objects(&users, new_doubles(1, (Py_ssize_t[]){0}, &nothing));
+}
+
+static PyObject *list_objects(const Track *tracks, Py_ssize_t all, PyObject *station_by_number, Py_ssize_t tick,
+                              const OwnPose *own, const TrackingParameters *parameters) {
     CosSin heading = cos_sin(own->yaw);
     bool is_finite = isfinite(heading.cos);
     Shown *shown = malloc((size_t)(all + 1) * sizeof *shown);
@@ -211,7 +311,7 @@ static PyObject *list_objects(const Track *tracks, Py_ssize_t all, Py_ssize_t ti
                                  .speed = stands ? 0.0 : track->vx * along.cos + track->vy * along.sin};
     }
     qsort(shown, (size_t)count, sizeof *shown, order_by_gap);
-    PyObject *result = is_finite ? build_columns(tracks, shown, count) : NULL;
+    PyObject *result = is_finite ? build_shown(tracks, shown, count, station_by_number) : NULL;
     if (!is_finite) PyErr_SetString(PyExc_ValueError, "expected finite angles, found NaN or infinity");
     free(shown);
     return result;
@@ -222,18 +322,18 @@ static PyObject *perception_track_list_list_objects(PyObject *module, PyObject *
     Array tracks;
     OwnPose own;
     Py_ssize_t tick;
-    if (!expect_arguments("list_objects", count, 4, 4) || !read_integer(arguments[1], &tick) ||
-        !read_fields(arguments[2], &OWN_POSE, &own.x) || !read_tracking_parameters(arguments[3], &parameters) ||
+    if (!expect_arguments("list_objects", count, 5, 5) || !read_integer(arguments[2], &tick) ||
+        !read_fields(arguments[3], &OWN_POSE, &own.x) || !read_tracking_parameters(arguments[4], &parameters) ||
         !open_tracks(arguments[0], &tracks))
         return NULL;
-    PyObject *result = list_objects(tracks.data, tracks.count, tick, &own, &parameters);
+    PyObject *result = list_objects(tracks.data, tracks.count, arguments[1], tick, &own, &parameters);
     close_array(&tracks);
     return result;
 }
 
 Functions perception_track_list = {
     FUNCTION(perception_track_list_compare),
-    FUNCTION(perception_track_list_mark_seen),
+    FUNCTION(perception_track_list_record_hits),
     FUNCTION(perception_track_list_end_update),
     FUNCTION(perception_track_list_list_objects),
     END_OF_FUNCTIONS,

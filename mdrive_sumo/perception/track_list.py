@@ -1,9 +1,9 @@
 """The tracks of an `ObjectTracker`: association, births, confirmation, standstill and deletion."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from mdrive_sumo.contract import Objects, OwnState
 from mdrive_sumo.core import portable
@@ -16,6 +16,24 @@ from mdrive_sumo.perception.track_states import TRACK, compute_speeds, correct, 
 from mdrive_sumo.perception.tracking_parameters import TrackingParameters
 
 
+@dataclass(slots=True)
+class TrackNames:
+    """What the tracks are called, by their sources."""
+
+    number_by_name: dict[tuple[str, str], int] = field(default_factory=dict)
+    """(source, name there) -> number of the track that this name had last."""
+    station_by_number: dict[int, str] = field(default_factory=dict)
+    """Number -> id of the station that the track is."""
+    source_by_number: dict[int, str] = field(default_factory=dict)
+    """Number -> where the track was born."""
+
+    def forget(self, alive: set[int]) -> None:
+        """Forget the tracks that are not alive."""
+        self.number_by_name = {name: number for name, number in self.number_by_name.items() if number in alive}
+        self.station_by_number = {number: name for number, name in self.station_by_number.items() if number in alive}
+        self.source_by_number = {number: name for number, name in self.source_by_number.items() if number in alive}
+
+
 class TrackList:
     """All tracks of one CAV."""
 
@@ -23,11 +41,7 @@ class TrackList:
         """is_confirmed_at_once: whether the detectors in use have no false positives."""
         self._is_confirmed_at_once, self._parameters = is_confirmed_at_once, parameters
         self._tracks = np.zeros(0, TRACK)
-        self._number_by_name: dict[tuple[str, str], int] = {}
-        """(source, name there) -> number of the track that this name had last."""
-        self._station_by_number: dict[int, str] = {}
-        self._source_by_number: dict[int, str] = {}
-        """Where each track was born."""
+        self._names = TrackNames()
         self._next_number = 0
 
     def __len__(self) -> int:
@@ -41,7 +55,7 @@ class TrackList:
         """Correct tracks by measurements, and begin tracks for those that fit to none."""
         if not new.names:
             return
-        cost, possible = compare(self._tracks, new, self._number_by_name, self._parameters)
+        cost, possible = compare(self._tracks, new, self._names.number_by_name, self._parameters)
         rows, columns = assign(cost, possible, new.rows["source"])
         if len(rows):
             self._tracks = correct(self._tracks, rows, new.rows, columns, self._parameters)
@@ -50,24 +64,7 @@ class TrackList:
             self._begin_tracks(tick, _exclude(new, columns))
 
     def _record_hits(self, tick: int, rows: Int, columns: Int, new: Measurements) -> None:
-        """Record which tracks were measured, under which names, and confirm those that can be no false positives."""
-        by_sensor = new.sources[0] == OWN_SENSOR
-        self._tracks = mark_seen(self._tracks, rows, tick, by_sensor, self._parameters)
-        numbers, sources = self._tracks["number"][rows].tolist(), new.rows["source"][columns].tolist()
-        for row, column, number, source in zip(rows.tolist(), columns.tolist(), numbers, sources, strict=True):
-            if self._source_by_number[number] != new.sources[source]:
-                self._tracks["confirmed"][row] = 1
-            self._name_track(number, new.sources[source], new.names[column])
-
-    def _name_track(self, number: int, source: str, name: str) -> None:
-        """Remember one name. A station names its track; a track that had this name before was the same vehicle."""
-        before = self._number_by_name.get((source, name))
-        self._number_by_name[source, name] = number
-        if source == STATIONS:
-            self._station_by_number[number] = name
-            if before is not None and before != number:
-                self._station_by_number.pop(before, None)
-                self._tracks["seen_tick"][self._tracks["number"] == before] = -self._parameters.never_ticks
+        self._tracks = record_hits(self._tracks, rows, new, columns, tick, self._names, self._parameters)
 
     def _begin_tracks(self, tick: int, new: Measurements) -> None:
         """Begin tracks, one source after the other: what two of them measured is one object."""
@@ -75,7 +72,7 @@ class TrackList:
         for source in np.unique(new.rows["source"]).tolist():
             part = new.take(new.rows["source"] == source)
             if self._next_number > first_new_number:
-                cost, possible = compare(self._tracks, part, self._number_by_name, self._parameters)
+                cost, possible = compare(self._tracks, part, self._names.number_by_name, self._parameters)
                 possible &= (self._tracks["number"] >= first_new_number)[:, None]
                 rows, columns = assign(cost, possible, part.rows["source"])
                 self._record_hits(tick, rows, columns, part)
@@ -84,40 +81,28 @@ class TrackList:
 
     def _append(self, tick: int, new: Measurements) -> None:
         """Begin a track for every measurement."""
-        tracks = start_tracks(tick, self._next_number, new, self._parameters)
-        at_once = self._is_confirmed_at_once or tick < self._parameters.warm_ticks
-        tracks["confirmed"] = at_once or new.sources[0] == STATIONS
-        self._tracks = np.concatenate((self._tracks, tracks))
+        is_confirmed = self._is_confirmed_at_once or tick < self._parameters.warm_ticks or new.sources[0] == STATIONS
+        self._tracks = start_tracks(self._tracks, tick, self._next_number, new, is_confirmed, self._parameters)
         for source, name in zip(new.rows["source"].tolist(), new.names, strict=True):
-            self._source_by_number[self._next_number] = new.sources[source]
-            self._name_track(self._next_number, new.sources[source], name)
+            self._names.source_by_number[self._next_number] = new.sources[source]
+            _name_track(self._tracks, self._names, self._next_number, new.sources[source], name, self._parameters)
             self._next_number += 1
 
     def end_update(self, tick: int) -> None:
         """Update means of standing tracks and drop tracks that were not seen for long."""
         count = len(self._tracks)
         self._tracks = end_update(self._tracks, tick, self._parameters)
-        if len(self._tracks) == count:
-            return
-        alive = set(self._tracks["number"].tolist())
-        self._number_by_name = {name: number for name, number in self._number_by_name.items() if number in alive}
-        for names in (self._station_by_number, self._source_by_number):
-            for number in [number for number in names if number not in alive]:
-                del names[number]
+        if len(self._tracks) < count:
+            self._names.forget(set(self._tracks["number"].tolist()))
 
     def get_position_sigmas(self) -> Mapping[str, float]:
         """Return the standard deviation [m] of each coordinate of the position by the id of the track."""
-        names = self._get_names(self._tracks)
+        names = _list_names(self._tracks, self._names.station_by_number)
         return dict(zip(names, np.sqrt(self._tracks["position"]).tolist(), strict=True))
-
-    def _get_names(self, tracks: Rows) -> tuple[str, ...]:
-        """Return the ids of tracks: of their stations, or of their own."""
-        return tuple(self._station_by_number.get(number, f"k{number}") for number in tracks["number"].tolist())
 
     def build_objects(self, tick: int, own: OwnState) -> Objects:
         """Return the tracks that are confirmed or directly ahead as boxes, nearest first."""
-        rows, *columns = list_objects(self._tracks, tick, own, self._parameters)
-        return Objects(self._get_names(self._tracks[rows]), *columns)
+        return list_objects(self._tracks, self._names.station_by_number, tick, own, self._parameters)
 
 
 @twin
@@ -145,15 +130,38 @@ def _is_on_foot(rows: Rows) -> Bool:
 
 
 @twin
-def mark_seen(tracks: Rows, rows: Int, tick: int, by_sensor: bool, parameters: TrackingParameters, /) -> Rows:
-    """Return the tracks; those of `rows` (K,) are seen now, and confirmed if that is too long for a false positive."""
+def record_hits(
+    tracks: Rows, rows: Int, new: Measurements, columns: Int, tick: int, names: TrackNames,
+    parameters: TrackingParameters, /,
+) -> Rows:  # fmt: skip
+    """Return the tracks, those of `rows` (K,) seen now, as the measurements `columns` (K,); updates the names.
+
+    Those that can be no false positives are confirmed.
+    """
     seen = tracks.copy()
     seen["seen_tick"][rows] = tick
-    seen["seen_by_sensor"][rows] |= by_sensor
+    seen["seen_by_sensor"][rows] |= new.sources[0] == OWN_SENSOR
     speed = portable.hypot(tracks["vx"][rows], tracks["vy"][rows])
     is_old = tick - tracks["born_tick"][rows] >= parameters.confirmation_ticks
     seen["confirmed"][rows] |= is_old | (speed > parameters.moving_speed)
+    numbers, sources = tracks["number"][rows].tolist(), new.rows["source"][columns].tolist()
+    for row, column, number, source in zip(rows.tolist(), columns.tolist(), numbers, sources, strict=True):
+        seen["confirmed"][row] |= names.source_by_number[number] != new.sources[source]
+        _name_track(seen, names, number, new.sources[source], new.names[column], parameters)
     return seen
+
+
+def _name_track(
+    tracks: Rows, names: TrackNames, number: int, source: str, name: str, parameters: TrackingParameters
+) -> None:
+    """Remember one name. A station names its track; a track that had this name before was the same vehicle."""
+    before = names.number_by_name.get((source, name))
+    names.number_by_name[source, name] = number
+    if source == STATIONS:
+        names.station_by_number[number] = name
+        if before is not None and before != number:
+            names.station_by_number.pop(before, None)
+            tracks["seen_tick"][tracks["number"] == before] = -parameters.never_ticks
 
 
 @twin
@@ -196,20 +204,24 @@ def _find_standing(tracks: Rows, tick: int, parameters: TrackingParameters) -> B
 
 @twin
 def list_objects(
-    tracks: Rows, tick: int, own: OwnState, parameters: TrackingParameters, /
-) -> tuple[Int, npt.NDArray[np.uint8], Float, Float, Float, Float, Float, Float]:
-    """Return the rows (K,) of tracks that are confirmed or directly ahead, nearest first, and columns of `Objects`.
-
-    The columns are kind, x, y, yaw, speed, length and width.
-    """
-    rows = np.flatnonzero((tracks["confirmed"] != 0) | _find_lead(tracks, own, parameters))
-    shown, is_standing = tracks[rows], _find_standing(tracks[rows], tick, parameters)
-    x, y = np.where(is_standing, shown["mean_x"], shown["x"]), np.where(is_standing, shown["mean_y"], shown["y"])
+    tracks: Rows, station_by_number: Mapping[int, str], tick: int, own: OwnState, parameters: TrackingParameters, /
+) -> Objects:
+    """Return the tracks that are confirmed or directly ahead as boxes, nearest first."""
+    shown = tracks[(tracks["confirmed"] != 0) | _find_lead(tracks, own, parameters)]
+    is_standing = _find_standing(shown, tick, parameters)
+    shown["x"] = np.where(is_standing, shown["mean_x"], shown["x"])
+    shown["y"] = np.where(is_standing, shown["mean_y"], shown["y"])
     speed = np.where(is_standing, 0.0, compute_speeds(shown))
-    order = np.argsort(portable.hypot(x - own.x, y - own.y), kind="stable")
-    kind, yaw, length, width = shown["kind"].astype(np.uint8), shown["yaw"], shown["length"], shown["width"]
-    columns = [column[order] for column in (kind, x, y, yaw, speed, length, width)]
-    return rows[order], *columns
+    order = np.argsort(portable.hypot(shown["x"] - own.x, shown["y"] - own.y), kind="stable")
+    shown = shown[order]
+    x, y, yaw, length, width = (shown[name].copy() for name in ("x", "y", "yaw", "length", "width"))
+    ids = _list_names(shown, station_by_number)
+    return Objects(ids, shown["kind"].astype(np.uint8), x, y, yaw, speed[order], length, width)
+
+
+def _list_names(tracks: Rows, station_by_number: Mapping[int, str]) -> tuple[str, ...]:
+    """Return the ids of tracks: of their stations, or of their own."""
+    return tuple([station_by_number.get(number, f"k{number}") for number in tracks["number"].tolist()])
 
 
 def _find_lead(tracks: Rows, own: OwnState, parameters: TrackingParameters) -> Bool:

@@ -33,6 +33,58 @@ bool open_indices(PyObject *object, Py_ssize_t limit, Array *indices) {
     return true;
 }
 
+static Track start_track(Py_ssize_t tick, Py_ssize_t number, const Measurement *new, bool is_own, bool is_confirmed,
+                         const TrackingParameters *parameters) {
+    double turn_rate_sigma = parameters->max_turn_rate / 2;
+    return (Track){.x = new->x,
+                   .y = new->y,
+                   .vx = new->vx,
+                   .vy = new->vy,
+                   .position = new->position + new->bias,
+                   .velocity = new->speed_variance,
+                   .yaw = new->yaw,
+                   .yaw_variance = new->yaw_variance,
+                   .turn_variance = turn_rate_sigma * turn_rate_sigma,
+                   .length = new->length,
+                   .width = new->width,
+                   .number = number,
+                   .kind = new->kind,
+                   .born_tick = tick,
+                   .seen_tick = tick,
+                   .confirmed = is_confirmed,
+                   .seen_by_sensor = is_own,
+                   .mean_x = new->x,
+                   .mean_y = new->y,
+                   .mean_vx = new->vx,
+                   .mean_vy = new->vy,
+                   .mean_count = 1,
+                   .mean_tick = tick};
+}
+
+static PyObject *perception_track_states_start_tracks(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
+    TrackingParameters parameters;
+    Array tracks;
+    OpenMeasurements new;
+    Py_ssize_t tick, number;
+    if (!expect_arguments("start_tracks", count, 6, 6) || !read_integer(arguments[1], &tick) ||
+        !read_integer(arguments[2], &number) || !read_tracking_parameters(arguments[5], &parameters) ||
+        !open_tracks(arguments[0], &tracks))
+        return NULL;
+    PyObject *result = NULL;
+    if (open_measurements(arguments[3], &new)) {
+        void *data;
+        bool is_confirmed = PyObject_IsTrue(arguments[4]) == 1;
+        result = new_rows(&TRACK, tracks.count + new.count, sizeof(Track), &data);
+        if (result && tracks.count) memcpy(data, tracks.data, (size_t)tracks.count * sizeof(Track));
+        for (Py_ssize_t i = 0; result && i < new.count; i++)
+            ((Track *)data)[tracks.count + i] =
+                start_track(tick, number + i, new.row + i, new.is_own, is_confirmed, &parameters);
+        close_measurements(&new);
+    }
+    close_array(&tracks);
+    return result;
+}
+
 static void grow(double *first, double *both, double *second, double seconds, double sigma) {
     double noise = sigma * sigma, square = seconds * seconds;
     *first = *first + seconds * (2 * *both + seconds * *second) + noise * square * square / 4;
@@ -191,6 +243,7 @@ static PyObject *perception_track_states_correct(PyObject *module, PyObject *con
 }
 
 Functions perception_track_states = {
+    FUNCTION(perception_track_states_start_tracks),
     FUNCTION(perception_track_states_predict),
     FUNCTION(perception_track_states_correct),
     END_OF_FUNCTIONS,

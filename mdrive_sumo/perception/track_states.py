@@ -46,23 +46,29 @@ TRACK = np.dtype(
 )
 
 
-def start_tracks(tick: int, first_number: int, new: Measurements, parameters: TrackingParameters) -> Rows:
-    """Return a track for every measurement; none is confirmed."""
+@twin
+def start_tracks(
+    tracks: Rows, tick: int, first_number: int, new: Measurements, is_confirmed: bool, parameters: TrackingParameters, /
+) -> Rows:
+    """Return the tracks, followed by one for every measurement."""
     rows = new.rows
-    tracks = np.zeros(len(rows), TRACK)
+    started = np.zeros(len(tracks) + len(rows), TRACK)
+    started[: len(tracks)] = tracks
+    more = started[len(tracks) :]
     for name in ("x", "y", "vx", "vy", "yaw", "length", "width", "kind", "yaw_variance"):
-        tracks[name] = rows[name]
+        more[name] = rows[name]
     for name in ("x", "y", "vx", "vy"):
-        tracks[f"mean_{name}"] = rows[name]
+        more[f"mean_{name}"] = rows[name]
     for name in ("born_tick", "seen_tick", "mean_tick"):
-        tracks[name] = tick
-    tracks["position"] = rows["position"] + rows["bias"]
-    tracks["velocity"] = rows["speed_variance"]
-    tracks["turn_variance"] = portable.square(parameters.max_turn_rate / 2)
-    tracks["number"] = first_number + np.arange(len(rows))
-    tracks["seen_by_sensor"] = new.sources[0] == OWN_SENSOR
-    tracks["mean_count"] = 1
-    return tracks
+        more[name] = tick
+    more["position"] = rows["position"] + rows["bias"]
+    more["velocity"] = rows["speed_variance"]
+    more["turn_variance"] = portable.square(parameters.max_turn_rate / 2)
+    more["number"] = first_number + np.arange(len(rows))
+    more["confirmed"] = is_confirmed
+    more["seen_by_sensor"] = new.sources[0] == OWN_SENSOR
+    more["mean_count"] = 1
+    return started
 
 
 @twin

@@ -71,6 +71,7 @@ PyObject *PyBool_FromLong(long);
 
 PyObject *PyUnicode_InternFromString(const char *);
 PyObject *PyUnicode_FromString(const char *);
+PyObject *PyUnicode_FromFormat(const char *format, ...);
 PyObject *PyUnicode_AsUTF8String(PyObject *);
 const char *PyUnicode_AsUTF8AndSize(PyObject *, Py_ssize_t *);
 int PyUnicode_Compare(PyObject *, PyObject *);
@@ -90,6 +91,7 @@ int PyList_Append(PyObject *, PyObject *);
 PyObject *PyDict_New(void);
 PyObject *PyDict_GetItemWithError(PyObject *, PyObject *key); /* borrowed */
 int PyDict_SetItem(PyObject *, PyObject *key, PyObject *value);
+int PyDict_DelItem(PyObject *, PyObject *key);
 int PyDict_Next(PyObject *, Py_ssize_t *position, PyObject **key, PyObject **value);
 
 PyObject *PyObject_GetAttr(PyObject *, PyObject *name);

@@ -27,7 +27,7 @@ def test_only_possible_pairs_as_many_as_there_can_be(rows: int, widths: list[int
     rng = np.random.default_rng(seed)
     cost, possible = rng.uniform(-5, 20, (rows, ends[-1])), rng.uniform(size=(rows, ends[-1])) < share
     starts = ends - widths
-    pairs = list(zip(*assign(cost, possible, starts), strict=True))
+    pairs = list(zip(*assign(cost, possible, np.repeat(np.arange(len(widths)), widths)), strict=True))
     assert all(possible[pair] for pair in pairs)
     assert len({column for _, column in pairs}) == len(pairs)
     for low, high in zip(starts, ends, strict=True):
@@ -41,5 +41,5 @@ def test_only_possible_pairs_as_many_as_there_can_be(rows: int, widths: list[int
 
 
 def test_nothing_fits_to_nothing() -> None:
-    rows, columns = assign(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.bool_), np.zeros(1, dtype=np.int64))
+    rows, columns = assign(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.bool_), np.zeros(3, dtype=np.int64))
     assert len(rows) == len(columns) == 0

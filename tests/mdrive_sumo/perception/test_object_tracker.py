@@ -13,11 +13,10 @@ from testing.sampling import examples
 
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.contract.detector_profiles import IDEAL, LIDAR_SINGLE, PROFILES
-from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT, Kind
-from mdrive_sumo.perception.measurements import OWN_SENSOR, Measurements
+from mdrive_sumo.perception.measurements import MEASUREMENT, OWN_SENSOR, Measurements, Rows
 from mdrive_sumo.perception.object_tracker import ObjectTracker
-from mdrive_sumo.perception.track_states import Correction, TrackStates
+from mdrive_sumo.perception.track_states import TRACK, correct, predict, start_tracks
 from mdrive_sumo.perception.tracking_parameters import TRACKING
 from mdrive_sumo.sensing.detection_noise import add_errors
 from mdrive_sumo.v2x.messages import Cam, Cpm, Direction, Intention, Mcm, ReferencePose, encode
@@ -259,37 +258,47 @@ def test_the_order_of_messages_and_of_detections_does_not_matter() -> None:
 def test_the_filter_is_a_kalman_filter(seed: int, seconds: float) -> None:
     """Oracle: matrices for one axis of a car that drives along x; no bias."""
     rng = np.random.default_rng(seed)
-    states = TrackStates.start(_measure(rng, 0.0, 5.0), TRACKING)
-    mean, covariance = np.array((states.x[0], states.vx[0])), np.diag((states.position[0], states.velocity[0]))
+    tracks = _start(_measure(rng, 0.0, 5.0))
+    (track,) = tracks
+    mean, covariance = np.array((track["x"], track["vx"])), np.diag((track["position"], track["velocity"]))
     forward = np.array(((1.0, seconds), (0.0, 1.0)))
     push = np.array((seconds**2 / 2, seconds))
     for step in range(1, 6):
-        states.turn_rate[:] = 0.0
-        states.predict(seconds, TRACKING)
+        tracks["turn_rate"] = 0.0
+        tracks = predict(tracks, seconds, TRACKING)
         mean = forward @ mean
         covariance = forward @ covariance @ forward.T + TRACKING.acceleration_sigma**2 * np.outer(push, push)
-        new = _measure(rng, 5.0 * step * seconds, 5.0)
-        noise = np.diag((new.position[0], new.speed[0]))
+        (new,) = rows = _measure(rng, 5.0 * step * seconds, 5.0)
+        noise = np.diag((new["position"], new["speed_variance"]))
         gain = covariance @ np.linalg.inv(covariance + noise)
-        mean = mean + gain @ (np.array((new.objects.x[0], new.objects.speed[0])) - mean)
+        mean = mean + gain @ (np.array((new["x"], new["vx"])) - mean)
         covariance = (np.eye(2) - gain) @ covariance
-        row = np.zeros(1, dtype=np.int64)
-        states.correct(*Correction.build(row, new, row), TRACKING)
-        assert (states.x[0], states.vx[0]) == pytest.approx(tuple(mean))
-        found = states.position[0], states.coupling[0], states.velocity[0]
+        tracks = correct(tracks, FIRST, rows, FIRST, TRACKING)
+        (track,) = tracks
+        assert (track["x"], track["vx"]) == pytest.approx(tuple(mean))
+        found = track["position"], track["coupling"], track["velocity"]
         assert found == pytest.approx((covariance[0, 0], covariance[0, 1], covariance[1, 1]))
 
 
 def test_a_bias_is_never_averaged_away() -> None:
-    new = replace(_measure(np.random.default_rng(0), 0.0, 0.0), bias=np.full(1, 0.09))
-    states, row = TrackStates.start(new, TRACKING), np.zeros(1, dtype=np.int64)
+    new = _measure(np.random.default_rng(0), 0.0, 0.0)
+    new["bias"] = 0.09
+    tracks = _start(new)
     for _ in range(200):
-        states.predict(0.2, TRACKING)
-        states.correct(*Correction.build(row, new, row), TRACKING)
-        assert states.position[0] >= 0.09
+        tracks = correct(predict(tracks, 0.2, TRACKING), FIRST, new, FIRST, TRACKING)
+        assert tracks["position"][0] >= 0.09
 
 
-def _measure(rng: np.random.Generator, x: float, speed: float) -> Measurements:
-    objects = things((x + rng.normal(0, 0.2), 0.0, 0.0, speed + rng.normal(0, 0.5)))
-    variances: list[Float] = [np.full(1, rng.uniform(0.01, 0.2)), np.zeros(1), np.full(1, 1e-4), np.full(1, 0.25)]
-    return Measurements((OWN_SENSOR,), objects, *variances)
+FIRST = np.zeros(1, dtype=np.int64)
+
+
+def _start(new: Rows) -> Rows:
+    return start_tracks(np.zeros(0, TRACK), 0, 0, Measurements((OWN_SENSOR,), ("t0",), new), True, TRACKING)
+
+
+def _measure(rng: np.random.Generator, x: float, speed: float) -> Rows:
+    rows = np.zeros(1, MEASUREMENT)
+    rows["x"], rows["vx"] = x + rng.normal(0, 0.2), speed + rng.normal(0, 0.5)
+    rows["length"], rows["width"] = LENGTH, WIDTH
+    rows["position"], rows["yaw_variance"], rows["speed_variance"] = rng.uniform(0.01, 0.2), 1e-4, 0.25
+    return rows
