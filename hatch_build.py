@@ -54,10 +54,8 @@ def compile_layer(root: Path, version: str, out: Path, cache: Path) -> None:
     target = ("-target", TARGETS[machine], "-mcpu=baseline")
     fresh = out.with_suffix(".new")  # replaced at once: processes may be running with the old one
     command = (sys.executable, "-m", "ziglang", "cc", *target, *FLAGS, *names, "-o", str(fresh), *sources, "-lm")
-    environment = {
-        **os.environ,
-        "ZIG_GLOBAL_CACHE_DIR": str(cache),
-    }  # its own place would be in a home that may be none
+    # Where it would keep its work by itself is in a home, which there may be none of.
+    environment = {"ZIG_GLOBAL_CACHE_DIR": str(cache), **os.environ}
     subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
     fresh.replace(out)
 
@@ -101,7 +99,7 @@ class CompiledLayer(BuildHookInterface):  # type: ignore[misc]
         if version != "editable":
             build_data["force_include"][str(out)] = LAYER.as_posix()
 
-    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:  # noqa: ARG002
+    def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:  # noqa: ARG002 (hatchling)
         """Remove what the wheel has a copy of."""
         shutil.rmtree(self._scratch)
 
