@@ -10,9 +10,10 @@ from functools import lru_cache
 import numpy as np
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import DT
-from mdrive_sumo.negotiation.intention import AFTER_S, INTERVAL_S, MeasuredLine
+from mdrive_sumo.negotiation.intention import AFTER_S, INTERVAL_S, MeasuredLine, measure_line, sample_line
 from mdrive_sumo.negotiation.negotiator import NegotiationMember
 from mdrive_sumo.planning.motion_prediction import TIMES, predict_yielding
 from mdrive_sumo.v2x.messages import MCM, Mcm
@@ -23,12 +24,43 @@ CACHED_ANNOUNCEMENTS, CACHED_PREDICTIONS = 256, 1024
 
 
 @dataclass(frozen=True, slots=True)
+class AnnouncedTrajectory:
+    """A trajectory from a position through points at a fixed interval; beyond its end at the last speed."""
+
+    line: MeasuredLine
+    """Through the position and K points."""
+    times: Float
+    """(K + 1,) [s] at the points of the line."""
+    last_speed: float
+    """[m/s] Of the last step; 0 if there is none."""
+
+    def compute_travelled(self, t: Float) -> Float:
+        """Return the arc length (N,) [m] at times (N,) [s]."""
+        beyond = np.maximum(t - self.times[-1], 0.0)
+        return np.interp(t, self.times, self.line.s) + self.last_speed * beyond
+
+    def get_points(self, t: Float) -> Float:
+        """Return the points (N, 2) [m] at times (N,) [s]."""
+        if len(self.times) == 1:
+            return np.repeat(self.line.points, len(t), axis=0)
+        return sample_line(self.line, self.compute_travelled(t))
+
+    def find_time(self, s: float, latest: float) -> float:
+        """Return the first time [s] at which arc length s [m] is reached, at most `latest` [s]."""
+        reached, stations = int(np.searchsorted(self.line.s, s - 1e-9)), self.line.s
+        if reached == 0 or reached >= len(stations):
+            return min(latest, float(self.times[-1])) if reached else 0.0
+        share = (s - stations[reached - 1]) / (stations[reached] - stations[reached - 1])
+        return min(float(self.times[reached - 1] + share * (self.times[1] - self.times[0])), latest)
+
+
+@dataclass(frozen=True, slots=True)
 class Announcement:
     """An MCM with its trajectories measured."""
 
     mcm: Mcm
-    planned: "AnnouncedTrajectory"
-    desired: "AnnouncedTrajectory"
+    planned: AnnouncedTrajectory
+    desired: AnnouncedTrajectory
 
 
 @lru_cache(maxsize=CACHED_ANNOUNCEMENTS)
@@ -36,9 +68,9 @@ def read_announcement(payload: bytes) -> Announcement:
     """Return the announcement of a readable MCM."""
     mcm = decode_payload(MCM, payload)
     assert isinstance(mcm, Mcm), "a peer table stores readable MCMs only"
-    here = np.array((mcm.pose.x, mcm.pose.y))
-    planned = AnnouncedTrajectory(here, mcm.planned, mcm.interval_s)
-    desired = AnnouncedTrajectory(here, mcm.desired, mcm.interval_s) if len(mcm.desired) else planned
+    here = mcm.pose.x, mcm.pose.y
+    planned = measure_trajectory(here, mcm.planned, mcm.interval_s)
+    desired = measure_trajectory(here, mcm.desired, mcm.interval_s) if len(mcm.desired) else planned
     return Announcement(mcm, planned, desired)
 
 
@@ -49,7 +81,42 @@ def predict_announced_member(name: str, payload: bytes, age_ticks: int) -> Negot
     The sender has driven what it planned. Its desired trajectory starts from there, so a waiting car still desires the
     same.
     """
-    announced, age_s = read_announcement(payload), age_ticks * DT
+    member = predict_member(name, read_announcement(payload), age_ticks * DT)
+    _freeze(member.desired)
+    _freeze(member.planned)
+    return member
+
+
+@lru_cache(maxsize=CACHED_PREDICTIONS)
+def predict_announced_poses(payload: bytes, age_ticks: int) -> Float:
+    """Return the poses (T, 3) [m, m, rad] of the sender of an MCM at `TIMES`, announced `age_ticks` ago."""
+    announced = read_announcement(payload)
+    return _freeze(predict_poses(announced.planned, age_ticks * DT, announced.mcm.pose.yaw))
+
+
+@lru_cache(maxsize=CACHED_PREDICTIONS)
+def predict_announced_braking(payload: bytes, age_ticks: int) -> Float:
+    """Return the poses (T, 3) along the announced line of a sender that brakes for the own car from now on."""
+    speed = read_announcement(payload).mcm.speed
+    return _freeze(predict_braking(predict_announced_poses(payload, age_ticks), speed))
+
+
+def _freeze(array: Float) -> Float:
+    array.setflags(write=False)
+    return array
+
+
+@twin
+def measure_trajectory(here: tuple[float, float], points: Float, interval_s: float, /) -> AnnouncedTrajectory:
+    """Return the trajectory from a position [m] through points (K, 2) [m] every `interval_s`."""
+    line = measure_line(np.vstack((here, points)))
+    last_speed = float((line.s[-1] - line.s[-2]) / interval_s) if len(points) else 0.0
+    return AnnouncedTrajectory(line, np.arange(len(line.s)) * interval_s, last_speed)
+
+
+@twin
+def predict_member(name: str, announced: Announcement, age_s: float, /) -> NegotiationMember:
+    """As `predict_announced_member`."""
     mcm, planned = announced.mcm, announced.planned
     driven = planned.compute_travelled(np.full(1, age_s))
     now = planned.get_points(np.full(1, age_s))[0]
@@ -64,72 +131,29 @@ def predict_announced_member(name: str, payload: bytes, age_ticks: int) -> Negot
         intention=mcm.intention,
         direction=mcm.direction,
         interval_s=INTERVAL_S,
-        desired=_freeze(announced.desired.get_points(announced.desired.find_time(float(driven[0]), age_s) + AFTER_S)),
-        planned=_freeze(planned.get_points(age_s + AFTER_S)),
+        desired=announced.desired.get_points(announced.desired.find_time(float(driven[0]), age_s) + AFTER_S),
+        planned=planned.get_points(age_s + AFTER_S),
     )
 
 
-@lru_cache(maxsize=CACHED_PREDICTIONS)
-def predict_announced_poses(payload: bytes, age_ticks: int) -> Float:
-    """Return the poses (T, 3) [m, m, rad] of the sender of an MCM at `TIMES`, announced `age_ticks` ago."""
-    announced, age_s = read_announcement(payload), age_ticks * DT
-    planned = announced.planned
-    xy, ahead = planned.get_points(age_s + TIMES), planned.get_points(age_s + TIMES + INTERVAL_S)
-    steps = ahead - xy
-    is_moving = portable.hypot(steps[:, 0], steps[:, 1]) > 0.05
-    yaw = np.where(is_moving, portable.atan2(steps[:, 1], steps[:, 0]), np.nan)
-    return _freeze(np.column_stack((xy, _fill_forward(yaw, announced.mcm.pose.yaw))))
+@twin
+def predict_poses(trajectory: AnnouncedTrajectory, age_s: float, yaw: float, /) -> Float:
+    """As `predict_announced_poses`; yaw: heading [rad] of a car that has not moved yet."""
+    xy, ahead = trajectory.get_points(age_s + TIMES), trajectory.get_points(age_s + TIMES + INTERVAL_S)
+    headings: list[float] = []
+    for dx, dy in (ahead - xy).tolist():
+        if portable.hypot(dx, dy) > 0.05:
+            yaw = portable.atan2(dy, dx)
+        headings.append(yaw)
+    return np.column_stack((xy, headings))
 
 
-@lru_cache(maxsize=CACHED_PREDICTIONS)
-def predict_announced_braking(payload: bytes, age_ticks: int) -> Float:
-    """Return the poses (T, 3) along the announced line of a sender that brakes for the own car from now on."""
-    poses = predict_announced_poses(payload, age_ticks)
+@twin
+def predict_braking(poses: Float, speed: float, /) -> Float:
+    """As `predict_announced_braking`; poses: (T, 3) announced; speed: [m/s] now."""
     steps = portable.hypot(*np.diff(poses[:, :2], axis=0).T)
     s = np.concatenate(((0.0,), np.cumsum(steps)))
-    travelled = predict_yielding(read_announcement(payload).mcm.speed)
+    travelled = predict_yielding(speed)
     braked = np.minimum(travelled - float(travelled[0]), s)
     yaw = np.unwrap(poses[:, 2])
-    return _freeze(np.column_stack([np.interp(braked, s, column) for column in (poses[:, 0], poses[:, 1], yaw)]))
-
-
-def _freeze(array: Float) -> Float:
-    array.setflags(write=False)
-    return array
-
-
-def _fill_forward(yaw: Float, first: float) -> Float:
-    """Return the headings with NaN (the car stands) replaced by the previous heading."""
-    known = ~np.isnan(yaw)
-    last = np.maximum.accumulate(np.where(known, np.arange(len(yaw)), -1))
-    return np.where(last >= 0, yaw[np.maximum(last, 0)], first)
-
-
-class AnnouncedTrajectory:
-    """A trajectory from a position through points at a fixed interval; beyond its end at the last speed."""
-
-    def __init__(self, here: Float, points: Float, interval_s: float) -> None:
-        line = np.vstack((here, points))
-        self._line, self._start, self._is_standing = MeasuredLine(line), line[:1], len(line) == 1
-        self._s = self._line.s
-        self._times = np.arange(len(line)) * interval_s
-        self._last_speed = (self._s[-1] - self._s[-2]) / interval_s if len(points) else 0.0
-
-    def compute_travelled(self, t: Float) -> Float:
-        """Return the arc length (N,) [m] at times (N,) [s]."""
-        beyond = np.maximum(t - self._times[-1], 0.0)
-        return np.interp(t, self._times, self._s) + self._last_speed * beyond
-
-    def get_points(self, t: Float) -> Float:
-        """Return the points (N, 2) [m] at times (N,) [s]."""
-        if self._is_standing:
-            return np.repeat(self._start, len(t), axis=0)
-        return self._line.sample(self.compute_travelled(t))
-
-    def find_time(self, s: float, latest: float) -> float:
-        """Return the first time [s] at which arc length s [m] is reached, at most `latest` [s]."""
-        reached = int(np.searchsorted(self._s, s - 1e-9))
-        if reached == 0 or reached >= len(self._s):
-            return min(latest, self._times[-1]) if reached else 0.0
-        share = (s - self._s[reached - 1]) / (self._s[reached] - self._s[reached - 1])
-        return min(float(self._times[reached - 1] + share * (self._times[1] - self._times[0])), latest)
+    return np.column_stack([np.interp(braked, s, column) for column in (poses[:, 0], poses[:, 1], yaw)])

@@ -8,6 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float, wrap_angle
 from mdrive_sumo.v2x.messages import Direction, Intention
 
@@ -99,7 +100,7 @@ def predict_trajectory(line: Float, speed: float, acceleration: float) -> Float:
     """
     top_speed = INTENTION.top_speed
     travelled = _compute_travelled(min(max(speed, 0.0), top_speed), acceleration, AFTER_S, top_speed)
-    return MeasuredLine(line).sample(travelled)
+    return sample_line(measure_line(line), travelled)
 
 
 def _compute_travelled(speed: float, acceleration: float, times: Float, top_speed: float) -> Float:
@@ -111,27 +112,36 @@ def _compute_travelled(speed: float, acceleration: float, times: Float, top_spee
     return speed * until + acceleration * (until * until) / 2 + bound * (times - until)
 
 
+@dataclass(frozen=True, slots=True)
 class MeasuredLine:
-    """A line (N, 2) [m] with its arc lengths, of which points are sampled more than once."""
+    """A line of which points are sampled more than once."""
 
-    def __init__(self, line: Float) -> None:
-        steps = line[1:] - line[:-1]
-        lengths = portable.hypot(steps[:, 0], steps[:, 1])
-        self._line = line
-        self.s: Float = np.concatenate(((0.0,), np.cumsum(lengths)))
-        """(N,) arc lengths [m] at the points."""
-        moving = np.flatnonzero(lengths > 1e-6)
-        self._direction = steps[moving[-1]] / lengths[moving[-1]] if len(moving) else None
-        """Of the last step; None if no step moves."""
+    points: Float
+    """(N, 2) [m], N >= 1."""
+    s: Float
+    """(N,) arc lengths [m] at the points."""
+    direction: Float
+    """(2,) of the last step that moves; empty if none does."""
 
-    def sample(self, stations: Float) -> Float:
-        """Return the points (K, 2) at arc lengths (K,), the last step extended."""
-        points = np.empty((len(stations), 2))
-        points[:, 0] = np.interp(stations, self.s, self._line[:, 0])
-        points[:, 1] = np.interp(stations, self.s, self._line[:, 1])
-        if self._direction is not None:
-            points += np.maximum(stations - self.s[-1], 0.0)[:, None] * self._direction
+
+@twin
+def measure_line(points: Float, /) -> MeasuredLine:
+    """Return the line through points (N, 2) [m], N >= 1."""
+    steps = points[1:] - points[:-1]
+    lengths = portable.hypot(steps[:, 0], steps[:, 1])
+    moving = np.flatnonzero(lengths > 1e-6)
+    direction = steps[moving[-1]] / lengths[moving[-1]] if len(moving) else np.zeros(0)
+    return MeasuredLine(points, np.concatenate(((0.0,), np.cumsum(lengths))), direction)
+
+
+@twin
+def sample_line(line: MeasuredLine, stations: Float, /) -> Float:
+    """Return the points (K, 2) of a line at arc lengths (K,), the last step extended."""
+    points = np.column_stack([np.interp(stations, line.s, line.points[:, axis]) for axis in (0, 1)])
+    if not len(line.direction):
         return points
+    beyond = stations - line.s[-1]
+    return points + np.where(beyond < 0.0, 0.0, beyond)[:, None] * line.direction
 
 
 def build_line(x: float, y: float, yaw: float, points: Float) -> Float:
@@ -143,7 +153,8 @@ def build_line(x: float, y: float, yaw: float, points: Float) -> Float:
     return np.array(((x, y), (x + cos, y + sin)))
 
 
-def classify_direction(line: Float, parameters: IntentionParameters = INTENTION) -> Direction:
+@twin
+def classify_direction(line: Float, parameters: IntentionParameters = INTENTION, /) -> Direction:
     """Return the direction of a line (N, 2) by its shape: about 30 m of points up to 1 m apart."""
     steps = np.diff(line[:: max(len(line) // 15, 1)], axis=0)
     steps = steps[portable.hypot(steps[:, 0], steps[:, 1]) > 1e-6]

@@ -54,12 +54,9 @@ bool project_on_path(const Path *path, double x, double y, double near_s, double
         return false;
     }
     Py_ssize_t low = first > 0.0 ? (Py_ssize_t)first : 0, high = (Py_ssize_t)last + 2, nearest;
+    if (high < 1) high = 1;
     if (high > path->count) high = path->count;
     if (low > high - 1) low = high - 1;
-    if (low < 0) {
-        PyErr_SetString(PyExc_ValueError, "expected a station on the path, found one before it");
-        return false;
-    }
     const double *xy = doubles(&path->xy);
     double least_square = INFINITY;
     nearest = low;

@@ -3,8 +3,7 @@
 #define MDRIVE_PATH_OVERLAP_H
 
 #include "../core/geometry.h"
-
-#define SPACING_M 0.25 /* reference_path.SPACING_M */
+#include "reference_path.h"
 
 static inline const int64_t *integers(const Array *array) { return array->data; }
 static inline const bool *flags(const Array *array) { return array->data; }

@@ -10,13 +10,14 @@ from hypothesis import strategies as st
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.negotiation.intention import (
-    MeasuredLine,
     build_line,
     classify_acceleration,
     classify_direction,
     convert_to_acceleration,
+    measure_line,
     predict_trajectory,
     replace_slow_keep,
+    sample_line,
 )
 from mdrive_sumo.v2x.messages import Direction, Intention
 
@@ -126,4 +127,4 @@ def test_a_measured_line_agrees_with_walking_along_it(steps: list[tuple[float, f
         return points[-1] + last * left
 
     expected = [walk(station) for station in stations]
-    assert MeasuredLine(points).sample(np.array(stations)) == pytest.approx(np.array(expected), abs=1e-5)
+    assert sample_line(measure_line(points), np.array(stations)) == pytest.approx(np.array(expected), abs=1e-5)

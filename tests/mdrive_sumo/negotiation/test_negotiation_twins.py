@@ -1,0 +1,43 @@
+"""Compiled functions of the negotiation against their Python text, on random inputs."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from testing.twins import compare_twins
+
+from mdrive_sumo.core.geometry import Float
+from mdrive_sumo.negotiation.announcement import Announcement
+from mdrive_sumo.v2x.messages import Direction, Intention, Mcm, ReferencePose
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def random_points(rng: np.random.Generator, most: int = 25) -> Float:
+    """Points of a trajectory; in some the car stands for a while, or turns."""
+    steps = rng.choice((0.0, 0.2, rng.uniform(0.0, 3.0)), int(rng.integers(0, most)))
+    yaw = np.cumsum(rng.choice((0.0, rng.uniform(-0.3, 0.3)), len(steps)))
+    return np.cumsum(np.column_stack((steps * np.cos(yaw), steps * np.sin(yaw))), axis=0) + rng.uniform(-9.0, 9.0, 2)
+
+
+@given(seed=SEEDS)
+def test_lines(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = np.concatenate((rng.uniform(-9.0, 9.0, (1, 2)), random_points(rng)))
+    line = compare_twins("negotiation_intention_measure_line", points)
+    some = np.concatenate((line.s, rng.uniform(-2.0, 40.0, 6), (float("nan"), float("inf"))))
+    compare_twins("negotiation_intention_sample_line", line, rng.permutation(some)[: int(rng.integers(0, 12))])
+    compare_twins("negotiation_intention_classify_direction", points)
+    compare_twins("negotiation_intention_classify_direction", random_points(rng, 130))
+
+
+@given(seed=SEEDS)
+def test_announcements(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    name, here = "negotiation_announcement_{}".format, (float(rng.uniform(-9.0, 9.0)), 0.5)
+    interval_s, age_s = float(rng.choice((0.1, 0.2, 0.5))), float(rng.choice((0.0, 0.05, 0.4, 1.0, 30.0)))
+    planned, desired = (compare_twins(name("measure_trajectory"), here, random_points(rng), interval_s) for _ in "pd")
+    pose = ReferencePose(*here, float(rng.uniform(-3.0, 3.0)), 7)
+    mcm = Mcm(pose, float(rng.choice((0.0, 6.0))), Intention.KEEP, Direction.LEFT, interval_s, np.zeros((0, 2)))
+    compare_twins(name("predict_member"), "a", Announcement(mcm, planned, desired), age_s)
+    poses = compare_twins(name("predict_poses"), planned, age_s, pose.yaw)
+    compare_twins(name("predict_braking"), poses, mcm.speed)
