@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.negotiation.intention import INTERVAL_S, POINTS
@@ -107,20 +108,41 @@ def build_conflict_graph(members: Sequence[NegotiationMember], use_planned: bool
 
 def build_trajectory_graph(ids: tuple[str, ...], trajectory_by_id: Mapping[str, Float]) -> ConflictGraph:
     """Return the graph of simultaneous trajectories (`POINTS`, 2) [m]."""
-    count = len(ids)
-    points = np.array([trajectory_by_id[name] for name in ids]).reshape(count, POINTS, 2)
-    x, y = points[..., 0], points[..., 1]
-    dx, dy = x[:, None, :, None] - x[None, :, None], y[:, None, :, None] - y[None, :, None]
-    at_any_time = portable.hypot(dx, dy)
-    gaps = _close_between_points(points, np.diagonal(at_any_time, axis1=2, axis2=3))
-    step = gaps.argmin(-1)
-    distance = np.take_along_axis(gaps, step[..., None], -1)[..., 0]
-    np.fill_diagonal(distance, np.inf)
-    to_conflict, entry_time = _compute_distances_to_conflict(points, step), _compute_entry_times(at_any_time)
-    columns = (distance, step, distance < CONFLICT.min_distance_m, to_conflict, entry_time)
+    points = np.array([trajectory_by_id[name] for name in ids]).reshape(len(ids), POINTS, 2)
+    pairs = compare_trajectories(points, CONFLICT.min_distance_m, MAX_STEP_M, CONFLICT.free_distance_m)
+    columns = pairs.distance, pairs.step, pairs.in_conflict, pairs.distance_to_conflict, pairs.entry_time
     for column in columns:
         column.setflags(write=False)
     return ConflictGraph(ids, *columns)
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryPairs:
+    """The arrays of a `ConflictGraph`."""
+
+    distance: Float
+    step: Int
+    in_conflict: Bool
+    distance_to_conflict: Float
+    entry_time: Float
+
+
+@twin
+def compare_trajectories(points: Float, min_distance_m: float, max_step_m: float, free_m: float, /) -> TrajectoryPairs:
+    """Return all pairs of trajectories (N, `POINTS`, 2) [m].
+
+    min_distance_m, free_m: of `ConflictParameters`; max_step_m: `MAX_STEP_M`.
+    """
+    x, y = points[..., 0], points[..., 1]
+    dx, dy = x[:, None, :, None] - x[None, :, None], y[:, None, :, None] - y[None, :, None]
+    at_any_time = portable.hypot(dx, dy)
+    gaps = _close_between_points(points, np.diagonal(at_any_time, axis1=2, axis2=3), max_step_m)
+    step = gaps.argmin(-1)
+    distance = np.take_along_axis(gaps, step[..., None], -1)[..., 0]
+    np.fill_diagonal(distance, np.inf)
+    to_conflict = _compute_distances_to_conflict(points, step, free_m)
+    entry_time = _compute_entry_times(at_any_time, min_distance_m)
+    return TrajectoryPairs(distance, step, distance < min_distance_m, to_conflict, entry_time)
 
 
 def compute_free_distance(member: NegotiationMember, others: Iterable[NegotiationMember]) -> float:
@@ -136,23 +158,22 @@ def compute_free_distance(member: NegotiationMember, others: Iterable[Negotiatio
     return float(portable.hypot(*np.diff(points[: met[0] + 1], axis=0).T).sum()) if len(met) else math.inf
 
 
-def _compute_distances_to_conflict(points: Float, step: Int) -> Float:
+def _compute_distances_to_conflict(points: Float, step: Int, free_m: float) -> Float:
     """Return `ConflictGraph.distance_to_conflict`: over all pairs, in conflict or not, as the original does."""
-    count, free_m = len(points), CONFLICT.free_distance_m
-    meeting = points[np.arange(count)[:, None], step]
+    meeting = points[np.arange(len(points))[:, None], step]
     distances = portable.hypot(*np.moveaxis(meeting - points[:, :1], -1, 0))
     np.fill_diagonal(distances, free_m)
     return np.minimum(distances.min(axis=1, initial=free_m), free_m)
 
 
-def _close_between_points(points: Float, gaps: Float) -> Float:
+def _close_between_points(points: Float, gaps: Float, max_step_m: float) -> Float:
     """Return the distances (N, N, K) [m] of each pair at its points, with the least since the point before.
 
-    Up to `MAX_STEP_M` from point to point the points are enough: `gaps` is returned as it is.
+    Up to `max_step_m` from point to point the points are enough: `gaps` is returned as it is.
     """
     x, y = points[..., 0], points[..., 1]
     step_x, step_y = np.diff(x, axis=1), np.diff(y, axis=1)
-    if not len(points) or float((step_x * step_x + step_y * step_y).max()) <= MAX_STEP_M * MAX_STEP_M:
+    if not len(points) or float((step_x * step_x + step_y * step_y).max()) <= max_step_m * max_step_m:
         return gaps
     before_x, before_y = x[:, None, :-1] - x[None, :, :-1], y[:, None, :-1] - y[None, :, :-1]
     change_x, change_y = step_x[:, None] - step_x[None], step_y[:, None] - step_y[None]
@@ -174,9 +195,9 @@ def densify(line: Float, max_step_m: float = MAX_STEP_M) -> Float:
     return np.vstack((between.reshape(-1, 2), line[-1:]))
 
 
-def _compute_entry_times(at_any_time: Float) -> Float:
+def _compute_entry_times(at_any_time: Float, min_distance_m: float) -> Float:
     """Return `ConflictGraph.entry_time` from the distances (N, N, K, L) [m] between the points of each pair."""
-    shared = at_any_time.min(-1) < CONFLICT.min_distance_m
+    shared = at_any_time.min(-1) < min_distance_m
     entry_time = np.where(shared.any(-1), (shared.argmax(-1) + 1) * INTERVAL_S, np.inf)
     np.fill_diagonal(entry_time, np.inf)
     return entry_time

@@ -11,7 +11,7 @@
     USE(planning_path_follower) USE(planning_path_overlap) USE(planning_profile_search) USE(planning_reference_path) \
     USE(planning_right_of_way) USE(scoring_criteria) USE(sensing_localization) USE(sensing_objects_sensor) \
     USE(sensing_visibility) USE(v2x_encoding) USE(vehicle_control_plan_reader) USE(vehicle_control_tracker) \
-    USE(vehicle_dynamics) USE(negotiation_announcement) USE(negotiation_intention)
+    USE(vehicle_dynamics) USE(negotiation_announcement) USE(negotiation_intention) USE(negotiation_conflict_graph)
 
 #define DECLARE(file) extern Functions file;
 #define LIST(file) file,

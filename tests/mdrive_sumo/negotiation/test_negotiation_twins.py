@@ -7,6 +7,8 @@ from testing.twins import compare_twins
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.negotiation.announcement import Announcement
+from mdrive_sumo.negotiation.conflict_graph import CONFLICT, MAX_STEP_M
+from mdrive_sumo.negotiation.intention import POINTS
 from mdrive_sumo.v2x.messages import Direction, Intention, Mcm, ReferencePose
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -41,3 +43,14 @@ def test_announcements(seed: int) -> None:
     compare_twins(name("predict_member"), "a", Announcement(mcm, planned, desired), age_s)
     poses = compare_twins(name("predict_poses"), planned, age_s, pose.yaw)
     compare_twins(name("predict_braking"), poses, mcm.speed)
+
+
+@given(seed=SEEDS)
+def test_pairs_of_trajectories(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    steps = rng.uniform(-1.0, 1.0, (int(rng.integers(0, 6)), POINTS, 2)) * rng.choice((0.0, 1.0, 9.0))
+    points = np.cumsum(steps, axis=1) + rng.uniform(-9.0, 9.0, (len(steps), 1, 2))
+    if len(points) > 1 and rng.random() < 0.3:
+        points[1] = points[0]
+    arguments = CONFLICT.min_distance_m, MAX_STEP_M, CONFLICT.free_distance_m
+    compare_twins("negotiation_conflict_graph_compare_trajectories", points, *arguments)
