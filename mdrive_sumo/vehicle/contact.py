@@ -12,6 +12,7 @@ import numpy as np
 import shapely
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float, wrap_angle
 from mdrive_sumo.core.state import DT, Actors, Contact, Kind
 from mdrive_sumo.vehicle.dynamics import VehicleParameters, VehicleState
@@ -101,12 +102,14 @@ class _TickState:
     walls: BuildingWalls
 
 
+@twin
 def resolve_contacts(
     before: Mapping[str, VehicleState],
-    after: Mapping[str, VehicleState],
+    after: dict[str, VehicleState],
     vehicles: Mapping[str, VehicleParameters],
     actors: ObstacleMotion,
     buildings: BuildingWalls,
+    /,
 ) -> tuple[dict[str, VehicleState], tuple[Contact, ...]]:
     """Return ego states at the end of the tick without overlaps, and the contacts (sorted, unique).
 

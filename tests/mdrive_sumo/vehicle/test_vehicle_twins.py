@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from testing.twins import compare_twins, get_compiled
 
 from mdrive_sumo.contract import Control, Plan
-from mdrive_sumo.core.state import EgoState
+from mdrive_sumo.core.state import Actors, EgoState
+from mdrive_sumo.vehicle.contact import build_obstacle_motion, build_walls
 from mdrive_sumo.vehicle.control.tracker import Tracker
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, VehicleParameters, VehicleState, to_vehicle_facts
 
@@ -107,3 +108,68 @@ def test_a_plan_without_points_or_of_a_car_nowhere_is_refused(name: str) -> None
     ):
         with pytest.raises(ValueError, match=r"expected|found"):
             get_compiled(f"vehicle_control_plan_reader_{name}")(Plan(points, 0.1), where, *arguments)
+
+
+CARS = st.builds(
+    VehicleState,
+    x=st.one_of(st.floats(-9.0, 9.0), st.integers(-9, 9).map(float)),
+    y=st.one_of(st.floats(-4.0, 4.0), st.integers(-4, 4).map(float)),
+    yaw=st.one_of(st.floats(-4.0, 4.0), st.sampled_from((0.0, 1.5))),
+    vx=SPEEDS,
+    vy=st.floats(-3.0, 3.0),
+    yaw_rate=SHARES,
+)
+MOVES = st.tuples(*[st.one_of(st.floats(-2.0, 2.0), st.sampled_from((0.0, 1.0, 6.0)))] * 3)
+Moving = list[tuple[VehicleState, tuple[float, ...]]]
+MOVING = st.lists(st.tuples(CARS, MOVES), max_size=4)
+TOWN = build_walls(
+    [
+        np.array(((6.0, -2.0), (9.0, -2.0), (9.0, 3.0), (8.0, 4.0), (6.0, 3.0))),
+        np.array(((-9.0, 2.0), (9.0, 2.0), (0.0, 3.0))),
+    ]
+)
+
+
+def build_actors(cars: list[VehicleState]) -> Actors:
+    x, y, yaw = (np.array([getattr(car, name) for car in cars], dtype=float) for name in ("x", "y", "yaw"))
+    ids, kind = tuple(f"v{i}" for i in range(len(cars))), np.arange(len(cars), dtype=np.uint8)
+    return Actors(ids, kind, x, y, yaw, 0 * x, np.full(len(cars), 4.5), np.full(len(cars), 1.8))
+
+
+def move(car: VehicleState, way: tuple[float, ...]) -> VehicleState:
+    return replace(car, x=car.x + way[0], y=car.y + way[1], yaw=car.yaw + way[2] / 10)
+
+
+def compare_contacts(
+    cavs: list[tuple[VehicleState, VehicleState]], others: list[tuple[VehicleState, VehicleState]]
+) -> None:
+    names = [f"cav{(7 * i) % 5}" for i in range(len(cavs))]  # in no order
+    before = {name: pair[0] for name, pair in zip(names, cavs, strict=True)}
+    after = {name: pair[1] for name, pair in zip(names, cavs, strict=True)}
+    vehicles = dict(zip(names, (MKZ_2017, replace(MKZ_2017, mass=900.0, yaw_inertia=1500.0)) * 2, strict=False))
+    obstacles = build_obstacle_motion(*(build_actors([pair[i] for pair in others]) for i in (0, 1)))
+    for walls in (TOWN, build_walls([])):
+        compare_twins("vehicle_contact_resolve_contacts", before, after, vehicles, obstacles, walls)
+
+
+@given(MOVING, MOVING)
+def test_contacts(
+    cavs: list[tuple[VehicleState, tuple[float, ...]]], others: list[tuple[VehicleState, tuple[float, ...]]]
+) -> None:
+    compare_contacts(*([(car, move(car, way)) for car, way in cars] for cars in (cavs, others)))
+
+
+@given(
+    MOVING, MOVING, st.lists(st.tuples(st.integers(0, 9), st.sampled_from(("x", "y", "yaw", "vx")), ANY), max_size=3)
+)
+def test_contacts_of_odd_bodies(
+    cavs: list[tuple[VehicleState, tuple[float, ...]]],
+    others: list[tuple[VehicleState, tuple[float, ...]]],
+    odd: list[tuple[int, str, float]],
+) -> None:
+    groups = [[[car, move(car, way)] for car, way in cars] for cars in (cavs, others)]
+    states = [pair for group in groups for pair in group]
+    for i, name, value in odd:
+        if i // 2 < len(states):
+            states[i // 2][i % 2] = replace(states[i // 2][i % 2], **{name: value})
+    compare_contacts(*groups)
