@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import TAU, Bool, Float, Int, wrap_angles
 from mdrive_sumo.sensing.lidar_rays import LidarRays
 
@@ -145,7 +146,8 @@ def intersect_walls(rays: LidarRays, walls: LidarWalls) -> RayIntersections:
     return RayIntersections(column[met], near, near, top, walls.owner[front[which]])
 
 
-def cast_rays(rays: LidarRays, boxes: LidarBoxes, walls: LidarWalls, height: float, ground: HitKeys) -> HitKeys:
+@twin
+def cast_rays(rays: LidarRays, boxes: LidarBoxes, walls: LidarWalls, height: float, ground: HitKeys, /) -> HitKeys:
     """The first hit of every ray of the scan.
 
     height: of the sensor [m]; ground: what each ray hits without anything in its way. Walls are as high as each other

@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from mdrive_sumo.contract import PointCloud, SensorSpec
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.errors import InputError
-from mdrive_sumo.core.geometry import Int
+from mdrive_sumo.core.geometry import Bool, Int
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.sensing.lidar_cast import HitKeys, cast_rays, pack_keys, unpack_keys
 from mdrive_sumo.sensing.lidar_rays import Float32, LidarRays, build_tilted_rays, build_upright_rays, compute_elevations
@@ -120,22 +121,17 @@ class LidarSensor:
         place, boxes = self._mount.to_world(eye), scene.boxes
         around = select_boxes(boxes, eye.carrier_row, place, self._range)
         behind = select_walls(load_building_outlines(self._fitting.roads), place, self._range, 1 + len(boxes.ids))
-        return self._cloud(scene, *unpack_keys(cast_rays(self._rays, around, behind, place.z, self._empty)))
+        return self._cloud(scene, cast_rays(self._rays, around, behind, place.z, self._empty))
 
-    def _cloud(self, scene: SensingFrame, across: Float32, owner: Int) -> PointCloud:
-        distance = across * self._rays.stretch
-        hit = owner != NOTHING
+    def _cloud(self, scene: SensingFrame, keys: HitKeys) -> PointCloud:
+        kept, noise_m = np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.float32)
         if self._dropout:
-            hit &= self._random(scene.tick, DROPOUT).random(len(hit)) >= self._dropout
+            kept = self._random(scene.tick, DROPOUT).random(len(keys)) >= self._dropout
         if self._noise_m:
-            noise = self._random(scene.tick, NOISE).standard_normal(len(hit), dtype=np.float32)
-            distance = np.maximum(distance + np.float32(self._noise_m) * noise, np.float32(0))
-        rows = np.flatnonzero(hit)
-        distance, owner = distance[rows], owner[rows]
-        points = np.empty((len(rows), 4), dtype=np.float32)
-        np.multiply(self._rays.local[rows], distance[:, None], out=points[:, :3])
+            noise = self._random(scene.tick, NOISE).standard_normal(len(keys), dtype=np.float32)
+            noise_m = np.float32(self._noise_m) * noise
         reflectivity = assume_reflectivities(scene.boxes, len(self._fitting.roads.buildings))
-        np.multiply(reflectivity[owner], portable.exp(np.float32(-ATTENUATION) * distance), out=points[:, 3])
+        points, owner = build_points(self._rays, keys, kept, noise_m, reflectivity)
         hits, names = self._name_hits(scene, owner) if self._names else (np.zeros(0, dtype=np.int32), ())
         return PointCloud(points, hits, names)
 
@@ -161,6 +157,27 @@ class LidarSensor:
         index = np.full(len(count), -1, dtype=np.int32)
         index[[number_by_name[name] for name in names]] = np.arange(len(names))
         return index[owner], names
+
+
+@twin
+def build_points(
+    rays: LidarRays, keys: HitKeys, kept: Bool, noise_m: Float32, reflectivity: Float32, /
+) -> tuple[Float32, Int]:
+    """Return the points (N, 4) of a scan as in `PointCloud`, and what each lies on (N,).
+
+    keys: hits (rays,). kept: (rays,) mask of the rays that do not drop out, or empty. noise_m: (rays,) errors of
+    distance [m], or empty. reflectivity: by owner.
+    """
+    across, owner = unpack_keys(keys)
+    distance, hit = across * rays.stretch, owner != NOTHING
+    if len(noise_m):
+        distance = np.maximum(distance + noise_m, np.float32(0))
+    rows = np.flatnonzero(hit & kept if len(kept) else hit)
+    distance, owner = distance[rows], owner[rows]
+    points = np.empty((len(rows), 4), dtype=np.float32)
+    np.multiply(rays.local[rows], distance[:, None], out=points[:, :3])
+    np.multiply(reflectivity[owner], portable.exp(np.float32(-ATTENUATION) * distance), out=points[:, 3])
+    return points, owner
 
 
 def price_lidar(spec: SensorSpec) -> float:

@@ -139,7 +139,7 @@ bool is_array(PyObject *object) {
 }
 
 static const char *name_type(char kind) {
-    return kind == 'd' ? "float64" : kind == '?' ? "bool" : kind == 'B' ? "uint8" : "int64";
+    return kind == 'd' ? "float64" : kind == 'f' ? "float32" : kind == '?' ? "bool" : kind == 'B' ? "uint8" : "int64";
 }
 
 /* Whether NumPy's letter for the type of an element is the wanted one; int64 is `l` or `q`, by platform. */
@@ -199,9 +199,10 @@ void close_arrays(int count, Array *const *arrays) {
 }
 
 PyObject *new_array(char kind, int dimensions, const Py_ssize_t *shape, void **data) {
-    static Import types[] = {{"numpy", "bool_", 0}, {"numpy", "uint8", 0}, {"numpy", "int64", 0}};
+    static Import types[] = {
+        {"numpy", "bool_", 0}, {"numpy", "uint8", 0}, {"numpy", "int64", 0}, {"numpy", "float32", 0}};
     PyObject *empty = find_import(&EMPTY), *size = PyTuple_New(dimensions), *type = NULL; /* float64 by default */
-    if (kind != 'd' && !(type = find_import(&types[kind == '?' ? 0 : kind == 'B' ? 1 : 2]))) empty = NULL;
+    if (kind != 'd' && !(type = find_import(&types[kind == '?' ? 0 : kind == 'B' ? 1 : kind == 'f' ? 3 : 2]))) empty = NULL;
     for (int i = 0; size && i < dimensions; i++) PyTuple_SetItem(size, i, PyLong_FromSsize_t(shape[i]));
     PyObject *array = empty && size ? PyObject_CallFunctionObjArgs(empty, size, type, NULL) : NULL;
     if (size) Py_DecRef(size);

@@ -69,7 +69,7 @@ typedef struct {
     Py_ssize_t shape[MOST_DIMENSIONS];
 } Array;
 bool is_array(PyObject *object);
-/* kind: 'd' float64, '?' bool, 'l' int64 (and intp), 'B' uint8. Anything that NumPy makes an array of will do. */
+/* kind: 'd' float64, 'f' float32, '?' bool, 'l' int64 (and intp), 'B' uint8. Anything that NumPy makes an array of will do. */
 bool open_array(PyObject *object, char kind, Array *array);
 bool open_doubles(PyObject *object, int dimensions, Array *array);
 void close_array(Array *array);
