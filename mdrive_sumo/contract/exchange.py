@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from mdrive_sumo.contract.briefing import Briefing
 from mdrive_sumo.contract.sensors import CameraImage, Detections, Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
@@ -123,6 +123,10 @@ class Privileged:
     """(N,) speed limit [m/s] at the route points of each CAV, as `Briefing.route_speed_limit`."""
 
 
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+"""What sensors tell that were not declared."""
+
+
 class _DeferredObjects:
     """Base of `Observation` that computes `objects` when it is first read: agents decide every 2 to 4 ticks.
 
@@ -158,15 +162,15 @@ class Observation(_DeferredObjects):
     """The CAV's own state as its instruments estimate it."""
     objects: Objects | None = None
     """Detections of the `objects` sensor, nearest first; computed when first read."""
-    signals: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    signals: Mapping[str, str] = field(default_factory=lambda: NOTHING)
     """State letter ("r", "y", "g", "G") by id of the traffic lights of the briefing."""
     messages: tuple[Message, ...] = ()
     """Messages that arrived since the last observation of this agent, in order of arrival."""
     privileged: Privileged | None = None
     """Every state and plan; only for agents that declare the `privileged` sensor, which labels the run."""
-    lidar: Mapping[str, PointCloud] = field(default_factory=lambda: MappingProxyType({}))
+    lidar: Mapping[str, PointCloud] = field(default_factory=lambda: NOTHING)
     """Scans by sensor id; a slower sensor is missing in ticks without a scan."""
-    bev: Mapping[str, Raster] = field(default_factory=lambda: MappingProxyType({}))
+    bev: Mapping[str, Raster] = field(default_factory=lambda: NOTHING)
     """Bird's-eye rasters by sensor id."""
     gnss: Gnss | None = None
     """Position by satellite, with errors."""
@@ -174,7 +178,7 @@ class Observation(_DeferredObjects):
     """Acceleration, angular rate and compass, with errors."""
     speedometer: float | None = None
     """Measured speed [m/s]."""
-    cameras: Mapping[str, CameraImage] = field(default_factory=lambda: MappingProxyType({}))
+    cameras: Mapping[str, CameraImage] = field(default_factory=lambda: NOTHING)
     """Images by sensor id; a slower camera is missing in ticks without an image."""
 
 

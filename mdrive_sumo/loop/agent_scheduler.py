@@ -51,12 +51,14 @@ class AgentScheduler:
         prepared = [ego for ego, observation in observations.items() if self._prepare(ego, observation)]
         if self._pace is not None:
             self._pace.wait()
-        asked = [ego for ego in prepared if self._send(ego)]
-        for ego in asked:
+        for ego in [ego for ego in prepared if self._send(ego)]:
             reply = self._receive(ego)
-            if reply is not None:
-                self._pending[ego] = _PendingReply(reply, tick + self._compute_delay(ego, tick))
-        return replies | self._pop_due(tick)
+            delay = 0 if reply is None else self._compute_delay(ego, tick)
+            if reply is not None and delay:
+                self._pending[ego] = _PendingReply(reply, tick + delay)
+            elif reply is not None:
+                replies[ego] = reply
+        return replies
 
     def _pop_due(self, tick: int) -> dict[str, Reply]:
         due = [ego for ego, pending in self._pending.items() if pending.due_tick <= tick]
@@ -74,14 +76,16 @@ class AgentScheduler:
     def _prepare(self, ego: str, observation: Observation) -> bool:
         if self._clock.kind == "measured":
             _ = observation.objects  # computed now: it is no think time
-        return self._try(ego, lambda: self._drivers[ego].ask(observation))
+        try:
+            self._drivers[ego].ask(observation)
+        except AgentFailure as error:
+            self._report_failure(ego, error)
+            return False
+        return True
 
     def _send(self, ego: str) -> bool:
-        return self._try(ego, self._drivers[ego].send)
-
-    def _try(self, ego: str, act: Callable[[], None]) -> bool:
         try:
-            act()
+            self._drivers[ego].send()
         except AgentFailure as error:
             self._report_failure(ego, error)
             return False

@@ -58,6 +58,8 @@ class EpisodeSimulation:
         self._controls: dict[str, Control] = dict.fromkeys(egos, STANDSTILL)
         self._plans: dict[str, Plan] = {}
         self._endings: dict[str, Ending] = {}
+        self.active_egos = tuple(egos)
+        """Ids of the CAVs in the world, also of those whose agent failed, in the order of the scenario file."""
         self._failures: dict[str, Ending] = {}
         """The CAVs without a working agent; their endings once they stand and nothing else drives."""
         self._pending_messages: dict[str, tuple[Message, ...]] = dict.fromkeys(egos, ())
@@ -92,11 +94,6 @@ class EpisodeSimulation:
     def tick(self) -> int:
         """Tick of the current frame."""
         return self.frame.tick
-
-    @property
-    def active_egos(self) -> tuple[str, ...]:
-        """Ids of the CAVs in the world, also of those whose agent failed, in the order of the scenario file."""
-        return tuple(ego for ego in self._egos if ego not in self._endings)
 
     @property
     def failed_agents(self) -> dict[str, str]:
@@ -168,7 +165,8 @@ class EpisodeSimulation:
         self._judge(frame)
         self._received = self._channel.deliver(frame.tick, self.active_egos)
         for ego, messages in self._received.items():
-            self._pending_messages[ego] += rename_senders(messages, self._config.pseudonyms)
+            if messages:
+                self._pending_messages[ego] += rename_senders(messages, self._config.pseudonyms)
         observers = tuple(ego for ego in self.active_egos if ego not in busy and ego not in self._failures)
         is_scene_needed = self._signal_lamps is not None or self._roadside.is_due(frame.tick)
         if is_scene_needed or self._senses.needs_frame(observers):
@@ -206,9 +204,12 @@ class EpisodeSimulation:
     def _end(self, ego: str, end: End) -> None:
         failed, tick = self._failures.get(ego), self.frame.tick
         self._endings[ego] = replace(failed, tick=tick) if failed is not None else Ending(ego, tick, end)
+        self.active_egos = tuple(one for one in self.active_egos if one != ego)
 
     def _end_failed_cavs(self) -> None:
         """End the CAVs whose agents failed in an earlier tick once all of them stand and no other CAV is left."""
+        if not self._failures:
+            return
         left = self.active_egos
         tick, egos = self.frame.tick, self.frame.egos
         failed_ticks = [self._failures[ego].failed_tick for ego in left if ego in self._failures]

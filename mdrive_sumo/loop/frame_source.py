@@ -83,7 +83,7 @@ class SimulatedFrames:
         before = {ego: self._vehicle_states[ego] for ego in controls}
         after = {ego: dynamics.step(state, controls[ego], self._vehicle) for ego, state in before.items()}
         struck = _find_struck(frame)
-        scripted = self._scripted.advance(replace(frame, egos={ego: frame.egos[ego] for ego in before}), struck)
+        scripted = self._scripted.advance(_leave_out_ended(frame, before), struck)
         around = self._world.advance(_ego_states(after), scripted, struck)
         actors = around.actors.merge(scripted)
         obstacles = contact.build_obstacle_motion(frame.actors, actors)
@@ -104,6 +104,13 @@ class SimulatedFrames:
             if end is not None:
                 ends[ego] = end
         return ends
+
+
+def _leave_out_ended(frame: Frame, active: Collection[str]) -> Frame:
+    """Return the frame without the CAVs that have ended in it."""
+    if len(active) == len(frame.egos):
+        return frame
+    return replace(frame, egos={ego: frame.egos[ego] for ego in active})
 
 
 def _find_struck(frame: Frame) -> set[str]:

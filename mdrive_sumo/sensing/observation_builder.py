@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Any
 
 from mdrive_sumo.contract import Briefing, Message, Objects, Observation, Plan, Privileged, SensorSpec
+from mdrive_sumo.contract.exchange import NOTHING
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import EgoState, Frame
@@ -71,21 +72,22 @@ class ObservationBuilder:
         plans: latest plan by CAV, for privileged sensors. A CAV that ended in this frame is still visible: it leaves
         the world with the next tick.
         """
-        rows = {ego: row for row, ego in enumerate(frame.egos)}
+        rows = {ego: row for row, ego in enumerate(frame.egos)} if scene is not None else {}
         observations: dict[str, Observation] = {}
         for ego, messages in messages_by_ego.items():
             state, carrier, estimator = frame.egos[ego], self._carriers[ego], self._estimators.get(ego)
-            estimate = estimator.estimate(frame.tick, state) if estimator else None
-            own = estimator.describe(estimate) if estimator and estimate else to_own_state(state)
-            lights = {light.id: _read_signal(frame.signals, light.id) for light in self._briefings[ego].traffic_lights}
-            fields: dict[str, Any] = {}
+            estimate = None if estimator is None else estimator.estimate(frame.tick, state)
+            own = to_own_state(state) if estimator is None or estimate is None else estimator.describe(estimate)
+            lights = carrier.read_lights(frame.signals)
+            if scene is None or not carrier.has_sensors:
+                observations[ego] = Observation(frame.tick, own, signals=lights, messages=messages)
+                continue
             eye = SensorPose(state.x, state.y, state.yaw, rows[ego], estimate)
-            if scene is not None and carrier.has_sensors:
-                fields = carrier.sense(scene, eye)
-                if carrier.privileged:
-                    fields["privileged"] = self._privileged(scene, plans)
-            observation = Observation(frame.tick, own, signals=MappingProxyType(lights), messages=messages, **fields)
-            if scene is not None and carrier.objects_sensor is not None:
+            fields = carrier.sense(scene, eye)
+            if carrier.privileged:
+                fields["privileged"] = self._privileged(scene, plans)
+            observation = Observation(frame.tick, own, signals=lights, messages=messages, **fields)
+            if carrier.objects_sensor is not None:
                 observation.defer_objects(partial(_sense_or_void, carrier.objects_sensor.defer(scene, eye)))
             observations[ego] = observation
         return observations
@@ -114,6 +116,8 @@ class _Carrier:
         """Each sensor by the field of `Observation` that it fills."""
         self._named: dict[str, dict[str, Sensor]] = {}
         """Each sensor by that field and its id."""
+        self._lights = [_split_light(light.id) for light in briefing.traffic_lights]
+        """Id, traffic light of SUMO and place in its state, of every light of the briefing."""
         self._drawn: tuple[SensingFrame, Objects] | None = None
         """What `_look` returned last, and for which frame: several sensors draw it."""
         salt = common.derive_track_salt(ego)
@@ -148,6 +152,12 @@ class _Carrier:
             self._drawn = scene, self._sight.sense(scene, eye)
         return self._drawn[1]
 
+    def read_lights(self, signals: Mapping[str, str]) -> Mapping[str, str]:
+        """Return the state letter of every traffic light of the briefing, by its id."""
+        if not self._lights:
+            return NOTHING
+        return MappingProxyType({light: signals[name][place] for light, name, place in self._lights})
+
     def sense(self, scene: SensingFrame, eye: SensorPose) -> dict[str, Any]:
         """Return the sensor fields of the observation but `objects`."""
         fields: dict[str, Any] = {field: sensor.sense(scene, eye) for field, sensor in self._single.items()}
@@ -177,6 +187,6 @@ def build_sensing_frame(
     return SensingFrame(frame.tick, boxes, frame.egos, frame.signals, signal_lamps=shining)
 
 
-def _read_signal(signals: Mapping[str, str], light: str) -> str:
-    name, _, index = light.rpartition(":")
-    return signals[name][int(index)]
+def _split_light(light: str) -> tuple[str, str, int]:
+    name, _, place = light.rpartition(":")
+    return light, name, int(place)
