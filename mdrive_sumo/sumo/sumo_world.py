@@ -11,7 +11,6 @@ from typing import Self
 import libsumo
 import numpy as np
 
-from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.state import DT, Actors, EgoState, Kind, WorldState
 from mdrive_sumo.roads import RoadMap
@@ -23,15 +22,15 @@ from mdrive_sumo.sumo.ghost_placement import SourceBox
 from mdrive_sumo.sumo.lane_change import apply_offsets
 from mdrive_sumo.sumo.log_replay import LogReplay
 from mdrive_sumo.sumo.placed_vehicles import EGO, add_placed_types, add_placed_vehicle, place_vehicle
-from mdrive_sumo.sumo.sumo_frames import compute_front_bumper, convert_sumo_angles
+from mdrive_sumo.sumo.sumo_frames import compute_front_bumper, place_actors
 
 # pyright: basic
 # Because libsumo has no type information.
 
 
-_position, _angle, _speed = (
-    getattr(libsumo.libsumo._libsumo, f"vehicle_get{what}") for what in ("Position", "Angle", "Speed")
-)
+_raw = libsumo.libsumo._libsumo
+_position, _angle, _speed = _raw.vehicle_getPosition, _raw.vehicle_getAngle, _raw.vehicle_getSpeed
+_light_state = _raw.trafficlight_getRedYellowGreenState
 """libsumo's functions without the Python wrappers, which double their time; called for every vehicle and tick."""
 ROLLING = (Kind.VEHICLE, Kind.CYCLIST)
 
@@ -62,6 +61,7 @@ class SumoWorld:
         self._ghosts = GhostManager(roads)
         self._mirrored_actors = MirroredActors(scenario.actors)
         self._tick = 0
+        self._lights: tuple[str, ...] = ()
         self._frozen_signals: dict[str, str] | None = None
 
     def __enter__(self) -> Self:
@@ -99,11 +99,12 @@ class SumoWorld:
         ]  # fmt: skip
 
     def _freeze_lights(self) -> None:
-        """Set every link to g for `frozen-green`. With G, background cars would ignore right of way."""
+        """List the lights; for `frozen-green` set every link to g. With G, background cars would not give way."""
+        self._lights = tuple(sorted(libsumo.trafficlight.getIDList()))
         if self._scenario.signals != "frozen-green":
             return
         self._frozen_signals = {}
-        for light in sorted(libsumo.trafficlight.getIDList()):
+        for light in self._lights:
             state = "g" * len(libsumo.trafficlight.getRedYellowGreenState(light))
             libsumo.trafficlight.setRedYellowGreenState(light, state)
             self._frozen_signals[light] = state
@@ -199,22 +200,15 @@ class SumoWorld:
         return libsumo.vehicle.getLaneID(placed_id) if self._tick else ""
 
     def _read_actors(self) -> Actors:
-        """Read the background vehicles: one pass of direct getters (sumo_pitfalls 9.1), then array arithmetic."""
+        """Read the background vehicles: one pass of direct getters (sumo_pitfalls 9.1)."""
         present = libsumo.vehicle.getIDList()
         if present != self._present:
             self._present, self._template = present, self._build_template(present)
-        template = self._template
-        ids = template.ids
+        ids = self._template.ids
         if not ids:
-            return template
-        places = chain.from_iterable(map(_position, ids, repeat(False)))
-        front = np.fromiter(places, dtype=np.float64, count=2 * len(ids)).reshape(-1, 2).T
-        yaw = convert_sumo_angles(np.array(list(map(_angle, ids))))
-        speed = np.array(list(map(_speed, ids)))
-        half = template.length / 2
-        cos, sin = portable.cos_sin(yaw)
-        x, y = front[0] - cos * half, front[1] - sin * half
-        return Actors(ids, template.kind, x, y, yaw, speed, template.length, template.width)
+            return self._template
+        fronts = list(map(_position, ids, repeat(False)))
+        return place_actors(self._template, fronts, list(map(_angle, ids)), list(map(_speed, ids)))
 
     def _build_template(self, present: Sequence[str]) -> Actors:
         """Return the background vehicles in SUMO (ids without a colon) with dimensions, without poses."""
@@ -231,8 +225,7 @@ class SumoWorld:
     def _read_signals(self) -> Mapping[str, str]:
         if self._frozen_signals is not None:
             return self._frozen_signals
-        lights = libsumo.trafficlight
-        return {light: lights.getRedYellowGreenState(light) for light in sorted(lights.getIDList())}
+        return dict(zip(self._lights, map(_light_state, self._lights), strict=True))
 
 
 def build_friction_options(grip: float) -> list[str]:
