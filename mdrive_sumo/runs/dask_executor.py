@@ -14,14 +14,15 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import lru_cache, partial
 from multiprocessing.connection import wait
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from distributed import Client, Future
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.executor import Key, Waitable
 from mdrive_sumo.runs.fingerprint import compute_code_checksum, read_versions
-from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure, WorkerProcess
+from mdrive_sumo.runs.fork_server import ForkServer
+from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure, WorkerProcess, make_fork_server
 
 J = TypeVar("J")
 R = TypeVar("R")
@@ -193,13 +194,26 @@ def end_task(name: str) -> None:
         worker.kill()
 
 
+class _KeptWorker(NamedTuple):
+    function: bytes
+    """Pickled."""
+    server: ForkServer
+    worker: WorkerProcess[Any, Any]
+
+
 def _get_worker_process(function: Callable[[Any], Any]) -> WorkerProcess[Any, Any]:
     """Return this thread's child process, which is reused and ends with the thread."""
     pickled = pickle.dumps(function)
-    kept: tuple[bytes, WorkerProcess[Any, Any]] | None = getattr(_local, "kept", None)
-    if kept is not None and kept[0] == pickled and kept[1].is_usable:
-        return kept[1]
-    if kept is not None and kept[1].is_usable:
-        kept[1].end()
-    _local.kept = (pickled, WorkerProcess[Any, Any](function))
-    return _local.kept[1]
+    kept: _KeptWorker | None = getattr(_local, "kept", None)
+    if kept is not None and kept.function == pickled and kept.worker.is_usable:
+        return kept.worker
+    if kept is not None and kept.worker.is_usable:
+        kept.worker.end()
+    if kept is not None and kept.function == pickled:
+        server = kept.server
+    else:
+        if kept is not None:
+            kept.server.end()
+        server = make_fork_server(function)
+    _local.kept = _KeptWorker(pickled, server, WorkerProcess[Any, Any](server))
+    return _local.kept.worker

@@ -9,12 +9,13 @@ from typing import Generic, TypeVar
 
 from mdrive_sumo.core.posix import is_posix
 from mdrive_sumo.runs.executor import Key, Waitable, run_jobs
+from mdrive_sumo.runs.fork_server import ForkServer, block_interrupts
 from mdrive_sumo.runs.worker_process import (
     FailureKind,
     WorkerFailure,
     WorkerProcess,
-    block_interrupts,
     describe_write_error,
+    make_fork_server,
 )
 
 __all__ = ["FailureKind", "ProcessPool", "WorkerFailure", "count_available_cores", "describe_write_error"]
@@ -38,6 +39,7 @@ class ProcessPool(Generic[J, R]):
 
     def __init__(self, function: Callable[[J], R], workers: int, limit_s: float) -> None:
         self._function, self._size, self._limit_s = function, workers, limit_s
+        self._server: ForkServer | None = None
         self._idle: list[WorkerProcess[J, R]] = []
         self._busy: list[_BusyWorker[J, R]] = []
 
@@ -49,6 +51,9 @@ class ProcessPool(Generic[J, R]):
             for worker in (*self._idle, *(busy.worker for busy in self._busy)):
                 worker.end()
             self._idle, self._busy = [], []
+            if self._server is not None:
+                self._server.end()
+                self._server = None
 
     def run(self, jobs: Iterable[J]) -> Iterator[tuple[J, R | WorkerFailure]]:
         """Run the jobs and yield each with its result or failure, in the order in which they finish."""
@@ -61,9 +66,13 @@ class ProcessPool(Generic[J, R]):
 
     def submit(self, key: Key, job: J) -> None:
         """See Executor."""
-        worker = self._idle.pop() if self._idle else WorkerProcess(self._function)
+        worker = self._idle.pop() if self._idle else self._start_worker()
         self._busy.append(_BusyWorker(key, worker, time.monotonic()))
         worker.start_job(job)
+
+    def _start_worker(self) -> WorkerProcess[J, R]:
+        self._server = self._server or make_fork_server(self._function)
+        return WorkerProcess(self._server)
 
     def collect_outcomes(
         self, timeout_s: float | None = None, also: Sequence[Waitable] = ()

@@ -1,34 +1,30 @@
 """WorkerProcess: a child process that runs one job at a time and can be ended at any moment.
 
-libsumo holds one simulation a process and may crash it, so every worker is a fresh interpreter ("spawn") in a
-process group of its own: Ctrl-C reaches only the parent, and a worker ends with the agents that it started. Jobs run in
-its main thread, which boxes require. A worker ends with the *thread* that created it: use it in one thread only.
+libsumo holds one simulation a process and may crash it, so jobs run in processes of their own, which a `ForkServer`
+starts. Jobs run in the main thread, which boxes require.
 """
 
-import ctypes
 import errno
 import os
 import signal
-import sys
 import traceback
-from collections.abc import Callable, Generator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum, auto
-from multiprocessing import current_process, get_context, parent_process
+from functools import partial
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Lock
-from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 from mdrive_sumo.core.errors import InputError, WorldError
-from mdrive_sumo.core.posix import check_posix
+from mdrive_sumo.runs.fork_server import ForkServer
 
 J = TypeVar("J")
 R = TypeVar("R")
 
-_PR_SET_PDEATHSIG = 1  # linux/prctl.h
 _CANNOT_WRITE = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO))
 
 
@@ -53,24 +49,23 @@ class WorkerFailure:
     reason: str
 
 
-class WorkerProcess(Generic[J, R]):
-    """A worker process for `function`, which is top-level and picklable."""
+ANSWER_LIMIT_S = 10.0
+"""How long the fork server may take to say what happened to a worker [s], its own start of a second included."""
 
-    def __init__(self, function: Callable[[J], R]) -> None:
-        check_posix("a worker process")
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # a core for each worker: numpy's own threads only fight
-        if current_process().daemon:  # as workers of Dask are: Python would let them have no processes of their own
-            current_process().daemon = False
-        context = get_context("spawn")
-        self.pipe, theirs = context.Pipe()
+
+class WorkerProcess(Generic[J, R]):
+    """A worker process of a server made by `make_fork_server`; use it in the thread that made the server."""
+
+    def __init__(self, server: ForkServer) -> None:
+        self._server = server
+        self.pipe, theirs = Pipe()
         """Readable when there is an outcome."""
-        # A daemon: the interpreter still ends the worker if a second Ctrl-C comes before its owner blocks it.
-        self._process = context.Process(
-            target=_serve_jobs, args=(theirs, function), name="mdrive-sumo worker", daemon=True
-        )
-        with block_interrupts(), _hide_main_module():  # the child inherits the mask until it leaves our process group
-            self._process.start()
-        theirs.close()
+        self._state, state = Pipe(duplex=False)
+        self._pid: int | None = None
+        self._exit_code: int | None = None
+        self._lock = Lock()
+        with theirs, state:
+            server.start_worker(theirs, state)
 
     @property
     def is_usable(self) -> bool:
@@ -87,9 +82,9 @@ class WorkerProcess(Generic[J, R]):
         try:
             return self.pipe.recv() if self.pipe.poll() else None
         except (EOFError, OSError):  # OSError: it died while it was sending
-            self._process.join(timeout=2.0)  # so that its own exit code is seen, not that of `end`
+            exit_code = self._find_exit_code()  # its own, not that of `end`
             self.end()
-            return WorkerFailure(FailureKind.DIED, _describe_exit(self._process.exitcode))
+            return WorkerFailure(FailureKind.DIED, _describe_exit(exit_code))
 
     def kill(self) -> None:
         """End the job with its worker, also from another thread; `poll_outcome` then returns DIED."""
@@ -97,44 +92,42 @@ class WorkerProcess(Generic[J, R]):
             self._kill()
 
     def _kill(self) -> None:
-        assert self._process.pid is not None
-        with suppress(ProcessLookupError, PermissionError):  # it had not made its own group yet, or all are gone
-            os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.kill()
+        if (pid := self._find_pid()) is not None:
+            for send in (os.killpg, os.kill):  # it may not have made its own group yet
+                with suppress(ProcessLookupError, PermissionError):
+                    send(pid, signal.SIGKILL)
 
     def end(self) -> None:
         """End the worker, dead or alive, and the agents that it started."""
         self.pipe.close()
         self._kill()
-        self._process.join()
+        self._find_exit_code()
+        self._state.close()
 
+    def _find_pid(self) -> int | None:
+        """Return its process id; None if the server died before it had one. Waits while the server starts."""
+        with self._lock:  # `kill` and `poll_outcome` of different threads
+            if self._pid is None:
+                self._pid = self._receive_state()
+            return self._pid
 
-@contextmanager
-def block_interrupts() -> Generator[None]:
-    """Block SIGINT until the end of the block."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    def _find_exit_code(self) -> int | None:
+        """Return the exit code of a dead or dying worker; that of the server if both died together."""
+        if self._exit_code is None and self._find_pid() is not None:
+            self._exit_code = self._receive_state()
+        return self._server.exit_code if self._exit_code is None else self._exit_code
 
-
-_MAIN_MODULE_LOCK = Lock()
-
-
-@contextmanager
-def _hide_main_module() -> Generator[None]:
-    """Keep a spawned child from importing the caller's `__main__`.
-
-    A worker needs nothing of it, and the import would run a script that has no main guard a second time.
-    """
-    with _MAIN_MODULE_LOCK:
-        main = sys.modules["__main__"]
-        sys.modules["__main__"] = ModuleType("__main__")
+    def _receive_state(self) -> int | None:
+        """Return the next number from the server, None if there will be none."""
         try:
-            yield
-        finally:
-            sys.modules["__main__"] = main
+            return self._state.recv() if self._state.poll(ANSWER_LIMIT_S) else None
+        except (EOFError, OSError):
+            return None
+
+
+def make_fork_server(function: Callable[[Any], Any]) -> ForkServer:
+    """Return the server of workers for `function`, which is top-level and picklable."""
+    return ForkServer(partial(_serve_jobs, function))
 
 
 def describe_write_error(error: OSError, path: str | Path | None) -> str:
@@ -148,31 +141,14 @@ def _describe_exit(exit_code: int | None) -> str:
     return f"the worker process was ended by {signal.Signals(-exit_code).name}"
 
 
-def _serve_jobs(pipe: Connection, function: Callable[[Any], Any]) -> None:
-    """Run jobs in the worker until the parent closes the pipe or dies."""
-    _ignore_terminal_signals()
-    _die_with_parent()
+def _serve_jobs(function: Callable[[Any], Any], pipe: Connection) -> None:
+    """Run jobs in the worker until the owner closes the pipe or dies."""
     while True:
         try:
             job = pipe.recv()
         except EOFError:
             return
         pipe.send(run_job_guarded(function, job))
-
-
-def _ignore_terminal_signals() -> None:
-    os.setpgid(0, 0)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-
-
-def _die_with_parent() -> None:
-    """Ask Linux for SIGKILL when the parent dies; elsewhere the closed pipe ends a worker after its job."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    parent = parent_process()
-    if parent is not None and os.getppid() != parent.pid:  # it died before the line above
-        os._exit(1)
 
 
 def run_job_guarded(function: Callable[[Any], Any], job: Any) -> Any:

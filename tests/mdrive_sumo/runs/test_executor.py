@@ -17,7 +17,7 @@ from testing.dask_cluster import Cluster, cluster
 from testing.evaluation_fakes import challenge, fake, fast_clock, scored, submitted
 from testing.local_executor import run_in_process
 from testing.paths import TESTS
-from testing.processes import alive, written
+from testing.processes import alive, find_parent, written
 from testing.short_suite import make_short_suite
 
 from mdrive_sumo.core.errors import InputError
@@ -31,7 +31,7 @@ from mdrive_sumo.runs.prepared_run import prepare
 from mdrive_sumo.runs.process_pool import ProcessPool
 from mdrive_sumo.runs.result_transfer import run_with_output_files, store_output_files
 from mdrive_sumo.runs.run_config import RunConfig
-from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure, WorkerProcess
+from mdrive_sumo.runs.worker_process import FailureKind, WorkerFailure, WorkerProcess, make_fork_server
 from mdrive_sumo.scoring import ScenarioResult
 from server.evaluation.dispatcher import Dispatcher, StopRequest
 from server.phase_suites import LoadedPhaseSuites
@@ -80,7 +80,8 @@ def test_an_ended_job_is_gone_with_its_worker_and_has_no_outcome(fakes: ModuleTy
 
 @pytest.mark.slow
 def test_a_worker_that_dies_while_it_answers_is_a_dead_worker(fakes: ModuleType, tmp_path: Path) -> None:
-    hand = WorkerProcess[Any, bytes](fakes.dies_answering)
+    server = make_fork_server(fakes.dies_answering)
+    hand = WorkerProcess[Any, bytes](server)
     hand.start_job(fakes.Task("x", folder=str(tmp_path)))
     started = tmp_path / "x.started"
     wait_for(lambda: written(started) and not alive(int(started.read_text())))
@@ -88,6 +89,7 @@ def test_a_worker_that_dies_while_it_answers_is_a_dead_worker(fakes: ModuleType,
     assert isinstance(outcome, WorkerFailure)
     assert (outcome.kind, outcome.reason) == (FailureKind.DIED, "the worker process was ended by SIGKILL")
     assert not hand.is_usable
+    server.end()
 
 
 def test_waiting_ends_for_something_else_to_read_and_with_the_time(fakes: ModuleType) -> None:
@@ -195,9 +197,9 @@ def test_a_worker_under_a_nanny_has_children_too(fakes: ModuleType, tmp_path: Pa
 
 
 def _worker_of(child: int, own: Cluster) -> int:
-    parent = int(Path(f"/proc/{child}/stat").read_text().rsplit(")", 1)[1].split()[1])
-    assert parent in {worker.pid for worker in own.workers}
-    return parent
+    worker = find_parent(find_parent(child))  # between them is the fork server of one thread of the worker
+    assert worker in {worker.pid for worker in own.workers}
+    return worker
 
 
 def test_a_job_s_files_come_back_with_its_result(tmp_path: Path) -> None:

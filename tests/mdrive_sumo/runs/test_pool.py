@@ -12,9 +12,12 @@ from typing import Any
 import pytest
 from testing import processes
 from testing.paths import TESTS
-from testing.processes import alive, written
+from testing.processes import alive, find_parent, written
 
+from mdrive_sumo.roads import list_packaged_networks
+from mdrive_sumo.roads.network_file import NET_FILE
 from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure, count_available_cores
+from mdrive_sumo.runs.worker_process import WorkerProcess
 
 pytestmark = pytest.mark.slow
 
@@ -95,6 +98,33 @@ def test_leaving_the_pool_ends_a_busy_worker(fakes: ModuleType, tmp_path: Path) 
         next(pool.run(tasks))
         wait_for(lambda: written(started))
     assert not alive(int(started.read_text()))
+
+
+def test_workers_are_forks_of_one_thread_without_a_simulation(fakes: ModuleType) -> None:
+    net = str(list_packaged_networks()["avenue"] / NET_FILE)
+    with ProcessPool(fakes.describe_process, 1, 60.0) as pool:
+        drive = dict(pool.run([fakes.Task("drive", folder=net)])).popitem()[1]
+        second = WorkerProcess[Any, Any](pool._server)  # beside the one with a simulation
+        second.start_job(fakes.Task("look"))
+        wait_for(lambda: bool(second.pipe.poll(0.05)))
+        look = second.poll_outcome()
+        second.end()
+    assert look == drive
+    assert look[1:] == (1, True, False)
+    assert look[0] != os.getpid()
+
+
+def test_a_dead_fork_server_ends_its_workers_and_is_replaced(fakes: ModuleType, tmp_path: Path) -> None:
+    started = tmp_path / "hangs.started"
+    with ProcessPool(fakes.perform, 1, 60.0) as pool:
+        pool.submit("hangs", fakes.Task("hangs", "hang", str(tmp_path)))
+        wait_for(lambda: written(started))
+        os.kill(find_parent(int(started.read_text())), signal.SIGKILL)
+        assert pool.collect_outcomes() == [
+            ("hangs", WorkerFailure(FailureKind.DIED, "the worker process was ended by SIGKILL"))
+        ]
+        pool.submit("next", fakes.Task("next"))
+        assert [key for key, answer in pool.collect_outcomes() if answer.startswith("next ")] == ["next"]
 
 
 PARENT = """
