@@ -14,6 +14,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure
+from mdrive_sumo.runs.episode_cost import estimate_cost
 from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.executor import Executor, ReportRunning, run_jobs
 from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
@@ -180,7 +181,8 @@ def _drive(
 ) -> Generator[ScenarioResult]:
     """Yield the result of every episode as it finishes. Long ones start first so that no worker idles at the end."""
     journal, progress = receivers
-    ordered = sorted(todo.items(), key=lambda item: _estimate_cost(item[1]), reverse=True)
+    cost_by_id = {one.id: estimate_cost(one, run.suite.find_folder(one.id)) for one in todo.values()}
+    ordered = sorted(todo.items(), key=lambda item: cost_by_id[item[1].id], reverse=True)
     jobs = [run.make_job(scenario, seed) for (_, seed), scenario in ordered]
 
     def note_failure(job: EpisodeJob, reason: str, is_last: bool) -> None:
@@ -232,9 +234,3 @@ def run_with_retries(
             if not tries_left:
                 yield job, outcome
         left = tuple(failed)
-
-
-def _estimate_cost(scenario: Scenario) -> int:
-    """Estimate the duration of an episode: its limit grows with the first route, a tick with the road users."""
-    road_users = 4 * len(scenario.egos) + len(scenario.background.vehicles)
-    return len(scenario.egos[0].route) * road_users

@@ -11,6 +11,7 @@ from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.core.tree_difference import find_tree_differences, format_leaf
 from mdrive_sumo.episode import EpisodeRecord, load_episode
+from mdrive_sumo.runs.episode_cost import estimate_cost
 from mdrive_sumo.runs.episode_difference import find_content_difference, find_first_difference
 from mdrive_sumo.runs.episode_job import EpisodeJob, make_reexecution, make_silent_job, reexecute, score_job_episode
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
@@ -76,10 +77,15 @@ def verify(
     modes: the score modes to score each of them in. Third-party agents run: see `permit_agent`.
     """
     scenarios = {scenario.id: scenario for scenario in run.scenarios}
-    checks = [
+    result_by_key = {key: result for result in chosen if (key := run.find_key(result)) in run.episodes}
+
+    def estimate(item: tuple[EpisodeKey, ScenarioResult]) -> float:
+        key, result = item
+        return estimate_cost(scenarios[key[0]], run.suite.find_folder(key[0]), result.ticks)
+
+    checks = [  # the longest first, so that no worker idles at the end
         VerificationJob(run.make_job(scenarios[key[0]], key[1]), result.digest, tuple(modes))
-        for result in chosen
-        if (key := run.find_key(result)) in run.episodes
+        for key, result in sorted(result_by_key.items(), key=estimate, reverse=True)
     ]
     with ProcessPool[VerificationJob, VerificationResult](
         verify_episode, min(workers, max(len(checks), 1)), run.limit_s()

@@ -67,13 +67,26 @@ def find_reference_times(scenario: Scenario, folder: Path) -> ReferenceTicks:
     scenario that a seed drew has the reference of the scenario as written. Raises InputError for an unreadable file.
     """
     scenario = scenario.as_written
-    path = folder / REFERENCE_TIMES_FILE
-    if not path.is_file():
-        return NO_REFERENCE
-    entry = _read_entries_once(path, path.stat().st_mtime_ns).get(scenario.id)
+    entry = _find_entry(scenario, folder)
     if entry is None or entry.checksum != compute_scenario_checksum(scenario, folder):
         return NO_REFERENCE
     return entry.ticks if {ego.id for ego in scenario.egos} <= set(entry.ticks) else NO_REFERENCE
+
+
+def find_noted_ticks(scenario: Scenario, folder: Path) -> ReferenceTicks:
+    """Return the ticks that the file has for a scenario of that name, which may belong to another state of it.
+
+    Enough to guess how long an episode takes. Raises InputError for an unreadable file.
+    """
+    entry = _find_entry(scenario, folder)
+    return NO_REFERENCE if entry is None else entry.ticks
+
+
+def _find_entry(scenario: Scenario, folder: Path) -> ScenarioReferenceTimes | None:
+    path = folder / REFERENCE_TIMES_FILE
+    if not path.is_file():
+        return None
+    return _read_entries_once(path, path.stat().st_mtime_ns).get(scenario.id)
 
 
 def read_reference_times(folder: Path) -> ReferenceTimesFile | None:

@@ -12,6 +12,7 @@ from mdrive_sumo.generate.validation.requirements import find_unmet_requirements
 from mdrive_sumo.generate.validation.spawn_overlaps import find_spawn_overlaps
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.agent_spec import AgentSpec
+from mdrive_sumo.runs.episode_cost import estimate_cost
 from mdrive_sumo.runs.episode_job import EpisodeJob, load_job_scenario, reexecute
 from mdrive_sumo.runs.process_pool import ProcessPool, WorkerFailure
 from mdrive_sumo.scenario.checks import check_scenario
@@ -89,7 +90,8 @@ def validate_scenarios(
     suite: Suite, scenarios: Sequence[Scenario], workers: int, seeds: int = HARD_SEEDS
 ) -> Iterator[ScenarioValidation]:
     """Validate scenarios of a suite in worker processes, in the order in which they finish."""
-    questions = [ValidationTask(suite.folder.resolve(), scenario.id, seeds) for scenario in scenarios]
+    longest_first = sorted(scenarios, key=lambda one: estimate_cost(one, suite.find_folder(one.id)), reverse=True)
+    questions = [ValidationTask(suite.folder.resolve(), scenario.id, seeds) for scenario in longest_first]
     with ProcessPool[ValidationTask, ScenarioValidation](
         validate_scenario, min(workers, len(questions)), LIMIT_S
     ) as pool:

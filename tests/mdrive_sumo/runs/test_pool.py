@@ -104,12 +104,14 @@ def test_workers_are_forks_of_one_thread_without_a_simulation(fakes: ModuleType)
     net = str(list_packaged_networks()["avenue"] / NET_FILE)
     with ProcessPool(fakes.describe_process, 1, 60.0) as pool:
         drive = dict(pool.run([fakes.Task("drive", folder=net)])).popitem()[1]
+        assert pool._server is not None
         second = WorkerProcess[Any, Any](pool._server)  # beside the one with a simulation
         second.start_job(fakes.Task("look"))
         wait_for(lambda: bool(second.pipe.poll(0.05)))
         look = second.poll_outcome()
         second.end()
     assert look == drive
+    assert isinstance(look, tuple)
     assert look[1:] == (1, True, False)
     assert look[0] != os.getpid()
 
@@ -124,7 +126,7 @@ def test_a_dead_fork_server_ends_its_workers_and_is_replaced(fakes: ModuleType, 
             ("hangs", WorkerFailure(FailureKind.DIED, "the worker process was ended by SIGKILL"))
         ]
         pool.submit("next", fakes.Task("next"))
-        assert [key for key, answer in pool.collect_outcomes() if answer.startswith("next ")] == ["next"]
+        assert [(key, str(answer).split()[0]) for key, answer in pool.collect_outcomes()] == [("next", "next")]
 
 
 PARENT = """
