@@ -78,6 +78,7 @@ imports: install
 	$(BIN)/lint-imports --no-cache
 
 bench: install ## measure, print tables, write bench.json
+	$(BIN)/python tests/bench/speed.py
 	$(BIN)/python tests/bench/bench.py
 	$(BIN)/python tests/bench/cameras.py
 	$(BIN)/python tests/bench/sandbox.py

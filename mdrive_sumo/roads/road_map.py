@@ -171,13 +171,12 @@ def find_network_folder(name: str, beside: Path | None = None) -> Path:
     """Return the folder of a network: `beside`/networks/NAME if it exists, else the packaged one. Raises InputError."""
     if beside is not None and (beside / "networks" / name / "network.json").is_file():
         return beside / "networks" / name
-    packaged = list_packaged_networks()
-    if name not in packaged:
-        where = f"{beside / 'networks'} or " if beside is not None else ""
-        raise InputError(
-            f"network {name!r}: expected in {where}the packaged ones ({', '.join(packaged) or 'none'}), found nowhere"
-        )
-    return packaged[name]
+    packaged = Path(str(files("networks")), name)
+    if packaged.name == name and (packaged / "network.json").is_file():
+        return packaged
+    where = f"{beside / 'networks'} or " if beside is not None else ""
+    names = ", ".join(list_packaged_networks()) or "none"
+    raise InputError(f"network {name!r}: expected in {where}the packaged ones ({names}), found nowhere")
 
 
 @lru_cache(maxsize=64)  # more than there are packaged networks: a run of a suite loads each once

@@ -135,8 +135,13 @@ def find_start_overlaps(actor: Actor, egos: Sequence[Ego], roads: RoadMap) -> It
     """Return ids of the CAVs that an actor overlaps in frame 0, and the overlaps [m2]; none for later arrivals."""
     if isinstance(actor.motion, ReplayMotion) and actor.motion.poses[0][0] > 0.0 and actor.trigger is None:
         return
-    box = _build_box(compute_first_pose(actor, roads), actor.length, actor.width)
-    for ego in egos:
+    pose = compute_first_pose(actor, roads)
+    reach = portable.hypot(actor.length, actor.width) / 2 + portable.hypot(CAR.length, CAR.width) / 2
+    near = [ego for ego in egos if portable.hypot(ego.start.x - pose.x, ego.start.y - pose.y) <= reach]
+    if not near:
+        return
+    box = _build_box(pose, actor.length, actor.width)
+    for ego in near:
         area = float(shapely.intersection(box, _build_box(ego.start, CAR.length, CAR.width)).area)
         if area > TOUCHING_M2:
             yield ego.id, area
