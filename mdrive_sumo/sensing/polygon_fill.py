@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float, Int
 
 
@@ -27,7 +28,8 @@ def box_edges(corners: Float) -> Float:
     return np.stack((corners, np.roll(corners, -1, axis=1)), axis=2).reshape(-1, 2, 2)
 
 
-def fill_polygons(edges: Float, layer: Int, shape: tuple[int, int]) -> npt.NDArray[np.uint8]:
+@twin
+def fill_polygons(edges: Float, layer: Int, shape: tuple[int, int], /) -> npt.NDArray[np.uint8]:
     """Layers (max(layer) + 1, H, W) of 0 and 255 for a shape (layers, size): a pixel is 255 if its centre is inside.
 
     edges: (E, 2, 2) [pixels], (column, row) counted from the corner of the image; each layer's form closed rings.
