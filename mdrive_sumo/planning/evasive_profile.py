@@ -39,16 +39,9 @@ def build_evasion_problem(
     speeds: (M,) [m/s] highest at the points of the path; top_speed: [m/s] of the planning scale.
     """
     lattice = choose_lattice(top_speed, EVASION_LATTICE)
-    problem = build_free_road_problem(path, speeds, start, 0.0, EVASION.horizon_s + 1e-6, lattice)
-    reachable = slice(round(EVASION.horizon_s * lattice.top_speed / lattice.cell_m))
-    return replace(
-        problem,
-        cells=problem.cells[reachable],
-        limits=problem.limits[reachable],
-        blocked=problem.blocked[:, reachable],
-        goals=slice(min(problem.goals.start, reachable.stop), None),
-        wait_penalty=PLANNER.wait_penalty,
-    )
+    horizon_s = EVASION.horizon_s
+    problem = build_free_road_problem(path, speeds, start, 0.0, horizon_s + 1e-6, lattice, horizon_s)
+    return replace(problem, wait_penalty=PLANNER.wait_penalty)
 
 
 def find_evasive_profile(problem: SpeedProfileProblem, block: Callable[[SafetyMargin], Bool]) -> SpeedProfile | None:

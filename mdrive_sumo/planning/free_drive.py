@@ -1,11 +1,10 @@
 """A drive on a free road, against which a plan is held: what it would meet first is why the plan is slower."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from mdrive_sumo.contract import Cause, Objects, OwnState, Privileged, Reason
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.motion_prediction import TIMES
@@ -26,25 +25,34 @@ MET_M = 5.0, 2.2
 margins of planning. It names the reason of a plan, which itself keeps clear of boxes."""
 
 
-def round_limits(limits: Float, lattice: SpeedLattice) -> list[float]:
-    """Return the highest speeds [m/s] of the lattice that keep to limits (M,) [m/s]."""
+def round_limits(limits: Float, lattice: SpeedLattice) -> Float:
+    """Return the highest speeds (M,) [m/s] of the lattice that keep to limits (M,) [m/s]."""
     steps = np.maximum(np.floor(limits / lattice.speed_step + 1e-6), 1.0)
-    return list[float]((steps * lattice.speed_step).tolist())
+    return steps * lattice.speed_step
 
 
-def predict_free_stations(limits: Sequence[float], lattice: SpeedLattice, start: PathState, times: Float) -> Float:
+def predict_free_stations(limits: Float, lattice: SpeedLattice, start: PathState, times: Float) -> Float:
     """Return the arc lengths (T,) [m] at equidistant `times` (T,) [s] of a drive that no road user limits.
 
     limits: `round_limits` at the points of the path. It tells what limits a profile, and is no plan: it may brake late.
     """
-    s, speed = start
+    speed = start.speed if lattice.has_exact_start else lattice.find_index(start.speed) * lattice.speed_step
     step_s = float(times[0])
-    if not lattice.has_exact_start:
-        speed = lattice.find_index(speed) * lattice.speed_step
-    stations = np.zeros(len(times))
-    for k in range(len(times)):
-        limit = limits[min(int(s / SPACING_M), len(limits) - 1)]
-        after = min(speed + FREE_ACCELERATION * step_s, max(limit, speed - FREE_BRAKING * step_s))
+    return drive_freely(limits, start.s, speed, FREE_ACCELERATION, FREE_BRAKING, step_s, len(times))
+
+
+@twin
+def drive_freely(
+    limits: Float, s: float, speed: float, acceleration: float, braking: float, step_s: float, steps: int, /
+) -> Float:
+    """Return the arc lengths (steps,) [m] of a car that keeps to limits (M,) [m/s] at the points of its path.
+
+    It starts at s [m] and `speed` [m/s]; acceleration, braking: [m/s2] its highest.
+    """
+    stations = np.zeros(steps)
+    for k in range(steps):
+        limit = float(limits[min(int(s / SPACING_M), len(limits) - 1)])
+        after = min(speed + acceleration * step_s, max(limit, speed - braking * step_s))
         s += (speed + after) / 2 * step_s
         speed = after
         stations[k] = s

@@ -64,6 +64,7 @@ bool place_box(double x, double y, double yaw, double length, double width, Box 
 bool place_footprints(const Path *path, const int64_t *cells, Py_ssize_t count, double length, double width, Box *boxes) {
     for (Py_ssize_t i = 0; i < count; i++) {
         Py_ssize_t cell = (Py_ssize_t)cells[i];
+        if (cell < 0) cell += path->count; /* as NumPy: a car may begin a little before its path */
         if (cell < 0 || cell >= path->count) {
             PyErr_Format(PyExc_ValueError, "expected cells 0 to %zd, found %zd", path->count - 1, cell);
             return false;

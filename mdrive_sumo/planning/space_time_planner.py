@@ -12,7 +12,7 @@ import numpy as np
 from mdrive_sumo.contract import Briefing, Cause, OwnState, Plan, Reason
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import TICKS_PER_SECOND
-from mdrive_sumo.planning.free_drive import falls_behind, predict_free_stations, round_limits
+from mdrive_sumo.planning.free_drive import drive_freely, falls_behind, predict_free_stations, round_limits
 from mdrive_sumo.planning.motion_conflicts import MotionConflicts
 from mdrive_sumo.planning.motion_prediction import HORIZON_S, STRIDE, TIMES, PredictedMotion
 from mdrive_sumo.planning.parameters import MARGINS, MOTION, PLANNER, PlannerParameters, SafetyMargin
@@ -20,7 +20,6 @@ from mdrive_sumo.planning.path_overlap import find_cells
 from mdrive_sumo.planning.planning_scale import PlanningScale, find_planning_scale
 from mdrive_sumo.planning.profile_search import find_fastest_profile
 from mdrive_sumo.planning.reference_path import (
-    SPACING_M,
     PathState,
     ReferencePath,
     RouteSpeeds,
@@ -151,17 +150,12 @@ class SpaceTimePlanner:
     def _build_problem(self, tick: int, start: PathState) -> SpeedProfileProblem:
         """Return the problem of driving on a free road for the horizon."""
         now_s = tick / TICKS_PER_SECOND
-        lattice = self.scale.lattice
+        until_s = now_s + HORIZON_S + 1e-6
         problem = build_free_road_problem(
-            self.path, self._speeds.limits, start, now_s, now_s + HORIZON_S + 1e-6, lattice
+            self.path, self._speeds.limits, start, now_s, until_s, self.scale.lattice, HORIZON_S
         )
-        reachable = slice(round(HORIZON_S * lattice.top_speed / lattice.cell_m))  # within the horizon
         return replace(
             problem,
-            cells=problem.cells[reachable],
-            limits=problem.limits[reachable],
-            blocked=problem.blocked[:, reachable],
-            goals=slice(min(problem.goals.start, reachable.stop), None),
             wait_penalty=self._parameters.wait_penalty,
             must_move=np.zeros_like(problem.must_move),  # a car that must wait waits as long as it takes
         )
@@ -210,15 +204,8 @@ class SpaceTimePlanner:
 
     def predict_desired_points(self, speed: float, points: int) -> Float:
         """Return where the car would be every `interval_s` on a free road (points, 2) [m], from that speed [m/s] on."""
-        interval_s, braking = self._parameters.interval_s, self._parameters.braking
-        stations = np.zeros(points)
-        s, limits = self.s, self._speeds.limits
-        for k in range(points):
-            limit = float(limits[min(int(s / SPACING_M), len(limits) - 1)])
-            after = min(speed + braking * interval_s, max(limit, speed - 2 * braking * interval_s))
-            s += (speed + after) / 2 * interval_s
-            speed = after
-            stations[k] = s
+        braking, interval_s = self._parameters.braking, self._parameters.interval_s
+        stations = drive_freely(self._speeds.limits, self.s, speed, braking, 2 * braking, interval_s, points)
         return self.path.get_points(stations)
 
     def build_plan(self, tick: int) -> Plan:

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.planning.parameters import MARGINS, PROFILE, ProfileParameters, SafetyMargin
 from mdrive_sumo.planning.reference_path import PathState, ReferencePath
@@ -29,16 +29,9 @@ class SpeedProfile:
     step_s: float = FINE.step_s
     """[s] Between two points."""
 
-    @cached_property
-    def _acceleration(self) -> Float:
-        """(K,) [m/s2] after each point, 0 after the last one."""
-        return np.append(np.diff(self.speed), 0.0) / self.step_s
-
     def get_stations(self, t: Float) -> Float:
         """Return the arc length (N,) [m] at times t >= 0 [s]; beyond the end at the last speed."""
-        k = np.minimum((t / self.step_s).astype(np.int64), len(self.s) - 1)
-        rest = t - k * self.step_s
-        return self.s[k] + self.speed[k] * rest + self._acceleration[k] * (rest * rest) / 2
+        return compute_stations(self, t)
 
     def append(self, other: "SpeedProfile") -> "SpeedProfile":
         """Return this profile followed by another one that begins where this one ends."""
@@ -48,6 +41,15 @@ class SpeedProfile:
     def extend_standstill(self, layers: int) -> "SpeedProfile":
         """Return this profile followed by that many steps of standing."""
         return replace(self, s=np.append(self.s, [self.s[-1]] * layers), speed=np.append(self.speed, [0.0] * layers))
+
+
+@twin
+def compute_stations(profile: SpeedProfile, t: Float, /) -> Float:
+    """As `SpeedProfile.get_stations`."""
+    k = np.minimum((t / profile.step_s).astype(np.int64), len(profile.s) - 1)
+    rest = t - k * profile.step_s
+    acceleration = np.append(np.diff(profile.speed), 0.0) / profile.step_s
+    return profile.s[k] + profile.speed[k] * rest + acceleration[k] * (rest * rest) / 2
 
 
 @dataclass(frozen=True)
@@ -103,8 +105,8 @@ class SpeedProfileProblem:
         blocked = block(plan_margin)
         cell_m = self.lattice.cell_m
         near = int(parameters.forgiving_m / cell_m) + int((self.speed * self.speed) / 8 / cell_m)
-        violated = np.logical_and.accumulate(blocked[:, :near], axis=0)
-        if violated.any():
+        if blocked[:1, :near].any():
+            violated = np.logical_and.accumulate(blocked[:, :near], axis=0)
             blocked[:, :near] &= ~violated | block(min_margin)[:, :near]
             blocked[:, 0] &= ~violated[:, 0]
         return replace(self, blocked=blocked)
@@ -138,28 +140,38 @@ def build_free_road_problem(
     now_s: float,
     until_s: float,
     lattice: SpeedLattice = FINE,
+    reach_s: float = math.inf,
 ) -> SpeedProfileProblem:
     """Return the problem of driving to the goal on a free road.
 
     speeds: (M,) limit [m/s] at each point of the path; now_s, until_s: the present time and the time limit [s] of the
-    episode.
+    episode; reach_s: only cells that a car can reach within this time are of interest.
     """
     first_s, speed = start.s, max(start.speed, 0.0)
     lattice_s = first_s + lattice.compute_shift(speed)
     goal = max(math.ceil((path.goal_s + PROFILE.beyond_goal_m - lattice_s) / lattice.cell_m), 0)
-    ahead = np.arange(goal + lattice.max_cells_per_step + 1)
-    cells = np.minimum(find_path_points(lattice, lattice_s, ahead), len(path.xy) - 1)
+    count = goal + lattice.max_cells_per_step + 1
+    if math.isfinite(reach_s):
+        count = min(count, round(reach_s * lattice.top_speed / lattice.cell_m))
+    cells, limits = list_cells(speeds, lattice, lattice_s, count)
     layers = max(int((until_s - now_s) / lattice.step_s), 1)
     return SpeedProfileProblem(
         start_s=first_s,
         speed=speed,
         cells=cells,
-        limits=np.maximum(np.floor(speeds[cells] / lattice.speed_step + 1e-6).astype(np.int64), 1),
-        goals=slice(goal, None),
+        limits=limits,
+        goals=slice(min(goal, count), None),
         blocked=np.zeros((layers * lattice.samples, len(cells)), dtype=np.bool_),
         must_move=_find_moving_layers(now_s, layers, lattice),
         lattice=lattice,
     )
+
+
+@twin
+def list_cells(speeds: Float, lattice: SpeedLattice, lattice_s: float, count: int, /) -> tuple[Int, Int]:
+    """Return `SpeedProfileProblem.cells` and `limits` of that many cells; speeds: (M,) at the points of the path."""
+    cells = np.minimum(find_path_points(lattice, lattice_s, np.arange(count)), len(speeds) - 1)
+    return cells, np.maximum(np.floor(speeds[cells] / lattice.speed_step + 1e-6).astype(np.int64), 1)
 
 
 def _find_moving_layers(now_s: float, layers: int, lattice: SpeedLattice) -> Bool:

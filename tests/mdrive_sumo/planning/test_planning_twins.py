@@ -11,13 +11,13 @@ from testing.twins import compare_twins
 from mdrive_sumo.contract import Cause, Objects, Reason, VehicleFacts
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, boxes_corners
-from mdrive_sumo.planning import interaction_prediction, motion_conflicts, profile_search  # noqa: F401
+from mdrive_sumo.planning import free_drive, interaction_prediction, motion_conflicts, profile_search  # noqa: F401
 from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
 from mdrive_sumo.planning.parameters import INTERACTION, RIGHT_OF_WAY, SafetyMargin
 from mdrive_sumo.planning.reference_path import ReferencePath, build_path
 from mdrive_sumo.planning.right_of_way import EgoMotion
 from mdrive_sumo.planning.speed_lattice import build_transitions, choose_lattice
-from mdrive_sumo.planning.speed_profile import SpeedProfileProblem
+from mdrive_sumo.planning.speed_profile import SpeedProfile, SpeedProfileProblem
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -111,6 +111,21 @@ def test_motions_of_road_users(seed: int) -> None:
         compare_twins(name("predict_crossing"), objects, row, curvature, bool(rng.random() < 0.5), top_speed)
         place = float(rng.uniform(0.0, 40.0)), 40.0, VEHICLE.length, float(rng.choice((0.0, 0.1, 1.0)))
         compare_twins(name("predict_lead_object"), objects, row, PATH, *place, INTERACTION)
+
+
+@given(seed=SEEDS)
+def test_speed_profiles_and_free_drives(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lattice, points = choose_lattice(float(rng.choice((8.0, 13.9, 33.3)))), int(rng.integers(1, 30))
+    profile = SpeedProfile(
+        np.cumsum(rng.uniform(0.0, 5.0, points)), rng.uniform(0.0, 9.0, points), True, lattice.step_s
+    )
+    times = np.concatenate((rng.uniform(0.0, 40.0, int(rng.integers(0, 9))), np.arange(4) * lattice.step_s))
+    compare_twins("planning_speed_profile_compute_stations", profile, times)
+    speeds = rng.uniform(0.0, 40.0, int(rng.integers(9, 200)))
+    compare_twins("planning_speed_profile_list_cells", speeds, lattice, float(rng.uniform(-1.0, 60.0)), 3 * points)
+    start, limits = float(rng.uniform(0.0, 60.0)), (2.0, 4.0, float(rng.choice((0.2, 0.25))))
+    compare_twins("planning_free_drive_drive_freely", speeds, start, float(rng.uniform(0.0, 40.0)), *limits, points)
 
 
 def random_problem(rng: np.random.Generator) -> SpeedProfileProblem:
