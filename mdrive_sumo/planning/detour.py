@@ -7,6 +7,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Briefing, VehicleFacts
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int, build_polyline
 from mdrive_sumo.planning.parameters import DETOUR, DetourParameters
 from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps, find_cells
@@ -44,8 +45,9 @@ class _LateralShift(NamedTuple):
         return self.left * (u * u * u) * (10 - 15 * u + 6 * (u * u))
 
 
+@twin
 def find_obstructing_boxes(
-    path: ReferencePath, s: float, boxes: Float, vehicle: VehicleFacts, parameters: DetourParameters = DETOUR
+    path: ReferencePath, s: float, boxes: Float, vehicle: VehicleFacts, parameters: DetourParameters = DETOUR, /
 ) -> Bool:
     """Return a mask (K,): which boxes (K, 4, 2) [m] the car would touch within `look_ahead_m` of arc length s [m]."""
     cells = find_cells(path, np.arange(s, min(s + parameters.look_ahead_m, path.length), 2 * SPACING_M))
@@ -60,12 +62,13 @@ def compute_box_extents(path: ReferencePath, s: float, boxes: Float, parameters:
     """
     look_m = parameters.look_ahead_m
     window = slice(max(int((s - look_m) / SPACING_M), 0), int((s + 2 * look_m) / SPACING_M))
-    i, along, left = _to_frenet(path.xy[window], path.yaw[window], boxes)
+    i, along, left = to_frenet(path.xy[window], path.yaw[window], boxes)
     stations = (window.start + i) * SPACING_M + along
     return np.column_stack((stations.min(1), stations.max(1), left.min(1), left.max(1)))
 
 
-def _to_frenet(xy: Float, yaw: Float, points: Float) -> tuple[Int, Float, Float]:
+@twin
+def to_frenet(xy: Float, yaw: Float, points: Float, /) -> tuple[Int, Float, Float]:
     """Return for points (..., 2) the nearest point of the chain xy (N, 2) and the offsets ahead and left of it [m]."""
     i = portable.square(points[..., None, :] - xy).sum(-1).argmin(-1)
     gap = points - xy[i]
@@ -169,13 +172,13 @@ class _DetourSearch:
     def _is_on_road(self, detour: Detour) -> bool:
         """Return whether the car's corners stay on the road wherever the path is shifted."""
         briefing, cells = self._briefing, _find_detour_cells(detour, 2)
-        shift = np.abs(_to_frenet(self._path.xy, self._path.yaw, detour.path.xy[cells])[2])
+        shift = np.abs(to_frenet(self._path.xy, self._path.yaw, detour.path.xy[cells])[2])
         shifted = cells[shift > self._parameters.shifted_m]
         corners = compute_footprints(detour.path, briefing.vehicle.length, briefing.vehicle.width, shifted)
         # The path goes on beyond the goal, the route does not: its last point stands for the road there.
         first = min(max(int(detour.first_s) - 10, 0), len(briefing.route_xy) - 1)
         near = slice(first, int(detour.last_s) + 20)
-        i, _, left = _to_frenet(briefing.route_xy[near], briefing.route_yaw[near], corners)
+        i, _, left = to_frenet(briefing.route_xy[near], briefing.route_yaw[near], corners)
         room = _take_minimum_of_neighbours(briefing.route_room[near])[i] - self._parameters.edge_clearance_m
         return bool(((left <= room[..., 0]) & (-left <= room[..., 1])).all())
 

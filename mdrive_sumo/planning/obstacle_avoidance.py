@@ -8,10 +8,12 @@ import numpy as np
 
 from mdrive_sumo.contract import Briefing, Cause, Objects, Observation, OwnState, Reason
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.perception.static_object_tracker import StaticObjectTracker
 from mdrive_sumo.planning.detour import Detour, compute_box_extents, find_detour, find_obstructing_boxes
+from mdrive_sumo.planning.parameters import AvoidanceParameters
 from mdrive_sumo.planning.path_overlap import compute_footprints, compute_overlaps, find_cells
 from mdrive_sumo.planning.planning_scale import PROTOCOL_SCALE, PlanningScale
 from mdrive_sumo.planning.reference_path import ReferencePath
@@ -73,7 +75,7 @@ class ObstacleAvoidance:
         objects = self._tracker.replace_by_means(objects, fixed)
         waits = self._find_oncoming_stops(seen.tick, objects.take(~fixed), seen.own, planner)
         boxes = boxes_corners(objects.x, objects.y, objects.yaw, objects.length, objects.width)
-        queued = self._find_queued(objects, standstill_s)
+        queued = find_queued(objects, standstill_s, self._parameters)
         # A vehicle that has never moved may be parked, queued or not; too close to it the car could not turn out.
         suspected = ~queued | self._tracker.find_never_moved(objects)
         still = (objects.kind == Kind.VEHICLE) & (standstill_s >= self._parameters.suspected_s) & suspected
@@ -94,14 +96,6 @@ class ObstacleAvoidance:
         """Return a mask (N,): static objects, and vehicles that the car passes already."""
         passed = np.array([name in self._passed_ids for name in objects.ids], dtype=np.bool_)
         return ((objects.kind == Kind.STATIC) | passed) & (standstill_s >= self._parameters.confirmation_s)
-
-    def _find_queued(self, objects: Objects, standstill_s: Float) -> Bool:
-        """Return a mask (N,): objects near a moving one, which may be waiting for it."""
-        moving_speed = self._parameters.moving_speed
-        moving = (standstill_s < self._parameters.suspected_s) & (np.abs(objects.speed) > moving_speed)
-        moves = np.flatnonzero(moving)
-        gaps = portable.hypot(objects.x[:, None] - objects.x[moves], objects.y[:, None] - objects.y[moves])
-        return np.any(gaps < self._parameters.queue_radius_m, axis=1)
 
     def _take_detour(
         self, own: OwnState, objects: Objects, parked: Bool, boxes: Float, planner: ReplaceablePath
@@ -194,6 +188,14 @@ class ObstacleAvoidance:
         position = float(objects.x[nearest]), float(objects.y[nearest])
         gap_m = max(float(first_s[nearest]) - self._vehicle.length / 2 - s, 0.0)
         return [StopPoint(max(stop, soonest), Reason(Cause.OBSTACLE, (objects.ids[nearest],), position, gap_m))]
+
+
+@twin
+def find_queued(objects: Objects, standstill_s: Float, parameters: AvoidanceParameters, /) -> Bool:
+    """Return a mask (N,): objects near a moving one, which may be waiting for it; standstill_s: (N,)."""
+    moves = np.flatnonzero((standstill_s < parameters.suspected_s) & (np.abs(objects.speed) > parameters.moving_speed))
+    gaps = portable.hypot(objects.x[:, None] - objects.x[moves], objects.y[:, None] - objects.y[moves])
+    return np.any(gaps < parameters.queue_radius_m, axis=1)
 
 
 def _find_stopped_at_lines(first_s: Float, stop_stations: Sequence[float], look_m: float) -> Bool:

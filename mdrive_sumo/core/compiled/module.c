@@ -14,7 +14,7 @@
     USE(sensing_localization) USE(sensing_objects_sensor) USE(sensing_polygon_fill) USE(sensing_visibility) \
     USE(sumo_sumo_frames) USE(v2x_encoding) USE(vehicle_contact) USE(vehicle_control_plan_reader) \
     USE(vehicle_control_tracker) USE(vehicle_dynamics) USE(vehicle_impact) USE(planning_free_drive) \
-    USE(planning_speed_profile)
+    USE(planning_speed_profile) USE(planning_detour) USE(planning_obstacle_avoidance)
 
 #define DECLARE(file) extern Functions file;
 #define LIST(file) file,

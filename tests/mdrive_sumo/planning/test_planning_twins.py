@@ -11,9 +11,16 @@ from testing.twins import compare_twins
 from mdrive_sumo.contract import Cause, Objects, Reason, VehicleFacts
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, boxes_corners
-from mdrive_sumo.planning import free_drive, interaction_prediction, motion_conflicts, profile_search  # noqa: F401
+from mdrive_sumo.planning import (  # noqa: F401
+    detour,
+    free_drive,
+    interaction_prediction,
+    motion_conflicts,
+    obstacle_avoidance,
+    profile_search,
+)
 from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
-from mdrive_sumo.planning.parameters import INTERACTION, RIGHT_OF_WAY, SafetyMargin
+from mdrive_sumo.planning.parameters import AVOIDANCE, DETOUR, INTERACTION, RIGHT_OF_WAY, SafetyMargin
 from mdrive_sumo.planning.reference_path import ReferencePath, build_path
 from mdrive_sumo.planning.right_of_way import EgoMotion
 from mdrive_sumo.planning.speed_lattice import build_transitions, choose_lattice
@@ -126,6 +133,19 @@ def test_speed_profiles_and_free_drives(seed: int) -> None:
     compare_twins("planning_speed_profile_list_cells", speeds, lattice, float(rng.uniform(-1.0, 60.0)), 3 * points)
     start, limits = float(rng.uniform(0.0, 60.0)), (2.0, 4.0, float(rng.choice((0.2, 0.25))))
     compare_twins("planning_free_drive_drive_freely", speeds, start, float(rng.uniform(0.0, 40.0)), *limits, points)
+
+
+@given(seed=SEEDS)
+def test_obstacles(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes, s = random_boxes(rng, int(rng.integers(0, 9))), float(rng.uniform(0.0, 140.0))
+    compare_twins("planning_detour_find_obstructing_boxes", PATH, s, boxes, VEHICLE)
+    compare_twins("planning_detour_find_obstructing_boxes", PATH, s, boxes, VEHICLE, replace(DETOUR, look_ahead_m=9.0))
+    for points in (rng.uniform(-30.0, 30.0, shape) for shape in ((5, 2), (0, 4, 2), (3, 4, 2))):
+        compare_twins("planning_detour_to_frenet", PATH.xy[50:200], PATH.yaw[50:200], points)
+    objects = random_objects(rng)
+    standstill_s = rng.choice((0.0, 1.0, 2.0, 9.0), len(objects.ids))
+    compare_twins("planning_obstacle_avoidance_find_queued", objects, standstill_s, AVOIDANCE)
 
 
 def random_problem(rng: np.random.Generator) -> SpeedProfileProblem:
