@@ -2,13 +2,14 @@
 
 import math
 from collections import Counter, deque
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum, auto
 from typing import NamedTuple
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.seeding import UNIFORMS, draw_normals, draw_uniforms
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.v2x.comm_settings import CommSettings, LinkSettings
@@ -16,6 +17,8 @@ from mdrive_sumo.v2x.messages import displace_message
 from mdrive_sumo.v2x.shared_reading import find_shared_problem
 
 Position = tuple[float, float]
+Lucks = tuple[tuple[float, ...], ...]
+"""Random numbers in [0, 1) by tick of a block, then by receiver."""
 MAX_COUNTED_TYPES, OTHER = 32, "(other)"
 """Types of messages that results count one by one, and the name of all others, which no agent can use as a type."""
 
@@ -56,8 +59,7 @@ class SentMessage:
     deliveries: Mapping[str, Delivery]
 
 
-@dataclass(frozen=True, slots=True)
-class _Flight:
+class _Flight(NamedTuple):
     """A message in transit to some receivers, all of which get it in the same tick."""
 
     message: Message
@@ -73,8 +75,8 @@ class Channel:
     def __init__(self, comm: CommSettings, seed: int) -> None:
         self._comm, self._seed = comm, seed
         self._muted = comm.mute_filter
-        self._drawn: dict[tuple[str, str, int], tuple[int, tuple[float, ...]]] = {}
-        """(sender, receiver, n) -> the latest block of ticks and its random numbers; a pure cache."""
+        self._drawn: dict[tuple[str, int], tuple[int, tuple[str, ...], Lucks]] = {}
+        """(sender, n) -> the latest block of ticks, the receivers, and their random numbers; a pure cache."""
         self._budgets: dict[str, _Budget] = {}
         self._flights: dict[int, list[_Flight]] = {}
         self._log: list[tuple[Message, dict[str, Delivery]]] = []
@@ -94,9 +96,7 @@ class Channel:
         """
         receiver_ids = sorted(positions if receivers is None else receivers)
         for sender in sorted(outgoing):
-            others = {
-                one: portable.distance(positions[sender], positions[one]) for one in receiver_ids if one != sender
-            }
+            others = measure_distances(positions, sender, receiver_ids)
             for n, unsigned in enumerate(outgoing[sender]):
                 message = Message(unsigned.type, unsigned.payload, sender, tick)
                 deliveries: dict[str, Delivery] = {}
@@ -118,7 +118,9 @@ class Channel:
             return DeliveryStatus.MUTED
         if math.isinf(comm.budget_bytes_s):
             return None
-        budget = self._budgets.setdefault(message.sender, _Budget(comm.budget_bytes_s))
+        budget = self._budgets.get(message.sender)
+        if budget is None:
+            budget = self._budgets[message.sender] = _Budget(comm.budget_bytes_s)
         fits = budget.take(message.tick, len(message.payload) + comm.header_bytes)
         return None if fits else DeliveryStatus.OVER_BUDGET
 
@@ -127,26 +129,20 @@ class Channel:
         link = self._comm.find_link(message.type)
         reached = list(others)
         if link.loss or not math.isinf(link.range_m):
-            lost = Delivery(DeliveryStatus.LOST, message.tick)
-            beyond = Delivery(DeliveryStatus.OUT_OF_RANGE, message.tick)
-            for receiver, distance in others.items():
-                if distance > link.range_m:
-                    deliveries[receiver] = beyond
-                elif link.loss and self._draw_loss(message, n, receiver) < link.loss:
-                    deliveries[receiver] = lost
-            reached = [receiver for receiver in others if receiver not in deliveries]
+            lucks = self._draw_lucks(message, n, tuple(others)) if link.loss else ()
+            reached = select_reached(message.tick, others, link.range_m, link.loss, lucks, deliveries)
         if reached:
             flight = _Flight(message, n, reached, deliveries)
             self._flights.setdefault(message.tick + max(link.latency_ticks, 1), []).append(flight)
 
-    def _draw_loss(self, message: Message, n: int, receiver: str) -> float:
-        """Return the random number in [0, 1) of a message for a receiver; one hash serves `UNIFORMS` ticks."""
-        pair = message.sender, receiver, n
+    def _draw_lucks(self, message: Message, n: int, receivers: tuple[str, ...]) -> tuple[float, ...]:
+        """Return the random numbers in [0, 1) of a message for its receivers; one hash each serves `UNIFORMS` ticks."""
+        pair = message.sender, n
         block, place = divmod(message.tick, UNIFORMS)
         drawn = self._drawn.get(pair)
-        if drawn is None or drawn[0] != block:
-            drawn = self._drawn[pair] = block, draw_uniforms(self._seed, "loss", *pair, block)
-        return drawn[1][place]
+        if drawn is None or drawn[0] != block or drawn[1] != receivers:
+            drawn = self._drawn[pair] = block, receivers, draw_lucks(self._seed, message.sender, n, receivers, block)
+        return drawn[2][place]
 
     def deliver(self, tick: int, receivers: tuple[str, ...]) -> dict[str, tuple[Message, ...]]:
         """Return the messages that reach the active receivers now, in the order of sending, then of sender ids.
@@ -160,11 +156,10 @@ class Channel:
             link = self._comm.find_link(flight.message.type)
             wrong = link.pose_error_m or link.pose_error_deg
             for receiver in flight.receivers:
-                if receiver not in inboxes:
-                    flight.deliveries[receiver] = gone
-                    continue
-                flight.deliveries[receiver] = arrived
-                inboxes[receiver].append(self._add_pose_error(link, flight, receiver) if wrong else flight.message)
+                inbox = inboxes.get(receiver)
+                flight.deliveries[receiver] = gone if inbox is None else arrived
+                if inbox is not None:
+                    inbox.append(self._add_pose_error(link, flight, receiver) if wrong else flight.message)
         return {receiver: tuple(inbox) for receiver, inbox in inboxes.items()}
 
     def _pop_due(self, tick: int) -> list[_Flight]:
@@ -188,6 +183,46 @@ class Channel:
     def sent_messages(self) -> tuple[SentMessage, ...]:
         """Return all sent messages in order; messages in transit have no status for their receivers yet."""
         return tuple(SentMessage(message, dict(deliveries)) for message, deliveries in self._log)
+
+
+@twin
+def measure_distances(positions: Mapping[str, Position], sender: str, receivers: Sequence[str], /) -> dict[str, float]:
+    """Return the distance [m] from the sender to each receiver but itself, in their order."""
+    x, y = positions[sender]
+    return {one: portable.hypot(positions[one][0] - x, positions[one][1] - y) for one in receivers if one != sender}
+
+
+@twin
+def draw_lucks(seed: int, sender: str, n: int, receivers: tuple[str, ...], block: int, /) -> Lucks:
+    """Return random numbers in [0, 1) for each receiver of a sender's n-th message, in each tick of a block."""
+    drawn = [draw_uniforms(seed, "loss", sender, receiver, n, block) for receiver in receivers]
+    return tuple(tuple(numbers[tick] for numbers in drawn) for tick in range(UNIFORMS))
+
+
+@twin
+def select_reached(
+    tick: int,
+    others: Mapping[str, float],
+    range_m: float,
+    loss: float,
+    lucks: tuple[float, ...],
+    deliveries: dict[str, Delivery],
+    /,
+) -> list[str]:
+    """Return the receivers that a message reaches, and add the others to its deliveries.
+
+    others: distances [m] by receiver. loss: share of messages that are lost. lucks: random numbers in [0, 1) of the
+    receivers, not read if the loss is 0.
+    """
+    reached: list[str] = []
+    for i, (receiver, distance) in enumerate(others.items()):
+        if distance > range_m:
+            deliveries[receiver] = Delivery(DeliveryStatus.OUT_OF_RANGE, tick)
+        elif loss and lucks[i] < loss:
+            deliveries[receiver] = Delivery(DeliveryStatus.LOST, tick)
+        else:
+            reached.append(receiver)
+    return reached
 
 
 class _Budget:
