@@ -10,7 +10,6 @@ from mdrive_sumo.core.state import DT, Actors, EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, ReplayMotion
-from mdrive_sumo.sumo import SumoWorld
 from real2sim.fit.background_vehicle import median_size
 from real2sim.recording import RecordedTrack
 
@@ -27,9 +26,11 @@ class TimedPath:
         """x, y [m], yaw [rad], speed [m/s]; None before and after."""
         if time < self.times[0] - 1e-6 or (time > self.times[-1] + 1e-6 and not self.stays):
             return None
-        if len(self.times) == 1:
-            return self.states[0]
-        return np.array([np.interp(time, self.times, column) for column in self.states.T])
+        k = int(np.searchsorted(self.times, time, side="right")) - 1  # the last pose before or at that time
+        if k < 0 or k == len(self.times) - 1 or self.times[k] == time:
+            return self.states[max(k, 0)]
+        slope = (self.states[k + 1] - self.states[k]) / (self.times[k + 1] - self.times[k])
+        return slope * (time - self.times[k]) + self.states[k]
 
 
 def build_track_path(track: RecordedTrack, dt_s: float) -> TimedPath:
@@ -97,6 +98,8 @@ def simulate_log(
     scenario: Scenario, roads: RoadMap, tracks: Mapping[str, RecordedTrack], dt_s: float
 ) -> SimulatedTraffic:
     """Run the scenario until the log ends. `tracks`: by id in the scenario; CAVs follow theirs."""
+    from mdrive_sumo.sumo import SumoWorld  # only here: the process that starts the workers never simulates
+
     frames = len(next(iter(tracks.values())).valid)
     cavs = {ego.id: build_track_path(tracks[ego.id], dt_s) for ego in scenario.egos}
     actors = [(actor, build_actor_path(actor)) for actor in sorted(scenario.actors, key=lambda actor: actor.id)]

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from mdrive_sumo.core.geometry import Float, build_polyline
 
@@ -35,7 +34,9 @@ class _DrivenPath:
 
     xy: Float
     frame: Float
-    tree: KDTree
+    low: Float
+    high: Float
+    """Corners (2,) [m] of the box around the points."""
 
 
 def find_conflict_points(tracks: Mapping[str, Float]) -> tuple[ConflictPoint, ...]:
@@ -67,19 +68,19 @@ def _sample_path(xy: Float) -> _DrivenPath | None:
     stations = np.arange(0.0, driven[-1], SPACING_M)
     points = np.column_stack([np.interp(stations, driven, xy[rows, axis]) for axis in (0, 1)])
     first_there = np.concatenate(((True,), np.diff(driven) > 1e-6))
-    return _DrivenPath(
-        points, np.interp(stations, driven[first_there], rows[first_there].astype(np.float64)), KDTree(points)
-    )
+    frame = np.interp(stations, driven[first_there], rows[first_there].astype(np.float64))
+    return _DrivenPath(points, frame, points.min(axis=0), points.max(axis=0))
 
 
 def _find_meeting_point(path: _DrivenPath, other: _DrivenPath) -> tuple[int, int] | None:
     """Return the indices of the points at which two paths first come near each other after a stretch apart."""
-    gap, _ = path.tree.query(other.xy, distance_upper_bound=CONFLICT_M)
-    back, _ = other.tree.query(path.xy, distance_upper_bound=CONFLICT_M)
-    begins, meets = np.flatnonzero(np.isfinite(back)), np.flatnonzero(np.isfinite(gap))
-    if not len(begins) or not len(meets):
+    if np.any(path.low > other.high + CONFLICT_M) or np.any(other.low > path.high + CONFLICT_M):
         return None
-    i, j = int(begins[0]), int(meets[0])
+    square = (path.xy[:, None, 0] - other.xy[:, 0]) ** 2 + (path.xy[:, None, 1] - other.xy[:, 1]) ** 2
+    is_near = square < CONFLICT_M**2
+    if not is_near.any():
+        return None
+    i, j = int(is_near.any(axis=1).argmax()), int(is_near.any(axis=0).argmax())
     apart = round(APART_M / SPACING_M)
     return (i, j) if i >= apart and j >= apart else None
 

@@ -24,10 +24,8 @@ from mdrive_sumo.actors import ScriptedActors
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import DT, Actors, Frame, WorldState
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.generate.screening import drive_episode
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
-from mdrive_sumo.sumo import SumoWorld
 from real2sim.recording import RecordedTrack
 
 ALONE, OMNISCIENT = "alone", "omniscient"
@@ -68,6 +66,8 @@ def drive_alone(scenario: Scenario, roads: RoadMap, log_s: float) -> TrafficDriv
 
     Needs the process's only SUMO simulation. Raises WorldError or InputError as `SumoWorld` does.
     """
+    from mdrive_sumo.sumo import SumoWorld  # only here: the process that starts the workers never simulates
+
     scripted = ScriptedActors(scenario, roads)
     samples: list[Actors] = []
     with SumoWorld(scenario, roads, {}, 0) as world:
@@ -98,6 +98,8 @@ def _stack_samples(samples: Sequence[Actors]) -> TrafficDrive:
 
 def drive_with_omniscient(scenario: Scenario, roads: RoadMap) -> TrafficDrive:
     """Drive an episode with `omniscient` in every CAV. Raises WorldError or InputError as `drive_episode` does."""
+    from mdrive_sumo.generate.screening import drive_episode  # only here, as above
+
     return _sample_episode(drive_episode(scenario, roads, OMNISCIENT))
 
 
