@@ -1,63 +1,46 @@
 """The road users and objects of a frame, as scripted actors perceive them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Bool, Float, Int
-from mdrive_sumo.core.state import Frame, Kind, RoadUsers
+from mdrive_sumo.actors.path_tables import Rows
+from mdrive_sumo.core.state import Actors, EgoState, Kind
 from mdrive_sumo.vehicle import dynamics
 
 CAR_SIZE = (dynamics.MKZ_2017.length, dynamics.MKZ_2017.width)
 """Length and width [m]: every CAV is the paper's car (protocol K6)."""
+NO_MOVER = -1
+"""Index of what is no scripted actor."""
+STATIC = -2
+"""Index of a scripted actor that never moves."""
+
+SURROUNDING = np.dtype(
+    [
+        ("x", "f8"),  # [m]
+        ("y", "f8"),
+        ("yaw", "f8"),  # [rad]
+        ("speed", "f8"),  # [m/s]
+        ("half_length", "f8"),  # [m]
+        ("half_width", "f8"),
+        ("is_pedestrian", "?"),
+        ("is_cav", "?"),
+        ("index", "i8"),  # among the moving scripted actors, or one of the constants above
+    ]
+)
 
 
-@dataclass(frozen=True, slots=True)
-class ActorSurroundings:
-    """All O road users and objects of a frame: CAVs first, then actors. Arrays are (O,)."""
-
-    x: Float
-    y: Float
-    yaw: Float
-    speed: Float
-    half_length: Float
-    half_width: Float
-    is_pedestrian: Bool
-    mover_index: Int
-    """Index among the moving scripted actors; -1 for everything else."""
-    is_static: Bool
-    """Whether it is a scripted actor that never moves."""
-    cav_count: int
-    """Number of CAVs, which are the first rows."""
-
-
-class SurroundingsBuilder:
-    """Builds `ActorSurroundings`; caches the constant columns until the set of actors changes."""
-
-    def __init__(self, mover_index_by_id: Mapping[str, int], static_ids: frozenset[str]) -> None:
-        """`mover_index_by_id`: the moving scripted actors; `static_ids`: those that never move."""
-        self._mover_index_by_id, self._static_ids = mover_index_by_id, static_ids
-        self._ids: tuple[str, ...] | None = None
-        self._cav_count = -1
-        self._constant_columns: tuple[Float, Float, Bool, Int, Bool]
-
-    def build(self, frame: Frame) -> ActorSurroundings:
-        """Return the CAVs and actors of a frame."""
-        users = RoadUsers.from_egos(frame.egos, dict.fromkeys(frame.egos, CAR_SIZE)).concat(frame.actors)
-        if frame.actors.ids is not self._ids or len(frame.egos) != self._cav_count:
-            self._ids, self._cav_count = frame.actors.ids, len(frame.egos)
-            self._constant_columns = self._build_constant_columns(users)
-        return ActorSurroundings(
-            users.x, users.y, users.yaw, users.speed, *self._constant_columns, cav_count=len(frame.egos)
-        )
-
-    def _build_constant_columns(self, users: RoadUsers) -> tuple[Float, Float, Bool, Int, Bool]:
-        cavs, actor_ids = self._cav_count, users.ids[self._cav_count :]
-        return (
-            users.length / 2,
-            users.width / 2,
-            users.kind == Kind.PEDESTRIAN,
-            np.array([-1] * cavs + [self._mover_index_by_id.get(name, -1) for name in actor_ids], dtype=np.int64),
-            np.array([False] * cavs + [name in self._static_ids for name in actor_ids], dtype=np.bool_),
-        )
+def list_surroundings(egos: Sequence[EgoState], actors: Actors, index_by_id: Mapping[str, int]) -> Rows:
+    """Return all O road users and objects of a frame, (O,) of `SURROUNDING`: CAVs first, then actors."""
+    surroundings = np.zeros(len(egos) + len(actors), SURROUNDING)
+    cavs, others = surroundings[: len(egos)], surroundings[len(egos) :]
+    for name in ("x", "y", "yaw", "speed"):
+        cavs[name] = [getattr(ego, name) for ego in egos]
+        others[name] = getattr(actors, name)
+    cavs["half_length"], cavs["half_width"] = CAR_SIZE[0] / 2, CAR_SIZE[1] / 2
+    others["half_length"], others["half_width"] = actors.length / 2, actors.width / 2
+    others["is_pedestrian"] = actors.kind == Kind.PEDESTRIAN
+    cavs["is_cav"] = True
+    cavs["index"] = NO_MOVER
+    others["index"] = [index_by_id.get(name, NO_MOVER) for name in actors.ids]
+    return surroundings

@@ -1,13 +1,17 @@
 """Speed limits of the moving scripted actors that avoid collisions; cycles of waiting actors are broken."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
-from mdrive_sumo.actors.actor_surroundings import ActorSurroundings
-from mdrive_sumo.actors.look_ahead import FreeSpeeds, LookAhead, compute_free_speeds
-from mdrive_sumo.actors.motion_state import ActorParams, MotionState
-from mdrive_sumo.actors.path_tables import PathPoints, PathTables
+from mdrive_sumo.actors.actor_surroundings import NO_MOVER, STATIC, list_surroundings
+from mdrive_sumo.actors.look_ahead import FreeSpeeds, compute_free_speeds
+from mdrive_sumo.actors.movers import LOG_TIME_TOLERANCE_S
+from mdrive_sumo.actors.path_tables import Rows
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled.twins import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int
+from mdrive_sumo.core.state import DT, Actors, EgoState
 
 WAITING_SPEED = 0.1
 """An actor that is blocked and no faster than this [m/s] counts as waiting for its blocker."""
@@ -15,98 +19,55 @@ HEAD_ON_COS = -0.95
 """Two vehicles whose headings have a lower cosine face each other, and neither proceeds; a pedestrian walks around."""
 
 
-class CollisionAvoidance:
-    """Limits the speed of movers by what is on their path; caches their relations until the set of actors changes."""
+@twin
+def compute_speed_limits(
+    movers: Rows, knots: Rows, tick: int, egos: Sequence[EgoState], actors: Actors, index_by_id: Mapping[str, int], /
+) -> Float:
+    """Return the (M,) greatest speeds [m/s] of the movers; infinite where the path is free.
 
-    def __init__(self, avoids_collisions: Bool, is_pedestrian: Bool, params: ActorParams) -> None:
-        """All (M,) over the moving scripted actors."""
-        self._avoids_collisions, self._is_pedestrian, self._params = avoids_collisions, is_pedestrian, params
-        self._known_movers: Int | None = None
-        self._considers: Bool
-        self._yields: Bool
-
-    def compute_speed_limits(
-        self,
-        state: MotionState,
-        points: PathPoints,
-        present: Bool,
-        is_on_log: Bool,
-        surroundings: ActorSurroundings,
-        tables: PathTables,
-    ) -> Float:
-        """Return the (M,) greatest speeds [m/s]; infinite where the path is free.
-
-        `is_on_log` (M,): replays at the pose of their log. They ignore each other, because the log is consistent.
-        """
-        limit = np.full(len(points.x), np.inf)
-        arrived = (points.s >= tables.length) & ~self._params.is_timed
-        rows = np.flatnonzero(self._avoids_collisions & present & ~arrived)
-        if not len(rows):
-            return limit
-        self._update_relations(surroundings)
-        considers, yields = self._considers[rows], self._yields[rows]
-        settled = np.append(is_on_log, False)[surroundings.mover_index]  # index -1: everything that is no mover
-        considers = considers & ~(is_on_log[rows, None] & settled)
-        look_ahead = self._build_look_ahead(rows, state, points)
-        free = compute_free_speeds(look_ahead, considers, yields, surroundings, tables)
-        limit[rows] = free.speed
-        breakers = self._find_deadlock_breakers(rows, free, state, points, surroundings)
-        if breakers.any():  # they proceed as if there were no other movers
-            chosen = self._build_look_ahead(rows[breakers], state, points)
-            free = compute_free_speeds(
-                chosen, considers[breakers] & (surroundings.mover_index < 0), yields[breakers], surroundings, tables
-            )
-            limit[rows[breakers]] = free.speed
+    egos, actors: the CAVs and all others of the frame of that tick. index_by_id: index of each moving scripted actor,
+    `STATIC` of the others. Replays at the pose of their log ignore each other, because the log is consistent.
+    """
+    limit = np.full(len(movers), np.inf)
+    has_arrived = (movers["s"] >= movers["path_length"]) & (movers["is_timed"] == 0)
+    rows = np.flatnonzero((movers["avoids_collisions"] != 0) & (movers["is_present"] != 0) & ~has_arrived)
+    if not len(rows):
         return limit
+    surroundings = list_surroundings(egos, actors, index_by_id)
+    considers = _find_considered(movers, rows, tick * DT, surroundings)
+    free = compute_free_speeds(movers, knots, rows, considers, surroundings)
+    limit[rows] = free.speed
+    breakers = _find_deadlock_breakers(movers, rows, free, surroundings)
+    # They proceed as if there were no other movers.
+    considers = considers[breakers] & (surroundings["index"] < 0)
+    limit[rows[breakers]] = compute_free_speeds(movers, knots, rows[breakers], considers, surroundings).speed
+    return limit
 
-    def _update_relations(self, surroundings: ActorSurroundings) -> None:
-        if self._known_movers is surroundings.mover_index:
-            return
-        self._known_movers = surroundings.mover_index
-        own_index = np.arange(len(self._avoids_collisions))[:, None]
-        both_on_foot = self._is_pedestrian[:, None] & surroundings.is_pedestrian  # pedestrians walk around each other
-        in_log = self._params.is_timed[:, None] & surroundings.is_static  # the logged vehicle passed the static object
-        self._considers = (surroundings.mover_index != own_index) & ~both_on_foot & ~in_log
-        ours = surroundings.mover_index >= 0
-        self._yields = (
-            (self._params.prediction_s > 0)[:, None]
-            & ours
-            & (surroundings.is_pedestrian | (surroundings.mover_index < own_index))
-        )
 
-    def _build_look_ahead(self, rows: Int, state: MotionState, points: PathPoints) -> LookAhead:
-        fit = self._params
-        speed = state.speed[rows]
-        return LookAhead(
-            rows,
-            points.x[rows],
-            points.y[rows],
-            points.s[rows],
-            speed * speed / (2.0 * fit.comfort_brake[rows]) + fit.gap[rows] + fit.look_margin[rows],
-            fit.half_length[rows],
-            fit.half_width[rows] + fit.clearance[rows],
-            fit.gap[rows],
-            fit.comfort_brake[rows],
-            fit.prediction_s[rows],
-        )
+def _find_considered(movers: Rows, rows: Int, now_s: float, surroundings: Rows) -> Bool:
+    """Return an (R, O) mask: which surroundings each mover avoids."""
+    is_timed = movers["is_timed"] != 0
+    is_on_log = is_timed & (np.abs(now_s - movers["progress"]) < LOG_TIME_TOLERANCE_S)
+    index = surroundings["index"]
+    both_on_log = is_on_log[rows, None] & np.append(is_on_log, (False, False))[index]  # the last two: no mover
+    both_on_foot = (movers["is_pedestrian"][rows, None] != 0) & surroundings["is_pedestrian"]  # they walk around
+    in_log = is_timed[rows, None] & (index == STATIC)  # the logged vehicle passed the static object
+    return (index != rows[:, None]) & ~both_on_foot & ~in_log & ~both_on_log
 
-    def _find_deadlock_breakers(
-        self, rows: Int, free: FreeSpeeds, state: MotionState, points: PathPoints, surroundings: ActorSurroundings
-    ) -> Bool:
-        """Return an (R,) mask of the movers that proceed in a cycle of waiting ones: a pedestrian first, else by id."""
-        is_breaker = np.zeros(len(rows), dtype=np.bool_)
-        waiting = (free.blocker >= 0) & (free.speed < WAITING_SPEED) & (state.speed[rows] < WAITING_SPEED)
-        waiting &= surroundings.mover_index[free.blocker] >= 0
-        waits = dict(zip(rows[waiting].tolist(), surroundings.mover_index[free.blocker[waiting]].tolist(), strict=True))
-        for i in np.flatnonzero(waiting).tolist():
-            row = int(rows[i])
-            ring = _find_wait_cycle(row, waits)
-            if not ring or row != min(ring, key=lambda one: (not self._is_pedestrian[one], one)):
-                continue
-            is_breaker[i] = (
-                self._is_pedestrian[row] or portable.cos(points.yaw[row] - points.yaw[waits[row]]) > HEAD_ON_COS
-            )
-        return is_breaker
+
+def _find_deadlock_breakers(movers: Rows, rows: Int, free: FreeSpeeds, surroundings: Rows) -> Bool:
+    """Return an (R,) mask of the movers that proceed in a cycle of waiting ones: a pedestrian first, else by id."""
+    blocked_by = np.append(surroundings["index"], NO_MOVER)[free.blocker]  # row -1: nothing
+    is_waiting = (blocked_by >= 0) & (free.speed < WAITING_SPEED) & (movers["speed"][rows] < WAITING_SPEED)
+    waits = dict(zip(rows[is_waiting].tolist(), blocked_by[is_waiting].tolist(), strict=True))
+    yaw, is_pedestrian = movers["yaw"], (movers["is_pedestrian"] != 0).tolist()
+    is_breaker = np.zeros(len(rows), dtype=np.bool_)
+    for i in np.flatnonzero(is_waiting).tolist():
+        row = int(rows[i])
+        ring = _find_wait_cycle(row, waits)
+        if ring and row == min(ring, key=lambda mover: (not is_pedestrian[mover], mover)):
+            is_breaker[i] = is_pedestrian[row] or portable.cos(float(yaw[row] - yaw[waits[row]])) > HEAD_ON_COS
+    return is_breaker
 
 
 def _find_wait_cycle(start: int, waits: dict[int, int]) -> list[int]:

@@ -7,11 +7,11 @@ from enum import StrEnum
 
 import numpy as np
 
-from mdrive_sumo.actors.actor_surroundings import CAR_SIZE, SurroundingsBuilder
-from mdrive_sumo.actors.collision_avoidance import CollisionAvoidance
+from mdrive_sumo.actors.actor_surroundings import CAR_SIZE, STATIC
+from mdrive_sumo.actors.collision_avoidance import compute_speed_limits
 from mdrive_sumo.actors.motion_path import MotionPath, build_lane_change_path, build_motion_path
-from mdrive_sumo.actors.motion_state import MotionState, MotionTarget, advance_motion, build_actor_params
-from mdrive_sumo.actors.path_tables import PathPoints, build_path_tables
+from mdrive_sumo.actors.movers import advance_movers, build_movers, place_movers, set_paths
+from mdrive_sumo.actors.path_tables import Rows
 from mdrive_sumo.actors.trigger_script import (
     ActorPosition,
     ScriptPhase,
@@ -21,8 +21,8 @@ from mdrive_sumo.actors.trigger_script import (
     find_initial_speed,
 )
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Bool, Float, box_corners, boxes_overlap, wrap_angle
-from mdrive_sumo.core.state import DT, STRUCK_HOLD_TICKS, Actors, Frame
+from mdrive_sumo.core.geometry import Bool, box_corners, boxes_overlap, wrap_angle
+from mdrive_sumo.core.state import DT, STRUCK_HOLD_TICKS, Actors, EgoState, Frame
 from mdrive_sumo.roads import Lane, RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.scripted_actor import (
@@ -31,12 +31,7 @@ from mdrive_sumo.scenario.scripted_actor import (
     LaneChange,
     LaneMotion,
     PathMotion,
-    ReplayMotion,
-    StandingMotion,
 )
-
-LOG_TIME_TOLERANCE_S = 1e-6
-"""A replay whose own clock differs from the scenario's by less than this is at the pose of its log."""
 
 
 class ActorMode(StrEnum):
@@ -54,134 +49,99 @@ class ScriptedActors:
         actors = sorted(scenario.actors, key=lambda actor: actor.id)
         paths = [(i, path) for i, actor in enumerate(actors) if (path := build_motion_path(actor, roads)) is not None]
         self._roads, self._mode, self._leader = roads, mode, scenario.egos[0].id
-        self._movers: list[Actor] = [actors[i] for i, _ in paths]
+        self._actors: list[Actor] = [actors[i] for i, _ in paths]
         self._paths: list[MotionPath] = [path for _, path in paths]
-        self._tables = build_path_tables(self._paths)
-        self._params = build_actor_params(self._movers)
-        self._states = {
-            i: build_script_state(actor) for i, actor in enumerate(self._movers) if actor.trigger is not None
+        self._index_by_id = {actor.id: STATIC for actor in actors} | {
+            actor.id: i for i, actor in enumerate(self._actors)
         }
-        self._held_until: dict[str, int] = {}
+        self._states = {
+            i: build_script_state(actor) for i, actor in enumerate(self._actors) if actor.trigger is not None
+        }
+        self._held_until: dict[int, int] = {}
+        """Index of a mover -> tick until which it stands because it was struck."""
+        self._movers = build_movers(self._actors, avoid_collisions=mode is ActorMode.DEFAULT)
+        self._knots = set_paths(self._movers, self._paths)
+        self._set_initial_states(scenario)
         self._assembler = ActorAssembler(actors, [i for i, _ in paths])
-        static_ids = frozenset(actor.id for actor in actors if isinstance(actor.motion, StandingMotion))
-        self._surroundings_builder = SurroundingsBuilder(
-            {actor.id: i for i, actor in enumerate(self._movers)}, static_ids
-        )
-        avoids_collisions = [actor.avoid_collision and mode is ActorMode.DEFAULT for actor in self._movers]
-        is_pedestrian = [actor.kind == "pedestrian" for actor in self._movers]
-        self._collision_avoidance = CollisionAvoidance(
-            np.array(avoids_collisions, np.bool_), np.array(is_pedestrian, np.bool_), self._params
-        )
-        self._stays_at_end = np.array(
-            [not isinstance(a.motion, ReplayMotion) or a.motion.stays for a in self._movers], np.bool_
-        )
-        self._script_speed = np.array([_find_cruise_speed(actor) for actor in self._movers])
-        self._motion = self._build_initial_state(scenario)
-        self._points = self._tables.interpolate(self._motion.progress)
         self._frozen = False
-        self.present: Actors = self._assemble()
+        self.present: Actors = self._assembler.assemble(self._movers)
         """The actors in the last frame; before the first `advance`, in frame 0."""
 
-    def _build_initial_state(self, scenario: Scenario) -> MotionState:
+    def _set_initial_states(self, scenario: Scenario) -> None:
         starts = {ego.id: (ego.start.x, ego.start.y) for ego in scenario.egos}
-        speed = [find_initial_speed(actor, starts) for actor in self._movers]
+        movers, is_timed = self._movers, self._movers["is_timed"] != 0
+        is_triggered = np.array([actor.trigger is not None for actor in self._actors], np.bool_)
         # A replay without a trigger runs on the scenario's clock.
-        is_triggered = np.array([actor.trigger is not None for actor in self._movers], np.bool_)
-        begin = np.where(self._params.is_timed & ~is_triggered, 0.0, self._tables.begin)
-        logged = np.where(is_triggered, 0.0, self._tables.interpolate(begin).slope)
-        return MotionState(begin, np.where(self._params.is_timed, logged, np.array(speed)), np.ones(len(speed)))
+        movers["progress"] = np.where(is_timed & ~is_triggered, 0.0, movers["begin"])
+        self._movers = movers = place_movers(movers, self._knots)
+        movers["speed"] = [find_initial_speed(actor, starts) for actor in self._actors]
+        movers["speed"] = np.where(is_timed, np.where(is_triggered, 0.0, movers["slope"]), movers["speed"])
+        movers["script_speed"] = [_find_cruise_speed(actor) for actor in self._actors]
+        movers["clock_rate"] = 1.0
 
     def advance(self, frame: Frame, struck: Collection[str]) -> Actors:
         """Return the scripted actors one tick after `frame`, whose CAVs are those that have not ended.
 
         `struck`: ids of actors that a CAV touches in that frame; they stand for 2 s.
         """
-        if not self._movers or self._frozen:
+        if not self._actors or self._frozen:
             return self.present
         if self._mode is ActorMode.ORIGINAL and self._leader not in frame.egos:
             self._frozen = True
             self.present = replace(self.present, speed=np.zeros(len(self.present)))
             return self.present
-        self._held_until |= dict.fromkeys(struck, frame.tick + STRUCK_HOLD_TICKS)
-        full_brake = self._advance_scripts(frame)
-        target = MotionTarget(
-            self._script_speed, self._compute_speed_limits(frame), full_brake, self._find_stopped(frame.tick)
-        )
-        self._motion = advance_motion(self._motion, self._points, target, self._params, self._tables)
-        self._delay_blocked_entries(frame)
-        self._points = self._tables.interpolate(self._motion.progress)
-        self.present = self._assemble()
+        self._advance_scripts(frame)
+        self._hold(struck, frame.tick)
+        egos = tuple(frame.egos.values())
+        limits = compute_speed_limits(self._movers, self._knots, frame.tick, egos, frame.actors, self._index_by_id)
+        self._movers = advance_movers(self._movers, limits)
+        self._delay_blocked_entries(egos)
+        self._movers = place_movers(self._movers, self._knots)
+        self.present = self._assembler.assemble(self._movers)
         return self.present
 
-    def _advance_scripts(self, frame: Frame) -> Bool:
-        """Advance the scripts of triggered actors; return an (M,) mask of the movers that brake fully."""
-        full_brake = np.zeros(len(self._movers), np.bool_)
+    def _advance_scripts(self, frame: Frame) -> None:
+        """Advance the scripts of triggered actors, which set their speeds."""
         for i, state in self._states.items():
-            actor = self._movers[i]
-            position = ActorPosition(float(self._points.x[i]), float(self._points.y[i]), float(self._motion.speed[i]))
+            actor, mover = self._actors[i], self._movers[i]
+            position = ActorPosition(float(mover["x"]), float(mover["y"]), float(mover["speed"]))
             after = self._states[i] = advance_script(state, actor, position, frame)
             if after.phase is ScriptPhase.AFTER and state.phase is ScriptPhase.BEFORE:
                 self._start_lane_change(i, frame)
-            self._script_speed[i] = compute_target_speed(after, actor, position, frame)
-            full_brake[i] = after.phase is ScriptPhase.BRAKING
-        return full_brake
+            mover = self._movers[i]
+            mover["script_speed"] = compute_target_speed(after, actor, position, frame)
+            mover["is_braking"] = after.phase is ScriptPhase.BRAKING
 
     def _start_lane_change(self, i: int, frame: Frame) -> None:
-        actor, path, points = self._movers[i], self._paths[i], self._points
+        actor, path, mover = self._actors[i], self._paths[i], self._movers[i]
         if not isinstance(actor.action, LaneChange):
             return
-        pose = (float(points.x[i]), float(points.y[i]), float(points.yaw[i]))
+        pose = (float(mover["x"]), float(mover["y"]), float(mover["yaw"]))
         offset = compute_lane_change_offset(actor, path, pose, frame, self._roads)
         if not offset:
             return
-        self._paths[i], since = build_lane_change_path(path, float(points.s[i]), offset, actor)
-        self._tables = build_path_tables(self._paths)
-        progress = self._motion.progress.copy()
-        progress[i] = since
-        self._motion = replace(self._motion, progress=progress)
-        self._points = self._tables.interpolate(progress)
+        self._paths[i], mover["progress"] = build_lane_change_path(path, float(mover["s"]), offset, actor)
+        self._knots = set_paths(self._movers, self._paths)
+        self._movers = place_movers(self._movers, self._knots)
 
-    def _compute_speed_limits(self, frame: Frame) -> Float:
-        surroundings = self._surroundings_builder.build(frame)
-        now = frame.tick * DT
-        is_on_log = self._params.is_timed & (np.abs(now - self._motion.progress) < LOG_TIME_TOLERANCE_S)
-        return self._collision_avoidance.compute_speed_limits(
-            self._motion, self._points, self._present, is_on_log, surroundings, self._tables
-        )
+    def _hold(self, struck: Collection[str], tick: int) -> None:
+        """Let those movers stand that are struck, or not yet triggered."""
+        self._held_until |= {self._index_by_id.get(name, STATIC): tick + STRUCK_HOLD_TICKS for name in struck}
+        self._held_until = {i: until for i, until in self._held_until.items() if i >= 0 and tick < until}
+        waiting = [i for i, state in self._states.items() if state.phase is ScriptPhase.WAITING]
+        self._movers["is_stopped"] = 0
+        self._movers["is_stopped"][[*waiting, *self._held_until]] = 1
 
-    def _find_stopped(self, tick: int) -> Bool:
-        """Return an (M,) mask of the movers that stand: struck, or not yet triggered."""
-        standing = np.zeros(len(self._movers), np.bool_)
-        for i, state in self._states.items():
-            standing[i] = state.phase is ScriptPhase.WAITING
-        self._held_until = {actor: until for actor, until in self._held_until.items() if tick < until}
-        if self._held_until:
-            standing |= np.array([actor.id in self._held_until for actor in self._movers], np.bool_)
-        return standing
-
-    def _delay_blocked_entries(self, frame: Frame) -> None:
+    def _delay_blocked_entries(self, egos: Sequence[EgoState]) -> None:
         """Delay the entry of replays that would appear inside a CAV, unless they do not avoid collisions."""
-        is_entering = self._find_present() & ~self._present
-        if not is_entering.any() or self._mode is ActorMode.ORIGINAL or not frame.egos:
+        if self._mode is ActorMode.ORIGINAL or not egos or not self._movers["is_entering"].any():
             return
-        ego_boxes = np.stack([box_corners(ego.x, ego.y, ego.yaw, *CAR_SIZE) for ego in frame.egos.values()])
-        progress = self._motion.progress.copy()
-        for i in np.flatnonzero(is_entering).tolist():
-            actor, path = self._movers[i], self._paths[i]
+        ego_boxes = np.stack([box_corners(ego.x, ego.y, ego.yaw, *CAR_SIZE) for ego in egos])
+        for i in np.flatnonzero(self._movers["is_entering"]).tolist():
+            actor, path = self._actors[i], self._paths[i]
             box = box_corners(path.x[0], path.y[0], path.yaw[0], actor.length, actor.width)
             if actor.avoid_collision and boxes_overlap(box, ego_boxes).any():
-                progress[i] -= DT
-        self._motion = replace(self._motion, progress=progress)
-
-    def _find_present(self) -> Bool:
-        """Return an (M,) mask of the movers that are in the world."""
-        progress, tables = self._motion.progress, self._tables
-        is_over = (progress > tables.end + LOG_TIME_TOLERANCE_S) & ~self._stays_at_end
-        return (progress >= tables.begin - LOG_TIME_TOLERANCE_S) & ~is_over
-
-    def _assemble(self) -> Actors:
-        self._present = self._find_present()
-        return self._assembler.assemble(self._points, self._motion.speed, self._present)
+                self._movers["progress"][i] -= DT
 
 
 def _find_cruise_speed(actor: Actor) -> float:
@@ -203,10 +163,10 @@ class ActorAssembler:
         self._present: Bool | None = None
         self._constant: Actors
 
-    def assemble(self, points: PathPoints, speed: Float, present: Bool) -> Actors:
-        """Return the static actors and the present movers; `points`, `speed` and `present` are (M,) over the movers."""
-        moving = self._all.copy()
-        moving[:, self._rows] = points.x, points.y, points.yaw, speed
+    def assemble(self, movers: Rows) -> Actors:
+        """Return the static actors and the present movers."""
+        moving, present = self._all.copy(), movers["is_present"] != 0
+        moving[:, self._rows] = movers["x"], movers["y"], movers["yaw"], movers["speed"]
         if self._present is None or not np.array_equal(self._present, present):
             self._select_present(present)
         constant = self._constant
@@ -216,7 +176,7 @@ class ActorAssembler:
         return Actors(constant.ids, constant.kind, x, y, yaw, v, constant.length, constant.width)
 
     def _select_present(self, present: Bool) -> None:
-        self._present = present.copy()
+        self._present = present
         self._is_shown = np.ones(len(self._ids), dtype=np.bool_)
         self._is_shown[self._rows] = present
         ids = tuple(name for name, shown in zip(self._ids, self._is_shown.tolist(), strict=True) if shown)

@@ -145,7 +145,8 @@ static PyObject *perception_measurements_measure_detections(PyObject *module, Py
         !read_tracking_parameters(arguments[4], &parameters) || !open_road_users(arguments[0], &seen))
         return NULL;
     void *data;
-    PyObject *source = find_import(&OWN_SENSOR), *rows = new_rows(&MEASUREMENT, seen.count, sizeof(Measurement), &data);
+    PyObject *source = find_import(&OWN_SENSOR);
+    PyObject *rows = source ? new_rows(&MEASUREMENT, seen.count, sizeof(Measurement), &data) : NULL;
     for (Py_ssize_t i = 0; rows && i < seen.count; i++) {
         Report report = read_object(&seen, i);
         double distance = portable_hypot(report.x - own.x, report.y - own.y);
@@ -158,7 +159,7 @@ static PyObject *perception_measurements_measure_detections(PyObject *module, Py
             rows = NULL;
         }
     }
-    PyObject *sources = rows && source ? pack(1, new_reference(source)) : NULL;
+    PyObject *sources = rows ? pack(1, new_reference(source)) : NULL;
     PyObject *result = build_instance(&MEASUREMENTS, &MEASUREMENTS_FIELDS,
                                       (PyObject *[]){sources, new_reference(seen.ids), rows});
     close_road_users(&seen);
@@ -273,8 +274,8 @@ static PyObject *perception_measurements_measure_stations(PyObject *module, PyOb
         PyObject *entry = get_entry(arguments[1], i, 2);
         is_complete = entry && collect_station(&all, entry, &present);
     }
-    PyObject *source = find_import(&STATIONS);
-    return finish(&all, is_complete && source ? pack(1, new_reference(source)) : NULL, is_complete);
+    PyObject *source = is_complete ? find_import(&STATIONS) : NULL;
+    return finish(&all, source ? pack(1, new_reference(source)) : NULL, is_complete);
 }
 
 FIELDS(CPM_PARTS, "objects", "age", "sigmas");

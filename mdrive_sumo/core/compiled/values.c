@@ -72,11 +72,13 @@ bool read_fields(PyObject *object, Fields *fields, double *values) {
 }
 
 PyObject *build_instance(Import *type, Fields *fields, PyObject **values) {
-    PyTypeObject *class = (PyTypeObject *)find_import(type);
+    bool is_complete = true; /* no import while an error is set */
+    for (int i = 0; i < fields->count; i++) is_complete &= values[i] != NULL;
+    PyTypeObject *class = is_complete ? (PyTypeObject *)find_import(type) : NULL;
     PyObject *instance = class && intern(fields) ? PyType_GenericAlloc(class, 0) : NULL;
     for (int i = 0; i < fields->count; i++) {
         /* Not the class's own way to set: it is frozen. */
-        if (instance && (!values[i] || PyObject_GenericSetAttr(instance, fields->names[i], values[i]))) {
+        if (instance && PyObject_GenericSetAttr(instance, fields->names[i], values[i])) {
             Py_DecRef(instance);
             instance = NULL;
         }
