@@ -90,24 +90,27 @@ def test_speed_limits(seed: int, count: int, cavs: int, others: int, bad: float 
     compare_twins(name, movers, knots, TICK, egos, actors, index_by_id)
 
 
-@pytest.mark.parametrize(("yaw", "proceeds"), [(math.pi, False), (2.5, True), (-2.4, True), (0.0, False)])
+@pytest.mark.parametrize(
+    ("y_other", "yaw", "proceeds"), [(0.0, math.pi, False), (-1.2, 2.5, True), (1.2, -2.4, True), (0.0, 0.0, False)]
+)
 def test_the_first_of_two_actors_that_wait_for_each_other_proceeds_unless_they_meet_head_on(
-    yaw: float, proceeds: bool
+    y_other: float, yaw: float, proceeds: bool
 ) -> None:
-    lines = [(0.0, 0.0, 0.0), (5.5, 0.0, yaw)]
+    lines = [(0.0, 0.0, 0.0), (4.8, y_other, yaw)]
     paths: list[MotionPath] = []
     for x, y, heading in lines:
         s = np.linspace(0.0, 20.0, 9)
         line = x + s * math.cos(heading), y + s * math.sin(heading)
-        paths.append(MotionPath(s, s, *line, np.full(9, heading)))
+        paths.append(MotionPath(s, s, line[0], line[1], np.full(9, heading)))
     movers = np.zeros(2, MOVER)
     knots = set_paths(movers, paths)
     movers["half_length"], movers["half_width"], movers["avoids_collisions"], movers["is_present"] = 2.2, 0.9, 1, 1
     movers["gap"], movers["look_margin"], movers["comfort_brake"] = 2.0, 2.0, 3.0
     for name, column in zip(("x", "y", "yaw"), zip(*lines, strict=True), strict=True):
         movers[name] = column
-    columns = [movers[name] for name in ("x", "y", "yaw", "speed")]
-    actors = Actors(("a", "b"), np.zeros(2, np.uint8), *columns, 2 * movers["half_length"], 2 * movers["half_width"])
+    x, y, heading, speed = (movers[name] for name in ("x", "y", "yaw", "speed"))
+    length, width = 2 * movers["half_length"], 2 * movers["half_width"]
+    actors = Actors(("a", "b"), np.zeros(2, np.uint8), x, y, heading, speed, length, width)
     name = "actors_collision_avoidance_compute_speed_limits"
     limits = compare_twins(name, movers, knots, TICK, (), actors, {"a": 0, "b": 1})
     assert (limits[0] == INF) == proceeds
