@@ -1,9 +1,11 @@
 """Briefing: the static information that an agent gets before the first tick."""
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
+from mdrive_sumo.contract.deferred_field import DeferredField
 from mdrive_sumo.contract.detector_profiles import IDEAL
 from mdrive_sumo.core.geometry import Float
 
@@ -54,8 +56,11 @@ class TrafficLight:
 
 
 @dataclass(frozen=True, slots=True)
-class Briefing:
+class Briefing(DeferredField):
     """All that an agent is told before the first tick."""
+
+    DEFERRED: ClassVar[str] = "route_room"
+    """Measuring it takes more time than a hundred ticks, and most agents never leave their lanes."""
 
     ego_id: str
     """Pseudonym of the CAV, as in `Message.sender`: new in every episode, not the id of the scenario."""

@@ -1,11 +1,12 @@
 """What goes back and forth in every tick: an Observation, and a Reply with a Control or a Plan and messages."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import Any, ClassVar, Protocol, cast
 
 from mdrive_sumo.contract.briefing import Briefing
+from mdrive_sumo.contract.deferred_field import DeferredField
 from mdrive_sumo.contract.sensors import CameraImage, Detections, Gnss, Imu, Objects, PointCloud, Raster, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
@@ -127,34 +128,12 @@ NOTHING: Mapping[str, Any] = MappingProxyType({})
 """What sensors tell that were not declared."""
 
 
-class _DeferredObjects:
-    """Base of `Observation` that computes `objects` when it is first read: agents decide every 2 to 4 ticks.
-
-    What is read does not depend on what else is read, because a detection's errors depend on its tick only.
-    """
-
-    __slots__ = ("_sense_objects",)
-
-    if not TYPE_CHECKING:  # a type checker would take every misspelt field for one that exists
-
-        def __getattr__(self, name: str) -> "Objects":
-            """Python calls this for fields without a value."""
-            if name != "objects":
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            objects = self._sense_objects()
-            object.__setattr__(self, "objects", objects)
-            object.__delattr__(self, "_sense_objects")
-            return objects
-
-    def defer_objects(self, sense: Callable[[], Objects]) -> None:
-        """Let `sense` compute the detections when they are first read. Only for the builder of an observation."""
-        object.__setattr__(self, "_sense_objects", sense)
-        object.__delattr__(self, "objects")
-
-
 @dataclass(frozen=True, slots=True)
-class Observation(_DeferredObjects):
+class Observation(DeferredField):
     """What one CAV sees of one frame. Fields of sensors that were not declared are None or empty."""
+
+    DEFERRED: ClassVar[str] = "objects"
+    """Agents decide every 2 to 4 ticks. A detection's errors depend on its tick only, not on what else is read."""
 
     tick: int
     """Number of the tick, 0 at the start; a tick lasts `Briefing.tick_s`."""

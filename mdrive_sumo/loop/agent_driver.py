@@ -90,6 +90,8 @@ class LocalDriver:
         """See Driver."""
         try:
             self._agent.start(briefing)
+        except WorldError:  # of what a briefing computes when it is read
+            raise
         except Exception as error:
             raise AgentFailure(FailureReason.CRASHED, describe_error(error)) from error
 

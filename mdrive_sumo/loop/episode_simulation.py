@@ -155,8 +155,13 @@ class EpisodeSimulation:
             length, width = self._dimensions[ego.id]
             vehicle = replace(facts, length=length, width=width)
             limit_s = limits[ego.id] / TICKS_PER_SECOND
-            briefing = build_briefing(ego, config.roads, vehicle, seed, limit_s, detector)
-            briefings[ego.id] = replace(briefing, ego_id=config.pseudonyms[ego.id], desired_speed=desired_speed)
+            briefing = build_briefing(
+                ego, config.roads, vehicle, seed, limit_s, detector,
+                pseudonym=config.pseudonyms[ego.id], desired_speed=desired_speed,
+            )  # fmt: skip
+            if config.options.clock.kind == "measured":
+                _ = briefing.route_room  # computed now: it is no think time
+            briefings[ego.id] = briefing
         return briefings
 
     def _begin_tick(self, busy: Collection[str]) -> dict[str, Observation]:

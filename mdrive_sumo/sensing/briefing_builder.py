@@ -1,6 +1,6 @@
 """Construction of the briefing of a CAV, with the free road width to either side of its route."""
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -8,8 +8,10 @@ import numpy.typing as npt
 import shapely
 
 from mdrive_sumo.contract import Briefing, StopSign, TrafficLight, VehicleFacts
+from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
 from mdrive_sumo.contract.detector_profiles import IDEAL
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.errors import WorldError
 from mdrive_sumo.core.geometry import Float, Polyline
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.roads import Lane, RoadMap
@@ -23,12 +25,15 @@ def build_briefing(
     seed: int,
     time_limit_s: float,
     standard_detector: str = IDEAL,
+    *,
+    pseudonym: str = "",
+    desired_speed: float | None = PROTOCOL_SPEED,
 ) -> Briefing:
-    """Return the briefing for the agent of one CAV."""
+    """Return the briefing for the agent of one CAV, by default under its id; its free width is measured when read."""
     route = Polyline(ego.xy)
     lanes = _find_assigned_lanes(ego, roads)
-    return Briefing(
-        ego_id=ego.id,
+    briefing = Briefing(
+        ego_id=pseudonym or ego.id,
         seed=seed,
         tick_s=DT,
         time_limit_s=time_limit_s,
@@ -40,9 +45,19 @@ def build_briefing(
         route_speed_limit=np.array([lane.speed_limit for lane in lanes]),
         stop_signs=tuple(StopSign(s) for s in _find_stop_signs(ego, roads, route)),
         traffic_lights=tuple(_find_traffic_lights(ego, roads, route)),
-        route_room=compute_route_room(roads, ego.xy, ego.yaw),
         standard_detector=standard_detector,
+        desired_speed=desired_speed,
     )
+    briefing.defer(partial(_measure_room, roads, ego))
+    return briefing
+
+
+def _measure_room(roads: RoadMap, ego: Ego) -> Float:
+    """Return the free width, also while an agent runs. Raises WorldError: a failure here is none of the agent's."""
+    try:
+        return compute_route_room(roads, ego.xy, ego.yaw)
+    except Exception as error:
+        raise WorldError(f"free width of a route: {type(error).__name__}: {error}") from error
 
 
 def _find_assigned_lanes(ego: Ego, roads: RoadMap) -> list[Lane]:

@@ -88,7 +88,7 @@ class ObservationBuilder:
                 fields["privileged"] = self._privileged(scene, plans)
             observation = Observation(frame.tick, own, signals=lights, messages=messages, **fields)
             if carrier.objects_sensor is not None:
-                observation.defer_objects(partial(_sense_or_void, carrier.objects_sensor.defer(scene, eye)))
+                observation.defer(partial(_sense_or_void, carrier.objects_sensor.defer(scene, eye)))
             observations[ego] = observation
         return observations
 
@@ -132,7 +132,7 @@ class _Carrier:
         self._sight = None if drawn_m is None else ObjectsSensor(SensorSpec("objects", range_m=drawn_m), ideal)
         objects = self._single.pop("objects", None)
         self.objects_sensor = objects if isinstance(objects, ObjectsSensor) else None
-        """Computes only what an agent reads (`Observation.defer_objects`)."""
+        """Computes only what an agent reads (`Observation.defer`)."""
 
     def _add(self, kind: SensorKind, spec: SensorSpec, setup: SensorSetup) -> None:
         if kind.build is None:

@@ -22,7 +22,7 @@ def deferred() -> tuple[Observation, list[int]]:
     """An observation, and a list that grows with each computation of its detections."""
     calls: list[int] = []
     seen = Observation(5, OWN)
-    seen.defer_objects(lambda: calls.append(1) or CAR)
+    seen.defer(lambda: calls.append(1) or CAR)
     return seen, calls
 
 
@@ -68,7 +68,7 @@ def test_a_failure_of_the_sensor_is_none_of_the_agent_that_reads_it() -> None:
         raise ValueError("negative radius")
 
     driver, seen = LocalDriver(Looks()), Observation(0, OWN)
-    seen.defer_objects(lambda: _sense_or_void(fail))
+    seen.defer(lambda: _sense_or_void(fail))
     driver.ask(seen)
     with pytest.raises(WorldError, match="objects sensor: ValueError: negative radius"):
         driver.answer()

@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
-from mdrive_sumo.contract import Briefing
+from mdrive_sumo.contract import Briefing, Observation, Reply, SensorSpec
+from mdrive_sumo.core.errors import WorldError
+from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.suite import load_suite
+from mdrive_sumo.sensing import briefing_builder
 from mdrive_sumo.sensing.briefing_builder import build_briefing
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
@@ -40,3 +43,36 @@ def test_lights_and_stop_signs_lie_on_the_route_that_they_control() -> None:
     assert sum(map(len, signs)) >= 1
     assert all(0.0 < sign.s < one.route_s[-1] for one in told for sign in one.stop_signs)
     assert () in signs  # the main road has none
+
+
+def test_the_free_width_is_measured_once_and_only_if_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    measured: list[int] = []
+    monkeypatch.setattr(briefing_builder, "compute_route_room", lambda *_: measured.append(1) or np.ones((2, 2)))
+    told = brief("i03", 0)
+    assert (told.route_s[0], measured) == (0.0, [])
+    assert told.route_room is told.route_room
+    assert measured == [1]
+
+
+class Measures:
+    """An agent that reads the free width."""
+
+    label = "single"
+
+    def sensors(self) -> tuple[SensorSpec, ...]:
+        return ()
+
+    def start(self, briefing: Briefing) -> None:
+        _ = briefing.route_room
+
+    def act(self, seen: Observation) -> Reply:
+        raise NotImplementedError
+
+
+def test_a_failure_to_measure_is_none_of_the_agent_that_reads_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise ValueError("no surface")
+
+    monkeypatch.setattr(briefing_builder, "compute_route_room", fail)
+    with pytest.raises(WorldError, match="free width of a route: ValueError: no surface"):
+        LocalDriver(Measures()).start(brief("i03", 0))
