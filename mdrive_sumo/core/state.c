@@ -1,5 +1,8 @@
-/* Road users of state.py, for other C files. */
+/* Twins of state.py, and its road users for other C files. */
 #include "state.h"
+
+#include <stdlib.h>
+#include <string.h>
 
 FIELDS(USERS, "ids", "kind", "x", "y", "yaw", "speed", "length", "width");
 
@@ -49,3 +52,70 @@ void drop_road_users(NewRoadUsers *users) {
     for (int i = 0; i < USER_COLUMNS; i++)
         if (users->columns[i]) Py_DecRef(users->columns[i]);
 }
+
+/* The columns as a tuple; takes them, also in an error. */
+static PyObject *pack_columns(NewRoadUsers *users) {
+    PyObject **columns = users->columns;
+    Py_DecRef(users->ids);
+    return pack(1 + USER_COLUMNS, users->kind, columns[0], columns[1], columns[2], columns[3], columns[4], columns[5]);
+}
+
+FIELDS(EGO, "x", "y", "yaw", "speed");
+
+static bool read_ego(PyObject *ego, PyObject *size, double row[USER_COLUMNS]) {
+    PyObject *numbers[2] = {PySequence_GetItem(size, 0), PySequence_GetItem(size, 1)};
+    bool is_read = numbers[0] && numbers[1] && read_numbers(numbers, 2, row + 4) && read_fields(ego, &EGO, row);
+    for (int i = 0; i < 2; i++)
+        if (numbers[i]) Py_DecRef(numbers[i]);
+    return is_read;
+}
+
+static PyObject *core_state_build_ego_columns(PyObject *module, PyObject *const *arguments, Py_ssize_t argument_count) {
+    if (!expect_arguments("build_ego_columns", argument_count, 2, 2)) return NULL;
+    Py_ssize_t count = PyList_Size(arguments[0]), sizes = PyList_Size(arguments[1]);
+    if (count < 0 || sizes < 0) return NULL;
+    if (count != sizes) return PyErr_Format(PyExc_ValueError, "expected %zd sizes, found %zd", count, sizes);
+    NewRoadUsers users;
+    if (!new_road_users(count, &users)) return NULL;
+    for (Py_ssize_t i = 0; i < count; i++) {
+        double row[USER_COLUMNS];
+        if (!read_ego(PyList_GetItem(arguments[0], i), PyList_GetItem(arguments[1], i), row)) {
+            drop_road_users(&users);
+            return NULL;
+        }
+        users.kinds[i] = VEHICLE;
+        for (int k = 0; k < USER_COLUMNS; k++) users.values[k][i] = row[k];
+    }
+    return pack_columns(&users);
+}
+
+static void copy_columns(const RoadUsers *part, Py_ssize_t start, NewRoadUsers *users) {
+    memcpy(users->kinds + start, kinds_of(part), part->count);
+    for (int k = 0; k < USER_COLUMNS; k++)
+        memcpy(users->values[k] + start, doubles(part->columns + k), part->count * sizeof(double));
+}
+
+static PyObject *core_state_join_columns(PyObject *module, PyObject *const *arguments, Py_ssize_t argument_count) {
+    if (!expect_arguments("join_columns", argument_count, 1, 1)) return NULL;
+    Py_ssize_t count = PyList_Size(arguments[0]), opened = 0, rows = 0;
+    if (count < 0) return NULL;
+    RoadUsers *parts = malloc((count + 1) * sizeof *parts);
+    if (!parts) return PyErr_NoMemory();
+    while (opened < count && open_road_users(PyList_GetItem(arguments[0], opened), parts + opened))
+        rows += parts[opened++].count;
+    NewRoadUsers users;
+    bool is_valid = opened == count && new_road_users(rows, &users);
+    for (Py_ssize_t i = 0, start = 0; i < opened; i++) {
+        if (is_valid) copy_columns(parts + i, start, &users);
+        start += parts[i].count;
+        close_road_users(parts + i);
+    }
+    free(parts);
+    return is_valid ? pack_columns(&users) : NULL;
+}
+
+Functions core_state = {
+    FUNCTION(core_state_build_ego_columns),
+    FUNCTION(core_state_join_columns),
+    END_OF_FUNCTIONS,
+};

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float
 
 TICKS_PER_SECOND = 20
@@ -21,6 +22,10 @@ STRUCK_HOLD_TICKS = 2 * TICKS_PER_SECOND
 
 MOTION_AND_SIZE = ("x", "y", "yaw", "speed", "length", "width")
 """Columns of `RoadUsers` that hold floats, in the order of its fields."""
+
+
+Columns = tuple[npt.NDArray[Any], ...]
+"""The columns of `RoadUsers`: `kind`, and those of `MOTION_AND_SIZE`."""
 
 
 class Kind(IntEnum):
@@ -98,17 +103,15 @@ class RoadUsers:
     @classmethod
     def from_egos(cls, egos: Mapping[str, EgoState], dimensions: Mapping[str, tuple[float, float]]) -> Self:
         """Return one row per CAV in the order of `egos`; dimensions: (length, width) [m] by CAV id."""
-        rows = [(ego.x, ego.y, ego.yaw, ego.speed, *dimensions[name]) for name, ego in egos.items()]
-        columns = np.array(rows, dtype=np.float64).reshape(-1, len(MOTION_AND_SIZE)).T
-        return cls(tuple(egos), np.full(len(rows), Kind.VEHICLE, dtype=np.uint8), *columns)
+        return cls(tuple(egos), *build_ego_columns(list(egos.values()), [dimensions[name] for name in egos]))
 
     def concat(self, *others: "RoadUsers") -> Self:
         """Return the own rows followed by those of the others; every field that is not per row stays the own one."""
-        parts = [self, *(other for other in others if other.ids)]
+        parts: list[RoadUsers] = [self, *(other for other in others if other.ids)]
         if len(parts) == 1:
             return self
-        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ("kind", *MOTION_AND_SIZE)}
-        return replace(self, ids=tuple(chain.from_iterable(part.ids for part in parts)), **columns)
+        ids = tuple(chain.from_iterable(part.ids for part in parts))
+        return type(self)(ids, *join_columns(parts), *self._get_rest())
 
     def take(self, rows: npt.NDArray[np.intp] | npt.NDArray[np.bool_] | slice) -> Self:
         """Return the given rows only: indices (M,), a mask (N,) or a slice."""
@@ -135,6 +138,20 @@ class RoadUsers:
         cos, sin = portable.cos_sin(direction)
         x, y = self.x + chord * cos, self.y + chord * sin
         return replace(self, x=x, y=y, yaw=self.yaw + turn)
+
+
+@twin
+def build_ego_columns(egos: list[EgoState], sizes: list[tuple[float, float]], /) -> Columns:
+    """Return the columns of CAVs of these lengths and widths [m]."""
+    rows = [(ego.x, ego.y, ego.yaw, ego.speed, *size) for ego, size in zip(egos, sizes, strict=True)]
+    columns = np.array(rows, dtype=np.float64).reshape(-1, len(MOTION_AND_SIZE)).T.copy()
+    return (np.full(len(rows), Kind.VEHICLE, dtype=np.uint8), *columns)
+
+
+@twin
+def join_columns(parts: list[RoadUsers], /) -> Columns:
+    """Return the columns with the rows of all parts, of at least one."""
+    return tuple([np.concatenate([getattr(part, name) for part in parts]) for name in ("kind", *MOTION_AND_SIZE)])
 
 
 @cache

@@ -73,15 +73,6 @@ CAR_M = (4.5, 1.9)
 """Length and width of a false positive."""
 
 
-class _CellRange(NamedTuple):
-    """Cells (i, j) of the grid, the last ones included."""
-
-    first_i: int
-    first_j: int
-    last_i: int
-    last_j: int
-
-
 class FalsePositive(NamedTuple):
     """A car that is not there, of a cell (i, j). The epochs of the cell begin `phase` ticks before those of phase 0."""
 
@@ -101,11 +92,12 @@ def draw_false_positives(
     if not profile.false_positives:
         return []
     density, (x, y) = profile.false_positives / (math.pi * (FAR_M * FAR_M)), eye_xy
-    low, high = ([int((centre + reach) // CELL_M) for centre in (x, y)] for reach in (-range_m, range_m))
-    cells, (epoch, step) = _CellRange(*low, *high), divmod(tick, EPOCH_TICKS)
-    ghosts = [one for one in _draw_in_cells(seed, density, cells, epoch) if step + one.phase < EPOCH_TICKS]
-    ghosts += (one for one in _draw_in_cells(seed, density, cells, epoch + 1) if step + one.phase >= EPOCH_TICKS)
-    return sorted(one for one in ghosts if portable.hypot(one.x - x, one.y - y) <= range_m)
+    low = int((x - range_m) // CELL_M), int((y - range_m) // CELL_M)
+    high = int((x + range_m) // CELL_M), int((y + range_m) // CELL_M)
+    epoch, step = divmod(tick, EPOCH_TICKS)
+    ghosts = [one for one in _draw_in_cells(seed, density, low, high, epoch) if step + one.phase < EPOCH_TICKS]
+    ghosts += [one for one in _draw_in_cells(seed, density, low, high, epoch + 1) if step + one.phase >= EPOCH_TICKS]
+    return sorted([one for one in ghosts if portable.hypot(one.x - x, one.y - y) <= range_m])
 
 
 def build_false_positives(ghosts: Iterable[FalsePositive]) -> Objects:
@@ -126,11 +118,13 @@ def build_false_positives(ghosts: Iterable[FalsePositive]) -> Objects:
 
 
 @lru_cache(maxsize=256)
-def _draw_in_cells(seed: int, density: float, cells: _CellRange, epoch: int) -> tuple[FalsePositive, ...]:
-    """Return the false positives of all these cells in an epoch, at most one a cell."""
+def _draw_in_cells(
+    seed: int, density: float, low: tuple[int, int], high: tuple[int, int], epoch: int
+) -> tuple[FalsePositive, ...]:
+    """Return the false positives of all cells from low to high in an epoch, at most one a cell."""
     ghosts: list[FalsePositive] = []
-    for i in range(cells.first_i, cells.last_i + 1):
-        for j in range(cells.first_j, cells.last_j + 1):
+    for i in range(low[0], high[0] + 1):
+        for j in range(low[1], high[1] + 1):
             cell = f"{i} {j}"
             if draw_first_uniform(seed, "ghost", cell, epoch) < density * (CELL_M * CELL_M):
                 _, x, y, yaw, *_ = draw_uniforms(seed, "ghost", cell, epoch)

@@ -5,6 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from testing.twins import compare_twins
 
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.state import Actors, EgoState, Kind
@@ -56,6 +59,31 @@ def test_from_egos_gives_one_vehicle_per_cav_in_their_order() -> None:
     assert table.kind.tolist() == [Kind.VEHICLE, Kind.VEHICLE]
     assert np.column_stack((table.x, table.speed, table.length, table.width)).tolist() == [[1, 4, 5, 1.5], [5, 8, 4, 2]]
     assert len(Actors.from_egos({}, {})) == 0
+
+
+NUMBERS = st.one_of(st.floats(), st.integers(-9, 9))
+ROWS = st.tuples(st.builds(EgoState, NUMBERS, NUMBERS, NUMBERS, NUMBERS), st.tuples(NUMBERS, NUMBERS))
+
+
+@given(parts=st.lists(st.lists(ROWS, max_size=4), min_size=1, max_size=3))
+def test_compiled_columns_are_those_of_the_python_text(
+    parts: list[list[tuple[EgoState, tuple[float, float]]]],
+) -> None:
+    users = [
+        Actors(
+            ("a",) * len(rows),
+            *compare_twins("core_state_build_ego_columns", [ego for ego, _ in rows], [size for _, size in rows]),
+        )
+        for rows in parts
+    ]
+    compare_twins("core_state_join_columns", users)
+    compare_twins("core_state_join_columns", [one.take(slice(None, None, -1)) for one in users])
+
+
+def test_columns_of_different_lengths_are_refused() -> None:
+    compare_twins("core_state_build_ego_columns", [EgoState(1.0, 2.0, 3.0, 4.0)], [])
+    with pytest.raises(ValueError, match="expected columns with 2 rows, one for each id, found 1"):
+        users("ab").concat(replace(users("ab"), yaw=np.zeros(1)))
 
 
 def test_advance_moves_straight_without_turn_and_on_an_arc_with_one() -> None:
