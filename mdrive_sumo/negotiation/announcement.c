@@ -190,20 +190,6 @@ static PyObject *negotiation_announcement_predict_poses(PyObject *module, PyObje
     return array;
 }
 
-/* As numpy.unwrap of the headings of poses (TIMES, 3). */
-static void unwrap_headings(const double *poses, double *yaws) {
-    double correction = 0.0;
-    yaws[0] = poses[2];
-    for (Py_ssize_t row = 1; row < TIMES; row++) {
-        double turned = poses[3 * row + 2] - poses[3 * row - 1], wrapped = fmod(turned + PI, TAU);
-        if (wrapped < 0.0) wrapped += TAU; /* as NumPy's mod, of which 0.0 has the sign of TAU */
-        wrapped = (wrapped == 0.0 ? 0.0 : wrapped) - PI;
-        if (wrapped == -PI && turned > 0.0) wrapped = PI;
-        correction += fabs(turned) < PI ? 0.0 : wrapped - turned;
-        yaws[row] = poses[3 * row + 2] + correction;
-    }
-}
-
 static void brake(const double *poses, const MotionParameters *parameters, double speed, double *braked) {
     double s[TIMES], yaws[TIMES], first = predict_yielding(parameters, speed, 0);
     s[0] = 0.0;
@@ -212,7 +198,8 @@ static void brake(const double *poses, const MotionParameters *parameters, doubl
         double step = portable_hypot(now[0] - before[0], now[1] - before[1]);
         s[row] = row > 1 ? s[row - 1] + step : step;
     }
-    unwrap_headings(poses, yaws);
+    for (Py_ssize_t row = 0; row < TIMES; row++) yaws[row] = poses[3 * row + 2];
+    unwrap_angles(yaws, TIMES);
     for (Py_ssize_t row = 0; row < TIMES; row++) {
         double travelled = predict_yielding(parameters, speed, row) - first;
         if (s[row] < travelled) travelled = s[row];

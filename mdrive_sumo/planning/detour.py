@@ -30,7 +30,7 @@ class Detour(NamedTuple):
     last_s: float
 
 
-class _LateralShift(NamedTuple):
+class LateralShift(NamedTuple):
     """A shift by `left` [m] between the arc lengths `hold` [m], with transitions of length `ramps` [m] at both ends."""
 
     left: float
@@ -125,7 +125,7 @@ class _DetourSearch:
                 best, smallest = (detour, size) if size < smallest else (best, smallest)
         return best
 
-    def _build_shift(self, group: Bool, side: int, extra: float) -> _LateralShift:
+    def _build_shift(self, group: Bool, side: int, extra: float) -> LateralShift:
         """Return the shift that passes the group on one side (1: left, -1: right) with an extra gap [m]."""
         vehicle, parameters = self._briefing.vehicle, self._parameters
         first, last, right, left = self.extents[group].T
@@ -135,12 +135,12 @@ class _DetourSearch:
         hold = float(first.min()) - half, float(last.max()) + half
         comfortable_m = self._speed * math.sqrt(PEAK * abs(offset) / parameters.lateral_acceleration)
         ramp_m = max(comfortable_m, parameters.min_ramp_m)
-        return _LateralShift(offset, hold, (min(ramp_m, hold[0] - self._s), ramp_m))
+        return LateralShift(offset, hold, (min(ramp_m, hold[0] - self._s), ramp_m))
 
-    def _try_shift(self, shift: _LateralShift, group: Bool) -> tuple[Detour, float] | None:
+    def _try_shift(self, shift: LateralShift, group: Bool) -> tuple[Detour, float] | None:
         """Return the detour and its shift [m], enlarged where it meets further boxes; None if it is not drivable."""
         while shift.ramps[0] > 0:
-            detour = _apply_shift(self._path, shift, self._briefing.vehicle)
+            detour = apply_shift(self._path, shift, self._briefing.vehicle.rear_to_centre)
             if not self._is_drivable(detour):
                 return None
             more = self._find_touched_boxes(detour) & ~group
@@ -194,8 +194,9 @@ def _take_minimum_of_neighbours(room: Float) -> Float:
     return np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
 
 
-def _apply_shift(path: ReferencePath, shift: _LateralShift, vehicle: VehicleFacts) -> Detour:
-    """Return the shifted path, resampled to `SPACING_M`."""
+@twin
+def apply_shift(path: ReferencePath, shift: LateralShift, rear_to_centre: float, /) -> Detour:
+    """Return the shifted path, resampled to `SPACING_M`; rear_to_centre: [m] of the car."""
     left = shift.evaluate(np.arange(len(path.xy), dtype=np.float64) * SPACING_M)
     cos, sin = portable.cos_sin(path.yaw)
     shifted = build_polyline(path.xy + left[:, None] * np.column_stack((-sin, cos)))
@@ -204,4 +205,4 @@ def _apply_shift(path: ReferencePath, shift: _LateralShift, vehicle: VehicleFact
     goal_s, first_s, last_s = np.interp((path.goal_s, begin, end), old_stations, shifted.s).tolist()
     xy = shifted.resample(SPACING_M).xy[:-1]
     start_yaw = float(path.body_yaw[0])
-    return Detour(build_path_through_points(xy, vehicle.rear_to_centre, start_yaw, goal_s), first_s, last_s)
+    return Detour(build_path_through_points(xy, rear_to_centre, start_yaw, goal_s), first_s, last_s)

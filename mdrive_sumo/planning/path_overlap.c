@@ -53,6 +53,19 @@ bool open_path(PyObject *object, Path *path) {
 
 void close_path(Path *path) { close_arrays(3, (Array *[]){&path->xy, &path->yaw, &path->body_yaw}); }
 
+void unwrap_angles(double *angles, Py_ssize_t count) {
+    double correction = 0.0, before = count ? angles[0] : 0.0;
+    for (Py_ssize_t i = 1; i < count; i++) {
+        double turned = angles[i] - before, wrapped = fmod(turned + PI, TAU);
+        if (wrapped < 0.0) wrapped += TAU;
+        wrapped = (wrapped == 0.0 ? 0.0 : wrapped) - PI; /* NumPy's mod has the sign of TAU */
+        if (wrapped == -PI && turned > 0.0) wrapped = PI;
+        correction += fabs(turned) < PI ? 0.0 : wrapped - turned;
+        before = angles[i];
+        angles[i] += correction;
+    }
+}
+
 bool place_box(double x, double y, double yaw, double length, double width, Box *box) {
     CosSin direction = cos_sin(yaw);
     *box = list_corners(x, y, direction.cos, direction.sin, length, width);

@@ -39,6 +39,27 @@ static inline Py_ssize_t count_range(double start, double stop, double step) {
     return count > 0.0 ? count < 1e7 ? (Py_ssize_t)count : 10000000 : 0;
 }
 
+/* As numpy.interp of one x, between y[0], y[step], ...; count >= 1 */
+static inline double interpolate(double x, const double *xs, const double *y, Py_ssize_t step, Py_ssize_t count) {
+    if (x != x && count > 1) return x;
+    if (x < xs[0]) return y[0];
+    if (!(x < xs[count - 1])) return y[(count - 1) * step];
+    Py_ssize_t low = 0, high = count - 1; /* xs[low] <= x < xs[high] */
+    while (high - low > 1) {
+        Py_ssize_t middle = (low + high) / 2;
+        if (xs[middle] <= x) low = middle;
+        else high = middle;
+    }
+    double before = y[low * step], after = y[(low + 1) * step];
+    if (xs[low] == x) return before;
+    double slope = (after - before) / (xs[low + 1] - xs[low]), value = slope * (x - xs[low]) + before;
+    if (value == value) return value;
+    value = slope * (x - xs[low + 1]) + after;
+    return value != value && before == after ? before : value;
+}
+/* As numpy.unwrap, in place. */
+void unwrap_angles(double *angles, Py_ssize_t count);
+
 /* As geometry.box_corners; a yaw that is not finite is an error. */
 bool place_box(double x, double y, double yaw, double length, double width, Box *box);
 /* The boxes of the own car in cells: path_overlap.compute_footprints. A cell beyond the path is an error. */

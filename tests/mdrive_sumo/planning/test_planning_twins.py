@@ -19,6 +19,7 @@ from mdrive_sumo.planning import (  # noqa: F401
     obstacle_avoidance,
     profile_search,
 )
+from mdrive_sumo.planning.detour import LateralShift
 from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
 from mdrive_sumo.planning.parameters import AVOIDANCE, DETOUR, INTERACTION, RIGHT_OF_WAY, SafetyMargin
 from mdrive_sumo.planning.reference_path import ReferencePath, build_path
@@ -143,6 +144,9 @@ def test_obstacles(seed: int) -> None:
     compare_twins("planning_detour_find_obstructing_boxes", PATH, s, boxes, VEHICLE, replace(DETOUR, look_ahead_m=9.0))
     for points in (rng.uniform(-30.0, 30.0, shape) for shape in ((5, 2), (0, 4, 2), (3, 4, 2))):
         compare_twins("planning_detour_to_frenet", PATH.xy[50:200], PATH.yaw[50:200], points)
+    hold, ramps = np.sort(rng.uniform(0.0, 140.0, 2)).tolist(), rng.uniform(1.0, 30.0, 2).tolist()
+    shift = LateralShift(float(rng.choice((0.0, 3.5, -2.0, rng.uniform(-9.0, 9.0)))), (hold[0], hold[1]), (*ramps,))
+    compare_twins("planning_detour_apply_shift", PATH, shift, VEHICLE.rear_to_centre)
     objects = random_objects(rng)
     standstill_s = rng.choice((0.0, 1.0, 2.0, 9.0), len(objects.ids))
     compare_twins("planning_obstacle_avoidance_find_queued", objects, standstill_s, AVOIDANCE)
