@@ -7,6 +7,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Objects, OwnState, Plan
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.parameters import JOINT_PLANNING, MARGINS, JointPlanningParameters, SafetyMargin
@@ -14,7 +15,6 @@ from mdrive_sumo.planning.path_overlap import (
     compute_footprints,
     compute_overlaps,
     compute_path_overlaps,
-    find_cells,
 )
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 
@@ -39,12 +39,14 @@ class FleetPaths:
 
     def get_overlap(self, ego: str, other: str, margin: SafetyMargin | None = None) -> Bool:
         """Return the mask of `compute_path_overlaps` for every `stride`-th point; computed at the first call."""
-        margin = self.margin if margin is None else margin
-        if ego > other:
-            return self.get_overlap(other, ego, margin).T
-        key = (ego, other, margin)
+        table = self._get_table(ego, other, self.margin if margin is None else margin)
+        return table.T if ego > other else table
+
+    def _get_table(self, ego: str, other: str, margin: SafetyMargin) -> Bool:
+        """Return the overlaps of two CAVs, rows for the one whose id is smaller."""
+        key = (min(ego, other), max(ego, other), margin)
         if key not in self._overlaps:
-            paths = self.path_by_ego[ego], self.path_by_ego[other]
+            paths = self.path_by_ego[key[0]], self.path_by_ego[key[1]]
             self._overlaps[key] = compute_path_overlaps(*paths, self.size, margin, self.stride)
         return self._overlaps[key]
 
@@ -56,17 +58,9 @@ class FleetPaths:
         Beyond its goal the other CAV blocks nothing.
         """
         path = self.path_by_ego[other]
-        table = self.get_overlap(ego, other, margin)
-        if self.stride == 1:
-            table = table[cells][:, find_cells(path, stations)]
-        else:
-            rows, columns = self._find_rows(ego, cells), self._find_rows(other, find_cells(path, stations))
-            table = table[rows][:, columns]
-        return table.T & (stations < path.goal_s + self.parameters.left_world_m)[:, None]
-
-    def _find_rows(self, ego: str, cells: Int) -> Int:
-        """Return the rows (J,) of overlap tables that belong to cells (J,)."""
-        return np.minimum((cells + self.stride // 2) // self.stride, (len(self.path_by_ego[ego].xy) - 1) // self.stride)
+        table = self._get_table(ego, other, self.margin if margin is None else margin)
+        end_s = path.goal_s + self.parameters.left_world_m
+        return look_up_overlaps(table, ego > other, cells, stations, self.stride, len(path.xy), end_s)
 
     def find_blocking_starts(self, ego: str) -> frozenset[str]:
         """Return the CAVs whose start obstructs the path of ego: it cannot arrive before they have left."""
@@ -86,8 +80,7 @@ def predict_stations(path: ReferencePath, state: OwnState, plan: Plan | None, ti
     if plan is None:
         station = path.project(state.x, state.y, 0.0, within_m=path.length)
         return station + max(state.speed, 0.0) * times
-    gaps = portable.square(plan.points[:, None] - path.xy[None]).sum(-1)
-    stations = np.maximum.accumulate(gaps.argmin(1) * SPACING_M)
+    stations = locate_points(path.xy, plan.points, 1)
     due = (np.arange(len(stations)) + 1) * plan.interval_s - age_s
     speed = (stations[-1] - stations[-2]) / plan.interval_s if len(stations) > 1 else 0.0
     return np.interp(times, due, stations) + speed * np.maximum(times - due[-1], 0.0)
@@ -104,20 +97,45 @@ def predict_stations_at(
         return [predict_stations(path, state, plan, each, age_s) for each in times]
     until_s = max(float(each.max(initial=0.0)) for each in times) + age_s
     points = plan.points[: int(until_s / plan.interval_s) + 2]
-    coarse = path.xy[::COARSE]
-    dx, dy = points[:, :1] - coarse[:, 0], points[:, 1:] - coarse[:, 1]
-    nearest = (dx * dx + dy * dy).argmin(axis=1)
-    window = np.clip(nearest[:, None] * COARSE + np.arange(-COARSE, COARSE + 1), 0, len(path.xy) - 1)
-    gaps = portable.square(points[:, None] - path.xy[window]).sum(-1)
-    cells = window[np.arange(len(points)), gaps.argmin(axis=1)]
-    stations = np.maximum.accumulate(cells * SPACING_M)
+    stations = locate_points(path.xy, points, COARSE)
     due = (np.arange(len(stations)) + 1) * plan.interval_s - age_s
     speed = (stations[-1] - stations[-2]) / plan.interval_s if len(stations) > 1 else 0.0
     return [np.interp(each, due, stations) + speed * np.maximum(each - due[-1], 0.0) for each in times]
 
 
+@twin
+def locate_points(xy: Float, points: Float, coarse: int, /) -> Float:
+    """Return the stations (P,) [m] of points (P, 2) on a path xy (M, 2), none before that of the point before.
+
+    coarse: points are located on every `coarse`-th point of the path first.
+    """
+    nearest = portable.square(points[:, None] - xy[::coarse]).sum(-1).argmin(axis=1) * coarse
+    if coarse > 1:
+        window = np.clip(nearest[:, None] + np.arange(-coarse, coarse + 1), 0, len(xy) - 1)
+        gaps = portable.square(points[:, None] - xy[window]).sum(-1)
+        nearest = window[np.arange(len(points)), gaps.argmin(axis=1)]
+    return np.maximum.accumulate(nearest * SPACING_M)
+
+
+@twin
+def look_up_overlaps(
+    table: Bool, is_transposed: bool, cells: Int, stations: Float, stride: int, other_points: int, end_s: float, /
+) -> Bool:
+    """Return a mask (T, J): whether a box in cell j overlaps that of another car at station t [m], at most `end_s`.
+
+    table: (A, B) overlaps at every `stride`-th point of both paths, the own one second if it is transposed;
+    other_points: of the other path.
+    """
+    table = table.T if is_transposed else table
+    columns = np.clip(np.rint(stations / SPACING_M).astype(np.int64), 0, other_points - 1)
+    rows = np.minimum((cells + stride // 2) // stride, len(table) - 1)
+    columns = np.minimum((columns + stride // 2) // stride, table.shape[1] - 1)
+    return table[rows][:, columns].T & (stations < end_s)[:, None]
+
+
+@twin
 def find_cells_blocked_by_objects(
-    path: ReferencePath, cells: Int, objects: Objects, times: Float, size: tuple[float, float], margin: SafetyMargin
+    path: ReferencePath, cells: Int, objects: Objects, times: Float, size: tuple[float, float], margin: SafetyMargin, /
 ) -> Bool:
     """Return a mask (T, J): which cells (J,) of a car of that size [m] other road users block at `times` (T,) [s].
 

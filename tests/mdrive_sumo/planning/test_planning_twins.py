@@ -13,6 +13,7 @@ from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, boxes_corners
 from mdrive_sumo.planning import (  # noqa: F401
     detour,
+    fleet_paths,
     free_drive,
     interaction_prediction,
     motion_conflicts,
@@ -150,6 +151,24 @@ def test_obstacles(seed: int) -> None:
     objects = random_objects(rng)
     standstill_s = rng.choice((0.0, 1.0, 2.0, 9.0), len(objects.ids))
     compare_twins("planning_obstacle_avoidance_find_queued", objects, standstill_s, AVOIDANCE)
+
+
+@given(seed=SEEDS)
+def test_paths_of_fleets(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    name, points = "planning_fleet_paths_{}".format, np.round(rng.uniform(-20.0, 140.0, (int(rng.integers(0, 9)), 2)))
+    for coarse in (1, 8):
+        compare_twins(name("locate_points"), PATH.xy[: int(rng.integers(1, 480))], points, coarse)
+    own_points, other_points, stride = *rng.integers(1, 40, 2).tolist(), int(rng.integers(1, 4))
+    shape = [(points - 1) // stride + 1 for points in (own_points, other_points)]
+    is_transposed = bool(rng.random() < 0.5)
+    table, cells = rng.random(shape[::-1] if is_transposed else shape) < 0.3, rng.integers(-1, own_points, 7)
+    stations, end_s = rng.uniform(-2.0, 12.0, 5), float(rng.uniform(0.0, 12.0))
+    compare_twins(name("look_up_overlaps"), table, is_transposed, cells, stations, stride, other_points, end_s)
+    cells, times = np.sort(rng.integers(0, 480, int(rng.integers(0, 40)))), np.arange(int(rng.integers(0, 60))) * 0.25
+    margin = SafetyMargin(*rng.uniform(0.0, 1.0, 2).tolist())
+    arguments = PATH, cells, random_objects(rng), times, (4.9, 2.0), margin
+    compare_twins(name("find_cells_blocked_by_objects"), *arguments)
 
 
 def random_problem(rng: np.random.Generator) -> SpeedProfileProblem:
