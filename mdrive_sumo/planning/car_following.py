@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int
 
 
@@ -72,6 +73,7 @@ def find_vehicles_ahead(along: Float, is_ahead: Bool, length: Float) -> Vehicles
     return VehiclesAhead(row, gap)
 
 
+@twin
 def predict_travel(
     speed: Float,
     acceleration: Float,
@@ -79,6 +81,7 @@ def predict_travel(
     top_speed: float,
     times: Float,
     parameters: CarFollowingParameters = FOLLOWING,
+    /,
 ) -> Travel:
     """Return the travel of N vehicles until `times` (T,) [s].
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Objects, VehicleFacts
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.parameters import PEDESTRIAN, PedestrianParameters
@@ -21,13 +22,21 @@ def predict_walking_on(
 
     first_positions: first observed position (x, y) [m] by object id.
     """
+    return replace(objects, speed=predict_walking_speeds(objects, first_positions, parameters))
+
+
+@twin
+def predict_walking_speeds(
+    objects: Objects, first_positions: Mapping[str, tuple[float, float]], parameters: PedestrianParameters, /
+) -> Float:
+    """Return the speeds (N,) [m/s] of `predict_walking_on`."""
     speed = objects.speed.copy()
     standing = (objects.kind == Kind.PEDESTRIAN) & (np.abs(speed) < parameters.standing_speed)
     for row in np.flatnonzero(standing).tolist():
         x, y = first_positions.get(objects.ids[row], (objects.x[row], objects.y[row]))
         if portable.hypot(objects.x[row] - x, objects.y[row] - y) > parameters.started_m:
             speed[row] = parameters.walking_speed
-    return replace(objects, speed=speed)
+    return speed
 
 
 def limit_speeds_near_pedestrians(

@@ -7,6 +7,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Briefing, Objects
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
@@ -52,21 +53,31 @@ class RoadDirection:
 
     def get_points(self, s: Float) -> Float:
         """Return the points (K, 2) at arc lengths s (K,), straight on beyond the ends."""
-        points = np.column_stack([np.interp(s, self.s, self.xy[:, axis]) for axis in (0, 1)])
-        over = s - np.clip(s, self.s[0], self.s[-1])
-        cos, sin = portable.cos_sin(self.get_yaw(s))
-        return points + over[:, None] * np.column_stack((cos, sin))
+        return find_points(self, s)
 
     def locate(self, path: ReferencePath, objects: Objects) -> RoadPosition:
         """Return the positions of objects relative to the path and to this direction."""
-        coarse = path.xy[::4]
-        squares = portable.square(objects.x[:, None] - coarse[None, :, 0])
-        squares += portable.square(objects.y[:, None] - coarse[None, :, 1])
-        i = squares.argmin(axis=1) * 4
-        cos, sin = portable.cos_sin(path.yaw[i])
-        dx, dy = objects.x - path.xy[i, 0], objects.y - path.xy[i, 1]
-        station = i * SPACING_M + dx * cos + dy * sin
-        return RoadPosition(station, dy * cos - dx * sin, wrap_angles(objects.yaw - self.get_yaw(station)))
+        return locate_objects(self, path, objects)
+
+
+@twin
+def find_points(road: RoadDirection, s: Float, /) -> Float:
+    """As `RoadDirection.get_points`."""
+    points = np.column_stack([np.interp(s, road.s, road.xy[:, axis]) for axis in (0, 1)])
+    over = s - np.clip(s, road.s[0], road.s[-1])
+    cos, sin = portable.cos_sin(road.get_yaw(s))
+    return points + over[:, None] * np.column_stack((cos, sin))
+
+
+@twin
+def locate_objects(road: RoadDirection, path: ReferencePath, objects: Objects, /) -> RoadPosition:
+    """As `RoadDirection.locate`."""
+    dx, dy = objects.x[:, None] - path.xy[::4, 0], objects.y[:, None] - path.xy[::4, 1]
+    i = (dx * dx + dy * dy).argmin(axis=1) * 4
+    cos, sin = portable.cos_sin(path.yaw[i])
+    dx, dy = objects.x - path.xy[i, 0], objects.y - path.xy[i, 1]
+    station = i * SPACING_M + dx * cos + dy * sin
+    return RoadPosition(station, dy * cos - dx * sin, wrap_angles(objects.yaw - road.get_yaw(station)))
 
 
 def build_road_direction(briefing: Briefing) -> RoadDirection:

@@ -18,13 +18,16 @@ from mdrive_sumo.planning import (  # noqa: F401
     interaction_prediction,
     motion_conflicts,
     obstacle_avoidance,
+    pedestrian_caution,
     profile_search,
 )
+from mdrive_sumo.planning.car_following import VehiclesAhead
 from mdrive_sumo.planning.detour import LateralShift
 from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
-from mdrive_sumo.planning.parameters import AVOIDANCE, DETOUR, INTERACTION, RIGHT_OF_WAY, SafetyMargin
+from mdrive_sumo.planning.parameters import AVOIDANCE, DETOUR, INTERACTION, PEDESTRIAN, RIGHT_OF_WAY, SafetyMargin
 from mdrive_sumo.planning.reference_path import ReferencePath, build_path
 from mdrive_sumo.planning.right_of_way import EgoMotion
+from mdrive_sumo.planning.road_direction import RoadDirection
 from mdrive_sumo.planning.speed_lattice import build_transitions, choose_lattice
 from mdrive_sumo.planning.speed_profile import SpeedProfile, SpeedProfileProblem
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
@@ -169,6 +172,23 @@ def test_paths_of_fleets(seed: int) -> None:
     margin = SafetyMargin(*rng.uniform(0.0, 1.0, 2).tolist())
     arguments = PATH, cells, random_objects(rng), times, (4.9, 2.0), margin
     compare_twins(name("find_cells_blocked_by_objects"), *arguments)
+
+
+@given(seed=SEEDS)
+def test_traffic_on_roads(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    objects, stations = random_objects(rng), np.cumsum(rng.uniform(0.5, 5.0, int(rng.integers(1, 40))))
+    road = RoadDirection(stations, rng.uniform(-7.0, 7.0, len(stations)), rng.uniform(-50.0, 50.0, (len(stations), 2)))
+    compare_twins("planning_road_direction_locate_objects", road, PATH, objects)
+    some = np.concatenate((rng.uniform(-5.0, 99.0, int(rng.integers(0, 9))), stations[:2]))
+    compare_twins("planning_road_direction_find_points", road, some)
+    first = {name: (float(rng.uniform(-9.0, 9.0)), 0.0) for name in objects.ids[::2]}
+    compare_twins("planning_pedestrian_caution_predict_walking_speeds", objects, first, PEDESTRIAN)
+    count = int(rng.integers(0, 6))
+    speed, acceleration = rng.uniform(-1.0, 30.0, count), rng.choice((0.0, 0.9, 3.0, -1.0, -12.0), count)
+    ahead = VehiclesAhead(rng.integers(-1, max(count, 1), count), rng.uniform(-3.0, 40.0, count))
+    times = np.sort(rng.uniform(0.0, 12.0, int(rng.integers(0, 9))))
+    compare_twins("planning_car_following_predict_travel", speed, acceleration, ahead, 20.0, times)
 
 
 def random_problem(rng: np.random.Generator) -> SpeedProfileProblem:
