@@ -6,11 +6,6 @@
 #include "../core/geometry.h"
 
 enum { EPOCH_TICKS = 10 };
-static const double FAR_M = 100.0;
-FIELDS(PROFILE, "recall", "recall_far", "min_visible", "plain_visible", "spread", "spread_doubles_m", "yaw_sigma",
-       "size_sigma", "speed_sigma");
-
-bool read_profile(PyObject *object, DetectionProfile *profile) { return read_fields(object, &PROFILE, &profile->recall); }
 
 ErrorDraws start_errors(int64_t seed) {
     Purpose start = start_purpose(seed);
@@ -28,15 +23,6 @@ bool find_epoch(const ErrorDraws *draws, PyObject *id, int64_t tick, EpochTime *
     time->step = (due % EPOCH_TICKS + EPOCH_TICKS) % EPOCH_TICKS;
     time->epoch = (due - time->step) / EPOCH_TICKS;
     return true;
-}
-
-/* As DetectionProfile.recall_at. */
-double compute_recall(const DetectionProfile *profile, double distance, double visible) {
-    double far = 1.0 - (1.0 - profile->recall_far) * distance / FAR_M;
-    double least = profile->plain_visible > 1e-9 ? profile->plain_visible : 1e-9, plain = visible / least;
-    if (0.0 > far) far = 0.0;
-    plain = plain < 0.0 ? 0.0 : plain > 1.0 ? 1.0 : plain;
-    return visible >= profile->min_visible ? profile->recall * far * plain : 0.0;
 }
 
 bool draw_detected(const ErrorDraws *draws, PyObject *id, EpochTime time, double recall, bool *is_detected) {
@@ -66,7 +52,7 @@ bool add_errors(const DetectionProfile *profile, const ErrorDraws *draws, EpochT
     double noise[UNIFORMS], *columns = seen->columns;
     if (!interpolate_errors(draws, seen->id, time, noise)) return false;
     double x = columns[0] - eye.x, y = columns[1] - eye.y;
-    double spread = profile->spread * (1.0 + portable_hypot(x, y) / profile->spread_doubles_m);
+    double spread = compute_spread_at(profile, portable_hypot(x, y));
     CosSin towards = cos_sin(portable_atan2(y, x));
     double along = spread * noise[0], across = spread * noise[1];
     double scale[] = {portable_exp(profile->size_sigma * noise[4]), portable_exp(profile->size_sigma * noise[5])};

@@ -2,14 +2,9 @@
 #ifndef MDRIVE_DETECTION_NOISE_H
 #define MDRIVE_DETECTION_NOISE_H
 
+#include "../contract/detector_profiles.h"
 #include "../core/seeding.h"
 #include "visibility.h"
-
-/* A detector_profiles.DetectionProfile: its numbers in their order, without the latency. */
-typedef struct {
-    double recall, recall_far, min_visible, plain_visible, spread, spread_doubles_m, yaw_sigma, size_sigma, speed_sigma;
-} DetectionProfile;
-bool read_profile(PyObject *object, DetectionProfile *profile);
 
 /* Purposes of random numbers, of one seed. */
 typedef struct {
@@ -31,7 +26,6 @@ typedef struct {
 } EpochTime;
 bool find_epoch(const ErrorDraws *draws, PyObject *id, int64_t tick, EpochTime *time);
 
-double compute_recall(const DetectionProfile *profile, double distance, double visible);
 bool draw_detected(const ErrorDraws *draws, PyObject *id, EpochTime time, double recall, bool *is_detected);
 bool add_errors(const DetectionProfile *profile, const ErrorDraws *draws, EpochTime time, Eye eye, Detection *seen);
 #endif

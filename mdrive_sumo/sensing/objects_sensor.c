@@ -112,7 +112,7 @@ static bool detect_box(const Detector *detector, const View *view, Py_ssize_t ro
     if (detector->is_exact) return true;
     const DetectionProfile *profile = &detector->profile;
     double distance = portable_hypot(seen->columns[0] - eye.x, seen->columns[1] - eye.y);
-    double recall = compute_recall(profile, distance, visible < profile->min_visible ? profile->min_visible : visible);
+    double recall = compute_recall_at(profile, distance, visible < profile->min_visible ? profile->min_visible : visible);
     EpochTime time;
     return find_epoch(&detector->draws, seen->id, view->tick, &time) &&
            draw_detected(&detector->draws, seen->id, time, recall, is_detected) &&

@@ -5,6 +5,8 @@ import numpy as np
 from mdrive_sumo.contract import Briefing, Message, Objects, Observation
 from mdrive_sumo.contract.detector_profiles import IDEAL, PROFILES, DetectionProfile
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
+from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.v2x.messages import MAX_OBJECTS, MAX_SECTORS, MESSAGE_REACH_M, Cam, Cpm, ReferencePose, encode
 
@@ -37,17 +39,28 @@ def build_cpm(
     pose: ReferencePose, range_m: float, objects: Objects, profile: DetectionProfile, roadside: bool = False
 ) -> Cpm:
     """Return the CPM of a station at that pose with detections of that profile, their age and standard deviations."""
-    sigmas = np.empty((len(objects.ids), 3))
-    sigmas[:, 0] = profile.spread_at(portable.hypot(objects.x - pose.x, objects.y - pose.y))
-    sigmas[:, 1], sigmas[:, 2] = profile.yaw_sigma, profile.speed_sigma
+    sigmas = compute_sigmas(profile, pose, objects.x, objects.y)
     age = np.full(len(objects.ids), profile.latency_ticks, dtype=np.uint8)
     return Cpm(pose, range_m, objects, age, roadside, sigmas)
+
+
+@twin
+def compute_sigmas(profile: DetectionProfile, pose: ReferencePose, x: Float, y: Float, /) -> Float:
+    """Return the standard deviations (N, 3) that a CPM states of detections at x, y (N,) [m], see `Cpm.sigmas`."""
+    sigmas = np.empty((len(x), 3))
+    sigmas[:, 0] = profile.spread_at(portable.hypot(x - pose.x, y - pose.y))
+    sigmas[:, 1], sigmas[:, 2] = profile.yaw_sigma, profile.speed_sigma
+    return sigmas
 
 
 def _select_objects(objects: Objects, x: float, y: float) -> Objects:
     """Return the nearest objects, as many as a message can carry."""
     assert len(objects.free_m) <= MAX_SECTORS, "the sensor's option free_space is bounded"
-    reach = np.maximum(np.abs(objects.x - x), np.abs(objects.y - y)) < MESSAGE_REACH_M / 2
-    if len(reach) <= MAX_OBJECTS and reach.all():
-        return objects
-    return objects.take(np.flatnonzero(reach)[:MAX_OBJECTS])
+    rows = find_rows_within(objects.x, objects.y, x, y, MESSAGE_REACH_M / 2)
+    return objects if len(objects) == len(rows) <= MAX_OBJECTS else objects.take(rows[:MAX_OBJECTS])
+
+
+@twin
+def find_rows_within(x: Float, y: Float, centre_x: float, centre_y: float, reach_m: float, /) -> Int:
+    """Return the rows of places x, y (N,) [m] nearer than reach_m to a centre, along and across the axes."""
+    return np.flatnonzero(np.maximum(np.abs(x - centre_x), np.abs(y - centre_y)) < reach_m)

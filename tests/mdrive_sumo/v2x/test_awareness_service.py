@@ -5,12 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from testing.planning import LENGTH, WIDTH, briefing, own, seen, things
+from testing.twins import compare_twins
 
 from mdrive_sumo.contract import Message, Objects
-from mdrive_sumo.contract.detector_profiles import LIDAR_SINGLE, PROFILES
-from mdrive_sumo.v2x.awareness_service import AwarenessService
-from mdrive_sumo.v2x.messages import CAM, CPM, MAX_OBJECTS, MESSAGE_REACH_M, Cam, Cpm, decode
+from mdrive_sumo.contract.detector_profiles import LIDAR_SINGLE, PROFILES, DetectionProfile
+from mdrive_sumo.v2x.awareness_service import AwarenessService, compute_sigmas
+from mdrive_sumo.v2x.messages import CAM, CPM, MAX_OBJECTS, MESSAGE_REACH_M, Cam, Cpm, ReferencePose, decode
 
 
 def sent(tick: int, objects: Objects, station: AwarenessService | None = None) -> tuple[Message, ...]:
@@ -70,3 +73,18 @@ def test_what_a_message_cannot_carry_is_left_out_the_nearest_stay() -> None:
     objects = told(many).objects
     assert len(objects.ids) == MAX_OBJECTS
     assert objects.x == pytest.approx(np.arange(MAX_OBJECTS) * 0.2, abs=0.011)
+
+
+NUMBERS = st.lists(st.one_of(st.floats(), st.floats(-200.0, 200.0)), max_size=6)
+
+
+@given(xs=NUMBERS, profile=st.sampled_from(list(PROFILES.values())), own=st.floats(-200.0, 200.0))
+def test_compiled_functions_return_what_the_python_text_does(
+    xs: list[float], profile: DetectionProfile, own: float
+) -> None:
+    x, y, pose = np.array(xs), np.array(xs[::-1]), ReferencePose(own, 2.0, 0.3, 0)
+    compare_twins("v2x_awareness_service_compute_sigmas", profile, pose, x, y)
+    compare_twins("v2x_awareness_service_compute_sigmas", replace(profile, spread_doubles_m=0.0), pose, x, y)
+    compare_twins("v2x_awareness_service_find_rows_within", x, y, own, 2.0, 150.0)
+    with pytest.raises(ValueError, match="expected as many y as x"):
+        compute_sigmas(profile, pose, x, np.zeros(7))
