@@ -14,6 +14,12 @@ enum { FIRST_MOTION = 2, MOTION_COUNT = 4, EGO_COUNT = 7, CONTROL_COUNT = 3 };
 
 static const double RESOLUTION[MOTION_COUNT] = {1e-3, 1e-3, 1e-4, 1e-3}, CONTROL_STEP = 1e-4;
 
+/* As numpy.rint, and fast in a loop: adding 2^52 with the sign of x leaves no place for a fraction. */
+static inline double round_to_whole(double x) {
+    double shift = copysign(4503599627370496.0, x);
+    return fabs(x) < 4503599627370496.0 ? copysign((x + shift) - shift, x) : x;
+}
+
 static PyObject *quantize_ego(PyObject *ego) {
     double state[EGO_COUNT];
     if (!read_fields(ego, &EGO_FIELDS, state)) return NULL;
@@ -47,7 +53,7 @@ static PyObject *quantize_column(PyObject *column, double step) {
     if (!open_array(column, 'd', &from)) return NULL;
     double *to;
     PyObject *rounded = new_doubles(from.dimensions, from.shape, &to);
-    for (Py_ssize_t i = 0; rounded && i < from.count; i++) to[i] = copysign(round_even(doubles(&from)[i] / step), doubles(&from)[i]) * step;
+    for (Py_ssize_t i = 0; rounded && i < from.count; i++) to[i] = round_to_whole(doubles(&from)[i] / step) * step;
     close_array(&from);
     return rounded;
 }
@@ -163,9 +169,20 @@ static PyObject *episode_quantization_pack_controls(PyObject *module, PyObject *
     return packed;
 }
 
+static PyObject *episode_quantization_round_points(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
+    Array from;
+    if (!expect_arguments("round_points", count, 1, 1) || !open_array(arguments[0], 'd', &from)) return NULL;
+    double *to;
+    PyObject *rounded = new_doubles(from.dimensions, from.shape, &to);
+    for (Py_ssize_t i = 0; rounded && i < from.count; i++) to[i] = round_to_whole(doubles(&from)[i] * 100.0) / 100.0;
+    close_array(&from);
+    return rounded;
+}
+
 Functions episode_quantization = {
     FUNCTION(episode_quantization_quantize_frame),
     FUNCTION(episode_quantization_pack_states),
     FUNCTION(episode_quantization_pack_controls),
+    FUNCTION(episode_quantization_round_points),
     END_OF_FUNCTIONS,
 };

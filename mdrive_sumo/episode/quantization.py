@@ -67,4 +67,10 @@ def pack_controls(egos: tuple[str, ...], controls: Mapping[str, Control], /) -> 
     return packed.tobytes()
 
 
+@twin
+def round_points(points: Float, /) -> Float:
+    """Return points of a plan [m], any shape, rounded to centimetres."""
+    return np.round(points, 2)
+
+
 _RESOLUTIONS = tuple(float(step) for step in RESOLUTION)

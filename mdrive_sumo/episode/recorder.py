@@ -19,7 +19,7 @@ from mdrive_sumo.episode.episode import (
     SignalEntry,
     ThinkTimeEntry,
 )
-from mdrive_sumo.episode.quantization import pack_controls, pack_states
+from mdrive_sumo.episode.quantization import pack_controls, pack_states, round_points
 from mdrive_sumo.v2x.channel import SentMessage
 
 MAX_KINDS = 32
@@ -131,7 +131,7 @@ class Recorder:
         self._controls.append(applied)
         if frame.tick % PLAN_EVERY_TICKS == 0:
             self._plans += [
-                PlanRecord(frame.tick, ego, p.interval_s, np.round(p.points, 2)) for ego, p in plans.items()
+                PlanRecord(frame.tick, ego, p.interval_s, round_points(p.points)) for ego, p in plans.items()
             ]
         self._contacts += [(frame.tick, contact) for contact in frame.contacts]
         self._add_signals(frame)

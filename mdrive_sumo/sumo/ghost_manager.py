@@ -59,6 +59,11 @@ class GhostManager:
         self._source_by_id: dict[str, SourceBox] = {}
         self._has_searched = False
 
+    @property
+    def has_ghosts(self) -> bool:
+        """Whether any ghost is in SUMO now."""
+        return bool(self._ghosts)
+
     def is_search_due(self, tick: int) -> bool:
         """Return whether `search` is due in this tick; otherwise `advance` suffices. The first call needs a search."""
         return not self._has_searched or tick % SEARCH_TICKS == 0

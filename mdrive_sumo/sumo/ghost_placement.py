@@ -5,12 +5,14 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import compress
 from typing import Any
 
 import numpy as np
 import shapely
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float, box_corners
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.roads import Lane, RoadMap
@@ -61,10 +63,27 @@ def find_ghosts(sources: Sequence[SourceBox], roads: RoadMap) -> dict[str, Ghost
     if not sources:
         return {}
     strips = _build_corridors(roads)
-    boxes = shapely.polygons([box_corners(b.x, b.y, b.yaw, b.length, b.width) for b in sources])
-    found = zip(*strips.tree.query(boxes, predicate="intersects").tolist(), strict=True)
-    pairs = sorted((b, lane) for b, lane in found if roads.driving[lane].id != sources[b].visible_lane)
+    corners = np.array([box_corners(b.x, b.y, b.yaw, b.length, b.width) for b in sources])
+    near = find_near_pairs(corners, strips.bounds)
+    pairs = [(b, lane) for b, lane in near if roads.driving[lane].id != sources[b].visible_lane]
+    if not pairs:
+        return {}
+    boxes: Any = shapely.polygons(corners)
+    source, lane = np.array(pairs).T
+    meet = shapely.intersects(strips.areas[lane], boxes[source]).tolist()
+    pairs = list(compress(pairs, meet))
     return dict(_build_ghosts(sources, pairs, boxes, roads)) if pairs else {}
+
+
+@twin
+def find_near_pairs(corners: Float, bounds: Float, /) -> list[tuple[int, int]]:
+    """Return the indices of boxes, corners (S, 4, 2) [m], and areas that their bounds touch, in order.
+
+    bounds: (L, 4) least x and y, greatest x and y [m] of the areas.
+    """
+    low, high = corners.min(axis=1)[:, None], corners.max(axis=1)[:, None]
+    touch = ((low <= bounds[:, 2:]) & (bounds[:, :2] <= high)).all(axis=-1)
+    return [(i, j) for i, j in np.argwhere(touch).tolist()]
 
 
 def _build_ghosts(
@@ -82,7 +101,7 @@ def _build_ghosts(
 
 def _compute_extents(boxes: Any, lane: Any, strips: "_Corridors") -> tuple[Float, Float]:
     """Return least and greatest arc length (P,) [m] on the lanes (P,) of the overlap of boxes (P,) and corridors."""
-    shared = shapely.intersection(boxes, strips.tree.geometries[lane])
+    shared = shapely.intersection(boxes, strips.areas[lane])
     corners, pair = shapely.get_coordinates(shared, return_index=True)
     stations = shapely.line_locate_point(strips.lines[lane[pair]], shapely.points(corners))
     starts = np.flatnonzero(np.diff(pair, prepend=-1))
@@ -94,10 +113,14 @@ class _Corridors:
     """Centre lines (L,) and the strips that background vehicles sweep, in the order of `RoadMap.driving`."""
 
     lines: Any
-    tree: shapely.STRtree
+    areas: Any
+    bounds: Float
+    """(L, 4) Least x and y, greatest x and y [m]."""
 
 
 @lru_cache(maxsize=8)
 def _build_corridors(roads: RoadMap) -> _Corridors:
     lines = np.array([shapely.LineString(lane.centre.xy) for lane in roads.driving], dtype=object)
-    return _Corridors(lines, shapely.STRtree(shapely.buffer(lines, CORRIDOR_M / 2, cap_style="flat")))
+    areas = shapely.buffer(lines, CORRIDOR_M / 2, cap_style="flat")
+    shapely.prepare(areas)
+    return _Corridors(lines, areas, np.asarray(shapely.bounds(areas)))

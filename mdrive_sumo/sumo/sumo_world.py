@@ -184,9 +184,9 @@ class SumoWorld:
             sources = [body for some in others for body in build_source_boxes(some)]
             self._ghosts.search([*self._build_source_boxes(egos), *sources])
             return
-        self._ghosts.advance(
-            {EGO + name for name in egos}.union(*(build_source_ids(some) for some in others if len(some)))
-        )
+        if self._ghosts.has_ghosts:
+            scripted = (build_source_ids(some) for some in others if len(some))
+            self._ghosts.advance({EGO + name for name in egos}.union(*scripted))
 
     def _build_source_boxes(self, egos: Mapping[str, EgoState]) -> list[SourceBox]:
         return [

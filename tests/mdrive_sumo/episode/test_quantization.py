@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
 from testing.twins import compare_twins
 
 from mdrive_sumo.contract import Control
@@ -57,3 +58,8 @@ def test_a_state_that_no_recording_holds_is_refused(value: float) -> None:
 )
 def test_both_texts_pack_controls_alike(controls: dict[str, Control]) -> None:
     compare_twins("episode_quantization_pack_controls", ("c", "a"), controls)
+
+
+@given(arrays(np.float64, array_shapes(max_dims=2, min_side=0), elements=st.one_of(HELD, ANY)))
+def test_both_texts_round_points_alike(points: np.ndarray) -> None:
+    compare_twins("episode_quantization_round_points", points)
