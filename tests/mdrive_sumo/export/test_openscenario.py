@@ -1,8 +1,10 @@
 """OpenSCENARIO, checked by ASAM's own checker; its OpenDRIVE map, read by netconvert."""
 
+import importlib
 import logging
 import subprocess
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 from xml.etree import ElementTree
 
@@ -10,13 +12,9 @@ import numpy as np
 import pytest
 import shapely
 import sumolib
-from qc_baselib import Configuration, Result, StatusType
-from qc_openscenario import constants
-from qc_openscenario.main import run_checks
 from testing.mixed_run import GUEST, SCENARIO
 
 from mdrive_sumo.episode import EpisodeRecord
-from mdrive_sumo.export.openscenario_storyboard import NEWER_ATTRIBUTES, build_opendrive, conform_to_version
 from mdrive_sumo.export.scored_recording import ScoredRecording
 from mdrive_sumo.roads.netconvert import find_netconvert
 
@@ -26,6 +24,12 @@ pytestmark = pytest.mark.slow  # of an episode that is driven
 
 Element = Any
 """An element of which the test knows that its parts are there."""
+
+
+@pytest.fixture(scope="module")
+def storyboard() -> ModuleType:
+    """Imported here: its library needs a second, and every process of the tests collects this module."""
+    return importlib.import_module("mdrive_sumo.export.openscenario_storyboard")
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +44,10 @@ def root(path: Path) -> Element:
 
 def test_the_checker_of_asam_finds_nothing(path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Seventeen rules, the published schema of version 1.2 among them."""
+    from qc_baselib import Configuration, Result, StatusType
+    from qc_openscenario import constants
+    from qc_openscenario.main import run_checks
+
     config, result = Configuration(), Result()
     config.set_config_param("InputFile", str(path))
     config.register_checker_bundle(constants.BUNDLE_NAME)
@@ -96,24 +104,24 @@ def test_netconvert_reads_the_map_back(path: Path, root: Element, tmp_path: Path
             assert lines[int(tree.nearest(middle))].distance(middle) < 0.03
 
 
-def test_the_map_has_only_what_its_version_has_and_no_date() -> None:
+def test_the_map_has_only_what_its_version_has_and_no_date(storyboard: ModuleType) -> None:
     """ASAM's checker of OpenDRIVE wants numpy 1: it was run by hand (docs/export.md), this keeps what it found."""
     raw = (
         b'<OpenDRIVE><header revMajor="1" revMinor="4" name="" date="Thu Nov 26 13:42:55 2026" north="91.0"/>'
         b'<outline id="0" fillType="paint" outer="true" closed="true" laneType="none"><cornerLocal u="1" id="3" v="2"/>'
         b'</outline><road id="7" name="date"/></OpenDRIVE>'
     )
-    assert conform_to_version(raw) == (
+    assert storyboard.conform_to_version(raw) == (
         b'<OpenDRIVE><header revMajor="1" revMinor="4" name="" north="91.0"/>'
         b'<outline><cornerLocal u="1" v="2"/></outline><road id="7" name="date"/></OpenDRIVE>'
     )
 
 
-def test_the_same_network_gives_the_same_map(recording: ScoredRecording) -> None:
-    xodr = build_opendrive(recording.roads)
+def test_the_same_network_gives_the_same_map(recording: ScoredRecording, storyboard: ModuleType) -> None:
+    xodr = storyboard.build_opendrive(recording.roads)
     header = ElementTree.fromstring(xodr).find("header")
     assert header is not None and "date" not in header.attrib
-    for element, names in NEWER_ATTRIBUTES.items():
+    for element, names in storyboard.NEWER_ATTRIBUTES.items():
         assert not any(
             set(one.attrib) & {name.decode() for name in names}
             for one in ElementTree.fromstring(xodr).iter(element.decode())

@@ -4,10 +4,9 @@ import csv
 import io
 import json
 import re
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 from testing.mixed_run import CAVS, GUEST
 
@@ -18,12 +17,17 @@ from mdrive_sumo.runs.stored_run import StoredRun
 
 from .conftest import Export
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 pytestmark = pytest.mark.slow  # of an episode that is driven
 
 TABLES = [table.name for table in EXPORT_TABLES]
 
 
-def read_csv(exported: Export, name: str) -> pd.DataFrame:
+def read_csv(exported: Export, name: str) -> "pd.DataFrame":
+    import pandas as pd  # only here: every process of the tests collects this module
+
     return pd.read_csv(exported("csv") / f"{name}.csv", dtype={"id": str, "cav": str, "sender": str, "receiver": str})
 
 
@@ -61,7 +65,9 @@ def test_messages_events_and_scores_are_tables_of_their_own(
 
 @pytest.mark.parametrize("name", TABLES)
 def test_parquet_has_the_same_rows_as_csv_and_says_the_units(exported: Export, name: str) -> None:
-    table = pq.read_table(exported("parquet") / f"{name}.parquet")
+    from pyarrow import parquet
+
+    table = parquet.read_table(exported("parquet") / f"{name}.parquet")
     frame, text = table.to_pandas(), read_csv(exported, name)
     assert list(frame.columns) == list(text.columns) and len(frame) == len(text)
     for column in frame.columns:

@@ -22,7 +22,6 @@ from testing.short_suite import make_short_suite
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.agent_spec import AgentSpec
-from mdrive_sumo.runs.dask_executor import ExecutorLostError
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.runs.evaluate import evaluate
 from mdrive_sumo.runs.executor import Executor, run_jobs
@@ -183,6 +182,8 @@ def test_jobs_outlive_a_worker_of_a_cluster_and_not_its_scheduler(fakes: ModuleT
         dask.submit("b", fakes.Task("b", "hang", str(tmp_path)))
         wait_for(lambda: written(tmp_path / "b.started"))
         own.kill_scheduler()
+        from mdrive_sumo.runs.dask_executor import ExecutorLostError  # only here: every process collects this module
+
         with pytest.raises(ExecutorLostError, match="is lost"):
             dask.collect_outcomes(60.0)
         wait_for(lambda: not alive(int((tmp_path / "b.started").read_text())), limit_s=90.0)
@@ -274,6 +275,8 @@ def test_the_server_on_a_cluster_scores_once_and_gives_back_what_is_lost(
             dispatcher.step(0.2, stop)
         child = int(last.read_text())
         own.kill_scheduler()
+        from mdrive_sumo.runs.dask_executor import ExecutorLostError
+
         with pytest.raises(ExecutorLostError):
             dispatcher.run(stop)
         wait_for(lambda: not alive(child), limit_s=90.0)
