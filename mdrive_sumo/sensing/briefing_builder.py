@@ -103,6 +103,12 @@ def compute_route_room(roads: RoadMap, xy: Float, yaw: Float) -> Float:
     Measured across the lane, up to the edge of all lanes and junctions together, oncoming lanes included; at most
     `MAX_ROOM_M`.
     """
+    return _compute_room(roads, xy.tobytes(), yaw.tobytes()).copy()  # an agent may write into its briefing
+
+
+@lru_cache(maxsize=64)  # 6 to 60 ms a route, which is often driven again: by other agents, with other seeds
+def _compute_room(roads: RoadMap, xy_bytes: bytes, yaw_bytes: bytes) -> Float:
+    xy, yaw = np.frombuffer(xy_bytes).reshape(-1, 2), np.frombuffer(yaw_bytes)
     surface = _build_surface(roads)
     near = np.unique(surface.tree.query(shapely.LineString(xy), predicate="dwithin", distance=MAX_ROOM_M))
     area = shapely.buffer(shapely.union_all(surface.pieces[near]), -SEAM_M)
@@ -119,7 +125,7 @@ def _measure_reach(area: shapely.Geometry, xy: Float, across: Float) -> Float:
     return np.where(np.isnan(gone), MAX_ROOM_M, gone)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)  # as many networks as stay loaded
 def _build_surface(roads: RoadMap) -> _Surface:
     """Return lanes widened by `SEAM_M` on either side, and junctions without pedestrian areas."""
     lines = np.array([shapely.LineString(lane.centre.xy) for lane in roads.driving], dtype=object)

@@ -118,7 +118,7 @@ class _Corridors:
     """(L, 4) Least x and y, greatest x and y [m]."""
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=64)
 def _build_corridors(roads: RoadMap) -> _Corridors:
     lines = np.array([shapely.LineString(lane.centre.xy) for lane in roads.driving], dtype=object)
     areas = shapely.buffer(lines, CORRIDOR_M / 2, cap_style="flat")

@@ -9,7 +9,7 @@ from mdrive_sumo.loop.agent_driver import LocalDriver
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.scenario.suite import load_suite
 from mdrive_sumo.sensing import briefing_builder
-from mdrive_sumo.sensing.briefing_builder import build_briefing
+from mdrive_sumo.sensing.briefing_builder import build_briefing, compute_route_room
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
 SUITE = load_suite("interdrive")
@@ -76,3 +76,12 @@ def test_a_failure_to_measure_is_none_of_the_agent_that_reads_it(monkeypatch: py
     monkeypatch.setattr(briefing_builder, "compute_route_room", fail)
     with pytest.raises(WorldError, match="free width of a route: ValueError: no surface"):
         LocalDriver(Measures()).start(brief("i03", 0))
+
+
+def test_an_agent_that_writes_into_its_briefing_changes_no_other() -> None:
+    roads = load_road_map(find_network_folder("avenue"))
+    lane = roads.driving[0].centre
+    room = compute_route_room(roads, lane.xy, lane.yaws_at(lane.s))
+    before = room.copy()
+    room[:] = -1.0
+    assert np.array_equal(compute_route_room(roads, lane.xy, lane.yaws_at(lane.s)), before)
