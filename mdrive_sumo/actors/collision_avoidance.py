@@ -9,7 +9,7 @@ from mdrive_sumo.actors.look_ahead import FreeSpeeds, compute_free_speeds
 from mdrive_sumo.actors.movers import LOG_TIME_TOLERANCE_S
 from mdrive_sumo.actors.path_tables import Rows
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.compiled.twins import twin
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import DT, Actors, EgoState
 

@@ -7,7 +7,7 @@ import numpy as np
 from mdrive_sumo.actors.kinematic_limits import LIMITS_BY_KIND, compute_safe_speed
 from mdrive_sumo.actors.motion_path import MotionPath
 from mdrive_sumo.actors.path_tables import ROW_STRIDE, Rows, build_knots
-from mdrive_sumo.core.compiled.twins import twin
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.scenario.scripted_actor import KIND_BY_NAME, Actor, ReplayMotion

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from mdrive_sumo.contract import Objects, OwnState
 from mdrive_sumo.contract.detector_profiles import DetectionProfile
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.compiled.twins import twin
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.perception.tracking_parameters import TrackingParameters

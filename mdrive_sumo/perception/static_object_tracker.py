@@ -5,14 +5,15 @@ and the mean is more accurate than a single detection.
 """
 
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, Kind
+from mdrive_sumo.perception.measurements import Rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,40 +30,21 @@ class TrackerParameters:
 
 TRACKER = TrackerParameters()
 
-_Row: TypeAlias = tuple[float, float, float, float, float, float]
-
-
-@dataclass(slots=True)
-class _Standstill:
-    """Detections of one standing object: first and last tick, their number and their sum."""
-
-    kind: int
-    first_tick: int
-    last_tick: int
-    count: int = 0
-    total: _Row = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-
-    @property
-    def duration_s(self) -> float:
-        """Time between the first and the last detection [s]."""
-        return (self.last_tick - self.first_tick) * DT
-
-    def compute_distance(self, x: float, y: float) -> float:
-        """Return the distance [m] of a point from the mean position."""
-        return portable.distance((self.total[0] / self.count, self.total[1] / self.count), (x, y))
-
-    def compute_mean(self) -> _Row:
-        """Return the mean x, y, cosine and sine of yaw, length, width."""
-        x, y, cos, sin, length, width = self.total
-        count = self.count
-        return x / count, y / count, cos / count, sin / count, length / count, width / count
-
-    def add(self, tick: int, detection: _Row) -> None:
-        """Add a detection: x, y, cosine and sine of yaw, length, width."""
-        x, y, cos, sin, length, width = self.total
-        more_x, more_y, more_cos, more_sin, more_length, more_width = detection
-        self.total = x + more_x, y + more_y, cos + more_cos, sin + more_sin, length + more_length, width + more_width
-        self.last_tick, self.count = tick, self.count + 1
+STANDSTILL = np.dtype(
+    [
+        ("kind", "i8"),  # value of `Kind`
+        ("has_moved", "i8"),  # 1: it was elsewhere before
+        ("first_tick", "i8"),  # of the detections of this standstill
+        ("last_tick", "i8"),
+        ("count", "i8"),  # their number,
+        ("x", "f8"),  # and their sums
+        ("y", "f8"),
+        ("cos", "f8"),  # of the yaw
+        ("sin", "f8"),
+        ("length", "f8"),
+        ("width", "f8"),
+    ]
+)
 
 
 class StaticObjectTracker:
@@ -70,65 +52,85 @@ class StaticObjectTracker:
 
     def __init__(self, parameters: TrackerParameters = TRACKER) -> None:
         self._parameters = parameters
-        self._standstill_by_id: dict[str, _Standstill] = {}
-        self._moved_ids: set[str] = set()
+        self._standstills = np.zeros(0, STANDSTILL)
+        self._row_by_id: dict[str, int] = {}
+        """Id of each object -> its row; in the order of rows."""
 
     def update(self, tick: int, objects: Objects) -> None:
         """Add the detections of a tick."""
-        yaw = objects.yaw
-        table = (objects.x, objects.y, *portable.cos_sin(yaw), objects.length, objects.width)
-        rows = zip(*(column.tolist() for column in table), strict=True)
-        for name, kind, row in zip(objects.ids, objects.kind.tolist(), rows, strict=True):
-            standstill = self._standstill_by_id.get(name)
-            has_left = (
-                standstill is not None and standstill.compute_distance(row[0], row[1]) > self._parameters.max_offset_m
-            )
-            if has_left:
-                self._moved_ids.add(name)
-            if standstill is None or has_left or tick - standstill.last_tick > self._parameters.lost_ticks:
-                standstill = self._standstill_by_id[name] = _Standstill(kind, tick, tick)
-            standstill.add(tick, row)
+        self._standstills = add_detections(self._standstills, self._row_by_id, tick, objects, self._parameters)
+
+    def _get_standstills(self, objects: Objects) -> Rows:
+        return self._standstills[[self._row_by_id[name] for name in objects.ids]]
 
     def compute_standstill_durations(self, objects: Objects) -> Float:
         """Return for how long (N,) [s] each object has been standing; `update` must have been called with them."""
-        return np.array([self._standstill_by_id[name].duration_s for name in objects.ids])
+        return _compute_durations(self._get_standstills(objects))
 
     def find_never_moved(self, objects: Objects) -> Bool:
         """Return a mask (N,): objects that have not moved since their first detection."""
-        return np.array([name not in self._moved_ids for name in objects.ids], dtype=np.bool_)
+        return self._get_standstills(objects)["has_moved"] == 0
 
     def add_missed_objects(self, tick: int, objects: Objects, min_s: float) -> Objects:
         """Return the objects and the undetected static ones that stood for at least `min_s` [s].
 
         Undetected vehicles are not added: they may have driven off.
         """
-        missed = {
-            name: one
-            for name, one in self._standstill_by_id.items()
-            if one.kind == Kind.STATIC
-            and one.duration_s >= min_s
-            and 0 < tick - one.last_tick <= self._parameters.recall_ticks
-        }
-        if not missed:
+        standstills, missed_ticks = self._standstills, tick - self._standstills["last_tick"]
+        is_missed = (missed_ticks > 0) & (missed_ticks <= self._parameters.recall_ticks)
+        is_missed &= (standstills["kind"] == Kind.STATIC) & (_compute_durations(standstills) >= min_s)
+        rows = np.flatnonzero(is_missed).tolist()
+        if not rows:
             return objects
-        kinds = np.full(len(missed), Kind.STATIC, dtype=np.uint8)
-        return objects.concat(Objects(tuple(missed), kinds, *_build_mean_columns(list(missed.values())).values()))
+        ids = tuple(self._row_by_id)
+        kinds = np.full(len(rows), Kind.STATIC, dtype=np.uint8)
+        means = _build_mean_columns(standstills[rows])
+        return objects.concat(Objects(tuple(ids[row] for row in rows), kinds, *means.values()))
 
     def replace_by_means(self, objects: Objects, mask: Bool) -> Objects:
         """Return the objects with those of `mask` (N,) as static objects at their mean position and size."""
         if not mask.any():
             return objects
         rows = np.flatnonzero(mask)
-        means = _build_mean_columns([self._standstill_by_id[objects.ids[row]] for row in rows])
+        means = _build_mean_columns(self._get_standstills(objects)[rows])
         columns = {name: _replace_rows(getattr(objects, name), rows, values) for name, values in means.items()}
         kind = objects.kind.copy()
         kind[rows] = Kind.STATIC
         return replace(objects, kind=kind, **columns)
 
 
-def _build_mean_columns(standstills: list[_Standstill]) -> dict[str, Float]:
+@twin
+def add_detections(
+    standstills: Rows, row_by_id: dict[str, int], tick: int, objects: Objects, parameters: TrackerParameters, /
+) -> Rows:
+    """Return the standstills with the detections of a tick. New objects follow, and are added to `row_by_id`."""
+    cos, sin = portable.cos_sin(objects.yaw)
+    boxes = zip(objects.x, objects.y, cos, sin, objects.length, objects.width, strict=True)
+    places = [row_by_id.setdefault(name, len(row_by_id)) for name in objects.ids]
+    after = np.zeros(len(row_by_id), STANDSTILL)
+    after[: len(standstills)] = standstills
+    for place, kind, box in zip(places, objects.kind.tolist(), boxes, strict=True):
+        row = after[place]
+        count = int(row["count"])
+        if count and portable.hypot(row["x"] / count - box[0], row["y"] / count - box[1]) > parameters.max_offset_m:
+            row["has_moved"], count = 1, 0
+        if not count or tick - row["last_tick"] > parameters.lost_ticks:
+            after[place] = (kind, row["has_moved"], tick, tick, 0, *(0.0,) * len(box))
+        for name, value in zip(("x", "y", "cos", "sin", "length", "width"), box, strict=True):
+            row[name] += value
+        row["last_tick"], row["count"] = tick, row["count"] + 1
+    return after
+
+
+def _compute_durations(standstills: Rows) -> Float:
+    """Return the times (N,) [s] between the first and the last detections."""
+    return (standstills["last_tick"] - standstills["first_tick"]) * DT
+
+
+def _build_mean_columns(standstills: Rows) -> dict[str, Float]:
     """Return the columns (K,) of `Objects` from x to width for objects at their mean."""
-    x, y, cos, sin, length, width = np.array([one.compute_mean() for one in standstills]).T
+    columns = ("x", "y", "cos", "sin", "length", "width")
+    x, y, cos, sin, length, width = (standstills[name] / standstills["count"] for name in columns)
     return {"x": x, "y": y, "yaw": portable.atan2(sin, cos), "speed": 0.0 * x, "length": length, "width": width}
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Objects, OwnState
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.compiled.twins import twin
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.perception.assignment import assign

@@ -7,7 +7,7 @@ variances for x and y (constant velocity, turned by the yaw rate; white accelera
 import numpy as np
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.compiled.twins import twin
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float, Int, wrap_angles
 from mdrive_sumo.perception.measurements import OWN_SENSOR, Measurements, Rows
 from mdrive_sumo.perception.tracking_parameters import TrackingParameters

@@ -18,6 +18,7 @@ from mdrive_sumo.contract.detector_profiles import PROFILES
 from mdrive_sumo.core import compiled
 from mdrive_sumo.perception.assignment import assign
 from mdrive_sumo.perception.measurements import MEASUREMENT, OWN_SENSOR, STATIONS, Measurements, Rows
+from mdrive_sumo.perception.static_object_tracker import STANDSTILL, TRACKER
 from mdrive_sumo.perception.track_list import TrackNames
 from mdrive_sumo.perception.track_states import TRACK
 from mdrive_sumo.perception.tracking_parameters import TRACKING
@@ -37,10 +38,19 @@ def draw_rows(rng: np.random.Generator, dtype: np.dtype[Any], count: int, bad: f
     for name in names:
         is_variance = name in {"position", "velocity", "bias"} or name.endswith("variance")
         rows[name] = rng.uniform(1e-4, 0.3, count) if is_variance else np.round(rng.normal(0.0, 3.0, count), 1)
-    limits = {"kind": 4, "source": 3, "number": 6, "confirmed": 2, "seen_by_sensor": 2, "mean_count": 16}
+    limits = {
+        "count": 5,
+        "has_moved": 2,
+        "kind": 4,
+        "source": 3,
+        "number": 6,
+        "confirmed": 2,
+        "seen_by_sensor": 2,
+        "mean_count": 16,
+    }
     for name in (name for name in limits if name in names):
         rows[name] = rng.integers(name == "mean_count", limits[name], count)
-    for name in (name for name in ("born_tick", "seen_tick", "mean_tick") if name in names):
+    for name in (name for name in ("born_tick", "seen_tick", "mean_tick", "first_tick", "last_tick") if name in names):
         rows[name] = rng.integers(TICK - 50, TICK + 1, count)
     if "source" in names:
         rows.sort(order="source", kind="stable")
@@ -193,3 +203,20 @@ def test_rows_that_do_not_exist_are_refused(rows: list[int], columns: list[int])
 def test_rows_of_another_type_are_refused() -> None:
     with pytest.raises(TypeError, match="expected rows of 208 bytes, found"):
         get_compiled("perception_track_states_predict")(np.zeros(3), 0.1, TRACKING)
+
+
+@given(SEEDS, COUNTS, COUNTS, BAD)
+def test_standing_objects(seed: int, count: int, more: int, bad: float | None) -> None:
+    rng = np.random.default_rng(seed)
+    standstills = draw_rows(rng, STANDSTILL, count)
+    row_by_id = {f"t{i}": i for i in range(count)}
+    objects = draw_objects(rng, more, bad)
+    objects = replace(objects, ids=tuple(f"t{i}" for i in rng.integers(0, 16, more)), x=objects.x / 20.0)
+
+    def add(function: Callable[..., Any]) -> Any:
+        mine = dict(row_by_id)
+        after = call(function, standstills, mine, TICK, objects, TRACKER)
+        return describe((after, mine if isinstance(after, np.ndarray) else {}))
+
+    name = "perception_static_object_tracker_add_detections"
+    assert add(get_compiled(name)) == add(compiled.REFERENCES[name])
