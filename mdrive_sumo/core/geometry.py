@@ -94,7 +94,12 @@ class Polyline:
     @cached_property
     def s(self) -> Float:
         """Arc length (N,) [m] at every point."""
-        return np.concatenate(((0.0,), np.cumsum(self._segments[:, 5])))
+        return np.concatenate(((0.0,), np.cumsum(self.lengths)))
+
+    @property
+    def lengths(self) -> Float:
+        """Length (N-1,) [m] of every segment."""
+        return self._segments[:, 5]
 
     @property
     def length(self) -> float:

@@ -21,6 +21,7 @@ import shapely
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float, Int, Polyline, build_polyline
 from mdrive_sumo.core.input_files import open_regular
+from mdrive_sumo.roads.lane_search import LineSegments, build_line_segments, find_nearest_lines
 from mdrive_sumo.roads.network_file import (
     NET_FILE,
     Building,
@@ -31,8 +32,6 @@ from mdrive_sumo.roads.network_file import (
     read_network_file,
 )
 
-NEARBY_M = 4.0
-"""[m] Lanes farther away are not searched for a point first; half a lane is less than this."""
 CROSSWALK_EDGE = re.compile(r"ecrosswalk_\d+")
 """Ids of the unconnected footways by which `convert` draws the crosswalks of a log's map."""
 MAX_NET_BYTES = 256 * 2**20
@@ -122,33 +121,17 @@ class RoadMap:
         return np.array([lane.junction for lane in self.driving], dtype=np.bool_)
 
     @cached_property
-    def _lines(self) -> Any:
-        return np.array([shapely.LineString(lane.centre.xy) for lane in self.driving], dtype=object)
+    def _tree(self) -> shapely.STRtree:
+        return shapely.STRtree([shapely.LineString(lane.centre.xy) for lane in self.driving])
 
     @cached_property
-    def _tree(self) -> shapely.STRtree:
-        return shapely.STRtree(self._lines)
+    def _segments(self) -> LineSegments:
+        return build_line_segments([lane.centre for lane in self.driving])
 
     def find_nearest_lanes(self, xy: Float) -> NearestLanes:
         """Return the nearest lane of each point xy (M, 2) [m]; among equally near lanes the first of `driving`."""
-        points = shapely.points(xy)
-        lane, distance = self._nearest_lanes(points)
-        station = shapely.line_locate_point(self._lines[lane], points)
-        yaw = np.empty(len(lane))
-        for i in np.unique(lane):
-            yaw[lane == i] = self.driving[i].centre.yaws_at(station[lane == i])
-        return NearestLanes(lane, distance, yaw)
-
-    def _nearest_lanes(self, points: Any) -> tuple[Int, Float]:
-        """Return index and distance (M,) of the nearest lanes; searches nearby first: `query_nearest` is slow."""
-        point, lane = self._tree.query(points, predicate="dwithin", distance=NEARBY_M)
-        if len(far := np.setdiff1d(np.arange(len(points)), point)):
-            pairs = self._tree.query_nearest(points[far])
-            point, lane = np.concatenate((point, far[pairs[0]])), np.concatenate((lane, pairs[1]))
-        distance = shapely.distance(points[point], self._lines[lane])
-        order = np.lexsort((lane, distance, point))
-        first = order[np.unique(point[order], return_index=True)[1]]
-        return lane[first].astype(np.int64), distance[first]
+        lane, distance, row = find_nearest_lines(self._segments.rows, self._segments.first, xy)
+        return NearestLanes(lane, distance, self._segments.yaw[row])
 
     def find_lanes_near(self, x: float, y: float, radius: float) -> list[Lane]:
         """Return the lanes with a centre line within `radius` [m] of the point, in the order of `driving`."""
