@@ -1,9 +1,12 @@
 """Collisions, de-duplicated (protocol 7.2), with the penalty factors of protocol 7.1."""
 
+from bisect import bisect_left, bisect_right
 from dataclasses import replace
 from types import MappingProxyType
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import TICKS_PER_SECOND, Kind
 from mdrive_sumo.scoring.metrics.ego_track import EgoTrack, InfractionEvent
 from mdrive_sumo.scoring.metrics.metric import InfractionMetric
@@ -26,36 +29,29 @@ INFRACTION_BY_KIND = MappingProxyType(
 """Infraction and penalty factor by kind of the other. The original treats a cyclist as a vehicle, by CARLA's types."""
 
 
-class _CollisionFilter:
-    """The memory of the original's collision sensor of one CAV: last actor, last time, places.
+@twin
+def find_new_contacts(xy: Float, ticks: list[int], others: list[str], /) -> list[int]:
+    """Return which contacts of a CAV are new collisions, by the memory of the original's collision sensor.
 
-    The time is that of the last counted collision, whatever was hit; the actor is that of the last one with an actor.
-    So a wall that is hit within 5 s of a vehicle renews the memory of the vehicle (protocol 7.2).
+    xy: box centre (n, 2) [m] in every tick. ticks, others: of all contacts, in the order of time. The memory holds the
+    last actor, the last time and places. The time is that of the last counted collision, whatever was hit; the actor
+    is that of the last one with an actor. So a wall that is hit within 5 s of a vehicle renews the memory of the
+    vehicle (protocol 7.2).
     """
-
-    def __init__(self) -> None:
-        self._places: list[tuple[float, float]] = []
-        self._actor, self._tick = "", 0
-
-    def forget_old_actor(self, tick: int) -> None:
-        """Forget the last actor if the last counted collision lies more than 5 s before `tick`."""
-        if tick - self._tick > SAME_ACTOR_TICKS:
-            self._actor = ""
-
-    def is_new(self, other: str, tick: int, x: float, y: float) -> bool:
-        """Return whether a contact with `other` at (x, y) [m] is a new collision, and remember it if so."""
-        if other and other == self._actor:
-            return False
-        if any(portable.hypot(x - px, y - py) <= SAME_PLACE_M for px, py in self._places):
-            return False
-        self._places.append((x, y))
-        self._tick = tick
-        self._actor = other or self._actor
-        return True
-
-    def forget_distant_places(self, x: float, y: float) -> None:
-        """Forget the collisions far from (x, y) [m], the position of the CAV."""
-        self._places = [p for p in self._places if portable.hypot(x - p[0], y - p[1]) <= FORGET_PLACE_M]
+    places: list[tuple[float, float]] = []
+    last_actor, last_tick, new = "", 0, list[int]()
+    # Between two contacts the CAV may leave a place and return, hence every tick and not only those with contacts.
+    for tick, (x, y) in enumerate(xy.tolist()):
+        if tick - last_tick > SAME_ACTOR_TICKS:
+            last_actor = ""
+        for i in range(bisect_left(ticks, tick), bisect_right(ticks, tick)):
+            is_same = others[i] != "" and others[i] == last_actor
+            if not is_same and all(portable.hypot(x - px, y - py) > SAME_PLACE_M for px, py in places):
+                new.append(i)
+                places.append((x, y))
+                last_actor, last_tick = others[i] or last_actor, tick
+        places = [(px, py) for px, py in places if portable.hypot(x - px, y - py) <= FORGET_PLACE_M]
+    return new
 
 
 def find_collisions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
@@ -66,21 +62,13 @@ def find_collisions(track: EgoTrack) -> tuple[InfractionEvent, ...]:
     over 5 m away. The map ("") is never the "last actor", but hitting it counts as a collision of any kind. Places are
     box centres of the CAV.
     """
-    contacts_by_tick: dict[int, list[tuple[str, Kind]]] = {}
-    for tick, contact in track.episode.contacts:
-        if contact.ego == track.ego.id:
-            contacts_by_tick.setdefault(tick, []).append((contact.other, contact.kind))
+    contacts = [(tick, contact) for tick, contact in track.episode.contacts if contact.ego == track.ego.id]
     counted: list[InfractionEvent] = []
-    collision_filter = _CollisionFilter()
-    # Between two contacts the CAV may leave a place and return, hence every tick and not only those with contacts.
-    for tick, (x, y) in enumerate(track.xy.tolist()) if contacts_by_tick else ():
-        collision_filter.forget_old_actor(tick)
-        for other, kind in contacts_by_tick.get(tick, ()):
-            if collision_filter.is_new(other, tick, x, y):
-                name, factor = INFRACTION_BY_KIND[kind]
-                event = track.make_infraction(name, tick, other, factor)
-                counted.append(replace(event, impact_speed=compute_impact_speed(track, tick, other)))
-        collision_filter.forget_distant_places(x, y)
+    for i in find_new_contacts(track.xy, [tick for tick, _ in contacts], [contact.other for _, contact in contacts]):
+        tick, contact = contacts[i]
+        name, factor = INFRACTION_BY_KIND[contact.kind]
+        event = track.make_infraction(name, tick, contact.other, factor)
+        counted.append(replace(event, impact_speed=compute_impact_speed(track, tick, contact.other)))
     return tuple(counted)
 
 

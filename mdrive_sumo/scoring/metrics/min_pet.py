@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.episode import EpisodeRecord
@@ -41,7 +42,7 @@ def compute_min_pet(episode: EpisodeRecord) -> float | None:
     collision. Road users that never move are left out.
     """
     frames = _take_frames(episode)
-    lag_by_cav = [_find_least_lag(frames, column) for column in range(episode.egos)]
+    lag_by_cav = [_find_least_lag(*frames, column) for column in range(episode.egos)]
     lags = [lag for lag in lag_by_cav if lag is not None]
     return round(min(lags) * STRIDE * DT, 6) if lags else None
 
@@ -55,49 +56,31 @@ def _take_frames(episode: EpisodeRecord) -> _Frames:
     return _Frames(x, y, yaw, valid[:, moving], episode.length[moving], episode.width[moving])
 
 
-def _find_least_lag(frames: _Frames, column: int) -> int | None:
-    """Return the least number of frames between a CAV and a later column in the same place; None beyond the horizon."""
-    frame, lag, other = _find_near(frames, column)
-    second = frame + lag
-    turn = portable.cos(frames.yaw[second, other] - frames.yaw[frame, column])
-    across = turn <= portable.cos(MIN_TURN)
-    frame, second, other, lag = frame[across], second[across], other[across], np.abs(lag[across])
-    for least in np.unique(lag):
-        now = lag == least
-        own = _corners(frames, frame[now], np.full(np.count_nonzero(now), column))
-        if boxes_overlap(own, _corners(frames, second[now], other[now])).any():
-            return int(least)
-    return None
+@twin
+def _find_least_lag(
+    x: Float, y: Float, yaw: Float, valid: Bool, length: Float, width: Float, column: int, /
+) -> int | None:
+    """Return the least number of frames between a CAV and a later column in the same place; None beyond the horizon.
+
+    The columns are those of `_Frames`.
+    """
+    frames = _Frames(x, y, yaw, valid, length, width)
+    lags = (lag for lag in range(LAGS + 1) if _do_meet(frames, column, lag) or _do_meet(frames, column, -lag))
+    return next(lags, None)
 
 
-def _find_near(frames: _Frames, column: int) -> tuple[Int, Int, Int]:
-    """Return frame, lag and later column (n,) of all pairs of frames in which the circles around the boxes overlap."""
+def _do_meet(frames: _Frames, column: int, lag: int) -> bool:
+    """Return whether a later column comes, `lag` frames after the CAV, to a place of the CAV across its direction."""
+    first = np.arange(max(0, -lag), len(frames.x) - max(0, lag))[:, None]
+    second, others = first + lag, np.arange(column + 1, len(frames.length))
     radii = portable.hypot(frames.length, frames.width) / 2
-    others = column + 1 + np.flatnonzero(_share_ground(frames, column, radii))
-    gap_x, gap_y = (
-        _shift(values[:, others], frames.valid[:, others]) - values[:, column, None, None]
-        for values in (frames.x, frames.y)
-    )
-    reach = (radii[others] + radii[column])[:, None]
-    near = portable.square(gap_x) + portable.square(gap_y) < portable.square(reach)
-    frame, other, window = np.nonzero(near & frames.valid[:, column, None, None])
-    return frame, window - LAGS, others[other]
-
-
-def _share_ground(frames: _Frames, column: int, radii: Float) -> Bool:
-    """Return whether the axis-parallel rectangles around the paths of the CAV and of each later column overlap."""
-    valid, share = frames.valid[:, column:], np.ones(len(radii) - column, dtype=np.bool_)
-    for values in (frames.x[:, column:], frames.y[:, column:]):
-        low = np.where(valid, values, np.inf).min(axis=0) - radii[column:]
-        high = np.where(valid, values, -np.inf).max(axis=0) + radii[column:]
-        share &= (low <= high[0]) & (low[0] <= high)
-    return share[1:]
-
-
-def _shift(values: Float, valid: Bool) -> Float:
-    """Return values (S, K) of all frames at most `LAGS` before or after each frame, (S, K, 2 LAGS + 1); NaN if none."""
-    padded = np.pad(np.where(valid, values, np.nan), ((LAGS, LAGS), (0, 0)), constant_values=np.nan)
-    return np.lib.stride_tricks.sliding_window_view(padded, 2 * LAGS + 1, axis=0)
+    gap_x, gap_y = (values[second, others] - values[first, column] for values in (frames.x, frames.y))
+    near = portable.square(gap_x) + portable.square(gap_y) < portable.square(radii[others] + radii[column])
+    frame, other = np.nonzero(near & frames.valid[first, column] & frames.valid[second, others])
+    first, second, other = first[frame, 0], second[frame, 0], others[other]
+    across = portable.cos(frames.yaw[second, other] - frames.yaw[first, column]) <= portable.cos(MIN_TURN)
+    own = _corners(frames, first[across], np.full(np.count_nonzero(across), column))
+    return bool(boxes_overlap(own, _corners(frames, second[across], other[across])).any())
 
 
 def _corners(frames: _Frames, frame: Int, column: Int) -> Float:

@@ -3,7 +3,8 @@
 import numpy as np
 
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Bool, Float, Int, boxes_corners
+from mdrive_sumo.core.compiled import twin
+from mdrive_sumo.core.geometry import Bool, Float, boxes_corners
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.scoring.metrics.metric import ScalarMetric
 
@@ -20,51 +21,39 @@ def compute_min_ttc(episode: EpisodeRecord) -> float | None:
     left out. The original's contact geometry is unknown, and it samples every 0.15 s; this function uses oriented boxes
     and the exact time of contact. 0 means that boxes overlap.
     """
-    velocity = np.stack(portable.cos_sin(episode.yaw), axis=-1) * episode.speed[..., None]
-    place = np.stack((episode.x, episode.y), axis=-1)
-    least = [_compute_min_of_cav(episode, place, velocity, column) for column in range(episode.egos)]
+    columns = episode.x, episode.y, episode.yaw, episode.speed, episode.valid, episode.length, episode.width
+    least = [_find_least_time(*columns, column) for column in range(episode.egos)]
     return min((value for value in least if value is not None), default=None)
 
 
-def _compute_min_of_cav(episode: EpisodeRecord, place: Float, velocity: Float, column: int) -> float | None:
+@twin
+def _find_least_time(
+    x: Float, y: Float, yaw: Float, speed: Float, valid: Bool, length: Float, width: Float, column: int, /
+) -> float | None:
     """Return `compute_min_ttc` of the pairs of one CAV with later columns, so that every pair is checked once."""
-    live = np.flatnonzero(episode.valid[:, column])
+    live = np.flatnonzero(valid[:, column])
     rest = slice(column + 1, None)
+    velocity = np.stack(portable.cos_sin(yaw), axis=-1) * speed[..., None]
+    place, radius = np.stack((x, y), axis=-1), portable.hypot(length, width) / 2
     apart = place[live, rest] - place[live, column, None]
     drift = velocity[live, rest] - velocity[live, column, None]
-    close = episode.valid[live, rest] & _may_touch(apart, drift, _compute_contact_distance(episode, column, rest))
-    row, other = np.nonzero(close)
-    if not len(row):
-        return None
-    tick, other_column = live[row], other + column + 1
-    own = _corners(episode, tick, np.full_like(tick, column))
-    times = _compute_contact_times(own, _corners(episode, tick, other_column), drift[row, other])
-    within = times[times <= HORIZON_S]
-    return float(within.min()) if len(within) else None
-
-
-def _compute_contact_distance(episode: EpisodeRecord, column: int, rest: slice) -> Float:
-    """Return the distance of centres (M,) [m] beyond which the boxes cannot touch."""
-    radius = portable.hypot(episode.length, episode.width) / 2
-    return radius[rest] + radius[column]
+    row, other = np.nonzero(valid[live, rest] & _may_touch(apart, drift, radius[rest] + radius[column]))
+    tick, column_of_other = live[row], other + column + 1
+    own, theirs = (
+        boxes_corners(x[tick, of], y[tick, of], yaw[tick, of], length[of], width[of])
+        for of in (np.full_like(tick, column), column_of_other)
+    )
+    times = _compute_contact_times(own, theirs, drift[row, other])
+    least = times.min(initial=np.inf) + 0.0  # no -0.0
+    return float(least) if least <= HORIZON_S else None
 
 
 def _may_touch(apart: Float, drift: Float, reach: Float) -> Bool:
     """Return an (n, M) mask of pairs that approach at 1 m/s or more and may touch within the horizon."""
     distance = portable.hypot(apart[..., 0], apart[..., 1])
-    closing = -(apart * drift).sum(-1)
+    closing = -portable.dot(apart, drift)
     return (closing >= MIN_CLOSING_SPEED * distance) & (
         distance - reach <= HORIZON_S * portable.hypot(drift[..., 0], drift[..., 1])
-    )
-
-
-def _corners(episode: EpisodeRecord, tick: Int, column: Int) -> Float:
-    return boxes_corners(
-        episode.x[tick, column],
-        episode.y[tick, column],
-        episode.yaw[tick, column],
-        episode.length[column],
-        episode.width[column],
     )
 
 
