@@ -114,8 +114,42 @@ static PyObject *core_state_join_columns(PyObject *module, PyObject *const *argu
     return is_valid ? pack_columns(&users) : NULL;
 }
 
+/* The row of the joined parts; negative ones count from the end. */
+static bool copy_row(const RoadUsers *parts, Py_ssize_t count, Py_ssize_t row, Py_ssize_t all, NewRoadUsers *users,
+                     Py_ssize_t to) {
+    if (row < 0) row += all;
+    if (row < 0 || row >= all) {
+        PyErr_Format(PyExc_ValueError, "expected rows below %zd, found %zd", all, row);
+        return false;
+    }
+    while (row >= parts->count) row -= parts->count, parts++;
+    users->kinds[to] = kinds_of(parts)[row];
+    for (int k = 0; k < USER_COLUMNS; k++) users->values[k][to] = doubles(parts->columns + k)[row];
+    return true;
+}
+
+static PyObject *core_state_select_columns(PyObject *module, PyObject *const *arguments, Py_ssize_t argument_count) {
+    if (!expect_arguments("select_columns", argument_count, 2, 2)) return NULL;
+    Py_ssize_t count = PyList_Size(arguments[0]), opened = 0, all = 0;
+    Array rows;
+    RoadUsers parts[2];
+    if (count < 0 || !open_array(arguments[1], 'l', &rows)) return NULL;
+    if (count > 2) PyErr_SetString(PyExc_ValueError, "expected at most two parts");
+    while (count <= 2 && opened < count && open_road_users(PyList_GetItem(arguments[0], opened), parts + opened))
+        all += parts[opened++].count;
+    NewRoadUsers users;
+    bool is_new = opened == count && new_road_users(rows.count, &users), is_valid = is_new;
+    for (Py_ssize_t i = 0; is_valid && i < rows.count; i++)
+        is_valid = copy_row(parts, count, (Py_ssize_t)((const int64_t *)rows.data)[i], all, &users, i);
+    for (Py_ssize_t i = 0; i < opened; i++) close_road_users(parts + i);
+    close_array(&rows);
+    if (is_new && !is_valid) drop_road_users(&users);
+    return is_valid ? pack_columns(&users) : NULL;
+}
+
 Functions core_state = {
     FUNCTION(core_state_build_ego_columns),
     FUNCTION(core_state_join_columns),
+    FUNCTION(core_state_select_columns),
     END_OF_FUNCTIONS,
 };

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from enum import IntEnum, StrEnum, auto
 from functools import cache, lru_cache
-from itertools import chain, compress
+from itertools import chain
 from typing import Any, Self
 
 import numpy as np
@@ -115,14 +115,12 @@ class RoadUsers:
 
     def take(self, rows: npt.NDArray[np.intp] | npt.NDArray[np.bool_] | slice) -> Self:
         """Return the given rows only: indices (M,), a mask (N,) or a slice."""
-        columns = [getattr(self, name)[rows] for name in ("kind", *MOTION_AND_SIZE)]
         if isinstance(rows, slice):
-            ids = self.ids[rows]
-        elif rows.dtype == np.bool_:
-            ids = tuple(compress(self.ids, rows.tolist()))
-        else:
-            ids = tuple(map(self.ids.__getitem__, rows.tolist()))
-        return type(self)(ids, *columns, *self._get_rest())
+            columns = [getattr(self, name)[rows] for name in ("kind", *MOTION_AND_SIZE)]
+            return type(self)(self.ids[rows], *columns, *self._get_rest())
+        chosen = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows.astype(np.intp, copy=False)
+        ids = tuple(map(self.ids.__getitem__, chosen.tolist()))
+        return type(self)(ids, *select_columns([self], chosen), *self._get_rest())
 
     def _get_rest(self) -> list[Any]:
         """Return the values of the fields that are not per row: `dataclasses.replace` is slow, and this runs often."""
@@ -154,6 +152,12 @@ def join_columns(parts: list[RoadUsers], /) -> Columns:
     return tuple([np.concatenate([getattr(part, name) for part in parts]) for name in ("kind", *MOTION_AND_SIZE)])
 
 
+@twin
+def select_columns(parts: list[RoadUsers], rows: npt.NDArray[np.intp], /) -> Columns:
+    """Return the given rows (M,) of the joined columns of one or two parts."""
+    return tuple([column[rows] for column in join_columns(parts)])
+
+
 @cache
 def _list_rest(cls: type[RoadUsers]) -> tuple[str, ...]:
     """Return the fields that a class adds, in the order of its constructor."""
@@ -174,11 +178,7 @@ class Actors(RoadUsers):
         if not self.ids:
             return other
         ids, order = _sorted_ids(self.ids, other.ids)
-        kind = np.concatenate((self.kind, other.kind)).take(order)
-        columns = np.empty((len(MOTION_AND_SIZE), len(ids)))
-        for column, name in zip(columns, MOTION_AND_SIZE, strict=True):
-            column[: len(self.ids)], column[len(self.ids) :] = getattr(self, name), getattr(other, name)
-        return Actors(ids, kind, *columns.take(order, axis=1))  # one selection for all columns: this runs in every tick
+        return Actors(ids, *select_columns([self, other], order))
 
 
 @lru_cache(maxsize=16)

@@ -94,3 +94,16 @@ def test_advance_moves_straight_without_turn_and_on_an_arc_with_one() -> None:
     assert quarter.x[0] == pytest.approx(20.0)
     assert quarter.y[0] == pytest.approx(20.0)
     assert quarter.yaw[0] == pytest.approx(math.pi / 2)
+
+
+@given(rows=st.lists(st.integers(-5, 4), max_size=9))
+def test_compiled_selection_is_that_of_the_python_text(rows: list[int]) -> None:
+    chosen = np.array(rows, dtype=np.intp)
+    compare_twins("core_state_select_columns", [users("ab"), users("cde")], chosen)
+    assert users("abcde").take(chosen).ids == tuple("abcde"[row] for row in rows)
+    compare_twins("core_state_select_columns", [users("abcde").take(slice(None, None, -1))], chosen)
+
+
+def test_rows_that_do_not_exist_are_refused() -> None:
+    with pytest.raises((ValueError, IndexError)):
+        users("ab").take(np.array([2]))
