@@ -6,6 +6,7 @@
 
 #include "../contract/sensors.h"
 #include "../core/portable.h"
+#include "encoding.h"
 
 enum { HEADER_BYTES = 18, CAM_BYTES = 11, CPM_BYTES = 5, OBJECT_BYTES = 21, MOST_OBJECTS = 255, MOST_SECTORS = 255 };
 enum { LAST_KIND = STATIC };
@@ -22,38 +23,13 @@ FIELDS(CAM_FIELDS, "speed", "acceleration", "yaw_rate", "length", "width", "spee
 FIELDS(CPM_FIELDS, "pose", "range_m", "objects", "age", "roadside", "sigmas");
 FIELDS(FREE, "ids", "free_m");
 
-/* The bytes of a message; what is written goes to `next`. */
-typedef struct {
-    unsigned char *next;
-} Writer;
-
-static void write_bytes(Writer *to, const void *value, size_t size) {
-    memcpy(to->next, value, size);
-    to->next += size;
-}
-static void write_8(Writer *to, long long value) { *to->next++ = (unsigned char)value; }
-static void write_16(Writer *to, long long value) { write_bytes(to, &(uint16_t){(uint16_t)value}, 2); }
-static void write_32(Writer *to, long long value) { write_bytes(to, &(uint32_t){(uint32_t)value}, 4); }
-
-static uint16_t read_16(const unsigned char *from) {
-    uint16_t value;
-    memcpy(&value, from, sizeof value);
-    return value;
-}
-static uint32_t read_32(const unsigned char *from) {
-    uint32_t value;
-    memcpy(&value, from, sizeof value);
-    return value;
-}
-
-static bool refuse(const char *text) {
+bool refuse_content(const char *text) {
     PyObject *error = find_import(&MESSAGE_ERROR);
     if (error) PyErr_SetString(error, text);
     return false;
 }
 
-/* As round_and_clamp, and not below `least`. */
-static bool round_and_clamp(double value, int bits, double least, long long *result) {
+bool round_and_clamp(double value, int bits, double least, long long *result) {
     double most = (double)((1LL << bits) - 1), rounded = round_even(value);
     if (!isfinite(value)) {
         PyObject *error = find_import(&MESSAGE_ERROR);
@@ -72,10 +48,7 @@ static double wrap_to_turn(double angle) {
     return rest < 0.0 ? rest + TAU : rest;
 }
 
-typedef struct {
-    double x, y, yaw, position_sigma, yaw_sigma;
-} Pose;
-static bool read_pose(PyObject *object, Pose *pose) { return read_fields(object, &POSE, &pose->x); }
+bool read_pose(PyObject *object, Pose *pose) { return read_fields(object, &POSE, &pose->x); }
 
 static PyObject *v2x_encoding_encode_header(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
     Py_ssize_t kind, tick;
@@ -133,9 +106,20 @@ static bool encode_point(const Pose *pose, CosSin direction, double x, double y,
     x -= pose->x, y -= pose->y;
     double ahead = x * direction.cos - y * direction.sin, left = x * direction.sin + y * direction.cos;
     if (!(fabs(ahead) <= REACH_M && fabs(left) <= REACH_M))
-        return refuse("expected positions within 327.67 m of the sender, along and across");
+        return refuse_content("expected positions within 327.67 m of the sender, along and across");
     write_16(to, (long long)round_even(ahead * CENTI));
     write_16(to, (long long)round_even(left * CENTI));
+    return true;
+}
+
+bool write_points(const Pose *pose, const Array *xy, Writer *to) {
+    CosSin direction = cos_sin(-pose->yaw);
+    if (xy->count % 2 || isnan(direction.cos)) {
+        PyErr_SetString(PyExc_ValueError, "expected pairs of coordinates, and a finite yaw");
+        return false;
+    }
+    for (Py_ssize_t i = 0; i < xy->count; i += 2)
+        if (!encode_point(pose, direction, doubles(xy)[i], doubles(xy)[i + 1], to)) return false;
     return true;
 }
 
@@ -145,18 +129,10 @@ static PyObject *v2x_encoding_encode_points(PyObject *module, PyObject *const *a
     if (!expect_arguments("encode_points", count, 2, 2) || !read_pose(arguments[0], &pose) ||
         !open_array(arguments[1], 'd', &xy))
         return NULL;
-    CosSin direction = cos_sin(-pose.yaw);
-    PyObject *result = NULL;
-    if (xy.count % 2 || isnan(direction.cos)) {
-        PyErr_SetString(PyExc_ValueError, "expected pairs of coordinates, and a finite yaw");
-    } else if ((result = PyBytes_FromStringAndSize(NULL, 2 * xy.count))) {
-        Writer to = {(unsigned char *)PyBytes_AsString(result)};
-        for (Py_ssize_t i = 0; i < xy.count; i += 2)
-            if (!encode_point(&pose, direction, doubles(&xy)[i], doubles(&xy)[i + 1], &to)) {
-                Py_DecRef(result);
-                result = NULL;
-                break;
-            }
+    PyObject *result = PyBytes_FromStringAndSize(NULL, 2 * xy.count);
+    if (result && !write_points(&pose, &xy, &(Writer){(unsigned char *)PyBytes_AsString(result)})) {
+        Py_DecRef(result);
+        result = NULL;
     }
     close_array(&xy);
     return result;
@@ -279,9 +255,9 @@ static bool check_numbers(const CpmInput *input) {
     const RoadUsers *objects = &input->objects;
     for (Py_ssize_t i = 0; i < objects->count; i++)
         for (int k = 2; k < USER_COLUMNS; k++)
-            if (!isfinite(doubles(objects->columns + k)[i])) return refuse("expected finite numbers");
+            if (!isfinite(doubles(objects->columns + k)[i])) return refuse_content("expected finite numbers");
     for (Py_ssize_t i = 0; i < objects->count; i++)
-        if (kinds_of(objects)[i] > LAST_KIND) return refuse("expected kinds from 0 to 3");
+        if (kinds_of(objects)[i] > LAST_KIND) return refuse_content("expected kinds from 0 to 3");
     PyObject *error = find_import(&MESSAGE_ERROR);
     if (!error) return false;
     if (input->age.dimensions != 1 || input->age.count != objects->count) {
@@ -315,7 +291,7 @@ static bool parse_track_name(PyObject *name, uint32_t *number) {
     PyObject *result = parse ? PyObject_CallFunctionObjArgs(parse, name, NULL) : NULL;
     if (result) {
         Py_DecRef(result);
-        refuse("expected track names such as t0000002a");
+        refuse_content("expected track names such as t0000002a");
     }
     return false;
 }
@@ -348,7 +324,7 @@ static bool encode_free_sight(const CpmInput *input, Writer *to) {
     double range_dm = (double)(input->range_dm > 1 ? input->range_dm : 1);
     for (Py_ssize_t i = 0; i < input->free_m.count; i++) {
         double free_m = doubles(&input->free_m)[i];
-        if (!isfinite(free_m)) return refuse("expected finite numbers");
+        if (!isfinite(free_m)) return refuse_content("expected finite numbers");
         write_8(to, (long long)floor(clamp(free_m * 10 / range_dm, 0, 1) * 255 + 1e-6));
     }
     return true;
@@ -356,7 +332,7 @@ static bool encode_free_sight(const CpmInput *input, Writer *to) {
 
 static PyObject *write_cpm(const CpmInput *input, const Pose *pose) {
     CosSin direction = cos_sin(-pose->yaw);
-    if (isnan(direction.cos)) refuse("expected a finite yaw");
+    if (isnan(direction.cos)) refuse_content("expected a finite yaw");
     if (isnan(direction.cos) || !check_numbers(input)) return NULL;
     Py_ssize_t count = input->objects.count, size = CPM_BYTES + count * OBJECT_BYTES + input->free_m.count;
     PyObject *result = PyBytes_FromStringAndSize(NULL, size);
@@ -396,7 +372,7 @@ static PyObject *v2x_encoding_parse_cpm(PyObject *module, PyObject *const *argum
     bool is_valid = body[4] <= 1;
     for (Py_ssize_t i = 0; is_valid && i < count; i++) is_valid = body[CPM_BYTES + i * OBJECT_BYTES + 4] <= LAST_KIND;
     if (!is_valid) {
-        refuse("expected kinds from 0 to 3, and 0 or 1 for a road-side unit");
+        refuse_content("expected kinds from 0 to 3, and 0 or 1 for a road-side unit");
         return NULL;
     }
     PyObject *values = pack(4, PyLong_FromLongLong(read_16(body)), PyBool_FromLong(body[4]),
@@ -453,7 +429,7 @@ static PyObject *build_cpm(PyObject *pose_object, const Pose *pose, Py_ssize_t r
     Py_ssize_t count = PyBytes_Size(rows) / OBJECT_BYTES, sectors = PyBytes_Size(free_sight);
     CosSin direction = cos_sin(pose->yaw);
     CpmOutput output;
-    if (isnan(direction.cos)) refuse("expected a finite yaw");
+    if (isnan(direction.cos)) refuse_content("expected a finite yaw");
     if (isnan(direction.cos) || !new_cpm(count, sectors, &output)) return NULL;
     const unsigned char *from = (unsigned char *)PyBytes_AsString(rows);
     const unsigned char *steps = (unsigned char *)PyBytes_AsString(free_sight);

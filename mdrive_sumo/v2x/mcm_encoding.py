@@ -5,6 +5,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+import numpy as np
+
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.v2x.content import (
     MAX_NAME_BYTES,
@@ -16,7 +19,7 @@ from mdrive_sumo.v2x.content import (
     MessageError,
     ReferencePose,
 )
-from mdrive_sumo.v2x.encoding import decode_points, encode_points, round_and_clamp
+from mdrive_sumo.v2x.encoding import LAST_TICK, decode_points, encode_points, round_and_clamp
 
 _MCM = struct.Struct("<hBBBI")  # speed [cm/s], intention, direction, interval [0.01 s], until [tick]
 _LAST_INTENTION, _LAST_DIRECTION = max(Intention), max(Direction)
@@ -35,11 +38,14 @@ class McmParts(NamedTuple):
     group: dict[str, int]
 
 
-def encode_mcm(mcm: Mcm, pose: ReferencePose) -> bytes:
+@twin
+def encode_mcm(mcm: Mcm, pose: ReferencePose, /) -> bytes:
     """Return the body of an MCM, without header; `pose` is the rounded pose that the receiver reads."""
     interval = round_and_clamp(mcm.interval_s * _CENTI, 15)
     if not 1 <= interval <= 255:
         raise MessageError(f"expected interval_s in [0.01, 2.55] s, found {mcm.interval_s}")
+    if mcm.until_tick > LAST_TICK:
+        raise MessageError(f"expected an until_tick up to {LAST_TICK}, found {mcm.until_tick}")
     speed = round_and_clamp(mcm.speed * _CENTI, 15)
     fixed = _MCM.pack(speed, Intention(mcm.intention), Direction(mcm.direction), interval, max(mcm.until_tick, 0))
     parts = (
@@ -55,6 +61,8 @@ def encode_mcm(mcm: Mcm, pose: ReferencePose) -> bytes:
 def _encode_points(pose: ReferencePose, xy: Float) -> bytes:
     if len(xy) > MAX_POINTS:
         raise MessageError(f"expected at most {MAX_POINTS} points, found {len(xy)}")
+    if (size := np.asarray(xy).size) != 2 * len(xy):
+        raise MessageError(f"expected points (K, 2), found {size} numbers")
     return bytes((len(xy),)) + encode_points(pose, xy)
 
 
@@ -65,7 +73,8 @@ def _encode_names(values: Mapping[str, int]) -> bytes:
     return bytes((len(entries),)) + b"".join(bytes((len(name), value)) + name for name, value in entries)
 
 
-def parse_mcm(body: bytes) -> McmParts:
+@twin
+def parse_mcm(body: bytes, /) -> McmParts:
     """Return the fields of an MCM body. Raises MessageError."""
     if len(body) < _MCM.size:
         raise MessageError(f"expected at least {_MCM.size} bytes after the header, found {len(body)}")

@@ -71,6 +71,7 @@ PyObject *PyBool_FromLong(long);
 
 PyObject *PyUnicode_InternFromString(const char *);
 PyObject *PyUnicode_FromString(const char *);
+PyObject *PyUnicode_FromStringAndSize(const char *, Py_ssize_t);
 PyObject *PyUnicode_FromFormat(const char *format, ...);
 PyObject *PyUnicode_AsUTF8String(PyObject *);
 const char *PyUnicode_AsUTF8AndSize(PyObject *, Py_ssize_t *);
@@ -102,6 +103,7 @@ Py_ssize_t PyObject_Size(PyObject *);
 PyObject *PyObject_Str(PyObject *);
 PyObject *PyObject_GetItem(PyObject *, PyObject *key);
 PyObject *PySequence_GetItem(PyObject *, Py_ssize_t);
+PyObject *PyMapping_Items(PyObject *);
 PyObject *PyObject_CallFunctionObjArgs(PyObject *callable, ...); /* ends with NULL */
 PyObject *PyObject_CallObject(PyObject *callable, PyObject *arguments);
 int PyObject_GetBuffer(PyObject *, Py_buffer *, int flags);

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.message_samples import HEADER, PLACE, cams, cpm_with, cpms, poses
+from testing.message_samples import HEADER, PLACE, cams, cpm_with, cpms, mcm_with, mcms, poses
 from testing.twins import compare_twins
 
-from mdrive_sumo.v2x.content import MAX_OBJECTS, MAX_SECTORS, Cam, Cpm, MessageError, ReferencePose
+from mdrive_sumo.core import compiled
+from mdrive_sumo.v2x.content import MAX_OBJECTS, MAX_SECTORS, Cam, Cpm, Mcm, MessageError, ReferencePose
 from mdrive_sumo.v2x.encoding import CpmParts, decode_pose, encode_cpm, encode_header, parse_cpm
+from mdrive_sumo.v2x.mcm_encoding import encode_mcm, parse_mcm
 
 ANY = st.one_of(
     st.floats(allow_nan=True), st.sampled_from((0.005, -0.005, 327.67, -327.675, 1e300, math.inf, -0.0, math.pi))
@@ -60,6 +62,70 @@ def test_bodies(body: bytes) -> None:
     parts = compare_twins("v2x_encoding_parse_cpm", body)
     if isinstance(parts, CpmParts):
         compare_twins("v2x_encoding_build_cpm", PLACE, parts)
+
+
+@given(mcm=mcms())
+def test_mcms(mcm: Mcm) -> None:
+    pose = decode_pose(encode_header(6, mcm.pose))
+    compare_twins("v2x_mcm_encoding_parse_mcm", compare_twins("v2x_mcm_encoding_encode_mcm", mcm, pose))
+
+
+@given(mcm=mcms(), data=st.data())
+def test_damaged_mcms(mcm: Mcm, data: st.DataObject) -> None:
+    body = bytearray(encode_mcm(mcm, mcm.pose))
+    for _ in range(data.draw(st.integers(0, 3))):
+        body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.integers(0, 255))
+    compare_twins("v2x_mcm_encoding_parse_mcm", bytes(body[: data.draw(st.integers(0, len(body)))]))
+    compare_twins("v2x_mcm_encoding_parse_mcm", bytes(body))
+    compare_twins("v2x_mcm_encoding_parse_mcm", bytes(body) + b"\0")
+
+
+@given(speed=ANY, interval_s=st.one_of(ANY, st.floats(0.0, 3.0)), until=st.integers(-5, 2**32), x=ANY)
+def test_numbers_of_mcms_that_mean_nothing(speed: float, interval_s: float, until: int, x: float) -> None:
+    points = np.array(((5.0, x),))
+    mcm = mcm_with(speed=speed, interval_s=interval_s, until_tick=until, planned=points)
+    compare_twins("v2x_mcm_encoding_encode_mcm", mcm, PLACE)
+    compare_twins("v2x_mcm_encoding_encode_mcm", mcm_with(speed=speed, until_tick=until), PLACE)
+
+
+@pytest.mark.parametrize(
+    ("parts", "why"),
+    [
+        ({"interval_s": 0.0}, r"expected interval_s in \[0.01, 2.55\] s, found 0.0"),
+        ({"until_tick": 2**32}, "expected an until_tick up to 4294967295, found 4294967296"),
+        ({"planned": np.zeros((101, 2))}, "expected at most 100 points, found 101"),
+        ({"desired": np.zeros((4, 3))}, r"expected points \(K, 2\), found 12 numbers"),
+        ({"requests": {"a": 9}}, "9 is not a valid Intention"),
+        ({"requests": {"a": "x"}}, "'x' is not a valid Intention"),
+        ({"group": tuple(f"car_{i}" for i in range(33))}, "expected at most 32 names of 1 to 80 bytes, found 33"),
+        ({"answers": {"": True}}, "expected at most 32 names of 1 to 80 bytes, found 1"),
+        ({"answers": {"ä" * 41: True}}, "expected at most 32 names of 1 to 80 bytes, found 1"),
+        ({"group": ("\ud800",)}, "surrogates not allowed"),
+    ],
+)
+def test_both_refuse_mcms_in_the_same_words(parts: dict[str, object], why: str) -> None:
+    mcm = mcm_with(**parts)
+    compare_twins("v2x_mcm_encoding_encode_mcm", mcm, PLACE)
+    for encode in (encode_mcm, compiled.REFERENCES["v2x_mcm_encoding_encode_mcm"]):
+        with pytest.raises(ValueError, match=why):
+            encode(mcm, PLACE)
+
+
+def test_a_name_is_in_a_group_once_and_any_number_of_an_intention_will_do() -> None:
+    mcm = mcm_with(group=("b", "a", "b"), requests={"a": 2.0}, answers={"a": 7})
+    assert list(parse_mcm(compare_twins("v2x_mcm_encoding_encode_mcm", mcm, PLACE)).group) == ["b", "a"]
+
+
+@pytest.mark.parametrize(
+    "body", [b"12345678", bytes((0, 0, 4, 0, 20, 0, 0, 0, 0)), bytes((0, 0, 1, 1, 20, 0, 0, 0, 0, 101))]
+)
+def test_both_name_what_is_wrong_with_a_body(body: bytes) -> None:
+    told: list[str] = []
+    for parse in (parse_mcm, compiled.REFERENCES["v2x_mcm_encoding_parse_mcm"]):
+        with pytest.raises(MessageError) as caught:
+            parse(body)
+        told.append(str(caught.value))
+    assert told[0] == told[1]
 
 
 NUMBERS = ("x", "y", "yaw", "speed", "length", "width", "free_m")
