@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import DT, Actors
 from mdrive_sumo.sumo.logged_poses import LoggedPoses
@@ -52,7 +53,8 @@ def build_moving_box(actors: Actors, i: int, off_log: bool = False) -> MovingBox
     return MovingBox(x, y, yaw, speed, length, width, off_log)
 
 
-def find_conflicts(poses: LoggedPoses, tick: int, is_candidate: Bool, mover: MovingBox) -> Bool:
+@twin
+def find_conflicts(poses: LoggedPoses, tick: int, is_candidate: Bool, mover: MovingBox, /) -> Bool:
     """Return a (V,) mask of the candidate vehicles that are in conflict with the mover now, or inevitably will be."""
     now = poses.poses[:, tick]
     reach = PARAMS.search_margin_m + (mover.speed + np.abs(now[:, 3])) * PREDICTION_TICKS[-1] * DT
