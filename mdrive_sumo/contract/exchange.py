@@ -45,6 +45,10 @@ class OwnState:
     """Standard deviation of the error of speed [m/s]."""
 
 
+OUR_CONTROLLER = "tracker"
+"""The controller that follows plans which name none."""
+
+
 @dataclass(frozen=True, slots=True)
 class Plan:
     """Where the box centre shall be: points (N, 2) [m] in the world frame, the first one lies `interval_s` ahead."""
@@ -53,7 +57,7 @@ class Plan:
     """(N, 2) positions of the box centre [m] in the world frame, N from 1 to `MAX_PLAN_POINTS`."""
     interval_s: float
     """Time between two points, and from now to the first one [s]."""
-    controller: str = "tracker"
+    controller: str = OUR_CONTROLLER
     """Which controller follows the plan: a name in `mdrive_sumo.vehicle.control.CONTROLLERS`."""
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from mdrive_sumo.contract.exchange import Control, Message, Note, Plan, Reply
 from mdrive_sumo.contract.sensors import Detections
 from mdrive_sumo.core.compiled import twin
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.geometry import Float
 
 MAX_PLAN_POINTS, MAX_DETECTIONS, MAX_MESSAGES = 200, 1000, 64
@@ -37,8 +38,8 @@ def check_reply(reply: object, controllers: frozenset[str]) -> Reply:
         raise ReplyError("expected either a control or a plan, found " + ("neither" if reply.plan is None else "both"))
     attachments = _check_messages(reply.messages), _check_notes(reply.notes), _check_detections(reply.detections)
     if reply.control is not None:
-        return Reply(_check_control(reply.control), None, *attachments)
-    return Reply(None, _check_plan(reply.plan, controllers), *attachments)
+        return build_frozen(Reply, _check_control(reply.control), None, *attachments)
+    return build_frozen(Reply, None, _check_plan(reply.plan, controllers), *attachments)
 
 
 def _check_messages(messages: Any) -> tuple[Message, ...]:
@@ -129,7 +130,7 @@ def _check_plan(plan: object, controllers: frozenset[str]) -> Plan:
         raise ReplyError(f"plan: expected interval_s in [0.01, 10] s, found {interval_s}")
     if plan.controller not in controllers:
         raise ReplyError(f"plan: unknown controller {plan.controller!r}, expected one of {sorted(controllers)}")
-    return Plan(points, interval_s, plan.controller)
+    return build_frozen(Plan, points, interval_s, plan.controller)
 
 
 @twin

@@ -6,6 +6,7 @@ from typing import Protocol
 
 from mdrive_sumo.actors import ScriptedActors
 from mdrive_sumo.contract import Control
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.state import Actors, EgoState, End, Frame, Kind, WorldState
 from mdrive_sumo.loop.episode_config import VEHICLE, EpisodeConfig
 from mdrive_sumo.scoring import criteria
@@ -90,7 +91,7 @@ class SimulatedFrames:
         settled, contacts = contact.resolve_contacts(before, after, self._vehicles, obstacles, self._walls)
         self._vehicle_states |= after if self._config.pass_through else settled
         states = _ego_states({ego: self._vehicle_states[ego] for ego in after})
-        return Frame(frame.tick + 1, states, actors, around.signals, contacts)
+        return build_frozen(Frame, frame.tick + 1, states, actors, around.signals, contacts)
 
     def find_ends(self, frame: Frame, active: Sequence[str]) -> Mapping[str, End]:
         """Return the CAVs that arrived, deviated, are blocked or timed out in this frame (protocol 5 to 7)."""

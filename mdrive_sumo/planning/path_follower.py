@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mdrive_sumo.contract import Plan
+from mdrive_sumo.contract.exchange import OUR_CONTROLLER
 from mdrive_sumo.core.compiled import twin
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.planning.reference_path import SPACING_M, ReferencePath
 
@@ -68,7 +70,7 @@ class PathFollower:
         stations, _ = integrate(limits, self.s, self.speed, acceleration, interval_s, points)
         after, self.speed = integrate(limits, self.s, self.speed, acceleration, tick_s, 1)
         self.s = float(after[0])
-        return Plan(self.path.get_points(stations), interval_s)
+        return build_frozen(Plan, self.path.get_points(stations), interval_s, OUR_CONTROLLER)
 
 
 @twin

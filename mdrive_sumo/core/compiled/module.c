@@ -6,6 +6,7 @@
 
 /* A line for each C file beside a Python file, in the order of rooms. */
 #define FILES(USE)                        \
+    USE(core_frozen)                      \
     USE(core_geometry)                    \
     USE(core_portable)                    \
     USE(core_seeding)                     \

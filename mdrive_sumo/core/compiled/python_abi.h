@@ -45,7 +45,7 @@ typedef struct {
 } Py_buffer;
 enum { PyBUF_WRITABLE = 0x0001, PyBUF_FORMAT = 0x0004, PyBUF_C_CONTIGUOUS = 0x0038 };
 
-extern PyTypeObject PyFloat_Type, PyLong_Type, PyList_Type, PyTuple_Type, PyDict_Type, PyUnicode_Type;
+extern PyTypeObject PyFloat_Type, PyLong_Type, PyList_Type, PyTuple_Type, PyDict_Type, PyType_Type, PyUnicode_Type;
 extern PyObject _Py_NoneStruct, _Py_TrueStruct, _Py_FalseStruct;
 extern PyObject *PyExc_ValueError, *PyExc_TypeError, *PyExc_OverflowError, *PyExc_ZeroDivisionError, *PyExc_MemoryError;
 
