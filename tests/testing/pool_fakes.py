@@ -30,20 +30,6 @@ def perform(task: Task) -> str:
     return f"{task.name} {os.getpid()}"
 
 
-def describe_process(task: Task) -> tuple[int, int, bool, bool]:
-    """Its parent, its number of threads, whether libsumo is imported, and whether it has a simulation.
-
-    With the name "drive" it then starts a simulation and leaves it open.
-    """
-    is_imported = "libsumo" in sys.modules
-    import libsumo
-
-    seen = os.getppid(), len(list(Path("/proc/self/task").iterdir())), is_imported, bool(libsumo.isLoaded())
-    if task.name == "drive":
-        libsumo.start(["sumo", "--net-file", task.folder, "--no-step-log", "true"])
-    return seen
-
-
 def dies_answering(task: Task) -> bytes:
     """Its answer is too long to be sent before the other end reads; it is killed meanwhile."""
     (Path(task.folder) / f"{task.name}.started").write_text(str(os.getpid()))

@@ -75,15 +75,15 @@ def test_a_failed_job_has_a_reason_and_the_next_one_a_result(
 
 
 def test_a_hung_job_is_ended_with_all_that_it_started(fakes: ModuleType, tmp_path: Path) -> None:
-    failure, answer = run(fakes, "hang with child", "answer", limit_s=5.0, folder=str(tmp_path))
-    assert failure == WorkerFailure(FailureKind.HUNG, "hung: no result within 5 s")
+    failure, answer = run(fakes, "hang with child", "answer", limit_s=2.0, folder=str(tmp_path))
+    assert failure == WorkerFailure(FailureKind.HUNG, "hung: no result within 2 s")
     assert answer.startswith("1 ")
     child = int((tmp_path / "child").read_text())
     wait_for(lambda: not alive(child))
 
 
 def test_a_hung_job_does_not_hold_up_the_other_worker(fakes: ModuleType) -> None:
-    outcomes = run(fakes, "hang", "answer", "answer", "answer", workers=2, limit_s=5.0)
+    outcomes = run(fakes, "hang", "answer", "answer", "answer", workers=2, limit_s=2.0)
     assert [isinstance(outcome, WorkerFailure) for outcome in outcomes] == [True, False, False, False]
 
 
@@ -101,8 +101,10 @@ def test_leaving_the_pool_ends_a_busy_worker(fakes: ModuleType, tmp_path: Path) 
 
 
 def test_workers_are_forks_of_one_thread_without_a_simulation(fakes: ModuleType) -> None:
+    from testing.simulating_fakes import describe_process
+
     net = str(list_packaged_networks()["avenue"] / NET_FILE)
-    with ProcessPool(fakes.describe_process, 1, 60.0) as pool:
+    with ProcessPool(describe_process, 1, 60.0) as pool:
         drive = dict(pool.run([fakes.Task("drive", folder=net)])).popitem()[1]
         assert pool._server is not None
         second = WorkerProcess[Any, Any](pool._server)  # beside the one with a simulation
