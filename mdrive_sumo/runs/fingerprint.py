@@ -2,7 +2,9 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Iterable
+from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
@@ -22,6 +24,7 @@ from mdrive_sumo.scenario.suite import Suite, list_packaged_suites
 
 PACKAGES = ("libsumo", "numpy")
 """Besides mdrive-sumo itself: what else decides the bits of an episode."""
+PACKAGE = Path(__file__).parents[1]
 FILES_KEYS = ("agent_files", "others_files")
 """Where a fingerprint has the checksums of the files that options of the agents of a run name, in their order."""
 PLUG_INS_KEY = "plug_ins"
@@ -90,9 +93,20 @@ def compute_code_checksum() -> str:
 
     Packaged weights are part of it, by their manifests, which hold the checksums that loading compares.
     """
-    root = Path(__file__).parents[1]
-    files = [*root.rglob("*.py"), *WEIGHTS_FOLDER.glob("*.json")]
-    return compute_files_checksum({str(path.relative_to(root)): path for path in files})
+    modules = [Path(folder, name) for folder, _, names in os.walk(PACKAGE) for name in names if name.endswith(".py")]
+    files = [*modules, *WEIGHTS_FOLDER.glob("*.json")]
+    return _compute_checksum_of_states(tuple((path, _read_state(path)) for path in sorted(files)))
+
+
+def _read_state(path: Path) -> tuple[int, ...]:
+    """Return what changes with the content of a file; no program can set the time of its last change of status."""
+    status = path.stat()
+    return status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino
+
+
+@lru_cache(maxsize=2)  # to read 600 files takes several times as long as to ask for their states
+def _compute_checksum_of_states(states: tuple[tuple[Path, tuple[int, ...]], ...]) -> str:
+    return compute_files_checksum({str(path.relative_to(PACKAGE)): path for path, _ in states})
 
 
 def compute_networks_checksum(suite: Suite, scenarios: tuple[Scenario, ...]) -> str:

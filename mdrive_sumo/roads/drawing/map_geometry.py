@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import shapely
@@ -71,6 +72,12 @@ class MapGeometry:
 
 def build_map_geometry(roads: RoadMap, area: BaseGeometry) -> MapGeometry:
     """Return everything of a network that touches an area."""
+    return _build_map_geometry(roads, shapely.to_wkb(area))
+
+
+@lru_cache(maxsize=16)  # a tenth of a second, and plot, replay and film of an episode show the same area
+def _build_map_geometry(roads: RoadMap, wkb: bytes) -> MapGeometry:
+    area = shapely.from_wkb(wkb)
     shapely.prepare(area)
     lanes = [lane for lane in roads.driving if area.intersects(shapely.LineString(lane.centre.xy))]
     drivable = shapely.union_all([part for one in roads.drivable_areas if area.intersects(part := one.polygon)])

@@ -1,5 +1,6 @@
 """What makes two runs the same: the code, the versions, and the files that options name, such as weights."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -58,6 +59,22 @@ def test_packaged_weights_are_part_of_the_code(tmp_path: Path, monkeypatch: pyte
     assert compute_code_checksum() == before
     monkeypatch.setattr(module, "WEIGHTS_FOLDER", tmp_path)
     assert compute_code_checksum() != before
+
+
+def test_a_change_of_the_code_is_seen_while_the_process_lives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A notebook evaluates, a file is edited, the notebook evaluates again: its workers have the new code."""
+    monkeypatch.setattr(module, "PACKAGE", tmp_path)
+    monkeypatch.setattr(module, "WEIGHTS_FOLDER", tmp_path)
+    file = tmp_path / "room" / "a.py"
+    file.parent.mkdir()
+    checksums: list[str] = []
+    for text in ("x = 1", "x = 2", "x = 1"):
+        file.write_text(text)
+        os.utime(file, (1, 1))  # a copy may keep the times
+        checksums.append(compute_code_checksum())
+    assert checksums[0] == checksums[2] != checksums[1]
+    (tmp_path / "b.py").touch()
+    assert compute_code_checksum() not in checksums
 
 
 def test_onnx_runtime_counts_where_it_computes() -> None:
