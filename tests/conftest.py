@@ -5,6 +5,8 @@ import os
 import re
 import signal
 from collections.abc import Generator
+from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -42,6 +44,28 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip(NEEDS_SHARED_DATA)
     return SHARED_DATA
+
+
+@pytest.fixture(scope="session", autouse=True)
+def read_scenarios_once() -> Generator[None]:
+    """Keep what scenario files of this state hold: hundreds of tests load the packaged suites. Scenarios are frozen."""
+    suite = import_module("mdrive_sumo.scenario.suite")
+    load_scenario = suite.load_scenario
+
+    @lru_cache(maxsize=1024)
+    def load_state(path: Path, *_: int) -> object:
+        return load_scenario(path)
+
+    def load_once(path: Path) -> object:
+        try:
+            status = path.stat()
+        except OSError:
+            return load_scenario(path)
+        return load_state(path, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(suite, "load_scenario", load_once)
+        yield
 
 
 @pytest.fixture

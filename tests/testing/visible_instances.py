@@ -90,11 +90,11 @@ def _compare_frame(roads: RoadMap, scene: SensingFrame) -> list[Agreement]:
     all_hide = np.zeros_like(scene.boxes.kind)  # as vehicles do: in an image people hide what is behind them
     opaque = replace(scene, boxes=replace(scene.boxes, kind=all_hide))
     sight = SightView(SensorPose(me.x, me.y, me.yaw, 0), opaque, BuildingEdges(roads), RANGE_M)
-    free, found = sight.visible_fractions(), list[Agreement]()
+    free, distances, found = sight.visible_fractions(), sight.distances(), list[Agreement]()
     for row in range(1, len(scene.boxes)):
         points = model.project(view, np.column_stack((scene.corners[row], np.full(4, 0.5))))
         inside = (points[:, 2] > 1.0).all() and points[:, 0].min() > 1 and points[:, 0].max() < model.width - 1
-        if inside and sight.distances[row] < RANGE_M:
+        if inside and distances[row] < RANGE_M:
             pixels = shown.get(derive_track_name("me", scene.boxes.ids[row], 3), 0)
             found.append(_judge(scene, row, points, float(free[row]), pixels))
     return found
