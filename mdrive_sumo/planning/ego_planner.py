@@ -60,4 +60,6 @@ class EgoPlanner:
 
 def exclude_objects(objects: Objects, ids: Collection[str]) -> Objects:
     """Return the objects whose id is not in `ids`."""
+    if not any(name in ids for name in objects.ids):
+        return objects
     return objects.take(np.array([name not in ids for name in objects.ids], dtype=np.bool_))

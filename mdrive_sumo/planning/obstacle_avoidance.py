@@ -73,12 +73,14 @@ class ObstacleAvoidance:
         standstill_s = self._tracker.compute_standstill_durations(objects)
         fixed = self._find_fixed_objects(objects, standstill_s)
         objects = self._tracker.replace_by_means(objects, fixed)
-        waits = self._find_oncoming_stops(seen.tick, objects.take(~fixed), seen.own, planner)
-        boxes = boxes_corners(objects.x, objects.y, objects.yaw, objects.length, objects.width)
+        waits = self._find_oncoming_stops(seen.tick, objects, ~fixed, seen.own, planner)
         queued = find_queued(objects, standstill_s, self._parameters)
         # A vehicle that has never moved may be parked, queued or not; too close to it the car could not turn out.
         suspected = ~queued | self._tracker.find_never_moved(objects)
         still = (objects.kind == Kind.VEHICLE) & (standstill_s >= self._parameters.suspected_s) & suspected
+        if not (fixed | still).any():
+            return objects, waits
+        boxes = boxes_corners(objects.x, objects.y, objects.yaw, objects.length, objects.width)
         obstructing = (fixed | still) & find_obstructing_boxes(
             planner.path, planner.s, boxes, self._vehicle, self._detour_parameters
         )
@@ -116,13 +118,16 @@ class ObstacleAvoidance:
         return True
 
     def _find_oncoming_stops(
-        self, tick: int, others: Objects, own: OwnState, planner: ReplaceablePath
+        self, tick: int, objects: Objects, moves: Bool, own: OwnState, planner: ReplaceablePath
     ) -> list[StopPoint]:
-        """Return where to wait for traffic that crosses the detour; empty if the car is already in its way."""
+        """Return where to wait for traffic that crosses the detour; empty if the car is already in its way.
+
+        moves: (N,) which objects may cross it.
+        """
         if self._detour is None or planner.s > self._detour.last_s:
             return []
         parameters = self._parameters
-        reserve_s = parameters.time_reserve_s / 2
+        reserve_s, others = parameters.time_reserve_s / 2, objects.take(moves)
         conflict = self._find_detour_conflict(self._detour, others, own, planner.s, reserve_s)
         if conflict is not NO_CONFLICT:
             self._last_conflict, self._last_conflict_tick = conflict, tick

@@ -31,6 +31,7 @@ from mdrive_sumo.planning.speed_profile import (
     SpeedProfileProblem,
     build_braking_profile,
     build_free_road_problem,
+    compute_station,
 )
 from mdrive_sumo.planning.stop_lines import StopPoint
 
@@ -48,6 +49,8 @@ class SpaceTimePlanner:
         self.path: ReferencePath = build_path(briefing.route_xy, rear_to_centre, start_yaw, self.scale.path)
         self._speeds = self._compute_speeds()
         self._rounded_limits = round_limits(self._speeds.limits, self.scale.lattice)
+        self._plan_times: Float = np.arange(1, parameters.plan_points + 1) * parameters.interval_s
+        """(`plan_points`,) [s] from now."""
         self._profile: SpeedProfile | None = None
         self._profile_tick = self._moved_tick = 0
         self.s = 0.0
@@ -111,7 +114,7 @@ class SpaceTimePlanner:
     def _is_on_course(self, tick: int) -> bool:
         """Return whether the car is where its profile has it."""
         assert self._profile is not None, "is_update_due() asks only for a profile that there is"
-        station = float(self._get_stations(tick, np.zeros(1))[0])
+        station = compute_station(self._profile, (tick - self._profile_tick) * self._briefing.tick_s)
         return abs(station - self.s) <= self.scale.max_tracking_error_m(float(self._profile.speed[0]))
 
     def _get_stations(self, tick: int, after: Float) -> Float:
@@ -214,8 +217,7 @@ class SpaceTimePlanner:
 
     def get_planned_points(self, tick: int) -> Float:
         """Return the planned positions (`plan_points`, 2) [m] every `interval_s`."""
-        after = np.arange(1, self._parameters.plan_points + 1, dtype=np.float64) * self._parameters.interval_s
-        return self.path.get_points(self._get_stations(tick, after))
+        return self.path.get_points(self._get_stations(tick, self._plan_times))
 
 
 def _find_stop_cell(problem: SpeedProfileProblem, stop: StopPoint) -> int:

@@ -4,7 +4,30 @@
 FIELDS(PROFILE, "s", "speed", "step_s");
 FIELDS(LATTICE, "cell_m", "speed_step");
 
-static double compute_station(const double *s, const double *speed, Py_ssize_t count, double step_s, double t) {
+typedef struct {
+    Array s, speed;
+    double step_s;
+} Profile;
+
+static bool open_profile(PyObject *profile, Profile *opened) {
+    if (!read_number_field(profile, &PROFILE, 2, &opened->step_s) ||
+        !open_field(profile, &PROFILE, 0, 'd', 1, &opened->s))
+        return false;
+    if (!open_field(profile, &PROFILE, 1, 'd', 1, &opened->speed)) {
+        close_array(&opened->s);
+        return false;
+    }
+    if (opened->s.count && opened->speed.count == opened->s.count) return true;
+    PyErr_SetString(PyExc_ValueError, "expected a speed at each of some stations");
+    close_arrays(2, (Array *[]){&opened->s, &opened->speed});
+    return false;
+}
+
+static void close_profile(Profile *profile) { close_arrays(2, (Array *[]){&profile->s, &profile->speed}); }
+
+static double compute_station(const Profile *profile, double t) {
+    const double *s = doubles(&profile->s), *speed = doubles(&profile->speed), step_s = profile->step_s;
+    Py_ssize_t count = profile->s.count;
     double index = t / step_s;
     Py_ssize_t k = index > 0.0 ? index < (double)(count - 1) ? (Py_ssize_t)index : count - 1 : 0;
     double rest = t - (double)k * step_s, acceleration = (k + 1 < count ? speed[k + 1] - speed[k] : 0.0) / step_s;
@@ -12,26 +35,30 @@ static double compute_station(const double *s, const double *speed, Py_ssize_t c
 }
 
 static PyObject *planning_speed_profile_compute_stations(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
-    double step_s, *stations;
-    Array s, speed, t;
-    if (!expect_arguments("compute_stations", count, 2, 2) || !read_number_field(arguments[0], &PROFILE, 2, &step_s) ||
-        !open_doubles(arguments[1], 1, &t))
-        return NULL;
-    if (!open_field(arguments[0], &PROFILE, 0, 'd', 1, &s)) {
+    double *stations;
+    Array t;
+    Profile profile;
+    if (!expect_arguments("compute_stations", count, 2, 2) || !open_doubles(arguments[1], 1, &t)) return NULL;
+    if (!open_profile(arguments[0], &profile)) {
         close_array(&t);
         return NULL;
     }
-    if (!open_field(arguments[0], &PROFILE, 1, 'd', 1, &speed)) {
-        close_arrays(2, (Array *[]){&t, &s});
-        return NULL;
-    }
-    PyObject *result = NULL;
-    if (!s.count || speed.count != s.count) PyErr_SetString(PyExc_ValueError, "expected a speed at each of some stations");
-    else result = new_doubles(1, &t.count, &stations);
-    for (Py_ssize_t i = 0; result && i < t.count; i++)
-        stations[i] = compute_station(doubles(&s), doubles(&speed), s.count, step_s, doubles(&t)[i]);
-    close_arrays(3, (Array *[]){&t, &s, &speed});
+    PyObject *result = new_doubles(1, &t.count, &stations);
+    for (Py_ssize_t i = 0; result && i < t.count; i++) stations[i] = compute_station(&profile, doubles(&t)[i]);
+    close_profile(&profile);
+    close_array(&t);
     return result;
+}
+
+static PyObject *planning_speed_profile_compute_station(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
+    double t;
+    Profile profile;
+    if (!expect_arguments("compute_station", count, 2, 2) || !read_number(arguments[1], &t) ||
+        !open_profile(arguments[0], &profile))
+        return NULL;
+    double station = compute_station(&profile, t);
+    close_profile(&profile);
+    return PyFloat_FromDouble(station);
 }
 
 /* A point of the path at each cell, and the highest speed there in steps of the lattice. */
@@ -73,6 +100,7 @@ static PyObject *planning_speed_profile_list_cells(PyObject *module, PyObject *c
 
 Functions planning_speed_profile = {
     FUNCTION(planning_speed_profile_compute_stations),
+    FUNCTION(planning_speed_profile_compute_station),
     FUNCTION(planning_speed_profile_list_cells),
     END_OF_FUNCTIONS,
 };

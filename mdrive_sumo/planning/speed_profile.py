@@ -52,6 +52,12 @@ def compute_stations(profile: SpeedProfile, t: Float, /) -> Float:
     return profile.s[k] + profile.speed[k] * rest + acceleration[k] * (rest * rest) / 2
 
 
+@twin
+def compute_station(profile: SpeedProfile, t: float, /) -> float:
+    """As `SpeedProfile.get_stations`, at one time."""
+    return float(compute_stations(profile, np.full(1, t))[0])
+
+
 @dataclass(frozen=True)
 class SpeedProfileProblem:
     """The constraints of a speed profile. Cell j lies j cells of the lattice ahead of `lattice_s`."""

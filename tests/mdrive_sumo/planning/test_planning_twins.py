@@ -134,6 +134,7 @@ def test_speed_profiles_and_free_drives(seed: int) -> None:
     )
     times = np.concatenate((rng.uniform(0.0, 40.0, int(rng.integers(0, 9))), np.arange(4) * lattice.step_s))
     compare_twins("planning_speed_profile_compute_stations", profile, times)
+    compare_twins("planning_speed_profile_compute_station", profile, float(times[-1]))
     speeds = rng.uniform(0.0, 40.0, int(rng.integers(9, 200)))
     compare_twins("planning_speed_profile_list_cells", speeds, lattice, float(rng.uniform(-1.0, 60.0)), 3 * points)
     start, limits = float(rng.uniform(0.0, 60.0)), (2.0, 4.0, float(rng.choice((0.2, 0.25))))
