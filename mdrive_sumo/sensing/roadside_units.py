@@ -63,6 +63,7 @@ def find_detector(unit: RoadsideUnit, sensing: SensingProfile) -> str:
 def _compose_cpm(unit: RoadsideUnit, sensor: ObjectsSensor, scene: SensingFrame, profile: DetectionProfile) -> Message:
     """Return a unit's CPM; its surveyed position is exact."""
     objects = sensor.sense(scene, SensorPose(unit.x, unit.y, 0.0, None))
-    objects = objects.take(slice(MAX_OBJECTS))  # the nearest
+    if len(objects) > MAX_OBJECTS:
+        objects = objects.take(slice(MAX_OBJECTS))  # the nearest
     pose = ReferencePose(unit.x, unit.y, 0.0, scene.tick)
     return encode(build_cpm(pose, unit.range_m, objects, profile, roadside=True))

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from mdrive_sumo.contract import Briefing, Objects
 from mdrive_sumo.contract.detector_profiles import IDEAL
 from mdrive_sumo.core import portable
-from mdrive_sumo.core.geometry import Float, boxes_corners
+from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import EgoState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.weather import Weather
@@ -43,12 +43,6 @@ class SensingFrame:
     def directions(self) -> tuple[Float, Float]:
         """Cosines and sines (N,) of the yaws of all boxes."""
         return portable.cos_sin(self.boxes.yaw)
-
-    @cached_property
-    def corners(self) -> Float:
-        """(N, 4, 2) corners of all boxes [m]."""
-        boxes = self.boxes
-        return boxes_corners(boxes.x, boxes.y, boxes.yaw, boxes.length, boxes.width)
 
 
 @dataclass(frozen=True, slots=True)

@@ -127,10 +127,8 @@ class Channel:
     def _transmit(self, message: Message, n: int, others: Mapping[str, float], deliveries: dict[str, Delivery]) -> None:
         """Transmit a message, the n-th of its sender in this tick; others: distances [m] by receiver."""
         link = self._comm.find_link(message.type)
-        reached = list(others)
-        if link.loss or not math.isinf(link.range_m):
-            lucks = self._draw_lucks(message, n, tuple(others)) if link.loss else ()
-            reached = select_reached(message.tick, others, link.range_m, link.loss, lucks, deliveries)
+        lucks = self._draw_lucks(message, n, tuple(others)) if link.loss else ()
+        reached = select_reached(message.tick, others, link.range_m, link.loss, lucks, deliveries)
         if reached:
             flight = _Flight(message, n, reached, deliveries)
             self._flights.setdefault(message.tick + max(link.latency_ticks, 1), []).append(flight)

@@ -83,17 +83,17 @@ def sensor_rows() -> Iterator[Row]:
     houses = with_houses(town, 40)
     fitting = SensorSetup("me", 1, houses, WEATHERS["default"], told)
     lidar = LidarSensor(SensorSpec("lidar"), fitting)
-    yield "LiDAR scan, default profile, 100 boxes", median_ms(lambda: lidar.sense(scene, eye)), "ms", "<= 1.5"
+    yield "LiDAR scan, default profile, 100 boxes", median_ms(lambda: lidar.sense(scene, eye)), "ms", "<= 0.7"
     buildings = BuildingEdges(houses)
     visibility = median_ms(lambda: SightView(eye, scene, buildings, 100.0).visible_fractions())
-    yield "visibility of 100 actors, an observer", visibility, "ms", "<= 0.5"
+    yield "visibility of 100 actors, an observer", visibility, "ms", "<= 0.15"
     objects = ObjectsSensor(SensorSpec("objects", range_m=100.0, options={"free_space": True}), fitting)
     yield "objects sensor with free sight, 100 actors", median_ms(lambda: objects.sense(scene, eye)), "ms", ""
     near = scene.boxes.take(slice(1, 21))
     start = scenario.egos[0].start
     raster = RasterSensor(SensorSpec("bev"), SensorSetup("me", 1, town, WEATHERS["default"], told))
     here = SensorPose(start.x, start.y, start.yaw, 0)
-    yield "raster 256 x 256, 20 boxes", median_ms(lambda: raster.draw(scene, here, near)), "ms", "<= 2"
+    yield "raster 256 x 256, 20 boxes", median_ms(lambda: raster.draw(scene, here, near)), "ms", "<= 0.6"
 
 
 def channel_row() -> Iterator[Row]:
@@ -107,7 +107,7 @@ def channel_row() -> Iterator[Row]:
         channel.deliver(now, tuple(said))
         channel.send(now, said, places)
 
-    yield "channel, 8 CAVs with CAM, CPM, MCM at 20 Hz, a tick", median_ms(tick), "ms", "< 0.2"
+    yield "channel, 8 CAVs with CAM, CPM, MCM at 20 Hz, a tick", median_ms(tick), "ms", "<= 0.1"
 
 
 def _everything(i: int) -> tuple[Message, ...]:

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from mdrive_sumo.contract import SensorSpec
-from mdrive_sumo.core.geometry import Float, box_corners, boxes_overlap
+from mdrive_sumo.core.geometry import Float, box_corners, boxes_corners, boxes_overlap
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap, find_network_folder, load_road_map
 from mdrive_sumo.sensing.building_edges import BuildingEdges
@@ -90,12 +90,13 @@ def _compare_frame(roads: RoadMap, scene: SensingFrame) -> list[Agreement]:
     all_hide = np.zeros_like(scene.boxes.kind)  # as vehicles do: in an image people hide what is behind them
     opaque = replace(scene, boxes=replace(scene.boxes, kind=all_hide))
     sight = SightView(SensorPose(me.x, me.y, me.yaw, 0), opaque, BuildingEdges(roads), RANGE_M)
-    free, distances, found = sight.visible_fractions(), sight.distances(), list[Agreement]()
-    for row in range(1, len(scene.boxes)):
-        points = model.project(view, np.column_stack((scene.corners[row], np.full(4, 0.5))))
+    free, found, boxes = sight.visible_fractions(), list[Agreement](), scene.boxes
+    corners, distances = boxes_corners(boxes.x, boxes.y, boxes.yaw, boxes.length, boxes.width), sight.distances()
+    for row in range(1, len(boxes)):
+        points = model.project(view, np.column_stack((corners[row], np.full(4, 0.5))))
         inside = (points[:, 2] > 1.0).all() and points[:, 0].min() > 1 and points[:, 0].max() < model.width - 1
         if inside and distances[row] < RANGE_M:
-            pixels = shown.get(derive_track_name("me", scene.boxes.ids[row], 3), 0)
+            pixels = shown.get(derive_track_name("me", boxes.ids[row], 3), 0)
             found.append(_judge(scene, row, points, float(free[row]), pixels))
     return found
 

@@ -13,7 +13,7 @@ from testing.twins import compare_twins
 from testing.worlds import straight_road
 
 from mdrive_sumo.contract import Objects
-from mdrive_sumo.core.geometry import TAU, Float, box_corners
+from mdrive_sumo.core.geometry import TAU, Float, box_corners, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.network_file import Building
@@ -65,10 +65,16 @@ def hides(view: SensingFrame, row: int) -> bool:
     return boxes.kind[row] == Kind.VEHICLE or (boxes.kind[row] == Kind.STATIC and high)
 
 
+def corners_of(view: SensingFrame) -> Float:
+    boxes = view.boxes
+    return boxes_corners(boxes.x, boxes.y, boxes.yaw, boxes.length, boxes.width)
+
+
 def share_by_rays(view: SensingFrame, roads: RoadMap, eye: SensorPose, row: int) -> float:
     """The visible share of one box by brute force."""
-    shapes = [shapely.Polygon(corners) for corners in view.corners]
-    angles = np.arctan2(view.corners[row, :, 1] - eye.y, view.corners[row, :, 0] - eye.x)
+    corners = corners_of(view)
+    shapes = [shapely.Polygon(ring) for ring in corners]
+    angles = np.arctan2(corners[row, :, 1] - eye.y, corners[row, :, 0] - eye.x)
     angles = angles[0] + (angles - angles[0] + math.pi) % TAU - math.pi
     rays = angles.min() + (np.arange(RAYS) + 0.5) / RAYS * np.ptp(angles)
     hit = first_hits(shapes[row], eye, rays)
@@ -120,7 +126,7 @@ class TestAgainstRays:
         eye, roads, view = SensorPose(0.0, 0.0, yaw, None), town(*houses), scene(*boxes)
         angles = yaw + np.arange(24) * TAU / 24
         brute = np.full(24, 35.0)
-        for row, shape in enumerate(view.corners):
+        for row, shape in enumerate(corners_of(view)):
             if hides(view, row):
                 brute = np.minimum(brute, first_hits(shapely.Polygon(shape), eye, angles))
         for shape in roads.building_shapes:
