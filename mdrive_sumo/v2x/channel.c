@@ -3,6 +3,29 @@
 #include "../core/seeding.h"
 #include "../core/compiled/values.h"
 
+static Import MESSAGE = {"mdrive_sumo.contract.exchange", "Message", 0};
+FIELDS(MESSAGE_FIELDS, "type", "payload", "sender", "tick");
+
+static PyObject *v2x_channel_sign_messages(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
+    if (!expect_arguments("sign_messages", count, 3, 3)) return NULL;
+    Py_ssize_t messages = PyObject_Size(arguments[0]);
+    PyObject *result = messages < 0 ? NULL : PyList_New(messages);
+    for (Py_ssize_t i = 0; result && i < messages; i++) {
+        PyObject *unsigned_message = PySequence_GetItem(arguments[0], i), *values[4] = {0}, *message = NULL;
+        if (unsigned_message) {
+            for (int k = 0; k < 2; k++) values[k] = get_field(unsigned_message, &MESSAGE_FIELDS, k);
+            for (int k = 2; k < 4; k++) values[k] = new_reference(arguments[k - 1]);
+            message = build_instance(&MESSAGE, &MESSAGE_FIELDS, values);
+            Py_DecRef(unsigned_message);
+        }
+        if (!message || PyList_SetItem(result, i, message)) {
+            Py_DecRef(result);
+            result = NULL;
+        }
+    }
+    return result;
+}
+
 static bool read_position(PyObject *positions, PyObject *name, double place[2]) {
     PyObject *position = PyObject_GetItem(positions, name);
     if (!position) return false;
@@ -110,6 +133,7 @@ static PyObject *v2x_channel_select_reached(PyObject *module, PyObject *const *a
 }
 
 Functions v2x_channel = {
+    FUNCTION(v2x_channel_sign_messages),
     FUNCTION(v2x_channel_measure_distances),
     FUNCTION(v2x_channel_draw_lucks),
     FUNCTION(v2x_channel_select_reached),

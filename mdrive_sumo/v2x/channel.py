@@ -97,8 +97,7 @@ class Channel:
         receiver_ids = sorted(positions if receivers is None else receivers)
         for sender in sorted(outgoing):
             others = measure_distances(positions, sender, receiver_ids)
-            for n, unsigned in enumerate(outgoing[sender]):
-                message = Message(unsigned.type, unsigned.payload, sender, tick)
+            for n, message in enumerate(sign_messages(outgoing[sender], sender, tick)):
                 deliveries: dict[str, Delivery] = {}
                 self._log.append((message, deliveries))
                 stopped = self._find_drop_reason(message)
@@ -181,6 +180,12 @@ class Channel:
     def sent_messages(self) -> tuple[SentMessage, ...]:
         """Return all sent messages in order; messages in transit have no status for their receivers yet."""
         return tuple(SentMessage(message, dict(deliveries)) for message, deliveries in self._log)
+
+
+@twin
+def sign_messages(messages: tuple[Message, ...], sender: str, tick: int, /) -> list[Message]:
+    """Return the messages with their sender and tick."""
+    return [Message(message.type, message.payload, sender, tick) for message in messages]
 
 
 @twin

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from testing.twins import compare_twins
 
+from mdrive_sumo.contract import Message
 from mdrive_sumo.core import compiled
 from mdrive_sumo.core.seeding import draw_uniforms
 from mdrive_sumo.v2x.channel import Delivery, DeliveryStatus, draw_lucks, measure_distances, select_reached
@@ -41,6 +42,12 @@ def test_receivers_that_are_reached(distances: list[float], loss: float, lucks: 
         reached = function(7, others, 150.0, loss, tuple(lucks), deliveries)
         told.append((reached, list(deliveries.items())))
     assert told[0] == told[1]
+
+
+@given(payloads=st.lists(st.binary(max_size=3), max_size=3), tick=st.integers(0, 2**40))
+def test_signed_messages(payloads: list[bytes], tick: int) -> None:
+    said = tuple(Message("text", payload, "another", 9) for payload in payloads)
+    assert all(one.sender == "me" for one in compare_twins("v2x_channel_sign_messages", said, "me", tick))
 
 
 def test_by_hand() -> None:
