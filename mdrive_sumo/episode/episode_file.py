@@ -50,7 +50,6 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
         "thinking": episode.thinking,
         "pseudonyms": dict(episode.pseudonyms),
     }
-    points = [np.rint(p.points * 100).astype(np.int32) for p in episode.plans]
     arrays = {
         "header": np.frombuffer(json.dumps(header, separators=(",", ":")).encode(), dtype=np.uint8),
         "kind": episode.kind,
@@ -59,9 +58,7 @@ def save_episode(episode: EpisodeRecord, path: Path) -> None:
         "valid": np.packbits(episode.valid, axis=0),
         "quanta": _compute_second_differences(episode.quanta, episode.valid),
         "controls": _to_narrowest(np.diff(episode.controls, axis=0, prepend=np.int16(0)).astype(np.int32)),
-        "plan_points": _to_narrowest(
-            np.concatenate([_compute_differences(p) for p in points] or [np.zeros((0, 2), np.int32)])
-        ),
+        "plan_points": _to_narrowest(_compute_point_differences(episode.plans)),
         "payloads": np.frombuffer(b"".join(sent.message.payload for sent in episode.messages), dtype=np.uint8),
         "fates": _compute_differences(_fates(episode.messages)),
         "digests": episode.digests,
@@ -150,11 +147,21 @@ def _compute_differences(values: Ints) -> Ints:
     return np.diff(values, axis=0, prepend=np.zeros_like(values[:1]))
 
 
+def _compute_point_differences(plans: Sequence[PlanRecord]) -> Ints:
+    """Return the points of all plans (P, 2) [cm]: of each plan the first, then differences of successive points."""
+    if not plans:
+        return np.zeros((0, 2), np.int32)
+    points = np.rint(np.concatenate([plan.points for plan in plans]) * 100).astype(np.int32)
+    starts = np.cumsum([0, *(len(plan.points) for plan in plans[:-1])])
+    differences = _compute_differences(points)
+    differences[starts] = points[starts]
+    return differences
+
+
 def _compute_second_differences(quanta: Ints, valid: npt.NDArray[np.bool_]) -> Ints:
     """Return second differences (T, N, 4), small for smooth motion; absent road users hold their last value."""
-    held = quanta.copy()
-    for tick in range(1, len(held)):
-        held[tick] = np.where(valid[tick][:, None], held[tick], held[tick - 1])
+    ticks, columns = np.arange(len(valid))[:, None], np.arange(valid.shape[1])
+    held = quanta[np.maximum.accumulate(np.where(valid, ticks, 0), axis=0), columns]
     return _to_narrowest(_compute_differences(_compute_differences(held)))
 
 

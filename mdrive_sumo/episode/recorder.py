@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from hashlib import blake2b
+from itertools import groupby
 from types import MappingProxyType
 from typing import Any
 
@@ -174,9 +175,13 @@ class Recorder:
         shape = (len(self._rows), len(self._columns))
         valid = np.zeros(shape, dtype=np.bool_)
         quanta = np.zeros((*shape, 4), dtype=np.int32)
-        for tick, (columns, row) in enumerate(self._rows):
-            valid[tick, columns] = True
-            quanta[tick, columns] = np.frombuffer(row, dtype="<i4").reshape(-1, 4)
+        begin = 0
+        for _, run in groupby(self._rows, key=lambda row: id(row[0])):  # ticks with the same road users
+            columns, states = zip(*run, strict=True)
+            ticks = slice(begin, begin + len(states))
+            valid[ticks, columns[0]] = True
+            quanta[ticks, columns[0]] = np.frombuffer(b"".join(states), dtype="<i4").reshape(len(states), -1, 4)
+            begin += len(states)
         kind, length, width = zip(*self._constants, strict=True)
         return EpisodeRecord(
             scenario=self._scenario,
