@@ -1,5 +1,4 @@
 /* Twin of static_object_tracker.py. */
-#include <stdlib.h>
 #include <string.h>
 
 #include "../core/portable.h"
@@ -12,21 +11,22 @@ typedef struct {
 } Standstill;
 static Import STANDSTILL = {"mdrive_sumo.perception.static_object_tracker", "STANDSTILL", 0};
 
+static const double DT = 1.0 / 20;
+
 typedef struct {
-    double max_offset_m, lost_ticks;
+    double max_offset_m, lost_ticks, recall_ticks;
 } TrackerParameters;
-FIELDS(TRACKER_PARAMETERS, "max_offset_m", "lost_ticks");
+FIELDS(TRACKER_PARAMETERS, "max_offset_m", "lost_ticks", "recall_ticks");
 
 /* The row of each object; new ones are added to the dictionary. */
-static bool find_rows(PyObject *row_by_id, const RoadUsers *objects, Py_ssize_t *rows) {
+static bool find_rows(PyObject *row_by_id, const RoadUsers *objects, int64_t *rows) {
     for (Py_ssize_t i = 0; i < objects->count; i++) {
         PyObject *name = PyTuple_GetItem(objects->ids, i), *row = PyDict_GetItemWithError(row_by_id, name);
-        if (row) {
-            if (!read_integer(row, rows + i)) return false;
-            continue;
-        }
-        rows[i] = PyObject_Size(row_by_id);
-        row = PyErr_Occurred() ? NULL : PyLong_FromSsize_t(rows[i]);
+        Py_ssize_t place = PyObject_Size(row_by_id);
+        if (row ? !read_integer(row, &place) : !!PyErr_Occurred()) return false;
+        rows[i] = place;
+        if (row) continue;
+        row = PyLong_FromSsize_t(place);
         bool is_added = row && !PyDict_SetItem(row_by_id, name, row);
         if (row) Py_DecRef(row);
         if (!is_added) return false;
@@ -48,27 +48,25 @@ static void add_detection(Standstill *row, Py_ssize_t tick, int64_t kind, const 
     row->count++;
 }
 
-static PyObject *add_detections(const Array *before, PyObject *row_by_id, Py_ssize_t tick, const RoadUsers *objects,
-                                const TrackerParameters *parameters, Py_ssize_t *rows) {
-    if (!find_rows(row_by_id, objects, rows)) return NULL;
-    Py_ssize_t count = PyObject_Size(row_by_id);
-    bool is_valid = count >= before->count;
-    for (Py_ssize_t i = 0; i < objects->count; i++) is_valid &= rows[i] >= 0 && rows[i] < count;
-    if (!is_valid) {
-        PyErr_SetString(PyExc_ValueError, "expected a row for each id");
-        return NULL;
-    }
-    void *data;
-    PyObject *result = new_rows(&STANDSTILL, count, sizeof(Standstill), &data);
-    if (!result) return NULL;
-    if (count) memset(data, 0, (size_t)count * sizeof(Standstill));
-    if (before->count) memcpy(data, before->data, (size_t)before->count * sizeof(Standstill));
+/* The standstills and the rows of objects, as arrays, and those arrays' memory. */
+typedef struct {
+    PyObject *standstills, *rows;
+    Standstill *standstill;
+    int64_t *row;
+    Py_ssize_t count;
+} Update;
+
+static bool add_objects(const Update *update, Py_ssize_t tick, const RoadUsers *objects,
+                        const TrackerParameters *parameters) {
     for (Py_ssize_t i = 0; i < objects->count; i++) {
         CosSin direction = cos_sin(yaws_of(objects)[i]);
         if (!isfinite(direction.cos)) {
             PyErr_SetString(PyExc_ValueError, "expected objects with finite headings, found NaN or infinity");
-            Py_DecRef(result);
-            return NULL;
+            return false;
+        }
+        if (update->row[i] < 0 || update->row[i] >= update->count) {
+            PyErr_SetString(PyExc_ValueError, "expected a row for each id");
+            return false;
         }
         Standstill box = {.x = x_of(objects)[i],
                           .y = y_of(objects)[i],
@@ -76,9 +74,47 @@ static PyObject *add_detections(const Array *before, PyObject *row_by_id, Py_ssi
                           .sin = direction.sin,
                           .length = lengths_of(objects)[i],
                           .width = widths_of(objects)[i]};
-        add_detection((Standstill *)data + rows[i], tick, kinds_of(objects)[i], &box, parameters);
+        add_detection(update->standstill + update->row[i], tick, kinds_of(objects)[i], &box, parameters);
     }
-    return result;
+    return true;
+}
+
+static bool is_missed(const Standstill *row, Py_ssize_t tick, double recall_s, const TrackerParameters *parameters) {
+    int64_t missed_ticks = tick - row->last_tick;
+    return row->kind == STATIC && (double)(row->last_tick - row->first_tick) * DT >= recall_s && missed_ticks > 0 &&
+           (double)missed_ticks <= parameters->recall_ticks;
+}
+
+static PyObject *list_missed(const Update *update, Py_ssize_t tick, double recall_s,
+                             const TrackerParameters *parameters) {
+    Py_ssize_t count = 0;
+    void *data;
+    for (Py_ssize_t i = 0; i < update->count; i++)
+        count += is_missed(update->standstill + i, tick, recall_s, parameters);
+    PyObject *rows = new_array('l', 1, &count, &data);
+    for (Py_ssize_t i = 0, next = 0; rows && next < count; i++)
+        if (is_missed(update->standstill + i, tick, recall_s, parameters)) ((int64_t *)data)[next++] = i;
+    return rows;
+}
+
+/* Room for all objects that the dictionary knows; those of `before` first. */
+static bool begin_update(const Array *before, PyObject *row_by_id, const RoadUsers *objects, Update *update) {
+    void *rows, *standstills;
+    update->rows = new_array('l', 1, &objects->count, &rows);
+    if (!update->rows) return false;
+    update->row = rows;
+    if (!find_rows(row_by_id, objects, update->row)) return false;
+    update->count = PyObject_Size(row_by_id);
+    if (update->count < before->count) {
+        PyErr_SetString(PyExc_ValueError, "expected an id for each row");
+        return false;
+    }
+    update->standstills = new_rows(&STANDSTILL, update->count, sizeof(Standstill), &standstills);
+    if (!update->standstills) return false;
+    update->standstill = standstills;
+    if (update->count) memset(standstills, 0, (size_t)update->count * sizeof(Standstill));
+    if (before->count) memcpy(standstills, before->data, (size_t)before->count * sizeof(Standstill));
+    return true;
 }
 
 static PyObject *perception_static_object_tracker_add_detections(PyObject *module, PyObject *const *arguments,
@@ -87,20 +123,21 @@ static PyObject *perception_static_object_tracker_add_detections(PyObject *modul
     RoadUsers objects;
     TrackerParameters parameters;
     Py_ssize_t tick;
-    if (!expect_arguments("add_detections", count, 5, 5) || !read_integer(arguments[2], &tick) ||
-        !read_fields(arguments[4], &TRACKER_PARAMETERS, &parameters.max_offset_m) ||
+    double recall_s;
+    if (!expect_arguments("add_detections", count, 6, 6) || !read_integer(arguments[2], &tick) ||
+        !read_number(arguments[4], &recall_s) ||
+        !read_fields(arguments[5], &TRACKER_PARAMETERS, &parameters.max_offset_m) ||
         !open_rows(arguments[0], sizeof(Standstill), &before))
         return NULL;
-    PyObject *result = NULL;
+    Update update = {0};
+    PyObject *missed = NULL;
     if (open_road_users(arguments[3], &objects)) {
-        Py_ssize_t *rows = malloc((size_t)(objects.count + 1) * sizeof *rows);
-        if (rows) result = add_detections(&before, arguments[1], tick, &objects, &parameters, rows);
-        else PyErr_NoMemory();
-        free(rows);
+        if (begin_update(&before, arguments[1], &objects, &update) && add_objects(&update, tick, &objects, &parameters))
+            missed = list_missed(&update, tick, recall_s, &parameters);
         close_road_users(&objects);
     }
     close_array(&before);
-    return result;
+    return pack(3, update.standstills, update.rows, missed);
 }
 
 Functions perception_static_object_tracker = {

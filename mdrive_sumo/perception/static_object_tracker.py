@@ -5,6 +5,7 @@ and the mean is more accurate than a single detection.
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,6 +48,16 @@ STANDSTILL = np.dtype(
 )
 
 
+class StandingObjects(NamedTuple):
+    """Objects, and how long each has been standing."""
+
+    objects: Objects
+    duration_s: Float
+    """(N,)"""
+    never_moved: Bool
+    """(N,) whether it has not moved since its first detection."""
+
+
 class StaticObjectTracker:
     """Accumulates the detections of standing objects by id."""
 
@@ -56,43 +67,28 @@ class StaticObjectTracker:
         self._row_by_id: dict[str, int] = {}
         """Id of each object -> its row; in the order of rows."""
 
-    def update(self, tick: int, objects: Objects) -> None:
-        """Add the detections of a tick."""
-        self._standstills = add_detections(self._standstills, self._row_by_id, tick, objects, self._parameters)
-
-    def _get_standstills(self, objects: Objects) -> Rows:
-        return self._standstills[[self._row_by_id[name] for name in objects.ids]]
-
-    def compute_standstill_durations(self, objects: Objects) -> Float:
-        """Return for how long (N,) [s] each object has been standing; `update` must have been called with them."""
-        return _compute_durations(self._get_standstills(objects))
-
-    def find_never_moved(self, objects: Objects) -> Bool:
-        """Return a mask (N,): objects that have not moved since their first detection."""
-        return self._get_standstills(objects)["has_moved"] == 0
-
-    def add_missed_objects(self, tick: int, objects: Objects, min_s: float) -> Objects:
-        """Return the objects and the undetected static ones that stood for at least `min_s` [s].
+    def update(self, tick: int, objects: Objects, recall_s: float) -> StandingObjects:
+        """Add the detections of a tick; return them and the undetected static objects that stood for `recall_s` [s].
 
         Undetected vehicles are not added: they may have driven off.
         """
-        standstills, missed_ticks = self._standstills, tick - self._standstills["last_tick"]
-        is_missed = (missed_ticks > 0) & (missed_ticks <= self._parameters.recall_ticks)
-        is_missed &= (standstills["kind"] == Kind.STATIC) & (_compute_durations(standstills) >= min_s)
-        rows = np.flatnonzero(is_missed).tolist()
-        if not rows:
-            return objects
-        ids = tuple(self._row_by_id)
-        kinds = np.full(len(rows), Kind.STATIC, dtype=np.uint8)
-        means = _build_mean_columns(standstills[rows])
-        return objects.concat(Objects(tuple(ids[row] for row in rows), kinds, *means.values()))
+        self._standstills, rows, missed = add_detections(
+            self._standstills, self._row_by_id, tick, objects, recall_s, self._parameters
+        )
+        if len(missed):
+            ids, kinds = tuple(self._row_by_id), np.full(len(missed), Kind.STATIC, dtype=np.uint8)
+            means = _build_mean_columns(self._standstills[missed])
+            objects = objects.concat(Objects(tuple(ids[row] for row in missed), kinds, *means.values()))
+            rows = np.concatenate((rows, missed))
+        standstills = self._standstills[rows]
+        return StandingObjects(objects, _compute_durations(standstills), standstills["has_moved"] == 0)
 
     def replace_by_means(self, objects: Objects, mask: Bool) -> Objects:
         """Return the objects with those of `mask` (N,) as static objects at their mean position and size."""
         if not mask.any():
             return objects
         rows = np.flatnonzero(mask)
-        means = _build_mean_columns(self._get_standstills(objects)[rows])
+        means = _build_mean_columns(self._standstills[[self._row_by_id[objects.ids[row]] for row in rows.tolist()]])
         columns = {name: _replace_rows(getattr(objects, name), rows, values) for name, values in means.items()}
         kind = objects.kind.copy()
         kind[rows] = Kind.STATIC
@@ -101,9 +97,13 @@ class StaticObjectTracker:
 
 @twin
 def add_detections(
-    standstills: Rows, row_by_id: dict[str, int], tick: int, objects: Objects, parameters: TrackerParameters, /
-) -> Rows:
-    """Return the standstills with the detections of a tick. New objects follow, and are added to `row_by_id`."""
+    standstills: Rows, row_by_id: dict[str, int], tick: int, objects: Objects, recall_s: float,
+    parameters: TrackerParameters, /,
+) -> tuple[Rows, Int, Int]:  # fmt: skip
+    """Return the standstills with the detections of a tick, the row of each object, and the rows of missed ones.
+
+    New objects follow, and are added to `row_by_id`. Static objects that stood for `recall_s` [s] are missed.
+    """
     cos, sin = portable.cos_sin(objects.yaw)
     boxes = zip(objects.x, objects.y, cos, sin, objects.length, objects.width, strict=True)
     places = [row_by_id.setdefault(name, len(row_by_id)) for name in objects.ids]
@@ -119,7 +119,10 @@ def add_detections(
         for name, value in zip(("x", "y", "cos", "sin", "length", "width"), box, strict=True):
             row[name] += value
         row["last_tick"], row["count"] = tick, row["count"] + 1
-    return after
+    missed_ticks = tick - after["last_tick"]
+    is_missed = (after["kind"] == Kind.STATIC) & (_compute_durations(after) >= recall_s)
+    is_missed &= (missed_ticks > 0) & (missed_ticks <= parameters.recall_ticks)
+    return after, np.array(places, dtype=np.int64), np.flatnonzero(is_missed)
 
 
 def _compute_durations(standstills: Rows) -> Float:

@@ -68,15 +68,13 @@ class ObstacleAvoidance:
 
         stop_stations: arc lengths [m] of red lights and stop signs: a vehicle that stands before one is not parked.
         """
-        self._tracker.update(seen.tick, objects)
-        objects = self._tracker.add_missed_objects(seen.tick, objects, self._parameters.confirmation_s)
-        standstill_s = self._tracker.compute_standstill_durations(objects)
+        objects, standstill_s, never_moved = self._tracker.update(seen.tick, objects, self._parameters.confirmation_s)
         fixed = self._find_fixed_objects(objects, standstill_s)
         objects = self._tracker.replace_by_means(objects, fixed)
         waits = self._find_oncoming_stops(seen.tick, objects, ~fixed, seen.own, planner)
         queued = find_queued(objects, standstill_s, self._parameters)
         # A vehicle that has never moved may be parked, queued or not; too close to it the car could not turn out.
-        suspected = ~queued | self._tracker.find_never_moved(objects)
+        suspected = ~queued | never_moved
         still = (objects.kind == Kind.VEHICLE) & (standstill_s >= self._parameters.suspected_s) & suspected
         if not (fixed | still).any():
             return objects, waits

@@ -215,8 +215,8 @@ def test_standing_objects(seed: int, count: int, more: int, bad: float | None) -
 
     def add(function: Callable[..., Any]) -> Any:
         mine = dict(row_by_id)
-        after = call(function, standstills, mine, TICK, objects, TRACKER)
-        return describe((after, mine if isinstance(after, np.ndarray) else {}))
+        after = call(function, standstills, mine, TICK, objects, 0.5, TRACKER)
+        return describe((after, mine if isinstance(after[0], np.ndarray) else {}))
 
     name = "perception_static_object_tracker_add_detections"
     assert add(get_compiled(name)) == add(compiled.REFERENCES[name])
