@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.compiled import twin
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.geometry import Float
 
 TICKS_PER_SECOND = 20
@@ -111,7 +112,7 @@ class RoadUsers:
         if len(parts) == 1:
             return self
         ids = tuple(chain.from_iterable(part.ids for part in parts))
-        return type(self)(ids, *join_columns(parts), *self._get_rest())
+        return build_frozen(type(self), ids, *join_columns(parts), *self._get_rest())
 
     def take(self, rows: npt.NDArray[np.intp] | npt.NDArray[np.bool_] | slice) -> Self:
         """Return the given rows only: indices (M,), a mask (N,) or a slice."""
@@ -120,7 +121,7 @@ class RoadUsers:
             return type(self)(self.ids[rows], *columns, *self._get_rest())
         chosen = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows.astype(np.intp, copy=False)
         ids = tuple(map(self.ids.__getitem__, chosen.tolist()))
-        return type(self)(ids, *select_columns([self], chosen), *self._get_rest())
+        return build_frozen(type(self), ids, *select_columns([self], chosen), *self._get_rest())
 
     def _get_rest(self) -> list[Any]:
         """Return the values of the fields that are not per row: `dataclasses.replace` is slow, and this runs often."""
@@ -178,7 +179,7 @@ class Actors(RoadUsers):
         if not self.ids:
             return other
         ids, order = _sorted_ids(self.ids, other.ids)
-        return Actors(ids, *select_columns([self, other], order))
+        return build_frozen(Actors, ids, *select_columns([self, other], order))
 
 
 @lru_cache(maxsize=16)

@@ -65,11 +65,13 @@ class AgentScheduler:
         return {ego: self._pending.pop(ego).reply for ego in due}
 
     def _compute_delay(self, ego: str, tick: int) -> int:
-        if self._clock.kind == "measured" and self._recorded_ticks is not None:
+        if self._clock.kind != "measured":
+            return self._clock.ticks
+        if self._recorded_ticks is not None:
             ticks = self._recorded_ticks.get((ego, tick), 0)
         else:
             ticks = self._clock.delay_ticks(self._drivers[ego].think_time_s)
-        if self._clock.kind == "measured" and ticks:
+        if ticks:
             self.think_times.append(ThinkTimeEntry(ego, tick, ticks))
         return ticks
 

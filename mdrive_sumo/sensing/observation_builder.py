@@ -83,7 +83,7 @@ class ObservationBuilder:
             if scene is None or not carrier.has_sensors:
                 observations[ego] = _observe_blindly(frame.tick, own, lights, messages)
                 continue
-            eye = SensorPose(state.x, state.y, state.yaw, rows[ego], estimate)
+            eye = build_frozen(SensorPose, state.x, state.y, state.yaw, rows[ego], estimate)
             fields = carrier.sense(scene, eye)
             if carrier.privileged:
                 fields["privileged"] = self._privileged(scene, plans)

@@ -124,8 +124,9 @@ class BackgroundTraffic:
 
     def hold(self, struck: Collection[str], tick: int) -> None:
         """Stop struck vehicles for `STRUCK_HOLD_TICKS`: a surrogate, because SUMO models no impact."""
-        background_ids = {vehicle.id for vehicle in self._background.vehicles} if struck else set()
-        self._held |= dict.fromkeys(background_ids.intersection(struck), tick + STRUCK_HOLD_TICKS)
+        if struck:
+            background_ids = {vehicle.id for vehicle in self._background.vehicles}
+            self._held |= dict.fromkeys(background_ids.intersection(struck), tick + STRUCK_HOLD_TICKS)
         if not self._held:
             return
         present = set(libsumo.vehicle.getIDList())

@@ -12,6 +12,7 @@ import libsumo
 import numpy as np
 
 from mdrive_sumo.core.errors import InputError, WorldError
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.state import DT, Actors, EgoState, Kind, WorldState
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
@@ -145,7 +146,7 @@ class SumoWorld:
             if offsets := self._traffic.lane_change_offsets:
                 apply_offsets(driven, offsets)
             self._last = driven.merge(replayed)
-            return WorldState(self._last, self._read_signals())
+            return build_frozen(WorldState, self._last, self._read_signals())
         except libsumo.TraCIException as error:
             raise WorldError(f"SUMO failed at step {self._tick}: {error}") from error
 
