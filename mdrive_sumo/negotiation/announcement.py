@@ -111,7 +111,7 @@ def measure_trajectory(here: tuple[float, float], points: Float, interval_s: flo
     """Return the trajectory from a position [m] through points (K, 2) [m] every `interval_s`."""
     line = measure_line(np.vstack((here, points)))
     last_speed = float((line.s[-1] - line.s[-2]) / interval_s) if len(points) else 0.0
-    return AnnouncedTrajectory(line, np.arange(len(line.s)) * interval_s, last_speed)
+    return AnnouncedTrajectory(line, np.arange(float(len(line.s))) * interval_s, last_speed)
 
 
 @twin

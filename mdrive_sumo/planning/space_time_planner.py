@@ -49,7 +49,7 @@ class SpaceTimePlanner:
         self.path: ReferencePath = build_path(briefing.route_xy, rear_to_centre, start_yaw, self.scale.path)
         self._speeds = self._compute_speeds()
         self._rounded_limits = round_limits(self._speeds.limits, self.scale.lattice)
-        self._plan_times: Float = np.arange(1, parameters.plan_points + 1) * parameters.interval_s
+        self._plan_times: Float = np.arange(1.0, parameters.plan_points + 1) * parameters.interval_s
         """(`plan_points`,) [s] from now."""
         self._profile: SpeedProfile | None = None
         self._profile_tick = self._moved_tick = 0

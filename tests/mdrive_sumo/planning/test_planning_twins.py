@@ -1,6 +1,7 @@
 """Compiled functions of planning against their Python text, on random inputs."""
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -11,16 +12,6 @@ from testing.twins import compare_twins
 from mdrive_sumo.contract import Cause, Objects, Reason, VehicleFacts
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, boxes_corners
-from mdrive_sumo.planning import (  # noqa: F401
-    detour,
-    fleet_paths,
-    free_drive,
-    interaction_prediction,
-    motion_conflicts,
-    obstacle_avoidance,
-    pedestrian_caution,
-    profile_search,
-)
 from mdrive_sumo.planning.car_following import VehiclesAhead
 from mdrive_sumo.planning.detour import LateralShift
 from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
@@ -32,6 +23,20 @@ from mdrive_sumo.planning.speed_lattice import build_transitions, choose_lattice
 from mdrive_sumo.planning.speed_profile import SpeedProfile, SpeedProfileProblem
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
 
+TWINS = [
+    import_module(f"mdrive_sumo.planning.{name}")
+    for name in (
+        "detour",
+        "fleet_paths",
+        "free_drive",
+        "interaction_prediction",
+        "motion_conflicts",
+        "obstacle_avoidance",
+        "pedestrian_caution",
+        "profile_search",
+    )
+]
+"""Modules whose functions are compared, most of which are used by name only."""
 SEEDS = st.integers(0, 2**32 - 1)
 VEHICLE: VehicleFacts = to_vehicle_facts(MKZ_2017)
 _S = np.arange(121.0)
