@@ -21,9 +21,15 @@ static Import FINE_LATTICE = {"mdrive_sumo.planning.speed_lattice", "FINE", 0};
 enum { OPEN_LIMITS, OPEN_BLOCKED, OPEN_MUST_MOVE, OPEN_AFTER, OPEN_BEFORE, OPEN_ADVANCE, OPEN_BACK, OPEN_ILLEGAL,
        OPEN_EFFORT, MOST_ARRAYS };
 
+/* Cells from `low` up to before `high`; none if low >= high. */
+typedef struct {
+    Py_ssize_t low, high;
+} Range;
+
 typedef struct {
     Py_ssize_t first, count; /* number of the first cell, number of cells */
     double *cost;            /* [speeds][stride], infinity where a state cannot be reached */
+    Range *ranges;           /* [speeds] cells outside cannot be reached */
 } Layer;
 
 typedef struct {
@@ -39,6 +45,7 @@ typedef struct {
     double step_s, speed_step, cell_m, wait, start_s, speed, lattice_s;
     bool has_exact_start, ends_standing;
     double *buffers, *row; /* two layers; what one row takes */
+    Range *ranges;         /* of two layers */
     unsigned char *mask, *choices;
     size_t choices_size, choices_used;
     Choice *history;
@@ -157,16 +164,18 @@ static bool allocate(Search *search) {
     size_t states = (size_t)search->speeds * (size_t)search->stride;
     search->buffers = malloc(2 * states * sizeof *search->buffers);
     search->row = malloc(2 * (size_t)search->stride * sizeof *search->row);
+    search->ranges = calloc(2 * (size_t)search->speeds, sizeof *search->ranges);
     search->mask = malloc((size_t)search->stride);
     search->history = malloc((size_t)(search->layers + 1) * sizeof *search->history);
-    if (search->buffers && search->row && search->mask && search->history) return true;
+    if (search->buffers && search->row && search->ranges && search->mask && search->history) return true;
     PyErr_NoMemory();
     return false;
 }
 
 static void release(Search *search) {
     for (int i = 0; i < search->open; i++) close_array(search->arrays + i);
-    free(search->buffers), free(search->row), free(search->mask), free(search->history), free(search->choices);
+    free(search->buffers), free(search->row), free(search->ranges), free(search->mask);
+    free(search->history), free(search->choices);
 }
 
 static bool find_cheapest(const Search *search, const Layer *layer, Py_ssize_t first, Py_ssize_t end, Py_ssize_t speeds,
@@ -186,18 +195,25 @@ static bool find_goal(const Search *search, const Layer *layer, State *state) {
     return find_cheapest(search, layer, search->goal_first, search->goal_end, search->goal_speeds, state);
 }
 
+static void widen(Range *range, Range other) {
+    if (other.low < range->low) range->low = other.low;
+    if (other.high > range->high) range->high = other.high;
+}
+
 /* Whether a cell can be reached; the layer loses unreachable cells at both ends. */
 static bool trim(const Search *search, Layer *layer) {
-    Py_ssize_t low = layer->count, high = 0;
+    Range all = {layer->count, 0};
     for (Py_ssize_t speed = 0; speed < search->speeds; speed++) {
         const double *row = layer->cost + speed * search->stride;
-        for (Py_ssize_t cell = 0; cell < low; cell++)
-            if (isfinite(row[cell])) low = cell;
-        for (Py_ssize_t cell = layer->count; cell > high; cell--)
-            if (isfinite(row[cell - 1])) high = cell;
+        Range *range = layer->ranges + speed;
+        while (range->low < range->high && !isfinite(row[range->low])) range->low++;
+        while (range->low < range->high && !isfinite(row[range->high - 1])) range->high--;
+        if (range->low < range->high) widen(&all, *range);
     }
-    if (low >= high) return false;
-    layer->first += low, layer->cost += low, layer->count = high - low;
+    if (all.low >= all.high) return false;
+    for (Py_ssize_t speed = 0; speed < search->speeds; speed++)
+        layer->ranges[speed].low -= all.low, layer->ranges[speed].high -= all.low;
+    layer->first += all.low, layer->cost += all.low, layer->count = all.high - all.low;
     return true;
 }
 
@@ -265,28 +281,48 @@ static void take_cheaper(const double *restrict from, double effort, Py_ssize_t 
     }
 }
 
-/* The costs (count) of all moves that end at one speed; the best move of each cell, 0 where none is possible. */
-static void advance_speed(Search *search, const Layer *layer, Py_ssize_t number, Py_ssize_t speed, Py_ssize_t count,
-                          const bool *is_sample_free, double *cost, unsigned char *choice) {
-    double *option = search->row, *best = search->row + search->stride;
-    const unsigned char *mask = search->mask;
-    for (Py_ssize_t cell = 0; cell < count; cell++) cost[cell] = INFINITY, best[cell] = 0.0;
+/* Where the moves from cells `from` end that pass `ahead` cells. */
+static Range shift_range(Range from, Py_ssize_t ahead, Py_ssize_t count) {
+    Py_ssize_t high = from.high + ahead;
+    return from.low < from.high ? (Range){from.low + ahead, high < count ? high : count} : (Range){count, 0};
+}
+
+/* The costs of all moves that end at one speed; the best move of each cell that can be reached. */
+static void advance_speed(Search *search, const Layer *layer, Py_ssize_t number, Py_ssize_t speed, const bool *is_sample_free,
+                          Layer *after, unsigned char *choice) {
+    double *option = search->row, *best = search->row + search->stride, *cost = after->cost + speed * search->stride;
+    Range to = {after->count, 0};
     for (Py_ssize_t move = 0; move < search->moves; move++) {
-        Py_ssize_t state = move * search->speeds + speed;
+        Py_ssize_t state = move * search->speeds + speed, before = (Py_ssize_t)integers(search->arrays + OPEN_BEFORE)[state];
         if (bytes(search->arrays + OPEN_ILLEGAL)[state]) continue;
         Py_ssize_t ahead = (Py_ssize_t)integers(search->arrays + OPEN_ADVANCE)[state];
-        const double *from = layer->cost + integers(search->arrays + OPEN_BEFORE)[state] * search->stride;
-        double effort = doubles(search->arrays + OPEN_EFFORT)[move];
-        Py_ssize_t end = ahead + layer->count < count ? ahead + layer->count : count;
-        if (search->back_moves > 1 && mark_blocked(search, number, move, speed, layer->first, count, is_sample_free)) {
-            for (Py_ssize_t cell = ahead; cell < end; cell++) option[cell] = mask[cell] ? INFINITY : from[cell - ahead];
-            from = option + ahead;
-        }
-        take_cheaper(from, effort, end - ahead, (double)move, cost + ahead, best + ahead);
+        Range range = shift_range(layer->ranges[before], ahead, after->count);
+        if (range.low < range.high) widen(&to, range);
     }
-    if (search->back_moves == 1 && mark_blocked(search, number, 0, speed, layer->first, count, is_sample_free))
-        for (Py_ssize_t cell = 0; cell < count; cell++) cost[cell] = mask[cell] ? INFINITY : cost[cell];
-    for (Py_ssize_t cell = 0; cell < count; cell++) choice[cell] = (unsigned char)best[cell];
+    for (Py_ssize_t cell = 0; cell < after->count; cell++) cost[cell] = INFINITY;
+    after->ranges[speed] = to;
+    if (to.low >= to.high) return;
+    const unsigned char *mask = search->mask; /* of cell to.low and the following */
+    Py_ssize_t first = layer->first + to.low, width = to.high - to.low;
+    for (Py_ssize_t cell = to.low; cell < to.high; cell++) best[cell] = 0.0;
+    for (Py_ssize_t move = 0; move < search->moves; move++) {
+        Py_ssize_t state = move * search->speeds + speed, before = (Py_ssize_t)integers(search->arrays + OPEN_BEFORE)[state];
+        if (bytes(search->arrays + OPEN_ILLEGAL)[state]) continue;
+        Py_ssize_t ahead = (Py_ssize_t)integers(search->arrays + OPEN_ADVANCE)[state];
+        Range range = shift_range(layer->ranges[before], ahead, after->count);
+        if (range.low >= range.high) continue;
+        const double *from = layer->cost + before * search->stride + range.low - ahead;
+        if (search->back_moves > 1 && mark_blocked(search, number, move, speed, first, width, is_sample_free)) {
+            for (Py_ssize_t cell = range.low; cell < range.high; cell++)
+                option[cell] = mask[cell - to.low] ? INFINITY : from[cell - range.low];
+            from = option + range.low;
+        }
+        take_cheaper(from, doubles(search->arrays + OPEN_EFFORT)[move], range.high - range.low, (double)move,
+                     cost + range.low, best + range.low);
+    }
+    if (search->back_moves == 1 && mark_blocked(search, number, 0, speed, first, width, is_sample_free))
+        for (Py_ssize_t cell = to.low; cell < to.high; cell++) cost[cell] = mask[cell - to.low] ? INFINITY : cost[cell];
+    for (Py_ssize_t cell = to.low; cell < to.high; cell++) choice[cell] = (unsigned char)best[cell];
 }
 
 /* Forbid standing too long, and speeds above the limit; a car that is too fast may reach the limit gently. */
@@ -299,9 +335,11 @@ static void forbid(const Search *search, Layer *layer, Py_ssize_t number) {
         double *restrict row = layer->cost + speed * search->stride;
         const double *restrict wait = search->row;
         bool is_forbidden = !speed && bytes(search->arrays + OPEN_MUST_MOVE)[number];
-        for (Py_ssize_t cell = 0; cell < count; cell++) row[cell] = is_forbidden ? INFINITY : row[cell] + wait[cell];
+        Range range = layer->ranges[speed];
+        for (Py_ssize_t cell = range.low; cell < range.high; cell++)
+            row[cell] = is_forbidden ? INFINITY : row[cell] + wait[cell];
         if (speed <= gentle) continue;
-        for (Py_ssize_t cell = 0; cell < count; cell++)
+        for (Py_ssize_t cell = range.low; cell < range.high; cell++)
             if (speed > limits[cell]) row[cell] = INFINITY;
     }
 }
@@ -320,8 +358,7 @@ static bool advance(Search *search, const Layer *layer, Py_ssize_t number, Layer
     }
     find_free_samples(search, number, after->first, after->count, is_sample_free);
     for (Py_ssize_t speed = 0; speed < search->speeds; speed++)
-        advance_speed(search, layer, number, speed, after->count, is_sample_free, after->cost + speed * search->stride,
-                      choices + speed * after->count);
+        advance_speed(search, layer, number, speed, is_sample_free, after, choices + speed * after->count);
     free(is_sample_free);
     search->history[search->advanced++] = (Choice){after->first, after->count, at};
     forbid(search, after, number);
@@ -383,16 +420,17 @@ static PyObject *trace_back(const Search *search, State state, bool reaches_goal
 
 static PyObject *run_search(Search *search) {
     size_t states = (size_t)search->speeds * (size_t)search->stride;
-    Layer layer = {0, 1, search->buffers};
+    Layer layer = {0, 1, search->buffers, search->ranges};
     for (size_t i = 0; i < states; i++) layer.cost[i] = INFINITY;
     Py_ssize_t start = search->first_limit + 1 < search->speeds ? search->first_limit + 1 : search->speeds - 1;
-    layer.cost[start * search->stride] = 0.0;
+    layer.cost[start * search->stride] = 0.0, layer.ranges[start].high = 1;
     Py_ssize_t settled_layer = find_settled_layer(search);
     State state;
     for (Py_ssize_t number = 0; number < search->layers; number++) {
         if (find_goal(search, &layer, &state)) return trace_back(search, state, true);
         Py_ssize_t end_before = layer.first + layer.count;
-        Layer after = {0, 0, search->buffers + (number % 2 ? 0 : states)};
+        bool is_second = number % 2 == 0;
+        Layer after = {0, 0, search->buffers + (is_second ? states : 0), search->ranges + (is_second ? search->speeds : 0)};
         if (!advance(search, &layer, number, &after)) return NULL;
         if (!trim(search, &after)) return new_reference(Py_None);
         layer = after;
