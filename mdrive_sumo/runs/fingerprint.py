@@ -3,11 +3,12 @@
 import hashlib
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
+from typing import NamedTuple
 
 from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.core.checksum import compute_files_checksum
@@ -93,20 +94,34 @@ def compute_code_checksum() -> str:
 
     Packaged weights are part of it, by their manifests, which hold the checksums that loading compares.
     """
-    modules = [Path(folder, name) for folder, _, names in os.walk(PACKAGE) for name in names if name.endswith(".py")]
-    files = [*modules, *WEIGHTS_FOLDER.glob("*.json")]
-    return _compute_checksum_of_states(tuple((path, _read_state(path)) for path in sorted(files)))
+    states = (*_list_states(PACKAGE, ".py"), *_list_states(WEIGHTS_FOLDER, ".json"))
+    return _compute_checksum_of_states(tuple(sorted(states)))
 
 
-def _read_state(path: Path) -> tuple[int, ...]:
-    """Return what changes with the content of a file; no program can set the time of its last change of status."""
-    status = path.stat()
-    return status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino
+class _FileState(NamedTuple):
+    """What changes with the content of a file; no program can set the time of its last change of status."""
+
+    path: str
+    size: int
+    modified_ns: int
+    status_changed_ns: int
+    inode: int
+
+
+def _list_states(folder: Path | str, suffix: str) -> Iterator[_FileState]:
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False):
+                yield from _list_states(entry.path, suffix)
+            elif entry.name.endswith(suffix):
+                status = entry.stat()
+                yield _FileState(entry.path, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
 
 
 @lru_cache(maxsize=2)  # to read 600 files takes several times as long as to ask for their states
-def _compute_checksum_of_states(states: tuple[tuple[Path, tuple[int, ...]], ...]) -> str:
-    return compute_files_checksum({str(path.relative_to(PACKAGE)): path for path, _ in states})
+def _compute_checksum_of_states(states: tuple[_FileState, ...]) -> str:
+    paths = [Path(state.path) for state in states]
+    return compute_files_checksum({str(path.relative_to(PACKAGE)): path for path in paths})
 
 
 def compute_networks_checksum(suite: Suite, scenarios: tuple[Scenario, ...]) -> str:
