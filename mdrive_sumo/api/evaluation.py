@@ -11,7 +11,7 @@ from mdrive_sumo.core.setting import Setting, check_arguments, list_settings
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.run_report import save_run_report
 from mdrive_sumo.runs.agent_spec import AgentFactory
-from mdrive_sumo.runs.evaluate import Progress
+from mdrive_sumo.runs.evaluate import EpisodeExecutor, Progress, start_workers
 from mdrive_sumo.runs.evaluate import evaluate as run_jobs
 from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.process_pool import count_available_cores
@@ -53,8 +53,10 @@ def evaluate(
     check_arguments(evaluate, settings, RunConfig)
     name, settings["scenario"] = _locate(suite, _SETTINGS["scenario"].parse(settings.get("scenario", "*")))
     settings["workers"] = choose_worker_count(settings.get("workers"))
-    run = prepare(RunConfig.parse(name, agent, **settings))
-    return Run((run.folder,), (evaluate_with_progress(run, progress),))
+    config = RunConfig.parse(name, agent, **settings)
+    with start_workers(config) as executor:
+        run = prepare(config)
+        return Run((run.folder,), (evaluate_with_progress(run, progress, executor),))
 
 
 _SETTINGS: Mapping[str, Setting] = {one.key: one for one in list_settings(RunConfig)}
@@ -85,21 +87,22 @@ def _list_arguments(function: Callable[..., Any]) -> Signature:
 vars(evaluate)["__signature__"] = _list_arguments(evaluate)
 
 
-def evaluate_run(run: PreparedRun, progress: Progress) -> Results:
+def evaluate_run(run: PreparedRun, progress: Progress, executor: EpisodeExecutor | None = None) -> Results:
     """Drive what a prepared run lacks, write `results.json` and `report.md`, and return the results.
 
-    Raises InputError and KeyboardInterrupt; the journal then keeps every finished scenario.
+    executor: of `start_workers`. Raises InputError and KeyboardInterrupt; the journal then keeps every finished
+    scenario.
     """
-    results = run_jobs(run, progress)
+    results = run_jobs(run, progress, executor)
     save_run_report(run.folder, results)
     return results
 
 
-def evaluate_with_progress(run: PreparedRun, is_shown: bool) -> Results:
+def evaluate_with_progress(run: PreparedRun, is_shown: bool, executor: EpisodeExecutor | None = None) -> Results:
     """As `evaluate_run`, with a line for each scenario on standard error if it is shown."""
     display = ProgressDisplay(sys.stderr if is_shown else None)
     try:
-        return evaluate_run(run, display)
+        return evaluate_run(run, display, executor)
     finally:
         display.close()
 

@@ -5,6 +5,7 @@ import signal
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from mdrive_sumo.report.agent_failures import format_agent_failures, format_firs
 from mdrive_sumo.report.progress import ProgressDisplay
 from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.report.run_report import REPORT_FILE, save_run_report
-from mdrive_sumo.runs.evaluate import RESULTS_FILE, Progress, StoppedAtFailure, evaluate
+from mdrive_sumo.runs.evaluate import RESULTS_FILE, Progress, StoppedAtFailure, evaluate, start_workers
 from mdrive_sumo.runs.journal import JOURNAL_FILE
 from mdrive_sumo.runs.prepared_run import CAMERAS_FOLDER, EPISODES_FOLDER, LOGS_FOLDER, PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
@@ -65,10 +66,11 @@ def command(ctx: click.Context, transcript: Path | None, executor: str, captured
     if (executor == "dask") != bool(options["scheduler"]):
         raise InputError(f"--executor {executor}: expected --scheduler with dask and only then")
     config = _read_config(options, transcript)
-    run = prepare(config)
-    if len(run.episodes) > 1 and (config.fresh or not (run.folder / RESULTS_FILE).is_file()):
-        echo(describe_cost(run), err=True)
-    whole = evaluate_with_display(ctx, run, evaluate_run)
+    with start_workers(config) as started:
+        run = prepare(config)
+        if len(run.episodes) > 1 and (config.fresh or not (run.folder / RESULTS_FILE).is_file()):
+            echo(describe_cost(run), err=True)
+        whole = evaluate_with_display(ctx, run, partial(evaluate_run, executor=started))
     shares = with_references(ctx, whole, config) if captured else None
     if shares is not None:
         save_run_report(run.folder, whole, shares)

@@ -8,10 +8,10 @@ from mdrive_sumo.scoring.criteria import compute_time_limit_ticks
 
 LIMIT_SHARE = 0.25
 """Share of its time limit that an episode takes without a reference time: the median of `mdrive` is 1 / 4.2."""
-OTHERS_PER_CAV = 16
-"""Road users without an agent that take as long as one CAV. By the measured times of `constant-speed` in `mdrive`, this
-order keeps 16 workers busy for 96 % of the time and 32 for 85 %; that of known times for 99 and 95 %. With 4, 8, 32 or
-64 instead, 32 workers are busy for 72, 75, 81 or 75 %."""
+OTHERS_PER_CAV = 8
+"""Road users without an agent that take as long as one CAV. By the measured times of `constant-speed` in `mdrive`
+(tests/bench/jobs.py), this order keeps 16 workers busy for 98 % of the time and 32 for 91 %; known times keep both for
+99 %. With 4, 16 or 32 instead, 32 are busy for 92, 69 or 67 %."""
 
 
 def estimate_cost(scenario: Scenario, folder: Path, ticks: int | None = None) -> float:

@@ -19,10 +19,11 @@ from mdrive_sumo.runs.episode_job import EpisodeJob, run_job
 from mdrive_sumo.runs.executor import Executor, ReportRunning, run_jobs
 from mdrive_sumo.runs.journal import JOURNAL_FILE, Journal, open_journal
 from mdrive_sumo.runs.make_executor import make_executor
-from mdrive_sumo.runs.prepared_run import PreparedRun
-from mdrive_sumo.runs.process_pool import FailureKind, WorkerFailure, describe_write_error
+from mdrive_sumo.runs.prepared_run import PreparedRun, compute_job_limit_s
+from mdrive_sumo.runs.process_pool import FailureKind, ProcessPool, WorkerFailure, describe_write_error
 from mdrive_sumo.runs.recording_check import check_recordings
 from mdrive_sumo.runs.result_transfer import TransferableResult, run_with_output_files, store_output_files
+from mdrive_sumo.runs.run_config import RunConfig
 from mdrive_sumo.runs.transcript import TRANSCRIPT_FILE, concatenate_transcripts
 from mdrive_sumo.scenario.scenario import Scenario, describe_first_error
 from mdrive_sumo.scoring import (
@@ -80,10 +81,25 @@ def make_episode_executor(workers: int, limit_s: float) -> AbstractContextManage
     return make_executor(run_job, workers, limit_s)
 
 
+@contextmanager
+def start_workers(config: RunConfig) -> Generator[EpisodeExecutor | None]:
+    """Yield worker processes for one run, which import while it is prepared; None if `evaluate` has to start them.
+
+    Those of a cluster belong to it, and what an agent that is not built in may take depends on the scenarios.
+    """
+    if config.scheduler or not config.is_builtin:
+        yield None
+        return
+    with make_episode_executor(config.workers, compute_job_limit_s(0, (), config.pace_ms / 1000)) as executor:
+        if isinstance(executor, ProcessPool):
+            executor.warm_up()
+        yield executor
+
+
 def evaluate(run: PreparedRun, progress: Progress, executor: EpisodeExecutor | None = None) -> Results:
     """Drive the scenarios that the journal does not hold yet, write `results.json`, and return the results.
 
-    executor: of `make_episode_executor`; None: this run starts and ends workers of its own.
+    executor: of `make_episode_executor` or `start_workers`; None: this run starts and ends workers of its own.
     Results of earlier starts are kept, void ones are tried again. Raises InputError, KeyboardInterrupt and, with
     `fail_fast`, StoppedAtFailure; the journal then keeps every finished scenario.
     """

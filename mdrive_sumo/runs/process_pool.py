@@ -70,8 +70,13 @@ class ProcessPool(Generic[J, R]):
         self._busy.append(_BusyWorker(key, worker, time.monotonic()))
         worker.start_job(job)
 
-    def _start_worker(self) -> WorkerProcess[J, R]:
+    def warm_up(self) -> None:
+        """Begin the imports of the workers, which take half a second; the first job begins them otherwise."""
         self._server = self._server or make_fork_server(self._function)
+
+    def _start_worker(self) -> WorkerProcess[J, R]:
+        self.warm_up()
+        assert self._server is not None
         return WorkerProcess(self._server)
 
     def collect_outcomes(

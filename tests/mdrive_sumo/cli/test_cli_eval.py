@@ -147,7 +147,7 @@ def test_a_second_ctrl_c_does_not_swallow_the_answer_to_the_first(
 ) -> None:
     fakes.make_suite(tmp_path / "suite", "answer")
 
-    def interrupt(*_: object) -> None:
+    def interrupt(*_: object, **__: object) -> None:
         signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr("mdrive_sumo.cli.evaluate.evaluate_run", interrupt)
