@@ -137,10 +137,27 @@ static PyObject *planning_reference_path_limit_to_braking(PyObject *module, PyOb
     return result;
 }
 
+static PyObject *planning_reference_path_find_slowest(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
+    if (!expect_arguments("find_slowest", count, 3, 3)) return NULL;
+    Py_ssize_t first, most;
+    Array limits;
+    if (!read_integer(arguments[1], &first) || !read_integer(arguments[2], &most) ||
+        !open_doubles(arguments[0], 1, &limits))
+        return NULL;
+    Py_ssize_t slowest = first, end = most < limits.count - first ? first + most : limits.count;
+    if (first < 0 || first >= end) PyErr_SetString(PyExc_ValueError, "expected one limit at least");
+    else
+        for (Py_ssize_t i = first; i < end && !isnan(doubles(&limits)[slowest]); i++)
+            if (!(doubles(&limits)[i] >= doubles(&limits)[slowest])) slowest = i; /* a NaN is the lowest, as in NumPy */
+    close_array(&limits);
+    return PyErr_Occurred() ? NULL : PyLong_FromSsize_t(slowest);
+}
+
 Functions planning_reference_path = {
     FUNCTION(planning_reference_path_interpolate_points),
     FUNCTION(planning_reference_path_project_on_points),
     FUNCTION(planning_reference_path_integrate_body_yaw),
     FUNCTION(planning_reference_path_limit_to_braking),
+    FUNCTION(planning_reference_path_find_slowest),
     END_OF_FUNCTIONS,
 };

@@ -15,6 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from mdrive_sumo.contract import Briefing, Cause, Reason
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.compiled import twin
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.geometry import Float, Polyline, build_polyline, wrap_angle
 
 SPACING_M = 0.25
@@ -211,15 +212,20 @@ class RouteSpeeds:
 
     def find_reason(self, s: float) -> Reason:
         """Return what of the route limits the speed from arc length s [m] on, within `LOOK_AHEAD_S`."""
-        first = min(int(s / SPACING_M), len(self.limits) - 1)
-        ahead = self.limits[first : first + int(self.cruise_speed * LOOK_AHEAD_S / SPACING_M) + 1]
-        slowest = int(ahead.argmin())
-        speed = float(ahead[slowest])
+        first = min(max(int(s / SPACING_M), 0), len(self.limits) - 1)
+        slowest = find_slowest(self.limits, first, int(self.cruise_speed * LOOK_AHEAD_S / SPACING_M) + 1)
+        speed = float(self.limits[slowest])
         if speed > self.cruise_speed - NOTICEABLE_SPEED:
-            return Reason(Cause.FREE, speed=self.cruise_speed)
-        is_legal = self.legal is not None and float(self.legal[first + slowest]) < speed + NOTICEABLE_SPEED
+            return build_frozen(Reason, Cause.FREE, (), None, None, None, self.cruise_speed)
+        is_legal = self.legal is not None and float(self.legal[slowest]) < speed + NOTICEABLE_SPEED
         cause = Cause.SPEED_LIMIT if is_legal else Cause.BEND
-        return Reason(cause, distance_m=slowest * SPACING_M, speed=speed)
+        return Reason(cause, distance_m=(slowest - first) * SPACING_M, speed=speed)
+
+
+@twin
+def find_slowest(limits: Float, first: int, count: int, /) -> int:
+    """Return the index of the lowest of `count` limits from index `first` on; of equal ones the first."""
+    return first + int(limits[first : first + count].argmin())
 
 
 def compute_legal_speeds(path: ReferencePath, briefing: Briefing) -> Float:

@@ -53,3 +53,8 @@ def test_speeds_that_leave_room_to_brake(limits: Float, braking: float) -> None:
 def test_follower(limits: Float, s: float, speed: float, acceleration: float, dt: float, steps: int) -> None:
     if len(limits):
         compare_twins("planning_path_follower_integrate", limits, s, speed, acceleration, dt, steps)
+
+
+@given(arrays(np.float64, st.integers(0, 30), elements=st.one_of(NEAR, ANY)), st.integers(0, 31), st.integers(0, 40))
+def test_slowest(limits: Float, first: int, count: int) -> None:
+    compare_twins("planning_reference_path_find_slowest", limits, first, count)
