@@ -78,18 +78,19 @@ static Py_ssize_t find_row(const Overlaps *overlaps, Py_ssize_t cell, Py_ssize_t
 
 static PyObject *look_up(const Overlaps *overlaps, const Array *cells, const Array *stations, double other_points,
                          double end_s) {
-    void *data;
-    PyObject *result = new_array('?', 2, (Py_ssize_t[]){stations->count, cells->count}, &data);
+    void *data = NULL;
+    Py_ssize_t *places = malloc((size_t)(cells->count + 1) * sizeof *places); /* of the own cells in the table */
+    PyObject *result = places ? new_array('?', 2, (Py_ssize_t[]){stations->count, cells->count}, &data) : PyErr_NoMemory();
+    for (Py_ssize_t k = 0; result && k < cells->count; k++)
+        places[k] = find_row(overlaps, (Py_ssize_t)integers(cells)[k], overlaps->own_rows) * overlaps->own_step;
     bool *mask = data;
     for (Py_ssize_t i = 0; result && i < stations->count; i++, mask += cells->count) {
         double s = doubles(stations)[i], cell = round_even(s / SPACING_M), last = other_points - 1.0;
         cell = cell > 0.0 ? cell < last ? cell : last : 0.0;
         const bool *column = overlaps->table + find_row(overlaps, (Py_ssize_t)cell, overlaps->other_rows) * overlaps->other_step;
-        for (Py_ssize_t k = 0; k < cells->count; k++) {
-            Py_ssize_t row = find_row(overlaps, (Py_ssize_t)integers(cells)[k], overlaps->own_rows);
-            mask[k] = s < end_s && column[row * overlaps->own_step];
-        }
+        for (Py_ssize_t k = 0; k < cells->count; k++) mask[k] = s < end_s && column[places[k]];
     }
+    free(places);
     return result;
 }
 
