@@ -11,14 +11,30 @@ from mdrive_sumo.cli.doctor import NEEDED_LAYERS, command
 from mdrive_sumo.report import installation
 
 
+@pytest.fixture(scope="module")
+def checks() -> dict[str, installation.InstallationCheck]:
+    """Of an environment that is not activated: the installed script is called as `.venv/bin/mdrive-sumo`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PATH", "/nowhere")
+        return {check.name: check for check in installation.examine_installation()}
+
+
+@pytest.fixture
+def sound_simulator(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For tests that are about something else."""
+    monkeypatch.setattr(installation, "SIMULATOR_CHECK", "pass")
+
+
 @pytest.mark.slow
-def test_the_test_environment_lacks_nothing_that_the_core_needs() -> None:
-    checks = {check.name: check for check in installation.examine_installation()}
+def test_the_test_environment_lacks_nothing_that_the_core_needs(
+    checks: dict[str, installation.InstallationCheck],
+) -> None:
     assert [name for name, check in checks.items() if check.is_required and not check.is_found] == []
     assert checks["libsumo"].found == "1.28.0"
     assert checks["cores"].found == str(installation.count_usable_cores())
 
 
+@pytest.mark.usefixtures("sound_simulator")
 @pytest.mark.slow
 def test_what_is_missing_is_named_with_its_command_and_its_cure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(installation, "PACKAGES", (("no-such-package", "convert", "convert"),))
@@ -41,12 +57,14 @@ def test_a_broken_simulator_is_found_without_breaking_the_doctor(monkeypatch: py
     assert "missing for eval, verify: libsumo (exit code -11; on Debian" in result.output
 
 
+@pytest.mark.usefixtures("sound_simulator")
 @pytest.mark.slow
 def test_a_missing_extra_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(installation, "PACKAGES", (("no-such-package", "convert", "convert"),))
     assert CliRunner().invoke(command).exit_code == 0
 
 
+@pytest.mark.usefixtures("sound_simulator")
 def test_a_missing_renderer_is_named_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GLCONTEXT_DEVICE_INDEX", "nine")
     result = CliRunner().invoke(command)
@@ -57,10 +75,8 @@ def test_a_missing_renderer_is_named_with_its_reason(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.slow
-def test_netconvert_is_found_beside_the_interpreter(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As the installed script: `.venv/bin/mdrive-sumo` without an activated environment."""
-    monkeypatch.setenv("PATH", "/nowhere")
-    found = {check.name: check.found for check in installation.examine_installation()}["netconvert"]
+def test_netconvert_is_found_beside_the_interpreter(checks: dict[str, installation.InstallationCheck]) -> None:
+    found = checks["netconvert"].found
     if not found:
         pytest.skip("needs netconvert")
     assert found.startswith(sys.prefix)
