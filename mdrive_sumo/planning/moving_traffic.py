@@ -8,6 +8,7 @@ import numpy as np
 
 from mdrive_sumo.contract import Objects
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.core.geometry import Bool, Float, boxes_corners
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.planning.car_following import Travel, VehiclesAhead, find_vehicles_ahead, predict_travel
@@ -111,27 +112,11 @@ class MovingTraffic:
 
         Boxes at `times` (T,) [s] cover where their road users are within `step_s` / 2 before and after.
         """
-        objects, growth = self.objects, 2 * JOINT_PLANNING.growth * times[:, None]
+        lanes = self.keeps_lane, self.forward, self.in_own_lane
+        limits = self.headway_s, step_s, JOINT_PLANNING.growth, SHARP_TURN_RAD
         travel = self._predict_travel(times)
-        travelled = np.where(objects.kind == Kind.VEHICLE, travel.distance, objects.speed * times[:, None])
-        gap = np.where(self.in_own_lane, self.headway_s, 0.0) * travel.speed
-        cos, sin = portable.cos_sin(objects.yaw)
-        x, y = objects.x + travelled * cos, objects.y + travelled * sin
-        here = np.broadcast_to(self.position.station, travelled.shape).ravel()
-        there = here + (self.forward * travelled).ravel()
-        moved = (self.road.get_points(there) - self.road.get_points(here)).reshape(*travelled.shape, 2)
-        before, after = (self.road.get_yaw(s).reshape(travelled.shape) for s in (here, there))
-        (cos, sin), (next_cos, next_sin) = portable.cos_sin(before), portable.cos_sin(after)
-        follows_turn = np.abs(after - before) < SHARP_TURN_RAD
-        keeps, lateral = self.keeps_lane & follows_turn, self.position.lateral
-        x = np.where(keeps, objects.x + moved[..., 0] - lateral * (next_sin - sin), x)
-        y = np.where(keeps, objects.y + moved[..., 1] + lateral * (next_cos - cos), y)
-        yaw = np.where(keeps, objects.yaw + after - before, objects.yaw)
-        cos, sin = portable.cos_sin(yaw)
-        x, y = x - gap / 2 * cos, y - gap / 2 * sin
-        swept = np.where(self.in_own_lane, 0.0, travel.speed * step_s)  # the own car drives along with those
-        boxes = boxes_corners(x, y, yaw, objects.length + gap + growth + swept, objects.width + growth)
-        is_early = (times[:, None] <= JOINT_PLANNING.vehicle_prediction_s) | (objects.kind == Kind.PEDESTRIAN)
+        boxes, follows_turn = place_traffic(self.road, self.objects, self.position, travel, *lanes, times, *limits)
+        is_early = (times[:, None] <= JOINT_PLANNING.vehicle_prediction_s) | (self.objects.kind == Kind.PEDESTRIAN)
         reaches = times[:, None] <= self.horizons_s
         return boxes, reaches & (~self.keeps_lane | follows_turn | is_early)
 
@@ -159,3 +144,45 @@ class MovingTraffic:
         is_vehicle = everything.kind == Kind.VEHICLE
         is_ahead = (along > 0) & (along < LEADER_RANGE_M) & (np.abs(aside) < IN_LANE_M) & same & is_vehicle
         return find_vehicles_ahead(along, is_ahead, everything.length)
+
+
+@twin
+def place_traffic(
+    road: RoadDirection,
+    objects: Objects,
+    position: RoadPosition,
+    travel: Travel,
+    keeps_lane: Bool,
+    forward: Float,
+    in_own_lane: Bool,
+    times: Float,
+    headway_s: float,
+    step_s: float,
+    growth: float,
+    sharp_turn_rad: float,
+    /,
+) -> tuple[Float, Bool]:
+    """Return the corners of `MovingTraffic.predict_boxes`, and a mask (T, N) of those whose road does not turn sharply.
+
+    growth: of boxes [m/s].
+    """
+    growth = 2 * growth * times[:, None]
+    travelled = np.where(objects.kind == Kind.VEHICLE, travel.distance, objects.speed * times[:, None])
+    gap = np.where(in_own_lane, headway_s, 0.0) * travel.speed
+    cos, sin = portable.cos_sin(objects.yaw)
+    x, y = objects.x + travelled * cos, objects.y + travelled * sin
+    here = np.broadcast_to(position.station, travelled.shape).ravel()
+    there = here + (forward * travelled).ravel()
+    moved = (road.get_points(there) - road.get_points(here)).reshape(*travelled.shape, 2)
+    before, after = (road.get_yaw(s).reshape(travelled.shape) for s in (here, there))
+    (cos, sin), (next_cos, next_sin) = portable.cos_sin(before), portable.cos_sin(after)
+    follows_turn = np.abs(after - before) < sharp_turn_rad
+    keeps, lateral = keeps_lane & follows_turn, position.lateral
+    x = np.where(keeps, objects.x + moved[..., 0] - lateral * (next_sin - sin), x)
+    y = np.where(keeps, objects.y + moved[..., 1] + lateral * (next_cos - cos), y)
+    yaw = np.where(keeps, objects.yaw + after - before, objects.yaw)
+    cos, sin = portable.cos_sin(yaw)
+    x, y = x - gap / 2 * cos, y - gap / 2 * sin
+    swept = np.where(in_own_lane, 0.0, travel.speed * step_s)  # the own car drives along with those
+    boxes = boxes_corners(x, y, yaw, objects.length + gap + growth + swept, objects.width + growth)
+    return boxes, follows_turn

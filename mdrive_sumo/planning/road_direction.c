@@ -1,16 +1,13 @@
 /* Twins of road_direction.py. */
+#include "road_direction.h"
+
 #include "../core/state.h"
-#include "path_overlap.h"
 
 FIELDS(ROAD, "s", "yaw", "xy");
 static Import ROAD_POSITION = {"mdrive_sumo.planning.road_direction", "RoadPosition", 0};
 enum { COARSE = 4 }; /* every so many points of the path are compared */
 
-typedef struct {
-    Array s, yaw, xy;
-} Road;
-
-static bool open_road(PyObject *road, Road *opened) {
+bool open_road(PyObject *road, Road *opened) {
     Array *arrays[] = {&opened->s, &opened->yaw, &opened->xy};
     for (int i = 0; i < 3; i++)
         if (!open_field(road, &ROAD, i, 'd', i < 2 ? 1 : 2, arrays[i])) {
@@ -24,16 +21,16 @@ static bool open_road(PyObject *road, Road *opened) {
     return false;
 }
 
-static void close_road(Road *road) { close_arrays(3, (Array *[]){&road->s, &road->yaw, &road->xy}); }
+void close_road(Road *road) { close_arrays(3, (Array *[]){&road->s, &road->yaw, &road->xy}); }
 
-static double get_yaw(const Road *road, double s) {
+double get_road_yaw(const Road *road, double s) {
     return interpolate(s, doubles(&road->s), doubles(&road->yaw), 1, road->s.count);
 }
 
-static bool place(const Road *road, double s, Point *point) {
+bool find_road_point(const Road *road, double s, Point *point) {
     const double *stations = doubles(&road->s), *xy = doubles(&road->xy);
     double first = stations[0], last = stations[road->s.count - 1], over = s - (s < first ? first : s > last ? last : s);
-    CosSin direction = cos_sin(get_yaw(road, s));
+    CosSin direction = cos_sin(get_road_yaw(road, s));
     point->x = interpolate(s, stations, xy, 2, road->s.count) + over * direction.cos;
     point->y = interpolate(s, stations, xy + 1, 2, road->s.count) + over * direction.sin;
     if (isfinite(direction.cos)) return true;
@@ -52,7 +49,7 @@ static PyObject *planning_road_direction_find_points(PyObject *module, PyObject 
     double *points;
     PyObject *result = new_doubles(2, (Py_ssize_t[]){s.count, 2}, &points);
     for (Py_ssize_t i = 0; result && i < s.count; i++)
-        if (!place(&road, doubles(&s)[i], (Point *)points + i)) Py_DecRef(result), result = NULL;
+        if (!find_road_point(&road, doubles(&s)[i], (Point *)points + i)) Py_DecRef(result), result = NULL;
     close_array(&s);
     close_road(&road);
     return result;
@@ -82,7 +79,7 @@ static PyObject *locate(const Road *road, const Path *path, const RoadUsers *use
         double dx = x - doubles(&path->xy)[2 * i], dy = y - doubles(&path->xy)[2 * i + 1];
         station[row] = (double)i * SPACING_M + dx * direction.cos + dy * direction.sin;
         lateral[row] = dy * direction.cos - dx * direction.sin;
-        turned[row] = wrap_half_open(yaws_of(users)[row] - get_yaw(road, station[row]));
+        turned[row] = wrap_half_open(yaws_of(users)[row] - get_road_yaw(road, station[row]));
     }
     if (are_made) result = PyObject_CallFunctionObjArgs(class, values[0], values[1], values[2], NULL);
     for (int i = 0; i < 3; i++)

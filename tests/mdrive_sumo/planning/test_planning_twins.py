@@ -12,13 +12,13 @@ from testing.twins import compare_twins
 from mdrive_sumo.contract import Cause, Objects, Reason, VehicleFacts
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.geometry import Float, boxes_corners
-from mdrive_sumo.planning.car_following import VehiclesAhead
+from mdrive_sumo.planning.car_following import Travel, VehiclesAhead
 from mdrive_sumo.planning.detour import LateralShift
 from mdrive_sumo.planning.motion_prediction import TIMES, PredictedMotion
 from mdrive_sumo.planning.parameters import AVOIDANCE, DETOUR, INTERACTION, PEDESTRIAN, RIGHT_OF_WAY, SafetyMargin
 from mdrive_sumo.planning.reference_path import ReferencePath, build_path
 from mdrive_sumo.planning.right_of_way import EgoMotion
-from mdrive_sumo.planning.road_direction import RoadDirection
+from mdrive_sumo.planning.road_direction import RoadDirection, RoadPosition
 from mdrive_sumo.planning.speed_lattice import build_transitions, choose_lattice
 from mdrive_sumo.planning.speed_profile import SpeedProfile, SpeedProfileProblem
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, to_vehicle_facts
@@ -31,6 +31,7 @@ TWINS = [
         "free_drive",
         "interaction_prediction",
         "motion_conflicts",
+        "moving_traffic",
         "obstacle_avoidance",
         "pedestrian_caution",
         "profile_search",
@@ -188,6 +189,13 @@ def test_traffic_on_roads(seed: int) -> None:
     compare_twins("planning_road_direction_locate_objects", road, PATH, objects)
     some = np.concatenate((rng.uniform(-5.0, 99.0, int(rng.integers(0, 9))), stations[:2]))
     compare_twins("planning_road_direction_find_points", road, some)
+    moving, times = random_objects(rng), np.arange(1, int(rng.integers(2, 12))) * 0.5
+    shape = len(times), len(moving.ids)
+    travel = Travel(np.cumsum(rng.uniform(0.0, 9.0, shape), axis=0), rng.uniform(0.0, 30.0, shape))
+    position = RoadPosition(*rng.uniform(-9.0, 99.0, (3, shape[1])))
+    lanes = rng.random(shape[1]) < 0.7, rng.choice((-1.0, 1.0), shape[1]), rng.random(shape[1]) < 0.5
+    arguments = road, moving, position, travel, *lanes, times, 0.9, 0.5, 0.1, float(rng.choice((0.6, 7.0)))
+    compare_twins("planning_moving_traffic_place_traffic", *arguments)
     first = {name: (float(rng.uniform(-9.0, 9.0)), 0.0) for name in objects.ids[::2]}
     compare_twins("planning_pedestrian_caution_predict_walking_speeds", objects, first, PEDESTRIAN)
     count = int(rng.integers(0, 6))
