@@ -1,9 +1,9 @@
 /* Twins of assignment.py. */
+#include "assignment.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-#include "../core/compiled/values.h"
 
 static const double IMPOSSIBLE = 1e6;
 
@@ -116,41 +116,58 @@ static bool assign_block(Search *search, Py_ssize_t first, Py_ssize_t end) {
     return !search->width || solve_assignment(search);
 }
 
-static PyObject *list_chosen(const Search *search) {
-    Py_ssize_t count = 0, next = 0;
-    for (Py_ssize_t i = 0; i < search->rows * search->columns; i++) count += search->chosen[i];
-    void *rows = NULL, *columns = NULL;
-    PyObject *first = new_array('l', 1, &count, &rows), *second = first ? new_array('l', 1, &count, &columns) : NULL;
-    for (Py_ssize_t i = 0; second && i < search->rows * search->columns; i++)
+static void list_chosen(const Search *search, Pairs *pairs) {
+    for (Py_ssize_t i = 0; i < search->rows * search->columns; i++)
         if (search->chosen[i]) {
-            ((int64_t *)rows)[next] = i / search->columns;
-            ((int64_t *)columns)[next++] = i % search->columns;
+            pairs->row[pairs->count] = i / search->columns;
+            pairs->column[pairs->count++] = i % search->columns;
         }
-    return pack(2, first, second);
 }
 
-static PyObject *assign(Search *search) {
-    size_t pairs = (size_t)(search->rows * search->columns), lines = (size_t)(search->rows + search->columns + 1);
-    char *memory = calloc(1, 2 * pairs + lines * (4 * sizeof(Py_ssize_t) + 3 * sizeof(double) + sizeof(bool)));
-    if (!memory) return PyErr_NoMemory();
-    char *next = memory;
-    search->by_row = (double *)next, next += lines * sizeof(double);
-    search->by_column = (double *)next, next += lines * sizeof(double);
-    search->least = (double *)next, next += lines * sizeof(double);
-    search->row_of = (Py_ssize_t *)next, next += lines * sizeof(Py_ssize_t);
-    search->before = (Py_ssize_t *)next, next += lines * sizeof(Py_ssize_t);
-    search->row = (Py_ssize_t *)next, next += lines * sizeof(Py_ssize_t);
-    search->column = (Py_ssize_t *)next, next += lines * sizeof(Py_ssize_t);
-    search->done = (bool *)next, next += lines * sizeof(bool);
-    search->chosen = (unsigned char *)next, search->contested = search->chosen + pairs;
-    bool is_solved = true;
-    for (Py_ssize_t first = 0, end; is_solved && first < search->columns; first = end) {
-        for (end = first + 1; end < search->columns && search->block[end] == search->block[first];) end++;
-        is_solved = assign_block(search, first, end);
+void free_pairs(Pairs *pairs) { free(pairs->row); }
+
+bool assign_pairs(Pairs *pairs) {
+    Search search = {.cost = pairs->cost,
+                     .possible = pairs->possible,
+                     .block = pairs->block,
+                     .rows = pairs->rows,
+                     .columns = pairs->columns};
+    size_t all = (size_t)(search.rows * search.columns), lines = (size_t)(search.rows + search.columns + 1);
+    pairs->count = 0;
+    pairs->row = malloc(2 * lines * sizeof *pairs->row);
+    char *memory = calloc(1, 2 * all + lines * (4 * sizeof(Py_ssize_t) + 3 * sizeof(double) + sizeof(bool)));
+    bool is_solved = memory && pairs->row;
+    if (is_solved) {
+        pairs->column = pairs->row + lines;
+        search.by_row = (double *)memory, search.by_column = search.by_row + lines, search.least = search.by_column + lines;
+        search.row_of = (Py_ssize_t *)(search.least + lines), search.before = search.row_of + lines;
+        search.row = search.before + lines, search.column = search.row + lines;
+        search.done = (bool *)(search.column + lines);
+        search.chosen = (unsigned char *)(search.done + lines), search.contested = search.chosen + all;
+    } else {
+        PyErr_NoMemory();
     }
-    PyObject *result = is_solved ? list_chosen(search) : NULL;
+    for (Py_ssize_t first = 0, end; is_solved && first < search.columns; first = end) {
+        for (end = first + 1; end < search.columns && search.block[end] == search.block[first];) end++;
+        is_solved = assign_block(&search, first, end);
+    }
+    if (is_solved) list_chosen(&search, pairs);
+    else free_pairs(pairs);
     free(memory);
-    return result;
+    return is_solved;
+}
+
+static PyObject *build_pairs(Pairs *pairs) {
+    if (!assign_pairs(pairs)) return NULL;
+    void *rows = NULL, *columns = NULL;
+    PyObject *first = new_array('l', 1, &pairs->count, &rows);
+    PyObject *second = first ? new_array('l', 1, &pairs->count, &columns) : NULL;
+    if (second && pairs->count) {
+        memcpy(rows, pairs->row, (size_t)pairs->count * sizeof *pairs->row);
+        memcpy(columns, pairs->column, (size_t)pairs->count * sizeof *pairs->column);
+    }
+    free_pairs(pairs);
+    return pack(2, first, second);
 }
 
 static PyObject *perception_assignment_assign(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
@@ -159,14 +176,14 @@ static PyObject *perception_assignment_assign(PyObject *module, PyObject *const 
     PyObject *result = NULL;
     if (open_array(arguments[1], '?', &possible)) {
         if (open_array(arguments[2], 'l', &blocks)) {
-            Search search = {.cost = cost.data,
-                             .possible = possible.data,
-                             .block = blocks.data,
-                             .rows = cost.shape[0],
-                             .columns = cost.shape[1]};
-            if (possible.dimensions == 2 && possible.shape[0] == search.rows && possible.shape[1] == search.columns &&
-                blocks.count == search.columns)
-                result = assign(&search);
+            Pairs pairs = {.cost = cost.data,
+                           .possible = possible.data,
+                           .block = blocks.data,
+                           .rows = cost.shape[0],
+                           .columns = cost.shape[1]};
+            if (possible.dimensions == 2 && possible.shape[0] == pairs.rows && possible.shape[1] == pairs.columns &&
+                blocks.count == pairs.columns)
+                result = build_pairs(&pairs);
             else PyErr_SetString(PyExc_ValueError, "expected costs, possible pairs and blocks of one shape");
             close_array(&blocks);
         }

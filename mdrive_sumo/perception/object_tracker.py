@@ -63,8 +63,8 @@ class ObjectTracker:
         senders = sorted({sender for kind, sender in self._waiting if kind != CPM})
         cam_by_sender: dict[str, Cam] = {}
         for sender in senders:
-            cam_tick, mcm_tick = (self._sent_tick.get((kind, sender), -1) for kind in (CAM, MCM))
-            content = decode_shared(self._waiting[MCM, sender]) if mcm_tick > cam_tick else None
+            is_mcm_newer = self._sent_tick.get((MCM, sender), -1) > self._sent_tick.get((CAM, sender), -1)
+            content = decode_shared(self._waiting[MCM, sender]) if is_mcm_newer else None
             if content is None and (CAM, sender) in self._waiting:
                 content = decode_shared(self._waiting[CAM, sender])
             if isinstance(content, Mcm):

@@ -1,9 +1,11 @@
 /* Twins of track_list.py. */
 #include <stdlib.h>
+#include <string.h>
 
 #include "../contract/sensors.h"
 #include "../core/geometry.h"
 #include "../core/state.h"
+#include "assignment.h"
 #include "measurements.h"
 #include "track_states.h"
 #include "tracking_parameters.h"
@@ -37,20 +39,29 @@ static void compare_track(const Track *track, const OpenMeasurements *new, const
     }
 }
 
-static PyObject *compare(const Array *tracks, const OpenMeasurements *new, PyObject *number_by_name,
-                         const TrackingParameters *parameters) {
-    Py_ssize_t *known = malloc((size_t)(new->count + 1) * sizeof *known), shape[] = {tracks->count, new->count};
-    if (!known) return PyErr_NoMemory();
+/* Into cost and possible [tracks][measurements]. */
+static bool compare_tracks(const Track *tracks, Py_ssize_t count, const OpenMeasurements *new, PyObject *number_by_name,
+                           const TrackingParameters *parameters, double *cost, unsigned char *possible) {
+    Py_ssize_t *known = malloc((size_t)(new->count + 1) * sizeof *known);
+    if (!known) return PyErr_NoMemory(), false;
     bool is_read = true;
     for (Py_ssize_t i = 0; is_read && i < new->count; i++) is_read = find_number(number_by_name, new, i, known + i);
+    for (Py_ssize_t i = 0; is_read && i < count; i++)
+        compare_track(tracks + i, new, known, parameters, cost + i * new->count, possible + i * new->count);
+    free(known);
+    return is_read;
+}
+
+static PyObject *compare(const Array *tracks, const OpenMeasurements *new, PyObject *number_by_name,
+                         const TrackingParameters *parameters) {
+    Py_ssize_t shape[] = {tracks->count, new->count};
     double *cost = NULL;
     void *possible = NULL;
-    PyObject *first = is_read ? new_doubles(2, shape, &cost) : NULL;
-    PyObject *second = first ? new_array('?', 2, shape, &possible) : NULL;
-    for (Py_ssize_t i = 0; second && i < tracks->count; i++)
-        compare_track((const Track *)tracks->data + i, new, known, parameters, cost + i * new->count,
-                      (unsigned char *)possible + i * new->count);
-    free(known);
+    PyObject *first = new_doubles(2, shape, &cost), *second = first ? new_array('?', 2, shape, &possible) : NULL;
+    if (second && !compare_tracks(tracks->data, tracks->count, new, number_by_name, parameters, cost, possible)) {
+        Py_DecRef(second);
+        second = NULL;
+    }
     return pack(2, first, second);
 }
 
@@ -78,8 +89,14 @@ typedef struct {
     PyObject *stations, *dictionary[DICTIONARIES]; /* borrowed from the instance of TrackNames */
 } Names;
 
+/* Tracks that change. */
+typedef struct {
+    Track *track;
+    Py_ssize_t count;
+} Tracks;
+
 /* The station `name` is the track `number`, and not the track `before`, if it had one. */
-static bool name_station(const Names *names, Array *tracks, PyObject *number, PyObject *name, PyObject *before,
+static bool name_station(const Names *names, Tracks *tracks, PyObject *number, PyObject *name, PyObject *before,
                          const TrackingParameters *parameters) {
     PyObject *stations = names->dictionary[STATION_BY_NUMBER];
     Py_ssize_t old, new;
@@ -88,13 +105,12 @@ static bool name_station(const Names *names, Array *tracks, PyObject *number, Py
     if (!read_integer(before, &old) || !read_integer(number, &new)) return false;
     if (old == new) return true;
     if (PyDict_GetItemWithError(stations, before) ? PyDict_DelItem(stations, before) : !!PyErr_Occurred()) return false;
-    Track *track = tracks->buffer.buf;
     for (Py_ssize_t i = 0; i < tracks->count; i++)
-        if (track[i].number == old) track[i].seen_tick = -(int64_t)parameters->never_ticks;
+        if (tracks->track[i].number == old) tracks->track[i].seen_tick = -(int64_t)parameters->never_ticks;
     return true;
 }
 
-static bool name_track(const Names *names, Array *tracks, PyObject *number, PyObject *source, PyObject *name,
+static bool name_track(const Names *names, Tracks *tracks, PyObject *number, PyObject *source, PyObject *name,
                        const TrackingParameters *parameters) {
     PyObject *numbers = names->dictionary[NUMBER_BY_NAME];
     PyObject *key = pack(2, new_reference(source), new_reference(name));
@@ -108,9 +124,9 @@ static bool name_track(const Names *names, Array *tracks, PyObject *number, PyOb
     return is_named;
 }
 
-static bool record_hit(const Names *names, Array *tracks, Py_ssize_t row, const OpenMeasurements *new,
+static bool record_hit(const Names *names, Tracks *tracks, Py_ssize_t row, const OpenMeasurements *new,
                        Py_ssize_t column, const TrackingParameters *parameters) {
-    Track *seen = (Track *)tracks->buffer.buf + row;
+    Track *seen = tracks->track + row;
     PyObject *source = PyTuple_GetItem(new->sources, (Py_ssize_t)new->row[column].source);
     PyObject *number = source ? PyLong_FromLongLong(seen->number) : NULL;
     PyObject *birth = number ? PyDict_GetItemWithError(names->dictionary[SOURCE_BY_NUMBER], number) : NULL;
@@ -133,23 +149,18 @@ static bool read_names(PyObject *object, Names *names) {
     return names->stations;
 }
 
-static bool record_hits(PyObject *result, const Array *rows, const OpenMeasurements *new, const Array *columns,
-                        Py_ssize_t tick, const Names *names, const TrackingParameters *parameters) {
-    Array tracks;
-    if (!open_tracks(result, &tracks)) return false;
-    for (Py_ssize_t i = 0; i < rows->count; i++) {
-        Track *seen = (Track *)tracks.buffer.buf + integers(rows)[i];
+static bool record_hits(Tracks *tracks, const int64_t *rows, const OpenMeasurements *new, const int64_t *columns,
+                        Py_ssize_t count, Py_ssize_t tick, const Names *names, const TrackingParameters *parameters) {
+    for (Py_ssize_t i = 0; i < count; i++) {
+        Track *seen = tracks->track + rows[i];
         seen->seen_tick = tick;
         seen->seen_by_sensor |= new->is_own;
         seen->confirmed |= (double)(tick - seen->born_tick) >= parameters->confirmation_ticks ||
                            portable_hypot(seen->vx, seen->vy) > parameters->moving_speed;
     }
-    bool is_recorded = true;
-    for (Py_ssize_t i = 0; is_recorded && i < rows->count; i++)
-        is_recorded = record_hit(names, &tracks, (Py_ssize_t)integers(rows)[i], new, (Py_ssize_t)integers(columns)[i],
-                                 parameters);
-    close_array(&tracks);
-    return is_recorded;
+    for (Py_ssize_t i = 0; i < count; i++)
+        if (!record_hit(names, tracks, (Py_ssize_t)rows[i], new, (Py_ssize_t)columns[i], parameters)) return false;
+    return true;
 }
 
 static PyObject *perception_track_list_record_hits(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
@@ -166,10 +177,11 @@ static PyObject *perception_track_list_record_hits(PyObject *module, PyObject *c
     if (open_indices(arguments[1], tracks.count, &rows)) {
         if (open_measurements(arguments[2], &new)) {
             if (open_indices(arguments[3], new.count, &columns)) {
-                Track *copy;
-                if (columns.count == rows.count) result = copy_tracks(tracks.data, tracks.count, &copy);
+                Tracks seen = {.count = tracks.count};
+                if (columns.count == rows.count) result = copy_tracks(tracks.data, tracks.count, &seen.track);
                 else PyErr_SetString(PyExc_ValueError, "expected a column for each row");
-                if (result && !record_hits(result, &rows, &new, &columns, tick, &names, &parameters)) {
+                if (result && !record_hits(&seen, integers(&rows), &new, integers(&columns), rows.count, tick, &names,
+                                           &parameters)) {
                     Py_DecRef(result);
                     result = NULL;
                 }
@@ -178,6 +190,63 @@ static PyObject *perception_track_list_record_hits(PyObject *module, PyObject *c
             close_measurements(&new);
         }
         close_array(&rows);
+    }
+    close_array(&tracks);
+    return result;
+}
+
+/* With room for cost, possible pairs and blocks of `pairs`. */
+static bool find_pairs(const Array *tracks, const OpenMeasurements *new, PyObject *number_by_name,
+                       const TrackingParameters *parameters, Pairs *pairs) {
+    size_t all = (size_t)(tracks->count * new->count), columns = (size_t)new->count;
+    double *cost = malloc(all * (sizeof *cost + 1) + (columns + 1) * sizeof *pairs->block);
+    if (!cost) return PyErr_NoMemory(), false;
+    int64_t *block = (int64_t *)(cost + all);
+    unsigned char *possible = (unsigned char *)(block + columns);
+    for (size_t i = 0; i < columns; i++) block[i] = new->row[i].source;
+    *pairs = (Pairs){
+        .cost = cost, .possible = possible, .block = block, .rows = tracks->count, .columns = new->count};
+    bool is_assigned = compare_tracks(tracks->data, tracks->count, new, number_by_name, parameters, cost, possible) &&
+                       assign_pairs(pairs);
+    free(cost);
+    return is_assigned;
+}
+
+static PyObject *match_measurements(const Array *tracks, const OpenMeasurements *new, Py_ssize_t tick,
+                                    const Names *names, const TrackingParameters *parameters) {
+    Pairs pairs;
+    if (!find_pairs(tracks, new, names->dictionary[NUMBER_BY_NAME], parameters, &pairs)) return NULL;
+    Tracks seen = {.count = tracks->count};
+    void *data;
+    PyObject *first = copy_tracks(tracks->data, tracks->count, &seen.track);
+    PyObject *second = first ? new_array('l', 1, &pairs.count, &data) : NULL;
+    if (second) {
+        if (pairs.count) memcpy(data, pairs.column, (size_t)pairs.count * sizeof *pairs.column);
+        correct_tracks(seen.track, pairs.row, new->row, pairs.column, pairs.count, parameters);
+        if (!record_hits(&seen, pairs.row, new, pairs.column, pairs.count, tick, names, parameters)) {
+            Py_DecRef(second);
+            second = NULL;
+        }
+    }
+    free_pairs(&pairs);
+    return pack(2, first, second);
+}
+
+static PyObject *perception_track_list_match_measurements(PyObject *module, PyObject *const *arguments,
+                                                          Py_ssize_t count) {
+    TrackingParameters parameters;
+    Names names;
+    Array tracks;
+    OpenMeasurements new;
+    Py_ssize_t tick;
+    if (!expect_arguments("match_measurements", count, 5, 5) || !read_integer(arguments[2], &tick) ||
+        !read_names(arguments[3], &names) || !read_tracking_parameters(arguments[4], &parameters) ||
+        !open_tracks(arguments[0], &tracks))
+        return NULL;
+    PyObject *result = NULL;
+    if (open_measurements(arguments[1], &new)) {
+        result = match_measurements(&tracks, &new, tick, &names, &parameters);
+        close_measurements(&new);
     }
     close_array(&tracks);
     return result;
@@ -334,6 +403,7 @@ static PyObject *perception_track_list_list_objects(PyObject *module, PyObject *
 Functions perception_track_list = {
     FUNCTION(perception_track_list_compare),
     FUNCTION(perception_track_list_record_hits),
+    FUNCTION(perception_track_list_match_measurements),
     FUNCTION(perception_track_list_end_update),
     FUNCTION(perception_track_list_list_objects),
     END_OF_FUNCTIONS,

@@ -55,16 +55,9 @@ class TrackList:
         """Correct tracks by measurements, and begin tracks for those that fit to none."""
         if not new.names:
             return
-        cost, possible = compare(self._tracks, new, self._names.number_by_name, self._parameters)
-        rows, columns = assign(cost, possible, new.rows["source"])
-        if len(rows):
-            self._tracks = correct(self._tracks, rows, new.rows, columns, self._parameters)
-            self._record_hits(tick, rows, columns, new)
+        self._tracks, columns = match_measurements(self._tracks, new, tick, self._names, self._parameters)
         if len(columns) < len(new.names):
             self._begin_tracks(tick, _exclude(new, columns))
-
-    def _record_hits(self, tick: int, rows: Int, columns: Int, new: Measurements) -> None:
-        self._tracks = record_hits(self._tracks, rows, new, columns, tick, self._names, self._parameters)
 
     def _begin_tracks(self, tick: int, new: Measurements) -> None:
         """Begin tracks, one source after the other: what two of them measured is one object."""
@@ -75,7 +68,7 @@ class TrackList:
                 cost, possible = compare(self._tracks, part, self._names.number_by_name, self._parameters)
                 possible &= (self._tracks["number"] >= first_new_number)[:, None]
                 rows, columns = assign(cost, possible, part.rows["source"])
-                self._record_hits(tick, rows, columns, part)
+                self._tracks = record_hits(self._tracks, rows, part, columns, tick, self._names, self._parameters)
                 part = _exclude(part, columns)
             self._append(tick, part)
 
@@ -162,6 +155,20 @@ def _name_track(
         if before is not None and before != number:
             names.station_by_number.pop(before, None)
             tracks["seen_tick"][tracks["number"] == before] = -parameters.never_ticks
+
+
+@twin
+def match_measurements(
+    tracks: Rows, new: Measurements, tick: int, names: TrackNames, parameters: TrackingParameters, /
+) -> tuple[Rows, Int]:
+    """Return the tracks, corrected by the measurements that fit to them, and the columns (K,) of those.
+
+    Updates the names.
+    """
+    cost, possible = compare(tracks, new, names.number_by_name, parameters)
+    rows, columns = assign(cost, possible, new.rows["source"])
+    tracks = correct(tracks, rows, new.rows, columns, parameters)
+    return record_hits(tracks, rows, new, columns, tick, names, parameters), columns
 
 
 @twin

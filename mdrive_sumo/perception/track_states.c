@@ -206,7 +206,7 @@ static void correct_track(Track *track, const Measurement *new, const TrackingPa
 }
 
 /* All with means as soon as one track has several measurements: the mean of one may differ from it in the last digit. */
-static void correct_tracks(Track *tracks, const int64_t *rows, const Measurement *new, const int64_t *columns,
+void correct_tracks(Track *tracks, const int64_t *rows, const Measurement *new, const int64_t *columns,
                            Py_ssize_t count, const TrackingParameters *parameters) {
     bool has_means = false;
     for (Py_ssize_t i = 1; i < count; i++) has_means |= rows[i] == rows[i - 1];
@@ -217,34 +217,8 @@ static void correct_tracks(Track *tracks, const int64_t *rows, const Measurement
     }
 }
 
-static PyObject *perception_track_states_correct(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
-    TrackingParameters parameters;
-    Array tracks, rows, new, columns;
-    if (!expect_arguments("correct", count, 5, 5) || !read_tracking_parameters(arguments[4], &parameters) ||
-        !open_tracks(arguments[0], &tracks))
-        return NULL;
-    PyObject *result = NULL;
-    Track *track;
-    if (open_indices(arguments[1], tracks.count, &rows)) {
-        if (open_rows(arguments[2], sizeof(Measurement), &new)) {
-            if (open_indices(arguments[3], new.count, &columns)) {
-                if (columns.count != rows.count) PyErr_SetString(PyExc_ValueError, "expected a column for each row");
-                else result = copy_tracks(tracks.data, tracks.count, &track);
-                if (result)
-                    correct_tracks(track, integers(&rows), new.data, integers(&columns), rows.count, &parameters);
-                close_array(&columns);
-            }
-            close_array(&new);
-        }
-        close_array(&rows);
-    }
-    close_array(&tracks);
-    return result;
-}
-
 Functions perception_track_states = {
     FUNCTION(perception_track_states_start_tracks),
     FUNCTION(perception_track_states_predict),
-    FUNCTION(perception_track_states_correct),
     END_OF_FUNCTIONS,
 };

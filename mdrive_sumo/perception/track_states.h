@@ -3,6 +3,8 @@
 #define MDRIVE_TRACK_STATES_H
 
 #include "../core/compiled/values.h"
+#include "measurements.h"
+#include "tracking_parameters.h"
 
 /* A row of type TRACK. */
 typedef struct {
@@ -18,5 +20,8 @@ bool open_tracks(PyObject *object, Array *tracks);
 PyObject *copy_tracks(const Track *tracks, Py_ssize_t count, Track **copy);
 /* Rows (K,) of tracks or measurements: integers in [0, limit). */
 bool open_indices(PyObject *object, Py_ssize_t limit, Array *indices);
+/* As correct: tracks rows[i], ascending, by measurements new[columns[i]]. */
+void correct_tracks(Track *tracks, const int64_t *rows, const Measurement *new, const int64_t *columns, Py_ssize_t count,
+                    const TrackingParameters *parameters);
 static inline const int64_t *integers(const Array *array) { return array->data; }
 #endif

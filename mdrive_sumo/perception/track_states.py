@@ -99,8 +99,7 @@ def _grow(tracks: Rows, names: tuple[str, str, str], seconds: float, sigma: floa
     tracks[names[2]] = second + noise * square
 
 
-@twin
-def correct(tracks: Rows, rows: Int, new: Rows, columns: Int, parameters: TrackingParameters, /) -> Rows:
+def correct(tracks: Rows, rows: Int, new: Rows, columns: Int, parameters: TrackingParameters) -> Rows:
     """Return the tracks; those of `rows` (K,), ascending, are corrected by the measurements `columns` (K,) of `new`.
 
     A track that is in several rows is corrected by the mean of its measurements.

@@ -137,16 +137,6 @@ def test_prediction_and_beginning(seed: int, count: int, bad: float | None, seco
     compare_twins("perception_track_states_start_tracks", tracks, TICK, 7, new, bool(rng.integers(2)), TRACKING)
 
 
-@given(SEEDS, st.integers(1, 12), BAD, st.booleans())
-def test_correction(seed: int, count: int, bad: float | None, is_by_several: bool) -> None:
-    rng = np.random.default_rng(seed)
-    tracks, new = draw_rows(rng, TRACK, count), draw_rows(rng, MEASUREMENT, 2 * count, bad)
-    hits = int(rng.integers(0, count + 1))
-    rows = np.sort(rng.choice(count, hits, replace=is_by_several))
-    columns = rng.permutation(2 * count)[:hits]
-    compare_twins("perception_track_states_correct", tracks, rows, new, columns, TRACKING)
-
-
 @given(SEEDS, COUNTS, COUNTS, BAD)
 def test_comparison(seed: int, count: int, more: int, bad: float | None) -> None:
     rng = np.random.default_rng(seed)
@@ -155,25 +145,51 @@ def test_comparison(seed: int, count: int, more: int, bad: float | None) -> None
     compare_twins("perception_track_list_compare", tracks, new, known, TRACKING)
 
 
+def draw_names(rng: np.random.Generator) -> TrackNames:
+    sources = ("cav_1", STATIONS, OWN_SENSOR)
+    return TrackNames(
+        {(str(rng.choice(sources)), f"t{i}"): int(rng.integers(6)) for i in range(8)},
+        {i: f"t{rng.integers(8)}" for i in range(0, 6, 2)},
+        {i: str(rng.choice(sources)) for i in range(6)},
+    )
+
+
+def compare_naming(name: str, names: TrackNames, update: Callable[[Callable[..., Any], TrackNames], Any]) -> None:
+    """Both functions of that name return the same and change the names alike."""
+
+    def describe_update(function: Callable[..., Any]) -> Any:
+        mine = copy.deepcopy(names)
+        return describe((update(function, mine), mine))
+
+    assert describe_update(get_compiled(name)) == describe_update(compiled.REFERENCES[name])
+
+
 @given(SEEDS, COUNTS, st.integers(1, 12))
 def test_recording_of_hits(seed: int, count: int, more: int) -> None:
     rng = np.random.default_rng(seed)
     tracks, new = draw_rows(rng, TRACK, count), draw_measurements(rng, more)
     hits = int(rng.integers(0, more + 1)) if count else 0
     rows, columns = np.sort(rng.integers(0, max(count, 1), hits)), rng.permutation(more)[:hits]
-    names = TrackNames(
-        {(str(rng.choice(("cav_1", STATIONS, OWN_SENSOR))), f"t{i}"): int(rng.integers(6)) for i in range(8)},
-        {i: f"t{rng.integers(8)}" for i in range(0, 6, 2)},
-        {i: str(rng.choice(("cav_1", STATIONS, OWN_SENSOR))) for i in range(6)},
-    )
 
-    def record(function: Callable[..., Any]) -> Any:
-        mine = copy.deepcopy(names)
-        seen = call(function, tracks, rows, new, columns, TICK, mine, TRACKING)
-        return describe((seen, mine.number_by_name, mine.station_by_number, mine.source_by_number))
+    def record(function: Callable[..., Any], names: TrackNames) -> Any:
+        return call(function, tracks, rows, new, columns, TICK, names, TRACKING)
 
-    name = "perception_track_list_record_hits"
-    assert record(get_compiled(name)) == record(compiled.REFERENCES[name])
+    compare_naming("perception_track_list_record_hits", draw_names(rng), record)
+
+
+@given(SEEDS, COUNTS, st.integers(1, 20), BAD)
+def test_matching(seed: int, count: int, more: int, bad: float | None) -> None:
+    """Tracks and measurements that are near one another, so that several measure one track."""
+    rng = np.random.default_rng(seed)
+    tracks, new = draw_rows(rng, TRACK, count, bad), draw_measurements(rng, more, bad)
+    for rows in (tracks, new.rows):
+        rows["kind"], rows["x"] = 0, rows["x"] / 2.0
+    tracks["number"] = np.arange(count) % 6
+
+    def match(function: Callable[..., Any], names: TrackNames) -> Any:
+        return call(function, tracks, new, TICK, names, TRACKING)
+
+    compare_naming("perception_track_list_match_measurements", draw_names(rng), match)
 
 
 @given(SEEDS, st.integers(0, 30), BAD)
@@ -194,8 +210,6 @@ def test_rows_that_do_not_exist_are_refused(rows: list[int], columns: list[int])
     new = Measurements((OWN_SENSOR,), tuple("abcd"), draw_rows(rng, MEASUREMENT, 4))
     new.rows["source"] = 0
     tracks, pairs = draw_rows(rng, TRACK, 3), (np.array(rows), np.array(columns))
-    with pytest.raises(ValueError, match="expected"):
-        get_compiled("perception_track_states_correct")(tracks, pairs[0], new.rows, pairs[1], TRACKING)
     with pytest.raises(ValueError, match="expected"):
         get_compiled("perception_track_list_record_hits")(tracks, pairs[0], new, pairs[1], TICK, TrackNames(), TRACKING)
 
