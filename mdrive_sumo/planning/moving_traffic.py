@@ -166,7 +166,7 @@ def place_traffic(
 
     growth: of boxes [m/s].
     """
-    growth = 2 * growth * times[:, None]
+    grown = 2 * growth * times[:, None]
     travelled = np.where(objects.kind == Kind.VEHICLE, travel.distance, objects.speed * times[:, None])
     gap = np.where(in_own_lane, headway_s, 0.0) * travel.speed
     cos, sin = portable.cos_sin(objects.yaw)
@@ -184,5 +184,5 @@ def place_traffic(
     cos, sin = portable.cos_sin(yaw)
     x, y = x - gap / 2 * cos, y - gap / 2 * sin
     swept = np.where(in_own_lane, 0.0, travel.speed * step_s)  # the own car drives along with those
-    boxes = boxes_corners(x, y, yaw, objects.length + gap + growth + swept, objects.width + growth)
+    boxes = boxes_corners(x, y, yaw, objects.length + gap + grown + swept, objects.width + grown)
     return boxes, follows_turn
