@@ -8,8 +8,10 @@ import numpy as np
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.compiled import twin
 from mdrive_sumo.negotiation.conflict_graph import (
     CONFLICT,
+    MAX_STEP_M,
     ConflictGraph,
     build_conflict_graph,
     densify,
@@ -182,18 +184,30 @@ class RuleNegotiator:
 
 def find_leader_pairs(members: Sequence[NegotiationMember], parameters: LeaderParameters = LEADER) -> RightOfWayClaims:
     """Return (leader, follower) pairs: a member on the path of another one in the same direction must go first."""
-    pairs: set[tuple[str, str]] = set()
+    pairs = list_leader_pairs(members, parameters, MAX_STEP_M)
+    return frozenset(pair for pair in pairs if pair[::-1] not in pairs)
+
+
+@twin
+def list_leader_pairs(
+    members: Sequence[NegotiationMember], parameters: LeaderParameters, max_step_m: float, /
+) -> list[tuple[str, str]]:
+    """Return all pairs of different members of which the first is on the path of the second, in the same direction.
+
+    max_step_m: largest distance [m] between points of a path that are compared.
+    """
+    pairs: list[tuple[str, str]] = []
     for follower in members:
-        line = densify(np.vstack(((follower.x, follower.y), follower.desired)))
+        line = densify(np.vstack(((follower.x, follower.y), follower.desired)), max_step_m)
+        cos, sin = portable.cos_sin(follower.yaw)
         for leader in members:
-            if leader.id == follower.id or portable.cos(leader.yaw - follower.yaw) < parameters.same_direction_cos:
+            if leader is follower or portable.cos(leader.yaw - follower.yaw) < parameters.same_direction_cos:
                 continue
             gaps = portable.hypot(line[:, 0] - leader.x, line[:, 1] - leader.y)
-            cos, sin = portable.cos_sin(follower.yaw)
             ahead = cos * (leader.x - follower.x) + sin * (leader.y - follower.y)
             if ahead > 0 and gaps.min() < parameters.max_lateral_m:
-                pairs.add((leader.id, follower.id))
-    return frozenset(pair for pair in pairs if pair[::-1] not in pairs)
+                pairs.append((leader.id, follower.id))
+    return pairs
 
 
 @lru_cache(maxsize=CACHED_VIEWS)

@@ -8,14 +8,14 @@
 #define FILES(USE) USE(actors_collision_avoidance) USE(actors_movers) USE(contract_reply_check) USE(core_frozen) \
     USE(core_geometry) USE(core_portable) USE(core_seeding) USE(core_state) USE(episode_quantization) \
     USE(negotiation_announcement) USE(negotiation_conflict_graph) USE(negotiation_intention) \
-    USE(perception_assignment) USE(perception_measurements) USE(perception_static_object_tracker) \
-    USE(perception_track_list) USE(perception_track_states) USE(planning_car_following) USE(planning_detour) \
-    USE(planning_fleet_paths) USE(planning_free_drive) USE(planning_interaction_prediction) \
-    USE(planning_motion_conflicts) USE(planning_moving_traffic) USE(planning_obstacle_avoidance) \
-    USE(planning_path_follower) USE(planning_path_overlap) USE(planning_pedestrian_caution) \
-    USE(planning_profile_search) USE(planning_reference_path) USE(planning_right_of_way) \
-    USE(planning_road_direction) USE(planning_speed_profile) USE(roads_lane_search) USE(scoring_criteria) \
-    USE(scoring_metrics_collisions) USE(scoring_metrics_min_pet) USE(scoring_metrics_min_ttc) \
+    USE(negotiation_rule_negotiator) USE(perception_assignment) USE(perception_measurements) \
+    USE(perception_static_object_tracker) USE(perception_track_list) USE(perception_track_states) \
+    USE(planning_car_following) USE(planning_detour) USE(planning_fleet_paths) USE(planning_free_drive) \
+    USE(planning_interaction_prediction) USE(planning_motion_conflicts) USE(planning_moving_traffic) \
+    USE(planning_obstacle_avoidance) USE(planning_path_follower) USE(planning_path_overlap) \
+    USE(planning_pedestrian_caution) USE(planning_profile_search) USE(planning_reference_path) \
+    USE(planning_right_of_way) USE(planning_road_direction) USE(planning_speed_profile) USE(roads_lane_search) \
+    USE(scoring_criteria) USE(scoring_metrics_collisions) USE(scoring_metrics_min_pet) USE(scoring_metrics_min_ttc) \
     USE(sensing_lidar_cast) USE(sensing_lidar_sensor) USE(sensing_localization) USE(sensing_objects_sensor) \
     USE(sensing_polygon_fill) USE(sensing_visibility) USE(sumo_conflict) USE(sumo_ghost_placement) \
     USE(sumo_sumo_frames) USE(v2x_awareness_service) USE(v2x_channel) USE(v2x_encoding) USE(v2x_mcm_encoding) \

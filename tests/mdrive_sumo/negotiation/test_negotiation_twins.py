@@ -9,6 +9,8 @@ from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.negotiation.announcement import Announcement
 from mdrive_sumo.negotiation.conflict_graph import CONFLICT, MAX_STEP_M
 from mdrive_sumo.negotiation.intention import POINTS
+from mdrive_sumo.negotiation.negotiator import NegotiationMember
+from mdrive_sumo.negotiation.rule_negotiator import LEADER
 from mdrive_sumo.v2x.messages import Direction, Intention, Mcm, ReferencePose
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -43,6 +45,21 @@ def test_announcements(seed: int) -> None:
     compare_twins(name("predict_member"), "a", Announcement(mcm, planned, desired), age_s)
     poses = compare_twins(name("predict_poses"), planned, age_s, pose.yaw)
     compare_twins(name("predict_braking"), poses, mcm.speed)
+
+
+@given(seed=SEEDS)
+def test_leaders(seed: int) -> None:
+    rng, members = np.random.default_rng(seed), list[NegotiationMember]()
+    for i in range(int(rng.integers(0, 6))):
+        x, y, yaw = (
+            float(rng.uniform(-20.0, 20.0)),
+            float(rng.choice((0.0, 1.0, 9.0))),
+            float(rng.choice((0.0, 0.4, 3.0))),
+        )
+        ahead = np.cumsum(rng.choice((0.0, 1.0, 7.0), int(rng.integers(0, 20))))
+        desired = np.column_stack((x + ahead, np.full(len(ahead), y)))
+        members.append(NegotiationMember(f"{i}", x, y, yaw, 5.0, Intention.KEEP, Direction.FOLLOW, 0.2, desired))
+    compare_twins("negotiation_rule_negotiator_list_leader_pairs", members, LEADER, MAX_STEP_M)
 
 
 @given(seed=SEEDS)
