@@ -23,7 +23,7 @@ typedef struct {
     double distance, share;
 } Place;
 
-static const double SLACK = 1.0 + 1e-9; /* a box at such a share of the least distance is looked into: rounding */
+static const double SLACK = 1.0 + 1e-9, SLACK_M = 1e-6; /* a box so little beyond the least distance is looked into */
 
 static Bounds compute_bounds(const Row *row, const Row *end) {
     Bounds bounds = {INFINITY, INFINITY, -INFINITY, -INFINITY};
@@ -39,7 +39,8 @@ static Bounds compute_bounds(const Row *row, const Row *end) {
 static bool is_beyond(const Bounds *bounds, Point at, double distance) {
     double x = greatest(greatest(bounds->low_x - at.x, at.x - bounds->high_x), 0.0);
     double y = greatest(greatest(bounds->low_y - at.y, at.y - bounds->high_y), 0.0);
-    return x * x + y * y > distance * distance * SLACK;
+    double reach = distance * SLACK + SLACK_M;
+    return x * x + y * y > reach * reach;
 }
 
 /* Improves on the nearest place if a segment of the line is nearer: the first of equally near ones. */

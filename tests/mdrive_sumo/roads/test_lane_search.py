@@ -36,6 +36,18 @@ def test_of_equally_near_lines_the_first_and_of_segments_that_meet_the_second() 
     assert segments.yaw[row].tolist() == [0.0, np.pi / 2]
 
 
+def test_a_line_that_rounding_makes_the_nearest_is_looked_at() -> None:
+    """By the formula the point lies on both lines; it is beyond the box of the second one by 4e-15 m."""
+    joint = (5.25, 2.5)
+    for end in ((6.25, 4.25), (28.847745716808973, 49.255484518419564)):
+        segments = build_line_segments(
+            [build_polyline([joint, end]), build_polyline([(-32.03022436673761, 62.734871585109005), joint])]
+        )
+        xy = np.array(((5.2500000000000036, 2.500000000000007),))
+        line, _, _ = compare_twins("roads_lane_search_find_nearest_lines", segments.rows, segments.first, xy)
+        assert line.tolist() == [1]
+
+
 @pytest.mark.parametrize("xy", [np.array(((np.nan, 0.0),)), np.array(((0.0, np.inf),))])
 def test_a_point_that_is_nowhere_is_refused(xy: np.ndarray) -> None:
     segments = build_line_segments([build_polyline([(0, 0), (1, 0)])])
