@@ -15,16 +15,14 @@ typedef struct {
     Py_ssize_t last_tick;
 } Memory;
 
-static bool is_near(Point at, Point place, double distance) {
-    return portable_hypot(at.x - place.x, at.y - place.y) <= distance;
-}
+static double compute_distance(Point at, Point place) { return portable_hypot(at.x - place.x, at.y - place.y); }
 
 /* Whether a contact is a new collision, which is remembered then. */
 static bool remember(Memory *memory, PyObject *other, Py_ssize_t tick, Point at) {
     bool is_map = PyObject_Size(other) == 0;
     if (!is_map && memory->last_actor && PyUnicode_Compare(other, memory->last_actor) == 0) return false;
     for (Py_ssize_t i = 0; i < memory->place_count; i++)
-        if (is_near(at, memory->places[i], SAME_PLACE_M)) return false;
+        if (!(compute_distance(at, memory->places[i]) > SAME_PLACE_M)) return false; /* NaN too */
     memory->places[memory->place_count++] = at; /* at most one a contact */
     if (!is_map) memory->last_actor = other;
     memory->last_tick = tick;
@@ -34,7 +32,7 @@ static bool remember(Memory *memory, PyObject *other, Py_ssize_t tick, Point at)
 static void forget_distant_places(Memory *memory, Point at) {
     Py_ssize_t kept = 0;
     for (Py_ssize_t i = 0; i < memory->place_count; i++)
-        if (is_near(at, memory->places[i], FORGET_PLACE_M)) memory->places[kept++] = memory->places[i];
+        if (compute_distance(at, memory->places[i]) <= FORGET_PLACE_M) memory->places[kept++] = memory->places[i];
     memory->place_count = kept;
 }
 

@@ -90,9 +90,10 @@ static bool open_rest(PyObject *const *arguments, Rest *rest) {
     return is_open;
 }
 
-/* As numpy.interp, of both coordinates: `at` >= stations[0], which increase. */
+/* As numpy.interp, of both coordinates: stations increase. */
 static Point interpolate(double at, const double *stations, const Point *points, Py_ssize_t count) {
     Py_ssize_t i = 0;
+    if (at < stations[0]) return points[0];
     while (i < count - 1 && stations[i + 1] <= at) i++;
     if (i == count - 1 || stations[i] == at) return points[i];
     double rest = at - stations[i], step = stations[i + 1] - stations[i];

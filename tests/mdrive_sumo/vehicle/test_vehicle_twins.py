@@ -92,7 +92,7 @@ def test_rounded_controls(throttle: float, steer: float) -> None:
     compare_twins("vehicle_control_plan_reader_round_control", throttle, 1.0 - throttle, steer)
 
 
-@given(PLANS, OWN, st.integers(0, 90), st.one_of(st.floats(0.0, 20.0), st.sampled_from((0.2, 0.5, 1.0, 7.0))))
+@given(PLANS, OWN, st.integers(0, 90), st.one_of(st.floats(-2.0, 20.0), st.sampled_from((0.2, 0.5, 1.0, 7.0))))
 def test_read_plans(plan: Plan, own: EgoState, age_ticks: int, ahead: float) -> None:
     compare_twins("vehicle_control_plan_reader_sample_waypoints", plan, own, age_ticks, ahead, 4)
     compare_twins("vehicle_control_plan_reader_find_aim_point", plan, own, age_ticks, ahead)

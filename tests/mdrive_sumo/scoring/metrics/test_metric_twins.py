@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from testing.twins import compare_twins, get_compiled
 
@@ -56,8 +56,12 @@ def test_frames_that_do_not_fit_are_refused() -> None:
                 find(x, frames, frames, *extra, valid, length, columns, column)
 
 
+STEPS = st.one_of(st.floats(-3.0, 3.0), st.sampled_from((0.0, float("nan"))))
+
+
+@example([(0.0, 0.0), (float("nan"), 0.0)], [(0, "a"), (1, "b")], 0)
 @given(
-    st.lists(st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0)), max_size=30),
+    st.lists(st.tuples(STEPS, STEPS), max_size=30),
     st.lists(st.tuples(st.integers(0, 30), st.sampled_from(("", "a", "b"))), max_size=30),
     st.sampled_from((0, 95)),
 )
