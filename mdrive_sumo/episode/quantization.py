@@ -17,8 +17,11 @@ RESOLUTION = np.array((1e-3, 1e-3, 1e-4, 1e-3))
 
 
 def to_quanta(values: Float) -> Quanta:
-    """Return (..., 4) x, y, yaw, speed as whole multiples of `RESOLUTION`."""
-    return np.rint(values / RESOLUTION).astype(np.int32)
+    """Return (..., 4) x, y, yaw, speed as whole multiples of `RESOLUTION`. Raises ValueError beyond 32 bits."""
+    whole = np.rint(values / RESOLUTION)
+    if not ((whole >= -(2.0**31)) & (whole < 2.0**31)).all():  # NaN fails too
+        raise ValueError("expected a state that a recording can hold")
+    return whole.astype(np.int32)
 
 
 def from_quanta(quanta: Quanta) -> Float:

@@ -39,6 +39,11 @@ def test_both_texts_round_a_frame_alike(frame: Frame) -> None:
     compare_twins("episode_quantization_quantize_frame", frame)
 
 
+@given(frame=frames(ANY))
+def test_both_texts_pack_odd_frames_alike(frame: Frame) -> None:
+    compare_twins("episode_quantization_pack_states", frame)
+
+
 @given(frame=frames(HELD))
 def test_both_texts_pack_a_frame_alike(frame: Frame) -> None:
     compare_twins("episode_quantization_pack_states", frame)
