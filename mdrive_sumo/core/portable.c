@@ -42,8 +42,9 @@ static const double ODD[] = {1.0 / 21, 1.0 / 19, 1.0 / 17, 1.0 / 15, 1.0 / 13,
                              1.0 / 11, 1.0 / 9,  1.0 / 7,  1.0 / 5,  1.0 / 3};
 
 double portable_exp(double x) {
+    x = x < -1e4 ? -1e4 : x > 1e4 ? 1e4 : x;
+    if (isnan(x)) return x;
     double power = round_even(x * 1.44269504088896338700);
-    if (!(fabs(power) < 1e6)) return power < 0.0 ? 0.0 : power + INFINITY; /* NaN stays NaN */
     double rest = x - power * LN2_HIGH - power * LN2_LOW;
     return ldexp(1.0 + (rest + rest * rest * evaluate(FACTORIALS, 12, rest)), (int)power);
 }
@@ -53,6 +54,7 @@ double portable_expm1(double x) {
 }
 
 double portable_log(double x) {
+    if (!(x > 0.0 && x < INFINITY)) return NAN;
     int power;
     double mantissa = frexp(x, &power);
     if (mantissa < 0.7071067811865476) mantissa *= 2.0, power -= 1;

@@ -53,7 +53,7 @@ static inline double portable_atan2(double y, double x) {
     double high = fabs(y), low = fabs(x);
     int is_steep = high > low;
     if (!is_steep) high = fabs(x), low = fabs(y);
-    double angle = atan_of_slope(low / (high > 1e-300 ? high : 1e-300));
+    double angle = atan_of_slope(low / (1e-300 > high ? 1e-300 : high));
     if (is_steep) angle = HALF_PI - angle;
     if (x < 0.0) angle = PI - angle;
     return y < 0.0 ? -angle : angle;

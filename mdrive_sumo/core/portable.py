@@ -94,6 +94,8 @@ def tan(angle: Reals, /) -> Float: ...
 @twin
 def tan(angle: float | Reals, /) -> float | Float:
     """Return the tangent of the angle [rad]; a quarter turn divides by zero."""
+    if isinstance(angle, _ARRAY):
+        return _each(tan, angle)
     x, y = cos_sin(angle)
     return y / x
 
@@ -192,10 +194,10 @@ def exp(x: float, /) -> float: ...
 def exp(x: Reals, /) -> Float: ...
 @twin
 def exp(x: float | Reals, /) -> float | Float:
-    """Return e to the power of x, |x| <= 700."""
+    """Return e to the power of x. Raises OverflowError above 709."""
     if isinstance(x, _ARRAY):
         return _each(exp, x)
-    x = float(x)
+    x = min(max(float(x), -1e4), 1e4)  # the result is 0 or too large anyway
     power = round(x * _PER_LN2)
     rest = x - power * _LN2_HIGH - power * _LN2_LOW
     return math.ldexp(1.0 + (rest + rest * rest * _evaluate(_FACTORIALS, rest)), power)
@@ -213,9 +215,11 @@ def log(x: float, /) -> float: ...
 def log(x: Reals, /) -> Float: ...
 @twin
 def log(x: float | Reals, /) -> float | Float:
-    """Return the natural logarithm of x > 0."""
+    """Return the natural logarithm of x > 0. Raises ValueError for other numbers."""
     if isinstance(x, _ARRAY):
         return _each(log, x)
+    if not 0.0 < x < math.inf:
+        raise ValueError(f"expected a positive number, found {x}")
     mantissa, power = math.frexp(x)
     if mantissa < _ROOT_HALF:
         mantissa, power = 2.0 * mantissa, power - 1

@@ -144,9 +144,12 @@ static const char *name_type(char kind) {
     return kind == 'd' ? "float64" : kind == 'f' ? "float32" : kind == '?' ? "bool" : kind == 'B' ? "uint8" : "int64";
 }
 
-/* Whether NumPy's letter for the type of an element is the wanted one; int64 is `l` or `q`, by platform. */
-static bool is_of_kind(const char *format, char kind) {
-    char found = format ? format[strlen(format) - 1] : 'B';
+/* Whether an element has the wanted type, in the byte order of this machine, by NumPy's letter (`=` stands before it
+   where the array begins anywhere, `>` where bytes are swapped); int64 is `l` or `q`, by platform. */
+static bool is_of_kind(const Py_buffer *buffer, char kind) {
+    const char *format = buffer->format ? buffer->format : "B";
+    char found = format[*format == '='];
+    if (found == '\0' || format[1 + (*format == '=')] != '\0') return false;
     return found == kind || (kind == 'l' && found == 'q');
 }
 
@@ -155,7 +158,7 @@ static bool view(PyObject *object, char kind, Array *array) {
         PyErr_Clear();
         return false;
     }
-    if (is_of_kind(array->buffer.format, kind) && array->buffer.ndim <= MOST_DIMENSIONS) return true;
+    if (is_of_kind(&array->buffer, kind) && array->buffer.ndim <= MOST_DIMENSIONS) return true;
     PyBuffer_Release(&array->buffer);
     return false;
 }
