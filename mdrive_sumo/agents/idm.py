@@ -8,6 +8,7 @@ from mdrive_sumo.contract import Briefing, Cause, Objects, Observation, Reason, 
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
 from mdrive_sumo.core import portable
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.planning import right_of_way
 from mdrive_sumo.planning.driving_options import MAX_SPEED, ROAD_RANGE_M
 from mdrive_sumo.planning.obstacle_avoidance import ObstacleAvoidance
@@ -114,7 +115,7 @@ class IdmAgent:
         elapsed_s = (seen.tick - self._tick) * self._briefing.tick_s  # several ticks if replies are late
         self._tick = seen.tick
         plan = self._follower.advance(self._acceleration, self._speeds.limits, elapsed_s)
-        return Reply(plan=plan, notes=self._reasons.record(self._reason))
+        return build_frozen(Reply, None, plan, (), self._reasons.record(self._reason), None)
 
     def _decide(self, seen: Observation, elapsed_s: float) -> _Demand:
         """Return the lowest acceleration that any constraint demands; elapsed_s: since the last one."""

@@ -8,6 +8,7 @@ from mdrive_sumo.contract import STANDSTILL, Briefing, Cause, Control, Observati
 from mdrive_sumo.contract.agent_options import Config, Option, read_options
 from mdrive_sumo.contract.briefing import PROTOCOL_SPEED
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.planning.driving_options import MAX_SPEED
 from mdrive_sumo.planning.path_follower import PathFollower
 from mdrive_sumo.planning.planning_scale import find_cruise_speed, find_planning_scale
@@ -93,7 +94,7 @@ class ConstantSpeedAgent:
         self._tick = seen.tick
         notes = self._reasons.record(self._speeds.find_reason(self._follower.s))
         plan = self._follower.advance(CONSTANT_SPEED.acceleration, self._speeds.limits, elapsed_s)
-        return Reply(plan=plan, notes=notes)
+        return build_frozen(Reply, None, plan, (), notes, None)
 
 
 TAKE_TURNS_OPTIONS = {

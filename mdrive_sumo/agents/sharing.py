@@ -2,6 +2,7 @@
 
 from mdrive_sumo.contract import Briefing, Detections, Note, Observation, Reply, SensorSpec
 from mdrive_sumo.contract.agent_options import Config
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.negotiation import NegotiationInterface, RuleNegotiator
 from mdrive_sumo.perception.object_tracker import ObjectTracker
 from mdrive_sumo.planning.driving_options import DrivingOptions
@@ -43,7 +44,7 @@ class SingleAgent:
             tracked = self._tracker.update(seen)
             detections = Detections.from_objects(tracked)
             notes = car.update_plan(seen, tracked, sigmas=self._tracker.position_sigmas)
-        return Reply(plan=car.planner.build_plan(seen.tick), notes=notes, detections=detections)
+        return build_frozen(Reply, None, car.planner.build_plan(seen.tick), (), notes, detections)
 
 
 class SharingAgent(SingleAgent):
@@ -67,7 +68,7 @@ class SharingAgent(SingleAgent):
         notes = self._tracker.receive(seen.messages)
         reply = super().act(seen)
         messages = self._awareness.compose_messages(seen)
-        return Reply(plan=reply.plan, messages=messages, notes=notes + reply.notes, detections=reply.detections)
+        return build_frozen(Reply, None, reply.plan, messages, notes + reply.notes, reply.detections)
 
 
 class SharingNegotiationAgent(SharingAgent):
@@ -96,4 +97,4 @@ class SharingNegotiationAgent(SharingAgent):
         plan = planner.build_plan(seen.tick)
         step = self._negotiation.negotiate(seen, planner, plan.points)
         messages = self._awareness.compose_messages(seen) + step.messages
-        return Reply(plan=plan, messages=messages, notes=notes + step.notes, detections=detections)
+        return build_frozen(Reply, None, plan, messages, notes + step.notes, detections)

@@ -10,6 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from mdrive_sumo.contract import Briefing, Cause, OwnState, Plan, Reason
+from mdrive_sumo.contract.exchange import OUR_CONTROLLER
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import TICKS_PER_SECOND
 from mdrive_sumo.planning.free_drive import drive_freely, falls_behind, predict_free_stations, round_limits
@@ -213,7 +215,7 @@ class SpaceTimePlanner:
 
     def build_plan(self, tick: int) -> Plan:
         """Return the profile from now on as a plan."""
-        return Plan(self.get_planned_points(tick), self._parameters.interval_s)
+        return build_frozen(Plan, self.get_planned_points(tick), self._parameters.interval_s, OUR_CONTROLLER)
 
     def get_planned_points(self, tick: int) -> Float:
         """Return the planned positions (`plan_points`, 2) [m] every `interval_s`."""

@@ -18,6 +18,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from mdrive_sumo.contract import Message
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.v2x import encoding, mcm_encoding
 from mdrive_sumo.v2x.content import (
     CAM,
@@ -78,7 +79,7 @@ def encode(content: Content) -> Message:
     """
     name = TEXT if isinstance(content, str) else _NAMES[type(content)]
     try:
-        return Message(name, _payload(content))
+        return build_frozen(Message, name, _payload(content), "", 0)
     except (struct.error, ValueError) as error:
         raise MessageError(f"{name}: {error}") from None
 

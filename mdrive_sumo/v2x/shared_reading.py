@@ -8,6 +8,7 @@ them. The caches forget what has not been used for long; no result depends on th
 from functools import lru_cache
 
 from mdrive_sumo.contract import Message
+from mdrive_sumo.core.frozen import build_frozen
 from mdrive_sumo.core.state import MOTION_AND_SIZE
 from mdrive_sumo.v2x import messages
 from mdrive_sumo.v2x.content import Content, Cpm, Mcm
@@ -31,13 +32,13 @@ def decode_shared(message: Message) -> Content:
 
 @lru_cache(maxsize=CACHED_PAYLOADS)
 def _find_problem(type_: str, payload: bytes) -> str | None:
-    return messages.find_problem(Message(type_, payload))
+    return messages.find_problem(build_frozen(Message, type_, payload, "", 0))
 
 
 @lru_cache(maxsize=CACHED_PAYLOADS)
 def decode_payload(type_: str, payload: bytes) -> Content:
     """Return the content of a payload, with read-only arrays. Raises MessageError."""
-    content = messages.decode(Message(type_, payload))
+    content = messages.decode(build_frozen(Message, type_, payload, "", 0))
     if isinstance(content, Cpm):
         objects = content.objects
         columns = [getattr(objects, name) for name in ("kind", *MOTION_AND_SIZE, "free_m")]
