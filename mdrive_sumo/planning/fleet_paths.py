@@ -80,10 +80,7 @@ def predict_stations(path: ReferencePath, state: OwnState, plan: Plan | None, ti
     if plan is None:
         station = path.project(state.x, state.y, 0.0, within_m=path.length)
         return station + max(state.speed, 0.0) * times
-    stations = locate_points(path.xy, plan.points, 1)
-    due = (np.arange(len(stations)) + 1) * plan.interval_s - age_s
-    speed = (stations[-1] - stations[-2]) / plan.interval_s if len(stations) > 1 else 0.0
-    return np.interp(times, due, stations) + speed * np.maximum(times - due[-1], 0.0)
+    return _extend_stations(locate_points(path.xy, plan.points, 1), plan, times, age_s)
 
 
 def predict_stations_at(
@@ -98,9 +95,14 @@ def predict_stations_at(
     until_s = max(float(each.max(initial=0.0)) for each in times) + age_s
     points = plan.points[: int(until_s / plan.interval_s) + 2]
     stations = locate_points(path.xy, points, COARSE)
+    return [_extend_stations(stations, plan, each, age_s) for each in times]
+
+
+def _extend_stations(stations: Float, plan: Plan, times: Float, age_s: float) -> Float:
+    """Return the arc lengths (T,) [m] at `times` [s] from now; stations: (P,) [m] of a plan made `age_s` ago."""
     due = (np.arange(len(stations)) + 1) * plan.interval_s - age_s
     speed = (stations[-1] - stations[-2]) / plan.interval_s if len(stations) > 1 else 0.0
-    return [np.interp(each, due, stations) + speed * np.maximum(each - due[-1], 0.0) for each in times]
+    return np.interp(times, due, stations) + speed * np.maximum(times - due[-1], 0.0)
 
 
 @twin
