@@ -86,9 +86,9 @@ class LateFusion:
 
     def fuse(self, tick: int, own: OwnState, seen: Objects) -> Objects:
         """Return all objects known at that tick (N,): own detections first, then stations, then their detections."""
-        oldest = tick - self._parameters.memory_ticks
-        self._cam_by_station = {name: entry for name, entry in self._cam_by_station.items() if entry[0] >= oldest}
-        self._cpm_by_station = {name: entry for name, entry in self._cpm_by_station.items() if entry[0] >= oldest}
+        recent = range(tick - self._parameters.memory_ticks, tick + 1)  # a pose of the future is an error of its sender
+        self._cam_by_station = {name: entry for name, entry in self._cam_by_station.items() if entry[0] in recent}
+        self._cpm_by_station = {name: entry for name, entry in self._cpm_by_station.items() if entry[0] in recent}
         known = seen
         if self._cam_by_station:
             known = self._merge(known, _predict_stations(tick, self._cam_by_station), own)
@@ -107,10 +107,9 @@ class LateFusion:
         return sorted(name for _, name in near[: self._limits.max_senders])
 
     def _merge(self, known: Objects, reported: Objects, own: OwnState) -> Objects:
-        """Return known objects and those reported ones that are neither known nor the own vehicle."""
-        reported = reported.take(
-            portable.hypot(reported.x - own.x, reported.y - own.y) > self._parameters.vehicle_gate_m
-        )
+        """Return known objects and those reported ones, with a size, that are neither known nor the own vehicle."""
+        is_far = portable.hypot(reported.x - own.x, reported.y - own.y) > self._parameters.vehicle_gate_m
+        reported = reported.take(is_far & (reported.length > 0.0) & (reported.width > 0.0))
         pairs = _associate(known, reported, self._parameters)
         for i, j in pairs:
             self._unify_names(known.ids[i], reported.ids[j])

@@ -173,7 +173,7 @@ typedef struct {
     Py_ssize_t count, room;
 } Collection;
 
-/* Adds an object unless it is the own car. */
+/* Adds an object unless it is the own car or has no size. */
 static bool collect(Collection *all, const Report *report, Py_ssize_t source, PyObject *name, const UncertainPose *own,
                     const TrackingParameters *parameters) {
     if (all->count == all->room) {
@@ -185,8 +185,8 @@ static bool collect(Collection *all, const Report *report, Py_ssize_t source, Py
     Measurement *row = all->rows + all->count;
     if (!build_row(report, parameters, row)) return false;
     row->source = source;
-    if (!(square(row->x - own->x) + square(row->y - own->y) > parameters->own_radius_m * parameters->own_radius_m))
-        return true;
+    bool is_far = square(row->x - own->x) + square(row->y - own->y) > parameters->own_radius_m * parameters->own_radius_m;
+    if (!(is_far && row->length > 0.0 && row->width > 0.0)) return true;
     all->count++;
     return !PyList_Append(all->names, name);
 }

@@ -79,7 +79,7 @@ def measure_detections(
 def measure_stations(
     tick: int, stations: Sequence[tuple[str, Cam]], own: OwnState, parameters: TrackingParameters, /
 ) -> Measurements:
-    """Return the senders of CAMs, by id, without those at the place of the own car."""
+    """Return the senders of CAMs, by id, without those at the place of the own car or without a size."""
     cams = [cam for _, cam in stations]
     boxes = [(cam.pose.x, cam.pose.y, cam.pose.yaw, cam.speed, cam.length, cam.width) for cam in cams]
     columns = np.array(boxes, dtype=np.float64).reshape(-1, 6).T
@@ -89,14 +89,14 @@ def measure_stations(
     sigmas = np.array([(0.0, cam.pose.yaw_sigma, cam.speed_sigma) for cam in cams]).reshape(-1, 3)
     bias = portable.square(np.array([cam.pose.position_sigma for cam in cams])) + _compute_lever(objects, own)
     rows = _build_rows(objects, _compute_variances(sigmas, 1.0, parameters), bias, age_s, turn, parameters)
-    return _exclude_own(Measurements((STATIONS,), objects.ids, rows), own, parameters)
+    return _select_others(Measurements((STATIONS,), objects.ids, rows), own, parameters)
 
 
 @twin
 def measure_reported(
     tick: int, reports: Sequence[tuple[str, Cpm, int]], own: OwnState, parameters: TrackingParameters, /
 ) -> Measurements:
-    """Return the objects that stations detected, without those that are the own car.
+    """Return the objects that stations detected, without those that are the own car or have no size.
 
     reports: station, its CPM, and the ticks since its last CPM in use; by station.
     """
@@ -112,7 +112,7 @@ def measure_reported(
         parts.append(part)
     names = tuple(chain.from_iterable(cpm.objects.ids for _, cpm, _ in reports))
     measurements = Measurements(tuple(name for name, _, _ in reports), names, np.concatenate(parts))
-    return _exclude_own(measurements, own, parameters)
+    return _select_others(measurements, own, parameters)
 
 
 def _count_repetitions(elapsed_ticks: int, parameters: TrackingParameters) -> float:
@@ -154,7 +154,12 @@ def _build_rows(
     return rows
 
 
-def _exclude_own(new: Measurements, own: OwnState, parameters: TrackingParameters) -> Measurements:
-    """Return the measurements that are not nearer to the own centre than another vehicle can be."""
-    square = portable.square(new.rows["x"] - own.x) + portable.square(new.rows["y"] - own.y)
-    return new.take(square > parameters.own_radius_m * parameters.own_radius_m)
+def _select_others(new: Measurements, own: OwnState, parameters: TrackingParameters) -> Measurements:
+    """Return the measurements of boxes that are not nearer to the own centre than another vehicle can be.
+
+    A message may state a size of 0, of which no detection can be made.
+    """
+    rows = new.rows
+    square = portable.square(rows["x"] - own.x) + portable.square(rows["y"] - own.y)
+    is_far = square > parameters.own_radius_m * parameters.own_radius_m
+    return new.take(is_far & (rows["length"] > 0.0) & (rows["width"] > 0.0))

@@ -58,8 +58,8 @@ class ObjectTracker:
                 notes.append(Note("unreadable", f"{message.type} from {message.sender}: {problem}"))
         return tuple(notes)
 
-    def _read_cams(self, oldest: int) -> dict[str, Cam]:
-        """Return the newest states that stations reported: a CAM, or an MCM sent later."""
+    def _read_cams(self, ticks: range) -> dict[str, Cam]:
+        """Return the newest states of these ticks that stations reported: a CAM, or an MCM sent later."""
         senders = sorted({sender for kind, sender in self._waiting if kind != CPM})
         cam_by_sender: dict[str, Cam] = {}
         for sender in senders:
@@ -69,17 +69,17 @@ class ObjectTracker:
                 content = decode_shared(self._waiting[CAM, sender])
             if isinstance(content, Mcm):
                 content = Cam(content.pose, content.speed, 0.0, 0.0, *self._size)
-            if isinstance(content, Cam) and content.pose.tick >= oldest:
+            if isinstance(content, Cam) and content.pose.tick in ticks:
                 cam_by_sender[sender] = content
         return cam_by_sender
 
-    def _read_cpms(self, oldest: int) -> dict[str, Cpm]:
-        """Return the newest CPM of every station that is not too old and has objects."""
+    def _read_cpms(self, ticks: range) -> dict[str, Cpm]:
+        """Return the newest CPM of every station that is of these ticks and has objects."""
         contents = {sender: decode_shared(message) for (kind, sender), message in self._waiting.items() if kind == CPM}
         return {
             sender: one
             for sender, one in contents.items()
-            if isinstance(one, Cpm) and one.pose.tick >= oldest and one.objects.ids
+            if isinstance(one, Cpm) and one.pose.tick in ticks and one.objects.ids
         }
 
     def update(self, seen: Observation) -> Objects:
@@ -103,10 +103,10 @@ class ObjectTracker:
 
     def _measure_messages(self, tick: int, own: OwnState) -> Iterator[Measurements]:
         """Yield what new messages report; every message is used once."""
-        oldest = tick - self._parameters.memory_ticks
-        if cams := self._read_cams(oldest):
+        recent = range(tick - self._parameters.memory_ticks, tick + 1)  # a pose of the future is an error of its sender
+        if cams := self._read_cams(recent):
             yield measure_stations(tick, sorted(cams.items()), own, self._parameters)
-        if cpms := self._read_cpms(oldest):
+        if cpms := self._read_cpms(recent):
             unknown = -self._parameters.correlation_ticks
             reports: list[tuple[str, Cpm, int]] = []
             for sender, cpm in sorted(cpms.items()):

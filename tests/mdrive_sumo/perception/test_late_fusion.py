@@ -139,6 +139,12 @@ def test_messages_older_than_a_second_are_dropped(ticks: int, known: int) -> Non
     assert len(fused([cam("b", 30.0), cpm("b", things((40, 0, 0, 0)))], tick=ticks).ids) == known
 
 
+def test_poses_of_the_future_and_boxes_without_a_size_are_dropped() -> None:
+    car = things((40, 0, 0, 0))
+    flat, thin = replace(car, length=np.zeros(1)), replace(car, width=np.zeros(1))
+    assert not fused([cpm("b", flat), cpm("c", thin), cpm("d", car, tick=1), cam("e", 30.0, tick=1)]).ids
+
+
 def test_a_received_object_keeps_its_name_when_detected() -> None:
     fusion = LateFusion(FACTS)
     fusion.receive([cam("b", 50.0, 50.0), cpm("b", things((20, 0, 0, 0), ids=("t0000000a",)))])

@@ -225,6 +225,16 @@ def test_reports_of_the_own_car_and_old_messages_count_for_nothing() -> None:
     assert not tracker.update(seen(TRACKING.memory_ticks + 4, own(), things())).ids
 
 
+def test_poses_of_the_future_and_boxes_without_a_size_count_for_nothing() -> None:
+    tracker, car = ObjectTracker(REALISTIC, LIDAR_SINGLE), things((30.0, 20.0, 0.0, 9.0))
+    flat, thin = replace(car, length=np.zeros(1)), replace(car, width=np.zeros(1))
+    reports = [cpm((20.0, 20.0), flat), cpm((20.0, 20.0), thin), cpm((20.0, 20.0), car, tick=2**32 - 1)]
+    states = [replace(cam(30.0, 0.0), length=0.0), replace(cam(30.0, 0.0), width=0.0), cam(30.0, 0.0, 9.0, 2**31)]
+    for i, content in enumerate((*reports, *states)):
+        tracker.receive([sent(content, f"cav_{i}")])
+    assert not tracker.update(seen(0, own(), things())).ids
+
+
 def test_an_mcm_tells_where_its_sender_is_and_a_cam_of_that_tick_replaces_it() -> None:
     mcm = Mcm(ReferencePose(30.0, 0.0, 0.0, 0), 4.0, Intention.KEEP, Direction.FOLLOW, 0.2, np.zeros((1, 2)))
     for messages in ([mcm, cam(31.0, 0.0)], [cam(31.0, 0.0), mcm]):
