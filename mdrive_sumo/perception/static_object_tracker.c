@@ -18,6 +18,16 @@ typedef struct {
 } TrackerParameters;
 FIELDS(TRACKER_PARAMETERS, "max_offset_m", "lost_ticks", "recall_ticks");
 
+/* Before anything is stored: objects that are refused leave no trace. */
+static bool check_yaws(const RoadUsers *objects) {
+    for (Py_ssize_t i = 0; i < objects->count; i++)
+        if (!isfinite(cos_sin(yaws_of(objects)[i]).cos)) {
+            PyErr_SetString(PyExc_ValueError, "expected objects with finite headings, found NaN or infinity");
+            return false;
+        }
+    return true;
+}
+
 /* The row of each object; new ones are added to the dictionary. */
 static bool find_rows(PyObject *row_by_id, const RoadUsers *objects, int64_t *rows) {
     for (Py_ssize_t i = 0; i < objects->count; i++) {
@@ -60,10 +70,6 @@ static bool add_objects(const Update *update, Py_ssize_t tick, const RoadUsers *
                         const TrackerParameters *parameters) {
     for (Py_ssize_t i = 0; i < objects->count; i++) {
         CosSin direction = cos_sin(yaws_of(objects)[i]);
-        if (!isfinite(direction.cos)) {
-            PyErr_SetString(PyExc_ValueError, "expected objects with finite headings, found NaN or infinity");
-            return false;
-        }
         if (update->row[i] < 0 || update->row[i] >= update->count) {
             PyErr_SetString(PyExc_ValueError, "expected a row for each id");
             return false;
@@ -103,7 +109,7 @@ static bool begin_update(const Array *before, PyObject *row_by_id, const RoadUse
     update->rows = new_array('l', 1, &objects->count, &rows);
     if (!update->rows) return false;
     update->row = rows;
-    if (!find_rows(row_by_id, objects, update->row)) return false;
+    if (!check_yaws(objects) || !find_rows(row_by_id, objects, update->row)) return false;
     update->count = PyObject_Size(row_by_id);
     if (update->count < before->count) {
         PyErr_SetString(PyExc_ValueError, "expected an id for each row");

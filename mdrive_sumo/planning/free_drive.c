@@ -16,6 +16,11 @@ static PyObject *planning_free_drive_drive_freely(PyObject *module, PyObject *co
     double s = numbers[S], speed = numbers[SPEED], step_s = numbers[STEP_S];
     for (Py_ssize_t i = 0; result && i < steps; i++) {
         double cell = s / SPACING_M, last = (double)(limits.count - 1);
+        if (!isfinite(cell)) {
+            Py_DecRef(result);
+            result = refuse_numbers("drive_freely");
+            break;
+        }
         double limit = doubles(&limits)[cell > 0.0 ? cell < last ? (Py_ssize_t)cell : limits.count - 1 : 0];
         double slowest = speed - numbers[BRAKING] * step_s, after = speed + numbers[ACCELERATION] * step_s;
         if (slowest > limit) limit = slowest;

@@ -51,7 +51,7 @@ def drive_freely(
     """
     stations = np.zeros(steps)
     for k in range(steps):
-        limit = float(limits[min(int(s / SPACING_M), len(limits) - 1)])
+        limit = float(limits[min(max(int(s / SPACING_M), 0), len(limits) - 1)])
         after = min(speed + acceleration * step_s, max(limit, speed - braking * step_s))
         s += (speed + after) / 2 * step_s
         speed = after

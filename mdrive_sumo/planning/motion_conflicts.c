@@ -205,11 +205,15 @@ typedef struct {
     Py_ssize_t stride, columns;
 } Blocked;
 
+static Py_ssize_t clip_row(const Array *rows, Py_ssize_t box, Py_ssize_t count) {
+    Py_ssize_t row = (Py_ssize_t)integers(rows)[box];
+    return row < 0 ? 0 : row < count ? row : count;
+}
+
 static void mark_cells(const Conflicts *now, Py_ssize_t box, Py_ssize_t found, const Blocked *blocked) {
     Py_ssize_t begin = 0, end = 1, columns = blocked->columns;
     if (!blocked->is_after) {
-        begin = (Py_ssize_t)integers(&now->begin)[box], end = (Py_ssize_t)integers(&now->end)[box];
-        begin = begin < 0 ? 0 : begin * STRIDE, end = end > TIMES ? TIMES * STRIDE : end * STRIDE;
+        begin = STRIDE * clip_row(&now->begin, box, TIMES), end = STRIDE * clip_row(&now->end, box, TIMES);
     }
     for (Py_ssize_t row = begin; row < end; row++)
         for (Py_ssize_t i = 0; i < found; i++) {
@@ -284,11 +288,6 @@ static Py_ssize_t find_next_meeting(const Conflicts *now, Py_ssize_t box, Py_ssi
     for (Py_ssize_t k = first; k < end; k++)
         if (are_near(now->set.circles + k, &circle) && boxes_overlap(now->own + k, theirs)) return k;
     return end;
-}
-
-static Py_ssize_t clip_row(const Array *rows, Py_ssize_t box, Py_ssize_t count) {
-    Py_ssize_t row = (Py_ssize_t)integers(rows)[box];
-    return row < 0 ? 0 : row < count ? row : count;
 }
 
 static PyObject *planning_motion_conflicts_find_met(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {

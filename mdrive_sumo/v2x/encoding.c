@@ -251,11 +251,13 @@ static void close_cpm(CpmInput *input) {
     close_road_users(&input->objects);
 }
 
-static bool check_numbers(const CpmInput *input) {
+/* Yaws are those ahead of the pose: the difference of two finite ones can be infinite. */
+static bool check_numbers(const CpmInput *input, const Pose *pose) {
     const RoadUsers *objects = &input->objects;
     for (Py_ssize_t i = 0; i < objects->count; i++)
         for (int k = 2; k < USER_COLUMNS; k++)
-            if (!isfinite(doubles(objects->columns + k)[i])) return refuse_content("expected finite numbers");
+            if (!isfinite(doubles(objects->columns + k)[i] - (k == 2 ? pose->yaw : 0.0)))
+                return refuse_content("expected finite numbers");
     for (Py_ssize_t i = 0; i < objects->count; i++)
         if (kinds_of(objects)[i] > LAST_KIND) return refuse_content("expected kinds from 0 to 3");
     PyObject *error = find_import(&MESSAGE_ERROR);
@@ -333,7 +335,7 @@ static bool encode_free_sight(const CpmInput *input, Writer *to) {
 static PyObject *write_cpm(const CpmInput *input, const Pose *pose) {
     CosSin direction = cos_sin(-pose->yaw);
     if (isnan(direction.cos)) refuse_content("expected a finite yaw");
-    if (isnan(direction.cos) || !check_numbers(input)) return NULL;
+    if (isnan(direction.cos) || !check_numbers(input, pose)) return NULL;
     Py_ssize_t count = input->objects.count, size = CPM_BYTES + count * OBJECT_BYTES + input->free_m.count;
     PyObject *result = PyBytes_FromStringAndSize(NULL, size);
     if (!result) return NULL;

@@ -154,7 +154,7 @@ def encode_cpm(cpm: Cpm, pose: ReferencePose, /) -> bytes:
 
 def _encode_objects(cpm: Cpm, pose: ReferencePose) -> npt.NDArray[np.void]:
     objects = cpm.objects
-    numbers = np.column_stack((objects.yaw, objects.speed, objects.length, objects.width))
+    numbers = np.column_stack((objects.yaw - pose.yaw, objects.speed, objects.length, objects.width))
     if not np.isfinite(numbers).all():
         raise MessageError("expected finite numbers")
     if (np.asarray(objects.kind) > _LAST_KIND).any():
@@ -166,7 +166,7 @@ def _encode_objects(cpm: Cpm, pose: ReferencePose) -> npt.NDArray[np.void]:
     rows["kind"], rows["age"] = objects.kind, np.clip(cpm.age, 0, 255)
     places = encode_points(pose, np.column_stack((objects.x, objects.y)))
     rows["xy"] = np.frombuffer(places, dtype="<i2").reshape(-1, 2)
-    rows["yaw"] = np.rint(np.degrees((objects.yaw - pose.yaw) % TAU) * _CENTI) % 36000
+    rows["yaw"] = np.rint(np.degrees(numbers[:, 0] % TAU) * _CENTI) % 36000
     rows["speed"] = np.clip(np.rint(objects.speed * _CENTI), -32767, 32767)
     rows["size"] = np.clip(np.rint(numbers[:, 2:] * _CENTI), 0, 65535)
     if len(cpm.sigmas):

@@ -1,5 +1,6 @@
 """Compiled functions of planning against their Python text, on random inputs."""
 
+import math
 from dataclasses import replace
 from importlib import import_module
 
@@ -145,6 +146,8 @@ def test_speed_profiles_and_free_drives(seed: int) -> None:
     compare_twins("planning_speed_profile_list_cells", speeds, lattice, float(rng.uniform(-1.0, 60.0)), 3 * points)
     start, limits = float(rng.uniform(0.0, 60.0)), (2.0, 4.0, float(rng.choice((0.2, 0.25))))
     compare_twins("planning_free_drive_drive_freely", speeds, start, float(rng.uniform(0.0, 40.0)), *limits, points)
+    for place in (-9.0, math.nan, math.inf):
+        compare_twins("planning_free_drive_drive_freely", speeds, place, 5.0, *limits, points)
 
 
 @given(seed=SEEDS)

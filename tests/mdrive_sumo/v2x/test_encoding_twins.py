@@ -1,6 +1,7 @@
 """The compiled encoding of messages against the Python text."""
 
 import math
+import sys
 from dataclasses import replace
 from typing import Any
 
@@ -160,6 +161,13 @@ def test_both_say_the_same_of_what_no_message_can_carry(cpm: Cpm, why: str) -> N
     compare_twins("v2x_encoding_encode_cpm", cpm, PLACE)
     with pytest.raises(MessageError, match=why):
         encode_cpm(cpm, PLACE)
+
+
+def test_yaws_whose_difference_is_infinite_are_refused() -> None:
+    pose, cpm = replace(PLACE, yaw=-6e304), cpm_with(yaw=np.array([sys.float_info.max]))
+    compare_twins("v2x_encoding_encode_cpm", cpm, pose)
+    with pytest.raises(MessageError, match="expected finite numbers"):
+        encode_cpm(cpm, pose)
 
 
 @pytest.mark.parametrize(("body", "why"), [(b"1234", "at least 5 .* found 4"), (bytes(6), "expected 5 .* found 6")])
