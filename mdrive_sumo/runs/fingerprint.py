@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from mdrive_sumo.agents.learned.model_weights import WEIGHTS_FOLDER
 from mdrive_sumo.core.checksum import compute_files_checksum
+from mdrive_sumo.core.compiled.sources import KINDS as LAYER_SOURCES
 from mdrive_sumo.core.plug_ins import PlugInKind, identify_plug_ins
 from mdrive_sumo.core.version import __version__
 from mdrive_sumo.roads import find_network_folder
@@ -25,6 +26,8 @@ from mdrive_sumo.scenario.suite import Suite, list_packaged_suites
 
 PACKAGES = ("libsumo", "numpy")
 """Besides mdrive-sumo itself: what else decides the bits of an episode."""
+SOURCES = (".py", *LAYER_SOURCES)
+"""Kinds of files whose contents are the state of the code: Python, and what the compiled layer is built from."""
 PACKAGE = Path(__file__).parents[1]
 FILES_KEYS = ("agent_files", "others_files")
 """Where a fingerprint has the checksums of the files that options of the agents of a run name, in their order."""
@@ -94,7 +97,7 @@ def compute_code_checksum() -> str:
 
     Packaged weights are part of it, by their manifests, which hold the checksums that loading compares.
     """
-    states = (*_list_states(PACKAGE, ".py"), *_list_states(WEIGHTS_FOLDER, ".json"))
+    states = (*_list_states(PACKAGE, SOURCES), *_list_states(WEIGHTS_FOLDER, (".json",)))
     return _compute_checksum_of_states(tuple(sorted(states)))
 
 
@@ -108,12 +111,12 @@ class _FileState(NamedTuple):
     inode: int
 
 
-def _list_states(folder: Path | str, suffix: str) -> Iterator[_FileState]:
+def _list_states(folder: Path | str, kinds: tuple[str, ...]) -> Iterator[_FileState]:
     with os.scandir(folder) as entries:
         for entry in entries:
             if entry.is_dir(follow_symlinks=False):
-                yield from _list_states(entry.path, suffix)
-            elif entry.name.endswith(suffix):
+                yield from _list_states(entry.path, kinds)
+            elif entry.name.endswith(kinds):
                 status = entry.stat()
                 yield _FileState(entry.path, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
 

@@ -61,11 +61,14 @@ def test_packaged_weights_are_part_of_the_code(tmp_path: Path, monkeypatch: pyte
     assert compute_code_checksum() != before
 
 
-def test_a_change_of_the_code_is_seen_while_the_process_lives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("name", ["a.py", "a.c"])
+def test_a_change_of_the_code_is_seen_while_the_process_lives(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A notebook evaluates, a file is edited, the notebook evaluates again: its workers have the new code."""
     monkeypatch.setattr(module, "PACKAGE", tmp_path)
     monkeypatch.setattr(module, "WEIGHTS_FOLDER", tmp_path)
-    file = tmp_path / "room" / "a.py"
+    file = tmp_path / "room" / name
     file.parent.mkdir()
     checksums: list[str] = []
     for text in ("x = 1", "x = 2", "x = 1"):
