@@ -1,9 +1,11 @@
 """The compiled layer: the same bits as the Python text, and what happens without it."""
 
+import ctypes
 import math
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
@@ -11,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from testing.twins import REFUSALS, compare_twins
+from testing.twins import REFUSALS, check_memory, compare_twins
 
 import mdrive_sumo
 from mdrive_sumo.core import compiled, portable
@@ -84,6 +86,24 @@ def test_arrays_of_other_types_and_byte_orders_are_converted(dtype: str) -> None
     for array in (values, values[::2], values[::-1], in_the_middle):
         compare_twins("core_portable_cos", array)
         assert compare_twins("contract_reply_check_are_within", array, 0.5) == (not array.any())
+
+
+KEPT: list[object] = []
+
+
+@pytest.mark.parametrize(
+    "leak",
+    [
+        lambda value: KEPT.append(object()),
+        lambda value: KEPT.append(ctypes.CDLL(None).malloc(1)),
+        lambda value: ctypes.pythonapi.Py_IncRef(ctypes.py_object(value)),
+        lambda value: KEPT.append(np.empty(10**3)),
+    ],
+)
+def test_memory_that_a_call_keeps_is_found(leak: Callable[[object], None]) -> None:
+    with pytest.raises(AssertionError, match="add"):
+        check_memory(leak, object())
+    check_memory(portable.cos_sin, 1.0)
 
 
 def run(code: str, **environment: str) -> str:

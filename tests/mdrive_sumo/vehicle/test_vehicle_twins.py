@@ -133,7 +133,7 @@ TOWN = build_walls(
 def build_actors(cars: list[VehicleState]) -> Actors:
     x, y, yaw = (np.array([getattr(car, name) for car in cars], dtype=float) for name in ("x", "y", "yaw"))
     ids, kind = tuple(f"v{i}" for i in range(len(cars))), np.arange(len(cars), dtype=np.uint8)
-    return Actors(ids, kind, x, y, yaw, 0 * x, np.full(len(cars), 4.5), np.full(len(cars), 1.8))
+    return Actors(ids, kind, x, y, yaw, np.zeros(len(cars)), np.full(len(cars), 4.5), np.full(len(cars), 1.8))
 
 
 def move(car: VehicleState, way: tuple[float, ...]) -> VehicleState:
