@@ -122,7 +122,7 @@ typedef struct {
 /* As _LateralShift.evaluate: left, both stations of hold, both ramps. */
 static double evaluate_shift(const double *shift, double s) {
     double rise = (s - shift[1] + shift[3]) / shift[3], fall = (shift[2] + shift[4] - s) / shift[4];
-    double u = fall < rise ? fall : rise;
+    double u = fall < rise || isnan(fall) ? fall : rise; /* NaN stays NaN */
     u = u < 0.0 ? 0.0 : u > 1.0 ? 1.0 : u;
     return shift[0] * (u * u * u) * (10 - 15 * u + 6 * (u * u));
 }
@@ -136,6 +136,7 @@ static bool shift_points(const Path *path, const double *shift, Chain *chain) {
         double left = evaluate_shift(shift, (double)i * SPACING_M);
         Point point = {doubles(&path->xy)[2 * i] + left * -direction.sin,
                        doubles(&path->xy)[2 * i + 1] + left * direction.cos};
+        if (!isfinite(point.x) || !isfinite(point.y)) return false;
         double step = portable_hypot(point.x - before.x, point.y - before.y);
         before = point;
         if (i && !(step > 1e-6)) continue;
@@ -146,7 +147,6 @@ static bool shift_points(const Path *path, const double *shift, Chain *chain) {
             total = k > 1 ? total + length : length;
         }
         chain->s[k] = total;
-        if (!isfinite(point.x) || !isfinite(point.y)) return false;
     }
     return chain->count > 1;
 }

@@ -43,6 +43,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 VEHICLE: VehicleFacts = to_vehicle_facts(MKZ_2017)
 _S = np.arange(121.0)
 PATH: ReferencePath = build_path(np.column_stack((_S, 20 * portable.sin(_S / 30))), VEHICLE.rear_to_centre)
+_CELLS = np.arange(len(PATH.xy))
 BAD = (float("nan"), float("inf"), -float("inf"), 1e200)
 
 
@@ -161,6 +162,12 @@ def test_obstacles(seed: int) -> None:
     hold, ramps = np.sort(rng.uniform(0.0, 140.0, 2)).tolist(), rng.uniform(1.0, 30.0, 2).tolist()
     shift = LateralShift(float(rng.choice((0.0, 3.5, -2.0, rng.uniform(-9.0, 9.0)))), (hold[0], hold[1]), (*ramps,))
     compare_twins("planning_detour_apply_shift", PATH, shift, VEHICLE.rear_to_centre)
+    bad = float(rng.choice(BAD[:3])), float(rng.choice(hold))
+    for hold_s in (bad, bad[::-1]):
+        compare_twins("planning_detour_apply_shift", PATH, shift._replace(hold=hold_s), VEHICLE.rear_to_centre)
+    bent = replace(PATH, yaw=np.where(_CELLS == rng.integers(len(_CELLS)), bad[0], PATH.yaw))
+    bent.__dict__["body_yaw"] = PATH.body_yaw
+    compare_twins("planning_detour_apply_shift", bent, shift, VEHICLE.rear_to_centre)
     objects = random_objects(rng)
     standstill_s = rng.choice((0.0, 1.0, 2.0, 9.0), len(objects.ids))
     compare_twins("planning_obstacle_avoidance_find_queued", objects, standstill_s, AVOIDANCE)
