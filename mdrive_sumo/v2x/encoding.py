@@ -18,6 +18,7 @@ from mdrive_sumo.core.geometry import TAU, Float
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.v2x.content import (
     MAX_OBJECTS,
+    MAX_PLACE_M,
     MAX_SECTORS,
     MESSAGE_REACH_M,
     Cam,
@@ -48,7 +49,7 @@ LAST_TICK = 2**32 - 1
 
 @twin
 def encode_header(kind: int, pose: ReferencePose, /) -> bytes:
-    """Return the header of every message but text. Positions are clamped to 214 km from the origin.
+    """Return the header of every message but text. Positions are clamped to 21 475 km from the origin.
 
     Raises MessageError for numbers that are not finite, and ticks that do not fit.
     """
@@ -72,6 +73,13 @@ def decode_pose(payload: bytes, /) -> ReferencePose:
     _, x, y, yaw, tick, position_sigma, yaw_sigma = _HEADER.unpack_from(payload)
     sigmas = position_sigma / _CENTI, math.radians(yaw_sigma / 10)
     return ReferencePose(x / _CENTI, y / _CENTI, math.radians(yaw / _CENTI), tick, *sigmas)
+
+
+def check_place(payload: bytes) -> None:
+    """Raise MessageError if the reference pose in a payload of at least `HEADER_BYTES` is beyond `MAX_PLACE_M`."""
+    _, x, y, *_ = _HEADER.unpack_from(payload)
+    if max(abs(x), abs(y)) > MAX_PLACE_M * _CENTI:
+        raise MessageError(f"expected a position within {MAX_PLACE_M / 1000:g} km of the origin")
 
 
 def round_and_clamp(value: float, bits: int) -> int:

@@ -132,6 +132,7 @@ def _parse_fields(message: Message) -> Any:
         raise MessageError(f"expected at least {encoding.HEADER_BYTES} bytes, found {len(payload)}")
     if payload[0] != codec.kind:
         raise MessageError(f"expected kind {codec.kind}, found {payload[0]}")
+    encoding.check_place(payload)
     return codec.parts(payload[encoding.HEADER_BYTES :])
 
 

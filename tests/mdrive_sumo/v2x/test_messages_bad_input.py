@@ -64,6 +64,15 @@ def reads(message: Message) -> bool:
     return True
 
 
+@pytest.mark.parametrize(("x", "y", "is_read"), [(990e3, -990e3, True), (-990.001e3, 0.0, False), (0.0, 2e7, False)])
+def test_a_sender_beyond_all_maps_is_not_read(x: float, y: float, is_read: bool) -> None:
+    message = encode(Cam(ReferencePose(x, y, 0.0, 0), 0.0, 0.0, 0.0, 4.0, 2.0))
+    assert (find_problem(message) is None) == is_read
+    if not is_read:
+        with pytest.raises(MessageError, match="cam: expected a position within 990 km of the origin"):
+            decode(message)
+
+
 @given(st.one_of(cams(), cpms(), mcms()))
 def test_a_truncated_or_longer_message_is_not_read(content: Content) -> None:
     whole = encode(content)
