@@ -24,8 +24,8 @@ MAX_PAYLOAD_BYTES = 65535
 MESSAGE_REACH_M = 327.67
 """How far from the sender's pose a message can place something, along and across [m]."""
 MAX_PLACE_M = 990_000.0
-"""[m] x and y of a sender's pose at most: an agent that believes its message detects something there, and detections lie
-within 1000 km of the origin (`contract.reply_check`)."""
+"""[m] x and y of a sender's pose at most: an agent that believes its message detects something there, and detections
+lie within 1000 km of the origin (`contract.reply_check`)."""
 
 
 class MessageError(ValueError):

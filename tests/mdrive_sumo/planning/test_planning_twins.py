@@ -43,7 +43,6 @@ SEEDS = st.integers(0, 2**32 - 1)
 VEHICLE: VehicleFacts = to_vehicle_facts(MKZ_2017)
 _S = np.arange(121.0)
 PATH: ReferencePath = build_path(np.column_stack((_S, 20 * portable.sin(_S / 30))), VEHICLE.rear_to_centre)
-_CELLS = np.arange(len(PATH.xy))
 BAD = (float("nan"), float("inf"), -float("inf"), 1e200)
 
 
@@ -165,7 +164,7 @@ def test_obstacles(seed: int) -> None:
     bad = float(rng.choice(BAD[:3])), float(rng.choice(hold))
     for hold_s in (bad, bad[::-1]):
         compare_twins("planning_detour_apply_shift", PATH, shift._replace(hold=hold_s), VEHICLE.rear_to_centre)
-    bent = replace(PATH, yaw=np.where(_CELLS == rng.integers(len(_CELLS)), bad[0], PATH.yaw))
+    bent = replace(PATH, yaw=np.insert(np.delete(PATH.yaw, 0), int(rng.integers(len(PATH.yaw) - 1)), bad[0]))
     bent.__dict__["body_yaw"] = PATH.body_yaw
     compare_twins("planning_detour_apply_shift", bent, shift, VEHICLE.rear_to_centre)
     objects = random_objects(rng)
