@@ -125,7 +125,8 @@ static PyObject *episode_quantization_pack_states(PyObject *module, PyObject *co
     if (!expect_arguments("pack_states", count, 1, 1)) return NULL;
     PyObject *egos = get_field(arguments[0], &FRAME_FIELDS, EGOS);
     PyObject *actors = egos ? get_field(arguments[0], &FRAME_FIELDS, ACTORS_OF) : NULL, *packed = NULL;
-    Py_ssize_t cavs = egos && is_dict(egos) ? PyObject_Size(egos) : -1, others = actors ? PyObject_Size(actors) : -1;
+    Py_ssize_t cavs = egos && is_dict(egos) ? PyObject_Size(egos) : -1, others = -1;
+    if (cavs >= 0 && actors) others = PyObject_Size(actors);
     if (cavs >= 0 && others >= 0)
         packed = PyBytes_FromStringAndSize(NULL, (cavs + others) * MOTION_COUNT * (Py_ssize_t)sizeof(int32_t));
     int32_t *states = packed ? (int32_t *)PyBytes_AsString(packed) : NULL;

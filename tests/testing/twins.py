@@ -41,7 +41,7 @@ def check_memory(function: Callable[..., Any], *arguments: Any) -> None:
     NumPy has such stores too.
     """
     parts = list(list_parts(arguments))
-    for calls in (4, 5000):
+    for calls in (4, 2500):
         call(function, *arguments)
         before = measure_memory(parts)
         for _ in range(calls):

@@ -1,5 +1,7 @@
 """Compiled geometry has the bits of the Python text."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -72,3 +74,12 @@ def test_a_polyline_without_segments_is_refused() -> None:
     for bad in (segments[:0], segments[:, :5], segments[0]):
         with pytest.raises(ValueError, match="expected"):
             get_compiled("core_geometry__find_segment")(bad, 0.0)
+
+
+def test_segments_that_are_nearly_points() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        points = np.cumsum(rng.choice((1.0, 1e-9, 1e-10, 1e-12), (4, 2)) * rng.choice((1.0, -1.0), (4, 2)), axis=0)
+        segments, place = Polyline(points)._segments, points[1] + rng.uniform(-1.0, 1.0, 2) * rng.choice((1.0, 1e-9))
+        compare_twins("core_geometry__compute_point", segments, float(segments[-1, 0]) * 1.5)
+        compare_twins("core_geometry__project_on_segments", segments, *place.tolist(), -math.inf, math.inf)

@@ -41,3 +41,23 @@ def test_a_direction_that_is_no_number_is_refused() -> None:
     compare_twins("sumo_conflict_find_conflicts", poses, 0, candidates, MovingBox(0, 0, float("nan"), 0, 2, 2))
     poses.poses[0, 3, 2] = np.inf
     compare_twins("sumo_conflict_find_conflicts", poses, 0, candidates, standing)
+
+
+def test_conflicts_at_the_limits() -> None:
+    """Vehicles that drive about as fast as the mover and meet it, or nearly, within the prediction or after it."""
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        mover = MovingBox(0.0, 0.0, 0.0, rng.uniform(-2.0, 12.0), 4.0, 2.0, bool(rng.integers(2)))
+        count, ticks = 30, int(rng.integers(50, 90))
+        yaw = rng.choice((0.0, 1.5, 3.0), count) + 0 * np.arange(ticks)[:, None]
+        speed = rng.uniform(0.0, 12.0, count) + 0 * yaw
+        time = 0.05 * np.arange(ticks)[:, None]
+        x = rng.uniform(-30.0, 45.0, count) + speed * time * np.cos(yaw)
+        y = rng.choice((0.0, 2.15, -20.0), count) + speed * time * np.sin(yaw)
+        poses = LoggedPoses(
+            (),
+            np.stack((x, y, yaw, speed), axis=-1).swapaxes(0, 1),
+            np.ones((count, ticks), dtype=np.bool_),
+            np.tile((4.0, 2.0), (count, 1)),
+        )
+        compare_twins("sumo_conflict_find_conflicts", poses, 0, np.ones(count, dtype=np.bool_), mover)

@@ -24,3 +24,12 @@ def test_bounds_that_touch_are_near() -> None:
     box = np.array([[(1.0, 1.0), (0.0, 1.0), (0.0, 0.0), (1.0, 0.0)]])
     bounds = np.array([(1.0, -5.0, 2.0, 0.0), (1.1, 0.0, 2.0, 1.0), (-1.0, -1.0, 3.0, 3.0)])
     assert find_near_pairs(box, bounds) == [(0, 0), (0, 2)]
+
+
+def test_bounds_that_touch_are_near_in_both_texts() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        compare_twins(
+            "sumo_ghost_placement_find_near_pairs",
+            *(rng.integers(-3, 4, shape).astype(float) for shape in ((3, 4, 2), (4, 4))),
+        )

@@ -173,3 +173,33 @@ def test_contacts_of_odd_bodies(
         if i // 2 < len(states):
             states[i // 2][i % 2] = replace(states[i // 2][i % 2], **{name: value})
     compare_contacts(*groups)
+
+
+def test_cars_that_nearly_stand_and_nearly_touch() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(400):
+        vx, vy, yaw_rate = rng.uniform(-1.0, 1.0, 3) * 10 ** rng.uniform(-4.0, 0.0, 3)
+        slow = VehicleState(0.0, 0.0, 0.3, float(vx), float(vy), float(yaw_rate))
+        compare_twins("vehicle_dynamics_step", slow, Control(0.0, 0.0, 0.1), MKZ_2017)
+        first, second = VehicleState(0.0, 0.0, 0.0, 3.0, 0.0, 0.0), VehicleState(4.7, 0.0, 0.0, 0.0, 0.0, 0.0)
+        moved = replace(
+            second,
+            x=4.7 + rng.choice((0.0, 0.01, -1e-3)) + rng.uniform(-1e-3, 1e-3) * rng.choice((1.0, 0.1)),
+            y=rng.uniform(-3.0, 3.0),
+        )
+        compare_contacts(
+            [(first, replace(first, yaw=rng.choice((0.0, 0.01))))],
+            [(moved, replace(moved, x=float(moved.x) + rng.choice((0.0, 0.002))))],
+        )
+
+
+def test_plans_that_nearly_collapse() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(400):
+        hops = rng.choice((0.0, 2e-6, 9e-7, 0.05, 0.055, 0.25, 0.26), (int(rng.integers(1, 9)), 1)) * rng.choice(
+            (0.0, 1.0), 2
+        )
+        own = EgoState(*rng.uniform(-0.2, 0.2, 4).tolist())
+        plan = Plan(np.cumsum(hops, axis=0) + rng.choice((0.0, 0.105), 2), 0.2)
+        compare_twins("vehicle_control_tracker_follow_plan", plan, own, 1, FACTS)
+        compare_twins("vehicle_control_plan_reader_find_aim_point", plan, replace(own, x=0.0, y=0.0), 0, 0.3)

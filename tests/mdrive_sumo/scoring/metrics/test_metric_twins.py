@@ -76,3 +76,49 @@ def test_new_contacts(steps: list[tuple[float, float]], contacts: list[tuple[int
         [tick for tick, _ in contacts],
         [name for _, name in contacts],
     )
+
+
+def test_new_contacts_at_the_limits() -> None:
+    """Contacts all the time, with steps after which places and actors are just remembered or just forgotten."""
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        xy = np.cumsum(rng.choice((0.0, 0.0, 0.25, 0.5, -0.5), (240, 2)), axis=0)
+        ticks = np.sort(rng.integers(0, 240, 60)).tolist()
+        others = rng.choice(("", "a", "b"), 60).tolist()
+        compare_twins("scoring_metrics_collisions_find_new_contacts", xy, ticks, others)
+    for pause in range(98, 103):
+        compare_twins(
+            "scoring_metrics_collisions_find_new_contacts",
+            np.arange(240.0).repeat(2).reshape(-1, 2),
+            [1, 1 + pause],
+            ["a", "a"],
+        )
+
+
+def build_pair(angle: float, speeds: tuple[float, float], begin: float, ticks: int) -> Columns:
+    """Return two road users whose paths cross at the origin; the second one starts `begin` [m] before it."""
+    yaw, speed, place = np.array((0.0, angle)), np.array(speeds), np.array((-12.0, -begin))
+    way = place + speed * 0.1 * np.arange(ticks)[:, None]
+    x, y = way * np.cos(yaw), way * np.sin(yaw)
+    columns = np.broadcast_to(yaw, x.shape), np.broadcast_to(speed, x.shape), np.ones(x.shape, dtype=np.bool_)
+    return dict(
+        zip(
+            ["x", "y", "yaw", "speed", "valid", "length", "width"],
+            (x, y, *columns, np.full(2, 4.9), np.full(2, 2.0)),
+            strict=True,
+        )
+    )
+
+
+def test_times_at_the_limits() -> None:
+    """Paths that cross at about the least angle, gaps about as long as the horizons, pairs that approach slowly."""
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        frames = build_pair(np.radians(rng.uniform(25.0, 40.0)), (6.0, 6.0), 12.0 + 6.0 * rng.uniform(3.0, 6.5), 110)
+        del frames["speed"]
+        compare_twins("scoring_metrics_min_pet__find_least_lag", *frames.values(), 0)
+    for _ in range(150):
+        frames = build_pair(
+            rng.choice((0.0, 3.0)), (8.0 + rng.choice((0.9, 1.1, 1.4)), 8.0), -rng.uniform(-5.0, 5.0), 12
+        )
+        compare_twins("scoring_metrics_min_ttc__find_least_time", *frames.values(), 0)
