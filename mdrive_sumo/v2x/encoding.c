@@ -221,7 +221,7 @@ static bool read_range(PyObject *cpm, CpmInput *input) {
     if (range) Py_DecRef(range);
     if (roadside) Py_DecRef(roadside);
     if (!is_read) return false;
-    input->range_dm = range_dm > 65535 ? 65535 : (Py_ssize_t)range_dm;
+    input->range_dm = (Py_ssize_t)range_dm;
     input->roadside = is_roadside;
     return true;
 }

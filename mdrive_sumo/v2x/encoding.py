@@ -155,7 +155,7 @@ def encode_cpm(cpm: Cpm, pose: ReferencePose, /) -> bytes:
         raise MessageError(
             f"expected at most {MAX_OBJECTS} objects and {MAX_SECTORS} sectors, found {count} and {sectors}"
         )
-    range_dm = min(max(round_and_clamp(cpm.range_m * 10, 16), 0), 65535)
+    range_dm = max(round_and_clamp(cpm.range_m * 10, 16), 0)
     head = _CPM.pack(range_dm, count, sectors, bool(cpm.roadside))
     return head + _encode_objects(cpm, pose).tobytes() + _encode_free_sight(objects.free_m, range_dm)
 
