@@ -118,7 +118,23 @@ def test_a_name_is_in_a_group_once_and_any_number_of_an_intention_will_do() -> N
 
 
 @pytest.mark.parametrize(
-    "body", [b"12345678", bytes((0, 0, 4, 0, 20, 0, 0, 0, 0)), bytes((0, 0, 1, 1, 20, 0, 0, 0, 0, 101))]
+    "body",
+    [
+        b"12345678",
+        bytes((0, 0, 4, 0, 20, 0, 0, 0, 0)),
+        *(
+            bytes((0, 0, 1, 1, 20, 0, 0, 0, 0, *rest))
+            for rest in (
+                (101,),  # too many points,
+                (),  # and bytes that are missing
+                (2, 1, 1, 1, 1, 1, 1, 1),
+                (0, 0, 1, 3),
+                (0, 0, 1, 3, 0, 97, 98),
+                (0, 0, 1, 3, 4, 97, 98, 99),  # no such intention
+                (0, 0, 0, 0, 0, 0, 0),  # more than there should be
+            )
+        ),
+    ],
 )
 def test_both_name_what_is_wrong_with_a_body(body: bytes) -> None:
     told: list[str] = []
