@@ -3,16 +3,19 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from random import Random
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from testing.message_samples import cams, cpms, mcms
 from testing.planning import LENGTH, WIDTH, briefing, own, seen, things
 from testing.sampling import examples
 
 from mdrive_sumo.contract import Message, Objects
 from mdrive_sumo.contract.detector_profiles import IDEAL, LIDAR_SINGLE, PROFILES
+from mdrive_sumo.contract.reply_check import FARTHEST_M, are_within
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.perception.measurements import MEASUREMENT, OWN_SENSOR, Measurements, Rows
 from mdrive_sumo.perception.object_tracker import ObjectTracker
@@ -233,6 +236,23 @@ def test_poses_of_the_future_and_boxes_without_a_size_count_for_nothing() -> Non
     for i, content in enumerate((*reports, *states)):
         tracker.receive([sent(content, f"cav_{i}")])
     assert not tracker.update(seen(0, own(), things())).ids
+
+
+@given(st.lists(st.tuples(st.one_of(cams(), cpms(), mcms()), st.randoms(use_true_random=False)), max_size=4))
+def test_whatever_stations_say_objects_are_boxes_that_an_agent_may_name(
+    said: list[tuple[Cam | Cpm | Mcm, Random]],
+) -> None:
+    tracker = ObjectTracker(REALISTIC, LIDAR_SINGLE)
+    for tick in range(4):
+        for i, (content, chance) in enumerate(said):
+            message = encode(replace(content, pose=replace(content.pose, tick=chance.choice((0, tick, 2**32 - 1)))))
+            payload = bytearray(message.payload)
+            for at in chance.choices(range(1, len(payload)), k=chance.choice((0, 1, 8))):
+                payload[at] = chance.choice((0, 127, 128, 255))
+            tracker.receive([Message(message.type, bytes(payload), f"cav_{i}", tick)])
+        objects = tracker.update(seen(tick, own(), things()))
+        boxes = np.column_stack((objects.x, objects.y, objects.yaw, objects.length, objects.width))
+        assert are_within(boxes, FARTHEST_M) and (boxes[:, 3:] > 0.0).all()
 
 
 def test_an_mcm_tells_where_its_sender_is_and_a_cam_of_that_tick_replaces_it() -> None:
