@@ -76,7 +76,7 @@ def _check_detections(detections: object) -> Detections | None:
     try:
         boxes = np.array(detections.boxes, dtype=np.float64)
         scores = np.array(detections.scores, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ReplyError("detections: expected numbers for boxes and scores") from None
     if boxes.ndim != 2 or boxes.shape[1] != 5 or scores.shape != (len(boxes),) or len(boxes) > MAX_DETECTIONS:
         raise ReplyError(
@@ -107,7 +107,7 @@ def _check_control(control: object) -> Control:
 def _check_range(name: str, value: Any, low: float) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ReplyError(f"{name}: expected a number, found {type(value).__name__}") from None
     if not low <= number <= 1.0:  # NaN fails too
         raise ReplyError(f"{name}: expected a number in [{low:g}, 1], found {number}")
@@ -120,7 +120,7 @@ def _check_plan(plan: object, controllers: frozenset[str]) -> Plan:
     try:
         points = np.array(plan.points, dtype=np.float64)
         interval_s = float(plan.interval_s)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ReplyError("plan: expected numbers for points and interval_s") from None
     if points.ndim != 2 or points.shape[1] != 2 or not 1 <= len(points) <= MAX_PLAN_POINTS:
         raise ReplyError(f"plan: expected points of shape (1..{MAX_PLAN_POINTS}, 2), found {points.shape}")
@@ -128,7 +128,7 @@ def _check_plan(plan: object, controllers: frozenset[str]) -> Plan:
         raise ReplyError("plan: expected finite points within 1000 km of the origin")
     if not (math.isfinite(interval_s) and 0.01 <= interval_s <= 10.0):
         raise ReplyError(f"plan: expected interval_s in [0.01, 10] s, found {interval_s}")
-    if plan.controller not in controllers:
+    if not isinstance(cast(object, plan.controller), str) or plan.controller not in controllers:
         raise ReplyError(f"plan: unknown controller {plan.controller!r}, expected one of {sorted(controllers)}")
     return build_frozen(Plan, points, interval_s, plan.controller)
 
