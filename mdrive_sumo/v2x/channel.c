@@ -114,7 +114,7 @@ static bool add_delivery(PyObject *deliveries, PyObject *receiver, const char *s
 static PyObject *v2x_channel_select_reached(PyObject *module, PyObject *const *arguments, Py_ssize_t count) {
     double range_m, loss, distance, luck = 0.0;
     if (!expect_arguments("select_reached", count, 6, 6) || !read_number(arguments[2], &range_m) ||
-        !read_number(arguments[3], &loss))
+        !read_number(arguments[3], &loss) || !is_dict(arguments[1]))
         return NULL;
     PyObject *reached = PyList_New(0), *receiver, *value;
     bool is_valid = reached;

@@ -123,7 +123,7 @@ class Channel:
         fits = budget.take(message.tick, len(message.payload) + comm.header_bytes)
         return None if fits else DeliveryStatus.OVER_BUDGET
 
-    def _transmit(self, message: Message, n: int, others: Mapping[str, float], deliveries: dict[str, Delivery]) -> None:
+    def _transmit(self, message: Message, n: int, others: dict[str, float], deliveries: dict[str, Delivery]) -> None:
         """Transmit a message, the n-th of its sender in this tick; others: distances [m] by receiver."""
         link = self._comm.find_link(message.type)
         lucks = self._draw_lucks(message, n, tuple(others)) if link.loss else ()
@@ -205,7 +205,7 @@ def draw_lucks(seed: int, sender: str, n: int, receivers: tuple[str, ...], block
 @twin
 def select_reached(
     tick: int,
-    others: Mapping[str, float],
+    others: dict[str, float],
     range_m: float,
     loss: float,
     lucks: tuple[float, ...],

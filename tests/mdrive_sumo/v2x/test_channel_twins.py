@@ -1,11 +1,12 @@
 """The compiled parts of the channel against the Python text."""
 
 import math
+from types import MappingProxyType
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.twins import compare_twins
+from testing.twins import compare_twins, get_compiled
 
 from mdrive_sumo.contract import Message
 from mdrive_sumo.core import compiled
@@ -63,3 +64,9 @@ def test_what_is_missing_is_an_error() -> None:
     with pytest.raises(IndexError):
         select_reached(3, {"a": 9.0}, 150.0, 0.5, (), {})
     assert draw_lucks(1, "a", 0, (), 0) == ((),) * 8
+
+
+def test_distances_that_cannot_be_listed_are_an_error() -> None:
+    others = MappingProxyType({"a": 9.0})
+    with pytest.raises(TypeError, match="expected a dict"):
+        get_compiled("v2x_channel_select_reached")(3, others, 150.0, 0.0, (), {})
