@@ -118,6 +118,6 @@ def _find_trend(acceleration: Float, parameters: CarFollowingParameters) -> Floa
 
 def _interpolate(values: Float, at: Float) -> Float:
     """Return rows (T, N) of values (K, N) at fractional rows `at` (T,)."""
-    low = np.minimum(at.astype(np.int64), len(values) - 2)
+    low = np.clip(at.astype(np.int64), 0, len(values) - 2)
     share = (at - low)[:, None]
     return values[low] * (1 - share) + values[low + 1] * share

@@ -46,7 +46,7 @@ class SpeedProfile:
 @twin
 def compute_stations(profile: SpeedProfile, t: Float, /) -> Float:
     """As `SpeedProfile.get_stations`."""
-    k = np.minimum((t / profile.step_s).astype(np.int64), len(profile.s) - 1)
+    k = np.clip((t / profile.step_s).astype(np.int64), 0, len(profile.s) - 1)
     rest = t - k * profile.step_s
     acceleration = np.append(np.diff(profile.speed), 0.0) / profile.step_s
     return profile.s[k] + profile.speed[k] * rest + acceleration[k] * (rest * rest) / 2

@@ -139,7 +139,7 @@ def test_speed_profiles_and_free_drives(seed: int) -> None:
     profile = SpeedProfile(
         np.cumsum(rng.uniform(0.0, 5.0, points)), rng.uniform(0.0, 9.0, points), True, lattice.step_s
     )
-    times = np.concatenate((rng.uniform(0.0, 40.0, int(rng.integers(0, 9))), np.arange(4) * lattice.step_s))
+    times = np.concatenate((rng.uniform(-9.0, 40.0, int(rng.integers(0, 9))), np.arange(4) * lattice.step_s))
     compare_twins("planning_speed_profile_compute_stations", profile, times)
     compare_twins("planning_speed_profile_compute_station", profile, float(times[-1]))
     speeds = rng.uniform(0.0, 40.0, int(rng.integers(9, 200)))
@@ -210,7 +210,7 @@ def test_traffic_on_roads(seed: int) -> None:
     count = int(rng.integers(0, 6))
     speed, acceleration = rng.uniform(-1.0, 30.0, count), rng.choice((0.0, 0.9, 3.0, -1.0, -12.0), count)
     ahead = VehiclesAhead(rng.integers(-1, max(count, 1), count), rng.uniform(-3.0, 40.0, count))
-    times = np.sort(rng.uniform(0.0, 12.0, int(rng.integers(0, 9))))
+    times = np.sort(rng.uniform(-3.0, 12.0, int(rng.integers(0, 9))))
     compare_twins("planning_car_following_predict_travel", speed, acceleration, ahead, 20.0, times)
 
 
