@@ -34,11 +34,14 @@ static Point get_point(const Member *member, Py_ssize_t i) {
 
 static double measure(Point a, Point b) { return portable_hypot(a.x - b.x, a.y - b.y); }
 
-/* How many parts conflict_graph.densify makes of each step. */
+/* How many parts conflict_graph.densify makes of each step; NaN if a point is none. */
 static double count_parts(const Member *member, double max_step_m) {
     double longest = 0.0;
-    for (Py_ssize_t i = 0; i < member->desired.shape[0]; i++)
-        longest = greatest(measure(get_point(member, i + 1), get_point(member, i)), longest);
+    for (Py_ssize_t i = 0; i < member->desired.shape[0]; i++) {
+        double step = measure(get_point(member, i + 1), get_point(member, i));
+        if (isnan(step)) return NAN;
+        longest = greatest(step, longest);
+    }
     return longest > max_step_m ? ceil(longest / max_step_m) : 1.0;
 }
 

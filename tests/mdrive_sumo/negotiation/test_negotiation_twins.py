@@ -1,9 +1,11 @@
 """Compiled functions of the negotiation against their Python text, on random inputs."""
 
+from dataclasses import replace
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from testing.twins import compare_twins
+from testing.twins import REFUSALS, compare_twins
 
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.negotiation.announcement import Announcement
@@ -60,6 +62,9 @@ def test_leaders(seed: int) -> None:
         desired = np.column_stack((x + ahead, np.full(len(ahead), y)))
         members.append(NegotiationMember(f"{i}", x, y, yaw, 5.0, Intention.KEEP, Direction.FOLLOW, 0.2, desired))
     compare_twins("negotiation_rule_negotiator_list_leader_pairs", members, LEADER, MAX_STEP_M)
+    if members and len(members[0].desired):
+        members[0] = replace(members[0], x=float("nan"))
+        assert compare_twins("negotiation_rule_negotiator_list_leader_pairs", members, LEADER, MAX_STEP_M) == REFUSALS
 
 
 @given(seed=SEEDS)
