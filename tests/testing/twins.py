@@ -4,16 +4,21 @@ import ctypes
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mdrive_sumo.core import compiled
+from mdrive_sumo.core.compiled.sources import list_sources
 
 REFUSALS = (ValueError, ArithmeticError)
 """What a function raises for numbers that it cannot use; which of them may differ between twins."""
+SAID_OF_WRONG_ARGUMENTS = *REFUSALS, TypeError, AttributeError, LookupError, SystemError, MemoryError, Warning
+ODD = None, "text", float("nan"), -1, 10**30, [], (), {}, np.zeros(0), np.zeros((2, 3)), np.array(1.0)
 COMPARED: Counter[tuple[str, bool]] = Counter()
 """How often a function was compared in this process where it returned, and where it refused its arguments."""
 
@@ -22,16 +27,59 @@ def compare_twins(name: str, *arguments: Any) -> Any:
     """Return what both functions of that name (as in `compiled.REFERENCES`) return; the bits must be equal.
 
     The compiled one must leave no memory and no reference behind; that is looked at for the first, second, fourth,
-    eighth ... of the calls that return and of those that are refused.
+    eighth ... of the calls that return and of those that are refused. After the first it also gets arguments of other
+    types and shapes, of which it may say anything but must not crash.
     """
-    expected = call(compiled.REFERENCES[name], *arguments)
+    expected = call(get_reference(name), *arguments)
     found = call(get_compiled(name), *arguments)
     assert describe(found) == describe(expected), name
     kind = name, found is REFUSALS
     COMPARED[kind] += 1
     if COMPARED[kind].bit_count() == 1:
         check_memory(get_compiled(name), *arguments)
+    if COMPARED[kind] == 1:
+        for changed in change_arguments(arguments):
+            call_anyhow(get_compiled(name), *changed)
     return found
+
+
+def change_arguments(arguments: tuple[Any, ...]) -> Iterator[tuple[Any, ...]]:
+    """Return arguments of which one is of another type or shape, or has a part that is."""
+    for i, argument in enumerate(arguments):
+        for changed in (*ODD, *change_value(argument)):
+            yield (*arguments[:i], changed, *arguments[i + 1 :])
+
+
+def change_value(value: Any) -> Iterator[Any]:
+    """Return values of the same type with other parts."""
+    if isinstance(value, np.ndarray) and value.ndim:
+        yield from (value[:-1], value.T, value[::2], value[None], np.concatenate((value, value)))
+    elif type(value) in (tuple, list) and value:
+        yield from (value[:-1], value + value, *(type(value)((odd, *value[1:])) for odd in ODD))
+    elif isinstance(value, dict) and value:
+        first = next(iter(value))
+        yield from ({**value, first: odd} for odd in ODD)
+        yield {key: part for key, part in value.items() if key is not first}
+    elif is_dataclass(value) and not isinstance(value, type):
+        values = {field.name: getattr(value, field.name) for field in fields(value)}
+        for name, part in values.items():
+            shorter = [part[:-1]] if isinstance(part, np.ndarray | tuple | list) and len(part) else []
+            yield from (make_instance(type(value), {**values, name: odd}) for odd in (*ODD, *shorter))
+        yield make_instance(type(value), {})
+
+
+def make_instance(cls: type, values: dict[str, Any]) -> Any:
+    """Return an instance of a dataclass that nothing has checked."""
+    instance = object.__new__(cls)
+    for name, value in values.items():
+        object.__setattr__(instance, name, value)
+    return instance
+
+
+def call_anyhow(function: Callable[..., Any], *arguments: Any) -> None:
+    """Call a function whose arguments may be wrong in any way."""
+    with np.errstate(all="ignore"), suppress(*SAID_OF_WRONG_ARGUMENTS):
+        function(*arguments)
 
 
 def check_memory(function: Callable[..., Any], *arguments: Any) -> None:
@@ -41,11 +89,11 @@ def check_memory(function: Callable[..., Any], *arguments: Any) -> None:
     NumPy has such stores too.
     """
     parts = list(list_parts(arguments))
-    for calls in (4, 2500):
-        call(function, *arguments)
+    for calls in (20, 2500):
+        call_anyhow(function, *arguments)
         before = measure_memory(parts)
         for _ in range(calls):
-            call(function, *arguments)
+            call_anyhow(function, *arguments)
         grown = [count - was for count, was in zip(measure_memory(parts), before, strict=True)]
         if max(grown) < calls and min(grown[2:], default=0) > -calls:
             return
@@ -57,15 +105,15 @@ def measure_memory(parts: list[Any]) -> list[int]:
     return [sys.getallocatedblocks(), _count_allocated_bytes() // LEAST_ALLOCATION, *map(sys.getrefcount, parts)]
 
 
-LEAST_ALLOCATION = 32
-"""Bytes that the GNU C library takes for the smallest piece of memory, its own notes included."""
+LEAST_ALLOCATION = 16
+"""Half of the bytes that the GNU C library takes for the smallest piece of memory."""
 
 
 def list_parts(value: Any) -> Iterator[Any]:
     """Return a value and what it consists of."""
     yield value
     if is_dataclass(value) and not isinstance(value, type):
-        value = [getattr(value, field.name) for field in fields(value)]
+        value = [getattr(value, field.name, None) for field in fields(value)]
     if isinstance(value, dict):
         value = [*value, *value.values()]
     if isinstance(value, tuple | list):
@@ -86,6 +134,16 @@ _C_LIBRARY.mallinfo2.restype = _MallocInfo
 def _count_allocated_bytes() -> int:
     numbers = _C_LIBRARY.mallinfo2().numbers
     return numbers[4] + numbers[7]  # hblkhd, of large pieces, and uordblks, of all others
+
+
+def get_reference(name: str) -> Callable[..., Any]:
+    """Return the Python text of that name, whether or not its module has been imported."""
+    if name not in compiled.REFERENCES:
+        package = Path(compiled.__path__[0]).parents[1]
+        for file in map(Path, list_sources(package)):
+            if file.suffix == ".c" and file.parent.name != "compiled":
+                import_module(".".join(("mdrive_sumo", *file.with_suffix("").parts)))
+    return compiled.REFERENCES[name]
 
 
 def get_compiled(name: str) -> Callable[..., Any]:
