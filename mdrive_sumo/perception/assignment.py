@@ -21,7 +21,7 @@ def assign(cost: Float, possible: Bool, blocks: Int, /) -> tuple[Int, Int]:
     the rest is solved by the Hungarian method.
     """
     is_one_block = blocks[:, None] == blocks
-    in_row = possible.astype(np.int64) @ is_one_block
+    in_row = (possible[:, :, None] & is_one_block).sum(axis=1)
     chosen = possible & (in_row == 1) & (possible.sum(axis=0) == 1)
     contested = possible & ~chosen
     for block in np.unique(blocks[contested.any(axis=0)]).tolist():

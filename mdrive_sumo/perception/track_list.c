@@ -86,7 +86,7 @@ static Import STATIONS = {"mdrive_sumo.perception.measurements", "STATIONS", 0};
 enum { NUMBER_BY_NAME, STATION_BY_NUMBER, SOURCE_BY_NUMBER, DICTIONARIES };
 
 typedef struct {
-    PyObject *stations, *dictionary[DICTIONARIES]; /* borrowed from the instance of TrackNames */
+    PyObject *stations, *dictionary[DICTIONARIES]; /* borrowed from the instance of TrackOrigins */
 } Names;
 
 /* Tracks that change. */

@@ -17,7 +17,7 @@ from mdrive_sumo.perception.tracking_parameters import TrackingParameters
 
 
 @dataclass(slots=True)
-class TrackNames:
+class TrackOrigins:
     """What the tracks are called, by their sources."""
 
     number_by_name: dict[tuple[str, str], int] = field(default_factory=dict)
@@ -41,7 +41,7 @@ class TrackList:
         """is_confirmed_at_once: whether the detectors in use have no false positives."""
         self._is_confirmed_at_once, self._parameters = is_confirmed_at_once, parameters
         self._tracks = np.zeros(0, TRACK)
-        self._names = TrackNames()
+        self._names = TrackOrigins()
         self._next_number = 0
 
     def __len__(self) -> int:
@@ -124,7 +124,7 @@ def _is_on_foot(rows: Rows) -> Bool:
 
 @twin
 def record_hits(
-    tracks: Rows, rows: Int, new: Measurements, columns: Int, tick: int, names: TrackNames,
+    tracks: Rows, rows: Int, new: Measurements, columns: Int, tick: int, names: TrackOrigins,
     parameters: TrackingParameters, /,
 ) -> Rows:  # fmt: skip
     """Return the tracks, those of `rows` (K,) seen now, as the measurements `columns` (K,); updates the names.
@@ -145,7 +145,7 @@ def record_hits(
 
 
 def _name_track(
-    tracks: Rows, names: TrackNames, number: int, source: str, name: str, parameters: TrackingParameters
+    tracks: Rows, names: TrackOrigins, number: int, source: str, name: str, parameters: TrackingParameters
 ) -> None:
     """Remember one name. A station names its track; a track that had this name before was the same vehicle."""
     before = names.number_by_name.get((source, name))
@@ -159,7 +159,7 @@ def _name_track(
 
 @twin
 def match_measurements(
-    tracks: Rows, new: Measurements, tick: int, names: TrackNames, parameters: TrackingParameters, /
+    tracks: Rows, new: Measurements, tick: int, names: TrackOrigins, parameters: TrackingParameters, /
 ) -> tuple[Rows, Int]:
     """Return the tracks, corrected by the measurements that fit to them, and the columns (K,) of those.
 

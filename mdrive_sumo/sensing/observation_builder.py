@@ -6,7 +6,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
-from mdrive_sumo.contract import Briefing, Message, Objects, Observation, OwnState, Plan, Privileged, SensorSpec
+from mdrive_sumo.contract import Briefing, Message, Objects, Observation, Plan, Privileged, SensorSpec
 from mdrive_sumo.contract.exchange import NOTHING
 from mdrive_sumo.core.errors import InputError, WorldError
 from mdrive_sumo.core.frozen import build_frozen
@@ -81,16 +81,13 @@ class ObservationBuilder:
             own = to_own_state(state) if estimator is None or estimate is None else estimator.describe(estimate)
             lights = carrier.read_lights(frame.signals)
             if scene is None or not carrier.has_sensors:
-                observations[ego] = _observe_blindly(frame.tick, own, lights, messages)
+                observations[ego] = Observation(frame.tick, own, signals=lights, messages=messages)
                 continue
             eye = build_frozen(SensorPose, state.x, state.y, state.yaw, rows[ego], estimate)
             fields = carrier.sense(scene, eye)
             if carrier.privileged:
                 fields["privileged"] = self._privileged(scene, plans)
-            if fields:
-                observation = Observation(frame.tick, own, signals=lights, messages=messages, **fields)
-            else:
-                observation = _observe_blindly(frame.tick, own, lights, messages)
+            observation = Observation(frame.tick, own, signals=lights, messages=messages, **fields)
             if carrier.objects_sensor is not None:
                 observation.defer(partial(_sense_or_void, carrier.objects_sensor.defer(scene, eye)))
             observations[ego] = observation
@@ -169,12 +166,6 @@ class _Carrier:
             measured = {name: sensor.sense(scene, eye) for name, sensor in sensors.items()}
             fields[field] = MappingProxyType({name: value for name, value in measured.items() if value is not None})
         return fields
-
-
-def _observe_blindly(tick: int, own: OwnState, lights: Mapping[str, str], messages: tuple[Message, ...]) -> Observation:
-    """Return the observation without what sensors add."""
-    nothing = None, NOTHING, NOTHING, None, None, None, NOTHING
-    return build_frozen(Observation, tick, own, None, lights, messages, *nothing)
 
 
 def _sense_or_void(sense: Callable[[], Objects]) -> Objects:

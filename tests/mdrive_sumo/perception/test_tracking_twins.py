@@ -19,7 +19,7 @@ from mdrive_sumo.core import compiled
 from mdrive_sumo.perception.assignment import assign
 from mdrive_sumo.perception.measurements import MEASUREMENT, OWN_SENSOR, STATIONS, Measurements, Rows
 from mdrive_sumo.perception.static_object_tracker import STANDSTILL, TRACKER
-from mdrive_sumo.perception.track_list import TrackNames
+from mdrive_sumo.perception.track_list import TrackOrigins
 from mdrive_sumo.perception.track_states import TRACK
 from mdrive_sumo.perception.tracking_parameters import TRACKING
 from mdrive_sumo.v2x.messages import Cam, Cpm, ReferencePose
@@ -146,16 +146,16 @@ def test_comparison(seed: int, count: int, more: int, bad: float | None) -> None
     compare_twins("perception_track_list_compare", tracks, new, known, TRACKING)
 
 
-def draw_names(rng: np.random.Generator) -> TrackNames:
+def draw_names(rng: np.random.Generator) -> TrackOrigins:
     sources = ("cav_1", STATIONS, OWN_SENSOR)
-    return TrackNames(
+    return TrackOrigins(
         {(str(rng.choice(sources)), f"t{i}"): int(rng.integers(6)) for i in range(8)},
         {i: f"t{rng.integers(8)}" for i in range(0, 6, 2)},
         {i: str(rng.choice(sources)) for i in range(6)},
     )
 
 
-def compare_naming(name: str, names: TrackNames, update: Callable[[Callable[..., Any], TrackNames], Any]) -> None:
+def compare_naming(name: str, names: TrackOrigins, update: Callable[[Callable[..., Any], TrackOrigins], Any]) -> None:
     """Both functions of that name return the same and change the names alike."""
 
     def describe_update(function: Callable[..., Any]) -> Any:
@@ -172,7 +172,7 @@ def test_recording_of_hits(seed: int, count: int, more: int) -> None:
     hits = int(rng.integers(0, more + 1)) if count else 0
     rows, columns = np.sort(rng.integers(0, max(count, 1), hits)), rng.permutation(more)[:hits]
 
-    def record(function: Callable[..., Any], names: TrackNames) -> Any:
+    def record(function: Callable[..., Any], names: TrackOrigins) -> Any:
         return call(function, tracks, rows, new, columns, TICK, names, TRACKING)
 
     compare_naming("perception_track_list_record_hits", draw_names(rng), record)
@@ -187,7 +187,7 @@ def test_matching(seed: int, count: int, more: int, bad: float | None) -> None:
         rows["kind"], rows["x"] = 0, rows["x"] / 2.0
     tracks["number"] = np.arange(count) % 6
 
-    def match(function: Callable[..., Any], names: TrackNames) -> Any:
+    def match(function: Callable[..., Any], names: TrackOrigins) -> Any:
         return call(function, tracks, new, TICK, names, TRACKING)
 
     compare_naming("perception_track_list_match_measurements", draw_names(rng), match)
@@ -212,7 +212,9 @@ def test_rows_that_do_not_exist_are_refused(rows: list[int], columns: list[int])
     new.rows["source"] = 0
     tracks, pairs = draw_rows(rng, TRACK, 3), (np.array(rows), np.array(columns))
     with pytest.raises(ValueError, match="expected"):
-        get_compiled("perception_track_list_record_hits")(tracks, pairs[0], new, pairs[1], TICK, TrackNames(), TRACKING)
+        get_compiled("perception_track_list_record_hits")(
+            tracks, pairs[0], new, pairs[1], TICK, TrackOrigins(), TRACKING
+        )
 
 
 def test_rows_of_another_type_are_refused() -> None:
