@@ -1,5 +1,6 @@
 """Two boxes tell each other nothing, whether they live at the same time or not; without boxes, the same programs do."""
 
+import fcntl
 import json
 import os
 import platform
@@ -70,6 +71,15 @@ def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path.chmod(0o644)
     reachable(path.parent)
     return path
+
+
+@pytest.fixture(autouse=True)
+def _alone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """One test of this file at a time: what one sends without a box, another of a second worker would see."""
+    folder = tmp_path_factory.getbasetemp().parent  # that of all workers
+    with (folder / "channels.lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 class Program:
