@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[1]
 BASELINES = Path("docs/results/baselines.json")
 SPEED = Path("docs/results/speed.json")
 README, RESULTS_PAGE, SPEED_PAGE = Path("README.md"), Path("docs/results.md"), Path("docs/results/speed.md")
-COMPARISONS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge}
+COMPARISONS = {"<": operator.lt, "<=": operator.le, ">": operator.gt, ">=": operator.ge, "=": operator.eq}
 BUCKETS = ("InterDrive", "Interaction", "V2XPnP")
 
 DESCRIPTION_BY_AGENT: Mapping[str, str] = {
@@ -163,17 +163,23 @@ def _format_score(scores: Mapping[str, float | None], name: str) -> str:
 
 
 def format_speed(figures: Mapping[str, Any]) -> str:
-    """Return the Markdown table of the figures of `make bench`: name -> value, unit, target such as "< 5"."""
+    """Return the Markdown table of the figures of `make bench`: name -> value, unit, target such as "< 5".
+
+    Figures without a target explain others where they are measured; the table leaves them out.
+    """
     lines = ["| Figure | Measured | Target |", "|---|---|---|"]
     for name, figure in figures.items():
+        if figure["target"] in {"", "-"}:
+            continue
         missed = "" if is_target_met(figure["value"], figure["target"]) else ": missed"
-        lines.append(f"| {name} | {figure['value']:.3g} {figure['unit']} | {figure['target']}{missed} |")
+        measured = f"{figure['value']:.3g} {figure['unit']}".strip()
+        lines.append(f"| {name} | {measured} | {figure['target']}{missed} |")
     return "\n".join(lines)
 
 
 def is_target_met(value: float, target: str) -> bool:
     """Whether a figure meets its target; one without a comparison has none to miss."""
-    found = re.fullmatch(r"(<=|>=|<|>) ([\d.]+)", target)
+    found = re.fullmatch(r"(<=|>=|<|>|=) ([\d.]+)", target)
     return found is None or COMPARISONS[found[1]](value, float(found[2]))
 
 

@@ -154,7 +154,7 @@ def bare_ticks(scenario: Scenario, roads: RoadMap, ticks: int) -> list[float]:
 def tick_ratios(roads: RoadMap) -> Iterator[Row]:
     """Evaluator against bare libsumo: 2 CAVs and 84 background vehicles, the first 20 s, interleaved."""
     ticks = 20 * TICKS_PER_SECOND
-    for action_step_s, target in ((0.05, 2.0), (0.5, 3.0)):
+    for action_step_s, target in ((0.05, 1.5), (0.5, 2.2)):
         scenario = busy_scenario(roads, 2, VEHICLES, action_step_s)
         ours: list[float] = []
         bare: list[float] = []

@@ -37,7 +37,7 @@ def filled(store: Store, teams: list[str], draw: random.Random, queued: int = QU
     with store.write() as session:
         session.execute(insert(SubmissionRow), rows)
         waiting_jobs = [
-            {"submission": id_, "scenario": f"s{n}", "seed": 0, "state": "queued"}
+            {"submission": id_, "others": id_, "scenario": f"s{n}", "seed": 0, "state": "queued"}
             for id_ in waiting
             for n in range(225)
         ]
@@ -51,7 +51,8 @@ def filled(store: Store, teams: list[str], draw: random.Random, queued: int = QU
 def submission(number: int, team: str, track: ChallengeTrack, draw: random.Random, done: bool) -> dict[str, Any]:
     """One row."""
     names = {"buckets": BUCKETS, "categories": CATEGORIES}
-    summary = {group: {name: figures(draw) for name in of} for group, of in names.items()} | {"overall": figures(draw)}
+    summary: dict[str, Any] = {group: {name: figures(draw) for name in of} for group, of in names.items()} | {"overall": figures(draw)}
+    summary["sensing_track"] = ""
     return {
         "id": f"{number:032x}",
         "team": team,
