@@ -51,8 +51,8 @@ def filled(store: Store, teams: list[str], draw: random.Random, queued: int = QU
 def submission(number: int, team: str, track: ChallengeTrack, draw: random.Random, done: bool) -> dict[str, Any]:
     """One row."""
     names = {"buckets": BUCKETS, "categories": CATEGORIES}
-    summary: dict[str, Any] = {group: {name: figures(draw) for name in of} for group, of in names.items()} | {"overall": figures(draw)}
-    summary["sensing_track"] = ""
+    summary: dict[str, Any] = {group: {name: figures(draw) for name in of} for group, of in names.items()}
+    summary |= {"overall": figures(draw), "sensing_track": ""}
     return {
         "id": f"{number:032x}",
         "team": team,
