@@ -1,0 +1,1 @@
+"""A person at the wheel: pages, WebSocket and simulation processes of `mdrive-sumo drive`."""
