@@ -348,7 +348,7 @@ class CavOut(_Model):
 class Welcome(_Model):
     """The first message on a connection."""
 
-    is_: Literal["welcome"] = Field("welcome", serialization_alias="is")
+    is_: Literal["welcome"] = Field(default="welcome", serialization_alias="is")
     role: Literal["driver", "spectator"]
     cav: str | None
     """The receiver's CAV; None for spectators."""
@@ -402,7 +402,7 @@ class TakeOut(_Model):
 class TreeOut(_Model):
     """All takes, whenever one changes."""
 
-    is_: Literal["tree"] = Field("tree", serialization_alias="is")
+    is_: Literal["tree"] = Field(default="tree", serialization_alias="is")
     takes: list[TakeOut]
     current: int
     """The take that goes on."""
@@ -422,7 +422,7 @@ class GhostOut(_Model):
 class Ghosts(_Model):
     """Answer to `what-if`."""
 
-    is_: Literal["ghosts"] = Field("ghosts", serialization_alias="is")
+    is_: Literal["ghosts"] = Field(default="ghosts", serialization_alias="is")
     take: int
     tick: int
     ghosts: list[GhostOut]
@@ -431,28 +431,28 @@ class Ghosts(_Model):
 class ProblemOut(_Model):
     """One sentence on what was refused or went wrong; the connection goes on."""
 
-    is_: Literal["problem"] = Field("problem", serialization_alias="is")
+    is_: Literal["problem"] = Field(default="problem", serialization_alias="is")
     text: str
 
 
 class Notice(_Model):
     """One sentence on what others did: "ego_1: its driver went back to 12.3 s"."""
 
-    is_: Literal["notice"] = Field("notice", serialization_alias="is")
+    is_: Literal["notice"] = Field(default="notice", serialization_alias="is")
     text: str
 
 
 class Pong(_Model):
     """Answer to `ping`."""
 
-    is_: Literal["pong"] = Field("pong", serialization_alias="is")
+    is_: Literal["pong"] = Field(default="pong", serialization_alias="is")
     time: float
 
 
 class Waiting(_Model):
     """The clock waits for these CAVs' drivers: they are not there, or have not sent `resume`. Empty: it runs."""
 
-    is_: Literal["waiting"] = Field("waiting", serialization_alias="is")
+    is_: Literal["waiting"] = Field(default="waiting", serialization_alias="is")
     waits_for: list[str] = Field(serialization_alias="for")
     absent: list[str]
     """Those of them that are not connected."""
