@@ -37,6 +37,11 @@ _LEARNED = {
 }
 LEARNED_AGENTS = AgentTable(_LEARNED)
 """Counterparts of the paper's systems."""
+_HUMAN = {"human": "human:HumanAgent", "human-replay": "human:HumanReplayAgent"}
+HUMAN_AGENTS = AgentTable(_HUMAN)
+"""The cars of people: `loop.human_driver` gives them controls. They drive nothing by themselves."""
+ASKING_AGENTS = ("colmdriver",)
+"""Agents that ask a language model: their answers come from outside, or from a file of a run."""
 AGENTS = AgentTable(
     {
         "stationary": "sensorless:StationaryAgent",
@@ -54,6 +59,7 @@ AGENTS = AgentTable(
         "perception-swap:fcooper": "perception_swap:FCooperAgent",
         "perception-swap:cobevt": "perception_swap:CoBevtAgent",
         "omniscient": "omniscient:OmniscientAgent",
+        **_HUMAN,
     }
 )
 """The names that `--agent NAME` accepts."""

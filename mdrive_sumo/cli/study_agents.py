@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.agents.registry import AGENTS, HUMAN_AGENTS
 from mdrive_sumo.cli.setting_options import setting_option
 from mdrive_sumo.cli.study_options import StudyOptions, drive_with_display, parse_agent_names, study_options
 from mdrive_sumo.core.errors import InputError
@@ -100,11 +100,11 @@ def cross_play_command(ctx: click.Context, agents: str, **options: Any) -> None:
 
 
 def list_all_agents() -> str:
-    """Return the names of all built-in agents that drive without options, with commas between them."""
+    """Return the names of all built-in agents that drive by themselves and without options, with commas between."""
     names: list[str] = []
-    for name, factory in AGENTS.items():
+    for name in (one for one in AGENTS if one not in HUMAN_AGENTS):
         try:
-            factory({})
+            AGENTS[name]({})
         except InputError as error:
             echo(f"left out: {name}: {error}", err=True)
         else:

@@ -9,8 +9,10 @@ Frames: world frame of the network, metres, seconds, radians counter-clockwise f
 
 from mdrive_sumo.contract.briefing import Briefing, StopSign, TrafficLight, VehicleFacts
 from mdrive_sumo.contract.exchange import (
+    DRIVER,
     EXCHANGE,
     LABELS,
+    REMARK,
     STANDSTILL,
     Agent,
     Control,
@@ -69,8 +71,10 @@ __all__ = [
     "StopSign",
     "TrafficLight",
     "VehicleFacts",
+    "DRIVER",
     "EXCHANGE",
     "LABELS",
+    "REMARK",
     "STANDSTILL",
     "Agent",
     "Control",

@@ -106,6 +106,10 @@ class Note:
 
 EXCHANGE = "llm-exchange"
 """Kind of the notes that hold a request to a language model and its answer: runs keep them as transcripts."""
+DRIVER = "driver"
+"""Kind of the notes of a take with the driver from their tick on: a person, or an agent (`loop.human_actions`)."""
+REMARK = "remark"
+"""Kind of the notes that a person leaves, or an observer of a study: nothing follows from them."""
 
 
 @dataclass(frozen=True, slots=True)

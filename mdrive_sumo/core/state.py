@@ -54,6 +54,8 @@ class FailureReason(StrEnum):
     CRASHED = auto()
     TIMEOUT = auto()
     INVALID = auto()
+    LEFT = auto()
+    """The person who drove has left: see `loop.human_driver`."""
 
 
 @dataclass(frozen=True, slots=True)

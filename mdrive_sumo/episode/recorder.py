@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from mdrive_sumo.contract import REASON, Control, Note, Plan
+from mdrive_sumo.contract import DRIVER, REASON, Control, Note, Plan
 from mdrive_sumo.core.state import Contact, Frame, Kind
 from mdrive_sumo.episode.episode import (
     Ending,
@@ -32,6 +32,8 @@ MAX_CHARACTERS = 8 * 2**20
 REASONS_SHARE = 2
 """Notes of kind `REASON` may fill one half of both limits: an agent writes many, and others shall find room after them.
 Chosen: one of eight CAVs has room for three new reasons a second during seven minutes."""
+MAX_DRIVER_NOTES, MAX_DRIVER_NOTE = 1600, 2000
+"""Notes of kind `DRIVER` and characters of each that always find room: without them a take cannot be repeated."""
 
 
 class NoteLog:
@@ -42,6 +44,7 @@ class NoteLog:
         self._kinds: set[str] = set()
         self._characters = 0
         self._reasons, self._reason_characters = 0, 0
+        self._driver_notes = 0
         self.dropped = 0
         """Notes that were not kept."""
 
@@ -53,7 +56,10 @@ class NoteLog:
     def add(self, tick: int, ego: str, notes: Sequence[Note]) -> None:
         """Add the notes of one CAV."""
         for note in notes:
-            if self._has_room(note):
+            if self._is_kept_apart(note):
+                self._driver_notes += 1
+                self._records.append(NoteRecord(tick, ego, note))
+            elif self._has_room(note):
                 self._kinds.add(note.kind)
                 self._characters += len(note.text)
                 if note.kind == REASON:
@@ -63,6 +69,9 @@ class NoteLog:
             else:
                 self.dropped += 1
 
+    def _is_kept_apart(self, note: Note) -> bool:
+        return note.kind == DRIVER and len(note.text) <= MAX_DRIVER_NOTE and self._driver_notes < MAX_DRIVER_NOTES
+
     def _has_room(self, note: Note) -> bool:
         if note.kind == REASON and (
             self._reasons >= MAX_NOTES // REASONS_SHARE
@@ -70,7 +79,7 @@ class NoteLog:
         ):
             return False
         return (
-            len(self._records) < MAX_NOTES
+            len(self._records) - self._driver_notes < MAX_NOTES
             and self._characters + len(note.text) <= MAX_CHARACTERS
             and (note.kind in self._kinds or len(self._kinds) < MAX_KINDS)
         )

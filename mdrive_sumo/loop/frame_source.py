@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Protocol
 
 from mdrive_sumo.actors import ScriptedActors
@@ -72,6 +73,11 @@ class SimulatedFrames:
     def dimensions(self) -> Mapping[str, tuple[float, float]]:
         """(length, width) [m]: all CAVs are the same vehicle."""
         return dict.fromkeys(self._vehicles, (VEHICLE.length, VEHICLE.width))
+
+    @property
+    def vehicle_states(self) -> Mapping[str, dynamics.VehicleState]:
+        """The complete state of every CAV in the latest frame, before that is rounded; of an ended one its last."""
+        return MappingProxyType(self._vehicle_states)
 
     def start(self) -> Frame:
         """Return frame 0: every CAV on its start with its start speed."""

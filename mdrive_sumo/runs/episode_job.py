@@ -2,7 +2,7 @@
 
 import logging
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -18,7 +18,9 @@ from mdrive_sumo.episode.camera_archive import CameraArchiveWriter
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.loop import EpisodeConfig, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver
+from mdrive_sumo.loop.human_actions import HUMAN, ActionSource
 from mdrive_sumo.loop.open_world import open_world
+from mdrive_sumo.loop.recorded_actions import RecordedActions
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import RejectedError, open_agents
@@ -64,6 +66,8 @@ class EpisodeJob:
     """Of the scenario's file when the run was prepared, because a worker reads it again; "": not checked."""
     others: OtherAgents | None = None
     """The agents of the CAVs that are not under test; None: `agent` drives all."""
+    actions: Mapping[str, ActionSource] = field(default_factory=dict[str, ActionSource])
+    """What people do, by CAV, for the agent `human`."""
 
 
 def run_job(job: EpisodeJob) -> ScenarioResult:
@@ -100,12 +104,14 @@ def reexecute(job: EpisodeJob) -> EpisodeRecord:
 def make_reexecution(job: EpisodeJob, recorded: EpisodeRecord) -> EpisodeJob:
     """Return the job that repeats a recording: agent failures, think times and answers of language models are replayed.
 
-    It writes no files.
+    So are the actions of people. It writes no files. Raises InputError for a take with damaged notes.
     """
+    actions = {ego: RecordedActions(recorded, ego) for ego in recorded.ego_ids} if job.agent.agent == HUMAN else {}
     return replace(
         make_silent_job(job),
         replayed_failures=tuple(ending for ending in recorded.endings if ending.end is End.AGENT_FAILED),
         think_times=recorded.thinking,
+        actions=actions,
     )
 
 
@@ -183,8 +189,9 @@ def _drive(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord
     return _drive_once(replace(job, agent=job.agent.own_signals(), others=others), scenario, roads)
 
 
-def _drive_once(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord:
-    config = EpisodeConfig(
+def build_episode_config(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeConfig:
+    """Return the configuration of the episode of a job, of `load_job_scenario`."""
+    return EpisodeConfig(
         scenario,
         roads,
         job.seed,
@@ -197,6 +204,10 @@ def _drive_once(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeR
         options=job.options,
         think_times=job.think_times,
     )
+
+
+def _drive_once(job: EpisodeJob, scenario: Scenario, roads: RoadMap) -> EpisodeRecord:
+    config = build_episode_config(job, scenario, roads)
     logs = job.logs / scenario.id if job.logs is not None else None
     with (
         _open_drivers(job, scenario, config, logs) as drivers,
@@ -218,14 +229,14 @@ def _open_drivers(
     """Start the agents of an episode and yield driver by CAV id, in the order of the scenario."""
     known, group = config.cav_pseudonyms, ConnectionGroup()
     if job.others is None:
-        with open_agents(job.agent, known, logs, group) as drivers:
+        with open_agents(job.agent, known, logs, group, job.actions) as drivers:
             yield drivers
         return
     tested = job.others.choose_tested(scenario, job.seed)
     rest = {ego: name for ego, name in known.items() if ego not in tested}
     others = job.others.agent.with_pace(job.agent.limits.pace_s)
     with (
-        open_agents(job.agent, {ego: known[ego] for ego in known if ego in tested}, logs, group) as first,
+        open_agents(job.agent, {ego: known[ego] for ego in known if ego in tested}, logs, group, job.actions) as first,
         open_agents(others, rest, logs, group) as second,
     ):
         yield {ego: (first | second)[ego] for ego in known}

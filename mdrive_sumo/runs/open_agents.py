@@ -6,6 +6,8 @@ from collections.abc import Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import MappingProxyType
+from typing import cast
 
 from mdrive_sumo.agent_process.agent_connection import AgentConnection, ConnectionGroup
 from mdrive_sumo.agent_process.agent_lookup import find_carla_file, is_joint_locator, split_locator
@@ -14,13 +16,16 @@ from mdrive_sumo.agent_process.joint_agent import JointAgentSession
 from mdrive_sumo.agent_process.remote_driver import RemoteDriver, open_agent_connection
 from mdrive_sumo.agent_process.reply_decoding import AgentDeclaration
 from mdrive_sumo.agent_process.sandbox import BoxKilledError
-from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.agents.human import HumanAgent
+from mdrive_sumo.agents.registry import AGENTS, HUMAN_AGENTS
 from mdrive_sumo.contract import SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.input_files import read_bytes
 from mdrive_sumo.core.output_files import write_text
 from mdrive_sumo.core.posix import check_posix
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, shorten
+from mdrive_sumo.loop.human_actions import ActionSource
+from mdrive_sumo.loop.human_driver import HumanDriver
 from mdrive_sumo.runs.agent_spec import AgentSpec, pickle_agent
 from mdrive_sumo.sensing.sensor_kinds import SENSOR_KINDS, check_sensor_budget, describe_camera_error
 
@@ -32,6 +37,7 @@ MAX_ARRAY_SENSORS = 8
 for each CAV."""
 SINGLE = "single"
 """Label of an agent of the CARLA leaderboard that drives one vehicle: it neither sends nor reads messages."""
+NO_ACTIONS: Mapping[str, ActionSource] = MappingProxyType({})
 DECLARING_CAV = "cav"
 """Id of the CAV of an agent that is created only to read its declaration."""
 
@@ -104,7 +110,11 @@ def _check_boxed_sensors(sensors: tuple[SensorSpec, ...]) -> None:
 
 @contextmanager
 def open_agents(
-    spec: AgentSpec, pseudonyms: Mapping[str, str], logs: Path | None = None, group: ConnectionGroup | None = None
+    spec: AgentSpec,
+    pseudonyms: Mapping[str, str],
+    logs: Path | None = None,
+    group: ConnectionGroup | None = None,
+    actions: Mapping[str, ActionSource] = NO_ACTIONS,
 ) -> Generator[dict[str, AgentDriver]]:
     """Start an agent for every CAV and yield driver by CAV id; the agents end with the block.
 
@@ -112,8 +122,11 @@ def open_agents(
     in the order of the pseudonyms and see no other id of their CAV, because their number and the names of their files
     are no secret. logs: path without ending for the output of child processes: the CAV's id and `.log` are appended,
     for boxes also a record in `.json`; None discards the output. group: of all agents of the episode, if these are
-    not all. Raises InputError, BoxError and OSError.
+    not all. actions: of people, by CAV, for `human` and `human-replay`. Raises InputError, BoxError and OSError.
     """
+    if isinstance(spec.agent, str) and spec.agent in HUMAN_AGENTS:
+        yield {ego: open_human_driver(ego, actions.get(ego), spec) for ego in pseudonyms}
+        return
     with ExitStack() as stack:
         yield _open(spec, pseudonyms, logs, group if group is not None else ConnectionGroup(), stack)
 
@@ -142,6 +155,11 @@ def _open(
         stack.callback(_rename, _append(logs, f"{told}.log"), _append(logs, f"{ego}.log"))
         stack.callback(_close, closed, spec, _append(logs, f"{ego}.json"))
     return drivers
+
+
+def open_human_driver(ego: str, actions: ActionSource | None, spec: AgentSpec) -> HumanDriver:
+    """Return the driver of a CAV that people drive. spec: `human` or `human-replay`. Raises InputError."""
+    return HumanDriver(ego, actions, cast(HumanAgent, HUMAN_AGENTS[str(spec.agent)](spec.config)))
 
 
 def _rename(log: Path | None, name: Path | None) -> None:

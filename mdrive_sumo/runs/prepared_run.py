@@ -15,6 +15,7 @@ from mdrive_sumo.core.plug_ins import PlugInKind, check_plug_in_names, list_plug
 from mdrive_sumo.core.private_paths import hide_command, hide_locator
 from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.loop.agent_driver import AgentFailure
+from mdrive_sumo.loop.human_actions import HUMAN
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.agent_boxing import box_agent, list_hidden_folders
 from mdrive_sumo.runs.agent_spec import AgentSpec
@@ -176,8 +177,11 @@ def prepare(config: RunConfig) -> PreparedRun:
     return prepare_with_suite(config, suite)
 
 
-def prepare_with_suite(config: RunConfig, suite: Suite) -> PreparedRun:
-    """As `prepare`, with the suite of the configuration, whose scenarios are checked already."""
+def prepare_with_suite(config: RunConfig, suite: Suite, *, is_take: bool = False) -> PreparedRun:
+    """As `prepare`, with the suite of the configuration, whose scenarios are checked already.
+
+    is_take: people drive, which no evaluation can have.
+    """
     load_metric_plug_ins()  # what cannot be imported is found here, not after the first episode
     config = replace(config, chosen_mode=config.chosen_mode or ScoreMode(suite.score_mode))
     scenarios = suite.select(config.scenario)
@@ -188,7 +192,7 @@ def prepare_with_suite(config: RunConfig, suite: Suite) -> PreparedRun:
     if config.sandbox and config.scheduler:
         raise InputError("--sandbox: expected --executor local, found dask: a box needs the main thread of its process")
     check_mute(config, scenarios)
-    for agent in config.agents:
+    for agent in () if is_take else config.agents:
         check_agent_name(agent)
     declared_label, labels = declare_all_labels(
         [_locate_agent(agent, config, suite, folder) for agent in config.agents], is_sandboxed=config.sandbox
@@ -250,8 +254,13 @@ def find_agent_log(run_folder: Path, scenario: str, ego: str, seed: int | None =
 
 
 def check_agent_name(agent: AgentSpec) -> None:
-    """Raise InputError for a name that is neither a built-in agent nor a locator."""
+    """Raise InputError for a name that is neither a built-in agent nor a locator, and for people."""
     name = agent.name
+    if name == HUMAN:
+        raise InputError(
+            f"agent {HUMAN!r}: expected an agent that drives by itself, found a person, who drives with `mdrive-sumo"
+            " drive`; the agent 'human-replay' repeats such a drive"
+        )
     family = name.partition(":")[0]
     is_family = any(builtin.startswith(f"{family}:") for builtin in AGENTS)  # perception-swap:WHAT is no module
     check_plug_in_names(PlugInKind.AGENTS, AGENTS)

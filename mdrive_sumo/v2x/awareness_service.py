@@ -26,13 +26,17 @@ class AwarenessService:
         """Return the messages of this tick; a CAV without observation in the due tick sends with its next one."""
         if observation.tick < self._due_tick or observation.objects is None:
             return ()
-        self._due_tick = observation.tick - observation.tick % INTERVAL_TICKS + INTERVAL_TICKS
+        self.postpone(observation.tick)
         own = observation.own
         pose = ReferencePose(own.x, own.y, own.yaw, observation.tick, own.position_sigma, own.yaw_sigma)
         size = self._vehicle.length, self._vehicle.width
         cam = Cam(pose, own.speed, own.acceleration, own.yaw_rate, *size, own.speed_sigma)
         objects = _select_objects(observation.objects, own.x, own.y)
         return encode(cam), encode(build_cpm(pose, self._range, objects, self._profile))
+
+    def postpone(self, tick: int) -> None:
+        """Wait for the next interval: the messages of this one have been sent in `tick`, also by another service."""
+        self._due_tick = tick - tick % INTERVAL_TICKS + INTERVAL_TICKS
 
 
 def build_cpm(

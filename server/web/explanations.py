@@ -27,6 +27,7 @@ REASONS: Mapping[str, str] = {
     FailureReason.CRASHED: "Its program ended or raised an error; see the log.",
     FailureReason.TIMEOUT: "It exceeded the time limit for a reply.",
     FailureReason.INVALID: "It sent an invalid reply.",
+    FailureReason.LEFT: "The person who drove has left.",
 }
 OUTCOMES: Mapping[str, str] = {
     "arrived": "reached the end of its route",

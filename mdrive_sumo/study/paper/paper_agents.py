@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
 
-from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.agents.registry import AGENTS, HUMAN_AGENTS
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.prepared_run import PreparedRun
 from mdrive_sumo.scoring import Results
@@ -39,7 +39,7 @@ def prepare_installed_agents(
         return {name: prepare_agent(name) for name in names}, {}
     prepared: dict[str, PreparedRun] = {}
     left_out: dict[str, str] = {}
-    for name in AGENTS:
+    for name in (one for one in AGENTS if one not in HUMAN_AGENTS):
         try:
             prepared[name] = prepare_agent(name)
         except InputError as error:
