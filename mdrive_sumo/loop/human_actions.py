@@ -1,4 +1,4 @@
-"""What happens in the car of a person: which driver it has, pedals and wheel, texts. Live, or read from the recording of a take.
+"""What happens in the car of a person: its driver, pedals and wheel, texts; live, or read from the recording of a take.
 
 Controls, texts and notes of a recording are the log of actions: `RecordedActions` reads them back. A driver is a note
 of kind `DRIVER` in the tick in which that begins, e.g. {"driver":"human","device":"wheel"} or

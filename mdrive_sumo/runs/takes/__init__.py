@@ -1,6 +1,6 @@
 """Takes: drives of one scenario by people, stored as ordinary runs of the agent `human`.
 
-The driver of each CAV, and what people do, is in the recording (`loop.human_actions`), so `verify` can drive a take again.
+The driver of each CAV, and what people do, is in the recording (`loop.human_actions`): `verify` can drive a take again.
 """
 
 from mdrive_sumo.loop.human_actions import (
