@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 import shapely
+from shapely.geometry.base import BaseGeometry
 
 from mdrive_sumo.contract.sensors import SemanticClass
 from mdrive_sumo.core import portable
@@ -105,14 +106,22 @@ class StaticScene:
 def load_static_scene(roads: RoadMap) -> StaticScene:
     """Return the scene of a network; those of the last two are kept."""
     whole = find_surroundings(np.concatenate([lane.centre.xy for lane in roads.driving]))
-    geometry, heads = build_map_geometry(roads, whole), list_signal_heads(roads, whole)
     middle = shapely.get_coordinates(whole.centroid)[0].round()
     origin = np.array((*middle, 0.0))
+    mesh, lamps = build_scene_meshes(roads, whole, origin)
+    return StaticScene(origin, *_cut_into_chunks(mesh), lamps)
+
+
+def build_scene_meshes(roads: RoadMap, area: BaseGeometry, origin: Float) -> tuple[Mesh, SignalLamps]:
+    """Return what stands still in an area, relative to an origin (3,) [m], and its traffic lights.
+
+    Solids come first, then the ground from top to bottom: a pixel is shaded about once.
+    """
+    geometry, heads = build_map_geometry(roads, area), list_signal_heads(roads, area)
     corner = GRID_M * np.round(origin / GRID_M)
     build = partial(build_mesh, origin=corner)
-    # Solids first, then the ground from top to bottom: a pixel is shaded about once.
     mesh = join_meshes([*_build_solids(geometry, heads, build), *_build_ground(geometry, build)])
-    return StaticScene(origin, *_cut_into_chunks(_move(mesh, origin - corner)), _build_lamps(heads, origin))
+    return _move(mesh, origin - corner), _build_lamps(heads, origin)
 
 
 def find_surroundings(points: Float) -> shapely.Polygon:

@@ -1,0 +1,167 @@
+// View3D: a scene of `pack_scene` in a canvas with WebGL 2.
+//
+//   const view = new View3D(canvas, await decodeScene(buffer), { weather: "rain", quality: "high" });
+//   view.place(3, "car", [200, 30, 30], [4.9, 1.9, 1.5], x, y, yaw, lamps);  // x, y: its middle; lamps: bits of `SignalLamp`
+//   view.setSignals({ tls: "GrGr" });
+//   view.look({ x, y, yaw, mode: "driver", own: 3 });
+//   view.setOverlays({ route: [[x, y], ...], shared: [{ x, y, yaw, length, width, height?, from?, colour? }],
+//     intentions: [{ path: [[x, y], ...], from?, colour? }], ghosts: [{ model, paint, size, x, y, yaw, label? }] });
+//   view.draw();
+//
+// Of overlays, a name that is left out stays as it is, an empty list takes it away; colours are "#rrggbb".
+// Coordinates are metres relative to the scene's origin, z up. Nothing is drawn before `draw`.
+
+const QUALITIES = { high: { antialias: true, ratio: 2 }, low: { antialias: false, ratio: 1 } };
+const SOFTWARE = /SwiftShader|llvmpipe|Software|Basic Render/i;
+const LIGHT_NAMES = { default: "day" };
+
+class View3D {
+  /**
+   * options: weather, the name of a weather of a scenario or of a light ("dusk", "fog"), default: the scene's;
+   * quality, "high" or "low" (without smooth edges and shadows), default: by what draws.
+   * Throws Error without WebGL 2.
+   */
+  constructor(canvas, scene, { weather, quality } = {}) {
+    this.canvas = canvas;
+    this.scene = scene;
+    this.qualityName = quality ?? (SOFTWARE.test(findRenderer()) ? "low" : "high");
+    this.quality = QUALITIES[this.qualityName];
+    this.renderer = makeRenderer(canvas, this.quality);
+    this.renderer.autoClear = false;
+    this.uniforms = buildUniforms();
+    this.world = new THREE.Scene();
+    this.world.matrixAutoUpdate = false;
+    this.materials = this.makeMaterials();
+    const meshes = buildStaticMeshes(scene, this.materials);
+    this.terrain = buildTerrain(scene, this.materials);
+    this.world.add(...meshes, this.terrain, this.makeSky());
+    this.users = new RoadUserLayer(scene, this.materials, this.world);
+    this.cameras = new CameraSet(scene, new Walls(scene));
+    this.pose = { x: 0, y: 0, yaw: 0, mode: "chase" };
+    this.setWeather(weather ?? scene.light);
+    this.resize(canvas.clientWidth || canvas.width, canvas.clientHeight || canvas.height);
+  }
+
+  makeMaterials() {
+    const maker = new MaterialMaker(this.scene, this.uniforms);
+    return {
+      solid: maker.surface({}),
+      facade: maker.surface({ FACADE: 1 }),
+      ground: maker.surface({ GROUND: 1 }),
+      users: maker.make(USER_VERTEX, USER_FRAGMENT),
+      sky: maker.make(SKY_VERTEX, SKY_FRAGMENT, {}, { depthWrite: false }),
+    };
+  }
+
+  makeSky() {
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]), 3));
+    const sky = new THREE.Mesh(geometry, this.materials.sky);
+    this.materials.sky.side = THREE.DoubleSide;
+    sky.frustumCulled = false;
+    sky.renderOrder = ORDER.sky;
+    return sky;
+  }
+
+  /** Changes the light: the weather of a scenario, or the name of a light. */
+  setWeather(name) {
+    const light = this.scene.lights[LIGHT_NAMES[name] ?? name];
+    if (!light) throw new Error(`View3D: unknown weather ${name}; there are ${Object.keys(this.scene.lights).join(", ")}`);
+    this.light = light;
+    const u = this.uniforms;
+    for (const colour of ["sun", "ambient", "horizon", "zenith"]) u[colour].value.fromArray(light[colour]);
+    const level = Math.sqrt(1 - light.elevation ** 2);
+    u.toSun.value.set(0.6 * level, -0.8 * level, light.elevation); // as `camera_renderer` has it
+    u.fog.value = light.fog_per_m;
+    u.wet.value = light.wet;
+    u.lamps.value = light.lamps ? 1 : 0;
+  }
+
+  /** Puts a road user there: model and paint of `describe_road_user`, size [length, width, height]. */
+  place(index, model, paint, size, x, y, yaw, lamps = 0) {
+    this.users.place(index, model, paint, size, x, y, yaw, lamps);
+  }
+
+  remove(index) {
+    this.users.remove(index);
+  }
+
+  /** SUMO's letters by traffic light; lights that are not named stay as they are. */
+  setSignals(states) {
+    this.users.setSignals(states);
+  }
+
+  setOverlays() {}
+
+  /**
+   * Where the picture is taken: x, y, yaw of the followed car, its index `own`, and mode: "driver", "mirrors" (driver with
+   * mirrors), "chase", "top", "four". Optional: glance [rad to the left], height of "top" [m], north (of "top": up).
+   */
+  look(pose) {
+    this.pose = pose;
+  }
+
+  /** Size of the canvas [px of the style sheet]. */
+  resize(width, height) {
+    this.renderer.setPixelRatio(Math.min(globalThis.devicePixelRatio || 1, this.quality.ratio));
+    this.renderer.setSize(Math.max(width, 1), Math.max(height, 1), false);
+    this.width = this.renderer.domElement.width;
+    this.height = this.renderer.domElement.height;
+  }
+
+  /** Draws all pictures of the mode. seconds: time of blinking lamps and rain. */
+  draw(seconds = performance.now() / 1000) {
+    const { uniforms: u, pose } = this;
+    u.seconds.value = seconds;
+    const [cos, sin] = [Math.cos(pose.yaw), Math.sin(pose.yaw)];
+    u.beamFrom.value.set(pose.x, pose.y, 0, this.light.lamps ? 1 : 0);
+    u.beamAlong.value.set(cos, sin);
+    this.info = { calls: 0, triangles: 0 };
+    for (const camera of this.cameras.arrange(pose, this.width, this.height)) this.drawPicture(camera);
+  }
+
+  drawPicture(view) {
+    const { renderer, uniforms: u } = this;
+    const ratio = renderer.getPixelRatio();
+    const [left, top, width, height] = this.findPixels(view.rect).map((px) => px / ratio);
+    renderer.setViewport(left, top, width, height);
+    renderer.setScissor(left, top, width, height);
+    renderer.setScissorTest(true);
+    renderer.clear(false, true, true);
+    u.eye.value.set(view.x, view.y, view.z);
+    u.rays.value.copy(view.rays);
+    this.terrain.position.set(view.x, view.y, 0);
+    const side = view.isMirror ? THREE.BackSide : THREE.FrontSide;
+    for (const name of ["solid", "facade", "ground", "users"]) this.materials[name].side = side;
+    this.users.select(view, view.hidesOwn ? this.pose.own : undefined);
+    renderer.render(this.world, view.camera);
+    this.info.calls += renderer.info.render.calls;
+    this.info.triangles += renderer.info.render.triangles;
+  }
+
+  /** [left, bottom, width, height] in pixels of the canvas, of shares from its upper left corner. */
+  findPixels([left, top, width, height]) {
+    const [x0, x1] = [left, left + width].map((share) => Math.round(share * this.width));
+    const [y0, y1] = [1 - top - height, 1 - top].map((share) => Math.round(share * this.height));
+    return [x0, y0, x1 - x0, y1 - y0];
+  }
+
+  dispose() {
+    this.renderer.dispose();
+  }
+}
+
+/** The name of what draws, "" if it is not told. */
+function findRenderer() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return name;
+}
+
+function makeRenderer(canvas, { antialias }) {
+  const context = canvas.getContext("webgl2", { antialias, alpha: false, stencil: true, powerPreference: "high-performance", preserveDrawingBuffer: true });
+  if (!context) throw new Error("This browser has no WebGL 2, which the 3-D view needs; the view from above works without it.");
+  return new THREE.WebGLRenderer({ canvas, context, stencil: true });
+}
