@@ -14,6 +14,7 @@ from pathlib import Path
 import click
 
 from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.core.output_files import copy_file, write_text
 from mdrive_sumo.core.terminal import echo
 from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_changed_files
 
@@ -52,11 +53,11 @@ def list_names() -> list[str]:
 
 def build_bundle(work: Path, target: Path) -> None:
     """Fetch the packages into `work`, and write the bundle and the licence into `target`. Raises InputError."""
-    (work / "package.json").write_text(json.dumps({"private": True, "dependencies": PACKAGES}), "utf-8")
+    write_text(work / "package.json", json.dumps({"private": True, "dependencies": PACKAGES}))
     _call(["npm", "install", "--no-audit", "--no-fund", "--ignore-scripts"], work)
-    (work / "entry.js").write_text(f'export {{ {", ".join(list_names())} }} from "three";\n', "utf-8")
+    write_text(work / "entry.js", f'export {{ {", ".join(list_names())} }} from "three";\n')
     _call(["node_modules/.bin/esbuild", "entry.js", *FLAGS, f"--outfile={target / BUNDLE}"], work)
-    (target / LICENCE).write_bytes((work / "node_modules/three/LICENSE").read_bytes())
+    copy_file(work / "node_modules/three/LICENSE", target / LICENCE)
 
 
 def _call(command: list[str], folder: Path) -> None:
