@@ -177,6 +177,11 @@ class Recorder:
         self._chain.update(b"".join((self._names_digest_input, states, controls, facts, *messages)))
         self._digests.append(self._chain.digest())
 
+    @property
+    def digest(self) -> str:
+        """Digest of all added ticks, hexadecimal; "" before the first one."""
+        return self._digests[-1].hex() if self._digests else ""
+
     def finish(
         self, endings: Sequence[Ending], sent: Sequence[SentMessage] = (), thinking: Sequence[ThinkTimeEntry] = ()
     ) -> EpisodeRecord:

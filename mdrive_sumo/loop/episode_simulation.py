@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 from mdrive_sumo.contract import (
     STANDSTILL,
@@ -99,6 +100,24 @@ class EpisodeSimulation:
     def failed_agents(self) -> dict[str, str]:
         """Why the agent of a CAV failed, by CAV id."""
         return {ego: f"{failure.failure}: {failure.text}" for ego, failure in self._failures.items()}
+
+    @property
+    def digest(self) -> str:
+        """Digest of all ticks before the current one, hexadecimal; "" in tick 0. Of the whole episode once it is done.
+
+        Two episodes of a scenario with the same digest are the same up to here.
+        """
+        return self._recorder.digest
+
+    @property
+    def endings(self) -> Mapping[str, Ending]:
+        """How CAVs have ended, by CAV id."""
+        return MappingProxyType(self._endings)
+
+    @property
+    def received_messages(self) -> ReceivedMessages:
+        """The messages that arrived in the current tick, as each CAV received them; senders by the scenario's ids."""
+        return MappingProxyType(dict(self._received))
 
     def reset(self) -> dict[str, Observation]:
         """Start the episode; return the observations of its first frame by CAV.

@@ -1,0 +1,55 @@
+"""The motion of a take from tick 0 on, as one block of bytes for scrubbing in a page (`/takes/{n}/motion`).
+
+    u32                  length H of the header, a multiple of 4
+    H bytes              JSON, padded with spaces: `take`, `ticks`, `origin` [x, y], `cavs` [ids], `names` (rows of the
+                         table of names, as in frames), `signals` [[tick, light, letters], ...] (every change, in order)
+    u32 x (ticks + 1)    number of the first row of each tick, and of all rows
+    rows x 20 bytes      rows of all ticks, `protocol.ROW`, as in frames
+
+All numbers are little-endian. Names and rows are complete in themselves: numbers differ from those of frames.
+"""
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+
+from mdrive_sumo.core.frozen import build_frozen
+from mdrive_sumo.core.state import Frame
+from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.episode.recorded_frame import rebuild_frame
+from mdrive_sumo.roads import RoadMap
+from server.drive.protocol import ROW_BYTES
+from server.drive.worker.frame_builder import FrameBuilder, Origin
+
+
+def pack_motion(take: int, frames: FrameBuilder, cavs: Sequence[str]) -> bytes:
+    """Return the motion of all ticks that were added."""
+    header = {
+        "take": take,
+        "ticks": len(frames.rows),
+        "origin": frames.origin,
+        "cavs": list(cavs),
+        "names": frames.names,
+        "signals": frames.signals,
+    }
+    text = json.dumps(header, separators=(",", ":"), allow_nan=False).encode()
+    text += b" " * (-len(text) % 4)
+    counts = [len(rows) // ROW_BYTES for rows in frames.rows]
+    begins = np.concatenate(([0], np.cumsum(counts, dtype=np.int64))).astype("<u4")
+    return b"".join((len(text).to_bytes(4, "little"), text, begins.tobytes(), *frames.rows))
+
+
+def build_recorded_motion(record: EpisodeRecord, roads: RoadMap, origin: Origin) -> FrameBuilder:
+    """Return the frames of a recording."""
+    frames = FrameBuilder(roads, origin)
+    changes: dict[int, dict[str, str]] = {}
+    for entry in record.signals:
+        changes.setdefault(entry.tick, {})[entry.light] = entry.state
+    letters: dict[str, str] = {}
+    for tick in range(record.ticks):
+        if tick in changes:
+            letters = letters | changes[tick]
+        frame = rebuild_frame(record, tick)
+        frames.add(build_frozen(Frame, tick, frame.egos, frame.actors, letters, ()))
+    return frames
