@@ -1,0 +1,1 @@
+// Calibration of a gamepad or wheel, step by step, in the settings.

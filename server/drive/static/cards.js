@@ -1,0 +1,67 @@
+// The card in the middle: start, waiting, lost connection, end.
+
+class Card {
+  constructor() {
+    this.shown = "";
+  }
+
+  /** Shows a card: {key, title, body: [nodes], actions: [[label, action, isFirst]]}; one with the same key is only updated. */
+  show({ key, title, body = [], actions = [] }) {
+    const isNew = this.shown !== key;
+    this.shown = key;
+    setText($("card-title"), title);
+    $("card-body").replaceChildren(...body);
+    if (!isNew) return;
+    $("card-actions").replaceChildren(...actions.map(([label, action], i) => this.button(label, action, i === 0)));
+    $("card").hidden = false;
+    $("card-actions").firstElementChild?.focus({ preventScroll: true });
+  }
+
+  button(label, action, isFirst) {
+    const button = make("button", isFirst ? "first" : "second", label);
+    button.addEventListener("click", action);
+    return button;
+  }
+
+  hide() {
+    this.shown = "";
+    $("card").hidden = true;
+  }
+}
+
+function paragraph(text, className) {
+  return make("p", className, text);
+}
+
+function startBody({ description, cav, weather, cavs, role }) {
+  const people = cavs.filter(({ driver }) => driver === "human").map(({ id }) => id);
+  const facts = make("dl", "facts");
+  const rows = [["Your CAV", role === "spectator" ? "none: you watch" : cav], ["Driven by people", people.join(", ")], ["Weather", weather]];
+  for (const [term, text] of rows) facts.append(make("dt", "", term), make("dd", "", text));
+  const keys = make("p", "keys");
+  keys.append(make("kbd", "", "W"), " throttle ", make("kbd", "", "S"), " brake ", make("kbd", "", "A"), make("kbd", "", "D"), " steer ", make("kbd", "", "P"), " pause ", make("kbd", "", "?"), " help");
+  return [paragraph(description), facts, keys];
+}
+
+function endBody({ score, take, takes }, endings) {
+  const stored = takes.find(({ number }) => number === take);
+  const body = [];
+  const total = stored?.score ?? score?.ds;
+  if (typeof total === "number") body.push(bigNumber(total));
+  const list = make("dl", "facts");
+  for (const [cav, word] of Object.entries(endings)) {
+    const ds = stored?.ds?.[cav] ?? score?.cavs?.[cav];
+    list.append(make("dt", "", cav), make("dd", word === "arrived" ? "good" : "bad", [word, typeof ds === "number" ? `driving score ${ds.toFixed(1)}` : ""].filter(Boolean).join(", ")));
+  }
+  body.push(list);
+  if (stored?.folder) {
+    body.push(paragraph("Look at this take and check it, where the server runs:"), make("pre", "", `mdrive-sumo view ${stored.folder}\nmdrive-sumo verify ${stored.folder}`));
+  }
+  return body;
+}
+
+function bigNumber(total) {
+  const line = make("p", "total");
+  line.append(make("b", "", total.toFixed(1)), make("span", "", "driving score, of 100"));
+  return line;
+}

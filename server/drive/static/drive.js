@@ -1,0 +1,373 @@
+// The page: connects, reads inputs, predicts, draws. One global, `Drive`, for tests and measurements.
+
+const LONGEST_STEP_S = 0.1; // after a pause of the browser the keys go on from here, they do not jump
+const RUNNING = new Set(["running", "slow"]);
+const FLYING_SPEED = 12; // m/s: a picture without own car is laid out as for this speed
+const KEPT_TIMES = 600;
+const NOTICE_MS = 4500;
+
+class DrivePage {
+  constructor() {
+    const tell = (text, isQuiet) => this.tell(text, isQuiet);
+    this.token = new URLSearchParams(location.search).get("token") ?? "";
+    this.inputs = new Inputs(tell);
+    this.clock = new InputClock();
+    this.traffic = new Traffic();
+    this.exchange = new Exchange();
+    this.picture = new Picture(tell);
+    this.instruments = new Instruments();
+    this.card = new Card();
+    this.chat = new Chat((text) => this.connection.ask({ do: "say", text }), () => document.activeElement?.blur());
+    this.signals = {};
+    this.endings = {};
+    this.drivers = {};
+    this.number = 0; // of the newest input
+    this.frameTimes = []; // ms between pictures
+    this.keyTimes = []; // ms from a key to the picture that shows it
+    this.showsV2x = recall("v2x", true);
+    this.spectated = 0;
+    listenToCommands(this);
+    this.setMode("connecting");
+    this.card.show({ key: "connecting", title: "Connecting …" });
+    this.connect();
+    requestAnimationFrame((now) => this.animate(now));
+  }
+
+  connect() {
+    const address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/socket?token=${encodeURIComponent(this.token)}`;
+    this.connection = new Connection(address, {
+      open: () => this.startAnew(),
+      frame: (frame) => this.takeFrame(frame, performance.now()),
+      message: (message) => this.takeMessage(message),
+      lost: (seconds) => this.showLost(seconds),
+      closed: (sentence) => this.showClosed(sentence),
+    });
+  }
+
+  setMode(mode) {
+    this.mode = mode;
+    document.body.dataset.mode = mode;
+  }
+
+  /** A sentence for the person, which goes away by itself. */
+  tell(text, isQuiet = false) {
+    $("notice").hidden = false;
+    $("notice").classList.toggle("quiet", isQuiet);
+    setText($("notice"), text);
+    clearTimeout(this.noticeTimer);
+    this.noticeTimer = setTimeout(() => ($("notice").hidden = true), isQuiet ? NOTICE_MS / 3 : NOTICE_MS);
+  }
+
+  // ---- messages
+
+  /** Inputs are numbered anew on each connection. */
+  startAnew() {
+    this.number = 0;
+    this.clock.forget();
+    this.prediction?.forget();
+  }
+
+  takeMessage(message) {
+    const takers = {
+      welcome: () => this.takeWelcome(message),
+      tree: () => this.takeTree(message),
+      waiting: () => this.takeWaiting(message),
+      ghosts: () => this.rewind.takeGhosts(message),
+      problem: () => this.tell(message.text),
+      notice: () => this.tell(message.text),
+    };
+    takers[message.is]?.();
+  }
+
+  takeWelcome(welcome) {
+    const isFirst = !this.welcome;
+    this.welcome = welcome;
+    this.origin = welcome.origin;
+    this.isDriver = welcome.role === "driver";
+    this.prediction = new Prediction(welcome.vehicle);
+    this.routes = new Map(Object.entries(welcome.routes).map(([cav, points]) => [cav, new Route(points, cav === welcome.cav ? welcome.speed_limits : [])]));
+    if (this.isDriver && !this.routes.has(welcome.cav)) this.routes.set(welcome.cav, new Route(welcome.route, welcome.speed_limits));
+    this.drivers = Object.fromEntries(welcome.cavs.map(({ id, driver }) => [id, driver]));
+    document.body.classList.toggle("spectator", !this.isDriver);
+    $("do-v2x").hidden = !welcome.v2x_view;
+    $("do-chat").hidden = !welcome.chat || !this.isDriver;
+    $("do-agent").hidden = !this.isDriver || !welcome.agents.length;
+    $("instruments").hidden = false;
+    setText($("scenario"), welcome.scenario);
+    document.title = `${welcome.cav ?? "watching"} · ${welcome.scenario} · mdrive-sumo`;
+    this.rewind ??= new Rewind(this);
+    this.takeTree(welcome);
+    if (isFirst) this.loadScene();
+    this.setMode("start");
+    if (this.isDriver) this.showStart();
+    else this.card.hide();
+  }
+
+  async loadScene() {
+    try {
+      const response = await fetch(`/scene?token=${encodeURIComponent(this.token)}`);
+      if (!response.ok) throw new Error(`the server answers ${response.status}`);
+      this.picture.build(await decodeScene(await response.arrayBuffer()), this.welcome.weather);
+    } catch (error) {
+      this.picture.withoutWebGL(error);
+    }
+    document.body.dataset.scene = this.picture.view3d ? "3d" : "top";
+  }
+
+  takeTree({ takes, current }) {
+    this.takes = takes;
+    this.current = current ?? this.current;
+    this.rewind.takeTree(takes, this.current);
+    if (this.mode === "finished") this.showEnd();
+  }
+
+  takeWaiting({ for: cavs, absent, seconds }) {
+    if (!cavs.length) return this.card.shown === "waiting" && this.card.hide();
+    if (this.mode === "start" && cavs.includes(this.welcome?.cav)) return undefined; // it waits for this person
+    const lines = cavs.map((cav) => paragraph(`${cav}: ${absent.includes(cav) ? "not connected" : "not ready yet"}`));
+    if (seconds !== null && seconds !== undefined) lines.push(paragraph(`Without them it goes on in ${Math.ceil(seconds)} s.`, "muted"));
+    this.setMode("waiting");
+    return this.card.show({ key: "waiting", title: "Waiting for others", body: lines });
+  }
+
+  takeFrame(frame, now) {
+    const { tick, take, state, ack, own, extra } = frame;
+    if (take !== this.take || tick < this.tick) this.beginTake(take);
+    const isNew = tick !== this.tick;
+    Object.assign(this, { tick, take, state, lastFrame: frame, lastFrameAt: now });
+    Object.assign(document.body.dataset, { tick, take, state, ack });
+    this.takeExtra(extra, tick);
+    if (isNew) this.traffic.take(frame);
+    this.own = own;
+    if (own && this.prediction) this.prediction.acknowledge(ack, own);
+    if (RUNNING.has(state)) this.run(now, isNew, ack);
+    else if (state === "finished") this.finish();
+    else this.stand();
+  }
+
+  beginTake(take) {
+    this.traffic.forget();
+    this.exchange.forget();
+    this.clock.forget();
+    this.prediction?.forget(this.number);
+    this.endings = {};
+    this.score = undefined;
+    for (const route of this.routes?.values() ?? []) route.forget();
+    if (take !== this.take) this.rewind?.beginTake(take);
+  }
+
+  takeExtra({ names, signals, messages, endings, drivers, factor, score }, tick) {
+    if (names) this.traffic.learn(names);
+    if (signals) Object.assign(this.signals, signals);
+    if (endings) Object.assign(this.endings, endings);
+    if (drivers) Object.assign(this.drivers, drivers);
+    if (score) this.score = score;
+    if (messages) for (const { from, text } of this.exchange.take(messages, tick)) this.chat.add(from, text);
+    if (factor !== undefined) this.factor = factor;
+  }
+
+  run(now, isNew, ack) {
+    if (this.mode !== "driving") {
+      this.setMode("driving");
+      this.card.hide();
+      this.rewind.close();
+    }
+    if (isNew && this.canDrive && this.clock.isDueByFrame(now, this.prediction.waiting, ack)) this.sendInput(now);
+  }
+
+  stand() {
+    if (this.mode !== "driving") return;
+    this.setMode("paused");
+    this.inputs.release();
+    if (this.welcome.may_rewind) this.rewind.open();
+    else this.card.show({ key: "paused", title: "Paused", actions: this.isDriver ? [["Go on", () => this.resume()]] : [] });
+  }
+
+  finish() {
+    if (this.mode === "finished") return;
+    this.setMode("finished");
+    this.inputs.release();
+    if (this.welcome?.may_rewind) this.rewind.open();
+    this.showEnd();
+  }
+
+  // ---- driving
+
+  get canDrive() {
+    return this.isDriver && Boolean(this.own) && this.prediction.ready && !this.endings[this.welcome.cav];
+  }
+
+  get isAgentDriving() {
+    return this.isDriver && (this.drivers[this.welcome.cav] ?? "human") !== "human";
+  }
+
+  sendInput(now) {
+    this.number += 1;
+    this.connection.send(encodeInput(this.inputs.device, this.number, now, this.inputs.control));
+    this.prediction.apply(this.number, this.inputs.control);
+    this.inputAt = now;
+  }
+
+  resume() {
+    if (this.mode === "start") this.setMode("waiting");
+    this.card.hide();
+    this.connection.ask({ do: "resume" });
+  }
+
+  pause() {
+    if (RUNNING.has(this.state)) this.connection.ask({ do: "pause" });
+    else if (this.state === "paused") this.resume();
+  }
+
+  handOver() {
+    const to = this.isAgentDriving ? "human" : (this.rewind.agent ?? this.welcome.agents[0]);
+    this.connection.ask({ do: "hand-over", cav: this.welcome.cav, to });
+    this.tell(to === "human" ? "You drive again." : `${to} drives. Press O to take back.`);
+  }
+
+  // ---- pictures
+
+  animate(now) {
+    requestAnimationFrame((next) => this.animate(next));
+    const elapsed = Math.min((now - (this.before ?? now)) / 1000, LONGEST_STEP_S);
+    this.before = now;
+    if (this.prediction && this.lastFrame) this.draw(now, elapsed);
+  }
+
+  draw(now, elapsed) {
+    const began = performance.now();
+    const isRunning = this.mode === "driving";
+    if (isRunning && this.canDrive) this.advance(began, elapsed);
+    const what = this.rewind.isScrubbing ? this.rewind.describe() : this.describe(isRunning);
+    if (!what.centre) return;
+    this.picture.draw(what, began);
+    this.showInstruments(what);
+    this.inputs.touch.show();
+    noteTime(this.frameTimes, now - (this.drawnAt ?? now));
+    this.drawnAt = now;
+    this.noteKey();
+  }
+
+  advance(now, elapsed) {
+    this.inputs.read(elapsed, this.shownState ?? this.own, this.welcome.vehicle, this.ownRoute);
+    if (this.clock.isDueByTime(now)) this.sendInput(now);
+    this.prediction.advance((now - (this.inputAt ?? now)) / TICK_MS, elapsed);
+  }
+
+  get ownRoute() {
+    return this.routes.get(this.welcome.cav);
+  }
+
+  /** The picture of this moment: the own car as predicted, the others at the same time. */
+  describe(isRunning) {
+    const state = this.own && this.prediction.ready ? this.prediction.picture(isRunning ? this.inputs.control : undefined) : this.own;
+    const ahead = this.own && isRunning && this.prediction.shown !== undefined ? this.prediction.shown - this.prediction.acknowledged : 0;
+    const time = this.tick + (this.own ? ahead : this.sinceFrame());
+    const users = this.traffic.at(time);
+    const ownRow = users.find(({ id }) => id === this.welcome.cav);
+    const others = users.filter((user) => user !== ownRow).map((user) => this.colour(user));
+    this.shownState = state && this.toScene(state);
+    const own = this.shownState && ownRow ? { ...ownRow, ...this.shownState, braking: state.brake > 0.05, lamps: ownRow.lamps } : ownRow;
+    const centre = own ?? this.spectate(users);
+    return {
+      centre: centre && { index: centre.index, x: centre.x, y: centre.y, yaw: centre.yaw, speed: state?.vx ?? centre.speed ?? FLYING_SPEED },
+      own, users: others, signals: this.signals, overlays: this.overlays(centre), state,
+    };
+  }
+
+  /** Ticks since the last frame came, for spectators: one tick behind, so that there is a frame to go to. */
+  sinceFrame() {
+    return RUNNING.has(this.state) ? Math.min((performance.now() - (this.lastFrameAt ?? 0)) / TICK_MS, 1) - 1 : 0;
+  }
+
+  toScene(state) {
+    return { ...state, x: state.x - this.origin[0], y: state.y - this.origin[1] };
+  }
+
+  /** CAVs have colours of their own, so that words and cars go together. */
+  colour(user) {
+    const number = this.welcome.cavs.findIndex(({ id }) => id === user.id);
+    return number < 0 ? user : { ...user, colour: CAV_COLOURS[number % CAV_COLOURS.length] };
+  }
+
+  spectate(users) {
+    const cavs = users.filter(({ id }) => this.routes.has(id));
+    return cavs[this.spectated % Math.max(cavs.length, 1)];
+  }
+
+  overlays(centre) {
+    const route = this.routes.get(centre?.id ?? this.welcome.cav)?.points;
+    const exchange = this.showsV2x && this.welcome.v2x_view ? this.exchange.at(this.tick) : {};
+    return { route, ghosts: this.rewind.ghostsAt(this.tick), ...exchange };
+  }
+
+  showInstruments({ state, centre }) {
+    const shown = state ?? { vx: centre.speed };
+    const route = this.routes.get(this.isDriver ? this.welcome.cav : undefined);
+    const place = route && route.locate(centre.x, centre.y).place;
+    const device = this.isAgentDriving ? `${this.drivers[this.welcome.cav]} drives` : this.inputs.isAssisted ? `${this.inputs.device}, assisted` : this.inputs.device;
+    const control = this.isAgentDriving || this.mode !== "driving" ? controlOf(shown, this.welcome.vehicle) : this.inputs.control;
+    this.instruments.show(shown, control, this.isDriver ? device : "watching", route?.limitAt(place));
+    if (route) this.instruments.guide(route, place);
+    this.showStatus();
+  }
+
+  showStatus() {
+    const { tick_s, most_ticks } = this.welcome;
+    const words = { driving: "driving", paused: "paused", finished: "finished", waiting: "waiting", start: "ready" };
+    setText($("state"), this.take ? `take ${this.take} · ${words[this.mode] ?? this.mode}` : (words[this.mode] ?? this.mode));
+    setText($("clock"), `${formatTime((most_ticks - this.tick) * tick_s)} left`);
+    const isSlow = this.state === "slow";
+    $("pace").hidden = !isSlow;
+    if (isSlow) setText($("pace"), `simulation runs at ${(this.factor ?? 1).toFixed(2)} of real time`);
+    const { latency } = this.connection;
+    setText($("latency"), latency === undefined ? "" : `${latency < 10 ? latency.toFixed(1) : Math.round(latency)} ms`);
+    $("latency").classList.toggle("warn", latency > 200);
+    const label = RUNNING.has(this.state) ? "Pause" : "Go on";
+    setText($("do-pause").lastElementChild, label);
+    document.body.classList.toggle("running", RUNNING.has(this.state));
+    setText($("do-agent").lastElementChild, this.isAgentDriving ? "Take back" : "Agent");
+  }
+
+  /** Notes how long a key took to the picture. */
+  noteKey() {
+    if (this.keyAt === undefined) return;
+    noteTime(this.keyTimes, performance.now() - this.keyAt);
+    document.body.dataset.keys = this.keyTimes.length;
+    this.keyAt = undefined;
+  }
+
+  // ---- cards
+
+  showStart() {
+    this.card.show({ key: "start", title: this.welcome.scenario, body: startBody(this.welcome), actions: [["Start", () => this.resume()]] });
+  }
+
+  showLost(seconds) {
+    this.setMode("lost");
+    this.inputs.release();
+    this.card.show({ key: "lost", title: "Connection lost", body: [paragraph(`Trying again for ${seconds} s. The drive waits for you.`)] });
+  }
+
+  showClosed(sentence) {
+    this.setMode("closed");
+    this.card.show({ key: "closed", title: "Not connected", body: [paragraph(sentence)], actions: [["Reload", () => location.reload()]] });
+  }
+
+  showEnd() {
+    this.card.show({ key: "", title: "The drive has ended", body: endBody(this, this.endings), actions: [["Close", () => this.card.hide()]] });
+  }
+}
+
+function noteTime(times, value) {
+  times.push(value);
+  if (times.length > KEPT_TIMES) times.shift();
+}
+
+/** Pedals and wheel as the state of the car tells them: of a car that somebody else drives. */
+function controlOf({ drive = 0, brake = 0, steer_angle = 0 }, vehicle) {
+  return { throttle: drive, brake, steer: steer_angle / vehicle.max_steer_angle };
+}
+
+const Drive = new DrivePage();
+globalThis.Drive = Drive;

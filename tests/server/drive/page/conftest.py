@@ -1,0 +1,42 @@
+"""Shared by the tests of the drive page: the browser, and a page that a played server serves."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from testing.chromium import CHROMIUM, list_flags, wait_until
+from testing.drive_page_server import ADDRESS, DrivePageServer
+
+Opened = Callable[..., DrivePageServer]
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium without WebGL, which is quick: the top view."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs Chromium")
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=CHROMIUM, args=[*list_flags(), "--disable-3d-apis"])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def opened(browser: Any) -> Iterator[Opened]:
+    """Open the page at a played server: `opened(delay_ticks=3, size=(390, 844), ...)`. Nothing may complain."""
+    contexts, trouble = [], []
+
+    def open_page(size: tuple[int, int] = (1280, 720), touch: bool = False, **options: Any) -> DrivePageServer:
+        context = browser.new_context(viewport={"width": size[0], "height": size[1]}, has_touch=touch)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", lambda message: trouble.append(message.text))
+        page.on("pageerror", lambda error: trouble.append(str(error)))
+        server = DrivePageServer(page, **options)
+        page.goto(ADDRESS)
+        wait_until(page, "document.body.dataset.scene")
+        return server
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    assert trouble == []
