@@ -21,7 +21,7 @@ import click
 import numpy as np
 
 import mdrive_sumo
-from mdrive_sumo.agents.registry import AGENTS
+from mdrive_sumo.agents.registry import AGENTS, HUMAN_AGENTS
 from mdrive_sumo.contract import Observation, Reply
 from mdrive_sumo.contract.agent_options import Config
 from mdrive_sumo.core.compiled import SWITCH
@@ -52,6 +52,7 @@ SCENARIOS = (
     "crossing_032",
 )
 """Of every bucket, with and without background traffic, pedestrians and props; i29 and i35 differed (decision 030)."""
+DRIVING_AGENTS = sorted({*AGENTS} - {*HUMAN_AGENTS})
 SAMPLE_AGENTS = ("sharing", "sharing+negotiation", "single", "idm", "omniscient")
 LEVEL_3, LEVEL_4 = "AVX2 FMA3", "AVX512F AVX512CD AVX512_SKX AVX512_CLX AVX512_CNL AVX512_ICL"
 """Names of NumPy up to 2.3; from 2.4 on X86_V3 and X86_V4. Names that NumPy does not know are left out."""
@@ -138,7 +139,7 @@ def main() -> None:
 @main.command()
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--scenario", "scenarios", multiple=True, help="Instead of the sample; may be repeated.")
-@click.option("--agent", "agents", multiple=True, type=click.Choice(sorted(AGENTS)), help="Likewise.")
+@click.option("--agent", "agents", multiple=True, type=click.Choice(DRIVING_AGENTS), help="Likewise.")
 def write(file: Path, scenarios: tuple[str, ...], agents: tuple[str, ...]) -> None:
     """Drive the sample and write its digests to FILE."""
     pairs = [(scenario, agent) for scenario in scenarios or SCENARIOS for agent in agents or SAMPLE_AGENTS]

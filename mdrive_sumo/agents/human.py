@@ -15,6 +15,8 @@ from mdrive_sumo.core.suggestion import suggest_name
 from mdrive_sumo.planning.driving_options import DrivingOptions
 from mdrive_sumo.v2x.awareness_service import AwarenessService
 
+HUMAN_REPLAY, TAKE_OPTION = "human-replay", "take"
+"""The agent that repeats a take, and its option: the run folder of the take."""
 SUBSTITUTES_OPTION = "substitutes"
 V2X = Choice("sharing", ("sharing", "off"))
 """What the car sends by itself: CAMs and CPMs as `sharing` does, or nothing."""
@@ -46,8 +48,7 @@ class HumanAgent:
         self._options = DrivingOptions(self.name, {})
         self.substitutes = read_substitutes(self.name, config.get(SUBSTITUTES_OPTION, "sharing"))
         """The agents that may drive, by name."""
-        own = (self._options.build_sensor_spec(free_space=True),)
-        self._sensors = join_sensors([own, *(AGENTS[name]({}).sensors() for name in self.substitutes)])
+        self._sensors = join_sensors((self._options.build_sensor_spec(free_space=True),), self.substitutes)
 
     def sensors(self) -> tuple[SensorSpec, ...]:
         """Return the sensors on board, and those of every agent that may drive."""
@@ -91,8 +92,8 @@ class HumanAgent:
 class HumanReplayAgent(HumanAgent):
     """The recorded drive of a person as an agent: its controls and texts, tick by tick, of option `take`."""
 
-    name = "human-replay"
-    more_choices: Mapping[str, Choice] = {"take": Choice("", ())}
+    name = HUMAN_REPLAY
+    more_choices: Mapping[str, Choice] = {TAKE_OPTION: Choice("", ())}
 
 
 def read_substitutes(agent: str, text: object) -> tuple[str, ...]:
@@ -126,23 +127,20 @@ def check_substitute_options(name: str, config: Mapping[str, Any]) -> None:
             )
 
 
-def join_sensors(declared: Iterable[Sequence[SensorSpec]]) -> tuple[SensorSpec, ...]:
-    """Return every sensor once. Raises InputError for two that differ, but in free space.
+def join_sensors(own: Sequence[SensorSpec], substitutes: Iterable[str]) -> tuple[SensorSpec, ...]:
+    """Return the own sensors and those of agents, each once.
 
-    declared: the sensors of each agent.
+    A car has one sensor of each kind and id, so not every agent can drive it. Raises InputError for one whose sensor is
+    another than that on board; more of free space on board changes nothing else.
     """
-    joined: dict[tuple[str, str], SensorSpec] = {}
-    for spec in (spec for specs in declared for spec in specs):
-        key = spec.kind, spec.id
-        before = joined.setdefault(key, spec)
-        if before == spec or before == _add_free_space(spec):
-            continue
-        if _add_free_space(before) != spec:
-            raise InputError(
-                f"option {SUBSTITUTES_OPTION}: expected agents that can have the same sensors, found two of kind"
-                f" {spec.kind!r} that differ"
-            )
-        joined[key] = spec
+    joined = {(spec.kind, spec.id): spec for spec in own}
+    for name in substitutes:
+        for spec in AGENTS[name]({}).sensors():
+            if joined.setdefault((spec.kind, spec.id), spec) not in (spec, _add_free_space(spec)):
+                raise InputError(
+                    f"option {SUBSTITUTES_OPTION}: expected agents that need no other sensor than is on board, found"
+                    f" {name!r}, whose sensor {spec.kind!r} is another one"
+                )
     return tuple(joined.values())
 
 

@@ -16,12 +16,14 @@ from mdrive_sumo.core.state import FailureReason, Frame
 from mdrive_sumo.episode.episode_options import EpisodeArguments, EpisodeOptions
 from mdrive_sumo.loop import EpisodeConfig, EpisodeSimulation, SimulatedFrames, run_episode
 from mdrive_sumo.loop.agent_driver import AgentDriver, AgentFailure, LocalDriver, validate_reply
+from mdrive_sumo.loop.human_actions import ActionSource
 from mdrive_sumo.loop.open_world import open_world
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.agent_spec import AgentFactory, AgentSpec
 from mdrive_sumo.runs.open_agents import open_agents
 from mdrive_sumo.runs.prepared_run import check_agent_name
 from mdrive_sumo.runs.run_config import read_seed
+from mdrive_sumo.runs.take_actions import complete_replay, load_take_actions
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import Suite
 from mdrive_sumo.sumo import SumoWorld
@@ -55,10 +57,11 @@ def simulate(
     found, roads, folder = find_scenario(scenario, suite, seed)
     spec = AgentSpec(agent, agent_config or {})
     check_agent_name(spec)
-    spec = spec.resolve()
+    spec = complete_replay(spec.resolve())
     config = _make_config(found, roads, seed, spec.name, options)
+    actions = load_take_actions(spec, found)
     Simulation.close_open()
-    with _open_local_agents(spec, config.cav_pseudonyms) as drivers, open_world(config) as world:
+    with _open_local_agents(spec, config.cav_pseudonyms, actions) as drivers, open_world(config) as world:
         if raise_agent_errors:
             drivers = {ego: cast(AgentDriver, _RaisingDriver(ego, driver)) for ego, driver in drivers.items()}
         try:
@@ -79,10 +82,12 @@ def _make_config(
 
 
 @contextmanager
-def _open_local_agents(spec: AgentSpec, pseudonyms: Mapping[str, str]) -> Generator[Mapping[str, AgentDriver]]:
+def _open_local_agents(
+    spec: AgentSpec, pseudonyms: Mapping[str, str], actions: Mapping[str, ActionSource]
+) -> Generator[Mapping[str, AgentDriver]]:
     """Start an agent for every CAV in this process; only an agent of the CARLA leaderboard needs a child process."""
     if isinstance(spec.agent, str) and (spec.agent in AGENTS or find_carla_file(spec.agent) is not None):
-        with open_agents(spec, pseudonyms) as drivers:
+        with open_agents(spec, pseudonyms, actions=actions) as drivers:
             yield drivers
         return
     factory = load_agent_class(spec.agent) if isinstance(spec.agent, str) else spec.agent

@@ -23,8 +23,9 @@ from mdrive_sumo.report.result_tables import format_summary
 from mdrive_sumo.report.run_report import REPORT_FILE, save_run_report
 from mdrive_sumo.runs.evaluate import RESULTS_FILE, Progress, StoppedAtFailure, evaluate, start_workers
 from mdrive_sumo.runs.journal import JOURNAL_FILE
-from mdrive_sumo.runs.prepared_run import CAMERAS_FOLDER, EPISODES_FOLDER, LOGS_FOLDER, PreparedRun, prepare
+from mdrive_sumo.runs.prepared_run import PreparedRun, prepare
 from mdrive_sumo.runs.run_config import RunConfig, load_agent_config
+from mdrive_sumo.runs.run_paths import CAMERAS_FOLDER, EPISODES_FOLDER, LOGS_FOLDER
 from mdrive_sumo.scoring import Results
 from mdrive_sumo.scoring.captured_cooperation import CapturedCooperation
 from mdrive_sumo.scoring.criteria import compute_time_limit_ticks

@@ -4,7 +4,7 @@ import time
 from collections.abc import Sequence
 
 from mdrive_sumo.agents.human import HumanAgent
-from mdrive_sumo.contract import DRIVER, REMARK, Briefing, Control, Message, Note, Observation, Reply, SensorSpec
+from mdrive_sumo.contract import DRIVER, REMARK, Agent, Briefing, Control, Message, Note, Observation, Reply, SensorSpec
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import FailureReason
 from mdrive_sumo.loop.agent_driver import AgentFailure, LocalDriver, validate_reply
@@ -92,9 +92,15 @@ class HumanDriver:
         self.driver, self._substitute = choice, None
         if choice.name not in (HUMAN, RECORDING):
             assert self._briefing is not None
-            self._substitute = LocalDriver(self._agent.make_substitute(choice.name, choice.config))
+            self._substitute = LocalDriver(self._make_substitute(choice, tick))
             self._substitute.start(self._briefing)
         return (choice.to_note(),)
+
+    def _make_substitute(self, choice: DriverChoice, tick: int) -> Agent:
+        try:
+            return self._agent.make_substitute(choice.name, choice.config)
+        except InputError as error:
+            raise InputError(f"CAV {self._ego}: tick {tick}: {error}") from None
 
     def _compose_reply(self, action: Action, seen: Observation, notes: tuple[Note, ...]) -> Reply:
         said = tuple(encode(text) for text in action.texts)

@@ -1,13 +1,14 @@
 """RecordedActions: the actions in one car, read from a recording."""
 
 from collections import defaultdict
+from itertools import pairwise
 
 from mdrive_sumo.contract import DRIVER, Control, Message, Note
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT, FailureReason
 from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.loop.agent_driver import AgentFailure
-from mdrive_sumo.loop.human_actions import RECORDING, Action, DriverChoice, is_remark, make_control
+from mdrive_sumo.loop.human_actions import HUMAN, RECORDING, Action, DriverChoice, is_remark, make_control
 from mdrive_sumo.v2x.messages import TEXT, MessageError, decode
 
 
@@ -58,6 +59,13 @@ class RecordedActions:
     def find_driver(self, tick: int) -> DriverChoice:
         """Return the driver of a tick."""
         return self.drivers[max(begin for begin in self.drivers if begin <= tick)]
+
+    @property
+    def person_ticks(self) -> int:
+        """In how many ticks a person drove."""
+        begins = [*sorted(self.drivers), self.end_tick]
+        spans = pairwise(begins)
+        return sum(max(end - begin, 0) for begin, end in spans if self.drivers[begin].name == HUMAN)
 
     def _make_end(self, tick: int) -> AgentFailure:
         """Return the recorded failure; without one, that the recorded drive is over while the CAV still drives."""

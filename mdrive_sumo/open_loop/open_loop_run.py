@@ -3,7 +3,9 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from mdrive_sumo.agents.registry import HUMAN_AGENTS
 from mdrive_sumo.core.checksum import compute_file_checksum
+from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_locator
 from mdrive_sumo.episode.episode_options import EpisodeOptions
 from mdrive_sumo.open_loop.open_loop_job import OpenLoopJob
@@ -14,8 +16,9 @@ from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import EpisodeJob
 from mdrive_sumo.runs.fingerprint import compute_fingerprint, read_versions
 from mdrive_sumo.runs.journal import Fingerprint
-from mdrive_sumo.runs.prepared_run import LOGS_FOLDER, check_agent_name, compute_limit_s, declare_labels
+from mdrive_sumo.runs.prepared_run import check_agent_name, compute_limit_s, declare_labels
 from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig
+from mdrive_sumo.runs.run_paths import LOGS_FOLDER
 from mdrive_sumo.scoring.results import EpisodeKey
 
 
@@ -77,6 +80,11 @@ def prepare_open_loop(
     config = replace(reference.config, agent=agent, options=options, sandbox=sandbox, record=True, out=None)
     out = folder or _name_folder(config, reference)
     check_agent_name(agent)
+    if agent.name in HUMAN_AGENTS:
+        raise InputError(
+            f"agent {agent.name!r}: expected an agent that replies plans, found controls; a take is a reference:"
+            " --reference RUN"
+        )
     located = agent.resolve()
     if sandbox:
         hidden = list_hidden_folders(reference.suite.folder, reference.folder, RUNS_FOLDER)

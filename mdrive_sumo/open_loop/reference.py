@@ -8,9 +8,9 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.private_paths import hide_locator
 from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.runs.agent_spec import AgentSpec
-from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER
 from mdrive_sumo.runs.recording_check import check_recordings
 from mdrive_sumo.runs.run_config import RunConfig
+from mdrive_sumo.runs.run_paths import EPISODES_FOLDER
 from mdrive_sumo.runs.stored_run import StoredRun, load_stored_run
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scenario.suite import LOG_FILE, Suite, load_suite

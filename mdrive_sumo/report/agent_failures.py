@@ -8,7 +8,7 @@ from pathlib import Path
 from mdrive_sumo.core.input_files import open_regular
 from mdrive_sumo.core.state import End
 from mdrive_sumo.loop.agent_driver import shorten
-from mdrive_sumo.runs.prepared_run import LOGS_FOLDER, find_agent_log
+from mdrive_sumo.runs.run_paths import LOGS_FOLDER, find_agent_log
 from mdrive_sumo.scoring import EgoResult, Results, ScenarioResult
 
 TAIL_LINES = 8

@@ -19,6 +19,7 @@ from mdrive_sumo.agent_process.agent_lookup import (
     split_locator,
 )
 from mdrive_sumo.agent_process.child_process import AgentBox
+from mdrive_sumo.agents.human import HUMAN_REPLAY, TAKE_OPTION
 from mdrive_sumo.agents.registry import AGENTS, LEARNED_AGENTS
 from mdrive_sumo.contract import Agent
 from mdrive_sumo.core.checksum import compute_file_checksum, compute_files_checksum
@@ -26,6 +27,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.plug_ins import PlugIn, PlugInKind, list_plug_ins
 from mdrive_sumo.core.setting import setting
 from mdrive_sumo.core.suggestion import suggest_name
+from mdrive_sumo.runs.run_paths import EPISODES_FOLDER
 
 LIMITS_OPTION = "--agent-limits"
 LOCAL_LIMITS = AgentLimits(reply_bytes=2**20, episode_bytes=2**30, option=LIMITS_OPTION)
@@ -197,14 +199,25 @@ class AgentSpec:
 
         Where the files are does not count: a run that is copied to another machine has the same.
         """
-        named = {name: Path(value).name if _is_file(value) else value for name, value in self.config.items()}
+        files = self._list_option_files()
+        named = {name: Path(value).name if name in files else value for name, value in self.config.items()}
         text = replace(self, config=named).config_text() + self.files_checksum()
         return "sha256:" + hashlib.sha256(text.encode()).hexdigest() if self.config else ""
 
     def files_checksum(self) -> str:
         """Return the checksum of the files that options name, such as weights; "" if they name none."""
-        files = {name: Path(value) for name, value in self.config.items() if _is_file(value)}
+        named = self._list_option_files()
+        files = {f"{name}{place}": path for name, found in named.items() for place, path in found.items()}
         return compute_files_checksum(files) if files else ""
+
+    def _list_option_files(self) -> dict[str, dict[str, Path]]:
+        """Return the files that options name, by option and place: "" for the file itself; of a take its recordings."""
+        files = {name: {"": Path(value)} for name, value in self.config.items() if _is_file(value)}
+        take = self.config.get(TAKE_OPTION)
+        if self.agent == HUMAN_REPLAY and isinstance(take, str) and "\0" not in take:
+            recordings = sorted((Path(take) / EPISODES_FOLDER).glob("*.npz"))
+            files[TAKE_OPTION] = {f"/{path.name}": path for path in recordings}
+        return files
 
     def code_checksum(self) -> str:
         """Return the checksum of the agent's source; "" for a built-in agent.

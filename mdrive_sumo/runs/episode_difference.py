@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mdrive_sumo.contract import DRIVER, REMARK
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Bool, Float
-from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.episode import EpisodeRecord, NoteRecord
 from mdrive_sumo.episode.quantization import Quanta, from_quanta
 from mdrive_sumo.v2x.channel import DeliveryStatus
 
@@ -110,13 +111,18 @@ def find_content_difference(recorded: EpisodeRecord, again: EpisodeRecord) -> Ep
     if recorded.sensing_track not in ("", again.sensing_track):
         text = f"sensing track {recorded.sensing_track} in the recording, {again.sensing_track} in the episode"
         return EpisodeDifference(0, text)
-    marks = [[(note.tick, note.ego, note.note.kind) for note in episode.notes] for episode in (recorded, again)]
-    if marks[0] != marks[1]:  # their texts may hold times
+    marks = [[_mark_note(one) for one in episode.notes] for episode in (recorded, again)]
+    if marks[0] != marks[1]:
         return EpisodeDifference(0, "notes of the recording are not those of the episode, its digests are")
     for tick in range(again.ticks):
         if detail := next(_find_details(recorded, again, tick), ""):
             return EpisodeDifference(tick, f"{detail}, although its digest is the same")
     return None
+
+
+def _mark_note(one: NoteRecord) -> tuple[int, str, str, str]:
+    """Return what must be the same of a note: of those of a person also the text, those of agents may hold times."""
+    return one.tick, one.ego, one.note.kind, one.note.text if one.note.kind in (DRIVER, REMARK) else ""
 
 
 def _find_details(recorded: EpisodeRecord, again: EpisodeRecord, tick: int) -> Iterator[str]:

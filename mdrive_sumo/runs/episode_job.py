@@ -25,6 +25,7 @@ from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.open_agents import RejectedError, open_agents
 from mdrive_sumo.runs.other_agents import OtherAgents
+from mdrive_sumo.runs.take_actions import load_take_actions
 from mdrive_sumo.runs.transcript import save_transcript, transcript_path
 from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
@@ -228,15 +229,16 @@ def _open_drivers(
 ) -> Generator[dict[str, AgentDriver]]:
     """Start the agents of an episode and yield driver by CAV id, in the order of the scenario."""
     known, group = config.cav_pseudonyms, ConnectionGroup()
+    actions = job.actions or load_take_actions(job.agent, scenario)
     if job.others is None:
-        with open_agents(job.agent, known, logs, group, job.actions) as drivers:
+        with open_agents(job.agent, known, logs, group, actions) as drivers:
             yield drivers
         return
     tested = job.others.choose_tested(scenario, job.seed)
     rest = {ego: name for ego, name in known.items() if ego not in tested}
     others = job.others.agent.with_pace(job.agent.limits.pace_s)
     with (
-        open_agents(job.agent, {ego: known[ego] for ego in known if ego in tested}, logs, group, job.actions) as first,
-        open_agents(others, rest, logs, group) as second,
+        open_agents(job.agent, {ego: known[ego] for ego in known if ego in tested}, logs, group, actions) as first,
+        open_agents(others, rest, logs, group, load_take_actions(others, scenario)) as second,
     ):
         yield {ego: (first | second)[ego] for ego in known}

@@ -25,6 +25,15 @@ from mdrive_sumo.runs.journal import Fingerprint
 from mdrive_sumo.runs.open_agents import declare_agent, find_unknown_sensor
 from mdrive_sumo.runs.other_agents import OtherAgents
 from mdrive_sumo.runs.run_config import RUNS_FOLDER, RunConfig, check_seeds
+from mdrive_sumo.runs.run_paths import (
+    CAMERAS_FOLDER,
+    EPISODES_FOLDER,
+    LOGS_FOLDER,
+    TRANSCRIPTS_FOLDER,
+    recording_path,
+    seed_folder,
+)
+from mdrive_sumo.runs.take_actions import check_takes, complete_replay
 from mdrive_sumo.scenario.checks import check_scenario
 from mdrive_sumo.scenario.reference_times import find_reference_times
 from mdrive_sumo.scenario.scenario import Scenario
@@ -36,10 +45,6 @@ from mdrive_sumo.scoring.metrics.registry import load_metric_plug_ins
 from mdrive_sumo.v2x.comm_settings import describe_comm
 from mdrive_sumo.v2x.messages import TYPES
 
-EPISODES_FOLDER = "episodes"
-LOGS_FOLDER = "logs"
-TRANSCRIPTS_FOLDER = "transcripts"
-CAMERAS_FOLDER = "cameras"
 PACED_TICKS = 20_000
 """More ticks than the time limit of any packaged scenario: what a pace adds to the time of an episode."""
 SIMULATION_LIMIT_S = 600.0
@@ -183,7 +188,7 @@ def prepare_with_suite(config: RunConfig, suite: Suite, *, is_take: bool = False
     is_take: people drive, which no evaluation can have.
     """
     load_metric_plug_ins()  # what cannot be imported is found here, not after the first episode
-    config = replace(config, chosen_mode=config.chosen_mode or ScoreMode(suite.score_mode))
+    config = _complete(replace(config, chosen_mode=config.chosen_mode or ScoreMode(suite.score_mode)))
     scenarios = suite.select(config.scenario)
     if config.score_mode is ScoreMode.HARD:
         for scenario in scenarios:
@@ -194,11 +199,18 @@ def prepare_with_suite(config: RunConfig, suite: Suite, *, is_take: bool = False
     check_mute(config, scenarios)
     for agent in () if is_take else config.agents:
         check_agent_name(agent)
+    check_takes(config.agents, scenarios)
     declared_label, labels = declare_all_labels(
         [_locate_agent(agent, config, suite, folder) for agent in config.agents], is_sandboxed=config.sandbox
     )
     info = make_run_info(config, suite, labels, declared_label)
     return PreparedRun(config, suite, scenarios, folder, info, compute_fingerprint(config, suite, scenarios))
+
+
+def _complete(config: RunConfig) -> RunConfig:
+    """Return the run with the options that its agents take from elsewhere. Raises InputError."""
+    others = config.others and replace(config.others, agent=complete_replay(config.others.agent))
+    return replace(config, agent=complete_replay(config.agent), others=others)
 
 
 def _locate_agent(agent: AgentSpec, config: RunConfig, suite: Suite, run_folder: Path) -> AgentSpec:
@@ -231,26 +243,6 @@ def make_run_info(config: RunConfig, suite: Suite, labels: tuple[str, ...], decl
         "comm": describe_comm(config.options.comm),
     }
     return RunInfo.model_validate(info)
-
-
-def seed_folder(folder: Path, seed: int | None) -> Path:
-    """Return the folder of a seed's files in a run of several seeds; the folder itself in a run of one (None)."""
-    return folder if seed is None else folder / f"seed{seed}"
-
-
-def recording_path(run_folder: Path, scenario: str, seed: int | None = None) -> Path:
-    """Return the path at which a run keeps the recording of a scenario. seed: only of a run of several seeds."""
-    return seed_folder(run_folder / EPISODES_FOLDER, seed) / f"{scenario}.npz"
-
-
-def find_agent_log(run_folder: Path, scenario: str, ego: str, seed: int | None = None) -> Path | None:
-    """Return the output of a CAV's agent, or of the joint agent; None if there is none (agents that are built in).
-
-    seed: only of a run of several seeds.
-    """
-    folder = seed_folder(run_folder / LOGS_FOLDER, seed)
-    paths = (folder / f"{scenario}.{ego}.log", folder / f"{scenario}.all.log")
-    return next((path for path in paths if path.is_file()), None)
 
 
 def check_agent_name(agent: AgentSpec) -> None:

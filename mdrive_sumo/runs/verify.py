@@ -11,6 +11,7 @@ from mdrive_sumo.core.seeding import derive_seed
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.core.tree_difference import find_tree_differences, format_leaf
 from mdrive_sumo.episode import EpisodeRecord, load_episode
+from mdrive_sumo.loop.recorded_actions import RecordedActions
 from mdrive_sumo.runs.episode_cost import estimate_cost
 from mdrive_sumo.runs.episode_difference import find_content_difference, find_first_difference
 from mdrive_sumo.runs.episode_job import EpisodeJob, make_reexecution, make_silent_job, reexecute, score_job_episode
@@ -109,11 +110,12 @@ def verify_episode(check: VerificationJob) -> VerificationResult:
         text = f"final digest {again.digest}" + ("" if same else f", was {check.digest}") + " (no recording)"
         return VerificationResult(job.scenario, same, text, _score(check, again))
     recorded = load_episode(job.recording)
-    again = reexecute(make_reexecution(job, recorded))
+    again_job = make_reexecution(job, recorded)
+    again = reexecute(again_job)
     text = _compare(check, recorded, again)
     identical = not text
     text = text or f"identical ({recorded.ticks} ticks)"
-    replayed = _describe_replayed(recorded)
+    replayed = _describe_replayed(recorded, again_job)
     return VerificationResult(job.scenario, identical, text, _score(check, again), replayed=replayed)
 
 
@@ -131,9 +133,11 @@ def _score(check: VerificationJob, again: EpisodeRecord) -> dict[ScoreMode, Scen
     return {mode: score_job_episode(replace(check.job, score_mode=mode), again) for mode in check.modes}
 
 
-def _describe_replayed(recorded: EpisodeRecord) -> str:
+def _describe_replayed(recorded: EpisodeRecord, job: EpisodeJob) -> str:
     """Return what a second execution takes from the recording; a run's word is taken for these alone."""
+    people = [source for source in job.actions.values() if isinstance(source, RecordedActions)]
     counts = {
+        "ticks of controls of people": sum(source.person_ticks for source in people),
         "agent failures": sum(ending.failure is not None for ending in recorded.endings),
         "thinking times": len(recorded.thinking),
         "answers of a language model": sum(record.note.kind == EXCHANGE for record in recorded.notes),

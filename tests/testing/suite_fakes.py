@@ -10,7 +10,7 @@ from mdrive_sumo.core.state import End
 from mdrive_sumo.roads.network_file import compute_net_checksum
 from mdrive_sumo.runs import evaluate
 from mdrive_sumo.runs.episode_job import EpisodeJob
-from mdrive_sumo.runs.prepared_run import EPISODES_FOLDER
+from mdrive_sumo.runs.run_paths import EPISODES_FOLDER
 from mdrive_sumo.scenario.scenario import Ego, Scenario
 from mdrive_sumo.scenario.scenario_part import Pose
 from mdrive_sumo.scenario.suite import Suite, SuiteFile, load_suite, save_suite

@@ -11,7 +11,7 @@ from mdrive_sumo.core.private_paths import hide_place
 from mdrive_sumo.core.tables import Table
 from mdrive_sumo.report.comparison_report.compared_agent import ComparedAgent
 from mdrive_sumo.report.run_page.replay_files import VIEW_FOLDER, name_replay_file
-from mdrive_sumo.runs.prepared_run import recording_path
+from mdrive_sumo.runs.run_paths import recording_path
 from mdrive_sumo.scoring import EpisodeKey, RunInfo, ScenarioResult
 
 LINKED_NOTE = "Underlined scores lead to their replay, of several seeds the one with the lowest DS."

@@ -21,8 +21,8 @@ from mdrive_sumo.report.run_report import REPORT_FILE
 from mdrive_sumo.roads import find_network_folder, load_road_map
 from mdrive_sumo.runs.evaluate import RESULTS_FILE
 from mdrive_sumo.runs.journal import JOURNAL_FILE
-from mdrive_sumo.runs.prepared_run import find_agent_log
 from mdrive_sumo.runs.recording_check import load_recording
+from mdrive_sumo.runs.run_paths import find_agent_log
 from mdrive_sumo.runs.stored_run import StoredRun
 from mdrive_sumo.scoring import EpisodeKey, ScenarioResult
 from mdrive_sumo.scoring.score_mode import compute_mean
