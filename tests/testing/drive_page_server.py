@@ -18,8 +18,8 @@ from mdrive_sumo.contract import Control
 from mdrive_sumo.core.state import Kind
 from mdrive_sumo.report.scene_3d import describe_road_user, find_scene_area, pack_scene
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, VehicleState, initial_state, step
-from server.drive.page_files import PAGE, read_page_files
-from server.drive.protocol import ROW, FrameState, WireFrame, decode_input, encode_frame
+from server.drive.protocol import NO_STATE, ROW, FrameState, WireFrame, decode_input, encode_frame
+from testing.drive_page_files import PAGE, read_page_files
 from testing.viewer_crossing import crossing
 
 ADDRESS = "http://drive.test/drive/ego_0?token=secret"
@@ -70,7 +70,8 @@ class DrivePageServer:
         self.control = Control(0.0, 0.0, 0.0)
         self.received: list[Any] = []
         self.asked: list[dict[str, Any]] = []
-        self.states: list[VehicleState] = []
+        self.states: list[VehicleState] = [self.own]
+        self.takes = [self.describe_take(1)]
         self.socket: Any = None
         self.told: set[int] = set()
         self.extra: dict[str, Any] = {}
@@ -83,6 +84,8 @@ class DrivePageServer:
     def _answer(self, route: Any) -> None:
         path = urlsplit(route.request.url).path
         name = PAGE if path.startswith("/drive/") else path.removeprefix("/static/")
+        if path.startswith("/takes/"):
+            self.files[path] = self.pack_motion()
         content = self.files.get(path) or (make_scene() if path == "/scene" else read_page_files().get(name))
         if content is None:
             route.fulfill(status=404, body="not found")
@@ -93,6 +96,8 @@ class DrivePageServer:
     def _open(self, socket: Any) -> None:
         self.socket = socket
         self.told.clear()
+        if self.state == FrameState.RUNNING:  # a driver who comes back finds the drive paused
+            self.state = FrameState.PAUSED
         self.ack = 0
         self.queue.clear()
         socket.on_message(self._read)
@@ -113,6 +118,54 @@ class DrivePageServer:
         if request["do"] in ("pause", "resume"):
             self.state = FrameState.RUNNING if request["do"] == "resume" else FrameState.PAUSED
             self.send_frame()
+        if request["do"] == "rewind":
+            self.rewind(request["take"], request["tick"])
+        if request["do"] == "what-if":
+            self.send(
+                {"is": "ghosts", "take": request["take"], "tick": request["tick"], "ghosts": self.imagine(request)}
+            )
+
+    def rewind(self, take: int, tick: int) -> None:
+        """Begin a take at a tick of the only line of states that is kept."""
+        self.takes[self.take - 1] |= {"end_tick": self.tick_number, "status": "left"}
+        self.take = len(self.takes) + 1
+        self.takes.append(self.describe_take(self.take, take, tick, end_tick=tick))
+        self.tick_number, self.own, self.state = tick, self.states[tick], FrameState.PAUSED
+        self.queue.clear()
+        self.send_tree()
+        self.send_frame()
+
+    def send_tree(self) -> None:
+        """Tell the takes."""
+        self.send({"is": "tree", "takes": self.takes, "current": self.take})
+
+    def imagine(self, request: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """What agents would do: each drives on at a speed of its own."""
+        ghosts = []
+        for number, agent in enumerate(request["agents"]):
+            body, poses = self.states[request["tick"]], []
+            for _ in range(int(request["seconds"] * 20)):
+                body = step(body, Control(0.5 - 0.3 * number, 0.0, 0.01 * number), MKZ_2017)
+                poses.append((body.x - ORIGIN[0], body.y - ORIGIN[1], body.yaw))
+            ghosts.append({"agent": agent, "cav": "ego_0", "poses": poses, "ending": None})
+        return ghosts
+
+    def pack_motion(self) -> bytes:
+        """Return the motion up to this tick, as `server.drive.worker.motion` describes it."""
+        now, own = self.tick_number, self.own
+        rows = []
+        for tick, state in enumerate(self.states):
+            self.tick_number, self.own = tick, state
+            rows.append(self.rows().tobytes())
+        self.tick_number, self.own = now, own
+        header = {
+            "take": self.take, "ticks": len(rows), "origin": ORIGIN, "cavs": ["ego_0", "ego_1"],
+            "names": self._list_names(), "signals": [[0, "c", "rrrrGGGG"]],
+        }  # fmt: skip
+        text = json.dumps(header).encode()
+        text += b" " * (-len(text) % 4)
+        begins = np.arange(len(rows) + 1, dtype="<u4") * len(USERS)
+        return b"".join((len(text).to_bytes(4, "little"), text, begins.tobytes(), *rows))
 
     def send(self, message: Mapping[str, Any]) -> None:
         """Send a text message."""
@@ -133,7 +186,7 @@ class DrivePageServer:
                 {"id": "ego_1", "driver": "sharing", "is_connected": False},
             ],
             "weather": "default", "v2x_view": True, "chat": True, "may_rewind": True,
-            "takes": [self.describe_take(1)],
+            "takes": self.takes, "pseudonyms": {"ego_0": "aaaa0000", "ego_1": "bbbb1111"},
         }  # fmt: skip
         return message | self.changes
 
@@ -155,8 +208,8 @@ class DrivePageServer:
                 given = self.queue.popleft()[1]
                 self.control, self.ack = given.control, given.number
             self.own = step(self.own, self.control, MKZ_2017)
-            self.states.append(self.own)
             self.tick_number += 1
+            self.states = [*self.states[: self.tick_number], self.own]
             self.send_frame()
         while self.mail and self.mail[0][0] <= self.clock:
             self.socket.send(self.mail.popleft()[1])
@@ -179,7 +232,8 @@ class DrivePageServer:
         """Send the frame of this moment, after the delay."""
         extra = {**self.extra, **self._tell_names()}
         self.extra = {}
-        frame = WireFrame(self.state, self.tick_number, self.take, self.ack, astuple(self.own), self.rows(), extra)
+        own = NO_STATE if self.changes.get("role") == "spectator" else astuple(self.own)
+        frame = WireFrame(self.state, self.tick_number, self.take, self.ack, own, self.rows(), extra)
         self.mail.append((self.clock + self.delay_ticks, encode_frame(frame)))
         while self.mail and self.mail[0][0] <= self.clock:
             self.socket.send(self.mail.popleft()[1])
@@ -188,11 +242,14 @@ class DrivePageServer:
         if self.told:
             return {}
         self.told = set(range(len(USERS)))
+        return {"names": self._list_names(), "signals": {"c": "rrrrGGGG"}}
+
+    def _list_names(self) -> list[list[Any]]:
         names = []
         for index, (name, kind, length, width) in enumerate(USERS):
             look = describe_road_user(name, WORDS[kind], length, width)
-            names.append([index, name, kind, length, width, look.height, look.model, list(look.paint)])
-        return {"names": names, "signals": {"c": "rrrrGGGG"}}
+            names.append([index, name, int(WORDS[kind]), length, width, look.height, look.model, list(look.paint)])
+        return names
 
     def poses(self) -> Sequence[tuple[float, float, float, float]]:
         """x, y, yaw, speed of the road users in this tick, in the world frame."""
@@ -213,3 +270,15 @@ class DrivePageServer:
             rows[index] = (index, 0, 0, x - ORIGIN[0], y - ORIGIN[1], yaw, speed)
         rows["lamps"][2] = 2
         return rows
+
+    # ---- what tests ask for
+
+    def finish(self) -> None:
+        """End the take with a score."""
+        self.state = FrameState.FINISHED
+        self.takes[self.take - 1] |= {
+            "end_tick": self.tick_number, "status": "finished", "score": 87.5, "ds": {"ego_0": 75.0, "ego_1": 100.0},
+        }  # fmt: skip
+        self.extra = {"endings": {"ego_0": "arrived", "ego_1": "blocked"}}
+        self.send_frame()
+        self.send_tree()

@@ -1,5 +1,7 @@
 // Keys and buttons that do not drive: views, pause, chat, settings.
 
+const PEDALS = new Set(["KeyW", "KeyS", "ArrowUp", "ArrowDown"]); // one of them starts after a rewind
+
 function listenToCommands(page) {
   const { picture, inputs, chat } = page;
   const toggle = (name, target, field, box) => {
@@ -41,6 +43,7 @@ function listenToCommands(page) {
   listenToKeys(page, commands);
   listenToSettings(page, toggle);
   listenToWindow(page);
+  return new CalibrationDialog(inputs.gamepad);
 }
 
 function isTyping(event) {
@@ -55,6 +58,7 @@ function listenToKeys(page, commands) {
     const isTab = event.key === "Tab";
     const command = isTab && (page.isDriver || event.target !== document.body) ? undefined : commands[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     const drives = page.isDriver && page.inputs.press(event.code, true); // also before the start: the foot may be on the pedal
+    if (drives && page.mode === "ready" && PEDALS.has(event.code)) page.resume();
     if (drives && page.mode === "driving") {
       if (!event.repeat) page.keyAt ??= event.timeStamp;
       event.preventDefault();

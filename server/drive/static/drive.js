@@ -87,6 +87,8 @@ class DrivePage {
     this.prediction = new Prediction(welcome.vehicle);
     this.routes = new Map(Object.entries(welcome.routes).map(([cav, points]) => [cav, new Route(points, cav === welcome.cav ? welcome.speed_limits : [])]));
     if (this.isDriver && !this.routes.has(welcome.cav)) this.routes.set(welcome.cav, new Route(welcome.route, welcome.speed_limits));
+    this.stations = new Map(Object.entries(welcome.pseudonyms ?? {}).map(([id, pseudonym]) => [pseudonym, id]));
+    $("set-agent").replaceChildren(...welcome.agents.map((agent) => make("option", "", agent)));
     this.drivers = Object.fromEntries(welcome.cavs.map(({ id, driver }) => [id, driver]));
     document.body.classList.toggle("spectator", !this.isDriver);
     $("do-v2x").hidden = !welcome.v2x_view;
@@ -98,9 +100,10 @@ class DrivePage {
     this.rewind ??= new Rewind(this);
     this.takeTree(welcome);
     if (isFirst) this.loadScene();
-    this.setMode("start");
-    if (this.isDriver) this.showStart();
-    else this.card.hide();
+    this.setMode(isFirst ? "start" : "ready");
+    if (!this.isDriver) this.card.hide();
+    else if (isFirst) this.showStart();
+    else this.showReady("Connected again");
   }
 
   async loadScene() {
@@ -115,15 +118,20 @@ class DrivePage {
   }
 
   takeTree({ takes, current }) {
-    this.takes = takes;
+    this.listed = takes;
     this.current = current ?? this.current;
-    this.rewind.takeTree(takes, this.current);
+    this.rewind.takeTree(takes);
     if (this.mode === "finished") this.showEnd();
   }
 
+  /** The takes; the one that goes on has come as far as the newest frame. */
+  get takes() {
+    return this.listed.map((take) => (take.number === this.take && take.score === null ? { ...take, end_tick: Math.max(this.tick, take.tick) } : take));
+  }
+
   takeWaiting({ for: cavs, absent, seconds }) {
-    if (!cavs.length) return this.card.shown === "waiting" && this.card.hide();
-    if (this.mode === "start" && cavs.includes(this.welcome?.cav)) return undefined; // it waits for this person
+    if (!cavs.length || this.mode === "driving") return this.card.shown === "waiting" && this.card.hide();
+    if (["start", "ready", "paused"].includes(this.mode) && cavs.includes(this.welcome?.cav)) return undefined; // it waits for this person
     const lines = cavs.map((cav) => paragraph(`${cav}: ${absent.includes(cav) ? "not connected" : "not ready yet"}`));
     if (seconds !== null && seconds !== undefined) lines.push(paragraph(`Without them it goes on in ${Math.ceil(seconds)} s.`, "muted"));
     this.setMode("waiting");
@@ -132,8 +140,8 @@ class DrivePage {
 
   takeFrame(frame, now) {
     const { tick, take, state, ack, own, extra } = frame;
-    if (take !== this.take || tick < this.tick) this.beginTake(take);
-    const isNew = tick !== this.tick;
+    if (take !== this.take || tick < this.tick) this.beginTake(take, tick);
+    const isNew = tick !== this.lastFrame?.tick || take !== this.lastFrame.take;
     Object.assign(this, { tick, take, state, lastFrame: frame, lastFrameAt: now });
     Object.assign(document.body.dataset, { tick, take, state, ack });
     this.takeExtra(extra, tick);
@@ -145,7 +153,7 @@ class DrivePage {
     else this.stand();
   }
 
-  beginTake(take) {
+  beginTake(take, tick) {
     this.traffic.forget();
     this.exchange.forget();
     this.clock.forget();
@@ -153,17 +161,32 @@ class DrivePage {
     this.endings = {};
     this.score = undefined;
     for (const route of this.routes?.values() ?? []) route.forget();
-    if (take !== this.take) this.rewind?.beginTake(take);
+    const isOther = take !== this.take;
+    Object.assign(this, { take, tick });
+    if (isOther) this.rewind?.beginTake(take);
   }
 
   takeExtra({ names, signals, messages, endings, drivers, factor, score }, tick) {
     if (names) this.traffic.learn(names);
     if (signals) Object.assign(this.signals, signals);
-    if (endings) Object.assign(this.endings, endings);
+    if (endings) this.takeEndings(endings);
     if (drivers) Object.assign(this.drivers, drivers);
     if (score) this.score = score;
-    if (messages) for (const { from, text } of this.exchange.take(messages, tick)) this.chat.add(from, text);
+    if (messages) this.hear(messages, tick);
     if (factor !== undefined) this.factor = factor;
+  }
+
+  takeEndings(endings) {
+    Object.assign(this.endings, endings);
+    const own = endings[this.welcome.cav];
+    if (own) this.tell(`Your drive has ended: ${own}. The others go on until the take is finished.`);
+  }
+
+  /** Messages name stations by their pseudonyms; people read the ids of the scenario. */
+  hear(messages, tick) {
+    const named = messages.map((message) => ({ ...message, from: this.stations.get(message.from) ?? message.from }));
+    const heard = named.filter(({ from }) => from !== this.welcome.cav);
+    for (const { from, text } of this.exchange.take(heard, tick)) this.chat.add(from, text);
   }
 
   run(now, isNew, ack) {
@@ -176,7 +199,9 @@ class DrivePage {
   }
 
   stand() {
-    if (this.mode !== "driving") return;
+    if (this.mode !== "driving" && !(this.mode === "start" && !this.isDriver)) return;
+    if (this.own) this.prediction.forget(this.number);
+    if (this.own) this.prediction.acknowledge(0, this.own);
     this.setMode("paused");
     this.inputs.release();
     if (this.welcome.may_rewind) this.rewind.open();
@@ -209,7 +234,7 @@ class DrivePage {
   }
 
   resume() {
-    if (this.mode === "start") this.setMode("waiting");
+    if (this.mode === "start" || this.mode === "ready") this.setMode("waiting");
     this.card.hide();
     this.connection.ask({ do: "resume" });
   }
@@ -271,7 +296,7 @@ class DrivePage {
     const centre = own ?? this.spectate(users);
     return {
       centre: centre && { index: centre.index, x: centre.x, y: centre.y, yaw: centre.yaw, speed: state?.vx ?? centre.speed ?? FLYING_SPEED },
-      own, users: others, signals: this.signals, overlays: this.overlays(centre), state,
+      own, users: others, signals: this.signals, overlays: this.overlays(centre, users), state,
     };
   }
 
@@ -290,14 +315,20 @@ class DrivePage {
     return number < 0 ? user : { ...user, colour: CAV_COLOURS[number % CAV_COLOURS.length] };
   }
 
-  spectate(users) {
-    const cavs = users.filter(({ id }) => this.routes.has(id));
-    return cavs[this.spectated % Math.max(cavs.length, 1)];
+  get watchedCav() {
+    const { cavs } = this.welcome;
+    return cavs[this.spectated % cavs.length].id;
   }
 
-  overlays(centre) {
+  /** The CAV that a spectator watches; while it is not in the world, the picture stays where it was. */
+  spectate(users) {
+    this.watched = users.find(({ id }) => id === (this.welcome.cav ?? this.watchedCav)) ?? users.find(({ id }) => this.routes.has(id)) ?? this.watched ?? users[0];
+    return this.watched;
+  }
+
+  overlays(centre, users) {
     const route = this.routes.get(centre?.id ?? this.welcome.cav)?.points;
-    const exchange = this.showsV2x && this.welcome.v2x_view ? this.exchange.at(this.tick) : {};
+    const exchange = this.showsV2x && this.welcome.v2x_view ? this.exchange.at(this.tick, users) : {};
     return { route, ghosts: this.rewind.ghostsAt(this.tick), ...exchange };
   }
 
@@ -341,6 +372,13 @@ class DrivePage {
 
   showStart() {
     this.card.show({ key: "start", title: this.welcome.scenario, body: startBody(this.welcome), actions: [["Start", () => this.resume()]] });
+  }
+
+  /** After a rewind: the person gets ready, and a pedal or the button starts. */
+  showReady(title = `Take ${this.take} from ${formatTime(this.tick * this.welcome.tick_s)}`) {
+    this.setMode("ready");
+    const text = "Press a pedal, or the button. Others wait for you.";
+    this.card.show({ key: "ready", title, body: [paragraph(text)], actions: [["Go", () => this.resume()]] });
   }
 
   showLost(seconds) {

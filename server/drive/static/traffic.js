@@ -2,6 +2,7 @@
 // own car, which is a little ahead: up to `MOST_BEYOND` ticks they move on with their last speed and turn.
 
 const MOST_BEYOND = 3; // ticks: in 150 ms a braking car (4 m/s2) is 4.5 cm from where it is shown
+const KINDS = ["vehicle", "pedestrian", "cyclist", "static"];
 const FLAG_BRAKING = 1;
 const FLAG_ENDED = 2;
 
@@ -18,9 +19,7 @@ class Traffic {
 
   /** Learns the names of a frame's extra part: [[index, id, kind, length, width, height, model, paint], ...]. */
   learn(names) {
-    for (const [index, id, kind, length, width, height, model, paint] of names) {
-      this.names.set(index, { index, id, kind, length, width, height, model, paint });
-    }
+    for (const row of names) this.names.set(row[0], readName(row));
   }
 
   take({ tick, rows }) {
@@ -54,4 +53,9 @@ class Traffic {
     }
     return { x: row.x + ((row.x - past.x) / ticks) * beyond, y: row.y + ((row.y - past.y) / ticks) * beyond, yaw: row.yaw + turn * beyond };
   }
+}
+
+/** A row of a table of names; `kind` is a value of `mdrive_sumo.core.state.Kind`. */
+function readName([index, id, kind, length, width, height, model, paint]) {
+  return { index, id, kind: KINDS[kind], length, width, height, model, paint };
 }

@@ -1,22 +1,46 @@
 """The drive page in Chromium, with a played server: keys, pictures, messages, and what is lost."""
 
+import json
 from typing import Any
 
 import pytest
 from testing.chromium import CHROMIUM, wait_until
+from testing.drive_page_files import PAGE, read_page_files
 from testing.drive_page_server import DrivePageServer
+from testing.paths import TESTS
 
-from server.drive.page_files import PAGE, read_page_files
+from mdrive_sumo.report.palette import CAV_COLOURS, format_custom_properties
 from server.drive.protocol import Device
 from tests.server.drive.page.conftest import Opened
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+CONTRAST = (TESTS / "testing" / "web_contrast.js").read_text("utf-8")
+OFFERED = {"cpm": {"objects": [[-30, 20, 3.1, 4.5, 1.8, 3.0]]}, "mcm": {"path": [[60, 21], [0, 21]]}}
+COVERED = """() => [...document.querySelectorAll("#tools button, #speed, #touch > div")].filter((one) => {
+  const {left, top, width, height} = one.getBoundingClientRect();
+  const seen = width && document.elementFromPoint(left + width / 2, top + height / 2);
+  return width && !(seen && (one === seen || one.contains(seen)));
+}).map((one) => one.id)"""
+MESSAGES = [
+    *(
+        {"from": "bbbb1111", "to": ["ego_0"], "kind": kind, "at": [60, 21], **content}
+        for kind, content in OFFERED.items()
+    ),
+    {"from": "bbbb1111", "to": ["ego_0"], "kind": "text", "text": "You go first."},
+]
 
 
 def started(server: DrivePageServer) -> Any:
     """Press Start and wait until the car drives; the tab."""
     server.page.keyboard.press("Enter")  # the button has the focus
     wait_until(server.page, "document.body.dataset.mode === 'driving'")
+    return server.page
+
+
+def paused(server: DrivePageServer) -> Any:
+    """Pause by its key."""
+    server.page.keyboard.press("p")
+    wait_until(server.page, "document.body.dataset.mode === 'paused'")
     return server.page
 
 
@@ -31,16 +55,205 @@ def test_keys_drive_the_car(opened: Opened) -> None:
     server.drive_until(lambda: server.control.steer > 0.3 and server.control.throttle == 0.0)
     page.keyboard.up("ArrowLeft")
     server.drive_until(lambda: server.control.steer == 0.0)
-    page.keyboard.press("Space")
+    page.keyboard.down("Space")
+    server.drive_until(lambda: server.control.brake == 1.0)
     assert [given.number for given in server.received] == list(range(1, len(server.received) + 1))
-    shown = page.evaluate("Drive.prediction.head.x")
-    assert shown == pytest.approx(server.own.x, abs=2.0)
-    assert page.text_content("#speed") == str(round(server.own.vx * 3.6))
+    assert float(page.inner_text("#speed")) == pytest.approx(server.own.vx * 3.6, abs=3)
 
 
-def test_all_scripts_of_the_view_are_on_the_page() -> None:
+@pytest.mark.slow
+def test_time_is_dragged_back_and_driven_anew(opened: Opened) -> None:
+    server = opened()
+    page = started(server)
+    page.keyboard.down("w")
+    server.drive_until(lambda: server.tick_number >= 60)
+    page.keyboard.up("w")
+    paused(server)
+    wait_until(page, "Drive.rewind.motions.get(1)")
+    shown = page.evaluate("""async () => {
+      const begin = performance.now();
+      $("time").value = 20;
+      $("time").dispatchEvent(new Event("input"));
+      await new Promise((wake) => requestAnimationFrame(() => requestAnimationFrame(wake)));
+      return [performance.now() - begin, document.body.dataset.shownTick, Drive.rewind.describe().own.x];
+    }""")
+    assert shown[0] < 100 and shown[1] == "20"
+    assert shown[2] == pytest.approx(server.states[20].x - 10.0, abs=0.01)
+    page.keyboard.press("g")
+    wait_until(page, "document.querySelectorAll('#ghosts li').length === 2")
+    page.click("#do-branch")
+    wait_until(page, "document.body.dataset.mode === 'ready' && document.body.dataset.take === '2'")
+    assert (server.take, server.tick_number) == (2, 20)
+    page.keyboard.down("w")
+    server.drive_until(lambda: server.control.throttle > 0.5 and server.tick_number > 30)
+    assert page.evaluate("Drive.rewind.ghostsAt(Drive.tick).length") == 2
+    page.keyboard.up("w")
+    paused(server)
+    assert page.locator("#tree .take").count() == 2
+    page.focus("#tree .take:first-child")
+    page.keyboard.press("Enter")
+    assert page.evaluate("Drive.rewind.shown") == 1
+    assert [request["do"] for request in server.asked] == ["resume", "pause", "what-if", "rewind", "resume", "pause"]
+
+
+def test_v2x_and_words(opened: Opened) -> None:
+    server = opened()
+    page = started(server)
+    server.extra = {"messages": MESSAGES}
+    server.drive(2)
+    overlays = "Drive.describe(true).overlays"
+    assert page.evaluate(f"{overlays}.shared[0].x") == pytest.approx(-30, abs=1)
+    assert page.evaluate(f"{overlays}.intentions[0].path") == [[60, 21], [0, 21]]
+    assert page.evaluate(f"{overlays}.words[0].text") == "You go first."
+    assert page.get_attribute("#do-chat", "data-unread") == "1"
+    page.keyboard.press("v")
+    assert page.evaluate(f"{overlays}.shared") is None
+    page.keyboard.press("t")
+    page.keyboard.type("wide as a bus")  # letters that are commands and pedals elsewhere
+    page.keyboard.press("Enter")
+    wait_until(page, "document.querySelectorAll('#words li').length === 2")
+    assert server.asked[-1] == {"do": "say", "text": "wide as a bus"}
+    assert page.evaluate("Drive.inputs.keyboard.held.size") == 0
+    page.keyboard.press("Escape")
+    page.keyboard.down("w")
+    server.drive_until(lambda: server.control.throttle > 0)
+
+
+def test_a_condition_without_v2x_and_chat(opened: Opened) -> None:
+    server = opened(v2x_view=False, chat=False, may_rewind=False)
+    page = started(server)
+    server.extra = {"messages": MESSAGES[:2]}
+    server.drive(2)
+    assert page.evaluate("Drive.describe(true).overlays.shared") is None
+    assert not page.is_visible("#do-v2x") and not page.is_visible("#do-chat")
+    page.keyboard.press("t")
+    assert not page.is_visible("#talk")
+    paused(server)
+    assert not page.is_visible("#rewind") and page.is_visible("#card")
+
+
+def test_an_agent_drives_and_gives_back(opened: Opened) -> None:
+    server = opened()
+    page = started(server)
+    page.keyboard.press("o")
+    server.drive(1)
+    assert server.asked[-1] == {"do": "hand-over", "cav": "ego_0", "to": "sharing"}
+    server.extra = {"drivers": {"ego_0": "sharing"}}
+    server.drive(2)
+    assert page.text_content("#device") == "sharing drives"
+    page.keyboard.press("o")
+    server.drive(1)
+    assert server.asked[-1] == {"do": "hand-over", "cav": "ego_0", "to": "human"}
+
+
+def test_a_lost_connection_comes_back(opened: Opened) -> None:
+    server = opened()
+    page = started(server)
+    server.drive(3)
+    server.socket.close(code=1011, reason="server restarts")
+    wait_until(page, "document.body.dataset.mode === 'lost'")
+    assert "Trying again for" in (page.text_content("#card") or "")
+    wait_until(page, "document.body.dataset.mode === 'ready'")
+    assert page.text_content("#card-title") == "Connected again"
+    page.keyboard.press("Enter")
+    count = len(server.received)
+    server.drive_until(lambda: len(server.received) > count + 2)
+    assert server.received[count].number == 1  # numbered anew
+
+
+def test_a_refusal_is_told(opened: Opened) -> None:
+    server = opened()
+    server.socket.close(code=1008, reason="ego_0 has a driver already.")
+    wait_until(server.page, "document.body.dataset.mode === 'closed'")
+    assert "ego_0 has a driver already." in (server.page.text_content("#card") or "")
+
+
+def test_the_end_has_scores_and_commands(opened: Opened) -> None:
+    server = opened()
+    page = started(server)
+    server.drive(3)
+    server.finish()
+    wait_until(page, "document.body.dataset.mode === 'finished'")
+    card = page.inner_text("#card")
+    assert "87.5" in card and "mdrive-sumo verify takes/1" in card and "blocked, driving score 100.0" in card
+    assert page.evaluate(CONTRAST)["below"] == []
+
+
+def test_a_spectator_watches(opened: Opened) -> None:
+    server = opened(role="spectator", cav=None)
+    page = server.page
+    page.evaluate("Drive.connection.ask({do: 'resume'})")
+    server.drive(6)
+    page.keyboard.press("w")
+    server.drive(3)
+    assert server.received == []
+    assert page.evaluate("Drive.describe(true).centre.index") == 0
+    page.keyboard.press("Tab")
+    assert page.evaluate("Drive.describe(true).centre.index") == 1
+
+
+def test_without_webgl_the_top_view_drives(opened: Opened) -> None:
+    server = opened()
+    page = server.page
+    assert page.get_attribute("body", "data-scene") == "top" and page.is_visible("#map")
+    assert "top view drives" in (page.text_content("#notice") or "")
+    page.keyboard.press("1")
+    assert page.evaluate("Drive.picture.view") == "top"
+    colours = page.evaluate("""() => {
+      const {width, height} = $("map");
+      const {data} = $("map").getContext("2d").getImageData(0, 0, width, height);
+      const seen = new Set();
+      for (let i = 0; i < data.length; i += 404) seen.add((data[i] << 16) | (data[i + 1] << 8) | data[i + 2]);
+      return [...seen];
+    }""")
+    assert 0xC9CED6 in colours  # the road of the palette
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(1280, 720), (390, 844), (844, 390)])
+def test_every_control_is_there_on_every_window(opened: Opened, size: tuple[int, int]) -> None:
+    server = opened(size=size, touch=size[0] < 1000)
+    page = started(server)
+    server.extra = {"messages": MESSAGES}
+    server.drive(2)
+    assert page.evaluate("[document.documentElement.scrollWidth, document.documentElement.scrollHeight]") == list(size)
+    covered = page.evaluate(COVERED)
+    assert covered == []
+    assert page.evaluate(CONTRAST)["below"] == []
+    assert page.evaluate("[...document.querySelectorAll('button')].filter((b) => !b.textContent.trim()).length") == 0
+
+
+def test_fingers_drive(opened: Opened) -> None:
+    server = opened(size=(390, 844), touch=True)
+    page = server.page
+    page.evaluate("$('set-touch').checked || $('set-touch').click()")
+    page.click("#card-actions .first")
+    wait_until(page, "document.body.dataset.mode === 'driving'")
+    box = page.locator("#touch-throttle").bounding_box()
+    page.mouse.move(box["x"] + 30, box["y"] + 20)
+    page.mouse.down()
+    server.drive_until(lambda: server.control.throttle > 0.8)
+    page.mouse.up()
+    box = page.locator("#touch-wheel").bounding_box()
+    page.mouse.move(box["x"] + 84, box["y"] + 10)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 10, box["y"] + 84, steps=4)
+    server.drive_until(lambda: server.control.steer > 0.5 and server.control.throttle == 0)
+    assert server.received[-1].device == Device.TOUCH
+    page.mouse.up()
+    server.drive_until(lambda: server.control.steer == 0)
+
+
+def test_files_of_the_page() -> None:
     files = read_page_files()
     page = files[PAGE].decode()
-    assert [name for name in files if name.endswith(".js") and f"/static/{name}" not in page] == []
-    assert [name for name in files if name.endswith(".css") and f"/static/{name}" not in page] == []
+    assert [name for name in files if name.endswith(".js") and f'"/static/{name}"' not in page] == []
+    assert files["palette.css"].decode().endswith(format_custom_properties())
+    assert json.dumps(CAV_COLOURS) in files["palette.js"].decode()
     assert sum(map(len, files.values())) < 2_000_000
+    names = [name for name in files if name.endswith((".js", ".html", ".css")) and name != "three.min.js"]
+    assert [
+        name
+        for name in names
+        if b"://" in files[name].replace(b"http://www.w3.org/2000/svg", b"").replace(b"://${", b"")
+    ] == []

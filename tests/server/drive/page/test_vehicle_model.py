@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 from testing.chromium import CHROMIUM
+from testing.drive_page_files import read_page_files
 from testing.paths import TESTS
 
 from mdrive_sumo.contract import Control
 from mdrive_sumo.vehicle.dynamics import MKZ_2017, VehicleParameters, VehicleState, step
-from server.drive.page_files import read_page_files
 from server.drive.protocol import STATE_FIELDS
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")

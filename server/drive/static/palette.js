@@ -1,0 +1,2 @@
+// Written from mdrive_sumo/report/palette.py; a test compares both.
+const CAV_COLOURS = ["#2f6bed", "#e0701a", "#12946b", "#b83fa6", "#0f93b5", "#c93a4b", "#7a5be0", "#8a7a12", "#be5d2d", "#2dbe87", "#b22dbe", "#a0be2d", "#2d75be", "#be2d4b", "#2dbe39", "#632dbe", "#be8e2d", "#2dbeb8", "#be2d9a", "#6fbe2d", "#2d45be", "#be3f2d", "#2dbe69", "#942dbe", "#bebe2d", "#2d94be", "#be2d69", "#3fbe2d", "#452dbe", "#be6f2d", "#2dbe9a", "#be2db8"];
