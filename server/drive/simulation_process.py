@@ -67,6 +67,7 @@ class SimulationProcess:
         self._answers: dict[int, asyncio.Future[Any]] = {}
         self._events: asyncio.Queue[Event | None] = asyncio.Queue()
         self._calls = 0
+        self._is_closing = False
         self._facts: DriveFacts | None = None
         self._scene = b""
         self._tree: TakeTree | None = None
@@ -88,7 +89,7 @@ class SimulationProcess:
             )
         ours.setblocking(False)
         reader, self._writer = await asyncio.open_connection(sock=ours, limit=2**20)
-        self._events = asyncio.Queue()
+        self._events, self._is_closing = asyncio.Queue(), False
         self._reading = asyncio.create_task(self._read(reader))
         try:
             self._facts, self._scene = await self._call("open", setup)
@@ -176,6 +177,10 @@ class SimulationProcess:
         """Send a text from a CAV to the others over the V2X channel in the next tick. Raises InputError if too long."""
         await self._call("say", cav, text)
 
+    async def note_input(self, device: str, latency_ms: float) -> None:
+        """Note with what people drive and the median latency of their inputs [ms], for the provenance of takes."""
+        await self._call("note", device, latency_ms)
+
     async def what_if(
         self, take: int, tick: int, agents: Sequence[str], seconds: float = 5.0, cavs: Sequence[str] = ()
     ) -> list[WhatIfBranch]:
@@ -213,6 +218,7 @@ class SimulationProcess:
 
     async def _end(self) -> None:
         """Close the connection, at which all processes of the drive end, and wait for that."""
+        self._is_closing = True
         if self._writer is not None:
             self._writer.close()
             with suppress(ConnectionError):
@@ -253,7 +259,8 @@ class SimulationProcess:
         for future in self._answers.values():
             if not future.done():
                 future.set_exception(SimulationEnded(sentence))
-        self._events.put_nowait(DriveProblem(sentence, is_fatal=True))
+        if not self._is_closing:
+            self._events.put_nowait(DriveProblem(sentence, is_fatal=True))
         self._events.put_nowait(None)
 
     def _receive(self, message: Any) -> None:

@@ -33,22 +33,16 @@ class TakeLog:
         self.ticks: list[TickActions] = []
         self.entered_tick = 0
         """The actions of all ticks before are those of the run that was entered."""
-        self._entered = entered
+        self.entered = entered
 
     def replace(self, ticks: Sequence[TickActions], entered_tick: int) -> None:
         """Go on with these actions."""
         self.ticks, self.entered_tick = list(ticks), entered_tick
 
-    def find_digest(self, tick: int) -> str:
-        """Return the digest that the episode must have before a tick; "" where it is not known."""
-        if self._entered is not None and tick <= self.entered_tick:
-            return self._entered.find_digest(tick)
-        return self.ticks[tick].digest if tick < len(self.ticks) else ""
-
     def read(self, ego: str, tick: int) -> Action:
         """Return what happens in a CAV in a tick. Raises AgentFailure if its person leaves."""
-        if self._entered is not None and not self._entered.is_driven and tick < self.entered_tick:
-            return self._entered.read(ego, tick)
+        if self.entered is not None and not self.entered.is_driven and tick < self.entered_tick:
+            return self.entered.read(ego, tick)
         actions = self.ticks[tick]
         if ego in actions.left:
             raise make_leaving(tick)

@@ -10,6 +10,7 @@ from mdrive_sumo.loop.open_world import open_world
 from mdrive_sumo.runs.takes import HumanDriver, open_human_driver
 from mdrive_sumo.vehicle.dynamics import VehicleState
 from server.drive.worker.drive_context import DriveContext
+from server.drive.worker.frame_builder import FrameBuilder
 from server.drive.worker.take_actions import TakeActions, TakeLog
 
 
@@ -30,6 +31,8 @@ class TakeSimulation:
         self._drivers: Mapping[str, HumanDriver] = {
             cav: open_human_driver(cav, TakeActions(self.log, cav), spec) for cav in context.cavs
         }
+        self.station_names: Mapping[str, str] = {told: name for name, told in context.episode.pseudonyms.items()}
+        """Id in the scenario by the id that agents and their texts use."""
         self._world = open_world(context.episode)
         self._world.__enter__()  # it ends with the process
         self._frames = SimulatedFrames(context.episode, self._world)
@@ -37,6 +40,9 @@ class TakeSimulation:
         clock = context.episode.options.clock
         self._scheduler = AgentScheduler(self._drivers, clock, (), self.episode.fail_agent)
         self._observations = self.episode.reset()
+        self.frames = FrameBuilder(context.roads, context.origin)
+        """The rows of all ticks so far."""
+        self.frames.add(self.frame)
 
     @property
     def tick(self) -> int:
@@ -70,13 +76,15 @@ class TakeSimulation:
 
     def step(self) -> None:
         """Advance by one tick with the actions of the log. Raises WorldError if the simulator fails."""
-        replies = self._scheduler.collect_replies(self.tick, self._observations)
-        self._observations = self.episode.step(replies, busy=self._scheduler.find_busy(self.tick + 1))
+        tick = self.tick
+        replies = self._scheduler.collect_replies(tick, self._observations)
+        self._observations = self.episode.step(replies, busy=self._scheduler.find_busy(tick + 1))
+        if self.tick > tick:  # else the episode was done with the CAVs of this tick
+            self.frames.add(self.frame)
 
-    def check(self) -> None:
-        """Raise TakeDivergedError unless all ticks so far are those of the drive that is repeated."""
-        expected = self.log.find_digest(self.tick)
-        if expected and expected != self.episode.digest:
+    def check(self, digest: str) -> None:
+        """Raise TakeDivergedError unless all ticks so far have this digest; "": it is not known."""
+        if digest and digest != self.episode.digest:
             raise TakeDivergedError(self.tick)
 
     def finish(self) -> EpisodeRecord:

@@ -1,0 +1,493 @@
+"""DriveSupervisor: the process between the server and the simulations of a drive. It runs no simulation itself.
+
+It loads the scenario once, forks a process per take, holds the sockets of all checkpoints, keeps the tree of takes on
+disk, and gives takes that were left their turn. Every connection of the drive ends here, so when the server is gone,
+this process ends, and with it, by the end of their connections, all others.
+"""
+
+import gc
+import os
+import pickle
+import select
+import socket
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from mdrive_sumo.core.errors import InputError
+from mdrive_sumo.episode import load_episode
+from mdrive_sumo.report.scene_3d import find_scene_area, pack_scene
+from mdrive_sumo.runs.prepared_run import recording_path
+from mdrive_sumo.runs.takes import HUMAN
+from server.drive.message_socket import MessageSocket
+from server.drive.simulation_values import (
+    CallAnswer,
+    DriveCall,
+    DriveProblem,
+    DriveSetup,
+    PersonInput,
+    TakeEnded,
+    TakeStarted,
+    TreeChanged,
+)
+from server.drive.take_tree import Take, TakeStatus, TakeTree
+from server.drive.worker.checkpoint_ladder import CheckpointLadder
+from server.drive.worker.child import Child, ChildRole, fork_child
+from server.drive.worker.drive_context import DriveContext, load_context
+from server.drive.worker.drive_folder import find_unfinished, open_tree, restore_setup
+from server.drive.worker.motion import build_recorded_motion, pack_motion
+from server.drive.worker.orders import (
+    CheckpointMade,
+    FinishOrder,
+    LeaveOrder,
+    Provenance,
+    TakeFinished,
+    TakeMode,
+    TakeOrder,
+    TakeReady,
+    TakeRefused,
+    WhatIfDone,
+)
+from server.drive.worker.take_journal import JournalHeader, read_journal
+from server.drive.worker.take_process import run_take_process
+from server.drive.worker.what_if_call import WhatIfCall
+
+RETRY_S = 2.0
+"""Time after which a tree that could not be written is written again [s]."""
+PASSED_CALLS = ("pause", "resume", "hand_over", "say")
+"""Calls that the process of the live take answers."""
+
+
+class DriveSupervisor:
+    """One drive, from its `open` to the end of the connection to the server."""
+
+    def __init__(self, server: MessageSocket) -> None:
+        self._server = server
+        self._context: DriveContext | None = None
+        self._tree: TakeTree | None = None
+        self._ladder = CheckpointLadder()
+        self._children: list[Child] = []
+        self._live: Child | None = None
+        self._starting: tuple[Child, int] | None = None
+        """The process of a take that begins, and the number of the call that waits for it."""
+        self._earlier: list[tuple[int, int]] = []
+        """Takes of an earlier session that wait for their turn to be finished, with their numbers of ticks."""
+        self._finish_calls: list[int] = []
+        self._what_ifs: dict[int, WhatIfCall] = {}
+        self._provenance = Provenance("unknown", 0.0)
+        self._is_unsaved = False
+        self._slots = max(1, len(os.sched_getaffinity(0)) - 1)
+        """Processes that work in the background at a time: one core is left to the live take."""
+
+    def run(self) -> None:
+        """Serve until the server closes the connection."""
+        with suppress(EOFError, ConnectionError):
+            while True:
+                sockets = [self._server, *(child.connection for child in self._children)]
+                ready, _, _ = select.select(sockets, [], [], RETRY_S if self._is_unsaved else None)
+                if self._is_unsaved and not ready:
+                    self._save()
+                for child in [one for one in self._children if one.connection in ready]:
+                    self._read_child(child)
+                if self._server in ready:
+                    for data in self._server.receive():
+                        self._handle(pickle.loads(data))  # of our own server
+
+    # ------------------------------------------------------------------------------------------ calls of the server
+
+    def _handle(self, message: object) -> None:
+        if isinstance(message, PersonInput):
+            if self._live is not None:
+                self._tell(self._live, message)
+            return
+        assert isinstance(message, DriveCall), "expected a call"
+        try:
+            if message.name in PASSED_CALLS:
+                self._pass_on(message)
+            else:
+                getattr(self, f"_call_{message.name}")(message.number, *message.arguments)
+        except InputError as error:
+            self._answer(message.number, None, str(error))
+
+    def _answer(self, number: int, value: Any = None, problem: str = "") -> None:
+        self._server.send(CallAnswer(number, value, problem))
+
+    def _pass_on(self, call: DriveCall) -> None:
+        if self._live is not None:
+            self._live.calls.add(call.number)
+            self._tell(self._live, call)
+        elif call.name == "pause":
+            self._answer(call.number)
+        else:
+            raise InputError(f"{call.name}: expected a take that goes on, found none; go back to a tick to drive on")
+
+    def _call_open(self, number: int, setup: DriveSetup) -> None:
+        setup = restore_setup(setup)
+        context = self._context = load_context(setup)
+        self._provenance = Provenance(setup.device, 0.0)
+        tree = open_tree(context.setup, context.describe())
+        self._tree, self._earlier, problems = find_unfinished(tree)
+        gc.collect()
+        gc.freeze()  # else the first collection of each fork would write to, and so copy, all that they share
+        for problem in problems:
+            self._server.send(DriveProblem(problem))
+        self._save()
+        if self._earlier:
+            take, tick = self._earlier[-1]
+            self._begin(number, take, tick)
+        else:
+            self._begin(number, None, context.setup.from_tick if context.record is not None else 0)
+        self._give_turns()
+
+    def _call_branch(self, number: int, take: int, tick: int) -> None:
+        count = self._count_ticks(take)
+        if type(tick) is not int or not 0 <= tick <= count:
+            raise InputError(f"tick: expected one of take {take}, 0 to {count}, found {tick!r:.40}")
+        if self._starting is not None:
+            raise InputError("branch: expected one at a time, found another one that begins")
+        if self._live is not None:
+            self._tell(self._live, DriveCall(0, "pause"))
+        self._begin(number, take, tick)
+
+    def _call_leave(self, number: int) -> None:
+        self._leave_live()
+        self._answer(number)
+
+    def _call_finish(self, number: int) -> None:
+        self._leave_live()
+        self._finish_calls.append(number)
+        self._give_turns()
+
+    def _call_note(self, number: int, device: str, latency_ms: float) -> None:
+        self._provenance = Provenance(device, latency_ms)
+        if self._live is not None:
+            self._tell(self._live, self._provenance)
+        self._answer(number)
+
+    def _call_load_motion(self, number: int, take: int) -> None:
+        self.tree.find(take)
+        child = next((one for one in self._children if one.take == take and one.role is not ChildRole.HELPING), None)
+        if child is not None:
+            child.calls.add(number)
+            self._tell(child, DriveCall(number, "load_motion"))
+            return
+        context, path = self.context, self._find_recording(take)
+
+        def send_motion(connection: MessageSocket) -> None:
+            frames = build_recorded_motion(load_episode(path), context.roads, context.origin)
+            connection.send(CallAnswer(number, pack_motion(take, frames, context.cavs)))
+
+        self._children.append(Child(fork_child(send_motion, self._close_all), ChildRole.HELPING, calls={number}))
+
+    def _call_what_if(
+        self, number: int, take: int, tick: int, agents: tuple[str, ...], seconds: float, cavs: tuple[str, ...]
+    ) -> None:
+        count = self._count_ticks(take)
+        if type(tick) is not int or not 0 <= tick <= count:
+            raise InputError(f"what-if: tick: expected one of take {take}, 0 to {count}, found {tick!r:.40}")
+        for agent in agents:
+            if agent == HUMAN:
+                raise InputError("what-if: expected agents, found a person")
+            for cav in cavs or self.context.cavs[:1]:
+                self.context.check_driver(cav, agent, {})
+        self._what_ifs[number] = WhatIfCall(agents)
+        order = replace(self._make_order(take, take, tick, TakeMode.HOLD), seconds=seconds, cavs=cavs)
+        key = self._ladder.find(self.tree.list_line(take), tick)
+        if key is not None and key[1] == tick:
+            self._look_ahead(number, order)
+        else:
+            self._start(order, ChildRole.HELPING).calls.add(number)
+
+    # ------------------------------------------------------------------------------------------------------- takes
+
+    @property
+    def context(self) -> DriveContext:
+        """What is driven. Raises InputError before `open`."""
+        if self._context is None:
+            raise InputError("drive: expected open() before anything else")
+        return self._context
+
+    @property
+    def tree(self) -> TakeTree:
+        """The takes. Raises InputError before `open`."""
+        if self._tree is None:
+            raise InputError("drive: expected open() before anything else")
+        return self._tree
+
+    def _count_ticks(self, take: int) -> int:
+        """Return the last tick from which a take can go on. Raises InputError."""
+        found = self.tree.find(take)
+        _, ticks = read_journal(self.tree.find_journal(take))
+        return len(ticks) - 1 if found.status is TakeStatus.FINISHED else len(ticks)
+
+    def _begin(self, number: int, parent: int | None, tick: int) -> None:
+        """Start the process of a new take. number: of the call that is answered when it is in its tick."""
+        context, take = self.context, self.tree.next_number
+        order = self._make_order(take, parent, tick, TakeMode.DRIVE)
+        if context.record is not None and parent is None:
+            order = replace(order, header=replace(order.header, entered_tick=tick))
+        is_entered = context.record is not None and tick <= order.header.entered_tick
+        self._starting = self._start(replace(order, people_take_over=is_entered), ChildRole.STARTING), number
+
+    def _make_order(self, take: int, parent: int | None, tick: int, mode: TakeMode) -> TakeOrder:
+        """parent: the take whose actions are repeated."""
+        tree = self.tree
+        source = tree.find_journal(parent) if parent is not None else None
+        entered = read_journal(source)[0].entered_tick if source is not None else 0
+        return TakeOrder(
+            JournalHeader(take, parent, tick, min(entered, tick)),
+            mode,
+            source,
+            tree.find_journal(take),
+            tree.find_folder(take),
+            device=self._provenance.device,
+            latency_ms=self._provenance.latency_ms,
+        )
+
+    def _start(self, order: TakeOrder, role: ChildRole) -> Child:
+        """Start a process for an order: from the nearest checkpoint, else from tick 0."""
+        header = order.header
+        line = list(self.tree.list_line(header.parent)) if header.parent is not None else []
+        while (key := self._ladder.find(line, header.tick)) is not None:
+            ours, theirs = socket.socketpair()
+            with theirs:
+                if self._ladder.send(key, order, theirs.fileno()):
+                    child = Child(MessageSocket(ours), role, order)
+                    self._children.append(child)
+                    return child
+            ours.close()
+        context = self.context
+
+        def run(connection: MessageSocket) -> None:
+            run_take_process(context, order, connection)
+
+        child = Child(fork_child(run, self._close_all), role, order)
+        self._children.append(child)
+        return child
+
+    def _close_all(self) -> None:
+        """Close, in a fork, the connections of the supervisor."""
+        self._server.close()
+        self._ladder.clear()
+        for child in self._children:
+            child.connection.close()
+
+    def _leave_live(self) -> None:
+        if self._live is not None:
+            child, self._live = self._live, None
+            child.role = ChildRole.LEFT
+            self._change(child.take, status=TakeStatus.LEFT)
+            self._tell(child, LeaveOrder())
+            self._give_turns()
+
+    def _give_turns(self) -> None:
+        """Let takes that were left be finished, as many at a time as there are slots; answer `finish` after the last.
+
+        What people wait for goes first: what-if branches.
+        """
+        busy = sum(child.role in (ChildRole.FINISHING, ChildRole.HELPING) for child in self._children)
+        for child in [one for one in self._children if one.role is ChildRole.LEFT][: max(0, self._slots - busy)]:
+            child.role = ChildRole.FINISHING
+            busy += 1
+            self._tell(child, FinishOrder())
+        while self._earlier and busy < self._slots and self._starting is None:
+            take, count = self._earlier.pop(0)
+            self._start(self._make_order(take, take, count, TakeMode.FINISH), ChildRole.FINISHING)
+            busy += 1
+        is_idle = not self._earlier and not any(
+            one.role in (ChildRole.LEFT, ChildRole.FINISHING) for one in self._children
+        )
+        if is_idle and self._starting is None:
+            for number in self._finish_calls:
+                self._answer(number)
+            self._finish_calls = []
+
+    def _change(self, take: int, **values: Any) -> None:
+        self._tree = self.tree.with_take(replace(self.tree.find(take), **values))
+        self._save()
+
+    def _save(self) -> None:
+        """Write the tree, and send it. A full disk is told once, and tried again."""
+        try:
+            self.tree.save()
+            self._is_unsaved = False
+        except OSError as error:
+            if not self._is_unsaved:
+                text = f"{self.tree.folder}: cannot be written: {error.strerror}; make room, it is tried again"
+                self._server.send(DriveProblem(text))
+            self._is_unsaved = True
+        self._server.send(TreeChanged(self.tree))
+
+    def _find_recording(self, take: int) -> Any:
+        folder = self.tree.find_folder(take)
+        path = recording_path(folder, self.context.scenario.id)
+        if not path.is_file():
+            raise InputError(f"take {take}: expected the recording of a finished take, found none in {folder}")
+        return path
+
+    # --------------------------------------------------------------------------------------------------- processes
+
+    def _tell(self, child: Child, message: object) -> None:
+        with suppress(OSError):  # it has just ended, which its connection tells
+            child.connection.send(message)
+
+    def _read_child(self, child: Child) -> None:
+        try:
+            messages = child.connection.receive()
+        except (EOFError, OSError):
+            self._drop(child)
+            return
+        for data in messages:
+            self._hear(child, pickle.loads(data), data)  # of our own processes
+
+    def _hear(self, child: Child, message: object, data: bytes) -> None:
+        """Handle what a process says; what is for the server is passed on as it came."""
+        if isinstance(message, CheckpointMade):
+            connection = MessageSocket(socket.socket(fileno=child.connection.take_descriptor()))
+            line = self.tree.list_line(self._live.take) if self._live is not None else ()
+            self._ladder.add(message.take, message.tick, connection, line)
+            self._hear_held(child, message)
+        elif isinstance(message, TakeReady):
+            self._hear_ready(child, message)
+        elif isinstance(message, TakeRefused):
+            self._hear_refused(child, message)
+        elif isinstance(message, TakeFinished):
+            self._hear_finished(child, message)
+        elif isinstance(message, WhatIfDone):
+            self._hear_what_if(child, message)
+        elif isinstance(message, CallAnswer):
+            child.calls.discard(message.number)
+            if message.number:
+                self._server.send_bytes(data)
+        else:
+            self._server.send_bytes(data)
+
+    def _hear_ready(self, child: Child, message: TakeReady) -> None:
+        assert self._starting is not None and self._starting[0] is child, "expected the take that begins"
+        number, header = self._starting[1], message.header
+        self._starting = None
+        self._leave_live()
+        child.role, self._live = ChildRole.LIVE, child
+        take = Take(header.take, header.parent, header.tick, message.drivers)
+        self._tree = self.tree.with_take(take)
+        self._save()
+        self._server.send(TakeStarted(take.number, take.parent, take.tick, take.drivers))
+        is_first = self._facts_are_due
+        self._facts_are_due = False
+        self._answer(number, self._describe() if is_first else take.number)
+        self._give_turns()
+
+    _facts_are_due = True
+
+    def _describe(self) -> Any:
+        """Return what `open` returns: the facts and the scene."""
+        context = self.context
+        points = np.concatenate([ego.xy for ego in context.scenario.egos])
+        scene = pack_scene(context.roads, find_scene_area(points), context.weather, context.origin)
+        return context.make_facts(), scene
+
+    def _hear_refused(self, child: Child, message: TakeRefused) -> None:
+        if self._starting is not None and self._starting[0] is child:
+            number, order = self._starting[1], child.order
+            self._starting = None
+            assert order is not None
+            if self._facts_are_due and self._begin_otherwise(number, order, message):
+                return
+            self._answer(number, None, message.text)
+        elif child.role is ChildRole.FINISHING:
+            self._change(child.take, status=TakeStatus.VOID)
+            self._server.send(DriveProblem(f"take {child.take} cannot be finished: {message.text}"))
+        else:
+            self._fail_calls(child, message.text)
+
+    def _begin_otherwise(self, number: int, order: TakeOrder, message: TakeRefused) -> bool:
+        """Begin the first take of a session in another way; return whether there is one.
+
+        Agents of an entered run that drive differently now are replaced by their recorded replies. A take of an earlier
+        session that has no tick from which to go on is followed by one from the start.
+        """
+        context = self.context
+        if message.has_diverged and context.agents:
+            self._ladder.clear()
+            self._context = replace(context, agents={})
+            self._begin(number, order.header.parent, order.header.tick)
+            return True
+        if order.header.parent is not None:
+            self._begin(number, None, context.setup.from_tick if context.record is not None else 0)
+            return True
+        return False
+
+    def _hear_finished(self, child: Child, message: TakeFinished) -> None:
+        is_live = child is self._live
+        if is_live:
+            self._live = None
+        child.role = ChildRole.HELPING  # it has nothing more to do than to end
+        self._change(
+            message.take,
+            status=TakeStatus.FINISHED,
+            end_tick=message.end_tick,
+            left_tick=message.left_tick,
+            score=message.score,
+            ds=dict(message.ds),
+        )
+        is_left = message.left_tick is not None
+        self._server.send(TakeEnded(message.take, message.end_tick, message.score, message.ds, is_left))
+
+    def _drop(self, child: Child) -> None:
+        """Forget a process that has ended, and say so if it should not have."""
+        self._children.remove(child)
+        child.connection.close()
+        self._fail_calls(child, "the process that computed it has ended; try again")
+        if self._starting is not None and self._starting[0] is child:
+            number = self._starting[1]
+            self._starting = None
+            self._answer(number, None, "the process of the take has ended; try again")
+        elif child.role in (ChildRole.LIVE, ChildRole.LEFT, ChildRole.FINISHING):
+            if child is self._live:
+                self._live = None
+            self._change(child.take, status=TakeStatus.LEFT)
+            text = f"the process of take {child.take} has ended; its actions are kept: go back to a tick to drive on"
+            self._server.send(DriveProblem(text))
+        self._give_turns()
+
+    def _fail_calls(self, child: Child, text: str) -> None:
+        for number in child.calls:
+            self._what_ifs.pop(number, None)
+            self._answer(number, None, text)
+        child.calls.clear()
+
+    def _hear_held(self, child: Child, message: CheckpointMade) -> None:
+        """Begin the branches of a what-if call once there is a checkpoint in its tick."""
+        order = child.order
+        if order is not None and order.mode is TakeMode.HOLD and message.tick == order.header.tick:
+            numbers = set(child.calls)
+            child.calls.clear()
+            for number in numbers:
+                self._look_ahead(number, order)
+
+    def _look_ahead(self, number: int, order: TakeOrder) -> None:
+        """Start what-if branches, as many at a time as there are slots."""
+        call = self._what_ifs.get(number)
+        busy = sum(number in child.calls for child in self._children)
+        while call is not None and busy < self._slots and (agent := call.take_next()) is not None:
+            place, name = agent
+            branch = replace(order, mode=TakeMode.WHAT_IF, agent=name, place=place)
+            self._start(branch, ChildRole.HELPING).calls.add(number)
+            busy += 1
+
+    def _hear_what_if(self, child: Child, message: WhatIfDone) -> None:
+        assert child.order is not None
+        for number in child.calls:
+            call = self._what_ifs.get(number)
+            if call is None:
+                continue
+            call.add(child.order.place, message.branch)
+            if (result := call.result) is not None:
+                del self._what_ifs[number]
+                self._answer(number, result)
+        numbers = set(child.calls)
+        child.calls.clear()
+        for number in numbers:
+            self._look_ahead(number, child.order)
