@@ -9,7 +9,7 @@ import asyncio
 import time
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
@@ -45,7 +45,6 @@ WATCH_S = 0.25
 """Interval in which silence is looked for [s]."""
 MAX_SPECTATORS = 50
 """Of one drive: each costs as much as a driver to send to."""
-CONTROL_KEYS = ("text",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +75,6 @@ class _Driver:
     """When the time to come back ends; None: no limit, or not absent."""
     stand_in: str = ""
     """The agent that drives until the lost driver is back."""
-    names: list[str] = field(default_factory=list)
 
 
 class DriveSession:
@@ -97,7 +95,7 @@ class DriveSession:
         """The last one."""
         self._clock = clock
         self._drivers = {cav: _Driver() for cav in simulation.facts.people}
-        self._driver_by_cav = dict.fromkeys(simulation.facts.cavs, "")
+        self._driver_by_cav = {cav: HUMAN if cav in self._drivers else "" for cav in simulation.facts.cavs}
         self._connections: list[Connection] = []
         self._is_running = False
         self._is_finished = False

@@ -362,8 +362,12 @@ class Welcome(_Model):
     """Of all CAVs, relative to the origin [m]."""
     speed_limits: list[float]
     """At the points of `route` [m/s]."""
-    vehicle: dict[str, float | int | bool | str]
-    """All `VehicleParameters` of the receiver's CAV."""
+    room: list[float]
+    """Width of the lane at the points of `route` [m]."""
+    vehicle: dict[str, float]
+    """All `VehicleParameters` of CAVs, with the grip of this road."""
+    pseudonyms: dict[str, str]
+    """Id in V2X messages, by id of the scenario."""
     tick_s: float
     most_ticks: int
     """Tick at which the last CAV runs out of time."""
