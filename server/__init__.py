@@ -4,6 +4,7 @@ COMMANDS = {
     "admin": "Administer a challenge: teams, tokens, phases, backups.",
     "cancel": "Cancel a submission.",
     "check": "Check an agent before submission.",
+    "drive": "Drive CAVs of a scenario yourself, in the browser.",
     "init-agent": "Write a sample agent as a starting point.",
     "results": "Show the result of a submission, or list yours.",
     "serve": "Serve a challenge: API, web pages and workers.",

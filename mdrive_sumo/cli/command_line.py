@@ -14,6 +14,9 @@ from mdrive_sumo.core.suggestion import shorten_name, suggest_name
 PLUG_IN_GROUP = "mdrive_sumo.commands"
 """Entry points through which other packages add commands."""
 
+EXTRAS = {"server": "server", "real2sim": "convert"}
+"""Packages of this distribution whose commands need an extra."""
+
 COMMANDS: Mapping[str, tuple[str, str]] = {
     "eval": ("evaluate", "Drive a suite with an agent and score it."),
     "eval-open": ("evaluate_open", "Compare an agent's plans and detections with recorded drives."),
@@ -62,7 +65,7 @@ class CommandLine(click.Group):
         if cmd_name in COMMANDS:
             return make_strict(import_module(f"mdrive_sumo.cli.{COMMANDS[cmd_name][0]}").command)
         plug_in = _plug_ins().get(cmd_name)
-        return make_strict(plug_in.load()) if plug_in else None
+        return make_strict(_load(plug_in)) if plug_in else None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -96,6 +99,21 @@ class CommandLine(click.Group):
 
 def _plug_ins() -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in entry_points(group=PLUG_IN_GROUP)}
+
+
+def _load(plug_in: EntryPoint) -> click.Command:
+    """Return the command of another package. Raises InputError if a package that it needs is not installed."""
+    from mdrive_sumo.core.installation_command import format_installation
+
+    package = plug_in.module.partition(".")[0]
+    try:
+        return plug_in.load()
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        if missing in ("", package, "mdrive_sumo"):
+            raise
+        remedy = format_installation(EXTRAS[package]) if package in EXTRAS else f"pip install {missing}"
+        raise InputError(f"{plug_in.name}: expected the package {missing}, found none; {remedy}") from None
 
 
 def _line(plug_in: EntryPoint) -> str:

@@ -15,7 +15,7 @@ TOKEN_BYTES = 18
 LOCAL_NAMES = ("localhost", "127.0.0.1", "::1")
 
 
-class Role(StrEnum):
+class SeatRole(StrEnum):
     """What a link lets its holder do."""
 
     DRIVER = "driver"
@@ -30,7 +30,7 @@ class Seat:
 
     session: str
     """Id of a drive session; "" for the host."""
-    role: Role
+    role: SeatRole
     cav: str = ""
     """CAV of a driver; "" for others."""
 

@@ -15,12 +15,12 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from mdrive_sumo.core.clean_text import clean_for_page
 from mdrive_sumo.core.errors import InputError
-from server.drive.access import HostCheck, Role, Seat
-from server.drive.connection import NORMAL, POLICY_VIOLATION, Closing, Connection
+from server.drive.access import HostCheck, Seat, SeatRole
+from server.drive.browser_connection import NORMAL, POLICY_VIOLATION, BrowserConnection, Closing
 from server.drive.drive_files import read_static_file, send_static_file
 from server.drive.drive_host import DriveHost
 from server.drive.drive_session import DriveSession
-from server.drive.protocol import format_problem
+from server.drive.messages import format_problem
 from server.drive.simulation_process import SimulationEnded
 
 POLICY = "; ".join(
@@ -50,7 +50,7 @@ MAX_REASON_BYTES = 123
 NO_SEAT = "this link is not valid: links end with the server that printed them; ask whoever started it for a new one"
 
 
-class Refusal(Exception):
+class DriveRefusal(Exception):
     """A request that is answered with a status and one sentence."""
 
     def __init__(self, status: HTTPStatus, sentence: str) -> None:
@@ -75,7 +75,7 @@ def create_drive_app(host: DriveHost) -> FastAPI:
     app.state.host = host
     app.add_middleware(HostCheckMiddleware, hosts=host.hosts)
     app.middleware("http")(_add_headers)
-    app.exception_handler(Refusal)(_show_refusal)
+    app.exception_handler(DriveRefusal)(_show_refusal)
     app.exception_handler(InputError)(_show_input_error)
     app.exception_handler(SimulationEnded)(_show_simulation_ended)
     app.exception_handler(HTTPException)(_show_http_error)
@@ -129,10 +129,10 @@ def _page(template: str, status: int, **context: object) -> HTMLResponse:
     return HTMLResponse(text, status, headers=HEADERS | {"Cache-Control": "no-store"})
 
 
-# -------------------------------------------------------------------------------------------------------------- refusals
+# ------------------------------------------------------------------------------------------------------------ refusals
 
 
-async def _show_refusal(request: Request, error: Refusal) -> Response:  # noqa: ARG001 (Starlette's signature)
+async def _show_refusal(request: Request, error: DriveRefusal) -> Response:  # noqa: ARG001 (Starlette's signature)
     return _page("problem.html", error.status, sentence=error.sentence)
 
 
@@ -157,7 +157,7 @@ async def _show_validation_error(request: Request, error: RequestValidationError
     return _page("problem.html", HTTPStatus.UNPROCESSABLE_ENTITY, sentence=sentence)
 
 
-# -------------------------------------------------------------------------------------------------------------- requests
+# ------------------------------------------------------------------------------------------------------------ requests
 
 
 def _get_host(request: Request) -> DriveHost:
@@ -172,7 +172,7 @@ def require_seat(host: HostDep, token: str = "") -> Seat:
     seat = host.tokens.find(token)
     if seat is None:
         sentence = NO_SEAT if token else "expected the whole link with its token, found an address without one"
-        raise Refusal(HTTPStatus.FORBIDDEN, sentence)
+        raise DriveRefusal(HTTPStatus.FORBIDDEN, sentence)
     return seat
 
 
@@ -183,7 +183,9 @@ def require_session(host: HostDep, seat: SeatDep) -> DriveSession:
     """Return the drive of a link. Raises Refusal."""
     session = host.find_session(seat.session)
     if session is None:
-        raise Refusal(HTTPStatus.NOT_FOUND, "expected the link of a drive, found that of the server or of an ended one")
+        raise DriveRefusal(
+            HTTPStatus.NOT_FOUND, "expected the link of a drive, found that of the server or of an ended one"
+        )
     return session
 
 
@@ -192,23 +194,25 @@ SessionDep = Annotated[DriveSession, Depends(require_session)]
 
 async def show_links(host: HostDep, seat: SeatDep) -> Response:
     """Show the links of all drives to whoever started the server."""
-    if seat.role != Role.HOST:
-        raise Refusal(HTTPStatus.FORBIDDEN, "expected the host's link for the list of links, found a driver's")
+    if seat.role != SeatRole.HOST:
+        raise DriveRefusal(HTTPStatus.FORBIDDEN, "expected the host's link for the list of links, found a driver's")
     drives = [(name, host.list_links(name)) for name in host.list_drives()]
     return _page("links.html", HTTPStatus.OK, drives=drives)
 
 
 async def show_driving_page(request: Request, cav: str, seat: SeatDep) -> Response:
     """Return the page of a driver."""
-    if seat.role != Role.DRIVER or seat.cav != cav:
-        raise Refusal(HTTPStatus.FORBIDDEN, f"expected the link of {cav}, found that of {seat.cav or seat.role}"[:200])
+    if seat.role != SeatRole.DRIVER or seat.cav != cav:
+        raise DriveRefusal(
+            HTTPStatus.FORBIDDEN, f"expected the link of {cav}, found that of {seat.cav or seat.role}"[:200]
+        )
     return _send_drive_page(request)
 
 
 async def show_watching_page(request: Request, seat: SeatDep) -> Response:
     """Return the page of a spectator."""
-    if seat.role != Role.SPECTATOR:
-        raise Refusal(HTTPStatus.FORBIDDEN, "expected a spectator's link, found another")
+    if seat.role != SeatRole.SPECTATOR:
+        raise DriveRefusal(HTTPStatus.FORBIDDEN, "expected a spectator's link, found another")
     return _send_drive_page(request)
 
 
@@ -227,7 +231,7 @@ async def send_scene(session: SessionDep) -> Response:
 async def send_motion(number: int, session: SessionDep) -> Response:
     """Return the packed motion of a take, for scrubbing."""
     if not session.rules.may_rewind:
-        raise Refusal(HTTPStatus.FORBIDDEN, "this drive goes on without going back")
+        raise DriveRefusal(HTTPStatus.FORBIDDEN, "this drive goes on without going back")
     motion = await session.simulation.load_motion(number)
     return Response(motion, media_type="application/octet-stream", headers={"Cache-Control": "no-store"})
 
@@ -236,11 +240,11 @@ async def send_file(request: Request, name: str) -> Response:
     """Return a static file."""
     file = read_static_file(name)
     if file is None:
-        raise Refusal(HTTPStatus.NOT_FOUND, f"there is nothing at /static/{name:.60}")
+        raise DriveRefusal(HTTPStatus.NOT_FOUND, f"there is nothing at /static/{name:.60}")
     return send_static_file(request, file, {})
 
 
-# ------------------------------------------------------------------------------------------------------------- WebSocket
+# ----------------------------------------------------------------------------------------------------------- WebSocket
 
 
 async def serve_socket(socket: WebSocket, token: str = "") -> None:
@@ -276,7 +280,7 @@ async def _refuse(socket: WebSocket, sentence: str) -> None:
         await socket.close(POLICY_VIOLATION, _cut_reason(sentence))
 
 
-async def _send(socket: WebSocket, connection: Connection) -> None:
+async def _send(socket: WebSocket, connection: BrowserConnection) -> None:
     while not isinstance(following := await connection.take_next(), Closing):
         for message in following:
             if isinstance(message, bytes):
@@ -286,7 +290,7 @@ async def _send(socket: WebSocket, connection: Connection) -> None:
     await socket.close(following.code, _cut_reason(following.reason))
 
 
-async def _receive(socket: WebSocket, session: DriveSession, connection: Connection) -> None:
+async def _receive(socket: WebSocket, session: DriveSession, connection: BrowserConnection) -> None:
     while True:
         message = await socket.receive()
         if message["type"] == "websocket.disconnect":

@@ -1,80 +1,44 @@
-"""DriveSession: the people of one drive, who drives which CAV, and for whom its clock waits.
+"""DriveSession: the people of one drive, which of them drives which CAV, and when its clock runs.
 
 The clock runs while every person's CAV has its driver there, and every driver has sent `resume`. A driver who pauses
-stops it for all, until this driver resumes. One whose connection is lost stops it, too, or hands the CAV to an agent
-(`SessionRules.on_disconnect`); who comes back within `patience_s` goes on where the drive stood.
+stops it for all until this driver resumes. One whose connection is lost stops it, too, or hands the CAV to an agent
+(`SessionRules.on_disconnect`); a driver who comes back within `patience_s` goes on where the drive stands.
 """
 
 import asyncio
 import time
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.state import DT
 from mdrive_sumo.core.suggestion import describe_unknown
-from server.drive import protocol
-from server.drive.access import Role, Seat
-from server.drive.connection import GOING_AWAY, NORMAL, POLICY_VIOLATION, Connection
-from server.drive.protocol import CavOut, GhostOut, Ghosts, Notice, Pong, ProtocolError, TakeOut, TreeOut, Welcome
-from server.drive.simulation_process import SimulationEnded, SimulationProcess
-from server.drive.simulation_values import (
-    HUMAN,
-    Behind,
-    DriveState,
+from mdrive_sumo.runs.takes import HUMAN
+from server.drive import messages
+from server.drive.access import Seat, SeatRole
+from server.drive.browser_connection import GOING_AWAY, NORMAL, BrowserConnection
+from server.drive.drive_people import DrivePeople
+from server.drive.messages import GhostsOut, NoticeOut, PongOut, ProblemOut, TreeOut, WaitingOut
+from server.drive.protocol import FrameState, ProtocolError, decode_input
+from server.drive.session_answers import build_welcome, list_ghosts, list_takes
+from server.drive.session_rules import PAUSE, SessionRules
+from server.drive.simulation_process import (
+    DriveProblem,
     Event,
-    Frame,
-    Ghost,
     HandedOver,
-    Problem,
+    SimulationEnded,
+    SimulationProcess,
     TakeEnded,
     TakeStarted,
     TreeChanged,
 )
-from server.drive.take_tree import TakeTree
+from server.drive.simulation_values import DriveFrame
 
-PAUSE = "pause"
-"""`SessionRules.on_disconnect`: the clock waits for who is gone."""
-PATIENCE_S = 60.0
-"""How long a lost driver may take to come back [s]: the issue's minute."""
-SILENCE_S = 3.0
-"""Time without a message after which a driver counts as absent [s]; the page sends one a second at least."""
 WATCH_S = 0.25
-"""Interval in which silence is looked for [s]."""
+"""Interval in which the session looks for silent and late drivers [s]."""
 MAX_SPECTATORS = 50
-"""Of one drive: each costs as much as a driver to send to."""
-
-
-@dataclass(frozen=True, slots=True)
-class SessionRules:
-    """What people may do in a drive, beside driving: conditions of a study switch some of it off."""
-
-    on_disconnect: str = PAUSE
-    """`PAUSE`, or the agent that drives on for a lost driver."""
-    chat: bool = True
-    v2x_view: bool = True
-    """Whether people see what CAM, CPM and MCM tell."""
-    may_rewind: bool = True
-    """Whether people may go back, and ask what agents would have done."""
-    may_hand_over: bool = True
-    may_pause: bool = True
-    patience_s: float = PATIENCE_S
-
-
-@dataclass(slots=True)
-class _Driver:
-    """The person of a CAV."""
-
-    connection: Connection | None = None
-    is_ready: bool = False
-    """Whether `resume` was sent, and no `pause` since."""
-    was_there: bool = False
-    absent_until_s: float | None = None
-    """When the time to come back ends; None: no limit, or not absent."""
-    stand_in: str = ""
-    """The agent that drives until the lost driver is back."""
+"""Of one drive: each costs as much to send to as a driver."""
 
 
 class DriveSession:
@@ -91,64 +55,66 @@ class DriveSession:
         self.name = name
         self.simulation = simulation
         self.rules = rules or SessionRules()
-        self.frame: Frame | None = None
+        self.people = DrivePeople(simulation.facts.people, self.rules.patience_s, clock)
+        self.frame: DriveFrame | None = None
         """The last one."""
+        self.has_ended = False
+        """Whether the simulation is gone."""
         self._clock = clock
-        self._drivers = {cav: _Driver() for cav in simulation.facts.people}
-        self._driver_by_cav = {cav: HUMAN if cav in self._drivers else "" for cav in simulation.facts.cavs}
-        self._connections: list[Connection] = []
+        self._driver_by_cav = {cav: HUMAN if cav in self.people.seats else "" for cav in simulation.facts.cavs}
+        self._connections: list[BrowserConnection] = []
         self._is_running = False
         self._is_finished = False
-        self._waiting: protocol.Waiting | None = None
+        self._waiting: WaitingOut | None = None
         self._lock = asyncio.Lock()
         self._what_if: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
-        self.ended = asyncio.Event()
-        """Set when the simulation is gone."""
-
-    # ------------------------------------------------------------------------------------------------ simulation -> all
 
     async def run(self) -> None:
-        """Pass on what happens in the simulation until it ends; watch for drivers who fall silent."""
+        """Pass on what happens in the simulation until it ends; look for silent and late drivers."""
         watch = asyncio.create_task(self._watch())
         try:
             async for event in self.simulation.events():
                 self._receive_event(event)
         finally:
             watch.cancel()
-            self.ended.set()
+            self.has_ended = True
             for connection in [*self._connections]:
-                connection.close(GOING_AWAY, "the drive has ended")
+                connection.close(GOING_AWAY, "the simulation has ended")
+
+    async def close(self, wait_s: float) -> None:
+        """Close all connections, leave the live take and end the simulation.
+
+        wait_s: time for takes that are being finished [s].
+        """
+        for connection in [*self._connections]:
+            connection.close(GOING_AWAY, "the server ends; the drive can be continued with --resume")
+        await self.simulation.close(wait_s)
 
     def _receive_event(self, event: Event) -> None:
-        match event:
-            case Frame():
-                self._receive_frame(event)
-            case TakeStarted():
-                self._driver_by_cav.update(event.drivers)
-                self._is_finished = False
-                self._put_tree()
-            case HandedOver():
-                self._driver_by_cav[event.cav] = event.driver
-                self._notify(f"{event.cav}: {_name_driver(event.driver)} drives from {event.tick * DT:.1f} s on")
-                self._spawn(self._update_clock())
-            case TreeChanged() | TakeEnded():
-                self._put_tree()
-            case Problem():
-                self._broadcast(protocol.ProblemOut(text=event.text))
-            case Behind():
-                pass  # the frames say so: their state and factor
+        if isinstance(event, DriveFrame):
+            self._receive_frame(event)
+        elif isinstance(event, TakeStarted):
+            self._driver_by_cav.update(event.drivers)
+            self._is_finished = self._is_running = False
+            self._put_tree()
+        elif isinstance(event, HandedOver):
+            self._driver_by_cav[event.cav] = event.driver
+            name = "its person" if event.driver == HUMAN else event.driver
+            self._notify(f"{event.cav}: {name} drives from {event.tick * DT:.1f} s on")
+            self._spawn(self.update_clock())
+        elif isinstance(event, TreeChanged | TakeEnded):
+            self._put_tree()
+        elif isinstance(event, DriveProblem):
+            self._broadcast(ProblemOut(text=event.text))
+        # what is left is `Behind`: state and factor of the frames say so
 
-    def _receive_frame(self, frame: Frame) -> None:
-        if frame.take != (self.frame.take if self.frame else 0):
-            self._is_running = False
-            self._is_finished = False
+    def _receive_frame(self, frame: DriveFrame) -> None:
         self.frame = frame
         self._driver_by_cav.update(frame.extra.get("drivers", {}))
-        if frame.state == DriveState.FINISHED and not self._is_finished:
+        if frame.state == FrameState.FINISHED and not self._is_finished:
             self._is_finished, self._is_running = True, False
-            for driver in self._drivers.values():
-                driver.is_ready = False
+            self.people.forget_readiness()
         known = self.simulation.known_extra
         for connection in self._connections:
             connection.put_frame(frame, known, self._is_shown)
@@ -157,177 +123,104 @@ class DriveSession:
         return self.rules.chat if kind == "text" else self.rules.v2x_view
 
     def _put_tree(self) -> None:
-        self._broadcast(TreeOut(takes=self._list_takes(), current=self.frame.take if self.frame else 1))
+        current = self.frame.take if self.frame else 1
+        self._broadcast(TreeOut(takes=list_takes(self.simulation.tree, self.frame), current=current))
 
-    def _list_takes(self) -> list[TakeOut]:
-        return list_takes(self.simulation.tree, self.frame)
-
-    def _broadcast(self, answer: protocol.Answer) -> None:
+    def _broadcast(self, answer: messages.DriveAnswer) -> None:
         for connection in self._connections:
             connection.put(answer)
 
-    def _notify(self, text: str, but: Connection | None = None) -> None:
+    def _notify(self, text: str, but: BrowserConnection | None = None) -> None:
         for connection in self._connections:
             if connection is not but:
-                connection.put(Notice(text=text))
+                connection.put(NoticeOut(text=text))
 
-    # ------------------------------------------------------------------------------------------------------------ people
+    # ----------------------------------------------------------------------------------------------- people and clock
 
-    def connect(self, seat: Seat) -> Connection:
+    def connect(self, seat: Seat) -> BrowserConnection:
         """Return the connection of a browser that has a seat. Raises InputError if the seat is taken."""
-        if self.ended.is_set():
-            raise InputError("the drive has ended; start `mdrive-sumo drive --resume` to continue it")
-        connection = Connection(seat, self._clock)
-        if seat.role == Role.DRIVER:
-            self._seat_driver(connection)
+        if self.has_ended:
+            raise InputError("the simulation of this drive has ended; it is started anew, try again in a few seconds")
+        connection = BrowserConnection(seat, self._clock)
+        if seat.role == SeatRole.DRIVER:
+            if self.people.take_seat(connection):
+                self._notify(f"{connection.cav}: its driver is back")
+            self._spawn(self._give_back(connection.cav))
         elif sum(not one.is_driver for one in self._connections) >= MAX_SPECTATORS:
             raise InputError(f"spectators: expected at most {MAX_SPECTATORS} at a time; close another page first")
         self._connections.append(connection)
-        connection.put(self._welcome(connection))
+        connection.put(build_welcome(self.simulation, self.rules, connection.cav, self.frame, self._list_cavs()))
         if self.frame is not None:
             connection.put_frame(self.frame, self.simulation.known_extra, self._is_shown)
         if self._waiting is not None:
             connection.put(self._waiting)
         return connection
 
-    def _seat_driver(self, connection: Connection) -> None:
-        driver = self._drivers[connection.cav]
-        before = driver.connection
-        if before is not None and not before.is_closing:
-            if self._clock() - before.heard_s < SILENCE_S:
-                raise InputError(
-                    f"{connection.cav}: expected nobody at the wheel, found a driver; one person drives a CAV, a"
-                    " spectator link shows it to others"
-                )
-            before.close(POLICY_VIOLATION, "the driver has connected anew")
-            self._connections.remove(before)
-        driver.connection = connection
-        if driver.was_there:
-            self._notify(f"{connection.cav}: its driver is back")
-        driver.was_there = True
-        driver.absent_until_s = None
-        self._spawn(self._welcome_back(connection.cav))
+    def _list_cavs(self) -> Mapping[str, tuple[str, bool]]:
+        seats = self.people.seats
+        return {
+            cav: (driver, cav in seats and seats[cav].connection is not None)
+            for cav, driver in self._driver_by_cav.items()
+        }
 
-    async def _welcome_back(self, cav: str) -> None:
-        driver = self._drivers[cav]
-        if driver.stand_in and self._driver_by_cav[cav] == driver.stand_in and not self._is_finished:
-            driver.stand_in = ""
-            with suppress(InputError):  # its drive has ended meanwhile
+    async def _give_back(self, cav: str) -> None:
+        """Let a driver who is back drive again if an agent stands in."""
+        seat = self.people.seats[cav]
+        stand_in, seat.stand_in = seat.stand_in, ""
+        if stand_in and self._driver_by_cav[cav] == stand_in and not self._is_finished:
+            with suppress(InputError, SimulationEnded):  # its drive has ended meanwhile
                 await self.simulation.hand_over(cav, HUMAN)
-        driver.stand_in = ""
-        await self._update_clock()
+        await self.update_clock()
 
-    def disconnect(self, connection: Connection, *, for_good: bool = False) -> None:
+    def disconnect(self, connection: BrowserConnection, *, for_good: bool = False) -> None:
         """Forget a browser. for_good: without time to come back."""
         if connection in self._connections:
             self._connections.remove(connection)
-        driver = self._drivers.get(connection.cav)
-        if not connection.is_driver or driver is None or driver.connection is not connection:
-            return
-        driver.connection = None
-        driver.absent_until_s = self._clock() + (0.0 if for_good else self.rules.patience_s)
-        if not self.ended.is_set():
+        if self.people.leave_seat(connection, for_good=for_good) and not self.has_ended:
             self._notify(f"{connection.cav}: its driver is gone")
             self._spawn(self._replace_driver(connection.cav))
 
     async def _replace_driver(self, cav: str) -> None:
-        """Let an agent drive on if the rules say so, and look whom the clock waits for."""
-        driver, agent = self._drivers[cav], self.rules.on_disconnect
+        """Let an agent drive on if the rules say so, and look for which drivers the clock waits."""
+        agent = self.rules.on_disconnect
         if agent != PAUSE and self._driver_by_cav[cav] == HUMAN and not self._is_finished:
-            driver.stand_in = agent
-            with suppress(InputError):  # its drive has ended
+            self.people.seats[cav].stand_in = agent
+            with suppress(InputError, SimulationEnded):  # its drive has ended
                 await self.simulation.hand_over(cav, agent)
-        await self._update_clock()
+        await self.update_clock()
 
     async def _watch(self) -> None:
-        """Stop the clock for drivers who fall silent though their connections stand; end the time to come back."""
         while True:
             await asyncio.sleep(WATCH_S)
-            await self._update_clock()
+            await self.update_clock()
 
-    def _is_present(self, driver: _Driver) -> bool:
-        return driver.connection is not None and self._clock() - driver.connection.heard_s < SILENCE_S
-
-    def _list_waits(self) -> Iterator[tuple[str, _Driver]]:
-        """Yield for whom the clock waits: persons at the wheel who are absent, anybody there who is not ready."""
-        for cav, driver in self._drivers.items():
-            drives = self._driver_by_cav[cav] == HUMAN
-            if (drives and not (self._is_present(driver) and driver.is_ready)) or (
-                driver.connection is not None and not driver.is_ready
-            ):
-                yield cav, driver
-
-    async def _update_clock(self) -> None:
-        """Stop or start the clock as the people are there and ready, and tell them for whom it waits."""
+    async def update_clock(self) -> None:
+        """Stop or start the clock as the people are there and ready, and tell them for which drivers it waits."""
         async with self._lock:
-            await self._drop_absent()
-            waits = dict(self._list_waits())
-            should_run = not waits and not self._is_finished and self.frame is not None
-            if should_run != self._is_running and not self.ended.is_set():
-                try:
-                    await (self.simulation.resume() if should_run else self.simulation.pause())
-                    self._is_running = should_run
-                except InputError as error:
-                    self._broadcast(protocol.ProblemOut(text=str(error)))
-                except SimulationEnded:
-                    return
-            self._put_waiting(waits)
+            for cav in self.people.end_patience():
+                self._notify(f"{cav}: its driver has not come back; another driver can hand it over to an agent")
+            awaited = self.people.list_awaited(self._driver_by_cav)
+            should_run = not awaited and not self._is_finished and self.frame is not None
+            if should_run != self._is_running and not self.has_ended:
+                await self._set_clock(should_run)
+            waiting = self.people.describe_wait(awaited)
+            if waiting != self._waiting:
+                self._waiting = waiting
+                self._broadcast(waiting)
 
-    async def _drop_absent(self) -> None:
-        """End the time to come back: who is gone must press start again, and the take is left if nobody is there."""
-        now_s = self._clock()
-        for cav, driver in self._drivers.items():
-            if driver.absent_until_s is None or now_s < driver.absent_until_s:
-                continue
-            driver.absent_until_s = None
-            driver.is_ready = False
-            driver.stand_in = ""
-            self._notify(f"{cav}: its driver has not come back; another driver may hand it over to an agent")
+    async def _set_clock(self, should_run: bool) -> None:
+        try:
+            await (self.simulation.resume() if should_run else self.simulation.pause())
+            self._is_running = should_run
+        except InputError as error:
+            self.people.forget_readiness()  # else it would be tried again and again
+            self._broadcast(ProblemOut(text=str(error)))
+        except SimulationEnded:
+            self._is_running = False
 
-    def _put_waiting(self, waits: dict[str, _Driver]) -> None:
-        absent = [cav for cav, driver in waits.items() if not self._is_present(driver)]
-        limits = [driver.absent_until_s for driver in waits.values() if driver.absent_until_s is not None]
-        seconds = max(0.0, round(min(limits) - self._clock())) if limits else None
-        waiting = protocol.Waiting(waits_for=[*waits], absent=absent, seconds=seconds)
-        if waiting != self._waiting:
-            self._waiting = waiting
-            self._broadcast(waiting)
+    # ------------------------------------------------------------------------------------------- people to simulation
 
-    def _welcome(self, connection: Connection) -> Welcome:
-        facts = self.simulation.facts
-        cav = connection.cav or None
-        shown = cav or facts.cavs[0]
-        return Welcome(
-            role="driver" if connection.is_driver else "spectator",
-            cav=cav,
-            scenario=facts.scenario,
-            description=facts.description,
-            origin=facts.origin,
-            route=facts.routes[shown],
-            routes=dict(facts.routes),
-            speed_limits=facts.speed_limits[shown],
-            room=facts.room[shown],
-            vehicle=dict(facts.vehicle),
-            pseudonyms=dict(facts.pseudonyms),
-            tick_s=facts.tick_s,
-            most_ticks=max(facts.time_limit_ticks.values()),
-            agents=list(facts.agents),
-            cavs=[
-                CavOut(id=one, driver=self._driver_by_cav[one], is_connected=self._is_there(one)) for one in facts.cavs
-            ],
-            weather=facts.weather,
-            v2x_view=self.rules.v2x_view,
-            chat=self.rules.chat,
-            may_rewind=self.rules.may_rewind,
-            takes=self._list_takes(),
-        )
-
-    def _is_there(self, cav: str) -> bool:
-        return cav in self._drivers and self._drivers[cav].connection is not None
-
-    # ----------------------------------------------------------------------------------------------- people -> simulation
-
-    async def receive(self, connection: Connection, message: bytes | str) -> None:
+    async def receive(self, connection: BrowserConnection, message: bytes | str) -> None:
         """Do what a browser asks for; what cannot be done costs one sentence to it."""
         if not connection.allow(message):
             return
@@ -335,14 +228,12 @@ class DriveSession:
             if isinstance(message, bytes):
                 self._receive_input(connection, message)
             else:
-                await self._receive_request(connection, protocol.decode_request(message))
-        except InputError as error:
-            connection.put_problem(str(error))
-        except SimulationEnded as error:
+                await self._receive_request(connection, messages.decode_request(message))
+        except (InputError, SimulationEnded) as error:
             connection.put_problem(str(error))
 
-    def _receive_input(self, connection: Connection, message: bytes) -> None:
-        given = protocol.decode_input(message)
+    def _receive_input(self, connection: BrowserConnection, message: bytes) -> None:
+        given = decode_input(message)
         if not connection.is_driver:
             raise ProtocolError("input: expected one of a driver, found a spectator's")
         if given.number <= connection.input_number:
@@ -351,154 +242,104 @@ class DriveSession:
         if self._driver_by_cav[connection.cav] == HUMAN:
             self.simulation.put_input(connection.cav, given.number, given.control)
 
-    async def _receive_request(self, connection: Connection, request: protocol.Request) -> None:
-        if isinstance(request, protocol.Ping):
-            connection.latency_ms = request.latency_ms if request.latency_ms is not None else connection.latency_ms
-            connection.put(Pong(time=request.time))
+    async def _receive_request(self, connection: BrowserConnection, request: messages.DriveRequest) -> None:
+        if isinstance(request, messages.PingRequest):
+            if request.latency_ms is not None:
+                connection.latency_ms = request.latency_ms
+            connection.put(PongOut(time=request.time))
             return
         if not connection.is_driver:
             raise InputError(f"{request.do}: expected a driver's link, found a spectator's")
+        await self._receive_drivers_request(connection, request)
+
+    async def _receive_drivers_request(self, connection: BrowserConnection, request: messages.DriversRequest) -> None:
         match request:
-            case protocol.Resume():
+            case messages.ResumeRequest():
                 await self._resume(connection)
-            case protocol.Pause():
+            case messages.PauseRequest():
                 await self._pause(connection)
-            case protocol.Rewind():
-                await self._rewind(connection, request.take, request.tick)
-            case protocol.HandOver():
-                await self._hand_over(connection, request.cav, request.to)
-            case protocol.Say():
-                await self._say(connection, request.text)
-            case protocol.WhatIf():
+            case messages.RewindRequest():
+                await self._rewind(connection, request)
+            case messages.HandOverRequest():
+                await self._hand_over(connection, request)
+            case messages.SayRequest():
+                await self._say(connection, request)
+            case messages.WhatIfRequest():
                 self._start_what_if(connection, request)
-            case protocol.Finish():
+            case messages.FinishRequest():
                 await self._finish()
-            case protocol.Leave():
+            case messages.LeaveRequest():
                 self.disconnect(connection, for_good=True)
                 connection.close(NORMAL, "you have left the drive")
 
-    async def _resume(self, connection: Connection) -> None:
+    async def _resume(self, connection: BrowserConnection) -> None:
         if self._is_finished:
             raise InputError("resume: expected a take that goes on, found a finished one; go back to a tick to branch")
-        self._drivers[connection.cav].is_ready = True
-        await self._update_clock()
+        self.people.seats[connection.cav].is_ready = True
+        await self.update_clock()
 
-    async def _pause(self, connection: Connection) -> None:
+    async def _pause(self, connection: BrowserConnection) -> None:
         if not self.rules.may_pause:
             raise InputError("pause: this drive cannot be paused")
-        self._drivers[connection.cav].is_ready = False
-        await self._update_clock()
+        self.people.seats[connection.cav].is_ready = False
+        await self.update_clock()
 
-    async def _rewind(self, connection: Connection, take: int, tick: int) -> None:
-        self._check_rewind("rewind")
+    async def _rewind(self, connection: BrowserConnection, request: messages.RewindRequest) -> None:
+        self._check_rewind(request.do)
         async with self._lock:
-            await self.simulation.branch(take, tick)
-            for driver in self._drivers.values():
-                driver.is_ready = False
+            await self.simulation.branch(request.take, request.tick)
+            self.people.forget_readiness()
             self._is_running = False
-        self._notify(f"{connection.cav}: its driver went back to {tick * DT:.1f} s of take {take}", connection)
-        await self._update_clock()
+        place = f"{request.tick * DT:.1f} s of take {request.take}"
+        self._notify(f"{connection.cav}: its driver went back to {place}", connection)
+        await self.update_clock()
 
     def _check_rewind(self, what: str) -> None:
         if not self.rules.may_rewind:
             raise InputError(f"{what}: this drive goes on without going back")
 
-    async def _hand_over(self, connection: Connection, cav: str, to: str) -> None:
+    async def _hand_over(self, connection: BrowserConnection, request: messages.HandOverRequest) -> None:
         if not self.rules.may_hand_over:
             raise InputError("hand-over: people drive this drive to its end")
         choices = (HUMAN, *self.simulation.facts.agents)
-        if to not in choices:
-            raise InputError(f"hand-over: to: {describe_unknown(to, choices)}")
-        if cav != connection.cav:
-            self._check_deserted(cav, to)
-        await self.simulation.hand_over(cav, to)
+        if request.to not in choices:
+            raise InputError(f"hand-over: to: {describe_unknown(request.to, choices)}")
+        if request.cav != connection.cav:
+            seat = self.people.seats.get(request.cav)
+            if request.to == HUMAN or seat is None or not seat.is_deserted:
+                found = f"found {request.cav!r}"
+                raise InputError(f"hand-over: cav: expected your own or one whose driver has not come back, {found}")
+        await self.simulation.hand_over(request.cav, request.to)
 
-    def _check_deserted(self, cav: str, to: str) -> None:
-        """Raise InputError unless a driver may hand over another CAV: to an agent, if its driver has not come back."""
-        driver = self._drivers.get(cav)
-        is_deserted = driver is not None and driver.connection is None and driver.absent_until_s is None
-        if to == HUMAN or not is_deserted:
-            raise InputError(f"hand-over: cav: expected your own or one whose driver has not come back, found {cav!r}")
-
-    async def _say(self, connection: Connection, text: str) -> None:
+    async def _say(self, connection: BrowserConnection, request: messages.SayRequest) -> None:
         if not self.rules.chat:
             raise InputError("say: this drive is without chat")
-        await self.simulation.say(connection.cav, text)
+        await self.simulation.say(connection.cav, request.text)
 
     async def _finish(self) -> None:
         if self._is_finished:
             raise InputError("finish: expected a take that goes on, found a finished one")
         await self.simulation.leave()
 
-    def _start_what_if(self, connection: Connection, request: protocol.WhatIf) -> None:
-        self._check_rewind("what-if")
+    def _start_what_if(self, connection: BrowserConnection, request: messages.WhatIfRequest) -> None:
+        self._check_rewind(request.do)
         if self._what_if is not None and not self._what_if.done():
             raise InputError("what-if: expected one at a time, found another under way")
-        self.simulation.tree.find(request.take)
         self._what_if = self._spawn(self._do_what_if(connection, request))
 
-    async def _do_what_if(self, connection: Connection, request: protocol.WhatIf) -> None:
+    async def _do_what_if(self, connection: BrowserConnection, request: messages.WhatIfRequest) -> None:
         try:
-            ghosts = await self.simulation.what_if(
+            branches = await self.simulation.what_if(
                 request.take, request.tick, request.agents, request.seconds, (connection.cav,)
             )
         except (InputError, SimulationEnded) as error:
             connection.put_problem(str(error))
             return
-        shown = [one for ghost in ghosts for one in list_ghosts(ghost)]
-        connection.put(Ghosts(take=request.take, tick=request.tick, ghosts=shown))
+        ghosts = [ghost for branch in branches for ghost in list_ghosts(branch)]
+        connection.put(GhostsOut(take=request.take, tick=request.tick, ghosts=ghosts))
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.create_task(work)
-        self._tasks.add(task)
+        self._tasks.add(task)  # the loop itself holds no reference
         task.add_done_callback(self._tasks.discard)
         return task
-
-    async def close(self) -> None:
-        """Close all connections, leave the live take and end the simulation."""
-        for connection in [*self._connections]:
-            connection.close(GOING_AWAY, "the server ends; the drive can be continued with --resume")
-        await self.simulation.close()
-
-
-def list_takes(tree: TakeTree, frame: Frame | None) -> list[TakeOut]:
-    """Return the takes as the page shows them. frame: the last of the live take, which tells how far that has come."""
-    return [
-        TakeOut(
-            number=take.number,
-            parent=take.parent,
-            tick=take.tick,
-            drivers=dict(take.drivers),
-            status=str(take.status),
-            end_tick=_find_end(take.number, take.end_tick, take.left_tick, take.tick, frame),
-            score=take.score,
-            ds=dict(take.ds),
-            folder=str(tree.find_folder(take.number).relative_to(tree.folder)),
-        )
-        for _, take in sorted(tree.takes.items())
-    ]
-
-
-def _find_end(number: int, end: int | None, left: int | None, begin: int, frame: Frame | None) -> int:
-    if end is not None:
-        return end
-    if frame is not None and frame.take == number:
-        return max(begin, frame.tick)
-    return begin if left is None else left
-
-
-def list_ghosts(ghost: Ghost) -> list[GhostOut]:
-    """Return a what-if branch as one ghost for each CAV."""
-    return [
-        GhostOut(
-            agent=ghost.agent,
-            cav=cav,
-            poses=[(round(x, 2), round(y, 2), round(yaw, 3)) for x, y, yaw, _ in track],
-            ending=ghost.endings.get(cav),
-        )
-        for cav, track in ghost.tracks.items()
-    ]
-
-
-def _name_driver(driver: str) -> str:
-    return "its person" if driver == HUMAN else driver

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mdrive_sumo.contract.exchange import Control
-from server.drive import protocol
-from server.drive.protocol import Device, FrameState, Input, ProtocolError, RowFlag, WireFrame
+from server.drive import messages, protocol
+from server.drive.protocol import DriveInput, FrameState, InputDevice, ProtocolError, RowFlag, WireFrame
 
-GOOD = Input(Device.GAMEPAD, 7, 1234.5, Control(0.25, 0.0, -1.0))
+GOOD = DriveInput(InputDevice.GAMEPAD, 7, 1234.5, Control(0.25, 0.0, -1.0))
 
 
 def test_sizes_are_those_of_the_page() -> None:
@@ -51,16 +51,18 @@ def test_any_bytes_are_a_frame_or_one_sentence(data: bytes) -> None:
 
 
 @given(
-    st.sampled_from(Device),
+    st.sampled_from(InputDevice),
     st.integers(1, protocol.MAX_NUMBER),
     st.floats(0, 1, width=32),
     st.floats(0, 1, width=32),
     st.floats(-1, 1, width=32),
 )
 def test_an_input_is_read_back_in_steps_of_a_control(
-    device: Device, number: int, throttle: float, brake: float, steer: float
+    device: InputDevice, number: int, throttle: float, brake: float, steer: float
 ) -> None:
-    read = protocol.decode_input(protocol.encode_input(Input(device, number, 5.0, Control(throttle, brake, steer))))
+    read = protocol.decode_input(
+        protocol.encode_input(DriveInput(device, number, 5.0, Control(throttle, brake, steer)))
+    )
     assert (read.device, read.number) == (device, number)
     values = read.control.throttle, read.control.brake, read.control.steer
     for value, sent in zip(values, (throttle, brake, steer), strict=True):
@@ -97,19 +99,22 @@ def test_a_wrong_input_costs_one_sentence(data: bytes, sentence: str) -> None:
 @pytest.mark.parametrize(
     ("request_", "expected"),
     [
-        ({"do": "pause"}, protocol.Pause(do="pause")),
-        ({"do": "rewind", "take": 3, "tick": 200}, protocol.Rewind(do="rewind", take=3, tick=200)),
-        ({"do": "hand-over", "cav": "ego_0", "to": "idm"}, protocol.HandOver(do="hand-over", cav="ego_0", to="idm")),
-        ({"do": "say", "text": " I yield. "}, protocol.Say(do="say", text="I yield.")),
-        ({"do": "ping", "time": 12}, protocol.Ping(do="ping", time=12.0)),
+        ({"do": "pause"}, messages.PauseRequest(do="pause")),
+        ({"do": "rewind", "take": 3, "tick": 200}, messages.RewindRequest(do="rewind", take=3, tick=200)),
+        (
+            {"do": "hand-over", "cav": "ego_0", "to": "idm"},
+            messages.HandOverRequest(do="hand-over", cav="ego_0", to="idm"),
+        ),
+        ({"do": "say", "text": " I yield. "}, messages.SayRequest(do="say", text="I yield.")),
+        ({"do": "ping", "time": 12}, messages.PingRequest(do="ping", time=12.0)),
         (
             {"do": "what-if", "take": 1, "tick": 0, "agents": ["sharing"], "seconds": 5},
-            protocol.WhatIf(do="what-if", take=1, tick=0, agents=["sharing"], seconds=5.0),
+            messages.WhatIfRequest(do="what-if", take=1, tick=0, agents=["sharing"], seconds=5.0),
         ),
     ],
 )
 def test_requests_are_read(request_: object, expected: object) -> None:
-    assert protocol.decode_request(json.dumps(request_)) == expected
+    assert messages.decode_request(json.dumps(request_)) == expected
 
 
 @pytest.mark.parametrize(
@@ -147,7 +152,7 @@ def test_requests_are_read(request_: object, expected: object) -> None:
 )
 def test_a_wrong_message_costs_one_sentence(text: str, sentence: str) -> None:
     with pytest.raises(ProtocolError) as raised:
-        protocol.decode_request(text)
+        messages.decode_request(text)
     assert str(raised.value) == sentence
 
 
@@ -155,24 +160,24 @@ def test_a_wrong_message_costs_one_sentence(text: str, sentence: str) -> None:
     st.text(max_size=300)
     | st.builds(
         lambda word, more: json.dumps({"do": word, **more}),
-        st.sampled_from([*protocol.REQUESTS]),
+        st.sampled_from([*messages.REQUESTS]),
         st.dictionaries(st.text(max_size=9), st.none() | st.floats() | st.text()),
     )
 )
 def test_any_text_is_a_request_or_one_sentence(text: str) -> None:
     try:
-        protocol.decode_request(text)
+        messages.decode_request(text)
     except ProtocolError as error:
         assert "\n" not in str(error)
         assert len(str(error)) < 400
 
 
 def test_answers_name_what_they_are() -> None:
-    waiting = protocol.Waiting(waits_for=["ego_0"], absent=[], seconds=None)
-    assert json.loads(protocol.encode_answer(waiting)) == {
+    waiting = messages.WaitingOut(waits_for=["ego_0"], absent=[], seconds=None)
+    assert json.loads(messages.encode_answer(waiting)) == {
         "is": "waiting",
         "for": ["ego_0"],
         "absent": [],
         "seconds": None,
     }
-    assert json.loads(protocol.format_problem("no")) == {"is": "problem", "text": "no"}
+    assert json.loads(messages.format_problem("no")) == {"is": "problem", "text": "no"}

@@ -1,4 +1,4 @@
-"""Connection: one browser of a drive session, as the session sees it: what is to be sent to it, how much it may send."""
+"""BrowserConnection: one browser of a drive: what is to be sent to it, and how much it may send."""
 
 import asyncio
 from collections import deque
@@ -8,18 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from server.drive.access import Role, Seat
+from server.drive.access import Seat, SeatRole
+from server.drive.messages import DriveAnswer, encode_answer, format_problem
 from server.drive.protocol import (
     NO_STATE,
     ROW,
-    Answer,
-    FrameState,
     WireFrame,
-    encode_answer,
     encode_frame,
-    format_problem,
 )
-from server.drive.simulation_values import Frame
+from server.drive.simulation_values import DriveFrame
 
 MAX_WAITING_TEXTS = 200
 """Text messages that wait for a browser which does not read; beyond it the connection is closed."""
@@ -63,7 +60,7 @@ class Allowance:
         return True
 
 
-class Connection:
+class BrowserConnection:
     """What waits to be sent to one browser, and what it has sent.
 
     Only the newest frame waits: a browser that cannot keep up misses frames, but nothing of what was new in them.
@@ -82,7 +79,7 @@ class Connection:
         self._inputs = Allowance(INPUTS_PER_S, self.heard_s)
         self._requests = Allowance(REQUESTS_PER_S, self.heard_s)
         self._texts: deque[str] = deque()
-        self._frame: Frame | None = None
+        self._frame: DriveFrame | None = None
         self._extra: dict[str, Any] = {}
         self._take = 0
         self._closing: Closing | None = None
@@ -96,14 +93,14 @@ class Connection:
     @property
     def is_driver(self) -> bool:
         """Whether a person drives with it."""
-        return self.seat.role == Role.DRIVER
+        return self.seat.role == SeatRole.DRIVER
 
     @property
     def is_closing(self) -> bool:
         """Whether nothing more is sent to it."""
         return self._closing is not None
 
-    def put(self, *answers: Answer) -> None:
+    def put(self, *answers: DriveAnswer) -> None:
         """Queue text messages."""
         for answer in answers:
             self._put_text(encode_answer(answer))
@@ -119,7 +116,7 @@ class Connection:
         self._texts.append(text)
         self._wake.set()
 
-    def put_frame(self, frame: Frame, known: Mapping[str, Any], is_shown: Callable[[str], bool]) -> None:
+    def put_frame(self, frame: DriveFrame, known: Mapping[str, Any], is_shown: Callable[[str], bool]) -> None:
         """Replace the frame that waits.
 
         known: what frames of the take have said so far, for a browser that has seen none of them. is_shown: whether
@@ -159,12 +156,12 @@ class Connection:
             return self._closing
         return out
 
-    def _encode(self, frame: Frame) -> bytes:
+    def _encode(self, frame: DriveFrame) -> bytes:
         extra, self._extra, self._frame = self._extra, {}, None
         own = frame.own.get(self.cav, NO_STATE) if self.is_driver else NO_STATE
         ack = frame.acks.get(self.cav, 0) if self.is_driver else 0
         rows = np.frombuffer(frame.rows, ROW)
-        return encode_frame(WireFrame(FrameState(frame.state), frame.tick, frame.take, ack, own, rows, extra))
+        return encode_frame(WireFrame(frame.state, frame.tick, frame.take, ack, own, rows, extra))
 
     def allow(self, message: bytes | str) -> bool:
         """Count a message of the browser; return whether it is within its allowance.
