@@ -265,7 +265,7 @@ async def _serve(stored: StoredDrive, place: _Place, is_browser_wanted: bool) ->
     host = DriveHost(place.list_names())
     with place.open_listener() as listener:
         await host.open_drive(DRIVE_NAME, setup, stored.rules)
-        server = _DriveServer(_make_config(create_drive_app(host)))
+        server = _DriveServer(make_config(create_drive_app(host)))
         failures: list[str] = []
 
         def end(_: str, sentence: str) -> None:
@@ -311,7 +311,8 @@ async def _close(host: DriveHost, server: "_DriveServer", folder: Path) -> None:
         await host.close(wait_s=0.0)
 
 
-def _make_config(app: FastAPI) -> uvicorn.Config:
+def make_config(app: FastAPI) -> uvicorn.Config:
+    """Return uvicorn's settings for the application of drives."""
     return uvicorn.Config(
         app,
         ws="websockets-sansio",

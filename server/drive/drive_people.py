@@ -7,6 +7,7 @@ from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.runs.takes import HUMAN
 from server.drive.browser_connection import POLICY_VIOLATION, BrowserConnection
 from server.drive.messages import WaitingOut
+from server.drive.protocol import InputDevice
 
 SILENCE_S = 3.0
 """Time without a message after which a driver counts as absent [s]; the page sends one a second at least."""
@@ -25,6 +26,14 @@ class DriverSeat:
     """When the time to come back ends; None: not absent, or it has ended."""
     stand_in: str = ""
     """The agent that drives until the lost driver is back."""
+
+    device: InputDevice = InputDevice.KEYBOARD
+    """Of the last input; takes begin with the keyboard."""
+
+    @property
+    def device_name(self) -> str:
+        """The device as takes note it, see `agents.human.DEVICES`."""
+        return self.device.name.lower()
 
     @property
     def is_deserted(self) -> bool:

@@ -20,7 +20,7 @@ from server.drive.access import Seat, SeatRole
 from server.drive.browser_connection import GOING_AWAY, NORMAL, BrowserConnection
 from server.drive.drive_people import DrivePeople
 from server.drive.messages import GhostsOut, NoticeOut, PongOut, ProblemOut, TreeOut, WaitingOut
-from server.drive.protocol import FrameState, ProtocolError, decode_input
+from server.drive.protocol import FrameState, InputDevice, ProtocolError, decode_input
 from server.drive.session_answers import build_welcome, list_ghosts, list_takes
 from server.drive.session_rules import PAUSE, SessionRules
 from server.drive.simulation_process import (
@@ -168,8 +168,7 @@ class DriveSession:
         seat = self.people.seats[cav]
         stand_in, seat.stand_in = seat.stand_in, ""
         if stand_in and self._driver_by_cav[cav] == stand_in and not self._is_finished:
-            with suppress(InputError, SimulationEnded):  # its drive has ended meanwhile
-                await self.simulation.hand_over(cav, HUMAN)
+            await self._take_wheel(cav)
         await self.update_clock()
 
     def disconnect(self, connection: BrowserConnection, *, for_good: bool = False) -> None:
@@ -186,7 +185,7 @@ class DriveSession:
         if agent != PAUSE and self._driver_by_cav[cav] == HUMAN and not self._is_finished:
             self.people.seats[cav].stand_in = agent
             with suppress(InputError, SimulationEnded):  # its drive has ended
-                await self.simulation.hand_over(cav, agent)
+                await self._set_driver(cav, agent)
         await self.update_clock()
 
     async def _watch(self) -> None:
@@ -241,6 +240,25 @@ class DriveSession:
         connection.input_number = given.number
         if self._driver_by_cav[connection.cav] == HUMAN:
             self.simulation.put_input(connection.cav, given.number, given.control)
+            self._note_device(connection.cav, given.device)
+
+    def _note_device(self, cav: str, device: InputDevice) -> None:
+        """Note in the take with which device a person drives from now on, if that is new."""
+        seat = self.people.seats[cav]
+        if seat.device != device:
+            seat.device = device
+            self._spawn(self._take_wheel(cav))
+
+    async def _take_wheel(self, cav: str) -> None:
+        """Let the person of a CAV drive, with the device used last."""
+        with suppress(InputError, SimulationEnded):  # its drive has ended
+            await self._set_driver(cav, HUMAN)
+
+    async def _set_driver(self, cav: str, driver: str) -> None:
+        """Let a person or an agent drive a CAV. Raises InputError."""
+        config = {"device": self.people.seats[cav].device_name} if driver == HUMAN else {}
+        await self.simulation.hand_over(cav, driver, config)
+        self._driver_by_cav[cav] = driver  # before its event comes, which may be after the next look at the clock
 
     async def _receive_request(self, connection: BrowserConnection, request: messages.DriveRequest) -> None:
         if isinstance(request, messages.PingRequest):
@@ -309,7 +327,8 @@ class DriveSession:
             if request.to == HUMAN or seat is None or not seat.is_deserted:
                 found = f"found {request.cav!r}"
                 raise InputError(f"hand-over: cav: expected your own or one whose driver has not come back, {found}")
-        await self.simulation.hand_over(request.cav, request.to)
+        await self._set_driver(request.cav, request.to)
+        await self.update_clock()
 
     async def _say(self, connection: BrowserConnection, request: messages.SayRequest) -> None:
         if not self.rules.chat:

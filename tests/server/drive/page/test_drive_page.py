@@ -10,7 +10,7 @@ from testing.drive_page_server import DrivePageServer
 from testing.paths import TESTS
 
 from mdrive_sumo.report.palette import CAV_COLOURS, format_custom_properties
-from server.drive.protocol import Device
+from server.drive.protocol import InputDevice
 from tests.server.drive.page.conftest import Opened
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
@@ -49,7 +49,7 @@ def test_keys_drive_the_car(opened: Opened) -> None:
     page = started(server)
     page.keyboard.down("w")
     server.drive_until(lambda: server.control.throttle == 1.0 and server.own.vx > 1.0)
-    assert {given.device for given in server.received} == {Device.KEYBOARD}
+    assert {given.device for given in server.received} == {InputDevice.KEYBOARD}
     page.keyboard.up("w")
     page.keyboard.down("ArrowLeft")
     server.drive_until(lambda: server.control.steer > 0.3 and server.control.throttle == 0.0)
@@ -239,7 +239,7 @@ def test_fingers_drive(opened: Opened) -> None:
     page.mouse.down()
     page.mouse.move(box["x"] + 10, box["y"] + 84, steps=4)
     server.drive_until(lambda: server.control.steer > 0.5 and server.control.throttle == 0)
-    assert server.received[-1].device == Device.TOUCH
+    assert server.received[-1].device == InputDevice.TOUCH
     page.mouse.up()
     server.drive_until(lambda: server.control.steer == 0)
 
