@@ -21,7 +21,7 @@ class SeatRole(StrEnum):
     DRIVER = "driver"
     SPECTATOR = "spectator"
     HOST = "host"
-    """See all links: whoever started the server."""
+    """See all links: for the person who started the server."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,7 +47,7 @@ HEADERS = {
 """Of every response. Links hold tokens, so no other site is told where a visitor comes from."""
 MAX_REASON_BYTES = 123
 """Of the reason for closing (RFC 6455, section 5.5: 125 bytes with the code)."""
-NO_SEAT = "this link is not valid: links end with the server that printed them; ask whoever started it for a new one"
+NO_SEAT = "this link is not valid: links end with the server that printed them; ask for a new one"
 
 
 class DriveRefusal(Exception):
@@ -193,7 +193,7 @@ SessionDep = Annotated[DriveSession, Depends(require_session)]
 
 
 async def show_links(host: HostDep, seat: SeatDep) -> Response:
-    """Show the links of all drives to whoever started the server."""
+    """Show the links of all drives to the person who started the server."""
     if seat.role != SeatRole.HOST:
         raise DriveRefusal(HTTPStatus.FORBIDDEN, "expected the host's link for the list of links, found a driver's")
     drives = [(name, host.list_links(name)) for name in host.list_drives()]
