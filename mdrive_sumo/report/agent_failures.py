@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mdrive_sumo.core.input_files import open_regular
-from mdrive_sumo.core.state import End
+from mdrive_sumo.core.state import End, FailureReason
 from mdrive_sumo.loop.agent_driver import shorten
 from mdrive_sumo.runs.run_paths import LOGS_FOLDER, find_agent_log
 from mdrive_sumo.scoring import EgoResult, Results, ScenarioResult
@@ -26,6 +26,11 @@ class CavFailure:
     result: ScenarioResult
     ego: EgoResult
 
+    @property
+    def has_left(self) -> bool:
+        """Whether it was a person, who has left."""
+        return self.ego.reason.startswith(f"{FailureReason.LEFT}: ")
+
 
 def list_agent_failures(results: Results) -> tuple[CavFailure, ...]:
     """Return the CAVs whose agent failed, in the order of the results."""
@@ -43,7 +48,8 @@ def format_agent_failures(results: Results, run_folder: Path) -> str:
     if not failures:
         return ""
     episodes = len({(failure.result.id, failure.result.seed) for failure in failures})
-    heading = f"THE AGENT FAILED in {episodes} of {len(results.scenarios)} episodes ({len(failures)} CAVs)"
+    who = "A PERSON LEFT" if all(failure.has_left for failure in failures) else "THE AGENT FAILED"
+    heading = f"{who} in {episodes} of {len(results.scenarios)} episodes ({len(failures)} CAVs)"
     is_seeded = len(results.run.all_seeds) > 1
     return "\n".join((heading, *_format_failure(failures[0], run_folder, is_seeded=is_seeded)))
 

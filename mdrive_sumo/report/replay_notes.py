@@ -3,8 +3,9 @@
 import json
 from typing import Any
 
-from mdrive_sumo.contract import EXCHANGE, REASON
+from mdrive_sumo.contract import DRIVER, EXCHANGE, REASON
 from mdrive_sumo.episode import EpisodeRecord, NoteRecord
+from mdrive_sumo.report.drivers import read_driver
 from mdrive_sumo.report.reasons import read_reason
 
 MAX_CHARS = 4000
@@ -22,6 +23,8 @@ def list_notes(episode: EpisodeRecord) -> list[tuple[int, str, str, str, str]]:
             text, details = _shorten(read_reason(episode, record).text), ""
             if not text:
                 continue
+        elif record.note.kind == DRIVER and (driver := read_driver(episode, record)) is not None:
+            text, details = f"driven by {driver.name}", ""
         else:
             text, details = map(rename, _format_note(record))
         rows.append((record.tick, record.ego, record.note.kind, text, details))

@@ -2,14 +2,16 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.clean_text import truncate
 from mdrive_sumo.core.geometry import Bool, Float
-from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End
-from mdrive_sumo.episode import EpisodeRecord
+from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End, FailureReason
+from mdrive_sumo.episode import Ending, EpisodeRecord
+from mdrive_sumo.report.drivers import NotedDriver, describe_change, find_driver, list_drivers
 from mdrive_sumo.report.reasons import MIN_DISTANCE_M, NotedReason, join_names, list_reasons, name_road_user
 from mdrive_sumo.report.run_page.losses import list_losses
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
@@ -45,6 +47,7 @@ ENDINGS = {
     End.TIMED_OUT: "runs out of time",
     End.AGENT_FAILED: "is out: its agent failed",
 }
+LEFT = "is out: the person who drove has left"
 INTENTION_WORDS = {
     Intention.STOP: "stop",
     Intention.SLOWER: "slow down",
@@ -98,9 +101,14 @@ class CavStory:
     def _score(self) -> EgoResult:
         return next(ego for ego in self.result.egos if ego.id == self.ego)
 
-    @property
+    @cached_property
+    def drivers(self) -> list[NotedDriver]:
+        """Who drives it, in a take: people and agents in turn."""
+        return list_drivers(self.episode, self.ego)
+
+    @cached_property
     def reasons(self) -> list[NotedReason]:
-        """The reasons that its agent noted."""
+        """The reasons that its agents noted."""
         return [reason for reason in list_reasons(self.episode) if reason.ego == self.ego]
 
     def tell(self) -> list[str]:
@@ -112,19 +120,23 @@ class CavStory:
         now = f"At tick {tick} ({tick * DT:.1f} s) CAV {self.ego}"
         if tick > self.last_tick:
             ending = self.episode.find_ending(self.ego)
-            return [f"{now} is not in the world any more: at {ending.tick * DT:.1f} s it {ENDINGS[ending.end]}."]
+            return [f"{now} is not in the world any more: at {ending.tick * DT:.1f} s it {_name_ending(ending)}."]
         span = next(span for span in self._list_spans() if span.first <= tick <= span.last)
         speed = abs(float(self.episode.speed[tick, self._column]))
         pace = "" if span.kind == "stands" else f" at {speed:.1f} m/s"
         lines = [f"{now} {span.kind}{pace}, since {span.first * DT:.1f} s (tick {span.first})."]
-        lines += self._explain_moment(span, tick) or ["Its agent has noted no reason."]
+        driver = self._find_driver(tick)
+        if driver is not None:
+            lines.append(f"It is driven by {driver.name}, since {driver.tick * DT:.1f} s (tick {driver.tick}).")
+        if driver is None or not driver.is_person:
+            lines += self._explain_moment(span, tick) or ["Its agent has noted no reason."]
         if ahead := self._describe_ahead(tick):
             lines.append(f"Ahead of it: {ahead}.")
         return lines
 
     def _explain_moment(self, span: Span, tick: int) -> list[str]:
         """Return the reason of a span as far as it is noted at a tick, and the last one if that is another."""
-        noted = [reason for reason in self.reasons if reason.tick <= tick]
+        noted = [reason for reason in self._list_valid(tick) if reason.tick <= tick]
         if not noted:
             return []
         last = noted[-1]
@@ -139,13 +151,28 @@ class CavStory:
         score, about = self._score, self.episode.about
         head = f"CAV {self.ego} of {self.episode.scenario} (agent {about.get('agent', '?')}, seed {self.result.seed})"
         told = f"{head}: {score.outcome}, DS {score.ds:.1f}, RC {score.rc:.1f} %."
-        if self.reasons:
+        if self.reasons or self.drivers:
             return [told]
         return [told, "Its agent noted no reasons, so this is only what the recording shows."]
 
     def _list_lines(self) -> list[StoryLine]:
-        lines = [*self._tell_losses(), *self._tell_motion(), *self._tell_negotiation(), self._tell_ending()]
+        told = self._tell_losses(), self._tell_motion(), self._tell_negotiation()
+        lines = [*self._tell_drivers(), *(line for lines in told for line in lines), self._tell_ending()]
         return sorted(lines, key=lambda line: line.tick)
+
+    def _tell_drivers(self) -> Iterator[StoryLine]:
+        """Yield who drives, whenever that changes."""
+        for before, driver in zip((None, *self.drivers), self.drivers, strict=False):
+            yield StoryLine(driver.tick, describe_change(before, driver))
+
+    def _list_valid(self, tick: int) -> list[NotedReason]:
+        """Return the reasons that the driver of a tick noted: those of another driver say nothing about it."""
+        if not self.drivers:
+            return self.reasons
+        begins = [driver.tick for driver in self.drivers]
+        first = max((begin for begin in begins if begin <= tick), default=0)
+        end = min((begin for begin in begins if begin > tick), default=self.episode.ticks)
+        return [reason for reason in self.reasons if first <= reason.tick < end]
 
     def _list_spans(self) -> list[Span]:
         """Return the spans of standing, braking and driving, which cover all ticks of the CAV."""
@@ -175,7 +202,7 @@ class CavStory:
                 low = float(speed[span.last])
                 stops = after is not None and after.kind == "stands"
                 goal = "to a stop" if stops else "almost to a stop" if low < NEARLY_STANDING else f"to {low:.1f} m/s"
-                what = f"brakes from {float(speed[span.first]):.1f} m/s {goal}"
+                what = self._name_doer(span) + f"brakes from {float(speed[span.first]):.1f} m/s {goal}"
                 yield StoryLine(span.first, what + self._explain(span))
             elif span.kind == "is pushed":
                 low, high = float(speed[span.last]), float(speed[span.first])
@@ -188,14 +215,24 @@ class CavStory:
             elif span.kind == "stands":
                 yield StoryLine(span.first, "stands all the time" + self._explain(span))
             elif before is None or before.kind == "stands":
-                what = "departs" if i < 2 else "drives on"
+                what = self._name_doer(span) + ("departs" if i < 2 else "drives on")
                 yield StoryLine(span.first, what + self._explain_departure(span))
             if span.kind == "drives":
                 yield from self._tell_holding_back(span)
 
+    def _find_driver(self, tick: int) -> NotedDriver | None:
+        """Return who drives in a tick; None where that is not known, or not any more."""
+        failed = self.episode.find_ending(self.ego).failed_tick
+        return None if failed is not None and tick >= failed else find_driver(self.drivers, tick)
+
+    def _name_doer(self, span: Span) -> str:
+        """Return the subject of a sentence where a person drives; else it is the CAV."""
+        driver = self._find_driver(span.first)
+        return "the person " if driver is not None and driver.is_person else ""
+
     def _explain(self, span: Span) -> str:
         """Return the reasons that hold in a span, or without any what is ahead of the car."""
-        if not self.reasons:
+        if not self._list_valid(span.first):
             ahead = self._describe_ahead(span.first) or self._describe_ahead(span.last)
             return f", with {ahead}" if ahead else ""
         telling = self._select_telling(span)
@@ -215,7 +252,7 @@ class CavStory:
     def _select_telling(self, span: Span) -> list[NotedReason]:
         """Return the reasons of braking or standing: those that limit the car if there are any, else all that hold."""
         before_ticks = NOTED_BEFORE_TICKS if span.kind == "brakes" else 0
-        held = _select_reasons(self.reasons, span.first - before_ticks, span.last)
+        held = _select_reasons(self._list_valid(span.first), span.first - before_ticks, span.last)
         return [reason for reason in held if reason.limits] or held
 
     def _tell_holding_back(self, span: Span) -> Iterator[StoryLine]:
@@ -223,12 +260,12 @@ class CavStory:
         reasons = self.reasons
         ends = [following.tick for following in reasons[1:]] + [span.last] * bool(reasons)
         for reason, end in zip(reasons, ends, strict=True):
-            until = min(end, span.last)
+            until = min(end, span.last, *(driver.tick for driver in self.drivers if driver.tick > reason.tick))
             if span.first <= reason.tick and reason.limits and until - reason.tick >= MIN_HOLD_TICKS:
                 yield StoryLine(reason.tick, f"holds back: {reason.text}")
 
     def _explain_departure(self, span: Span) -> str:
-        held = [reason for reason in self.reasons if reason.tick <= span.first + MIN_STAND_TICKS]
+        held = [reason for reason in self._list_valid(span.first) if reason.tick <= span.first + MIN_STAND_TICKS]
         if not held or held[-1].limits:
             return ""
         return f": {_tell_since(held[-1], span.first)}{held[-1].text}"
@@ -304,8 +341,15 @@ class CavStory:
 
     def _tell_ending(self) -> StoryLine:
         ending = self.episode.find_ending(self.ego)
-        why = f" ({truncate(' '.join(ending.text.split()), MAX_TEXT)})" if ending.text else ""
-        return StoryLine(ending.tick, ENDINGS[ending.end] + why)
+        text = truncate(" ".join(ending.text.split()), MAX_TEXT)
+        if ending.failure is FailureReason.LEFT:
+            return StoryLine(ending.tick, f"is out: {text}")
+        return StoryLine(ending.tick, ENDINGS[ending.end] + (f" ({text})" if text else ""))
+
+
+def _name_ending(ending: Ending) -> str:
+    """Return how a CAV ends in words."""
+    return LEFT if ending.failure is FailureReason.LEFT else ENDINGS[ending.end]
 
 
 def _join_cavs(names: Sequence[str]) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from mdrive_sumo.core.clean_text import truncate
-from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End
+from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End, FailureReason
 from mdrive_sumo.report.reasons import NotedReason
 from mdrive_sumo.scoring import EgoResult, Infraction, ScenarioResult
 from mdrive_sumo.scoring.criteria import BLOCKED_TICKS
@@ -100,12 +100,17 @@ def _describe_time(ego: EgoResult) -> str:
     return f"counts with its whole time limit, {reason}"
 
 
+LEFT = f"{FailureReason.LEFT}: "
+"""How the reason of a CAV begins whose person has left: what follows is a sentence."""
+
+
 def _describe(event: Infraction, ego: EgoResult, cavs: set[str], route_m: float | None) -> str:
     if event.kind in ENDINGS:
         return f"{ENDINGS[event.kind]}, {_describe_progress(ego, route_m)}"
     if event.kind == "agent-failed":
         short = truncate(" ".join(ego.reason.split()), MAX_REASON)
-        return f"agent failed ({short}), {_describe_progress(ego, route_m)}"
+        what = short.removeprefix(LEFT) if short.startswith(LEFT) else f"agent failed ({short})"
+        return f"{what}, {_describe_progress(ego, route_m)}"
     if event.kind.startswith("collision-"):
         speed = "" if event.impact_speed is None else f" at {event.impact_speed:.1f} m/s"
         return f"hit {_name_other(event, cavs)}{speed}"

@@ -103,6 +103,8 @@ class RunPageData:
     provenance: tuple[Fact, ...]
     failed_episodes: int
     failed_cavs: int
+    have_all_left: bool
+    """Whether the failures are those of people, who have left."""
     has_recordings: bool
     files: tuple[str, ...]
     """Links to the files of the run; none if the page is somewhere else than its run."""
@@ -140,6 +142,7 @@ def build_run_page_data(stored: StoredRun, replays: Replays, page: Path) -> RunP
         list_provenance(stored.results, stored.run.fingerprint),
         len({failure.result.key for failure in failures}),
         len(failures),
+        all(failure.has_left for failure in failures),
         stored.run.config.record,
         tuple(filter(None, (_link(stored.run.folder, stored.run.folder / name, page) for name in FILES))),
     )
