@@ -20,7 +20,7 @@ from tools.tool_command import HELP, ToolCommand, dry_run_option, replace_change
 
 PACKAGES = {"three": "0.187.0", "esbuild": "0.28.2"}
 """Versions of three.js (MIT licence) and of the bundler, which adds nothing of its own but a wrapper."""
-BUNDLE_SHA256 = "ee7699f7c2c2b15c5678579496438316ec961855f0d0f30a2d131ce189bf4dc0"
+BUNDLE_SHA256 = "993d2b52f891556ec2cb442a3cd63086bb3dba7aa7cd27469ad82c8e9f0f0a5e"
 STATIC = Path(__file__).parents[1] / "mdrive_sumo" / "report" / "static"
 BUNDLE, LICENCE = "three.min.js", "three.LICENSE"
 BANNER = f"/* three.js {PACKAGES['three']}, MIT licence, see {LICENCE}; made by tools/bundle_three.py */"

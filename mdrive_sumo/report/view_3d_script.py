@@ -6,7 +6,15 @@ from mdrive_sumo.report.html_page import read_static
 
 THREE = "three.min.js"
 """Bundle of the parts that the view uses; `tools/bundle_three.py` makes it."""
-SCRIPTS = ("view_3d_shaders.js", "view_3d_scene.js", "view_3d_users.js", "view_3d_cameras.js", "view_3d.js")
+SCRIPTS = (
+    "view_3d_shaders.js",
+    "view_3d_scene.js",
+    "view_3d_users.js",
+    "view_3d_effects.js",
+    "view_3d_overlays.js",
+    "view_3d_cameras.js",
+    "view_3d.js",
+)
 GLOBALS = ("View3D", "decodeScene")
 """What the script defines."""
 

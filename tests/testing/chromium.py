@@ -34,6 +34,14 @@ def list_flags() -> list[str]:
     return [*FLAGS.split(), *(["--no-sandbox"] if os.geteuid() == 0 else [])]
 
 
+def list_gl_flags(gpu: bool = False) -> list[str]:
+    """Return the flags with which Chromium has WebGL: drawn by SwiftShader on the processor, or by a graphics card."""
+    drawer = (
+        "--use-angle=gl-egl --ignore-gpu-blocklist" if gpu else "--use-angle=swiftshader --enable-unsafe-swiftshader"
+    )
+    return [flag for flag in list_flags() if flag != "--disable-gpu"] + drawer.split()
+
+
 def open_quietly(browser: Any, address: str, size: tuple[int, int] = (1280, 720)) -> Iterator[Any]:
     """Yield a fresh tab with a page; at the end, nothing may have been fetched or complained about."""
     tab = browser.new_page(viewport={"width": size[0], "height": size[1]})

@@ -11,53 +11,49 @@
 // Of overlays, a name that is left out stays as it is, an empty list takes it away; colours are "#rrggbb".
 // Coordinates are metres relative to the scene's origin, z up. Nothing is drawn before `draw`.
 
-const QUALITIES = { high: { antialias: true, ratio: 2 }, low: { antialias: false, ratio: 1 } };
+const QUALITIES = {
+  high: { antialias: true, ratio: 2, farShare: 1 },
+  low: { antialias: false, ratio: 0.8, farShare: 0.3 }, // 1024 of 1280 px, and simple wheels from 25 m on
+};
 const SOFTWARE = /SwiftShader|llvmpipe|Software|Basic Render/i;
+const FRAME_PX = 3; // around mirrors
 const LIGHT_NAMES = { default: "day" };
 
 class View3D {
   /**
    * options: weather, the name of a weather of a scenario or of a light ("dusk", "fog"), default: the scene's;
-   * quality, "high" or "low" (without smooth edges and shadows), default: by what draws.
+   * quality, "high" or "low" (for processors: fewer pixels, without smooth edges), default: by what draws.
    * Throws Error without WebGL 2.
    */
   constructor(canvas, scene, { weather, quality } = {}) {
     this.canvas = canvas;
     this.scene = scene;
-    this.qualityName = quality ?? (SOFTWARE.test(findRenderer()) ? "low" : "high");
+    this.rendererName = findRenderer();
+    this.qualityName = quality ?? (SOFTWARE.test(this.rendererName) ? "low" : "high");
     this.quality = QUALITIES[this.qualityName];
     this.renderer = makeRenderer(canvas, this.quality);
     this.renderer.autoClear = false;
     this.uniforms = buildUniforms();
     this.world = new THREE.Scene();
     this.world.matrixAutoUpdate = false;
-    this.materials = this.makeMaterials();
+    const maker = new MaterialMaker(scene, this.uniforms, this.qualityName);
+    this.materials = makeMaterials(maker);
     const meshes = buildStaticMeshes(scene, this.materials);
     this.terrain = buildTerrain(scene, this.materials);
     this.world.add(...meshes, this.terrain, this.makeSky());
-    this.users = new RoadUserLayer(scene, this.materials, this.world);
+    this.users = new RoadUserLayer(scene, this.materials, this.world, this.quality.farShare);
+    this.effects = new EffectLayer(maker, this.world);
+    this.overlays = new OverlayLayer(scene, maker, this.world);
     this.cameras = new CameraSet(scene, new Walls(scene));
     this.pose = { x: 0, y: 0, yaw: 0, mode: "chase" };
     this.setWeather(weather ?? scene.light);
     this.resize(canvas.clientWidth || canvas.width, canvas.clientHeight || canvas.height);
   }
 
-  makeMaterials() {
-    const maker = new MaterialMaker(this.scene, this.uniforms);
-    return {
-      solid: maker.surface({}),
-      facade: maker.surface({ FACADE: 1 }),
-      ground: maker.surface({ GROUND: 1 }),
-      users: maker.make(USER_VERTEX, USER_FRAGMENT),
-      sky: maker.make(SKY_VERTEX, SKY_FRAGMENT, {}, { depthWrite: false }),
-    };
-  }
-
   makeSky() {
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array([-1, -1, 0, 3, -1, 0, -1, 3, 0]), 3));
     const sky = new THREE.Mesh(geometry, this.materials.sky);
-    this.materials.sky.side = THREE.DoubleSide;
     sky.frustumCulled = false;
     sky.renderOrder = ORDER.sky;
     return sky;
@@ -91,7 +87,9 @@ class View3D {
     this.users.setSignals(states);
   }
 
-  setOverlays() {}
+  setOverlays(overlays) {
+    this.overlays.set(overlays);
+  }
 
   /**
    * Where the picture is taken: x, y, yaw of the followed car, its index `own`, and mode: "driver", "mirrors" (driver with
@@ -118,22 +116,44 @@ class View3D {
     u.beamAlong.value.set(cos, sin);
     this.info = { calls: 0, triangles: 0 };
     for (const camera of this.cameras.arrange(pose, this.width, this.height)) this.drawPicture(camera);
+    const gl = this.renderer.getContext();
+    if (this.fence) gl.deleteSync(this.fence);
+    this.fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+  }
+
+  /** Whether the last picture is drawn to its end: drawing before that builds a queue, and shows what is long past. */
+  isReady() {
+    const gl = this.renderer.getContext();
+    if (!this.fence) return true;
+    if (gl.getSyncParameter(this.fence, gl.SYNC_STATUS) !== gl.SIGNALED) return false;
+    gl.deleteSync(this.fence);
+    this.fence = undefined;
+    return true;
   }
 
   drawPicture(view) {
     const { renderer, uniforms: u } = this;
     const ratio = renderer.getPixelRatio();
     const [left, top, width, height] = this.findPixels(view.rect).map((px) => px / ratio);
+    renderer.setScissorTest(true);
+    if (view.isMirror) {
+      renderer.setScissor(left - FRAME_PX, top - FRAME_PX, width + 2 * FRAME_PX, height + 2 * FRAME_PX);
+      renderer.clear(true, false, false);
+    }
     renderer.setViewport(left, top, width, height);
     renderer.setScissor(left, top, width, height);
-    renderer.setScissorTest(true);
     renderer.clear(false, true, true);
     u.eye.value.set(view.x, view.y, view.z);
     u.rays.value.copy(view.rays);
     this.terrain.position.set(view.x, view.y, 0);
     const side = view.isMirror ? THREE.BackSide : THREE.FrontSide;
     for (const name of ["solid", "facade", "ground", "users"]) this.materials[name].side = side;
-    this.users.select(view, view.hidesOwn ? this.pose.own : undefined);
+    this.effects.begin(this.light, this.light === this.scene.lights.rain);
+    this.users.select(view, this.pose.own, this.effects);
+    this.effects.finish();
+    if (view.isPlain) this.overlays.labels.hide();
+    else this.overlays.showLabels(view, this.pose, [width * ratio, height * ratio], ratio);
     renderer.render(this.world, view.camera);
     this.info.calls += renderer.info.render.calls;
     this.info.triangles += renderer.info.render.triangles;
@@ -151,6 +171,16 @@ class View3D {
   }
 }
 
+function makeMaterials(maker) {
+  return {
+    solid: maker.surface({}),
+    facade: maker.surface({ FACADE: 1 }),
+    ground: maker.surface({ GROUND: 1 }),
+    users: maker.make(USER_VERTEX, USER_FRAGMENT),
+    sky: maker.make(SKY_VERTEX, SKY_FRAGMENT, {}, { depthWrite: false, side: THREE.DoubleSide }),
+  };
+}
+
 /** The name of what draws, "" if it is not told. */
 function findRenderer() {
   const gl = document.createElement("canvas").getContext("webgl2");
@@ -161,7 +191,7 @@ function findRenderer() {
 }
 
 function makeRenderer(canvas, { antialias }) {
-  const context = canvas.getContext("webgl2", { antialias, alpha: false, stencil: true, powerPreference: "high-performance", preserveDrawingBuffer: true });
+  const context = canvas.getContext("webgl2", { antialias, alpha: false, stencil: true, powerPreference: "high-performance", preserveDrawingBuffer: false });
   if (!context) throw new Error("This browser has no WebGL 2, which the 3-D view needs; the view from above works without it.");
   return new THREE.WebGLRenderer({ canvas, context, stencil: true });
 }

@@ -1,7 +1,8 @@
 // Cameras of the 3-D view: pinholes with the poses of `sensing/camera/camera_model.py`.
 
-const EYE = { x: 0.0, y: 0.37, z: 1.15 };
-// [m] from the middle of the car: the left seat; heights of drivers' eyes in cars have the mean 1.15 m (NCHRP report 400)
+const EYE = { x: 0.3, y: 0.37, z: 1.25 };
+// [m] from the middle of the car: the left seat; 0.1 m above the mean eye height in cars (1.15 m, NCHRP report 400), because
+// the model's bonnet is as high as its waist, and would cover the road up to 12 m ahead
 const DRIVER_FOV_DEG = 75;
 const FOUR = { x: 1.3, z: 2.3, fov: 100, width: 640, height: 360 }; // the paper's size and field of view; mounts as in docs/cameras.md
 const CHASE = { behind: 11, above: 4.2, aim: 1.5, pitch: 12 * (Math.PI / 180), fov: 65, least: 4, gap: 0.5 };
@@ -86,7 +87,7 @@ class CameraSet {
     Object.assign(this, { scene, walls });
     this.main = new ViewCamera();
     this.four = Array.from({ length: 4 }, () => new ViewCamera());
-    this.mirrors = Object.values(MIRRORS).map((mirror) => Object.assign(new ViewCamera(), { mirror, isMirror: true, hidesOwn: true, rect: mirror.rect }));
+    this.mirrors = Object.values(MIRRORS).map((mirror) => Object.assign(new ViewCamera(), { mirror, isMirror: true, isPlain: true, hidesOwn: true, rect: mirror.rect }));
   }
 
   /** Returns the pictures in the order of drawing; width and height of the canvas [px]. */
@@ -137,7 +138,7 @@ class CameraSet {
     const turns = [0, Math.PI, Math.PI / 2, -Math.PI / 2]; // front, rear; left, right
     const places = [FOUR.x, -FOUR.x, 0, 0];
     return this.four.map((camera, i) => {
-      camera.hidesOwn = true;
+      camera.hidesOwn = camera.isPlain = true;
       camera.rect = [i % 2 ? 0.5 : 0, i < 2 ? 0 : 0.5, 0.5, 0.5];
       this.mount(camera, look, { x: places[i], y: 0, z: FOUR.z }, turns[i]);
       return camera.open(FOUR.fov, width / 2, height / 2, this.scene.planes_m);

@@ -36,7 +36,12 @@ float findBeam(vec3 world) {
   return along > 0.0 ? beamFrom.w * cone * near * near * smoothstep(0.0, 4.0, along) : 0.0;
 }
 vec3 fade(vec3 seen, float away) {
-  return mix(horizon, seen, exp(-away * fog));
+  float clear = max(1.0 - away * fog / 16.0, 0.0);  // (1 - x / 16)^16 is nearly exp(-x), and needs no table
+  clear *= clear;
+  clear *= clear;
+  clear *= clear;
+  clear *= clear;
+  return mix(horizon, seen, clear);
 }
 `;
 
@@ -68,12 +73,13 @@ void main() {
 const SURFACE_FRAGMENT = `
 flat in vec3 vShown, vBase;
 flat in float vRough;
-#ifdef FACADE
-in vec2 vWall;
-flat in float vTone;
+// Noise of a cell (Jimenez 2014, "Next generation post processing in Call of Duty").
 float vary(vec2 at) {
   return fract(52.9829189 * fract(dot(floor(at), vec2(0.06711056, 0.00583715))));
 }
+#ifdef FACADE
+in vec2 vWall;
+flat in float vTone;
 float findPane(vec2 wall) {
   vec2 at = abs(fract(wall) - vec2(0.5, 0.575)), soft = fwidth(wall) + 0.001;
   vec2 inside = clamp((vec2(0.22, 0.225) - at) / soft + 0.5, 0.0, 1.0);
@@ -85,7 +91,9 @@ void main() {
   float away = distance(vWorld, eye);
   vec3 seen = vShown;
   if (lamps > 0.0) seen += vBase * findBeam(vWorld);
-#ifdef GROUND
+#if defined(GROUND) && defined(LOW)
+  seen *= 1.0 + vRough * 0.16 * (vary(vWorld.xy * 3.0) - 0.5) * max(1.0 - away / 40.0, 0.0);
+#elif defined(GROUND)
   float fine = texture(noise, vWorld.xy * 0.11).r, coarse = texture(noise, vWorld.yx * 0.013).r;
   seen *= 1.0 + vRough * (0.42 * (fine - 0.5) + 0.3 * (coarse - 0.5));
 #endif
@@ -193,9 +201,10 @@ function buildUniforms() {
 
 /** Makes the materials of the view; their shaders know the numbers of `meshes.Material`. */
 class MaterialMaker {
-  constructor(scene, uniforms) {
+  constructor(scene, uniforms, quality) {
     this.uniforms = uniforms;
     const numbers = Object.entries(scene.materials);
+    this.common = quality === "low" ? { LOW: 1 } : {};
     this.numbers = Object.fromEntries(numbers.map(([name, number]) => [`${name.toUpperCase()}_MATERIAL`, `${number}.0`]));
   }
 
@@ -203,7 +212,7 @@ class MaterialMaker {
     return new THREE.RawShaderMaterial({
       glslVersion: THREE.GLSL3,
       uniforms: this.uniforms,
-      defines: { ...this.numbers, ...defines },
+      defines: { ...this.numbers, ...this.common, ...defines },
       vertexShader: GLSL_HEAD + GLSL_PUT + vertex,
       fragmentShader: GLSL_HEAD + GLSL_SEEN + fragment,
       ...options,

@@ -66,8 +66,9 @@ class InstancedModel {
 
 /** All road users, and for each picture those that are in it. */
 class RoadUserLayer {
-  constructor(scene, materials, group) {
+  constructor(scene, materials, group, farShare) {
     this.scene = scene;
+    this.farM = farShare * scene.far_m_of_focal; // for each pixel of the focal length
     this.users = new Map(); // index -> road user
     this.models = new Map();
     for (const [name, parts] of Object.entries(scene.models)) {
@@ -121,17 +122,19 @@ class RoadUserLayer {
     this.users.delete(index);
   }
 
-  /** Prepares the instances for a picture. hidden: index of the road user that is left out. */
-  select(camera, hidden) {
+  /** Prepares the instances for a picture, and what they add to it. own: index of the followed road user. */
+  select(view, own, effects) {
     for (const model of this.models.values()) model.clear();
-    const farM = this.scene.far_m_of_focal * camera.focalPx;
+    const farM = this.farM * view.focalPx;
     for (const [index, user] of this.users) {
-      if (index === hidden || !camera.mayShow(user)) continue;
-      const far = camera.distance(user) > farM && this.models.get(`far ${user.model}`);
+      const isOwn = index === own;
+      if ((isOwn && view.hidesOwn) || !view.mayShow(user)) continue;
+      const far = view.distance(user) > farM && this.models.get(`far ${user.model}`);
       (far || this.models.get(user.model)).add(user);
+      effects.add(user, view, isOwn);
     }
     const lamps = this.models.get("lamp");
-    for (const { lit, lamp } of this.signals) if (lit && camera.mayShow(lamp)) lamps.add(lamp);
+    for (const { lit, lamp } of this.signals) if (lit && view.mayShow(lamp)) lamps.add(lamp);
     for (const model of this.models.values()) model.finish();
   }
 }
