@@ -179,8 +179,8 @@ def main(
             row = tab.evaluate("([mode, seconds]) => measure(mode, seconds)", [mode, seconds])
             processor_ms = 1000 * (measure_processor_s() - begin) / row["frames"]
             click.echo(
-                f"{mode:8} {row['fps']:6.1f} frames/s, {processor_ms:6.1f} ms of processors and {row['draw_ms']:4.1f} ms "
-                f"of the page in a frame, {row['calls']} calls, {row['triangles']} triangles"
+                f"{mode:8} {row['fps']:6.1f} frames/s, {processor_ms:6.1f} ms of processors and {row['draw_ms']:4.1f} "
+                f"ms of the page in a frame, {row['calls']} calls, {row['triangles']} triangles"
             )
         browser.close()
 
