@@ -37,6 +37,8 @@ from server.drive.simulation_values import DriveSetup
 
 DRIVE_NAME = "drive"
 """Name of the only drive of this server."""
+SUBSTITUTES = ("sharing", "single", "sharing+negotiation")
+"""Agents that may take over unless others are named: those that need only the sensors on board of a person's car."""
 USUAL_PORT = 8420
 """Always the same where it can be: a browser remembers the calibration of a wheel for each address with its port."""
 QUIET_S = 1.0
@@ -74,7 +76,8 @@ _ONLY_NEW = ("suite", "cavs", "others", "substitutes", "v2x", "from_run", "tick"
     "substitutes",
     multiple=True,
     metavar="AGENT",
-    help="Built-in agent that may take over or show what it would do; may be repeated [default: sharing, idm].",
+    help="Built-in agent that may take over or show what it would do; may be repeated [default: sharing, single,"
+    " sharing+negotiation].",
 )
 @click.option(
     "--v2x", type=click.Choice(["sharing", "off"]), help="What people's CAVs send by themselves [default: sharing]."
@@ -125,7 +128,7 @@ def _start(ctx: click.Context, scenario: str | None, options: dict[str, Any]) ->
     if from_run is None and options["tick"] is not None:
         raise click.UsageError("--tick: expected --from RUN with it, found none")
     others = options["others"] or "sharing"
-    substitutes = options["substitutes"] or ("sharing", "idm")
+    substitutes = options["substitutes"] or SUBSTITUTES
     on_disconnect = options["on_disconnect"] or PAUSE
     for option, agent in (("--others", others), *(("--substitute", one) for one in substitutes)):
         _check_agent(option, agent)

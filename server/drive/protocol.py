@@ -43,7 +43,7 @@ STATE_FIELDS = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "steer_angle", "drive",
 """Fields of `mdrive_sumo.vehicle.dynamics.VehicleState` in the order of a frame."""
 ROW = np.dtype(
     [
-        *(("index", "<u2"), ("lamps", "u1"), ("flags", "u1")),
+        *(("name", "<u2"), ("lamps", "u1"), ("flags", "u1")),
         *(("x", "<f4"), ("y", "<f4"), ("yaw", "<f4"), ("speed", "<f4")),
     ]
 )

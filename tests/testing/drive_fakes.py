@@ -84,7 +84,7 @@ class FakeSimulation(SimulationProcess):
 
     def emit_frame(self, state: FrameState = FrameState.RUNNING, **extra: Any) -> None:
         rows = np.zeros(2, ROW)
-        rows["index"] = (0, 1)
+        rows["name"] = (0, 1)
         acks = {cav: max((number for one, number, _ in self.inputs if one == cav), default=0) for cav in CAVS}
         own = {cav: (float(i),) * 10 for i, cav in enumerate(CAVS)}
         self.emit(DriveFrame(self.take, self.tick, state, acks, own, rows.tobytes(), extra))

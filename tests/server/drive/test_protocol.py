@@ -24,7 +24,7 @@ def test_sizes_are_those_of_the_page() -> None:
 
 def test_a_frame_is_read_back() -> None:
     rows = np.zeros(2, protocol.ROW)
-    rows["index"], rows["flags"], rows["x"] = (3, 65_534), (RowFlag.BRAKING, 0), (1.5, -2e3)
+    rows["name"], rows["flags"], rows["x"] = (3, 65_534), (RowFlag.BRAKING, 0), (1.5, -2e3)
     frame = WireFrame(FrameState.SLOW, 41, 3, 9, tuple(float(i) for i in range(10)), rows, {"factor": 0.9, "é": []})
     data = protocol.encode_frame(frame)
     assert data[:20] == struct.pack("<BBHIIII", 1, 3, 2, 41, 3, 9, len(b'{"factor":0.9,"\xc3\xa9":[]}'))
