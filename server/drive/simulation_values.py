@@ -44,6 +44,8 @@ class DriveSetup:
     """The tick in which that episode is entered."""
     checkpoint_s: float = 2.0
     """Simulated time between two checkpoints [s]; 0: none."""
+    speed_up: float = 1.0
+    """How many times faster than real time the clock runs at most: for drivers that are programs. People have 1."""
     weather: str = ""
     """Weather of the scene that is shown; "": that of the scenario. It changes no simulation."""
 

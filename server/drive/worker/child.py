@@ -1,13 +1,17 @@
-"""Child: a process of a drive as its supervisor sees it."""
+"""Child and ChildProcesses: the processes of a drive as its supervisor sees them, and their checkpoints."""
 
 import os
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum, auto
 
 from server.drive.message_socket import MessageSocket
+from server.drive.worker.checkpoint_ladder import CheckpointLadder, Line
+from server.drive.worker.drive_context import DriveContext
 from server.drive.worker.orders import TakeOrder
+from server.drive.worker.take_process import run_take_process
 
 
 class ChildRole(StrEnum):
@@ -39,19 +43,72 @@ class Child:
         """The take that it simulates; 0: none."""
         return self.order.header.take if self.order is not None else 0
 
+    def tell(self, message: object) -> None:
+        """Send a message; one to a process that has just ended is lost, and the end of its connection tells so."""
+        with suppress(OSError):
+            self.connection.send(message)
 
-def fork_child(run: Callable[[MessageSocket], None], close: Callable[[], None]) -> MessageSocket:
-    """Fork a process that calls `run` with its connection and ends; return our end of it.
 
-    close: closes, in the process, all connections that are not its own.
-    """
-    ours, theirs = socket.socketpair()
-    if os.fork() == 0:
-        try:
+class ChildProcesses:
+    """The running processes of a drive, and the ladder of its checkpoints."""
+
+    def __init__(self, server: MessageSocket) -> None:
+        """server: a connection that processes must not keep."""
+        self._server = server
+        self.ladder = CheckpointLadder()
+        self._children: list[Child] = []
+
+    def __iter__(self) -> Iterator[Child]:
+        return iter(list(self._children))
+
+    def start(self, context: DriveContext, order: TakeOrder, line: Line, role: ChildRole) -> Child:
+        """Start a process for an order: from the nearest checkpoint of a line of takes, else from tick 0."""
+        line = list(line)
+        while (key := self.ladder.find(line, order.header.tick)) is not None:
+            ours, theirs = socket.socketpair()
+            with theirs:
+                if self.ladder.send(key, order, theirs.fileno()):
+                    return self._add(Child(MessageSocket(ours), role, order))
             ours.close()
-            close()
-            run(MessageSocket(theirs))
-        finally:
-            os._exit(0)
-    theirs.close()
-    return MessageSocket(ours)
+
+        def run(connection: MessageSocket) -> None:
+            run_take_process(context, order, connection)
+
+        return self._add(Child(self._fork(run), role, order))
+
+    def start_helper(self, run: Callable[[MessageSocket], None], number: int) -> None:
+        """Start a process that sends the answer to a call of the server."""
+        self._add(Child(self._fork(run), ChildRole.HELPING, calls={number}))
+
+    def remove(self, child: Child) -> None:
+        """Forget a process that has ended."""
+        self._children.remove(child)
+        child.connection.close()
+
+    def count(self, *roles: ChildRole) -> int:
+        """Return how many processes have one of these roles."""
+        return sum(child.role in roles for child in self._children)
+
+    def _add(self, child: Child) -> Child:
+        self._children.append(child)
+        return child
+
+    def _fork(self, run: Callable[[MessageSocket], None]) -> MessageSocket:
+        """Fork a process that calls `run` with its connection and ends; return our end of it."""
+        ours, theirs = socket.socketpair()
+        if os.fork() == 0:
+            try:
+                ours.close()
+                self._close_all()
+                run(MessageSocket(theirs))
+            finally:
+                os._exit(0)
+        theirs.close()
+        return MessageSocket(ours)
+
+    def _close_all(self) -> None:
+        """Close, in a fork, the connections of the supervisor: else their other ends would not notice its end."""
+        self._server.close()
+        self.ladder.clear()
+        for child in self._children:
+            child.connection.close()

@@ -6,6 +6,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, cast, get_args
 
+import numpy as np
+
 from mdrive_sumo.agents.human import HumanAgent
 from mdrive_sumo.agents.registry import ASKING_AGENTS, HUMAN_AGENTS
 from mdrive_sumo.api.scenario_source import find_scenario
@@ -17,6 +19,7 @@ from mdrive_sumo.core.suggestion import describe_unknown
 from mdrive_sumo.episode import EpisodeRecord, load_episode
 from mdrive_sumo.loop import VEHICLE, EpisodeConfig, EpisodeSimulation, SimulatedFrames
 from mdrive_sumo.loop.open_world import open_world
+from mdrive_sumo.report.scene_3d import find_scene_area, pack_scene
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.runs.agent_spec import AgentSpec
 from mdrive_sumo.runs.episode_job import build_episode_config, load_job_scenario
@@ -33,6 +36,8 @@ from server.drive.worker.take_actions import EnteredRun
 
 MAX_CHECKPOINT_S = 60.0
 """Longest time between two checkpoints [s]: an episode."""
+MAX_SPEED_UP = 1000.0
+"""More than any machine computes."""
 
 
 @dataclass(frozen=True)
@@ -132,6 +137,11 @@ class DriveContext:
             tick_s=DT,
         )
 
+    def pack_scene(self) -> bytes:
+        """Return what stands still around all routes, for pages."""
+        points = np.concatenate([ego.xy for ego in self.scenario.egos])
+        return pack_scene(self.roads, find_scene_area(points), self.weather, self.origin)
+
     @property
     def weather(self) -> WeatherName:
         """The weather of the scene."""
@@ -191,6 +201,8 @@ def _check_setup(setup: DriveSetup) -> None:
         raise InputError(f"weather: {describe_unknown(setup.weather, get_args(WeatherName))}")
     if setup.options.clock != IDEAL:
         raise InputError(f"agent clock: expected ideal, found {setup.options.clock.text}: people take their own time")
+    if not 1.0 <= setup.speed_up <= MAX_SPEED_UP:
+        raise InputError(f"speed_up: expected 1 to {MAX_SPEED_UP:g}, found {setup.speed_up!r}")
     if not 0 <= setup.checkpoint_s <= MAX_CHECKPOINT_S:
         raise InputError(f"checkpoint_s: expected 0 to {MAX_CHECKPOINT_S:g} s, found {setup.checkpoint_s!r}")
 

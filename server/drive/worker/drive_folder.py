@@ -1,6 +1,6 @@
 """The folder of a drive when it is opened: a new one, or that of an earlier drive, also of one that was killed."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -8,7 +8,7 @@ from mdrive_sumo.core.atomic_folder import check_new_folder
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.output_files import make_folder, remove_parts
 from mdrive_sumo.core.private_paths import relate_path, restore_path
-from server.drive.simulation_values import DriveSetup
+from server.drive.simulation_values import DriveProblem, DriveSetup, TreeChanged
 from server.drive.take_tree import TAKES_FOLDER, Take, TakeStatus, TakeTree, has_tree, load_tree
 from server.drive.worker.take_journal import read_journal
 
@@ -95,3 +95,33 @@ def find_unfinished(tree: TakeTree) -> tuple[TakeTree, list[tuple[int, int]], li
             unfinished.append((number, len(ticks)))
             tree = tree.with_take(replace(take, status=TakeStatus.LEFT))
     return tree, unfinished, problems
+
+
+class StoredTree:
+    """The tree of takes in its folder. The server is told of every change."""
+
+    def __init__(self, tree: TakeTree, tell: Callable[[object], None]) -> None:
+        self.tree, self._tell = tree, tell
+        self.is_unsaved = False
+        """Whether the last change could not be written."""
+
+    def add(self, take: Take) -> None:
+        """Add a take, and write the tree."""
+        self.tree = self.tree.with_take(take)
+        self.save()
+
+    def change(self, take: int, **values: Any) -> None:
+        """Change values of a take, and write the tree."""
+        self.add(replace(self.tree.find(take), **values))
+
+    def save(self) -> None:
+        """Write the tree. A full disk is told once; then call it again."""
+        try:
+            self.tree.save()
+            self.is_unsaved = False
+        except OSError as error:
+            if not self.is_unsaved:
+                text = f"{self.tree.folder}: cannot be written: {error.strerror}; make room, it is tried again"
+                self._tell(DriveProblem(text))
+            self.is_unsaved = True
+        self._tell(TreeChanged(self.tree))

@@ -38,7 +38,7 @@ class LiveTake:
     def __init__(self, take: JournaledTake, connection: MessageSocket, fork_checkpoint: Callable[[], None]) -> None:
         """fork_checkpoint: called in every tick of the ladder, after its frame is sent."""
         self._take, self._connection, self._fork_checkpoint = take, connection, fork_checkpoint
-        self._clock = TickClock()
+        self._clock = TickClock(take.context.setup.speed_up)
         self._queues = {cav: InputQueue() for cav in take.context.cavs}
         self._texts: dict[str, list[str]] = {}
         self._changes: dict[str, DriverChoice] = {}

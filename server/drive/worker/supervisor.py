@@ -14,11 +14,8 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.episode import load_episode
-from mdrive_sumo.report.scene_3d import find_scene_area, pack_scene
 from mdrive_sumo.runs.prepared_run import recording_path
 from mdrive_sumo.runs.takes import HUMAN
 from server.drive.message_socket import MessageSocket
@@ -30,13 +27,11 @@ from server.drive.simulation_values import (
     PersonInput,
     TakeEnded,
     TakeStarted,
-    TreeChanged,
 )
 from server.drive.take_tree import Take, TakeStatus, TakeTree
-from server.drive.worker.checkpoint_ladder import CheckpointLadder
-from server.drive.worker.child import Child, ChildRole, fork_child
+from server.drive.worker.child import Child, ChildProcesses, ChildRole
 from server.drive.worker.drive_context import DriveContext, load_context
-from server.drive.worker.drive_folder import find_unfinished, open_tree, restore_setup
+from server.drive.worker.drive_folder import StoredTree, find_unfinished, open_tree, restore_setup
 from server.drive.worker.motion import build_recorded_motion, pack_motion
 from server.drive.worker.orders import (
     CheckpointMade,
@@ -51,8 +46,7 @@ from server.drive.worker.orders import (
     WhatIfDone,
 )
 from server.drive.worker.take_journal import JournalHeader, read_journal
-from server.drive.worker.take_process import run_take_process
-from server.drive.worker.what_if_call import WhatIfCall
+from server.drive.worker.what_if_calls import WhatIfCalls
 
 RETRY_S = 2.0
 """Time after which a tree that could not be written is written again [s]."""
@@ -66,29 +60,28 @@ class DriveSupervisor:
     def __init__(self, server: MessageSocket) -> None:
         self._server = server
         self._context: DriveContext | None = None
-        self._tree: TakeTree | None = None
-        self._ladder = CheckpointLadder()
-        self._children: list[Child] = []
+        self._stored: StoredTree | None = None
+        self._children = ChildProcesses(server)
         self._live: Child | None = None
         self._starting: tuple[Child, int] | None = None
         """The process of a take that begins, and the number of the call that waits for it."""
         self._earlier: list[tuple[int, int]] = []
         """Takes of an earlier session that wait for their turn to be finished, with their numbers of ticks."""
         self._finish_calls: list[int] = []
-        self._what_ifs: dict[int, WhatIfCall] = {}
         self._provenance = Provenance("unknown", 0.0)
-        self._is_unsaved = False
         self._slots = max(1, len(os.sched_getaffinity(0)) - 1)
         """Processes that work in the background at a time: one core is left to the live take."""
+        self._what_ifs = WhatIfCalls(self._children, self._slots, lambda order: self._start(order, ChildRole.HELPING))
 
     def run(self) -> None:
         """Serve until the server closes the connection."""
         with suppress(EOFError, ConnectionError):
             while True:
                 sockets = [self._server, *(child.connection for child in self._children)]
-                ready, _, _ = select.select(sockets, [], [], RETRY_S if self._is_unsaved else None)
-                if self._is_unsaved and not ready:
-                    self._save()
+                is_unsaved = self._stored is not None and self._stored.is_unsaved
+                ready, _, _ = select.select(sockets, [], [], RETRY_S if is_unsaved else None)
+                if self._stored is not None and is_unsaved and not ready:
+                    self._stored.save()
                 for child in [one for one in self._children if one.connection in ready]:
                     self._read_child(child)
                 if self._server in ready:
@@ -100,7 +93,7 @@ class DriveSupervisor:
     def _handle(self, message: object) -> None:
         if isinstance(message, PersonInput):
             if self._live is not None:
-                self._tell(self._live, message)
+                self._live.tell(message)
             return
         assert isinstance(message, DriveCall), "expected a call"
         try:
@@ -117,7 +110,7 @@ class DriveSupervisor:
     def _pass_on(self, call: DriveCall) -> None:
         if self._live is not None:
             self._live.calls.add(call.number)
-            self._tell(self._live, call)
+            self._live.tell(call)
         elif call.name == "pause":
             self._answer(call.number)
         else:
@@ -128,12 +121,13 @@ class DriveSupervisor:
         context = self._context = load_context(setup)
         self._provenance = Provenance(setup.device, 0.0)
         tree = open_tree(context.setup, context.describe())
-        self._tree, self._earlier, problems = find_unfinished(tree)
+        tree, self._earlier, problems = find_unfinished(tree)
+        self._stored = StoredTree(tree, self._server.send)
         gc.collect()
         gc.freeze()  # else the first collection of each fork would write to, and so copy, all that they share
         for problem in problems:
             self._server.send(DriveProblem(problem))
-        self._save()
+        self._stored.save()
         if self._earlier:
             take, tick = self._earlier[-1]
             self._begin(number, take, tick)
@@ -142,13 +136,11 @@ class DriveSupervisor:
         self._give_turns()
 
     def _call_branch(self, number: int, take: int, tick: int) -> None:
-        count = self._count_ticks(take)
-        if type(tick) is not int or not 0 <= tick <= count:
-            raise InputError(f"tick: expected one of take {take}, 0 to {count}, found {tick!r:.40}")
+        self._check_tick(take, tick)
         if self._starting is not None:
             raise InputError("branch: expected one at a time, found another one that begins")
         if self._live is not None:
-            self._tell(self._live, DriveCall(0, "pause"))
+            self._live.tell(DriveCall(0, "pause"))
         self._begin(number, take, tick)
 
     def _call_leave(self, number: int) -> None:
@@ -163,7 +155,7 @@ class DriveSupervisor:
     def _call_note(self, number: int, device: str, latency_ms: float) -> None:
         self._provenance = Provenance(device, latency_ms)
         if self._live is not None:
-            self._tell(self._live, self._provenance)
+            self._live.tell(self._provenance)
         self._answer(number)
 
     def _call_load_motion(self, number: int, take: int) -> None:
@@ -171,32 +163,33 @@ class DriveSupervisor:
         child = next((one for one in self._children if one.take == take and one.role is not ChildRole.HELPING), None)
         if child is not None:
             child.calls.add(number)
-            self._tell(child, DriveCall(number, "load_motion"))
+            child.tell(DriveCall(number, "load_motion"))
             return
-        context, path = self.context, self._find_recording(take)
+        context, folder = self.context, self.tree.find_folder(take)
+        path = recording_path(folder, context.scenario.id)
+        if not path.is_file():
+            raise InputError(f"take {take}: expected the recording of a finished take, found none in {folder}")
 
         def send_motion(connection: MessageSocket) -> None:
             frames = build_recorded_motion(load_episode(path), context.roads, context.origin)
             connection.send(CallAnswer(number, pack_motion(take, frames, context.cavs)))
 
-        self._children.append(Child(fork_child(send_motion, self._close_all), ChildRole.HELPING, calls={number}))
+        self._children.start_helper(send_motion, number)
 
     def _call_what_if(
         self, number: int, take: int, tick: int, agents: tuple[str, ...], seconds: float, cavs: tuple[str, ...]
     ) -> None:
-        count = self._count_ticks(take)
-        if type(tick) is not int or not 0 <= tick <= count:
-            raise InputError(f"what-if: tick: expected one of take {take}, 0 to {count}, found {tick!r:.40}")
+        self._check_tick(take, tick)
         for agent in agents:
             if agent == HUMAN:
                 raise InputError("what-if: expected agents, found a person")
             for cav in cavs or self.context.cavs[:1]:
                 self.context.check_driver(cav, agent, {})
-        self._what_ifs[number] = WhatIfCall(agents)
+        self._what_ifs.add(number, agents)
         order = replace(self._make_order(take, take, tick, TakeMode.HOLD), seconds=seconds, cavs=cavs)
-        key = self._ladder.find(self.tree.list_line(take), tick)
+        key = self._children.ladder.find(self.tree.list_line(take), tick)
         if key is not None and key[1] == tick:
-            self._look_ahead(number, order)
+            self._what_ifs.go_on(number, order)
         else:
             self._start(order, ChildRole.HELPING).calls.add(number)
 
@@ -210,17 +203,23 @@ class DriveSupervisor:
         return self._context
 
     @property
+    def stored(self) -> StoredTree:
+        """The takes on disk. Raises InputError before `open`."""
+        if self._stored is None:
+            raise InputError("drive: expected open() before anything else")
+        return self._stored
+
+    @property
     def tree(self) -> TakeTree:
         """The takes. Raises InputError before `open`."""
-        if self._tree is None:
-            raise InputError("drive: expected open() before anything else")
-        return self._tree
+        return self.stored.tree
 
-    def _count_ticks(self, take: int) -> int:
-        """Return the last tick from which a take can go on. Raises InputError."""
-        found = self.tree.find(take)
-        _, ticks = read_journal(self.tree.find_journal(take))
-        return len(ticks) - 1 if found.status is TakeStatus.FINISHED else len(ticks)
+    def _check_tick(self, take: int, tick: int) -> None:
+        """Raise InputError unless a take can go on from a tick: one before its end."""
+        is_finished = self.tree.find(take).status is TakeStatus.FINISHED
+        last = len(read_journal(self.tree.find_journal(take))[1]) - is_finished
+        if type(tick) is not int or not 0 <= tick <= last:
+            raise InputError(f"tick: expected one of take {take}, 0 to {last}, found {tick!r:.40}")
 
     def _begin(self, number: int, parent: int | None, tick: int) -> None:
         """Start the process of a new take. number: of the call that is answered when it is in its tick."""
@@ -247,39 +246,17 @@ class DriveSupervisor:
         )
 
     def _start(self, order: TakeOrder, role: ChildRole) -> Child:
-        """Start a process for an order: from the nearest checkpoint, else from tick 0."""
-        header = order.header
-        line = list(self.tree.list_line(header.parent)) if header.parent is not None else []
-        while (key := self._ladder.find(line, header.tick)) is not None:
-            ours, theirs = socket.socketpair()
-            with theirs:
-                if self._ladder.send(key, order, theirs.fileno()):
-                    child = Child(MessageSocket(ours), role, order)
-                    self._children.append(child)
-                    return child
-            ours.close()
-        context = self.context
-
-        def run(connection: MessageSocket) -> None:
-            run_take_process(context, order, connection)
-
-        child = Child(fork_child(run, self._close_all), role, order)
-        self._children.append(child)
-        return child
-
-    def _close_all(self) -> None:
-        """Close, in a fork, the connections of the supervisor."""
-        self._server.close()
-        self._ladder.clear()
-        for child in self._children:
-            child.connection.close()
+        parent = order.header.parent
+        return self._children.start(
+            self.context, order, self.tree.list_line(parent) if parent is not None else (), role
+        )
 
     def _leave_live(self) -> None:
         if self._live is not None:
             child, self._live = self._live, None
             child.role = ChildRole.LEFT
-            self._change(child.take, status=TakeStatus.LEFT)
-            self._tell(child, LeaveOrder())
+            self.stored.change(child.take, status=TakeStatus.LEFT)
+            child.tell(LeaveOrder())
             self._give_turns()
 
     def _give_turns(self) -> None:
@@ -287,51 +264,22 @@ class DriveSupervisor:
 
         What people wait for goes first: what-if branches.
         """
-        busy = sum(child.role in (ChildRole.FINISHING, ChildRole.HELPING) for child in self._children)
+        busy = self._children.count(ChildRole.FINISHING, ChildRole.HELPING)
         for child in [one for one in self._children if one.role is ChildRole.LEFT][: max(0, self._slots - busy)]:
             child.role = ChildRole.FINISHING
             busy += 1
-            self._tell(child, FinishOrder())
+            child.tell(FinishOrder())
         while self._earlier and busy < self._slots and self._starting is None:
             take, count = self._earlier.pop(0)
             self._start(self._make_order(take, take, count, TakeMode.FINISH), ChildRole.FINISHING)
             busy += 1
-        is_idle = not self._earlier and not any(
-            one.role in (ChildRole.LEFT, ChildRole.FINISHING) for one in self._children
-        )
+        is_idle = not self._earlier and not self._children.count(ChildRole.LEFT, ChildRole.FINISHING)
         if is_idle and self._starting is None:
             for number in self._finish_calls:
                 self._answer(number)
             self._finish_calls = []
 
-    def _change(self, take: int, **values: Any) -> None:
-        self._tree = self.tree.with_take(replace(self.tree.find(take), **values))
-        self._save()
-
-    def _save(self) -> None:
-        """Write the tree, and send it. A full disk is told once, and tried again."""
-        try:
-            self.tree.save()
-            self._is_unsaved = False
-        except OSError as error:
-            if not self._is_unsaved:
-                text = f"{self.tree.folder}: cannot be written: {error.strerror}; make room, it is tried again"
-                self._server.send(DriveProblem(text))
-            self._is_unsaved = True
-        self._server.send(TreeChanged(self.tree))
-
-    def _find_recording(self, take: int) -> Any:
-        folder = self.tree.find_folder(take)
-        path = recording_path(folder, self.context.scenario.id)
-        if not path.is_file():
-            raise InputError(f"take {take}: expected the recording of a finished take, found none in {folder}")
-        return path
-
     # --------------------------------------------------------------------------------------------------- processes
-
-    def _tell(self, child: Child, message: object) -> None:
-        with suppress(OSError):  # it has just ended, which its connection tells
-            child.connection.send(message)
 
     def _read_child(self, child: Child) -> None:
         try:
@@ -347,7 +295,7 @@ class DriveSupervisor:
         if isinstance(message, CheckpointMade):
             connection = MessageSocket(socket.socket(fileno=child.connection.take_descriptor()))
             line = self.tree.list_line(self._live.take) if self._live is not None else ()
-            self._ladder.add(message.take, message.tick, connection, line)
+            self._children.ladder.add(message.take, message.tick, connection, line)
             self._hear_held(child, message)
         elif isinstance(message, TakeReady):
             self._hear_ready(child, message)
@@ -356,7 +304,8 @@ class DriveSupervisor:
         elif isinstance(message, TakeFinished):
             self._hear_finished(child, message)
         elif isinstance(message, WhatIfDone):
-            self._hear_what_if(child, message)
+            for number, branches in self._what_ifs.hear(child, message):
+                self._answer(number, branches)
         elif isinstance(message, CallAnswer):
             child.calls.discard(message.number)
             if message.number:
@@ -371,33 +320,26 @@ class DriveSupervisor:
         self._leave_live()
         child.role, self._live = ChildRole.LIVE, child
         take = Take(header.take, header.parent, header.tick, message.drivers)
-        self._tree = self.tree.with_take(take)
-        self._save()
+        self.stored.add(take)
         self._server.send(TakeStarted(take.number, take.parent, take.tick, take.drivers))
         is_first = self._facts_are_due
         self._facts_are_due = False
-        self._answer(number, self._describe() if is_first else take.number)
+        self._answer(number, (self.context.make_facts(), self.context.pack_scene()) if is_first else take.number)
         self._give_turns()
 
     _facts_are_due = True
-
-    def _describe(self) -> Any:
-        """Return what `open` returns: the facts and the scene."""
-        context = self.context
-        points = np.concatenate([ego.xy for ego in context.scenario.egos])
-        scene = pack_scene(context.roads, find_scene_area(points), context.weather, context.origin)
-        return context.make_facts(), scene
 
     def _hear_refused(self, child: Child, message: TakeRefused) -> None:
         if self._starting is not None and self._starting[0] is child:
             number, order = self._starting[1], child.order
             self._starting = None
+            self._children.ladder.drop_take(child.take)
             assert order is not None
             if self._facts_are_due and self._begin_otherwise(number, order, message):
                 return
             self._answer(number, None, message.text)
         elif child.role is ChildRole.FINISHING:
-            self._change(child.take, status=TakeStatus.VOID)
+            self.stored.change(child.take, status=TakeStatus.VOID)
             self._server.send(DriveProblem(f"take {child.take} cannot be finished: {message.text}"))
         else:
             self._fail_calls(child, message.text)
@@ -410,7 +352,6 @@ class DriveSupervisor:
         """
         context = self.context
         if message.has_diverged and context.agents:
-            self._ladder.clear()
             self._context = replace(context, agents={})
             self._begin(number, order.header.parent, order.header.tick)
             return True
@@ -424,7 +365,7 @@ class DriveSupervisor:
         if is_live:
             self._live = None
         child.role = ChildRole.HELPING  # it has nothing more to do than to end
-        self._change(
+        self.stored.change(
             message.take,
             status=TakeStatus.FINISHED,
             end_tick=message.end_tick,
@@ -438,23 +379,23 @@ class DriveSupervisor:
     def _drop(self, child: Child) -> None:
         """Forget a process that has ended, and say so if it should not have."""
         self._children.remove(child)
-        child.connection.close()
         self._fail_calls(child, "the process that computed it has ended; try again")
         if self._starting is not None and self._starting[0] is child:
             number = self._starting[1]
             self._starting = None
+            self._children.ladder.drop_take(child.take)
             self._answer(number, None, "the process of the take has ended; try again")
         elif child.role in (ChildRole.LIVE, ChildRole.LEFT, ChildRole.FINISHING):
             if child is self._live:
                 self._live = None
-            self._change(child.take, status=TakeStatus.LEFT)
+            self.stored.change(child.take, status=TakeStatus.LEFT)
             text = f"the process of take {child.take} has ended; its actions are kept: go back to a tick to drive on"
             self._server.send(DriveProblem(text))
         self._give_turns()
 
     def _fail_calls(self, child: Child, text: str) -> None:
         for number in child.calls:
-            self._what_ifs.pop(number, None)
+            self._what_ifs.drop(number)
             self._answer(number, None, text)
         child.calls.clear()
 
@@ -465,29 +406,4 @@ class DriveSupervisor:
             numbers = set(child.calls)
             child.calls.clear()
             for number in numbers:
-                self._look_ahead(number, order)
-
-    def _look_ahead(self, number: int, order: TakeOrder) -> None:
-        """Start what-if branches, as many at a time as there are slots."""
-        call = self._what_ifs.get(number)
-        busy = sum(number in child.calls for child in self._children)
-        while call is not None and busy < self._slots and (agent := call.take_next()) is not None:
-            place, name = agent
-            branch = replace(order, mode=TakeMode.WHAT_IF, agent=name, place=place)
-            self._start(branch, ChildRole.HELPING).calls.add(number)
-            busy += 1
-
-    def _hear_what_if(self, child: Child, message: WhatIfDone) -> None:
-        assert child.order is not None
-        for number in child.calls:
-            call = self._what_ifs.get(number)
-            if call is None:
-                continue
-            call.add(child.order.place, message.branch)
-            if (result := call.result) is not None:
-                del self._what_ifs[number]
-                self._answer(number, result)
-        numbers = set(child.calls)
-        child.calls.clear()
-        for number in numbers:
-            self._look_ahead(number, child.order)
+                self._what_ifs.go_on(number, order)
