@@ -8,25 +8,27 @@ import numpy as np
 
 from mdrive_sumo.core import portable
 from mdrive_sumo.core.clean_text import truncate
-from mdrive_sumo.core.geometry import Bool, Float
 from mdrive_sumo.core.state import DT, TICKS_PER_SECOND, End, FailureReason
 from mdrive_sumo.episode import Ending, EpisodeRecord
 from mdrive_sumo.report.drivers import NotedDriver, describe_change, find_driver, list_drivers
 from mdrive_sumo.report.reasons import MIN_DISTANCE_M, NotedReason, join_names, list_reasons, name_road_user
 from mdrive_sumo.report.run_page.losses import list_losses
+from mdrive_sumo.report.speed_changes import (
+    STANDING_SPEED,
+    cut_standing,
+    keep_long,
+    list_brakings,
+    list_runs,
+)
 from mdrive_sumo.scoring import EgoResult, ScenarioResult
 from mdrive_sumo.v2x.messages import MCM, TEXT, Intention, Mcm, MessageError, decode
 
-STANDING_SPEED = 0.1
-"""[m/s] A slower car stands: controllers leave some centimetres a second (measured: a car that waits with `single`)."""
 NEARLY_STANDING = 0.5
 """[m/s] Below this speed a car that goes on has almost stopped."""
 MIN_STAND_TICKS = TICKS_PER_SECOND // 2
 """A shorter stop is the end of braking, not a wait."""
 MIN_BRAKING = 1.5
 """[m/s] A smaller loss of speed in one go is not worth a sentence: a gap or a bend."""
-BRAKING_PAUSE_TICKS = TICKS_PER_SECOND // 2
-"""Braking that goes on after at most such a pause is one manoeuvre: agents decide 2 to 5 times a second."""
 NOTED_BEFORE_TICKS = TICKS_PER_SECOND
 """A reason noted this long before the speed falls is that of the braking: a plan takes about a second to show."""
 CONTACT_LOSS = 0.8
@@ -177,10 +179,10 @@ class CavStory:
     def _list_spans(self) -> list[Span]:
         """Return the spans of standing, braking and driving, which cover all ticks of the CAV."""
         speed = np.abs(self.episode.speed[: self.last_tick + 1, self._column])
-        stands = _keep_long(speed < STANDING_SPEED, MIN_STAND_TICKS)
-        spans = [Span(first, last, "stands") for first, last in _list_runs(stands)]
-        for first, last in _list_brakings(speed):
-            first, last = _cut_standing(first, last, stands)
+        stands = keep_long(speed < STANDING_SPEED, MIN_STAND_TICKS)
+        spans = [Span(first, last, "stands") for first, last in list_runs(stands)]
+        for first, last in list_brakings(speed):
+            first, last = cut_standing(first, last, stands)
             contact = first + int(np.argmax(np.append(np.diff(speed[first : last + 1]) < -CONTACT_LOSS, True)))
             if speed[first] - speed[contact] >= MIN_BRAKING:
                 spans.append(Span(first, contact - (contact < last), "brakes"))
@@ -189,7 +191,7 @@ class CavStory:
         covered = np.zeros(len(speed), dtype=np.bool_)
         for span in spans:
             covered[span.first : span.last + 1] = True
-        spans += [Span(first, last, "drives") for first, last in _list_runs(~covered)]
+        spans += [Span(first, last, "drives") for first, last in list_runs(~covered)]
         return sorted(spans, key=lambda span: span.first)
 
     def _tell_motion(self) -> Iterator[StoryLine]:
@@ -367,36 +369,3 @@ def _select_reasons(reasons: Sequence[NotedReason], first: int, last: int) -> li
     """Return the reason that holds at tick `first`, and those noted up to tick `last`."""
     before = [reason for reason in reasons if reason.tick <= first]
     return before[-1:] + [reason for reason in reasons if first < reason.tick <= last]
-
-
-def _list_runs(mask: Bool) -> list[tuple[int, int]]:
-    """Return the first and the last tick of each run of True in a mask (T,)."""
-    edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0)).tolist()
-    return [(first, end - 1) for first, end in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def _keep_long(mask: Bool, ticks: int) -> Bool:
-    """Return a mask (T,) without its runs of True shorter than `ticks`."""
-    kept = mask.copy()
-    for first, last in _list_runs(mask):
-        if last - first + 1 < ticks:
-            kept[first : last + 1] = False
-    return kept
-
-
-def _list_brakings(speed: Float) -> list[tuple[int, int]]:
-    """Return first and last tick of each manoeuvre in which the speed (T,) [m/s] falls, short pauses included."""
-    found: list[tuple[int, int]] = []
-    for first, last in _list_runs(np.diff(speed, append=speed[-1:]) < 0):
-        pause = found and first - found[-1][1] <= BRAKING_PAUSE_TICKS
-        if pause and speed[first] <= speed[found[-1][1]] + STANDING_SPEED:
-            found[-1] = found[-1][0], last + 1
-        else:
-            found.append((first, min(last + 1, len(speed) - 1)))
-    return [(first, min(last, len(speed) - 1)) for first, last in found]
-
-
-def _cut_standing(first: int, last: int, stands: Bool) -> tuple[int, int]:
-    """Return the ticks of a braking before the car stands."""
-    still = np.flatnonzero(stands[first : last + 1])
-    return (first, first + int(still[0]) - 1) if len(still) else (first, last)

@@ -108,7 +108,7 @@ def test_cross_play_from_the_command_line(folder: Path) -> None:
 
 
 def test_all_agents_are_those_that_drive_without_options(capsys: pytest.CaptureFixture[str]) -> None:
-    assert {*AGENTS} - {*list_all_agents().split(",")} == {"colmdriver"}
+    assert {*AGENTS} - {*list_all_agents().split(",")} == {"colmdriver", "human", "human-replay"}
     assert capsys.readouterr().err.startswith("left out: colmdriver: language model: option endpoint")
 
 
