@@ -2,7 +2,7 @@
 
 class Card {
   constructor() {
-    this.shown = "";
+    this.shown = undefined;
   }
 
   /** Shows a card: {key, title, body: [nodes], actions: [[label, action, isFirst]]}; one with the same key is only updated. */
@@ -24,7 +24,7 @@ class Card {
   }
 
   hide() {
-    this.shown = "";
+    this.shown = undefined;
     $("card").hidden = true;
   }
 }

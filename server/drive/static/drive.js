@@ -121,7 +121,7 @@ class DrivePage {
     this.listed = takes;
     this.current = current ?? this.current;
     this.rewind.takeTree(takes);
-    if (this.mode === "finished") this.showEnd();
+    if (this.card.shown === "end") this.showEnd();
   }
 
   /** The takes; the one that goes on has come as far as the newest frame. */
@@ -393,7 +393,7 @@ class DrivePage {
   }
 
   showEnd() {
-    this.card.show({ key: "", title: "The drive has ended", body: endBody(this, this.endings), actions: [["Close", () => this.card.hide()]] });
+    this.card.show({ key: "end", title: "The drive has ended", body: endBody(this, this.endings), actions: [["Close", () => this.card.hide()]] });
   }
 }
 

@@ -82,6 +82,11 @@ class GamepadInput {
     this.calibrations = new Map();
     this.refused = new Set(); // devices of which the person was told
     this.rest = undefined;
+    addEventListener("gamepadconnected", ({ gamepad }) => this.greet(gamepad));
+  }
+
+  greet(pad) {
+    if (loadCalibration(pad)) this.tell(`${padName(pad)} is connected: move it, and it drives.`);
   }
 
   get device() {

@@ -2,6 +2,7 @@
 
 const VIEWS = ["driver", "four", "chase", "top"];
 const VIEW_NAMES = { driver: "driver's view", four: "four cameras", chase: "chase", top: "top view" };
+const LEAST_MIRROR_PX = 700;
 const SMALL_EVERY_MS = 90; // the small map is drawn eleven times a second
 
 class Picture {
@@ -46,6 +47,11 @@ class Picture {
     this.choose(this.view3d ? VIEWS[(VIEWS.indexOf(this.view) + 1) % VIEWS.length] : "top");
   }
 
+  /** On a narrow window mirrors would be slits, and hide the road. */
+  get showsMirrors() {
+    return this.hasMirrors && innerWidth > LEAST_MIRROR_PX;
+  }
+
   resize() {
     const isTop = this.view === "top";
     $("scene").hidden = isTop;
@@ -83,7 +89,7 @@ class Picture {
     }
     view.setSignals(signals);
     view.setOverlays({ route: [], shared: [], intentions: [], ghosts: [], ...overlays });
-    view.look({ x: centre.x, y: centre.y, yaw: centre.yaw, own: centre.index, mode: this.view === "driver" && this.hasMirrors ? "mirrors" : this.view });
+    view.look({ x: centre.x, y: centre.y, yaw: centre.yaw, own: centre.index, mode: this.view === "driver" && this.showsMirrors ? "mirrors" : this.view });
     view.draw();
   }
 }

@@ -22,13 +22,20 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def opened(browser: Any) -> Iterator[Opened]:
-    """Open the page at a played server: `opened(delay_ticks=3, size=(390, 844), ...)`. Nothing may complain."""
+    """Open the page at a played server: `opened(size=(390, 844), ...)`. Nothing may complain.
+
+    script: of JavaScript, run before those of the page. Other options are those of `DrivePageServer`.
+    """
     contexts, trouble = [], []
 
-    def open_page(size: tuple[int, int] = (1280, 720), touch: bool = False, **options: Any) -> DrivePageServer:
+    def open_page(
+        size: tuple[int, int] = (1280, 720), touch: bool = False, script: str = "", **options: Any
+    ) -> DrivePageServer:
         context = browser.new_context(viewport={"width": size[0], "height": size[1]}, has_touch=touch)
         contexts.append(context)
         page = context.new_page()
+        if script:
+            page.add_init_script(script)
         page.on("console", lambda message: trouble.append(message.text))
         page.on("pageerror", lambda error: trouble.append(str(error)))
         server = DrivePageServer(page, **options)

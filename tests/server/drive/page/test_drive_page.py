@@ -174,6 +174,7 @@ def test_the_end_has_scores_and_commands(opened: Opened) -> None:
     server.drive(3)
     server.finish()
     wait_until(page, "document.body.dataset.mode === 'finished'")
+    assert page.is_visible("#card")
     card = page.inner_text("#card")
     assert "87.5" in card and "mdrive-sumo verify takes/1" in card and "blocked, driving score 100.0" in card
     assert page.evaluate(CONTRAST)["below"] == []
