@@ -10,7 +10,7 @@ from testing.drive_page_files import read_page_files
 from testing.drive_page_server import make_route
 
 from mdrive_sumo.vehicle.dynamics import MKZ_2017
-from server.drive.protocol import Device
+from server.drive.protocol import InputDevice
 from tests.server.drive.page.conftest import Opened
 from tests.server.drive.page.test_drive_page import started
 
@@ -182,7 +182,7 @@ def test_a_wheel_is_calibrated_and_remembered_and_the_keyboard_takes_over(opened
     server.drive(2)
     page.evaluate("pads[0] = makePad({axes: [-0.5, -1, 1]})")
     server.drive_until(lambda: server.control.throttle == 1.0 and server.control.steer == pytest.approx(0.5))
-    assert server.received[-1].device == Device.WHEEL
+    assert server.received[-1].device == InputDevice.WHEEL
     page.evaluate("pads[0] = makePad({axes: [NaN, -1, 1]})")
     server.drive_until(lambda: server.control.throttle == 0.0)
     assert page.text_content("#notice") == "Racing Wheel: axis 0 gives no number. The keyboard drives."
@@ -201,7 +201,7 @@ def test_a_gamepad_that_goes_is_told(opened: Opened) -> None:
     server.drive(2)
     page.evaluate("pads[0] = {...pads[0], axes: [-1, 0, 0, 0]}")
     server.drive_until(lambda: server.control.steer == 1.0)
-    assert server.received[-1].device == Device.GAMEPAD
+    assert server.received[-1].device == InputDevice.GAMEPAD
     page.evaluate("pads[0] = null")
     server.drive_until(lambda: server.control.steer == 0.0)
     assert page.text_content("#notice") == "Pad is gone. The keyboard drives."
