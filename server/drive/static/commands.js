@@ -39,6 +39,10 @@ function listenToCommands(page) {
   const buttons = { pause: "p", view: "c", v2x: "v", chat: "t", agent: "o", help: "?", "what-if": "g" };
   for (const [id, key] of Object.entries(buttons)) $(`do-${id}`).addEventListener("click", () => commands[key]());
   $("do-settings").addEventListener("click", () => openDialog(page, "settings"));
+  $("do-leave").addEventListener("click", () => {
+    page.connection.ask({ do: "leave" });
+    $("settings").close();
+  });
   setPressed($("do-v2x"), page.showsV2x);
   listenToKeys(page, commands);
   listenToSettings(page, toggle);
