@@ -44,19 +44,20 @@ def render_html_page(
     script: str = "",
     frame_styles: Sequence[str] = (),
     frame_scripts: Sequence[str] = (),
+    late_scripts: Sequence[str] = (),
     **values: Any,
 ) -> str:
     """Return a page that extends `page.html`, or `page.html` itself with `body`.
 
-    Its content policy forbids every connection, and every style and script but its own and those of pages in its
-    frames.
+    Its content policy forbids every connection, and every style and script but its own, those of pages in its frames,
+    and those that its own script starts later (`late_scripts`).
     """
     return PAGE_TEMPLATES.get_template(template).render(
         title=title,
         style=style,
         script=script,
         style_hashes=[_hash_for_policy(text) for text in (style, *frame_styles)],
-        script_hashes=[_hash_for_policy(text) for text in (script, *frame_scripts) if text],
+        script_hashes=[_hash_for_policy(text) for text in (script, *frame_scripts, *late_scripts) if text],
         **values,
     )
 

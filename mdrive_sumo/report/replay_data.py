@@ -5,7 +5,6 @@ cameras are a block of JSON beside it.
 """
 
 import base64
-import gzip
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple
@@ -15,7 +14,6 @@ import numpy as np
 import shapely
 from shapely.geometry.polygon import orient
 
-from mdrive_sumo.contract import Objects
 from mdrive_sumo.core.geometry import Float, Int
 from mdrive_sumo.core.state import DT, Kind
 from mdrive_sumo.episode import Ending, EpisodeRecord
@@ -23,6 +21,8 @@ from mdrive_sumo.episode.camera_archive import CameraTrack
 from mdrive_sumo.report.replay_marks import ReplayMark
 from mdrive_sumo.report.replay_messages import build_message_tables
 from mdrive_sumo.report.replay_notes import list_notes
+from mdrive_sumo.report.replay_scene import LAMPS_EVERY_TICKS, build_boxes, list_looks, tabulate_lamps
+from mdrive_sumo.report.scene_3d import pack_tables
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.roads.drawing.map_geometry import SignalHead, StopMark, build_map_geometry, list_signal_heads
 from mdrive_sumo.scenario.scenario import Scenario
@@ -51,7 +51,7 @@ def compute_visibility(episode: EpisodeRecord, roads: RoadMap) -> Int:
     buildings = BuildingEdges(roads)
     for column, tick in enumerate(ticks):
         present = np.flatnonzero(episode.valid[tick])
-        scene = SensingFrame(tick, _boxes(episode, tick, present), {})
+        scene = SensingFrame(tick, build_boxes(episode, tick), {})
         for row, ego in enumerate(present[present < episode.egos].tolist()):
             boxes = scene.boxes
             eye = SensorPose(float(boxes.x[row]), float(boxes.y[row]), float(boxes.yaw[row]), row)
@@ -59,19 +59,6 @@ def compute_visibility(episode: EpisodeRecord, roads: RoadMap) -> Int:
                 SightView(eye, scene, buildings, SIGHT_RANGE_M).visible_fractions() >= MIN_VISIBLE_FRACTION
             )
     return sight
-
-
-def _boxes(episode: EpisodeRecord, tick: int, present: Int) -> Objects:
-    return Objects(
-        ids=tuple(episode.ids[i] for i in present.tolist()),
-        kind=episode.kind[present],
-        x=episode.x[tick, present],
-        y=episode.y[tick, present],
-        yaw=episode.yaw[tick, present],
-        speed=episode.speed[tick, present],
-        length=episode.length[present],
-        width=episode.width[present],
-    )
 
 
 def pack_replay_data(
@@ -82,8 +69,7 @@ def pack_replay_data(
     result: ScenarioResult | None = None,
 ) -> str:
     """Return the data block of a page; without a result it has no scores."""
-    # Browsers draw paths in single precision: coordinates stay small, wherever the network has its origin.
-    origin = np.rint((scenario.egos[0].start.x, scenario.egos[0].start.y))
+    origin = find_origin(scenario)
     talk, talk_tables = build_message_tables(episode, scenario, origin)
     tables = {
         "motion": _motion(episode, origin),
@@ -91,6 +77,7 @@ def pack_replay_data(
         "controls": np.moveaxis(episode.controls, 0, -1),
         "plan_points": _plan_points(episode, origin),
         "sight": compute_visibility(episode, roads),
+        "lamps": tabulate_lamps(episode, roads),
         **talk_tables,
     }
     header = {
@@ -102,17 +89,19 @@ def pack_replay_data(
         "notes": list_notes(episode),
         "sight_every": SIGHT_EVERY_TICKS,
         "sight_range": SIGHT_RANGE_M,
-        "tables": [(name, table.shape[-1], table.size) for name, table in tables.items()],
+        "lamps_every": LAMPS_EVERY_TICKS,
+        "looks": list_looks(episode),
+        "weather": scenario.weather,
     }
-    head = json.dumps(header, separators=(",", ":"), allow_nan=False, default=str).encode()
-    body = b"".join(_differences(table) for table in tables.values())
-    packed = gzip.compress(len(head).to_bytes(4, "little") + head + body, compresslevel=9, mtime=0)
-    return base64.b64encode(packed).decode()
+    return base64.b64encode(pack_tables(header, tables)).decode()
 
 
-def _differences(table: Any) -> bytes:
-    """Rows (..., T) as their first value and steps, little-endian int32: what moves smoothly packs well."""
-    return np.diff(table.astype("<i4"), axis=-1, prepend=np.int32(0)).astype("<i4").tobytes()
+def find_origin(scenario: Scenario) -> Float:
+    """Return the origin (2,) [m] of a page's coordinates, rounded to metres.
+
+    Browsers draw paths in single precision: coordinates stay small, wherever the network has its origin.
+    """
+    return np.rint((scenario.egos[0].start.x, scenario.egos[0].start.y))
 
 
 def _motion(episode: EpisodeRecord, origin: Float) -> Int:

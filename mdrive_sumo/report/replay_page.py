@@ -12,8 +12,10 @@ from mdrive_sumo.episode import EpisodeRecord
 from mdrive_sumo.episode.camera_archive import CameraTrack
 from mdrive_sumo.report.html_page import read_static, render_html_page
 from mdrive_sumo.report.palette import CAV_COLOURS, format_custom_properties
-from mdrive_sumo.report.replay_data import pack_camera_images, pack_replay_data
+from mdrive_sumo.report.replay_data import find_origin, pack_camera_images, pack_replay_data
 from mdrive_sumo.report.replay_marks import ReplayMark, find_marks
+from mdrive_sumo.report.replay_scene import pack_replay_scene, pack_view_3d_script
+from mdrive_sumo.report.view_3d_script import build_view_3d_script
 from mdrive_sumo.roads import RoadMap
 from mdrive_sumo.scenario.scenario import Scenario
 from mdrive_sumo.scoring import ScenarioResult
@@ -30,6 +32,7 @@ SCRIPTS = (
     "viewer_lists.js",
     "viewer_room.js",
     "viewer_cameras.js",
+    "viewer_3d.js",
     "viewer_input.js",
     "viewer_beside.js",
     "viewer.js",
@@ -86,6 +89,9 @@ def render_replay(
         script=build_replay_script(),
         data=pack_replay_data(episode, scenario, roads, marks, result),
         camera_images=pack_camera_images(episode, cameras),
+        scene=pack_replay_scene(episode, scenario, roads, find_origin(scenario)),
+        view_3d=pack_view_3d_script(),
+        late_scripts=(build_view_3d_script(),),
     )
     return page + "\n"
 

@@ -6,7 +6,7 @@
 
 import gzip
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -95,7 +95,7 @@ def pack_scene(
     return pack_tables(header, {"vertices": tables.vertices, "corners": tables.corners, **_model_tables()})
 
 
-def pack_tables(header: dict[str, Any], tables: dict[str, Int]) -> bytes:
+def pack_tables(header: Mapping[str, Any], tables: Mapping[str, Any]) -> bytes:
     """Return gzip of the length of the header as uint32, the header, and int32 tables (..., T) as steps along T."""
     shapes = [(name, table.shape[-1], table.size) for name, table in tables.items()]
     head = json.dumps({**header, "tables": shapes}, separators=(",", ":"), allow_nan=False, default=str).encode()
@@ -103,7 +103,7 @@ def pack_tables(header: dict[str, Any], tables: dict[str, Int]) -> bytes:
     return gzip.compress(len(head).to_bytes(4, "little") + head + body, compresslevel=9, mtime=0)
 
 
-def _encode_steps(table: Int) -> bytes:
+def _encode_steps(table: Any) -> bytes:
     """Rows (..., T) as their first value and steps, little-endian int32: what changes smoothly packs well."""
     return np.diff(table.astype("<i4"), axis=-1, prepend=np.int32(0)).astype("<i4").tobytes()
 

@@ -7,6 +7,7 @@ from mdrive_sumo.core.state import DT
 from mdrive_sumo.report.html_page import read_static, render_html_page
 from mdrive_sumo.report.palette import format_custom_properties
 from mdrive_sumo.report.replay_page import build_replay_script, build_replay_style
+from mdrive_sumo.report.view_3d_script import build_view_3d_script
 from mdrive_sumo.runs.episode_difference import EpisodeDifference
 
 APART_M = 1.0
@@ -51,5 +52,5 @@ def render_in_step(
         style=format_custom_properties() + read_static("in_step.css"),
         script=read_static("in_step.js"),
         frame_styles=(build_replay_style(),),
-        frame_scripts=(build_replay_script(),),
+        frame_scripts=(build_replay_script(), build_view_3d_script()),
     )

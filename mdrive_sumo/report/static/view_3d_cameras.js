@@ -81,6 +81,12 @@ class ViewCamera {
   }
 }
 
+/** The horizontal field of view [degrees] of a picture that is wider than 16:9 and as high as one of 16:9. */
+function widen(fovDeg, aspect) {
+  const share = Math.max(1, (aspect * 9) / 16);
+  return (360 / Math.PI) * Math.atan(share * Math.tan((fovDeg * Math.PI) / 360));
+}
+
 /** The pictures of a mode: cameras that follow a pose { x, y, yaw }. */
 class CameraSet {
   constructor(scene, walls) {
@@ -99,7 +105,7 @@ class CameraSet {
     else if (look.mode === "top") this.lookDown(look);
     else this.sitDown(look);
     main.rect = [0, 0, 1, 1];
-    main.open(main.fov, width, height, this.scene.planes_m);
+    main.open(widen(main.fov, width / height), width, height, this.scene.planes_m);
     return look.mode === "mirrors" ? [main, ...this.mirrors.map((camera) => this.turnBack(camera, look, width, height))] : [main];
   }
 

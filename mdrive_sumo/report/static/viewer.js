@@ -31,6 +31,7 @@ class Viewer {
     this.lists = new Lists(replay, talk, { seek, open: (name) => this.openList(name), redraw: () => this.changed() });
     this.lists.show("events");
     this.cameras = new Cameras();
+    this.space = new Space(replay, talk, () => this.changed());
     $("duration").textContent = ` / ${replay.seconds(replay.lastTick).toFixed(2)} s`;
     this.theme = readTheme();
     this.bounds = sceneBounds(replay);
@@ -207,8 +208,9 @@ class Viewer {
     this.panel.show(Math.floor(this.time), this.selected, this.followed);
     this.lists.update(Math.floor(this.time), this.selected);
     this.cameras.show(Math.floor(this.time), this.selected);
+    const waits = this.space.show(this);
     this.showState();
-    return unsettled;
+    return unsettled || waits;
   }
 
   showState() {
@@ -285,6 +287,7 @@ async function start() {
     get labels() {
       return { mode: viewer.labels, rects: viewer.scene.labels.rects };
     },
+    space: viewer.space,
     replay: viewer.replay,
     talk: viewer.lists.talk,
     ticks: viewer.replay.ticks,

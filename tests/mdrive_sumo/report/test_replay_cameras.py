@@ -37,7 +37,7 @@ def test_a_page_carries_the_images_of_its_cavs_within_the_episode() -> None:
     first, second = read_images(page)
     assert [one["tick"] for one in first["images"]] == [0, 4, 8]
     assert (first["ego"], first["camera"], second["ego"], second["camera"]) == (0, HOSTILE, 1, "rear")
-    assert page.lower().count("</script>") == 3
+    assert page.lower().count("</script>") == 5
 
 
 def test_without_images_a_page_has_no_card_for_them() -> None:

@@ -105,7 +105,7 @@ def test_hostile_texts_stay_data() -> None:
     page = render_replay(episode, scenario(2), crossing(), some_marks(40, HOSTILE))
     assert "owned" not in page and "onerror" not in page
     assert carried(page)[0]["marks"][0][3] == HOSTILE
-    assert page.lower().count("</script>") == 2
+    assert page.lower().count("</script>") == 4, "data, scene, and the scripts of the page and of its 3-D view"
 
 
 def test_the_page_is_self_contained_and_the_same_every_time() -> None:
