@@ -30,16 +30,29 @@ def _describe_formats() -> str:
 )
 @click.option("--scenario", "patterns", multiple=True, metavar="GLOB", help="Only these; repeatable [default: all].")
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="New or empty folder.")
+@click.option(
+    "--demonstrations",
+    is_flag=True,
+    help="Only what people did and were shown, as tables (csv, parquet); RUN: a take, or a folder of takes.",
+)
 @moved_suite_option
-def command(run_folder: Path, format_name: str, patterns: tuple[str, ...], out: Path, suite: str | None) -> None:
+def command(
+    run_folder: Path, format_name: str, patterns: tuple[str, ...], out: Path, demonstrations: bool, suite: str | None
+) -> None:
     """Write recorded episodes in the formats of other tools.
 
     docs/export.md says for each format what is in it, in which frame and units, and which program opens it. Either
     everything is written or nothing is.
+
+    With --demonstrations every take is driven again, to know what the person was shown.
     """
+    from mdrive_sumo.export.demonstrations import export_demonstrations, load_takes
     from mdrive_sumo.export.export_run import export_runs
     from mdrive_sumo.runs.stored_run import load_stored_run
 
-    export_runs([load_stored_run(run_folder, suite)], format_name, out, patterns)
+    if demonstrations:
+        export_demonstrations(load_takes(run_folder, suite), format_name, out, patterns)
+    else:
+        export_runs([load_stored_run(run_folder, suite)], format_name, out, patterns)
     for path in sorted(out.iterdir()):
         echo(path)

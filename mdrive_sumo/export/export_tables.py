@@ -1,36 +1,16 @@
 """The tables of the CSV and Parquet exports: columns with types, units and descriptions, and their rows."""
 
-import csv
-import io
-import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from mdrive_sumo.core.output_files import new_file, write_text
 from mdrive_sumo.core.state import DT, Kind
-from mdrive_sumo.core.tables import clean_csv_row
 from mdrive_sumo.export.scored_recording import ScoredRecording
+from mdrive_sumo.export.table_files import Columns, TableColumn, TableParts, write_csv_tables
 from mdrive_sumo.scoring import EgoResult
-
-ColumnType = Literal["string", "integer", "number", "boolean"]
-"""As in the Data Package standard (specs.frictionlessdata.io)."""
-Columns = Mapping[str, Sequence[Any]]
-"""Values by column name; None where there is none."""
-
-
-@dataclass(frozen=True, slots=True)
-class TableColumn:
-    """A column; `unit` is "" where there is none."""
-
-    name: str
-    type: ColumnType
-    unit: str
-    description: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,42 +249,11 @@ EXPORT_TABLES = (
 """All tables, in the order of the documentation."""
 
 
-def describe_package(extension: str) -> dict[str, Any]:
-    """Return a Data Package descriptor of the tables, for files with that extension."""
-    return {
-        "name": "mdrive-sumo-export",
-        "profile": "tabular-data-package",
-        "resources": [
-            {
-                "name": table.name,
-                "profile": "tabular-data-resource",  # the package's profile asks for it in every resource
-                "path": f"{table.name}.{extension}",
-                "encoding": "utf-8",
-                "description": table.description,
-                "schema": {
-                    "fields": [
-                        {"name": c.name, "type": c.type, "description": c.description}
-                        | ({"unit": c.unit} if c.unit else {})
-                        for c in table.columns
-                    ]
-                },
-            }
-            for table in EXPORT_TABLES
-        ],
-    }
-
-
 def write_csv(recordings: Iterable[ScoredRecording], folder: Path) -> None:
-    """Write one file per table with the rows of all recordings; a missing value is empty."""
-    write_text(folder / "datapackage.json", json.dumps(describe_package("csv"), indent=1) + "\n")
-    with ExitStack() as stack:
-        writers = {}
-        for table in EXPORT_TABLES:
-            file = stack.enter_context(new_file(folder / f"{table.name}.csv"))
-            text = stack.enter_context(io.TextIOWrapper(file, encoding="utf-8", errors="replace", newline=""))
-            writers[table.name] = csv.writer(text)
-            writers[table.name].writerow(column.name for column in table.columns)
-        for recording in recordings:
-            for table in EXPORT_TABLES:
-                rows = zip(*table.build_rows(recording).values(), strict=True)
-                writers[table.name].writerows(map(clean_csv_row, rows))
+    """Write one file per table with the rows of all recordings."""
+    write_csv_tables(EXPORT_TABLES, map(build_parts, recordings), folder)
+
+
+def build_parts(recording: ScoredRecording) -> TableParts:
+    """Return the rows of one recording, by table."""
+    return {table.name: table.build_rows(recording) for table in EXPORT_TABLES}

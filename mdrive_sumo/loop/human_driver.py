@@ -29,7 +29,8 @@ class HumanDriver:
         """agent: what is on board. actions: None: no driver, which is enough to declare sensors."""
         self._ego, self._actions, self._agent = ego, actions, agent
         self._on_board = LocalDriver(agent)
-        self._briefing: Briefing | None = None
+        self.briefing: Briefing | None = None
+        """What the driver is told before the first tick; None before that."""
         self._seen: Observation | None = None
         self._substitute: LocalDriver | None = None
         self._control = ROLLING
@@ -50,7 +51,7 @@ class HumanDriver:
 
     def start(self, briefing: Briefing) -> None:
         """See AgentDriver."""
-        self._briefing = briefing
+        self.briefing = briefing
         self._on_board.start(briefing)
 
     def ask(self, observation: Observation) -> None:
@@ -91,9 +92,9 @@ class HumanDriver:
             raise AgentFailure(FailureReason.INVALID, f"expected at most {MAX_CHANGES} changes of the driver")
         self.driver, self._substitute = choice, None
         if choice.name not in (HUMAN, RECORDING):
-            assert self._briefing is not None
+            assert self.briefing is not None
             self._substitute = LocalDriver(self._make_substitute(choice, tick))
-            self._substitute.start(self._briefing)
+            self._substitute.start(self.briefing)
         return (choice.to_note(),)
 
     def _make_substitute(self, choice: DriverChoice, tick: int) -> Agent:

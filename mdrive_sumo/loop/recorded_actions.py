@@ -60,12 +60,11 @@ class RecordedActions:
         """Return the driver of a tick."""
         return self.drivers[max(begin for begin in self.drivers if begin <= tick)]
 
-    @property
-    def person_ticks(self) -> int:
-        """In how many ticks a person drove."""
-        begins = [*sorted(self.drivers), self.end_tick]
-        spans = pairwise(begins)
-        return sum(max(end - begin, 0) for begin, end in spans if self.drivers[begin].name == HUMAN)
+    def list_person_ticks(self) -> list[int]:
+        """Return the ticks in which a person drove."""
+        spans = pairwise((*sorted(self.drivers), self.end_tick))
+        ranges = (range(begin, end) for begin, end in spans if self.drivers[begin].name == HUMAN)
+        return [tick for ticks in ranges for tick in ticks if tick < self.end_tick]
 
     def _make_end(self, tick: int) -> AgentFailure:
         """Return the recorded failure; without one, that the recorded drive is over while the CAV still drives."""

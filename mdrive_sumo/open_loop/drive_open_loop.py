@@ -15,8 +15,10 @@ from mdrive_sumo.episode import EpisodeRecord, rebuild_frame
 from mdrive_sumo.loop import EpisodeConfig, start_agents
 from mdrive_sumo.loop.agent_driver import AgentDriver
 from mdrive_sumo.loop.agent_scheduler import AgentScheduler
+from mdrive_sumo.loop.human_actions import HUMAN
+from mdrive_sumo.loop.recorded_actions import RecordedActions
 from mdrive_sumo.open_loop.detection_precision import DetectionCounts, match_frame
-from mdrive_sumo.open_loop.plan_errors import PlanErrors, compute_plan_errors
+from mdrive_sumo.open_loop.plan_errors import HORIZON_TICKS, PlanErrors, compute_plan_errors
 
 TRUTH_RANGE_M = 70.0
 """Road users this far from the CAV [m] count in average precision, hidden ones as well: our own choice."""
@@ -47,15 +49,33 @@ def drive_open_loop(
     simulation = start_agents(config, RecordedFrames(episode), drivers)
     scheduler = AgentScheduler(drivers, config.options.clock, (), simulation.fail_agent)
     columns = {ego: column for column, ego in enumerate(episode.ego_ids)}
+    people = _list_person_ticks(episode)
     observations = simulation.reset()
     while not simulation.is_done:
         tick = simulation.tick
         replies = scheduler.collect_replies(tick, observations)
         for ego, reply in replies.items():
-            _score_reply(samples, episode, tick, columns[ego], reply)
+            if people is not None and tick not in people[ego]:
+                samples.skipped["no 3 s of a person"] += 1
+            else:
+                _score_reply(samples, episode, tick, columns[ego], reply)
         observations = simulation.step(replies, busy=scheduler.find_busy(tick + 1))
     samples.failures, samples.sensing_track = simulation.failed_agents, simulation.sensing_track
     return samples
+
+
+def _list_person_ticks(episode: EpisodeRecord) -> dict[str, set[int]] | None:
+    """Return the ticks, by CAV, from which on a person drives for the 3 s of a plan; None unless it is a take.
+
+    What an agent drove in between is no demonstration. Raises InputError for a take with damaged notes.
+    """
+    if episode.about.get("agent") != HUMAN:
+        return None
+    found: dict[str, set[int]] = {}
+    for ego in episode.ego_ids:
+        driven = set(RecordedActions(episode, ego).list_person_ticks())
+        found[ego] = {tick for tick in driven if driven.issuperset(range(tick, tick + HORIZON_TICKS))}
+    return found
 
 
 def _score_reply(samples: OpenLoopSamples, episode: EpisodeRecord, tick: int, column: int, reply: Reply) -> None:

@@ -27,6 +27,8 @@ class PlanErrorParameters:
 
 PARAMETERS = PlanErrorParameters()
 STEP_TICKS = round(PARAMETERS.step_s / DT)
+HORIZON_TICKS = PARAMETERS.points * STEP_TICKS
+"""Length of what is compared: 3 s."""
 
 
 class PlanErrors(NamedTuple):

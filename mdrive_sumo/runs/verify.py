@@ -137,7 +137,7 @@ def _describe_replayed(recorded: EpisodeRecord, job: EpisodeJob) -> str:
     """Return what a second execution takes from the recording; a run's word is taken for these alone."""
     people = [source for source in job.actions.values() if isinstance(source, RecordedActions)]
     counts = {
-        "ticks of controls of people": sum(source.person_ticks for source in people),
+        "ticks of controls of people": sum(len(source.list_person_ticks()) for source in people),
         "agent failures": sum(ending.failure is not None for ending in recorded.endings),
         "thinking times": len(recorded.thinking),
         "answers of a language model": sum(record.note.kind == EXCHANGE for record in recorded.notes),

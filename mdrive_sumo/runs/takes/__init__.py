@@ -16,6 +16,7 @@ from mdrive_sumo.loop.human_actions import (
 from mdrive_sumo.loop.human_driver import MAX_CHANGES, HumanDriver
 from mdrive_sumo.loop.recorded_actions import RecordedActions
 from mdrive_sumo.runs.open_agents import open_human_driver
+from mdrive_sumo.runs.takes.observe_take import ObservedTake, is_take, observe_take
 from mdrive_sumo.runs.takes.take_run import make_human_spec, prepare_take, write_take
 
 __all__ = [
@@ -26,11 +27,14 @@ __all__ = [
     "ActionSource",
     "DriverChoice",
     "HumanDriver",
+    "ObservedTake",
     "RecordedActions",
     "check_control",
     "check_text",
+    "is_take",
     "make_human_spec",
     "make_leaving",
+    "observe_take",
     "open_human_driver",
     "prepare_take",
     "write_take",
