@@ -69,8 +69,12 @@ def tables(drive: Path) -> Mapping[str, "pd.DataFrame"]:
 
     ended = invoke("export", drive, "--demonstrations", "--format", "csv", "--out", drive / "csv")
     assert ended.exit_code == 0, ended.output
-    keys = dict.fromkeys(("cav", "sender", "id", "folder"), str)
-    return {table.name: pd.read_csv(drive / "csv" / f"{table.name}.csv", dtype=keys) for table in TABLES}
+    return {
+        table.name: pd.read_csv(
+            drive / "csv" / f"{table.name}.csv", dtype={"cav": str, "sender": str, "id": str, "folder": str}
+        )
+        for table in TABLES
+    }
 
 
 def test_steps_are_the_ticks_in_which_a_person_drove(drive: Path, tables: Mapping[str, "pd.DataFrame"]) -> None:
@@ -96,12 +100,12 @@ def test_a_tick_shows_what_an_agent_is_shown(drive: Path, tables: Mapping[str, "
     job = stored.run.make_job(stored.run.scenarios[0])
     observe_take(job, record, lambda tick, shown: seen.update({tick: shown["0"]} if "0" in shown else {}))
     objects = tables["objects"].query(f"episode == '{record.digest}' and cav == '0'")
-    own = objects[objects.source == "sensor"]
+    own = objects.query("source == 'sensor'")
     assert len(own) > 0
     for tick in (10, 20, 80):
         told = seen[tick].objects
         assert told is not None
-        rows = own[own.tick == tick]
+        rows = own.query(f"tick == {tick}")
         assert rows.id.tolist() == list(told.ids)
         assert np.abs(rows[["x", "y"]].to_numpy() - np.stack((told.x, told.y), axis=-1)).max() < 1e-4
         assert tables["steps"].query(f"episode == '{record.digest}' and tick == {tick}").x.tolist() == [
