@@ -15,8 +15,8 @@ from urllib.parse import urlsplit
 
 import click
 import uvicorn
-import websockets  # noqa: F401 (uvicorn imports it when the first browser connects: too late to say that it is missing)
 from fastapi import FastAPI
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from mdrive_sumo.agents.registry import AGENTS, ASKING_AGENTS, HUMAN_AGENTS
 from mdrive_sumo.api.scenario_source import find_scenario
@@ -318,7 +318,7 @@ def make_config(app: FastAPI) -> uvicorn.Config:
     """Return uvicorn's settings for the application of drives."""
     return uvicorn.Config(
         app,
-        ws="websockets-sansio",
+        ws=WebSocketsSansIOProtocol,
         ws_max_size=MAX_MESSAGE_BYTES,
         ws_max_queue=MAX_QUEUE,
         ws_ping_interval=PING_S,

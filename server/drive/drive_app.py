@@ -45,6 +45,8 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 """Of every response. Links hold tokens, so no other site is told where a visitor comes from."""
+MOTION_TRIES, MOTION_PAUSE_S = 5, 0.2
+"""A second [s] in all: a take that ends is stored in a tenth of it."""
 MAX_REASON_BYTES = 123
 """Of the reason for closing (RFC 6455, section 5.5: 125 bytes with the code)."""
 NO_SEAT = "this link is not valid: links end with the server that printed them; ask for a new one"
@@ -232,8 +234,22 @@ async def send_motion(number: int, session: SessionDep) -> Response:
     """Return the packed motion of a take, for scrubbing."""
     if not session.rules.may_rewind:
         raise DriveRefusal(HTTPStatus.FORBIDDEN, "this drive goes on without going back")
-    motion = await session.simulation.load_motion(number)
+    motion = await _load_motion(session, number)
     return Response(motion, media_type="application/octet-stream", headers={"Cache-Control": "no-store"})
+
+
+async def _load_motion(session: DriveSession, take: int) -> bytes:
+    """Return the motion of a take. Raises InputError.
+
+    The process of a take that has just ended may be gone before it answers; then the recording has the motion.
+    """
+    session.simulation.tree.find(take)
+    for _ in range(MOTION_TRIES - 1):
+        try:
+            return await session.simulation.load_motion(take)
+        except InputError:
+            await asyncio.sleep(MOTION_PAUSE_S)
+    return await session.simulation.load_motion(take)
 
 
 async def send_file(request: Request, name: str) -> Response:

@@ -9,6 +9,8 @@ import asyncio
 import time
 from collections.abc import Callable, Coroutine, Mapping
 from contextlib import suppress
+from dataclasses import replace
+from statistics import median
 from typing import Any
 
 from mdrive_sumo.core.errors import InputError
@@ -37,6 +39,8 @@ from server.drive.simulation_values import DriveFrame
 
 WATCH_S = 0.25
 """Interval in which the session looks for silent and late drivers [s]."""
+UNKNOWN_DEVICE = "unknown"
+"""Device of a take whose people drive with different ones, see `agents.human.DEVICES`."""
 MAX_SPECTATORS = 50
 """Of one drive: each costs as much to send to as a driver."""
 
@@ -66,6 +70,7 @@ class DriveSession:
         self._is_running = False
         self._is_finished = False
         self._waiting: WaitingOut | None = None
+        self._noted: tuple[str, float] | None = None
         self._lock = asyncio.Lock()
         self._what_if: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
@@ -100,8 +105,6 @@ class DriveSession:
             self._put_tree()
         elif isinstance(event, HandedOver):
             self._driver_by_cav[event.cav] = event.driver
-            name = "its person" if event.driver == HUMAN else event.driver
-            self._notify(f"{event.cav}: {name} drives from {event.tick * DT:.1f} s on")
             self._spawn(self.update_clock())
         elif isinstance(event, TreeChanged | TakeEnded):
             self._put_tree()
@@ -192,6 +195,19 @@ class DriveSession:
         while True:
             await asyncio.sleep(WATCH_S)
             await self.update_clock()
+            await self._note_inputs()
+
+    async def _note_inputs(self) -> None:
+        """Tell the simulation with what people drive and how late their inputs come, where that has changed."""
+        latencies = [one.latency_ms for one in self._connections if one.is_driver and one.latency_ms is not None]
+        if not latencies or self.has_ended:
+            return
+        devices = [seat.device_name for seat in self.people.seats.values()]
+        noted = (devices[0] if len({*devices}) == 1 else UNKNOWN_DEVICE, float(round(median(latencies))))
+        if noted != self._noted:
+            self._noted = noted
+            with suppress(InputError, SimulationEnded):  # provenance; the drive does not depend on it
+                await self.simulation.note_input(*noted)
 
     async def update_clock(self) -> None:
         """Stop or start the clock as the people are there and ready, and tell them for which drivers it waits."""
@@ -258,7 +274,11 @@ class DriveSession:
         """Let a person or an agent drive a CAV. Raises InputError."""
         config = {"device": self.people.seats[cav].device_name} if driver == HUMAN else {}
         await self.simulation.hand_over(cav, driver, config)
+        before = self._driver_by_cav[cav]
         self._driver_by_cav[cav] = driver  # before its event comes, which may be after the next look at the clock
+        if driver != before:
+            name = "its person" if driver == HUMAN else driver
+            self._notify(f"{cav}: {name} drives now", self.people.seats[cav].connection)
 
     async def _receive_request(self, connection: BrowserConnection, request: messages.DriveRequest) -> None:
         if isinstance(request, messages.PingRequest):
@@ -339,6 +359,8 @@ class DriveSession:
         if self._is_finished:
             raise InputError("finish: expected a take that goes on, found a finished one")
         await self.simulation.leave()
+        assert self.frame is not None, "a take that goes on has frames"
+        self._receive_frame(replace(self.frame, state=FrameState.FINISHED, extra={}))
 
     def _start_what_if(self, connection: BrowserConnection, request: messages.WhatIfRequest) -> None:
         self._check_rewind(request.do)

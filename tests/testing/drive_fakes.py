@@ -145,7 +145,9 @@ class FakeSimulation(SimulationProcess):
 
     async def leave(self) -> None:
         self._note("leave")
-        self.emit_frame(FrameState.FINISHED)
+
+    async def note_input(self, device: str, latency_ms: float) -> None:
+        self._note("note_input", device, latency_ms)
 
     async def close(self, wait_s: float = 120.0) -> None:
         self.calls.append(("close", wait_s))
