@@ -109,7 +109,7 @@ class DrivePage {
   async loadScene() {
     try {
       const response = await fetch(`/scene?token=${encodeURIComponent(this.token)}`);
-      if (!response.ok) throw new Error(`the server answers ${response.status}`);
+      if (!response.ok) throw new Error(`The scene is not there: the server answers ${response.status}. The top view drives as well.`);
       this.picture.build(await decodeScene(await response.arrayBuffer()), this.welcome.weather);
     } catch (error) {
       this.picture.withoutWebGL(error);
@@ -170,10 +170,17 @@ class DrivePage {
     if (names) this.traffic.learn(names);
     if (signals) Object.assign(this.signals, signals);
     if (endings) this.takeEndings(endings);
-    if (drivers) Object.assign(this.drivers, drivers);
+    if (drivers) this.takeDrivers(drivers);
     if (score) this.score = score;
     if (messages) this.hear(messages, tick);
     if (factor !== undefined) this.factor = factor;
+  }
+
+  /** Whose car an agent drives sees it as any other; after a hand-over the prediction begins anew. */
+  takeDrivers(drivers) {
+    Object.assign(this.drivers, drivers);
+    this.prediction?.forget(this.number);
+    this.clock.forget();
   }
 
   takeEndings(endings) {
@@ -219,7 +226,7 @@ class DrivePage {
   // ---- driving
 
   get canDrive() {
-    return this.isDriver && Boolean(this.own) && this.prediction.ready && !this.endings[this.welcome.cav];
+    return this.isDriver && !this.isAgentDriving && Boolean(this.own) && this.prediction.ready && !this.endings[this.welcome.cav];
   }
 
   get isAgentDriving() {
@@ -285,14 +292,15 @@ class DrivePage {
 
   /** The picture of this moment: the own car as predicted, the others at the same time. */
   describe(isRunning) {
-    const state = this.own && this.prediction.ready ? this.prediction.picture(isRunning ? this.inputs.control : undefined) : this.own;
-    const ahead = this.own && isRunning && this.prediction.shown !== undefined ? this.prediction.shown - this.prediction.acknowledged : 0;
-    const time = this.tick + (this.own ? ahead : this.sinceFrame());
+    const { prediction } = this;
+    const state = this.canDrive ? prediction.picture(isRunning ? this.inputs.control : undefined) : this.own;
+    const ahead = this.canDrive && isRunning && prediction.shown !== undefined ? prediction.shown - prediction.acknowledged : 0;
+    const time = this.tick + (this.canDrive ? ahead : this.sinceFrame());
     const users = this.traffic.at(time);
     const ownRow = users.find(({ id }) => id === this.welcome.cav);
     const others = users.filter((user) => user !== ownRow).map((user) => this.colour(user));
     this.shownState = state && this.toScene(state);
-    const own = this.shownState && ownRow ? { ...ownRow, ...this.shownState, braking: state.brake > 0.05, lamps: ownRow.lamps } : ownRow;
+    const own = this.canDrive && ownRow ? { ...ownRow, ...this.shownState, braking: state.brake > 0.05 } : ownRow;
     const centre = own ?? this.spectate(users);
     return {
       centre: centre && { index: centre.index, x: centre.x, y: centre.y, yaw: centre.yaw, speed: state?.vx ?? centre.speed ?? FLYING_SPEED },
@@ -300,7 +308,7 @@ class DrivePage {
     };
   }
 
-  /** Ticks since the last frame came, for spectators: one tick behind, so that there is a frame to go to. */
+  /** Ticks since the last frame came, where nobody here drives: one tick behind, so that there is a frame to go to. */
   sinceFrame() {
     return RUNNING.has(this.state) ? Math.min((performance.now() - (this.lastFrameAt ?? 0)) / TICK_MS, 1) - 1 : 0;
   }

@@ -33,7 +33,7 @@ class Picture {
   withoutWebGL(error) {
     this.view3d = undefined;
     this.view = "top";
-    this.tell(`This browser shows no 3-D view (${error.message}). The top view drives as well.`);
+    this.tell(error.message);
   }
 
   choose(view) {

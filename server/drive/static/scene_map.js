@@ -8,8 +8,10 @@ const SIGNAL_COLOURS = { r: "bad", u: "bad", y: "warn", g: "good", G: "good", s:
 class SceneMap {
   constructor(scene) {
     this.squares = new Map();
+    this.roofs = [];
     for (const part of scene.parts) this.addPart(part);
-    for (const square of this.squares.values()) square.paths = new Map([...square.triangles].map(([name, triangles]) => [name, outline(triangles)]));
+    for (const square of this.squares.values()) for (const [layer, triangles] of square.triangles) square.paths.set(layer, toPath(findRings(triangles)));
+    this.addBuildings();
     this.lamps = scene.lamps.names.map((name, i) => {
       const cut = name.lastIndexOf(":");
       return { tls: name.slice(0, cut), index: Number(name.slice(cut + 1)), place: scene.lamps.place[i], turn: scene.lamps.turn[i] };
@@ -18,19 +20,28 @@ class SceneMap {
 
   addPart({ layer, positions: p }) {
     for (let at = 0; at < p.length; at += 9) {
-      const isFlat = p[at + 2] === p[at + 5] && p[at + 2] === p[at + 8];
-      const name = layer > 0 ? layer : isFlat && p[at + 2] > ROOF_M ? "building" : undefined;
-      if (name !== undefined) this.triangles((p[at] + p[at + 3] + p[at + 6]) / 3, (p[at + 1] + p[at + 4] + p[at + 7]) / 3, name).push(p.subarray(at, at + 9));
+      const triangle = p.subarray(at, at + 9);
+      const isRoof = p[at + 2] > ROOF_M && p[at + 2] === p[at + 5] && p[at + 2] === p[at + 8];
+      if (layer > 0) this.squareAt((p[at] + p[at + 3] + p[at + 6]) / 3, (p[at + 1] + p[at + 4] + p[at + 7]) / 3).add(layer, triangle);
+      else if (isRoof) this.roofs.push(triangle);
     }
   }
 
-  triangles(x, y, name) {
+  squareAt(x, y) {
     const [i, j] = [Math.floor(x / SQUARE_M), Math.floor(y / SQUARE_M)];
     const key = `${i} ${j}`;
-    if (!this.squares.has(key)) this.squares.set(key, { x: (i + 0.5) * SQUARE_M, y: (j + 0.5) * SQUARE_M, triangles: new Map() });
-    const { triangles } = this.squares.get(key);
-    if (!triangles.has(name)) triangles.set(name, []);
-    return triangles.get(name);
+    if (!this.squares.has(key)) this.squares.set(key, new MapSquare((i + 0.5) * SQUARE_M, (j + 0.5) * SQUARE_M));
+    return this.squares.get(key);
+  }
+
+  /** Each building belongs to the square of its first corner, whole: its edge is drawn. */
+  addBuildings() {
+    for (const ring of findRings(this.roofs)) {
+      const { paths } = this.squareAt(...ring[0]);
+      if (!paths.has("building")) paths.set("building", new Path2D());
+      paths.get("building").addPath(toPath([ring]));
+    }
+    this.roofs = undefined;
   }
 
   /** Draws what lies within `reach` [m] of the middle. */
@@ -70,10 +81,20 @@ class SceneMap {
   }
 }
 
-/** The outline of triangles that share edges: an edge that two of them have, one in each direction, is inside. */
-function outline(triangles) {
-  const edges = new Map(); // "x y" of the beginning -> [ends]
-  const keyOf = (x, y) => `${Math.round(x * 100)} ${Math.round(y * 100)}`;
+class MapSquare {
+  constructor(x, y) {
+    Object.assign(this, { x, y, triangles: new Map(), paths: new Map() });
+  }
+
+  add(layer, triangle) {
+    if (!this.triangles.has(layer)) this.triangles.set(layer, []);
+    this.triangles.get(layer).push(triangle);
+  }
+}
+
+/** The outlines [[x, y], ...] of triangles that share edges: an edge that two of them have, in both directions, is inside. */
+function findRings(triangles) {
+  const edges = new Map(); // beginning -> [ends], as "x y" in cm
   const points = new Map();
   const remove = (from, to) => {
     const ends = edges.get(from);
@@ -82,8 +103,8 @@ function outline(triangles) {
     return i >= 0;
   };
   for (const p of triangles) {
-    const corners = [0, 3, 6].map((at) => keyOf(p[at], p[at + 1]));
-    [0, 3, 6].forEach((at, i) => points.set(corners[i], [p[at], p[at + 1]]));
+    const corners = [0, 3, 6].map((at) => `${Math.round(p[at] * 100)} ${Math.round(p[at + 1] * 100)}`);
+    corners.forEach((corner, i) => points.set(corner, [p[3 * i], p[3 * i + 1]]));
     for (let i = 0; i < 3; i++) {
       const [from, to] = [corners[i], corners[(i + 1) % 3]];
       if (from === to || remove(to, from)) continue;
@@ -91,16 +112,24 @@ function outline(triangles) {
       edges.get(from).push(to);
     }
   }
-  const path = new Path2D();
-  for (const [start, ends] of edges) while (ends.length) traceRing(path, start, edges, points);
-  return path;
+  const rings = [];
+  for (const [start, ends] of edges) while (ends.length) rings.push(traceRing(start, edges).map((corner) => points.get(corner)));
+  return rings;
 }
 
-function traceRing(path, start, edges, points) {
-  path.moveTo(...points.get(start));
-  for (let at = edges.get(start).pop(); at !== start; at = edges.get(at)?.pop()) {
-    if (at === undefined) break; // triangles that only touch: the fill closes the ring
-    path.lineTo(...points.get(at));
+/** Corners from one back to it; a gap, where triangles only touch, is closed by a straight line. */
+function traceRing(start, edges) {
+  const ring = [start];
+  for (let at = edges.get(start).pop(); at !== start && at !== undefined; at = edges.get(at)?.pop()) ring.push(at);
+  return ring;
+}
+
+function toPath(rings) {
+  const path = new Path2D();
+  for (const ring of rings) {
+    path.moveTo(...ring[0]);
+    for (const point of ring.slice(1)) path.lineTo(...point);
+    path.closePath();
   }
-  path.closePath();
+  return path;
 }

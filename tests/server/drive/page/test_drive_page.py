@@ -141,9 +141,14 @@ def test_an_agent_drives_and_gives_back(opened: Opened) -> None:
     server.extra = {"drivers": {"ego_0": "sharing"}}
     server.drive(2)
     assert page.text_content("#device") == "sharing drives"
+    count = len(server.received)
+    server.drive(3)
+    assert len(server.received) == count  # nothing is sent that nobody uses
     page.keyboard.press("o")
     server.drive(1)
     assert server.asked[-1] == {"do": "hand-over", "cav": "ego_0", "to": "human"}
+    server.extra = {"drivers": {"ego_0": "human"}}
+    server.drive_until(lambda: len(server.received) > count)
 
 
 def test_a_lost_connection_comes_back(opened: Opened) -> None:
@@ -197,7 +202,7 @@ def test_without_webgl_the_top_view_drives(opened: Opened) -> None:
     server = opened()
     page = server.page
     assert page.get_attribute("body", "data-scene") == "top" and page.is_visible("#map")
-    assert "top view drives" in (page.text_content("#notice") or "")
+    assert "the view from above works without it" in (page.text_content("#notice") or "")
     page.keyboard.press("1")
     assert page.evaluate("Drive.picture.view") == "top"
     colours = page.evaluate("""() => {
