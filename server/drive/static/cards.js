@@ -36,7 +36,7 @@ function paragraph(text, className) {
 function startBody({ description, cav, weather, cavs, role }) {
   const people = cavs.filter(({ driver }) => driver === "human").map(({ id }) => id);
   const facts = make("dl", "facts");
-  const rows = [["Your CAV", role === "spectator" ? "none: you watch" : cav], ["Driven by people", people.join(", ")], ["Weather", weather]];
+  const rows = [["Your CAV", role === "spectator" ? "none: you watch" : nameCav(cav)], ["Driven by people", people.map(nameCav).join(", ")], ["Weather", weather]];
   for (const [term, text] of rows) facts.append(make("dt", "", term), make("dd", "", text));
   const keys = make("p", "keys");
   keys.append(make("kbd", "", "W"), " throttle ", make("kbd", "", "S"), " brake ", make("kbd", "", "A"), make("kbd", "", "D"), " steer ", make("kbd", "", "P"), " pause ", make("kbd", "", "?"), " help");
@@ -51,7 +51,7 @@ function endBody({ score, take, takes }, endings) {
   const list = make("dl", "facts");
   for (const [cav, word] of Object.entries(endings)) {
     const ds = stored?.ds?.[cav] ?? score?.cavs?.[cav];
-    list.append(make("dt", "", cav), make("dd", word === "arrived" ? "good" : "bad", [word, typeof ds === "number" ? `driving score ${ds.toFixed(1)}` : ""].filter(Boolean).join(", ")));
+    list.append(make("dt", "", nameCav(cav)), make("dd", word === "arrived" ? "good" : "bad", [word, typeof ds === "number" ? `driving score ${ds.toFixed(1)}` : ""].filter(Boolean).join(", ")));
   }
   body.push(list);
   if (stored?.folder) {

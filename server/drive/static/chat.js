@@ -46,6 +46,18 @@ class Chat {
     this.showUnread();
   }
 
+  /** Last words of others, as long as they are fresh and the chat is closed. */
+  showHeard(words) {
+    $("heard").hidden = this.isOpen || !words.length;
+    if ($("heard").hidden || this.heard === words.map(({ text }) => text).join("\n")) return;
+    this.heard = words.map(({ text }) => text).join("\n");
+    $("heard").replaceChildren(...words.map(({ from, text }) => {
+      const line = make("li");
+      line.append(make("b", "", nameCav(from)), text);
+      return line;
+    }));
+  }
+
   showUnread() {
     $("do-chat").dataset.unread = this.unread || "";
   }

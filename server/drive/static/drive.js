@@ -3,6 +3,9 @@
 const LONGEST_STEP_S = 0.1; // after a pause of the browser the keys go on from here, they do not jump
 const RUNNING = new Set(["running", "slow"]);
 const FLYING_SPEED = 12; // m/s: a picture without own car is laid out as for this speed
+const SELF_M = 3; // what others share so near, and in this direction, is the own car as they saw it ...
+const SELF_S = 0.3; // ... up to so long ago
+const SELF_RAD = 0.4;
 const KEPT_TIMES = 600;
 const NOTICE_MS = 4500;
 
@@ -96,7 +99,7 @@ class DrivePage {
     $("do-agent").hidden = !this.isDriver || !welcome.agents.length;
     $("instruments").hidden = false;
     setText($("scenario"), welcome.scenario);
-    document.title = `${welcome.cav ?? "watching"} · ${welcome.scenario} · mdrive-sumo`;
+    document.title = `${welcome.cav ? nameCav(welcome.cav) : "watching"} · ${welcome.scenario} · mdrive-sumo`;
     this.rewind ??= new Rewind(this);
     this.takeTree(welcome);
     if (isFirst) this.loadScene();
@@ -129,13 +132,18 @@ class DrivePage {
     return this.listed.map((take) => (take.number === this.take && take.score === null ? { ...take, end_tick: Math.max(this.tick, take.tick) } : take));
   }
 
+  /** The clock waits for these CAVs' drivers. Of the own one nothing is said: its person sees the button. */
   takeWaiting({ for: cavs, absent, seconds }) {
-    if (!cavs.length || this.mode === "driving") return this.card.shown === "waiting" && this.card.hide();
-    if (["start", "ready", "paused"].includes(this.mode) && cavs.includes(this.welcome?.cav)) return undefined; // it waits for this person
-    const lines = cavs.map((cav) => paragraph(`${cav}: ${absent.includes(cav) ? "not connected" : "not ready yet"}`));
-    if (seconds !== null && seconds !== undefined) lines.push(paragraph(`Without them it goes on in ${Math.ceil(seconds)} s.`, "muted"));
+    const others = cavs.filter((cav) => cav !== this.welcome.cav);
+    if (!others.length || this.mode === "driving") {
+      if (this.card.shown === "waiting") this.card.hide();
+      return;
+    }
+    if (cavs.length > others.length || this.state === "finished") return;
+    const lines = others.map((cav) => paragraph(`${nameCav(cav)}: ${absent.includes(cav) ? "not connected" : "not ready yet"}`));
+    if (seconds !== null && seconds !== undefined) lines.push(paragraph(`Who is lost has ${Math.ceil(seconds)} s to come back.`, "muted"));
     this.setMode("waiting");
-    return this.card.show({ key: "waiting", title: "Waiting for others", body: lines });
+    this.card.show({ key: "waiting", title: "Waiting for others", body: lines });
   }
 
   takeFrame(frame, now) {
@@ -193,7 +201,7 @@ class DrivePage {
   hear(messages, tick) {
     const named = messages.map((message) => ({ ...message, from: this.stations.get(message.from) ?? message.from }));
     const heard = named.filter(({ from }) => from !== this.welcome.cav);
-    for (const { from, text } of this.exchange.take(heard, tick)) this.chat.add(from, text);
+    for (const { from, text } of this.exchange.take(heard, tick)) this.chat.add(nameCav(from), text);
   }
 
   run(now, isNew, ack) {
@@ -274,6 +282,7 @@ class DrivePage {
     if (!what.centre) return;
     this.picture.draw(what, began);
     this.showInstruments(what);
+    this.chat.showHeard(what.overlays.words ?? NOTHING);
     this.inputs.touch.show();
     noteTime(this.frameTimes, now - (this.drawnAt ?? now));
     this.drawnAt = now;
@@ -319,8 +328,13 @@ class DrivePage {
 
   /** CAVs have colours of their own, so that words and cars go together. */
   colour(user) {
-    const number = this.welcome.cavs.findIndex(({ id }) => id === user.id);
-    return number < 0 ? user : { ...user, colour: CAV_COLOURS[number % CAV_COLOURS.length] };
+    const colour = this.colourOf(user.id);
+    return colour ? { ...user, colour } : user;
+  }
+
+  colourOf(cav) {
+    const number = this.welcome.cavs.findIndex(({ id }) => id === cav);
+    return number < 0 ? undefined : CAV_COLOURS[number % CAV_COLOURS.length];
   }
 
   get watchedCav() {
@@ -336,7 +350,8 @@ class DrivePage {
 
   overlays(centre, users) {
     const route = this.routes.get(centre?.id ?? this.welcome.cav)?.points;
-    const exchange = this.showsV2x && this.welcome.v2x_view ? this.exchange.at(this.tick, users) : {};
+    const exchange = this.showsV2x && this.welcome.v2x_view ? this.exchange.at(this.tick, users, (cav) => this.colourOf(cav)) : {};
+    if (centre && exchange.shared) exchange.shared = exchange.shared.filter((object) => !isSelf(object, centre, this.shownState?.vx ?? 0));
     return { route, ghosts: this.rewind.ghostsAt(this.tick), ...exchange };
   }
 
@@ -403,6 +418,11 @@ class DrivePage {
   showEnd() {
     this.card.show({ key: "end", title: "The drive has ended", body: endBody(this, this.endings), actions: [["Close", () => this.card.hide()]] });
   }
+}
+
+function isSelf(object, own, speed) {
+  const apart = Math.hypot(object.x - own.x, object.y - own.y);
+  return apart < SELF_M + SELF_S * Math.abs(speed) && Math.abs(wrapAngle(object.yaw - own.yaw)) < SELF_RAD;
 }
 
 function noteTime(times, value) {

@@ -11,7 +11,8 @@ class Exchange {
   forget() {
     this.shared = new Map(); // sender -> {tick, objects}
     this.intentions = new Map(); // sender -> {tick, path}
-    this.words = new Map(); // sender -> {tick, from, text, at}
+    this.listed = []; // intentions as they were listed last
+    this.words = new Map(); // sender -> {tick, text, at}
   }
 
   /** Takes the messages of a frame; returns those that are words. */
@@ -19,22 +20,33 @@ class Exchange {
     for (const { from, kind, objects, path, text, at } of messages) {
       if (kind === "cpm" && objects) this.shared.set(from, { tick, objects });
       if (path?.length) this.intentions.set(from, { tick, path });
-      if (text) this.words.set(from, { tick, from, text, at });
+      if (text) this.words.set(from, { tick, text, at });
     }
     return messages.filter(({ kind, text }) => kind === "text" && text);
   }
 
-  /** What is still fresh in a tick: shared objects move on with their speed. Words stand at their speaker, one of `users`. */
-  at(tick, users) {
-    const fresh = (table, ticks) => [...table.values()].filter((entry) => tick - entry.tick <= ticks);
+  /**
+   * What is still fresh in a tick: shared objects move on with their speed. Words stand at their speaker, one of `users`.
+   * `colourOf(sender)`: everything is in the colour of who told of it.
+   */
+  at(tick, users, colourOf) {
+    const fresh = (table, ticks) => [...table].filter(([, entry]) => tick - entry.tick <= ticks);
+    const move = ([from, { tick: sent, objects }]) => objects.map((object) => ({ ...moveOn(object, (tick - sent) * TICK_S), colour: colourOf(from) }));
     return {
-      shared: fresh(this.shared, FRESH_TICKS).flatMap(({ tick: sent, objects }) => objects.map((object) => moveOn(object, (tick - sent) * TICK_S))),
-      intentions: fresh(this.intentions, FRESH_TICKS).map(({ path }) => ({ path })),
-      words: fresh(this.words, WORDS_TICKS).flatMap(({ from, text, at }) => {
+      shared: fresh(this.shared, FRESH_TICKS).flatMap(move),
+      intentions: this.listIntentions(fresh(this.intentions, FRESH_TICKS), colourOf),
+      words: fresh(this.words, WORDS_TICKS).flatMap(([from, { text, at }]) => {
         const speaker = users.find(({ id }) => id === from) ?? (at && { x: at[0], y: at[1] });
-        return speaker ? [{ text: shortened(text), x: speaker.x, y: speaker.y }] : [];
+        return speaker ? [{ from, text, x: speaker.x, y: speaker.y }] : [];
       }),
     };
+  }
+
+  /** The same list as long as nothing changes: the 3-D view builds its ribbons anew for another one. */
+  listIntentions(fresh, colourOf) {
+    const isSame = fresh.length === this.listed.length && fresh.every(([, { path }], i) => this.listed[i].path === path);
+    if (!isSame) this.listed = fresh.map(([from, { path }]) => ({ from, path, colour: colourOf(from) }));
+    return this.listed;
   }
 }
 

@@ -53,7 +53,7 @@ class MotionStore {
 
   async fetch(take) {
     const response = await fetch(`/takes/${take}/motion?token=${encodeURIComponent(this.token)}`);
-    if (!response.ok) throw new Error(`The motion of take ${take} is not there: the server answers ${response.status}.`);
+    if (!response.ok) throw new Error(`The motion of take ${take} is not there yet (${response.status}): try again.`);
     const motion = new Motion(await response.arrayBuffer());
     this.motions.delete(take);
     this.motions.set(take, motion);

@@ -10,6 +10,11 @@ function make(tag, className, text) {
   return element;
 }
 
+/** Ids of scenarios are often only numbers. */
+function nameCav(id) {
+  return /^\d+$/.test(id) ? `CAV ${id}` : id;
+}
+
 /** Sets a text only where it changes: writing it anew costs a layout, and screen readers repeat it. */
 function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;

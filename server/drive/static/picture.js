@@ -3,6 +3,7 @@
 const VIEWS = ["driver", "four", "chase", "top"];
 const VIEW_NAMES = { driver: "driver's view", four: "four cameras", chase: "chase", top: "top view" };
 const LEAST_MIRROR_PX = 700;
+const NOTHING = []; // the same list each time: the view does nothing for one that it knows
 const SMALL_EVERY_MS = 90; // the small map is drawn eleven times a second
 
 class Picture {
@@ -88,7 +89,8 @@ class Picture {
       this.placed.delete(index);
     }
     view.setSignals(signals);
-    view.setOverlays({ route: [], shared: [], intentions: [], ghosts: [], ...overlays });
+    const { route = NOTHING, shared = NOTHING, intentions = NOTHING, ghosts = NOTHING } = overlays;
+    view.setOverlays({ route, shared, intentions, ghosts });
     view.look({ x: centre.x, y: centre.y, yaw: centre.yaw, own: centre.index, mode: this.view === "driver" && this.showsMirrors ? "mirrors" : this.view });
     view.draw();
   }

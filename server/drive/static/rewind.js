@@ -25,7 +25,10 @@ class Rewind {
   // ---- what the server tells
 
   takeTree(takes) {
-    if (this.isOpen) this.show();
+    if (this.isOpen) {
+      this.load();
+      this.show();
+    }
     for (const number of this.motions.motions.keys()) if (!takes.some((take) => take.number === number)) this.motions.motions.delete(number);
   }
 
@@ -70,6 +73,11 @@ class Rewind {
     this.shown = this.page.take;
   }
 
+  /** A take that has just ended has no motion until it is stored, with its score. */
+  get isBeingStored() {
+    return this.page.state === "finished" && this.page.takes.find(({ number }) => number === this.shown)?.score === null;
+  }
+
   get lastTick() {
     if (this.shown === this.page.take) return this.page.tick;
     return this.page.takes.find(({ number }) => number === this.shown)?.end_tick ?? 0;
@@ -78,21 +86,26 @@ class Rewind {
   choose(take) {
     this.shown = take;
     this.seek(take === this.page.take ? this.page.tick : Math.min(this.tick, this.lastTick));
-    this.load();
   }
 
   async load() {
+    if (this.motion || this.isLoading || this.isBeingStored) return;
+    this.isLoading = true;
     try {
       await this.motions.load(this.shown, this.lastTick - 1);
       this.show();
     } catch (error) {
       this.page.tell(error.message);
+    } finally {
+      this.isLoading = false;
     }
   }
 
   seek(tick) {
     this.tick = Math.min(Math.max(tick, 0), this.lastTick);
     this.isScrubbing = this.shown !== this.page.take || this.tick < this.lastTick;
+    if (this.isScrubbing && this.page.card.shown === "end") this.page.card.hide();
+    this.load();
     this.show();
   }
 
@@ -165,12 +178,12 @@ class Rewind {
 
   /** The ghosts in a tick; in the tick of their beginning they drive on again and again. */
   ghostsAt(tick) {
-    if (!this.ghosts.length) return [];
+    if (!this.ghosts.length) return NOTHING;
     const { tick: begin } = this.ghostsOf;
     const length = Math.max(...this.ghosts.map(({ poses }) => poses.length));
     let index = tick - begin - 1;
     if (this.isOpen && tick === begin) index = Math.floor(performance.now() / TICK_MS) % (length + 20);
-    if (index < 0 || index >= length + 20) return [];
+    if (index < 0 || index >= length + 20) return NOTHING;
     return this.ghosts.map((ghost) => this.placeGhost(ghost, Math.min(index, ghost.poses.length - 1))).filter(Boolean);
   }
 

@@ -88,10 +88,12 @@ class TopView {
   drawOverlays({ shared = [], intentions = [], ghosts = [] }) {
     const { ctx, theme } = this;
     const pixel = devicePixelRatio / this.scale;
-    ctx.strokeStyle = theme.mcm;
-    for (const { path } of intentions) this.line(path, 2.5 * pixel, [6 * pixel, 5 * pixel]);
-    ctx.strokeStyle = theme.cpm;
-    for (const { x, y, yaw, length, width } of shared) {
+    for (const { path, colour } of intentions) {
+      ctx.strokeStyle = colour ?? theme.mcm;
+      this.line(path, 2.5 * pixel, [6 * pixel, 5 * pixel]);
+    }
+    for (const { x, y, yaw, length, width, colour } of shared) {
+      ctx.strokeStyle = colour ?? theme.cpm;
       this.box(x, y, yaw, Math.max(length, LEAST_PX * pixel) + 0.5, Math.max(width, LEAST_PX * pixel) + 0.5);
       ctx.lineWidth = 2 * pixel;
       ctx.stroke();
@@ -149,12 +151,13 @@ class TopView {
   }
 
   /** The last words of others, beside them. */
-  drawWords(words) {
+  drawWords(said) {
     const { ctx, theme, base } = this;
     const ratio = devicePixelRatio;
     ctx.font = `${13 * ratio}px system-ui, sans-serif`;
     ctx.textBaseline = "middle";
-    for (const { x, y, text } of words) {
+    for (const { x, y, text: words } of said) {
+      const text = shortened(words);
       const [px, py] = [base[0] * x + base[2] * y + base[4], base[1] * x + base[3] * y + base[5]];
       const width = ctx.measureText(text).width + 16 * ratio;
       ctx.beginPath();
