@@ -1,8 +1,8 @@
 // Cameras of the 3-D view: pinholes with the poses of `sensing/camera/camera_model.py`.
 
-const EYE = { x: 0.3, y: 0.37, z: 1.25 };
-// [m] from the middle of the car: the left seat; 0.1 m above the mean eye height in cars (1.15 m, NCHRP report 400), because
-// the model's bonnet is as high as its waist, and would cover the road up to 12 m ahead
+const EYE = { x: 0.45, y: 0.37, z: 1.3 };
+// [m] from the middle of the car: the left seat; 0.15 m above the mean eye height in cars (1.15 m, NCHRP report 400), because
+// the model's bonnet is as high as its waist, and would cover the road up to 10 m ahead
 const DRIVER_FOV_DEG = 75;
 const FOUR = { x: 1.3, z: 2.3, fov: 100, width: 640, height: 360 }; // the paper's size and field of view; mounts as in docs/cameras.md
 const CHASE = { behind: 11, above: 4.2, aim: 1.5, pitch: 12 * (Math.PI / 180), fov: 65, least: 4, gap: 0.5 };
