@@ -55,7 +55,7 @@ function endBody({ score, take, takes }, endings) {
   }
   body.push(list);
   if (stored?.folder) {
-    body.push(paragraph("Look at this take and check it, where the server runs:"), make("pre", "", `mdrive-sumo view ${stored.folder}\nmdrive-sumo verify ${stored.folder}`));
+    body.push(paragraph("Look at this take and check it, in the folder of the drive:"), make("pre", "", `mdrive-sumo view ${stored.folder}\nmdrive-sumo verify ${stored.folder}`));
   }
   return body;
 }

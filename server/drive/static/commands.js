@@ -93,6 +93,7 @@ function listenToSettings(page, toggle) {
 function listenToWindow(page) {
   addEventListener("resize", () => page.picture.resize());
   addEventListener("blur", () => page.inputs.release()); // a key that is let go elsewhere would stay pressed
+  document.addEventListener("visibilitychange", () => document.hidden && page.leaveWindow());
   $("map").addEventListener("wheel", (event) => {
     event.preventDefault();
     page.picture.top.zoom(Math.exp(event.deltaY * 0.0016));

@@ -255,8 +255,15 @@ class DrivePage {
   }
 
   pause() {
+    if (!this.isDriver) return;
     if (RUNNING.has(this.state)) this.connection.ask({ do: "pause" });
     else if (this.state === "paused") this.resume();
+  }
+
+  /** A page that is hidden draws nothing, and nobody sees the road. */
+  leaveWindow() {
+    this.inputs.release();
+    if (this.canDrive && RUNNING.has(this.state)) this.connection.ask({ do: "pause" });
   }
 
   handOver() {

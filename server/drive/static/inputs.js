@@ -25,6 +25,7 @@ class Inputs {
   release() {
     this.keyboard.release();
     this.touch.release();
+    this.control = { throttle: 0, brake: 0, steer: 0 };
   }
 
   /** The control of this moment, `elapsed` s after the last one. */

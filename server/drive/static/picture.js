@@ -16,6 +16,7 @@ class Picture {
     this.tell = tell;
     this.smallAt = 0;
     this.placed = new Set();
+    $("scene").addEventListener("webglcontextlost", () => this.withoutWebGL(new Error("The graphics driver has stopped the 3-D view. The top view drives as well.")));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.top.restyle());
   }
 
@@ -35,6 +36,7 @@ class Picture {
     this.view3d = undefined;
     this.view = "top";
     this.tell(error.message);
+    this.resize();
   }
 
   choose(view) {

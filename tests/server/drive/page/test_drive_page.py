@@ -185,6 +185,19 @@ def test_the_end_has_scores_and_commands(opened: Opened) -> None:
     assert page.evaluate(CONTRAST)["below"] == []
 
 
+def test_a_page_that_is_hidden_pauses(opened: Opened) -> None:
+    server = opened()
+    page = started(server)
+    page.keyboard.down("w")
+    server.drive_until(lambda: server.control.throttle > 0.5)
+    page.evaluate("""() => {
+      Object.defineProperty(document, "hidden", {value: true});
+      document.dispatchEvent(new Event("visibilitychange"));
+    }""")
+    wait_until(page, "document.body.dataset.mode === 'paused'")
+    assert page.evaluate("Drive.inputs.control.throttle") == 0
+
+
 def test_a_spectator_watches(opened: Opened) -> None:
     server = opened(role="spectator", cav=None)
     page = server.page
