@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import shapely
 
-from mdrive_sumo.core.geometry import Float, Int, Polyline, wrap_angles
+from mdrive_sumo.core.geometry import Bool, Float, Int, Polyline, wrap_angles
+from real2sim.segment_tree import SegmentTree, find_first
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,22 @@ class PolylineIndex:
         return shapely.STRtree(self.geometries)
 
     @cached_property
+    def _pieces(self) -> SegmentTree:
+        """The segments (S,) of all polylines."""
+        return SegmentTree.from_lines([line.xy for line in self.polylines])
+
+    @cached_property
+    def _stations(self) -> tuple[Float, Float, Bool]:
+        """Arc lengths (S,) [m] where the segments begin and end on their polylines, and whether these end there."""
+        lasts = np.cumsum([len(line.xy) - 1 for line in self.polylines], dtype=np.int64)
+        ends = np.concatenate(list(map(np.cumsum, np.split(np.sqrt(self._pieces.squared), lasts[:-1]))))
+        begins = np.concatenate((np.zeros(1), ends))[: len(ends)]
+        begins[lasts[:-1]] = 0.0
+        is_last = np.zeros(len(ends), dtype=np.bool_)
+        is_last[lasts - 1] = True
+        return begins, ends, is_last
+
+    @cached_property
     def _segments(self) -> tuple[Float, Float, Float]:
         """Arc lengths of all segment starts on one common axis, their directions, and the offset of each polyline on
         it.
@@ -67,20 +84,43 @@ class PolylineIndex:
         return yaws[np.maximum(np.searchsorted(begins, stations, side="right") - 1, 0)]
 
     def project_points(self, xy: Float, reach: float) -> PolylineProjections:
-        """Project points xy (N, 2) [m] onto all polylines within `reach` [m]."""
-        points: Any = shapely.points(xy)
-        point, line = self.tree.query(points, predicate="dwithin", distance=reach)
-        order = np.lexsort((line, point))
-        point, line = point[order].astype(np.int64), line[order].astype(np.int64)
-        s = shapely.line_locate_point(self.geometries[line], points[point])
-        gap = (
-            shapely.get_coordinates(shapely.line_interpolate_point(self.geometries[line], s)).reshape(-1, 2) - xy[point]
-        )
+        """Project points xy (N, 2) [m] onto all polylines within `reach` [m].
+
+        The bits are those of GEOS (`dwithin`, `line_locate_point`, `line_interpolate_point`), without its walk along
+        the whole polyline for each point.
+        """
+        point, piece, s = self._find_nearest_pieces(xy, reach)
+        line = self._pieces.line[piece]
+        gap = self._interpolate_points(piece, s) - xy[point]
         yaw = self.compute_yaws(line, s)
         cos, sin = np.cos(yaw), np.sin(yaw)
         return PolylineProjections(
             point, line, s, gap[:, 0] * cos + gap[:, 1] * sin, gap[:, 1] * cos - gap[:, 0] * sin, yaw
         )
+
+    def _find_nearest_pieces(self, xy: Float, reach: float) -> tuple[Int, Int, Float]:
+        """Return point and nearest segment (P,) of every polyline within `reach` [m] of a point, and the arc length [m]
+        of its projection; of segments equally near the first.
+        """
+        point, piece, distance, share = self._pieces.find_near(xy, reach)
+        order = np.lexsort((piece, distance, self._pieces.line[piece], point))
+        order = order[find_first(point[order], self._pieces.line[piece[order]])]
+        point, piece, share = point[order].astype(np.int64), piece[order].astype(np.int64), share[order]
+        length = np.sqrt(self._pieces.squared[piece])
+        passed = np.where(share <= 0.0, 0.0, np.where(share <= 1.0, share * length, length))
+        return point, piece, self._stations[0][piece] + passed
+
+    def _interpolate_points(self, piece: Int, s: Float) -> Float:
+        """Return the points (P, 2) [m] at arc length s [m] of the polylines, on these segments or where they end."""
+        pieces, (begins, ends, is_last) = self._pieces, self._stations
+        piece = piece.copy()
+        while len(ahead := np.flatnonzero((ends[piece] <= s) & ~is_last[piece])):
+            piece[ahead] += 1
+        length = np.sqrt(pieces.squared[piece])
+        share = ((s - begins[piece]) / np.where(length > 0.0, length, 1.0))[:, None]
+        is_end = (share >= 1.0) | (ends[piece] <= s)[:, None]
+        between = np.where(share <= 0.0, pieces.begin[piece], pieces.vector[piece] * share + pieces.begin[piece])
+        return np.where(is_end, pieces.end[piece], between)
 
 
 @dataclass(frozen=True)

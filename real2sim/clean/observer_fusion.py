@@ -1,14 +1,14 @@
 """Fuse observers: group segments that show the same object at the same time, and average them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from mdrive_sumo.core.geometry import Bool, Float, Int
 from mdrive_sumo.core.state import Kind
-from real2sim.clean.track_segments import TrackSegments
+from real2sim.clean.track_segments import FusedTrack, TrackSegments
 
 MIN_COMMON_FRAMES = 3
 """Number of frames that two segments must share (or all of the shorter one)."""
@@ -32,17 +32,6 @@ OUTLIER_M = 0.3
 """[m] Scale of the Cauchy weights: a position this far from the mean has half the weight."""
 UNKNOWN_LENGTH_M, UNKNOWN_WIDTH_M = 4.0, 1.8
 """[m] Dimensions assumed where the source gives none, for every label because labels flip."""
-
-
-@dataclass(frozen=True)
-class FusedTrack:
-    """Joint estimate of several segments: arrays (T,), NaN where none of them is valid."""
-
-    valid: Bool
-    x: Float
-    y: Float
-    axis: Float
-    """Direction of the box modulo pi [rad]; NaN where no observer gives one."""
 
 
 def group_segments(segments: TrackSegments) -> list[list[int]]:
@@ -159,8 +148,17 @@ def _compute_quantile(values: Float, there: Bool, share: float) -> Float:
 
 
 def fuse_segments(segments: TrackSegments, members: Sequence[int]) -> FusedTrack:
-    """Return the weighted mean of the members in every frame; outliers are down-weighted (Cauchy weights)."""
-    rows = np.asarray(members)
+    """Return the weighted mean of the members in every frame; outliers are down-weighted (Cauchy weights).
+
+    Computed once for each group: most of them stay as they are from step to step of the cleaning.
+    """
+    group = tuple(members)
+    if group not in segments.fused:
+        segments.fused[group] = _fuse_rows(segments, np.asarray(group))
+    return segments.fused[group]
+
+
+def _fuse_rows(segments: TrackSegments, rows: Int) -> FusedTrack:
     valid = segments.valid[rows]
     say = compute_ramp_weights(valid)
     x, y = segments.x[rows], segments.y[rows]
@@ -178,7 +176,8 @@ def fuse_segments(segments: TrackSegments, members: Sequence[int]) -> FusedTrack
 
 def _compute_weighted_mean(values: Float, weight: Float) -> Float:
     total = weight.sum(axis=0)
-    return np.where(total > 0, (np.nan_to_num(values) * weight).sum(axis=0) / np.where(total > 0, total, 1.0), np.nan)
+    known = np.where(np.isfinite(values), values, 0.0)
+    return np.where(total > 0, (known * weight).sum(axis=0) / np.where(total > 0, total, 1.0), np.nan)
 
 
 def compute_ramp_weights(valid: Bool) -> Float:

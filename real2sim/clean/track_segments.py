@@ -1,6 +1,7 @@
 """Track segments: stretches of one id of one observer without a jump, the units of fusion and joining."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -36,6 +37,17 @@ class RemovedFrames:
 
 
 @dataclass(frozen=True)
+class FusedTrack:
+    """Joint estimate of several segments: arrays (T,), NaN where none of them is valid."""
+
+    valid: Bool
+    x: Float
+    y: Float
+    axis: Float
+    """Direction of the box modulo pi [rad]; NaN where no observer gives one."""
+
+
+@dataclass(frozen=True, eq=False)
 class TrackSegments:
     """K segments over T frames. Arrays (K, T) hold NaN where a segment is not valid."""
 
@@ -57,6 +69,11 @@ class TrackSegments:
 
     def __len__(self) -> int:
         return len(self.ids)
+
+    @cached_property
+    def fused(self) -> dict[tuple[int, ...], FusedTrack]:
+        """What `fuse_segments` has computed, by the rows."""
+        return {}
 
     def select(self, keep: np.ndarray, valid: Bool) -> "TrackSegments":
         """Return segments `keep` (M,), valid only where `valid` (M, T)."""

@@ -180,23 +180,18 @@ def compute_dtw_distance(first: Float, second: Float, band: int = 5) -> float:
     """Return the dynamic-time-warping distance [m] of two paths (N, 2) of equal length, within `band` frames of the
     diagonal."""
     n = len(first)
-    width = 2 * band + 1
-    best = np.zeros(width)
-    for i in range(n):
-        columns = np.arange(i - band, i + band + 1)
-        inside = (columns >= 0) & (columns < n)
-        cost = np.where(inside, kinematics.magnitude(second[np.clip(columns, 0, n - 1)] - first[i]), np.inf)
-        if i == 0:
-            best = np.where(inside, np.cumsum(np.where(inside, cost, 0.0)), np.inf)
-            continue
-        before = np.minimum(best, np.append(best[1:], np.inf))
-        row = np.empty(width)
-        left = np.inf
-        for k in range(width):
-            left = min(before[k], left) + cost[k]
-            row[k] = left
-        best = row
-    return float(best[band]) if n else 0.0
+    if not n:
+        return 0.0
+    columns = np.arange(n)[:, None] + np.arange(-band, band + 1)
+    gap = second[np.clip(columns, 0, n - 1)] - first[:, None]
+    costs = np.where((columns >= 0) & (columns < n), np.hypot(gap[..., 0], gap[..., 1]), np.inf)
+    best = [np.inf] * band + np.cumsum(costs[0, band:]).tolist()
+    for cost in costs[1:].tolist():  # lists: numpy's scalars are ten times slower
+        least, left = [np.inf] * len(cost), np.inf
+        for k, (here, above) in enumerate(zip(cost, [*best[1:], np.inf], strict=True)):
+            least[k] = left = min(best[k], above, left) + here
+        best = least
+    return best[band]
 
 
 def _compute_lane_figures(
@@ -207,8 +202,8 @@ def _compute_lane_figures(
     there = track.valid
     xy, yaw = track.xy[there], track.yaw[there]
     log = xy if raw is None else np.where(raw.valid[there, None], raw.xy[there], xy)
-    shown = lanes.offsets(log)
-    covered = ~lanes.is_outside(log) & ((raw is None) | (shown <= OFF_ROUTE_M - LEEWAY_M))
+    shown, is_outside = lanes.locate(log)
+    covered = ~is_outside & ((raw is None) | (shown <= OFF_ROUTE_M - LEEWAY_M))
     beyond = int((~covered).sum())
     if not covered.any():
         return {"outside_frames": beyond}

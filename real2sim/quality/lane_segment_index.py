@@ -2,12 +2,11 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import shapely
 
-from mdrive_sumo.core.geometry import Bool, Float, Int, wrap_angles
+from mdrive_sumo.core.geometry import Bool, Float, wrap_angles
+from real2sim.segment_tree import SegmentTree
 
 SAME_LANE_M = 3.0
 """[m] Lanes this near are treated like the nearest one (further is off the route): in a junction all directions
@@ -22,17 +21,13 @@ OUTSIDE_M = 10.0
 
 @dataclass(frozen=True)
 class LaneSegmentIndex:
-    """Spatial index of the segments of all lanes. `lane` is the index of the centre line."""
+    """Spatial index of the segments of all lanes."""
 
-    starts: Float
-    """First points (S, 2) [m] of the segments."""
-    vectors: Float
-    """Vectors (S, 2) [m] from the first to the last points."""
-    lane: Int
+    segments: SegmentTree
     directed: Bool
+    """Whether the segments (S,) run in the direction of travel."""
     wider: Float
     """(S,) [m] by how much half the lane is wider than half a usual one."""
-    tree: shapely.STRtree
 
     @classmethod
     def from_centre_lines(
@@ -40,29 +35,24 @@ class LaneSegmentIndex:
     ) -> "LaneSegmentIndex":
         """Return the index of centre lines (N, 2) [m] with lane widths [m]; a `directed` line runs in the direction of
         travel."""
-        lines, flags = [np.asarray(line, dtype=np.float64)[:, :2] for line in lines], list(directed)
-        starts = np.concatenate([line[:-1] for line in lines] or [np.zeros((0, 2))])
-        ends = np.concatenate([line[1:] for line in lines] or [np.zeros((0, 2))])
-        counts = [len(line) - 1 for line in lines]
-        tree = shapely.STRtree([shapely.LineString(ends_of) for ends_of in np.stack((starts, ends), axis=1)])
-        lane = np.repeat(np.arange(len(lines)), counts)
-        width = np.full(len(lines), USUAL_WIDTH_M) if widths is None else np.array(list(widths), dtype=np.float64)
-        wider = np.repeat(np.maximum(np.nan_to_num(width, nan=USUAL_WIDTH_M) - USUAL_WIDTH_M, 0.0) / 2, counts)
-        return cls(starts, ends - starts, lane, np.repeat(np.array(flags, dtype=np.bool_), counts), wider, tree)
+        segments = SegmentTree.from_lines([np.asarray(line, dtype=np.float64)[:, :2] for line in lines])
+        flags = np.array(list(directed), dtype=np.bool_)
+        width = np.full(len(flags), USUAL_WIDTH_M) if widths is None else np.array(list(widths), dtype=np.float64)
+        wider = np.maximum(np.nan_to_num(width, nan=USUAL_WIDTH_M) - USUAL_WIDTH_M, 0.0) / 2
+        return cls(segments, flags[segments.line], wider[segments.line])
 
-    def is_outside(self, xy: Float) -> Bool:
-        """Return a mask (N,): points (N, 2) that the map does not cover, far from all lanes or beyond the open end of
-        the nearest one."""
-        if not len(self.starts) or not len(xy):
-            return np.ones(len(xy), dtype=np.bool_)
-        point, segment = self.tree.query_nearest(shapely.points(xy), all_matches=False)
-        relative = xy[point] - self.starts[segment]
-        length = np.maximum(np.hypot(*self.vectors[segment].T), 1e-9)
-        along = (relative * self.vectors[segment]).sum(1) / length
-        beyond = np.maximum(along - length, -along)
-        result = np.ones(len(xy), dtype=np.bool_)
-        result[point] = beyond > 0.1
-        return result & (self.offsets(xy) > USUAL_WIDTH_M / 2) | (self.offsets(xy) > OUTSIDE_M)
+    def locate(self, xy: Float) -> tuple[Float, Bool]:
+        """Return the `offsets` (N,) of points (N, 2), and a mask (N,): those that the map does not cover, far from all
+        lanes or beyond the open end of the nearest one."""
+        offset, is_beyond = np.full(len(xy), np.inf), np.ones(len(xy), dtype=np.bool_)
+        if len(self.directed) and len(xy):
+            point, segment, distance = self.segments.find_nearest(xy)
+            offset[point] = np.maximum(distance - self.wider[segment], 0.0)
+            relative, vector = xy[point] - self.segments.begin[segment], self.segments.vector[segment]
+            length = np.maximum(np.hypot(*vector.T), 1e-9)
+            along = (relative * vector).sum(1) / length
+            is_beyond[point] = np.maximum(along - length, -along) > 0.1
+        return offset, is_beyond & (offset > USUAL_WIDTH_M / 2) | (offset > OUTSIDE_M)
 
     def offsets(self, xy: Float) -> Float:
         """Return distances (N,) [m] of points (N, 2) from the nearest centre line; infinite without any lane.
@@ -70,11 +60,7 @@ class LaneSegmentIndex:
         In a lane wider than usual the distance counts from further out, so that the edge of every lane is equally far
         away.
         """
-        distance = np.full(len(xy), np.inf)
-        if len(self.starts) and len(xy):
-            nearest, reach = self.tree.query_nearest(shapely.points(xy), all_matches=False, return_distance=True)
-            distance[nearest[0]] = np.maximum(reach - self.wider[nearest[1]], 0.0)
-        return distance
+        return self.locate(xy)[0]
 
     def heading_deviations(self, xy: Float, yaw: Float, offsets: Float | None = None) -> Float:
         """Return angles (N,) [rad] between a heading and the best aligned directed lane near each point; 0 without one.
@@ -84,13 +70,10 @@ class LaneSegmentIndex:
         """
         nearest = self.offsets(xy) if offsets is None else offsets
         reach = np.where(np.isfinite(nearest), np.maximum(nearest + ALMOST_M, SAME_LANE_M), 0.0)
-        points: Any = shapely.points(xy)
-        widest = float(self.wider.max(initial=0.0))
-        point, segment = self.tree.query(points, predicate="dwithin", distance=reach + widest)
-        gap = shapely.distance(points[point], self.tree.geometries[segment]) - self.wider[segment]
-        near = self.directed[segment] & (gap <= reach[point])
-        point, segment = point[near], segment[near]
-        direction = np.arctan2(self.vectors[segment, 1], self.vectors[segment, 0])
+        point, segment, distance, _ = self.segments.find_near(xy, reach + float(self.wider.max(initial=0.0)))
+        near = self.directed[segment] & (distance - self.wider[segment] <= reach[point])
+        point, vector = point[near], self.segments.vector[segment[near]]
+        direction = np.arctan2(vector[:, 1], vector[:, 0])
         away = np.full(len(xy), np.inf)
         np.minimum.at(away, point, np.abs(wrap_angles(direction - yaw[point])))
         return np.where(np.isfinite(away), away, 0.0)

@@ -4,13 +4,13 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import shapely
 
 from mdrive_sumo.core.errors import InputError
 from mdrive_sumo.core.geometry import Float
 from mdrive_sumo.core.state import Kind
 from real2sim.hd_map import HdMap, LaneKind, MapLane
 from real2sim.recording import ObserverView, Recording
+from real2sim.segment_tree import SegmentTree
 
 OFF_MAP_M = 30.0
 """[m] A point further than this from every lane is off the map: wider than any car park beside a road."""
@@ -38,8 +38,7 @@ class MapFit(NamedTuple):
 
 def measure_map_fit(points: Float, lanes: Iterable[MapLane]) -> MapFit:
     """Measure how far points (N, 2) [m] lie from the nearest of the centre lines."""
-    tree = shapely.STRtree([shapely.LineString(lane.centre) for lane in lanes])
-    _, gaps = tree.query_nearest(shapely.points(points), return_distance=True, all_matches=False)
+    _, _, gaps = SegmentTree.from_lines([lane.centre for lane in lanes]).find_nearest(points)
     return MapFit(float((gaps > OFF_MAP_M).mean()), float(np.median(gaps)))
 
 

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from mdrive_sumo.core.geometry import Bool, Float
+from mdrive_sumo.core.geometry import Bool, Float, Int
 from real2sim.tracks.kinematics import WINDOW, compute_derivative
 
 MAX_ITERATIONS, CHECK_INTERVAL = 400, 10
@@ -49,9 +49,10 @@ def fit_bounded_trajectory(xy: Float, bounds: TrajectoryBounds, dt_s: float) -> 
     if frames <= WINDOW:
         return xy
     rows, inverse, pull = _build_matrices(frames, bounds.jerk, bounds.acceleration, dt_s)
-    steps = len(rows) - (frames - 1)
-    free, p = _multiply(inverse, xy.T), xy.T
-    y = _project(_multiply(rows, p), steps, bounds)
+    feasible = _FeasibleSet.from_bounds(bounds, len(rows) - (frames - 1))
+    start = np.ascontiguousarray(xy.T)
+    free, p = _multiply(inverse, start), start
+    y = feasible.project(_multiply(rows, p))
     u = np.zeros_like(y)
     for k in range(MAX_ITERATIONS):
         p = free + _multiply(pull, y - u)
@@ -59,7 +60,7 @@ def fit_bounded_trajectory(xy: Float, bounds: TrajectoryBounds, dt_s: float) -> 
         if k % CHECK_INTERVAL == CHECK_INTERVAL - 1 and np.abs(true - y).max() < RELATIVE_TOLERANCE:
             break
         now = RELAXATION * true + (1 - RELAXATION) * y
-        y = _project(now + u, steps, bounds)
+        y = feasible.project(now + u)
         u = u + now - y
     return p.T
 
@@ -82,19 +83,36 @@ def _build_matrices(frames: int, jerk: float, acceleration: float, dt_s: float) 
 
 
 def _multiply(matrix: Float, vectors: Float) -> Float:
-    """Multiply matrix (M, N) with vectors (2, N): (2, M). Single-threaded: at this size threads mostly wait for each
-    other."""
-    return np.einsum("ij,kj->ki", matrix, np.ascontiguousarray(vectors))
+    """Multiply matrix (M, N) with contiguous vectors (2, N): (2, M). Single-threaded: at this size threads mostly wait
+    for each other."""
+    return np.einsum("ij,kj->ki", matrix, vectors)
 
 
-def _project(values: Float, steps: int, bounds: TrajectoryBounds) -> Float:
-    """Project columns (2, N) onto the feasible set: length at most 1; from column `steps` on, no component backward."""
-    size = np.hypot(values[0], values[1])
-    size[steps:] = 1.0
-    result = values / np.maximum(size, 1.0)
-    step = result[:, steps:]
-    if bounds.heading is not None:
-        ahead = np.stack((np.cos(bounds.heading), np.sin(bounds.heading)))
-        step = step - np.minimum((step * ahead).sum(axis=0), 0.0) * ahead
-    result[:, steps:] = np.where(bounds.still, 0.0, step)
-    return result
+@dataclass(frozen=True)
+class _FeasibleSet:
+    """Columns (2, N) of length at most 1; from column `steps` on, without a component backward, 0 where still."""
+
+    steps: int
+    ahead: tuple[Float, Float] | None
+    """Cosine and sine of the heading; None: no restriction."""
+    still: Int
+    """Columns without motion."""
+
+    @classmethod
+    def from_bounds(cls, bounds: TrajectoryBounds, steps: int) -> "_FeasibleSet":
+        ahead = None if bounds.heading is None else (np.cos(bounds.heading), np.sin(bounds.heading))
+        return cls(steps, ahead, steps + np.flatnonzero(bounds.still))
+
+    def project(self, values: Float) -> Float:
+        """Return the nearest columns of the set."""
+        limited, (x, y) = values[:, : self.steps], values[:, self.steps :]
+        result = np.empty_like(values)
+        np.divide(limited, np.maximum(np.hypot(limited[0], limited[1]), 1.0), out=result[:, : self.steps])
+        if self.ahead is not None:
+            cos, sin = self.ahead
+            backward = np.minimum(x * cos + y * sin, 0.0)
+            x, y = x - backward * cos, y - backward * sin
+        result[0, self.steps :], result[1, self.steps :] = x, y
+        if len(self.still):
+            result[:, self.still] = 0.0
+        return result

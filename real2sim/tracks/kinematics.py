@@ -5,6 +5,7 @@ that of the cubic fitted by least squares to `WINDOW` frames (Savitzky, Golay 19
 for motion of constant jerk, and 1 cm of noise gives 4 m/s³. Jumps need no derivative and have their own check.
 """
 
+from functools import lru_cache
 from math import factorial
 
 import numpy as np
@@ -33,9 +34,14 @@ def compute_derivative(values: Float, dt_s: float, order: int) -> Float:
     row per full window."""
     if len(values) < WINDOW:
         return np.zeros((0, *values.shape[1:]))
+    return sliding_window_view(values, WINDOW, axis=0) @ _build_kernel(dt_s, order)
+
+
+@lru_cache(maxsize=32)
+def _build_kernel(dt_s: float, order: int) -> Float:
+    """Return the weights (`WINDOW`,) of the frames in a derivative."""
     offsets = np.arange(WINDOW) - WINDOW // 2
-    kernel = np.linalg.pinv(np.vander(offsets, 4, increasing=True))[order] * factorial(order) / dt_s**order
-    return sliding_window_view(values, WINDOW, axis=0) @ kernel
+    return np.linalg.pinv(np.vander(offsets, 4, increasing=True))[order] * factorial(order) / dt_s**order
 
 
 def magnitude(values: Float) -> Float:
@@ -58,7 +64,10 @@ def jump_distances(xy: Float) -> Float:
     if len(moved) == 0:
         return np.zeros(0)
     padded = np.pad(moved, ((half, half), (0, 0)), constant_values=np.nan)
-    usual = np.nanmedian(sliding_window_view(padded, JUMP_WINDOW, axis=0), axis=-1)
+    ordered = np.sort(sliding_window_view(padded, JUMP_WINDOW, axis=0), axis=-1)  # NaN last
+    last = np.isfinite(ordered).sum(axis=-1, keepdims=True) - 1
+    middle = [np.take_along_axis(ordered, place, axis=-1)[..., 0] for place in (last // 2, (last + 1) // 2)]
+    usual = (middle[0] + middle[1]) / 2
     return magnitude(moved - usual)
 
 
